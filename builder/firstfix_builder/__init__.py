@@ -1,0 +1,1 @@
+"""The offline side: a map becomes a published index."""

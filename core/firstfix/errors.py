@@ -1,0 +1,117 @@
+"""The errors of firstfix: one tree, each leaf with a stable code that crosses the wire.
+
+    FirstfixError
+    |- InputError                 the caller sent something that cannot be used
+    |  |- InvalidScan             wrong shape, too few or too many points
+    |  |- InvalidOption           an option or a config value is out of its range
+    |  |- UnsupportedFormat       no reader for this media type or file ending
+    |  |- MalformedData           the bytes contradict their own format
+    |  `- TooLarge                over a byte, point or expansion limit
+    |- NotFound                   no such map, version or build
+    |- Conflict                   it exists already, or its state forbids this
+    |- StoreError                 the object store failed
+    |  |- StoreUnavailable        it does not answer
+    |  `- StoreUnsafe             it lets a create-only put overwrite
+    |- VersionError               a published version cannot be served
+    |  |- CorruptVersion          a file is missing or its sha256 differs
+    |  `- IncompatibleVersion     made by a format this reader does not know
+    |- BuildError                 a build ended without a version
+    |  |- BuildFailed             a stage could not do its work
+    |  `- BuildCancelled          somebody asked for it
+    |- Overloaded                 the queue is full: try again later
+    `- DeadlineExceeded           the answer would have come too late
+
+The code, not the class name, is the protocol: clients match on it, so it never changes.
+"""
+
+from __future__ import annotations
+
+
+class FirstfixError(Exception):
+    """Base of every error that firstfix raises on purpose."""
+
+    code = "internal"
+
+
+class InputError(FirstfixError):
+    code = "invalid_input"
+
+
+class InvalidScan(InputError):
+    code = "invalid_scan"
+
+
+class InvalidOption(InputError):
+    code = "invalid_option"
+
+
+class UnsupportedFormat(InputError):
+    code = "unsupported_format"
+
+
+class MalformedData(InputError):
+    code = "malformed_data"
+
+
+class TooLarge(InputError):
+    code = "too_large"
+
+
+class NotFound(FirstfixError):
+    code = "not_found"
+
+
+class Conflict(FirstfixError):
+    code = "conflict"
+
+
+class StoreError(FirstfixError):
+    code = "store_error"
+
+
+class StoreUnavailable(StoreError):
+    code = "store_unavailable"
+
+
+class StoreUnsafe(StoreError):
+    code = "store_unsafe"
+
+
+class VersionError(FirstfixError):
+    code = "version_error"
+
+
+class CorruptVersion(VersionError):
+    code = "corrupt_version"
+
+
+class IncompatibleVersion(VersionError):
+    code = "incompatible_version"
+
+
+class BuildError(FirstfixError):
+    code = "build_error"
+
+
+class BuildFailed(BuildError):
+    code = "build_failed"
+
+
+class BuildCancelled(BuildError):
+    code = "build_cancelled"
+
+
+class Overloaded(FirstfixError):
+    code = "overloaded"
+
+
+class DeadlineExceeded(FirstfixError):
+    code = "deadline_exceeded"
+
+
+def all_errors() -> list[type[FirstfixError]]:
+    """Every class of the tree, base first: what a table of statuses has to cover."""
+    found: list[type[FirstfixError]] = [FirstfixError]
+    for cls in found:
+        found.extend(cls.__subclasses__())
+    return found

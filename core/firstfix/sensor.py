@@ -1,0 +1,130 @@
+"""Sensor models: what the simulator casts and what a query may declare."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import InvalidOption
+
+
+@dataclass(frozen=True)
+class SensorModel:
+    """A spinning (or spinning-like) LiDAR: every beam elevation at every azimuth.
+
+    Attributes:
+        name: the preset's name, or the user's.
+        elevations_deg: one per beam, any order, within (-90, 90).
+        azimuth_step_deg: angle between columns.
+        min_range_m, max_range_m: returns outside are not reported.
+        mount_height_m: of the sensor above the floor it drives on.
+        range_noise_m: standard deviation of a range.
+    """
+
+    name: str
+    elevations_deg: tuple[float, ...]
+    azimuth_step_deg: float
+    min_range_m: float
+    max_range_m: float
+    mount_height_m: float
+    range_noise_m: float = 0.02
+
+    def __post_init__(self) -> None:
+        elevations = np.asarray(self.elevations_deg, np.float64)
+        checks = {
+            "elevations_deg": 1 <= elevations.size <= 512 and bool((np.abs(elevations) < 90).all()),
+            "azimuth_step_deg": 0.05 <= self.azimuth_step_deg <= 10,
+            "min_range_m": 0 <= self.min_range_m < self.max_range_m,
+            "max_range_m": self.max_range_m <= 1000,
+            "mount_height_m": 0 <= self.mount_height_m <= 100,
+            "range_noise_m": 0 <= self.range_noise_m <= 1,
+        }
+        for name, ok in checks.items():
+            if not ok:
+                raise InvalidOption(f"sensor {self.name!r}: {name} = {getattr(self, name)!r} is out of range")
+
+    def directions(self) -> NDArray[np.float32]:
+        """(beams * columns, 3) unit rays in the sensor frame, beam by beam."""
+        columns = round(360 / self.azimuth_step_deg)
+        azimuth = np.linspace(-np.pi, np.pi, columns, endpoint=False)
+        elevation = np.radians(self.elevations_deg)
+        e, a = np.meshgrid(elevation, azimuth, indexing="ij")
+        rays = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=-1)
+        return np.ascontiguousarray(rays.reshape(-1, 3), np.float32)
+
+    def coarser(self, max_rays: int) -> SensorModel:
+        """The same field of view with fewer rays: what template simulation needs to stay cheap."""
+        beams, columns = len(self.elevations_deg), round(360 / self.azimuth_step_deg)
+        if beams * columns <= max_rays:
+            return self
+        columns = min(columns, max(360, max_rays // beams))
+        keep = max(1, min(beams, max_rays // columns))
+        order = np.sort(np.asarray(self.elevations_deg))
+        chosen = order[np.unique(np.round(np.linspace(0, beams - 1, keep)).astype(int))]
+        return replace(self, elevations_deg=tuple(float(v) for v in chosen), azimuth_step_deg=360 / columns)
+
+    def to_mapping(self) -> dict[str, Any]:
+        return {**asdict(self), "elevations_deg": list(self.elevations_deg)}
+
+    @classmethod
+    def from_mapping(cls, data: Mapping[str, Any]) -> SensorModel:
+        """A model from a YAML or JSON mapping; ``preset: NAME`` starts from a preset.
+
+        Raises:
+            InvalidOption: an unknown key, a missing one, or a value out of range.
+        """
+        values = dict(data)
+        base = preset(str(values.pop("preset"))) if "preset" in values else None
+        unknown = set(values) - {f.name for f in fields(cls)}
+        if unknown:
+            raise InvalidOption(f"a sensor has no {', '.join(sorted(unknown))}")
+        try:
+            if "elevations_deg" in values:
+                values["elevations_deg"] = tuple(float(v) for v in values["elevations_deg"])
+            return replace(base, **values) if base else cls(**values)
+        except (TypeError, ValueError) as error:
+            raise InvalidOption(f"sensor model: {error}") from error
+
+
+def _even(low_deg: float, high_deg: float, beams: int) -> tuple[float, ...]:
+    return tuple(round(float(v), 4) for v in np.linspace(low_deg, high_deg, beams))
+
+
+# The HDL-64E has two blocks of 32: 1/3 degree apart above -8.83, 1/2 degree below (Velodyne's manual).
+_HDL64 = tuple(round(2.0 - i / 3, 4) for i in range(32)) + tuple(round(-8.83 - i / 2, 4) for i in range(32))
+# The OS0 and OS1 are evenly spaced to within 0.3 degrees; real units ship their own calibration.
+_PRESETS = {
+    model.name: model
+    for model in (
+        SensorModel("vlp-16", _even(-15, 15, 16), 0.2, 0.5, 100, 0.6),
+        SensorModel("hdl-32e", _even(-30.67, 10.67, 32), 0.2, 1.0, 100, 1.0),
+        SensorModel("hdl-64e", _HDL64, 0.2, 1.5, 120, 1.73),
+        SensorModel("os0-64", _even(-45, 45, 64), 360 / 1024, 0.3, 50, 1.0),
+        SensorModel("os0-128", _even(-45, 45, 128), 360 / 1024, 0.3, 50, 1.0),
+        SensorModel("os1-64", _even(-22.5, 22.5, 64), 360 / 1024, 0.3, 120, 1.0),
+        SensorModel("os1-128", _even(-22.5, 22.5, 128), 360 / 1024, 0.3, 120, 1.0),
+        SensorModel("xt32", _even(-16, 15, 32), 0.18, 0.3, 120, 0.8),
+        # Not a spinning scanner: a rosette that fills this band; 40 rows stand for 0.1 s of it.
+        SensorModel("mid-360", _even(-7, 52, 40), 0.72, 0.2, 70, 0.5),
+    )
+}
+
+
+def presets() -> list[str]:
+    return sorted(_PRESETS)
+
+
+def preset(name: str) -> SensorModel:
+    """A common LiDAR by name, in any case.
+
+    Raises:
+        InvalidOption: no such preset.
+    """
+    try:
+        return _PRESETS[name.lower()]
+    except KeyError:
+        raise InvalidOption(f"no sensor preset {name!r}; there are {', '.join(presets())}") from None

@@ -1,0 +1,107 @@
+"""Rigid transforms as (4, 4) float64 matrices, named by both frames.
+
+``T_map_sensor`` brings a point from the sensor frame to the map frame. Quaternions are (x, y, z, w),
+as in ROS and OGC GeoPose.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Matrix = NDArray[np.float64]
+
+
+def make_transform(rotation: ArrayLike, translation: ArrayLike) -> Matrix:
+    """(3, 3) rotation and (3,) translation to (4, 4)."""
+    T = np.eye(4)
+    T[:3, :3] = rotation
+    T[:3, 3] = translation
+    return T
+
+
+def from_quaternion(translation: ArrayLike, quaternion_xyzw: ArrayLike) -> Matrix:
+    """Pose from (3,) metres and an (x, y, z, w) quaternion of any length but zero.
+
+    Raises:
+        ValueError: the quaternion is zero or not finite.
+    """
+    q = np.asarray(quaternion_xyzw, np.float64)
+    length = float(np.linalg.norm(q))
+    if not np.isfinite(length) or length < 1e-9:
+        raise ValueError("the quaternion has no direction")
+    x, y, z, w = q / length
+    rotation = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return make_transform(rotation, translation)
+
+
+def quaternion_of(T: Matrix) -> NDArray[np.float64]:
+    """(x, y, z, w) with w >= 0, by Shepperd's method: stable at every angle."""
+    R = T[:3, :3]
+    t = np.trace(R)
+    diagonal = np.array([R[0, 0], R[1, 1], R[2, 2], t])
+    i = int(np.argmax(diagonal))
+    q = np.empty(4)
+    if i == 3:
+        q[:] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1], 1 + t
+    else:
+        j, k = (i + 1) % 3, (i + 2) % 3
+        q[i] = 1 + 2 * R[i, i] - t
+        q[j] = R[j, i] + R[i, j]
+        q[k] = R[k, i] + R[i, k]
+        q[3] = R[k, j] - R[j, k]
+    q /= np.linalg.norm(q)
+    return -q if q[3] < 0 else q
+
+
+def inverse(T: Matrix) -> Matrix:
+    R = T[:3, :3].T
+    return make_transform(R, -R @ T[:3, 3])
+
+
+def transform_points(T: Matrix, points: ArrayLike) -> NDArray[np.float64]:
+    """(n, 3) points of the right frame of T, in its left frame."""
+    return np.asarray(points, np.float64) @ T[:3, :3].T + T[:3, 3]
+
+
+def rotation_z(yaw_rad: float) -> NDArray[np.float64]:
+    """(3, 3) turn about z."""
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def yaw_of(T: Matrix) -> float:
+    """Heading of the x axis about the left frame's z, in radians."""
+    return float(np.arctan2(T[1, 0], T[0, 0]))
+
+
+def rotation_between(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
+    """The smallest rotation (3, 3) that turns direction a into direction b (Rodrigues)."""
+    u = np.asarray(a, np.float64) / np.linalg.norm(a)
+    v = np.asarray(b, np.float64) / np.linalg.norm(b)
+    axis, cosine = np.cross(u, v), float(u @ v)
+    if cosine < -1 + 1e-12:  # opposite: any axis at right angles serves
+        helper = np.eye(3)[int(np.argmin(np.abs(u)))]
+        axis = np.cross(u, helper)
+        axis /= np.linalg.norm(axis)
+        return 2 * np.outer(axis, axis) - np.eye(3)
+    K = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    return np.eye(3) + K + K @ K / (1 + cosine)
+
+
+def rotation_angle_deg(R: Matrix) -> float:
+    """Angle of a (3, 3) rotation, or of the rotation of a (4, 4), in degrees."""
+    # atan2 of sine and cosine: accurate near 0, where arccos of the trace is not
+    sine = np.linalg.norm([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
+    cosine = (R[0, 0] + R[1, 1] + R[2, 2] - 1) / 2
+    return float(np.degrees(np.arctan2(sine, cosine)))
+
+
+def pose_error(T_map_true: Matrix, T_map_estimate: Matrix) -> tuple[float, float]:
+    """Distance in metres and angle in degrees between two poses."""
+    E = inverse(T_map_true) @ T_map_estimate
+    return float(np.linalg.norm(E[:3, 3])), rotation_angle_deg(E)

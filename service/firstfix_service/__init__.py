@@ -1,0 +1,1 @@
+"""The online side: HTTP and zenoh over one use case."""
