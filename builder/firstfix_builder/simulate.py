@@ -6,8 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 import open3d as o3d
-from firstfix.sensor import SensorModel
 from numpy.typing import NDArray
+
+from firstfix.sensor import SensorModel
 
 RAYS_AT_ONCE = 4_000_000  # 96 MB of rays
 

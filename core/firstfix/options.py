@@ -106,8 +106,7 @@ def _number(name: str, values: Mapping[str, str], low: float, high: float) -> fl
 def _gravity(numbers: list[float]) -> NDArray[np.float64]:
     if len(numbers) == 2:  # roll about x, then pitch about y, of the sensor in a level frame
         roll, pitch = np.radians(numbers)
-        down = [np.sin(pitch), -np.cos(pitch) * np.sin(roll), -np.cos(pitch) * np.cos(roll)]
-        return np.array(down)
+        return np.array([np.sin(pitch), -np.cos(pitch) * np.sin(roll), -np.cos(pitch) * np.cos(roll)])
     down = np.asarray(numbers, np.float64)
     length = float(np.linalg.norm(down))
     if length < 1e-6:
