@@ -91,7 +91,8 @@ def rotation_between(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
         half_turn: Matrix = 2 * np.outer(axis, axis) - np.eye(3)
         return half_turn
     K = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    return np.eye(3) + K + K @ K / (1 + cosine)
+    rotation: Matrix = np.eye(3) + K + K @ K / (1 + cosine)
+    return rotation
 
 
 def rotation_angle_deg(R: Matrix) -> float:
