@@ -1,0 +1,80 @@
+"""Undoing the Content-Encoding of a request body, with the expansion bounded."""
+
+from __future__ import annotations
+
+import zlib
+
+import zstandard
+
+from .errors import MalformedData, TooLarge, UnsupportedFormat
+
+# A zstd block of 4 bytes can become 128 KiB: small slices bound what one step can add to 32 MiB.
+_ZSTD_SLICE_BYTES = 1024
+_ZSTD_MAX_WINDOW_BYTES = 1 << 23  # what RFC 8878 asks every decoder to support
+
+
+def undo_content_encoding(body: bytes, encoding: str, max_bytes: int) -> bytes:
+    """The body as it was before the encoding.
+
+    Args:
+        encoding: the header's value: gzip, zstd, identity or nothing.
+        max_bytes: of the result.
+
+    Raises:
+        TooLarge: it would be longer. A zstd frame's declared size is checked before any work.
+        MalformedData: damaged, cut off, or followed by other bytes.
+        UnsupportedFormat: another encoding, or several.
+    """
+    name = encoding.strip().lower()
+    if name in ("", "identity"):
+        if len(body) > max_bytes:
+            raise TooLarge(f"the body has {len(body)} bytes, the limit is {max_bytes}")
+        return body
+    if name in ("gzip", "x-gzip"):
+        return _gunzip(body, max_bytes)
+    if name == "zstd":
+        return _unzstd(body, max_bytes)
+    raise UnsupportedFormat(f"no Content-Encoding {encoding[:40]!r}; there are gzip, zstd and identity")
+
+
+def _gunzip(body: bytes, max_bytes: int) -> bytes:
+    stream = zlib.decompressobj(wbits=zlib.MAX_WBITS | 16)  # 16: a gzip header
+    try:
+        plain = stream.decompress(body, max_bytes + 1)
+    except zlib.error as error:
+        raise MalformedData(f"gzip: {error}") from error
+    _check_size("gzip", len(plain), max_bytes)
+    _check_end("gzip", stream.eof, stream.unused_data)
+    return plain
+
+
+def _unzstd(body: bytes, max_bytes: int) -> bytes:
+    try:
+        declared = zstandard.frame_content_size(body)  # -1: not declared
+        _check_size("zstd", declared, max_bytes)
+        decompressor = zstandard.ZstdDecompressor(max_window_size=_ZSTD_MAX_WINDOW_BYTES)
+        stream = decompressor.decompressobj()
+        parts, size = [], 0
+        for start in range(0, len(body), _ZSTD_SLICE_BYTES):
+            parts.append(stream.decompress(body[start : start + _ZSTD_SLICE_BYTES]))
+            size += len(parts[-1])
+            _check_size("zstd", size, max_bytes)
+            if stream.eof:
+                trailing = body[start + _ZSTD_SLICE_BYTES :] or stream.unused_data
+                _check_end("zstd", True, trailing)
+                return b"".join(parts)
+    except zstandard.ZstdError as error:
+        raise MalformedData(f"zstd: {error}") from error
+    raise MalformedData("zstd: the data is cut off")
+
+
+def _check_size(name: str, size: int, max_bytes: int) -> None:
+    if size > max_bytes:
+        raise TooLarge(f"{name}: the body expands to over {max_bytes} bytes")
+
+
+def _check_end(name: str, at_end: bool, trailing: bytes) -> None:
+    if not at_end:
+        raise MalformedData(f"{name}: the data is cut off")
+    if trailing:
+        raise MalformedData(f"{name}: other bytes follow the compressed data")

@@ -1,0 +1,117 @@
+"""A request body or a file to a Scan: one table from media type to decoder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from .content_encoding import undo_content_encoding
+from .errors import InputError, MalformedData, NotFound, TooLarge, UnsupportedFormat
+from .formats.npy import read_npy
+from .formats.pcd import decode_pcd
+from .formats.ply import decode_ply
+from .formats.point_cloud import SCAN_LIMITS, Limits, PointCloud
+from .formats.raw_xyz import decode_xyz, decode_xyzi
+from .formats.scanner_bin import decode_scanner_bin
+from .formats.text import decode_text
+from .scan import Scan
+
+__all__ = ["MEDIA_TYPES", "SUFFIXES", "decode_scan", "read_scan_file", "undo_content_encoding"]
+
+MAX_SCAN_FILE_BYTES = 1_000_000_000
+
+
+def _decode_wire(body: bytes) -> Scan:
+    from . import wire  # the only decoder that needs zstandard
+
+    return wire.decode_scan(body)
+
+
+def _by(decode: Callable[[bytes, Limits], PointCloud]) -> Callable[[bytes], Scan]:
+    return lambda body: _scan_of(decode(body, SCAN_LIMITS))
+
+
+def _scan_of(cloud: PointCloud) -> Scan:
+    return Scan.from_points(cloud.xyz, cloud.intensity)
+
+
+MEDIA_TYPES: dict[str, Callable[[bytes], Scan]] = {
+    "application/vnd.firstfix.scan": _decode_wire,
+    "application/vnd.firstfix.xyz": _by(decode_xyz),
+    "application/vnd.firstfix.xyzi": _by(decode_xyzi),
+    "application/x-pcd": _by(decode_pcd),
+    "model/vnd.pcd": _by(decode_pcd),
+    "application/ply": _by(decode_ply),
+    "model/ply": _by(decode_ply),
+}
+# The file endings whose bytes can be sent as they are.
+SUFFIXES: dict[str, str] = {
+    ".ffscan": "application/vnd.firstfix.scan",
+    ".bin": "application/vnd.firstfix.xyzi",
+    ".pcd": "application/x-pcd",
+    ".ply": "application/ply",
+}
+
+
+def decode_scan(body: bytes, media_type: str) -> Scan:
+    """A request body to a scan. Safe with bytes from strangers.
+
+    Args:
+        media_type: of MEDIA_TYPES, in any case; parameters behind a semicolon are ignored.
+
+    Raises:
+        UnsupportedFormat: no such media type.
+        MalformedData, TooLarge, InvalidScan: as its decoder says.
+    """
+    name = media_type.split(";", 1)[0].strip().lower()
+    decoder = MEDIA_TYPES.get(name)
+    if decoder is None:
+        raise UnsupportedFormat(
+            f"no scan has the media type {name[:80]!r}; there are {', '.join(MEDIA_TYPES)}"
+        )
+    return decoder(body)
+
+
+def read_scan_file(path: Path) -> Scan:
+    """A file on this machine to a scan, by its ending.
+
+    Reads what SUFFIXES lists, NCLT's and HeLiPR's .bin, .npy, .xyz, .txt, .pts, .csv, and .las and .laz where
+    laspy is installed. For the command line: LAZ decoders are not safe with bytes from strangers.
+
+    Raises:
+        NotFound: no such file.
+        InputError: one of its leaves, its message naming the file.
+    """
+    path = Path(path)
+    try:
+        return _read_scan_file(path)
+    except InputError as error:
+        raise type(error)(f"{path}: {error}") from error
+    except (FileNotFoundError, IsADirectoryError) as error:
+        raise NotFound(f"{path}: no such file") from error
+
+
+def _read_scan_file(path: Path) -> Scan:
+    suffix = path.suffix.lower()
+    if suffix not in (*SUFFIXES, ".npy", ".xyz", ".txt", ".pts", ".csv", ".las", ".laz"):
+        raise UnsupportedFormat(f"no scan is read from a file that ends in {suffix!r}")
+    size = path.stat().st_size
+    if size > MAX_SCAN_FILE_BYTES:
+        raise TooLarge(f"{size} bytes, the limit is {MAX_SCAN_FILE_BYTES}")
+    if size == 0:
+        raise MalformedData("the file is empty (0 bytes)")
+    if suffix == ".npy":
+        return _scan_of(read_npy(path, SCAN_LIMITS))
+    if suffix in (".las", ".laz"):
+        return _read_las(path)
+    if suffix == ".bin":
+        return _scan_of(decode_scanner_bin(path.read_bytes(), path.name, SCAN_LIMITS))
+    if suffix in SUFFIXES:
+        return decode_scan(path.read_bytes(), SUFFIXES[suffix])
+    return _scan_of(decode_text(path.read_bytes(), SCAN_LIMITS))
+
+
+def _read_las(path: Path) -> Scan:
+    from .formats.las import read_las
+
+    return _scan_of(read_las(path, SCAN_LIMITS))

@@ -1,0 +1,116 @@
+"""The header of PLY: which elements follow, of which properties, in which number format."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import MalformedData
+from .point_cloud import Body
+
+_MAX_HEADER_BYTES = 65_536
+_MAX_ELEMENTS = 64
+_MAX_PROPERTIES = 512
+_TYPES = dict(
+    entry.split(":")
+    for entry in "char:i1 uchar:u1 short:i2 ushort:u2 int:i4 uint:u4 float:f4 double:f8 "
+    "int8:i1 uint8:u1 int16:i2 uint16:u2 int32:i4 uint32:u4 int64:i8 uint64:u8 float32:f4 float64:f8".split()
+)
+# The byte order of numbers, None for text.
+_ENCODINGS = {"ascii": None, "binary_little_endian": "<", "binary_big_endian": ">"}
+
+
+@dataclass(frozen=True)
+class PlyProperty:
+    name: str
+    dtype: np.dtype[np.generic]
+    is_list: bool
+
+
+@dataclass(frozen=True)
+class PlyElement:
+    name: str
+    count: int
+    properties: tuple[PlyProperty, ...]
+
+    @property
+    def has_list(self) -> bool:
+        return any(prop.is_list for prop in self.properties)
+
+    @property
+    def record(self) -> np.dtype[np.void]:
+        """One row of an element without lists. Of two properties of one name the first is reachable."""
+        names, formats, offsets, offset = [], [], [], 0
+        for prop in self.properties:
+            if prop.name not in names:
+                names.append(prop.name)
+                formats.append(prop.dtype)
+                offsets.append(offset)
+            offset += prop.dtype.itemsize
+        return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": offset})
+
+
+@dataclass(frozen=True)
+class PlyHeader:
+    """Attributes:
+    is_ascii: text, or binary in the byte order that the dtypes carry.
+    elements: in the order in which they follow.
+    body_start: offset in bytes of the first row.
+    """
+
+    is_ascii: bool
+    elements: tuple[PlyElement, ...]
+    body_start: int
+
+    def count_of(self, element_name: str) -> int:
+        return sum(element.count for element in self.elements if element.name == element_name)
+
+
+def parse_ply_header(body: Body) -> PlyHeader:
+    """Raises MalformedData when the bytes are no PLY header of at most 64 KiB."""
+    head = bytes(body[:_MAX_HEADER_BYTES])
+    if not head:
+        raise MalformedData("PLY: the file is empty (0 bytes)")
+    if head.split(b"\n", 1)[0].strip() != b"ply":
+        raise MalformedData("PLY: it does not start with 'ply'")
+    byte_order: str | None = ""
+    elements: list[tuple[str, int, list[PlyProperty]]] = []
+    start = head.find(b"\n") + 1
+    while True:
+        end = head.find(b"\n", start) if start else -1
+        if end < 0:
+            raise MalformedData("PLY: the header has no end: no end_header, or the file is cut off")
+        words = head[start:end].decode("latin-1").split()
+        start = end + 1
+        if words[:1] == ["end_header"]:
+            break
+        if not words or words[0] in ("comment", "obj_info"):
+            continue
+        if words[0] == "format" and len(words) == 3 and words[1] in _ENCODINGS:
+            byte_order = _ENCODINGS[words[1]]
+        elif words[0] == "element" and len(words) == 3 and len(elements) < _MAX_ELEMENTS:
+            elements.append((words[1], _count(words[2]), []))
+        elif words[0] == "property" and elements and len(elements[-1][2]) < _MAX_PROPERTIES:
+            elements[-1][2].append(_property(words, byte_order))
+        else:
+            raise MalformedData(f"PLY: the header line {' '.join(words)[:60]!r} cannot be read")
+    if byte_order == "":
+        raise MalformedData("PLY: the header names no format")
+    made = tuple(PlyElement(name, count, tuple(properties)) for name, count, properties in elements)
+    return PlyHeader(byte_order is None, made, start)
+
+
+def _count(word: str) -> int:
+    # Digits alone, and few: int() takes quadratic time on a long number.
+    if not (word.isascii() and word.isdigit() and len(word) <= 18):
+        raise MalformedData(f"PLY: {word[:40]!r} is no element count")
+    return int(word)
+
+
+def _property(words: list[str], byte_order: str | None) -> PlyProperty:
+    is_list = words[1:2] == ["list"]
+    types = words[2:4] if is_list else words[1:2]
+    if len(words) != len(types) + (3 if is_list else 2) or any(name not in _TYPES for name in types):
+        raise MalformedData(f"PLY: the header line {' '.join(words)[:60]!r} cannot be read")
+    return PlyProperty(words[-1], np.dtype((byte_order or "<") + _TYPES[types[-1]]), is_list)
