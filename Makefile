@@ -1,0 +1,38 @@
+# firstfix. `make demo` shows it, `make test` proves it; both set up what they need.
+.PHONY: setup demo test lint bench lock test-servers clean
+.DEFAULT_GOAL := help
+bin := .venv/bin
+# Two files' tests at a time; PYTEST_ARGS="-k name" or a path narrows a run.
+PYTEST_ARGS ?= -n 2 --dist loadfile
+
+help:  ## show this list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-13s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+setup: .venv/.ready  ## make .venv from the locks (system libraries too, where it may)
+.venv/.ready: pyproject.toml deploy/locks/setup.txt deploy/locks/dev.txt scripts/setup.sh
+	@scripts/setup.sh
+
+demo: setup  ## a map in, a version published, poses out over HTTP and zenoh
+	@$(bin)/python -m firstfix_cli.demo
+
+lint: setup  ## style, types, and who may import whom
+	@$(bin)/ruff check .
+	@$(bin)/ruff format --check .
+	@$(bin)/lint-imports
+	@$(bin)/mypy
+
+test: setup test-servers lint  ## lint, then every test
+	@PATH="$(CURDIR)/$(bin):$$PATH" $(bin)/python -m pytest $(PYTEST_ARGS)
+
+test-servers: setup  ## an S3 server for the storage tests, where Go is there to build it
+	@scripts/test-servers.sh
+
+bench: setup  ## the suites of benchmarks/ (ARGS="real --quick")
+	@$(bin)/python -m benchmarks.run $(ARGS)
+
+lock: setup  ## resolve deploy/locks anew (LOCK_ARGS=--upgrade for newer releases)
+	@scripts/lock.sh $(LOCK_ARGS)
+
+clean:  ## remove what the targets above made
+	rm -rf .venv build dist demo .*_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,17 @@
+#!/usr/bin/env bash
+# Resolves deploy/locks/*.txt from pyproject.toml: pinned, hashed, naming no index, for Python 3.11 and later.
+# Arguments go to `uv pip compile` (--upgrade, --upgrade-package NAME).
+set -euo pipefail
+cd "$(dirname "$0")/../deploy/locks"
+
+compile() {  # OUTPUT SOURCE [OPTION...]
+  UV_SYSTEM_CERTS=1 ../../.venv/bin/uv pip compile --quiet --universal --python-version 3.11 \
+    --generate-hashes --no-emit-index-url --no-emit-find-links --no-header -o "$@"
+}
+
+compile setup.txt setup.in "$@"
+compile dev.txt ../../pyproject.toml --extra dev "$@"
+# The images run what was tested: their versions are the tests' ones.
+for image in service builder; do
+  compile $image.txt ../../pyproject.toml --extra $image --constraints dev.txt
+done
