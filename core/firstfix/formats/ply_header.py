@@ -12,11 +12,19 @@ from .point_cloud import Body
 _MAX_HEADER_BYTES = 65_536
 _MAX_ELEMENTS = 64
 _MAX_PROPERTIES = 512
-_TYPES = dict(
-    entry.split(":")
-    for entry in "char:i1 uchar:u1 short:i2 ushort:u2 int:i4 uint:u4 float:f4 double:f8 "
-    "int8:i1 uint8:u1 int16:i2 uint16:u2 int32:i4 uint32:u4 int64:i8 uint64:u8 float32:f4 float64:f8".split()
-)
+_NAMES_OF_TYPE = {
+    "i1": ("char", "int8"),
+    "u1": ("uchar", "uint8"),
+    "i2": ("short", "int16"),
+    "u2": ("ushort", "uint16"),
+    "i4": ("int", "int32"),
+    "u4": ("uint", "uint32"),
+    "i8": ("int64",),
+    "u8": ("uint64",),
+    "f4": ("float", "float32"),
+    "f8": ("double", "float64"),
+}
+_TYPES = {name: code for code, names in _NAMES_OF_TYPE.items() for name in names}
 # The byte order of numbers, None for text.
 _ENCODINGS = {"ascii": None, "binary_little_endian": "<", "binary_big_endian": ">"}
 

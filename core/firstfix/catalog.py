@@ -1,0 +1,259 @@
+"""Maps, their versions and builds in an object store.
+
+    maps/<map_id>/sources/<sha256>                  uploaded clouds, by content
+    maps/<map_id>/versions/<digest>/...             files of a version
+    maps/<map_id>/versions/<digest>/manifest.json   written last
+    maps/<map_id>/log/000001.json, ...              see ``firstfix.map_log``
+    builds/<build_id>/...                           see ``firstfix.build_records``
+
+A version without a manifest does not exist, and one without a ``published`` entry in the log is not
+seen: so a publish that dies at any point has either published or not, and can be repeated.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+
+from .build_records import BuildRecords
+from .errors import Conflict, CorruptVersion, NotFound
+from .ids import check_map_id, check_version, is_name
+from .manifest import FILE_NAME, MAX_BYTES, Manifest, sha256_of
+from .map_log import Event, LogEntry, MapLog, MapState
+from .store import Store
+from .version_cache import fetch_version_files
+
+
+@dataclass(frozen=True)
+class VersionInfo:
+    """One version of a map that can be served.
+
+    Attributes:
+        published_time: UTC, ISO 8601.
+    """
+
+    version: str
+    active: bool
+    published_time: str
+
+
+class Catalog(BuildRecords):
+    """What the builder writes and the service reads. Thread-safe.
+
+    Every method raises InvalidOption for an id or version that is none, and StoreUnavailable or
+    StoreError as the store does.
+    """
+
+    def __init__(self, store: Store) -> None:
+        super().__init__(store)
+        self._logs: dict[str, MapLog] = {}
+        self._manifests: dict[tuple[str, str], Manifest] = {}
+        self._lock = threading.Lock()
+
+    # Maps and versions
+
+    def map_ids(self) -> list[str]:
+        """Maps that have a version to serve."""
+        names = [name for name in self.store.folders("maps") if is_name(name)]
+        return [name for name in names if self.state(name).published]
+
+    def state(self, map_id: str) -> MapState:
+        """What the map's log adds up to; of a map that does not exist: nothing."""
+        return self._map_log(map_id).state()
+
+    def log(self, map_id: str) -> list[LogEntry]:
+        return list(self.state(map_id).entries)
+
+    def active_version(self, map_id: str) -> str | None:
+        return self.state(map_id).active
+
+    def versions(self, map_id: str) -> list[VersionInfo]:
+        """Versions that can be served, newest first.
+
+        Raises:
+            NotFound: the map has none and never had.
+        """
+        state = self.state(map_id)
+        if not state.entries:
+            raise NotFound(f"no map {map_id}")
+        times = {e.version: e.time for e in state.entries if e.event is Event.PUBLISHED}
+        return [
+            VersionInfo(version, version == state.active, times[version])
+            for version in reversed(state.published)
+            if self.store.exists(f"{_version_folder(map_id, version)}/{FILE_NAME}")
+        ]
+
+    def manifest(self, map_id: str, version: str) -> Manifest:
+        """
+        Raises:
+            NotFound: the map has no such version, or it was retired.
+            CorruptVersion: the manifest is missing or is not the one that the version is named by.
+            IncompatibleVersion: its format is not this reader's.
+        """
+        if check_version(version) not in self.state(map_id).published:
+            raise NotFound(f"map {map_id} has no version {version}")
+        with self._lock:
+            known = self._manifests.get((map_id, version))
+        if known is not None:
+            return known
+        key = f"{_version_folder(map_id, version)}/{FILE_NAME}"
+        try:
+            size = self.store.size(key)
+            if size > MAX_BYTES:
+                raise CorruptVersion(f"a manifest of {size} bytes")
+            manifest = Manifest.from_json(self.store.get(key))
+        except NotFound:
+            raise CorruptVersion(f"version {version} of map {map_id} has lost its manifest") from None
+        if manifest.digest != version:
+            raise CorruptVersion(f"the manifest of version {version} of map {map_id} was altered")
+        with self._lock:
+            self._manifests[(map_id, version)] = manifest
+        return manifest
+
+    def fetch_version(self, map_id: str, version: str, directory: Path) -> Path:
+        """The local folder with the version's files, each verified by its sha256; in the cache
+        directory, or in the store itself when that is a directory. Safe to call concurrently.
+
+        Raises:
+            NotFound, IncompatibleVersion: as ``manifest``.
+            CorruptVersion: as ``manifest``, or a file is missing or differs.
+        """
+        manifest = self.manifest(map_id, version)
+        return fetch_version_files(
+            self.store, _version_folder(map_id, version), version, manifest, Path(directory)
+        )
+
+    def publish(self, map_id: str, directory: Path, manifest: Manifest, *, build_id: str = "") -> str:
+        """Puts a version's files, then its manifest, then says so in the log and activates it.
+
+        Repeating it after a kill at any point completes it. With a build id each log entry is written
+        once for that build, so that a repeat does not undo what somebody did in between.
+
+        Returns:
+            the version's digest.
+
+        Raises:
+            CorruptVersion: a file in the directory is not what the manifest says.
+        """
+        check_map_id(map_id)
+        version = manifest.digest
+        manifest.verify_directory(directory)
+        folder = _version_folder(map_id, version)
+        for name in manifest.files:
+            self.store.upload(f"{folder}/{name}", directory / name)
+        content = manifest.to_json()
+        key = f"{folder}/{FILE_NAME}"
+        if not self.store.put_new(key, content) and self.store.get(key) != content:
+            raise CorruptVersion(f"the manifest of version {version} of map {map_id} was altered")
+        log = self._map_log(map_id)
+
+        def done(event: Event, state: MapState) -> bool:
+            return bool(build_id) and any(e.event is event and e.build_id == build_id for e in state.entries)
+
+        log.append(
+            Event.PUBLISHED,
+            version,
+            build_id=build_id,
+            needed=lambda state: version not in state.published and not done(Event.PUBLISHED, state),
+        )
+        log.append(
+            Event.ACTIVATED,
+            version,
+            build_id=build_id,
+            needed=lambda state: (
+                version in state.published and version != state.active and not done(Event.ACTIVATED, state)
+            ),
+        )
+        return version
+
+    def activate(self, map_id: str, version: str) -> None:
+        """Serves a published version from now on: back or forward.
+
+        Raises:
+            NotFound: the map has no such version, or it was retired.
+            CorruptVersion, IncompatibleVersion: its manifest cannot be used.
+        """
+        self.manifest(map_id, version)
+
+        def needed(state: MapState) -> bool:
+            if version not in state.published:
+                raise NotFound(f"map {map_id} has no version {version}")
+            return state.active != version
+
+        self._map_log(map_id).append(Event.ACTIVATED, version, needed=needed)
+
+    def retire(self, map_id: str, version: str, *, force: bool = False) -> None:
+        """Takes a version out of service. Its objects stay until ``collect_garbage``.
+
+        Raises:
+            NotFound: the map has no such version, or it was retired.
+            Conflict: it is the active one, and not ``force``. With it the map falls back to the
+                version that was active before, or has none.
+        """
+        check_version(version)
+
+        def needed(state: MapState) -> bool:
+            if version not in state.published:
+                raise NotFound(f"map {map_id} has no version {version}")
+            if version == state.active and not force:
+                raise Conflict(f"version {version} of map {map_id} is active: activate another one first")
+            return True
+
+        self._map_log(map_id).append(Event.RETIRED, version, needed=needed)
+
+    def collect_garbage(self, map_id: str, *, older_than_s: float = 86400.0) -> list[str]:
+        """Removes what nobody can see: files of retired versions and of publishes that never ended.
+
+        What was put, or retired, less than ``older_than_s`` ago stays: a publish may be under way, or
+        a replica may still serve it.
+
+        Returns:
+            the keys that were removed.
+        """
+        state = self.state(map_id)
+        cutoff = datetime.now(timezone.utc) - timedelta(seconds=older_than_s)
+        recent = {e.version for e in state.entries if datetime.fromisoformat(e.time) > cutoff}
+        kept = recent | set(state.published)
+        folders: dict[str, list[str]] = {}
+        for item in self.store.scan(f"maps/{check_map_id(map_id)}/versions"):
+            version = item.key.split("/")[3]
+            if item.last_modified > cutoff:
+                kept.add(version)
+            folders.setdefault(version, []).append(item.key)
+        doomed = [
+            # The manifest first: without it the version does not exist, whatever happens next.
+            key
+            for version, keys in folders.items()
+            if version not in kept
+            for key in sorted(keys, key=lambda key: not key.endswith(f"/{FILE_NAME}"))
+        ]
+        for key in doomed:
+            self.store.delete(key)
+        with self._lock:
+            for version in folders.keys() - kept:
+                self._manifests.pop((map_id, version), None)
+        return doomed
+
+    def _map_log(self, map_id: str) -> MapLog:
+        check_map_id(map_id)
+        with self._lock:
+            return self._logs.setdefault(map_id, MapLog(self.store, f"maps/{map_id}/log"))
+
+    # Sources
+
+    def put_source(self, map_id: str, path: Path) -> str:
+        """Keeps an uploaded file under its content's sha256, which is returned."""
+        sha256 = sha256_of(path)
+        self.store.upload(source_key(map_id, sha256), path)
+        return sha256
+
+
+def source_key(map_id: str, sha256: str) -> str:
+    """Where an uploaded file stands."""
+    return f"maps/{check_map_id(map_id)}/sources/{check_version(sha256)}"
+
+
+def _version_folder(map_id: str, version: str) -> str:
+    return f"maps/{check_map_id(map_id)}/versions/{check_version(version)}"

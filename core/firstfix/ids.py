@@ -1,0 +1,50 @@
+"""The names of things: maps, builds and versions."""
+
+from __future__ import annotations
+
+import re
+
+from .errors import InvalidOption
+
+_NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,62}")
+_VERSION = re.compile(r"[0-9a-f]{64}")
+
+
+def check_map_id(map_id: str) -> str:
+    """The id itself.
+
+    Raises:
+        InvalidOption: not 1 to 63 of a-z, 0-9, ``_`` and ``-``, starting with a letter or digit.
+    """
+    return _checked("map id", map_id)
+
+
+def check_build_id(build_id: str) -> str:
+    """The id itself: the same form as a map's.
+
+    Raises:
+        InvalidOption: another form.
+    """
+    return _checked("build id", build_id)
+
+
+def check_version(version: str) -> str:
+    """The digest itself.
+
+    Raises:
+        InvalidOption: not 64 lower-case hex characters.
+    """
+    if not _VERSION.fullmatch(version):
+        raise InvalidOption(f"not a map version: {version[:80]!r}")
+    return version
+
+
+def is_name(text: str) -> bool:
+    """Whether it has the form of a map's or build's id."""
+    return _NAME.fullmatch(text) is not None
+
+
+def _checked(kind: str, name: str) -> str:
+    if not _NAME.fullmatch(name):
+        raise InvalidOption(f"not a {kind} (1 to 63 of a-z, 0-9, _ and -): {name[:80]!r}")
+    return name

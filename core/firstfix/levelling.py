@@ -1,0 +1,113 @@
+"""Which way is up, and how far down is the floor: from the scan alone, or from an IMU's gravity.
+
+Handheld and legged robots tilt by 20 degrees; a descriptor binned in the tilted frame finds nothing.
+Man-made places are full of surfaces that are level (floors, ceilings) or upright (walls): up is the
+direction on which most surface normals agree in one of the two ways (docs/method.md). No floor need
+be seen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+MAX_TILT_DEG = 35.0
+_COARSE_STEP_DEG = 2.5
+_VOTERS = 3000  # normals enough: 10,000 give the same up to 0.05 degrees at three times the cost
+_FLOOR_RADIUS_M = 12.0
+_FLOOR_BIN_M = 0.1
+
+
+@dataclass(frozen=True)
+class Level:
+    """Up and floor of a scan.
+
+    Attributes:
+        up: (3,) unit vector in the sensor frame, against gravity.
+        height_m: of the sensor above the floor, or None where no floor was seen.
+    """
+
+    up: NDArray[np.float64]
+    height_m: float | None
+
+
+def estimate_up(normals: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 3) unit surface normals (any sign) to the unit up vector, within MAX_TILT_DEG of sensor z.
+
+    A vote over a grid of directions, then three rounds of reweighted least squares: the smallest
+    eigenvector of (upright - level) scatter is at right angles to the walls and along the floor's normal.
+    """
+    candidates = _cone()
+    normals = normals[:: max(1, len(normals) // _VOTERS)]
+    up = candidates[int(np.argmax(_votes(normals, candidates, np.radians(4.0)) * _tilt_prior(candidates)))]
+    for width_deg in (4.0, 2.5, 1.5):
+        width = np.radians(width_deg)
+        along = normals @ up
+        level = np.exp(-(1 - along**2) / (2 * width**2))
+        upright = np.exp(-(along**2) / (2 * width**2))
+        scatter = (normals * (upright - level)[:, None]).T @ normals
+        refined = np.linalg.eigh(scatter)[1][:, 0]
+        refined = refined if refined @ up > 0 else -refined
+        if refined @ up < np.cos(np.radians(6.0)):  # nothing to hold on to in one direction: keep the vote
+            break
+        up = refined
+    return up
+
+
+def floor_height(
+    points: NDArray[np.float64], normals: NDArray[np.float64], max_height_m: float = 4.0
+) -> float | None:
+    """Height of the sensor above the floor around it, or None.
+
+    The floor is the lowest well-filled height among level surfaces below the sensor.
+
+    Args:
+        points, normals: (n, 3) in the levelled sensor frame.
+    """
+    near = np.hypot(points[:, 0], points[:, 1]) < _FLOOR_RADIUS_M
+    z = points[near & (np.abs(normals[:, 2]) > np.cos(np.radians(15))), 2]
+    z = z[(z < -0.05) & (z > -max_height_m)]
+    if len(z) < 20:
+        return None
+    bins = np.floor(-z / _FLOOR_BIN_M).astype(int)
+    counts = np.bincount(bins).astype(float)
+    smooth = np.convolve(counts, [1, 1, 1], mode="same")
+    strong = np.flatnonzero(smooth >= 0.35 * smooth.max())
+    deepest = strong[-1]
+    while deepest > 0 and smooth[deepest - 1] > smooth[deepest]:  # climb to the top of that hump
+        deepest -= 1
+    members = z[np.abs(bins - deepest) <= 1]
+    return float(-np.median(members)) if len(members) else None
+
+
+@cache
+def _cone() -> NDArray[np.float64]:
+    """Directions within MAX_TILT_DEG of z, about _COARSE_STEP_DEG apart."""
+    directions = [(0.0, 0.0, 1.0)]
+    for tilt_deg in np.arange(_COARSE_STEP_DEG, MAX_TILT_DEG + 1e-9, _COARSE_STEP_DEG):
+        tilt = np.radians(tilt_deg)
+        around = max(6, round(2 * np.pi * np.sin(tilt) / np.radians(_COARSE_STEP_DEG)))
+        for azimuth in np.linspace(0, 2 * np.pi, around, endpoint=False):
+            directions.append((np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)))
+    return np.array(directions)
+
+
+def _votes(
+    normals: NDArray[np.float64], directions: NDArray[np.float64], width: float
+) -> NDArray[np.float64]:
+    along2 = (normals.astype(np.float32) @ directions.T.astype(np.float32)) ** 2  # (n, directions)
+    scale = np.float32(-1 / (2 * width**2))
+    votes: NDArray[np.float64] = (np.exp(along2 * scale) + np.exp((1 - along2) * scale)).sum(
+        axis=0, dtype=np.float64
+    )
+    return votes
+
+
+def _tilt_prior(directions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A mild preference for standing upright, which decides where the surfaces do not."""
+    tilt_deg = np.degrees(np.arccos(np.clip(directions[:, 2], -1, 1)))
+    prior: NDArray[np.float64] = 1 - 0.15 * tilt_deg / MAX_TILT_DEG
+    return prior

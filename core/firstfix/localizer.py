@@ -1,0 +1,132 @@
+"""The query flow: one scan in, one answer out. Every stage is one named call."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .covariance import pose_covariance
+from .localization import Localization, Reason, Verdict
+from .map_index import MapIndex
+from .occupancy import best_shifts, occupancy, ring_spectrum
+from .options import LocalizeOptions
+from .preprocess import PreparedScan, preprocess
+from .registration import Registration
+from .scan import Scan
+from .stopwatch import Stopwatch
+from .transform import Matrix, inverse, make_transform, rotation_z
+from .verdict import judge, same_place
+
+REFINED = 3  # places that get the fine registration: the best, and rivals for the margin
+WORTH_REFINING = 0.6  # of the best place's overlap: a rival below it changes no verdict
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A template that the search proposes, with the pose it implies."""
+
+    template: int
+    T_level_sensor: Matrix
+    score: float
+
+
+class Localizer:
+    """Answers queries against one version. Thread-safe."""
+
+    def __init__(self, index: MapIndex) -> None:
+        self.index = index
+
+    def localize(self, scan: Scan, options: LocalizeOptions | None = None) -> Localization:
+        """The pose of a scan in the map, with no prior, or why there is none."""
+        options = options or LocalizeOptions()
+        watch = Stopwatch()
+        with watch.stage("preprocess"):
+            prepared = preprocess(scan, options.gravity, self.index.config.preprocess)
+        if prepared is None:
+            return Localization(Verdict.REJECTED, (Reason.TOO_FEW_POINTS,), timings_ms=watch.ms)
+        with watch.stage("describe"):
+            described = self._describe(prepared)
+        with watch.stage("search"):
+            candidates = self._search(described, prepared, options)
+        with watch.stage("register"):
+            registered = self._register(prepared, candidates)
+        with watch.stage("verify"):
+            answer = self._verify(registered, prepared, options)
+        return Localization(**answer, timings_ms=watch.ms)
+
+    def _describe(self, prepared: PreparedScan) -> NDArray[np.bool_]:
+        """(rows, sectors) layered occupancy of the levelled scan."""
+        points = prepared.points
+        height = np.array([prepared.height_m], np.float32)
+        of_scan = np.zeros(len(points), np.intp)
+        return occupancy(points, of_scan, 1, height, self.index.config.descriptor.layered)[0]
+
+    def _search(
+        self, described: NDArray[np.bool_], prepared: PreparedScan, options: LocalizeOptions
+    ) -> list[Candidate]:
+        """Nearest by key, re-ranked by the best turn of the full descriptor, best first."""
+        config, templates = self.index.config, self.index.templates
+        key = ring_spectrum(described[None], config.descriptor.coefficients)[0]
+        rows = np.sort(self.index.keys.search(key, config.search.by_key))
+        layers = templates.layers(rows, config.descriptor.layered)
+        shift, score = best_shifts(described, layers)
+        count = options.max_candidates or config.search.candidates
+        order = np.argsort(-score, kind="stable")[:count]
+        turns = shift[order] * (2 * np.pi / config.descriptor.sectors)
+        return [
+            Candidate(
+                int(row),
+                make_transform(
+                    rotation_z(turn) @ prepared.R_level_sensor,
+                    templates.position_m[row] + [0, 0, prepared.height_m - templates.height_m[row]],
+                ),
+                float(s),
+            )
+            for row, turn, s in zip(rows[order], turns, score[order], strict=True)
+        ]
+
+    def _register(
+        self, prepared: PreparedScan, candidates: list[Candidate]
+    ) -> list[tuple[int, Registration]]:
+        """Where the candidates settle: distinct places, each by its best start, refined; best first."""
+        cloud = self.index.cloud
+        settled = [(c.template, cloud.settle(prepared.sparse, c.T_level_sensor)) for c in candidates]
+        settled.sort(key=lambda entry: -entry[1].closeness)
+        worth = WORTH_REFINING * settled[0][1].overlap if settled else 0.0
+        starts = _distinct([entry for entry in settled if entry[1].overlap >= worth])[:REFINED]
+        refined = [
+            (template, cloud.refine(prepared.cloud, place.T_level_sensor)) for template, place in starts
+        ]
+        return _distinct(sorted(refined, key=lambda entry: -entry[1].closeness))
+
+    def _verify(
+        self, registered: list[tuple[int, Registration]], prepared: PreparedScan, options: LocalizeOptions
+    ) -> dict[str, object]:
+        """The answer's fields but the timings."""
+        judged = judge(registered, self.index.T_map_level, self.index.calibration, options.min_probability)
+        answer: dict[str, object] = {
+            "verdict": judged.verdict,
+            "reasons": judged.reasons,
+            "hypotheses": judged.hypotheses,
+            "probability": judged.hypotheses[0].probability if judged.hypotheses else 0.0,
+        }
+        if judged.verdict is Verdict.LOCALIZED:
+            T_map_sensor = judged.hypotheses[0].T_map_sensor
+            answer["T_map_sensor"] = T_map_sensor
+            answer["covariance"] = pose_covariance(
+                registered[0][1].information, T_map_sensor, self.index.config.registration
+            )
+            if options.T_base_sensor is not None:
+                answer["T_map_base"] = T_map_sensor @ inverse(options.T_base_sensor)
+        return answer
+
+
+def _distinct(entries: list[tuple[int, Registration]]) -> list[tuple[int, Registration]]:
+    """The first of every place, in order."""
+    kept: list[tuple[int, Registration]] = []
+    for entry in entries:
+        if not any(same_place(entry[1].T_level_sensor, known.T_level_sensor) for _, known in kept):
+            kept.append(entry)
+    return kept

@@ -1,0 +1,58 @@
+"""One published version, loaded: templates, key search, map cloud and the parameters that made them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .calibration import Calibration
+from .engine_config import EngineConfig
+from .errors import CorruptVersion
+from .key_search import KeySearch
+from .registration import MapCloud
+from .templates import Templates
+from .transform import Matrix
+
+ENGINE_FILE = "engine.json"
+CALIBRATION_FILE = "calibration.json"
+KEYS_FILE = "keys.faiss"
+MAP_FILE = "map_points.npy"
+
+
+@dataclass(frozen=True)
+class MapIndex:
+    """Everything that the query flow needs of a version. Immutable and thread-safe."""
+
+    config: EngineConfig
+    calibration: Calibration
+    templates: Templates
+    keys: KeySearch
+    cloud: MapCloud
+
+    @property
+    def T_map_level(self) -> Matrix:
+        return np.asarray(self.config.T_map_level, np.float64).reshape(4, 4)
+
+    @classmethod
+    def load(cls, directory: Path) -> MapIndex:
+        """Reads a version's files; arrays are memory-mapped.
+
+        Raises:
+            CorruptVersion: a file is missing or cannot be read.
+        """
+        try:
+            config = EngineConfig.model_validate_json((directory / ENGINE_FILE).read_text())
+            calibration = Calibration.from_mapping(json.loads((directory / CALIBRATION_FILE).read_text()))
+            points = np.load(directory / MAP_FILE, mmap_mode="r")
+            return cls(
+                config,
+                calibration,
+                Templates.load(directory),
+                KeySearch.load(directory / KEYS_FILE),
+                MapCloud(points, config.registration),
+            )
+        except (OSError, ValueError, RuntimeError, KeyError) as error:
+            raise CorruptVersion(f"{directory.name}: {error}") from error

@@ -1,0 +1,70 @@
+"""From a scan as it comes to points that can be described and registered: cropped, levelled, thinned."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import small_gicp
+from numpy.typing import NDArray
+
+from .engine_config import PreprocessConfig
+from .levelling import estimate_up, floor_height
+from .scan import Scan
+from .transform import rotation_between
+
+_NORMAL_NEIGHBOURS = 10
+_SPARSE_POINTS = 1500
+
+
+@dataclass(frozen=True)
+class PreparedScan:
+    """A scan in its levelled frame: the sensor's origin, z up, x as near the sensor's as it goes.
+
+    Attributes:
+        R_level_sensor: (3, 3).
+        points: (n, 3) float32, all points within range, levelled: for the descriptor.
+        cloud: the voxel-thinned points with covariances, in the sensor frame: for fine registration.
+        sparse: the same, a fraction of the points: enough to settle and compare many candidates.
+        height_m: of the sensor above the floor.
+    """
+
+    R_level_sensor: NDArray[np.float64]
+    points: NDArray[np.float32]
+    cloud: small_gicp.PointCloud
+    sparse: small_gicp.PointCloud
+    height_m: float
+
+
+def preprocess(
+    scan: Scan, gravity: NDArray[np.float64] | None, config: PreprocessConfig
+) -> PreparedScan | None:
+    """None where too few points are left to say anything.
+
+    Args:
+        gravity: (3,) direction of gravity in the sensor frame; None: estimated from the surfaces.
+    """
+    range2 = np.einsum("ij,ij->i", scan.points, scan.points)
+    near, far = config.min_range_m**2, config.max_range_m**2
+    points = scan.points[(range2 > near) & (range2 < far)]
+    if len(points) < config.min_points:
+        return None
+    thinned = small_gicp.voxelgrid_sampling(points.astype(np.float64), config.voxel_m)
+    if thinned.size() < config.min_points:
+        return None
+    small_gicp.estimate_normals_covariances(thinned, small_gicp.KdTree(thinned), _NORMAL_NEIGHBOURS)
+    normals = thinned.normals()[:, :3]
+    up = estimate_up(normals) if gravity is None else -gravity
+    R_level_sensor = rotation_between(up, [0.0, 0.0, 1.0])
+    levelled = thinned.points()[:, :3] @ R_level_sensor.T
+    height = floor_height(levelled, normals @ R_level_sensor.T)
+    every = -(-thinned.size() // _SPARSE_POINTS)
+    sparse = small_gicp.PointCloud(thinned.points()[::every, :3])
+    small_gicp.estimate_covariances(sparse, small_gicp.KdTree(sparse), _NORMAL_NEIGHBOURS)
+    return PreparedScan(
+        R_level_sensor,
+        points @ R_level_sensor.T.astype(np.float32),
+        thinned,
+        sparse,
+        config.default_height_m if height is None else height,
+    )
