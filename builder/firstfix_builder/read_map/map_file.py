@@ -1,0 +1,88 @@
+"""One map file, by its ending."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from firstfix.errors import MalformedData, UnsupportedFormat
+from firstfix.formats.las import read_las
+from firstfix.formats.npy import read_npy
+from firstfix.formats.pcd import decode_pcd
+from firstfix.formats.ply import decode_ply
+from firstfix.formats.ply_header import parse_ply_header
+from firstfix.formats.point_cloud import MAP_LIMITS, Body, Limits, PointCloud
+from firstfix.formats.scanner_bin import decode_scanner_bin
+from firstfix.formats.text import decode_text
+
+from .e57 import read_e57
+from .local_frame import finite_points
+from .map_data import MapData
+from .mesh_file import read_mesh
+from .uos import read_uos
+
+RECORDINGS = (".bag", ".db3", ".mcap", ".pcap", ".osf")
+RECORDING_REASON = "a recording, not a map: build the map with a SLAM package first"
+
+
+def read_map_file(path: Path) -> MapData:
+    """A file to a map in its own frame, points finite.
+
+    Raises:
+        UnsupportedFormat: no reader for its ending.
+        MalformedData, TooLarge: as its reader says.
+    """
+    reader = READERS.get(path.suffix.lower())
+    if reader is None and path.suffix.lower() in RECORDINGS:
+        raise UnsupportedFormat(RECORDING_REASON)
+    if reader is None:
+        raise UnsupportedFormat(
+            f"no map is read from a file that ends in {path.suffix!r}; there are {' '.join(READERS)}"
+        )
+    if path.stat().st_size == 0:
+        raise MalformedData("the file is empty (0 bytes)")
+    return reader(path)
+
+
+def _mapped(path: Path) -> memoryview:
+    """The file's bytes without reading them: the decoders take views of what they need."""
+    return memoryview(np.memmap(path, np.uint8, "r"))  # type: ignore[arg-type]
+
+
+def _decoded(decode: Callable[[Body, Limits], PointCloud]) -> Callable[[Path], MapData]:
+    return lambda path: _points(decode(_mapped(path), MAP_LIMITS))
+
+
+def _points(cloud: PointCloud) -> MapData:
+    return MapData(points=finite_points(cloud.xyz))
+
+
+def _read_ply(path: Path) -> MapData:
+    """A mesh when there are faces, else a cloud."""
+    body = _mapped(path)
+    header = parse_ply_header(body)
+    if not header.count_of("face"):
+        return _points(decode_ply(body, MAP_LIMITS))
+    MAP_LIMITS.check("PLY", header.count_of("vertex") + header.count_of("face"), 24)
+    return read_mesh(path)
+
+
+READERS: dict[str, Callable[[Path], MapData]] = {
+    ".pcd": _decoded(decode_pcd),
+    ".ply": _read_ply,
+    ".las": lambda path: _points(read_las(path, MAP_LIMITS)),
+    ".laz": lambda path: _points(read_las(path, MAP_LIMITS)),
+    ".e57": read_e57,
+    ".xyz": _decoded(decode_text),
+    ".pts": _decoded(decode_text),
+    ".csv": _decoded(decode_text),
+    ".txt": _decoded(decode_text),
+    ".npy": lambda path: _points(read_npy(path, MAP_LIMITS)),
+    ".bin": lambda path: _points(decode_scanner_bin(_mapped(path), path.name, MAP_LIMITS)),
+    ".3d": read_uos,
+    ".obj": read_mesh,
+    ".stl": read_mesh,
+    ".glb": read_mesh,
+}

@@ -1,0 +1,50 @@
+"""read_map: any map that users bring, to one form."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+from firstfix.errors import InvalidOption, NotFound
+
+from .file_errors import naming
+from .local_frame import subtract_origin, turn_z_up
+from .map_data import MapData
+from .map_file import read_map_file
+from .map_folder import read_map_folder
+from .trajectory import read_trajectory
+
+Axis = Literal["z-up", "y-up"]
+
+
+def read_map(path: Path, *, axis: Axis = "z-up", trajectory: Path | None = None) -> MapData:
+    """A map file, or the folder that a SLAM package left.
+
+    Args:
+        axis: of the source. ``y-up`` is LOAM's camera frame (x left, y up, z forward) and glTF's: the map
+            and its poses are turned to REP-103.
+        trajectory: poses in the source's own frame; they replace those that the source brings.
+
+    Returns:
+        float64 throughout, in a local frame when the coordinates are UTM-sized.
+
+    Raises:
+        NotFound: no such file.
+        UnsupportedFormat: no reader for it.
+        MalformedData, TooLarge: the data is damaged, empty, cut off or beyond the limits; the message names
+            the file and the reason.
+        InvalidOption: an unknown axis.
+    """
+    path = Path(path)
+    if axis not in ("z-up", "y-up"):
+        raise InvalidOption(f"no axis {axis!r}; there are z-up and y-up")
+    if not path.exists():
+        raise NotFound(f"{path.name}: no such file")
+    with naming(path):
+        data = read_map_folder(path) if path.is_dir() else read_map_file(path)
+    if trajectory is not None:
+        data = replace(data, trajectory=read_trajectory(trajectory))
+    if axis == "y-up":
+        data = turn_z_up(data)
+    return subtract_origin(data)
