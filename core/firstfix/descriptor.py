@@ -69,7 +69,7 @@ def principal_axes(
     weight = (x * x + y * y < max_range_m * max_range_m).astype(np.float64)
 
     def total(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.bincount(scan_of_point, weights=values, minlength=scans)
+        return np.bincount(scan_of_point, weights=values, minlength=scans).astype(np.float64)
 
     x *= weight
     y *= weight

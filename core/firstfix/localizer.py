@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,14 +54,15 @@ class Localizer:
             registered = self._register(prepared, candidates)
         with watch.stage("verify"):
             answer = self._verify(registered, prepared, options)
-        return Localization(**answer, timings_ms=watch.ms)
+        return replace(answer, timings_ms=watch.ms)
 
     def _describe(self, prepared: PreparedScan) -> NDArray[np.bool_]:
         """(rows, sectors) layered occupancy of the levelled scan."""
         points = prepared.points
         height = np.array([prepared.height_m], np.float32)
         of_scan = np.zeros(len(points), np.intp)
-        return occupancy(points, of_scan, 1, height, self.index.config.descriptor.layered)[0]
+        filled = occupancy(points, of_scan, 1, height, self.index.config.descriptor.layered)
+        return filled.reshape(filled.shape[1:])
 
     def _search(
         self, described: NDArray[np.bool_], prepared: PreparedScan, options: LocalizeOptions
@@ -103,24 +104,25 @@ class Localizer:
 
     def _verify(
         self, registered: list[tuple[int, Registration]], prepared: PreparedScan, options: LocalizeOptions
-    ) -> dict[str, object]:
-        """The answer's fields but the timings."""
+    ) -> Localization:
         judged = judge(registered, self.index.T_map_level, self.index.calibration, options.min_probability)
-        answer: dict[str, object] = {
-            "verdict": judged.verdict,
-            "reasons": judged.reasons,
-            "hypotheses": judged.hypotheses,
-            "probability": judged.hypotheses[0].probability if judged.hypotheses else 0.0,
-        }
-        if judged.verdict is Verdict.LOCALIZED:
-            T_map_sensor = judged.hypotheses[0].T_map_sensor
-            answer["T_map_sensor"] = T_map_sensor
-            answer["covariance"] = pose_covariance(
+        probability = judged.hypotheses[0].probability if judged.hypotheses else 0.0
+        answer = Localization(
+            Verdict.REJECTED, judged.reasons, None, None, None, probability, judged.hypotheses
+        )
+        if judged.verdict is not Verdict.LOCALIZED:
+            return replace(answer, verdict=judged.verdict)
+        T_map_sensor = judged.hypotheses[0].T_map_sensor
+        mounting = options.T_base_sensor
+        return replace(
+            answer,
+            verdict=Verdict.LOCALIZED,
+            T_map_sensor=T_map_sensor,
+            T_map_base=None if mounting is None else T_map_sensor @ inverse(mounting),
+            covariance=pose_covariance(
                 registered[0][1].information, T_map_sensor, self.index.config.registration
-            )
-            if options.T_base_sensor is not None:
-                answer["T_map_base"] = T_map_sensor @ inverse(options.T_base_sensor)
-        return answer
+            ),
+        )
 
 
 def _distinct(entries: list[tuple[int, Registration]]) -> list[tuple[int, Registration]]:

@@ -37,15 +37,19 @@ class MapIndex:
         return np.asarray(self.config.T_map_level, np.float64).reshape(4, 4)
 
     @classmethod
-    def load(cls, directory: Path) -> MapIndex:
+    def load(cls, directory: Path, calibration: Calibration | None = None) -> MapIndex:
         """Reads a version's files; arrays are memory-mapped.
+
+        Args:
+            calibration: in place of the version's own, while a build has not measured it yet.
 
         Raises:
             CorruptVersion: a file is missing or cannot be read.
         """
         try:
             config = EngineConfig.model_validate_json((directory / ENGINE_FILE).read_text())
-            calibration = Calibration.from_mapping(json.loads((directory / CALIBRATION_FILE).read_text()))
+            if calibration is None:
+                calibration = Calibration.from_mapping(json.loads((directory / CALIBRATION_FILE).read_text()))
             points = np.load(directory / MAP_FILE, mmap_mode="r")
             return cls(
                 config,

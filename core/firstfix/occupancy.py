@@ -73,13 +73,13 @@ def ring_spectrum(filled: NDArray[np.bool_], coefficients: int = 8) -> NDArray[n
 
 
 def best_shifts(
-    query: NDArray[np.bool_], templates: NDArray[np.bool_]
+    query: NDArray[np.bool_], templates: NDArray[np.uint8]
 ) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
     """The turn at which each template explains the query best.
 
     Args:
         query: (rows, sectors).
-        templates: (n, rows, sectors).
+        templates: (n, rows, sectors), 0 or 1.
 
     Returns:
         (n,) sectors s, and (n,) the cosine of query and template turned by it, 0..1: cell j of the

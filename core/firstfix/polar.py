@@ -26,7 +26,7 @@ class PolarGrid:
             raise ValueError(f"not a usable grid: {self}")
 
     def cells(
-        self, x: NDArray[np.float32], y: NDArray[np.float32]
+        self, x: NDArray[np.floating], y: NDArray[np.floating]
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """(p,) coordinates to the (k,) rows inside the grid and their (k,) cells, ring * sectors + sector."""
         radius = np.hypot(x, y)

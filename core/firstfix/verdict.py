@@ -59,10 +59,11 @@ def judge(
     )
     best, margin = hypotheses[0], float(overlaps[0] - rivals[0])
     needed = calibration.min_probability if min_probability is None else min_probability
+    reasons: tuple[Reason, ...] = ()
     if best.score < calibration.min_overlap:
         verdict, reasons = Verdict.REJECTED, (Reason.LOW_OVERLAP,)
     elif best.probability >= needed:
-        verdict, reasons = Verdict.LOCALIZED, ()
+        verdict = Verdict.LOCALIZED
     elif calibration.probability(best.score, best.score) >= needed:  # alone, it would have been accepted
         verdict, reasons = Verdict.AMBIGUOUS, (Reason.SEVERAL_PLACES,)
     else:

@@ -1,0 +1,158 @@
+"""Before a version is published: can a robot find itself with it, and does it know when not?
+
+Held-out, disturbed scans simulated between the templates, and scans of a place that is not in the
+map, go through the real localizer. The outcome is the version's own success rate and the calibration
+of its probabilities (design: a figure nobody measured on this map is not promised).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from pydantic import Field
+
+from firstfix.calibration import Calibration
+from firstfix.engine_config import Stage
+from firstfix.errors import BuildCancelled
+from firstfix.localization import Localization, Verdict
+from firstfix.localizer import Localizer
+from firstfix.scan import Scan
+from firstfix.sensor import SensorModel
+from firstfix.transform import Matrix, pose_error
+
+from .disturb import DisturbConfig, disturbed_scans, elsewhere
+from .simulate import Simulator
+
+RIGHT_M, RIGHT_DEG = 1.0, 10.0  # further off than this, a fix is a false one
+
+
+class SelfTestConfig(Stage):
+    """How much is tested."""
+
+    queries: int = Field(120, ge=0, le=100_000)
+    outside: int = Field(40, ge=0, le=100_000)
+    seed: int = 20
+    disturb: DisturbConfig = DisturbConfig()
+
+
+@dataclass(frozen=True)
+class SelfTest:
+    """What came out, over ``queries`` disturbed scans in the map and ``outside`` from elsewhere.
+
+    Attributes:
+        success: "0.2m" and so on to the share of the queries whose best hypothesis is that near.
+        localized: share of the queries answered ``localized``.
+        false_accepts: answers ``localized`` that were wrong by over 1 m or 10 degrees, or outside.
+    """
+
+    queries: int
+    outside: int
+    success: dict[str, float]
+    localized: float
+    median_error_m: float
+    false_accepts: int
+
+    def to_mapping(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    answer: Localization
+    error_m: float
+    error_deg: float
+
+    @property
+    def right(self) -> bool:
+        return self.error_m <= RIGHT_M and self.error_deg <= RIGHT_DEG
+
+    @property
+    def overlap(self) -> float:
+        return self.answer.hypotheses[0].score if self.answer.hypotheses else 0.0
+
+    @property
+    def margin(self) -> float:
+        return self.overlap - max((h.score for h in self.answer.hypotheses[1:]), default=0.0)
+
+
+def self_test(
+    localizer: Localizer,
+    simulator: Simulator,
+    sensor: SensorModel,
+    config: SelfTestConfig,
+    executor: Executor,
+    progress: Callable[[float], None],
+    cancelled: Callable[[], bool],
+) -> tuple[SelfTest, Calibration]:
+    """Runs the test in the index's levelled frame; the localizer's own T_map_level is undone.
+
+    Raises:
+        BuildCancelled: cancelled() said so.
+    """
+    rng = np.random.default_rng(config.seed)
+    templates = localizer.index.templates
+    inside = disturbed_scans(
+        simulator,
+        sensor,
+        templates.position_m,
+        localizer.index.config.spacing_m,
+        config.queries,
+        config.disturb,
+        rng,
+    )
+    other = Simulator(*elsewhere(rng))
+    spots = np.column_stack(
+        [rng.uniform(-15, 15, (200, 2)), np.full(200, float(np.median(templates.height_m)))]
+    )
+    outside = disturbed_scans(other, sensor, spots, 1.0, config.outside, config.disturb, rng)
+    cases: list[tuple[Scan, Matrix | None]] = [*inside, *((scan, None) for scan, _ in outside)]
+    done = 0
+
+    def run(case: tuple[Scan, Matrix | None]) -> _Outcome:
+        nonlocal done
+        if cancelled():
+            raise BuildCancelled("cancelled during the self-test")
+        scan, T_level_sensor = case
+        answer = localizer.localize(scan)
+        done += 1
+        progress(done / len(cases))
+        if T_level_sensor is None or not answer.hypotheses:
+            return _Outcome(answer, np.inf, np.inf)
+        T_map_sensor = localizer.index.T_map_level @ T_level_sensor
+        return _Outcome(answer, *pose_error(T_map_sensor, answer.hypotheses[0].T_map_sensor))
+
+    outcomes = list(executor.map(run, cases))
+    calibration = Calibration.fit(
+        [o.overlap for o in outcomes], [o.margin for o in outcomes], [o.right for o in outcomes]
+    )
+    return _summary(outcomes[: len(inside)], outcomes[len(inside) :], calibration), calibration
+
+
+def _summary(inside: Sequence[_Outcome], outside: Sequence[_Outcome], calibration: Calibration) -> SelfTest:
+    errors = np.array([o.error_m if o.error_deg <= RIGHT_DEG else np.inf for o in inside])
+    accepted = [o for o in [*inside, *outside] if _accepts(o, calibration)]
+    return SelfTest(
+        queries=len(inside),
+        outside=len(outside),
+        success={
+            f"{limit}m": round(float(np.mean(errors <= limit)), 4) if len(errors) else 0.0
+            for limit in (0.05, 0.2, 0.5, 1)
+        },
+        localized=round(float(np.mean([_accepts(o, calibration) for o in inside])), 4) if inside else 0.0,
+        median_error_m=round(float(np.median(errors)), 4)
+        if len(errors) and np.isfinite(np.median(errors))
+        else -1.0,
+        false_accepts=sum(not o.right for o in accepted),
+    )
+
+
+def _accepts(outcome: _Outcome, calibration: Calibration) -> bool:
+    """Whether the calibrated localizer would call this localized."""
+    if outcome.answer.verdict is Verdict.REJECTED and not outcome.answer.hypotheses:
+        return False
+    probability = calibration.probability(outcome.overlap, outcome.margin)
+    return outcome.overlap >= calibration.min_overlap and probability >= calibration.min_probability
