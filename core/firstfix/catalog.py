@@ -150,7 +150,9 @@ class Catalog(BuildRecords):
         log = self._map_log(map_id)
 
         def done(event: Event, state: MapState) -> bool:
-            return bool(build_id) and any(e.event is event and e.build_id == build_id for e in state.entries)
+            return bool(build_id) and any(
+                (e.event, e.version, e.build_id) == (event, version, build_id) for e in state.entries
+            )
 
         log.append(
             Event.PUBLISHED,
