@@ -19,7 +19,9 @@ def read_npy(path: Path, limits: Limits) -> PointCloud:
     """
     try:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (ValueError, EOFError, OverflowError, SyntaxError, TypeError) as error:
+    except OSError:
+        raise
+    except Exception as error:  # a damaged header raises whatever Python's tokenizer and literals raise
         raise MalformedData(f"NPY: {error}") from error
     if not isinstance(array, np.ndarray):
         raise MalformedData("NPY: an archive of arrays (.npz), not one array")

@@ -99,6 +99,8 @@ def parse_ply_header(body: Body) -> PlyHeader:
             byte_order = _ENCODINGS[words[1]]
         elif words[0] == "element" and len(words) == 3 and len(elements) < _MAX_ELEMENTS:
             elements.append((words[1], _count(words[2]), []))
+        elif words[0] == "property" and byte_order == "":
+            raise MalformedData("PLY: a property stands before its format")
         elif words[0] == "property" and elements and len(elements[-1][2]) < _MAX_PROPERTIES:
             elements[-1][2].append(_property(words, byte_order))
         else:

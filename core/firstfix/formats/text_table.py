@@ -54,7 +54,8 @@ def parse_rows(
             ndmin=2,
         )
     except (ValueError, IndexError, OverflowError) as error:
-        raise MalformedData(f"{format_name}: {error}") from error
+        reason = str(error).split(";")[0]  # behind it NumPy advises its own caller
+        raise MalformedData(f"{format_name}: {reason}") from error
 
 
 def _check_lines(format_name: str, raw: bytes) -> None:

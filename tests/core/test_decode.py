@@ -1,0 +1,122 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import laspy
+import numpy as np
+import pytest
+from cloud_files import pcd, ply, random_cloud
+
+from firstfix.decode import MEDIA_TYPES, SUFFIXES, decode_scan, read_scan_file
+from firstfix.errors import MalformedData, NotFound, TooLarge, UnsupportedFormat
+from firstfix.scan import MAX_POINTS
+
+CLOUD = random_cloud(300)
+XYZ = np.stack([CLOUD[axis] for axis in "xyz"], axis=1)
+
+
+@pytest.mark.parametrize(
+    ("media_type", "body", "has_intensity"),
+    [
+        ("application/x-pcd", pcd(CLOUD, "binary"), True),
+        ("model/vnd.pcd", pcd(CLOUD, "binary_compressed"), True),
+        ("Application/PLY; charset=binary", ply(CLOUD, "binary_big_endian"), True),
+        ("model/ply", ply(CLOUD, "ascii"), True),
+        ("application/vnd.firstfix.xyz", XYZ.tobytes(), False),
+        ("application/vnd.firstfix.xyzi", np.c_[XYZ, CLOUD["intensity"]].tobytes(), True),
+    ],
+)
+def test_every_media_type(media_type, body, has_intensity):
+    scan = decode_scan(body, media_type)
+    np.testing.assert_array_equal(scan.points, XYZ)
+    assert scan.points.dtype == np.float32
+    assert (scan.intensity is not None) == has_intensity
+    if has_intensity:
+        np.testing.assert_array_equal(scan.intensity, CLOUD["intensity"])
+
+
+def test_nan_returns_are_dropped():
+    holed = CLOUD.copy()
+    holed["z"][:7] = np.nan
+    scan = decode_scan(pcd(holed, "binary"), "application/x-pcd")
+    np.testing.assert_array_equal(scan.points, XYZ[7:])
+    np.testing.assert_array_equal(scan.intensity, CLOUD["intensity"][7:])
+
+
+def test_no_such_media_type():
+    with pytest.raises(UnsupportedFormat, match="application/x-pcd"):
+        decode_scan(b"x", "image/png")
+    with pytest.raises(UnsupportedFormat):
+        decode_scan(b"x", "")
+
+
+def test_too_many_points():
+    with pytest.raises(TooLarge):
+        decode_scan(bytes(12 * (MAX_POINTS + 1)), "application/vnd.firstfix.xyz")
+
+
+def test_the_endings_name_media_types():
+    assert set(SUFFIXES.values()) <= set(MEDIA_TYPES)
+
+
+@pytest.mark.parametrize(
+    "name", ["a.pcd", "a.PLY", "a.bin", "a.npy", "a.xyz", "a.txt", "a.csv", "a.pts", "a.las", "a.laz"]
+)
+def test_every_file_ending(tmp_path: Path, name):
+    path = tmp_path / name
+    suffix = path.suffix.lower()
+    rows = np.c_[XYZ, CLOUD["intensity"]].astype("<f4")
+    if suffix == ".pcd":
+        path.write_bytes(pcd(CLOUD, "ascii"))
+    elif suffix == ".ply":
+        path.write_bytes(ply(CLOUD, "binary_little_endian"))
+    elif suffix == ".bin":
+        path.write_bytes(rows.tobytes())
+    elif suffix == ".npy":
+        np.save(path, rows)
+    elif suffix in (".las", ".laz"):
+        las = laspy.create(point_format=6, file_version="1.4")
+        las.header.scales = [0.0001] * 3
+        las.x, las.y, las.z = XYZ.T.astype(np.float64)
+        las.intensity = CLOUD["intensity"].astype(np.uint16)
+        las.write(path)
+    else:
+        np.savetxt(path, rows, fmt="%.6f", delimiter="," if suffix == ".csv" else " ")
+    scan = read_scan_file(path)
+    np.testing.assert_allclose(scan.points, XYZ, atol=1e-4)
+    np.testing.assert_allclose(scan.intensity, CLOUD["intensity"], atol=1.0 if "la" in suffix else 1e-4)
+
+
+def test_a_files_error_names_it(tmp_path: Path):
+    (tmp_path / "short.pcd").write_bytes(pcd(CLOUD, "binary")[:-100])
+    (tmp_path / "empty.ply").write_bytes(b"")
+    (tmp_path / "a.las").write_bytes(b"LASF" + bytes(300))
+    (tmp_path / "photo.png").write_bytes(b"x")
+    for name, error in (
+        ("short.pcd", MalformedData),
+        ("empty.ply", MalformedData),
+        ("a.las", MalformedData),
+        ("photo.png", UnsupportedFormat),
+        ("absent.pcd", NotFound),
+    ):
+        with pytest.raises(error, match=name):
+            read_scan_file(tmp_path / name)
+
+
+def test_a_cut_off_laz_is_malformed(tmp_path: Path):
+    las = laspy.create(point_format=0)
+    las.x, las.y, las.z = np.random.default_rng(0).uniform(0, 100, (3, 20_000))
+    las.write(tmp_path / "a.laz")
+    raw = (tmp_path / "a.laz").read_bytes()
+    for share in (0.002, 0.1, 0.5, 0.9, 0.99):
+        (tmp_path / "a.laz").write_bytes(raw[: int(len(raw) * share)])
+        with pytest.raises(MalformedData, match=r"a\.laz"):
+            read_scan_file(tmp_path / "a.laz")
+
+
+def test_importing_the_decoders_imports_no_optional_package():
+    code = "import sys, firstfix.decode; print(sorted({'lzf', 'laspy', 'scipy'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
