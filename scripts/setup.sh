@@ -38,7 +38,7 @@ install_system_packages() {
   [ ${#missing[@]} -gt 0 ] || return 0
   if [ "$(id -u)" != 0 ]; then
     sudo -n true 2>/dev/null || fail "missing system packages. Run this, then again:
-  sudo apt-get install -y --no-install-recommends ${missing[*]}"
+  sudo apt-get update && sudo apt-get install -y --no-install-recommends ${missing[*]}"
     become=(sudo -n)
   fi
   say "installing ${missing[*]}"

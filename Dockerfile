@@ -1,0 +1,74 @@
+# Two targets over one tree of packages, both without compiler, pip or root:
+#   service   answers queries over HTTP and zenoh; has no open3d, so it builds no maps
+#   builder   the same and the mesh tools: `firstfix serve` with in-process builds, `firstfix build`
+#
+#   docker build --target builder -t firstfix-builder .
+#
+# A machine with a package index of its own gives it with --build-arg PIP_INDEX_URL=...
+FROM debian:bookworm-slim AS python
+RUN apt-get update \
+ && apt-get install -y --no-install-recommends python3 libgomp1 \
+ && rm -rf /var/lib/apt/lists/* /var/cache/apt/*
+
+FROM python AS tools
+ARG PIP_INDEX_URL
+ENV PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_NO_CACHE_DIR=1
+RUN apt-get update && apt-get install -y --no-install-recommends python3-venv
+COPY deploy/locks/setup.txt /locks/
+RUN python3 -m venv /opt/tools \
+ && /opt/tools/bin/pip install --quiet --require-hashes -r /locks/setup.txt \
+ && python3 -m venv --without-pip /opt/firstfix
+COPY deploy/locks/service.txt /locks/
+RUN /opt/tools/bin/pip --python /opt/firstfix/bin/python install --quiet --only-binary :all: --require-hashes -r /locks/service.txt
+
+FROM tools AS wheel
+COPY . /src
+RUN /opt/tools/bin/pip wheel --quiet --no-deps --no-build-isolation --wheel-dir /wheel /src
+
+FROM tools AS service-venv
+COPY --from=wheel /wheel /wheel
+RUN /opt/tools/bin/pip --python /opt/firstfix/bin/python install --quiet --no-deps --no-index /wheel/*.whl
+
+# What both images share: the user, the place of the data, how it is started and watched.
+FROM python AS runtime
+RUN groupadd --gid 10001 firstfix \
+ && useradd --uid 10001 --gid 10001 --no-create-home --home-dir /tmp firstfix \
+ && install -d -o firstfix -g firstfix /var/lib/firstfix
+ENV PATH=/opt/firstfix/bin:$PATH \
+    PYTHONUNBUFFERED=1 \
+    HOME=/tmp \
+    FIRSTFIX_STORE=file:///var/lib/firstfix \
+    FIRSTFIX_HOST=0.0.0.0 \
+    FIRSTFIX_PORT=8080
+LABEL org.opencontainers.image.title="firstfix" \
+      org.opencontainers.image.description="The first fix for LiDAR robots: one scan in, the pose in the map out" \
+      org.opencontainers.image.licenses="Apache-2.0"
+VOLUME /var/lib/firstfix
+EXPOSE 8080 7447
+HEALTHCHECK --interval=10s --timeout=3s --start-period=20s --retries=3 \
+  CMD ["python", "-c", "import os, urllib.request as u; u.urlopen('http://127.0.0.1:' + os.environ['FIRSTFIX_PORT'] + '/healthz', timeout=2)"]
+ENTRYPOINT ["firstfix"]
+CMD ["serve"]
+
+FROM runtime AS service
+COPY --from=service-venv /opt/firstfix /opt/firstfix
+USER firstfix
+
+# Last, so that a plain `docker build .` gives the image that does everything.
+FROM tools AS builder-packages
+ARG PIP_INDEX_URL
+COPY deploy/locks/builder.txt /locks/
+RUN /opt/tools/bin/pip --python /opt/firstfix/bin/python install --quiet --only-binary :all: --require-hashes -r /locks/builder.txt
+
+FROM builder-packages AS builder-venv
+COPY --from=wheel /wheel /wheel
+RUN /opt/tools/bin/pip --python /opt/firstfix/bin/python install --quiet --no-deps --no-index /wheel/*.whl
+
+FROM runtime AS builder
+# What open3d links, screen or not.
+RUN apt-get update \
+ && apt-get install -y --no-install-recommends libgl1 libegl1 libx11-6 libudev1 libusb-1.0-0 \
+ && rm -rf /var/lib/apt/lists/* /var/cache/apt/*
+ENV MPLBACKEND=Agg MPLCONFIGDIR=/tmp/matplotlib
+COPY --from=builder-venv /opt/firstfix /opt/firstfix
+USER firstfix

@@ -1,0 +1,95 @@
+"""What the repository promises about itself: light imports, few needs, nothing of one machine."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import tomllib
+
+REPO = Path(__file__).resolve().parents[2]
+REGISTRY = re.compile(
+    r"(pypi|pythonhosted|npmjs|registry\.[a-z]+|crates|proxy\.golang)\.(org|com|io|dev)\b|--(extra-)?index-url=?\s*http"
+)
+MACHINE = re.compile(r"(?<![\w.])/(work|root|tmp/(venv|clone))/")
+
+
+def tracked_texts() -> list[tuple[str, str]]:
+    listing = subprocess.run(["git", "ls-files", "-z"], cwd=REPO, capture_output=True, check=False)
+    if listing.returncode:
+        pytest.skip("not a git checkout: what belongs to the repository is not known")
+    texts = []
+    for name in listing.stdout.decode().rstrip("\0").split("\0"):
+        path = REPO / name
+        if path.is_file() and name != Path(__file__).relative_to(REPO).as_posix():
+            texts.append((name, path.read_bytes().decode("utf-8", errors="ignore")))
+    return texts
+
+
+@pytest.mark.parametrize("pattern", [REGISTRY, MACHINE], ids=["registry host", "machine path"])
+def test_no_file_names_a_place_outside(pattern: re.Pattern[str]):
+    found = [
+        f"{name}: {match.group(0)}" for name, text in tracked_texts() for match in pattern.finditer(text)
+    ]
+    assert not found
+
+
+def test_the_readme_shows_the_two_commands():
+    readme = (REPO / "README.md").read_text()
+    assert "make demo" in readme
+    assert "make test" in readme
+
+
+def test_ci_runs_what_the_readme_says():
+    assert "make --no-print-directory test" in (REPO / ".ci" / "run").read_text()
+
+
+def test_a_robot_needs_three_packages():
+    project = tomllib.loads((REPO / "pyproject.toml").read_text())["project"]
+    assert {re.split(r"[\[<>=!~ ;]", wanted)[0] for wanted in project["dependencies"]} == {
+        "numpy",
+        "httpx",
+        "zstandard",
+    }
+
+
+HEAVY = [
+    "eclipse_zenoh",
+    "faiss",
+    "fastapi",
+    "obstore",
+    "open3d",
+    "pydantic",
+    "safetensors",
+    "scipy",
+    "small_gicp",
+    "zenoh",
+]
+
+
+def heavy_modules_after(statement: str) -> set[str]:
+    """The names of HEAVY that a fresh interpreter holds after the statement."""
+    program = f"{statement}\nimport json, sys\nprint(json.dumps(sorted(sys.modules)))"
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, check=True, text=True)
+    return set(HEAVY) & set(json.loads(run.stdout.splitlines()[-1]))
+
+
+@pytest.mark.parametrize(
+    "module", ["firstfix", "firstfix.scan", "firstfix.descriptor", "firstfix.wire", "firstfix_client"]
+)
+def test_the_robots_modules_import_nothing_heavy(module: str):
+    assert heavy_modules_after(f"import {module}") == set()
+
+
+def test_the_probe_for_heavy_modules_sees_one():
+    assert heavy_modules_after("import scipy") == {"scipy"}
+
+
+def test_the_service_never_imports_open3d():
+    assert "open3d" not in heavy_modules_after(
+        "import importlib, pkgutil, firstfix_service\n"
+        "for found in pkgutil.walk_packages(firstfix_service.__path__, 'firstfix_service.'):\n"
+        "    if not found.name.endswith('__main__'): importlib.import_module(found.name)"
+    )

@@ -1,0 +1,45 @@
+"""The locks pin and hash everything, and name no place to fetch it from."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+LOCKS = sorted((Path(__file__).resolve().parents[2] / "deploy" / "locks").glob("*.txt"))
+PINNED = re.compile(r"^[a-z0-9][a-z0-9._-]*(\[[a-z0-9,-]+\])?==[^ ]+( ;.*)? \\$", re.IGNORECASE)
+
+
+def names(lock: Path) -> set[str]:
+    return {line.split("==")[0] for line in lock.read_text().splitlines() if re.match(r"^[a-z0-9]", line)}
+
+
+def test_the_four_locks_are_there():
+    assert [lock.stem for lock in LOCKS] == ["builder", "dev", "service", "setup"]
+
+
+@pytest.mark.parametrize("lock", LOCKS, ids=lambda lock: lock.stem)
+def test_a_lock_names_no_host(lock: Path):
+    text = lock.read_text()
+    assert "://" not in text
+    assert "--index" not in text
+    assert "--find-links" not in text
+
+
+@pytest.mark.parametrize("lock", LOCKS, ids=lambda lock: lock.stem)
+def test_every_requirement_is_pinned_and_hashed(lock: Path):
+    lines = [line for line in lock.read_text().splitlines() if not line.lstrip().startswith("#")]
+    for line, following in zip(lines, [*lines[1:], ""], strict=True):
+        if not line.startswith(" "):
+            assert PINNED.match(line), line
+            assert following.startswith("    --hash=sha256:"), line
+
+
+def test_the_service_image_has_no_mesh_tool():
+    service = names(next(lock for lock in LOCKS if lock.stem == "service"))
+    assert {"fastapi", "eclipse-zenoh", "small-gicp"} <= service
+    assert not {name for name in service if name.startswith("open3d") or name in ("trimesh", "matplotlib")}
+
+
+def test_the_images_run_the_versions_that_were_tested():
+    pins = {lock.stem: set(re.findall(r"^[a-z0-9][^ ]*==[^ ]+", lock.read_text(), re.M)) for lock in LOCKS}
+    assert pins["service"] <= pins["builder"] <= pins["dev"]
