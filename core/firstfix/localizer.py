@@ -19,8 +19,9 @@ from .stopwatch import Stopwatch
 from .transform import Matrix, inverse, make_transform, rotation_z
 from .verdict import judge, same_place
 
-REFINED = 3  # places that get the fine registration: the best, and rivals for the margin
-WORTH_REFINING = 0.6  # of the best place's overlap: a rival below it changes no verdict
+PLACES = 3  # that get the fine registration: the best, and rivals for the margin
+CONFIRMATIONS = 2  # candidates that settled at one spot: a further start beside it tells nothing new
+BESIDE_M = 2.0
 
 
 @dataclass(frozen=True)
@@ -91,16 +92,22 @@ class Localizer:
     def _register(
         self, prepared: PreparedScan, candidates: list[Candidate]
     ) -> list[tuple[int, Registration]]:
-        """Where the candidates settle: distinct places, each by its best start, refined; best first."""
+        """Distinct places where the candidates settle, best first; only the best gets all the points."""
         cloud = self.index.cloud
-        settled = [(c.template, cloud.settle(prepared.sparse, c.T_level_sensor)) for c in candidates]
+        settled: list[tuple[int, Registration]] = []
+        for candidate in candidates:
+            if not _settled_around(candidate.T_level_sensor, settled):
+                settled.append((candidate.template, cloud.settle(prepared.sparse, candidate.T_level_sensor)))
         settled.sort(key=lambda entry: -entry[1].closeness)
-        worth = WORTH_REFINING * settled[0][1].overlap if settled else 0.0
-        starts = _distinct([entry for entry in settled if entry[1].overlap >= worth])[:REFINED]
-        refined = [
-            (template, cloud.refine(prepared.cloud, place.T_level_sensor)) for template, place in starts
+        places = [
+            (template, cloud.refine(prepared.sparse, place.T_level_sensor))
+            for template, place in _distinct(settled)[:PLACES]
         ]
-        return _distinct(sorted(refined, key=lambda entry: -entry[1].closeness))
+        places = _distinct(sorted(places, key=lambda entry: -entry[1].closeness))
+        return [
+            (template, cloud.refine(prepared.cloud, place.T_level_sensor) if i == 0 else place)
+            for i, (template, place) in enumerate(places)
+        ]
 
     def _verify(
         self, registered: list[tuple[int, Registration]], prepared: PreparedScan, options: LocalizeOptions
@@ -123,6 +130,16 @@ class Localizer:
                 registered[0][1].information, T_map_sensor, self.index.config.registration
             ),
         )
+
+
+def _settled_around(T_level_sensor: Matrix, settled: list[tuple[int, Registration]]) -> bool:
+    """Whether enough candidates have settled well at one place near this start."""
+    near = [
+        known.T_level_sensor
+        for _, known in settled
+        if np.linalg.norm(known.T_level_sensor[:3, 3] - T_level_sensor[:3, 3]) < BESIDE_M
+    ]
+    return any(sum(same_place(a, b) for b in near) > CONFIRMATIONS for a in near)
 
 
 def _distinct(entries: list[tuple[int, Registration]]) -> list[tuple[int, Registration]]:

@@ -15,6 +15,7 @@ from .transform import rotation_between
 
 _NORMAL_NEIGHBOURS = 10
 _SPARSE_POINTS = 1500
+_DENSE_POINTS = 10_000
 
 
 @dataclass(frozen=True)
@@ -58,13 +59,20 @@ def preprocess(
     R_level_sensor = rotation_between(up, [0.0, 0.0, 1.0])
     levelled = thinned.points()[:, :3] @ R_level_sensor.T
     height = floor_height(levelled, normals @ R_level_sensor.T)
-    every = -(-thinned.size() // _SPARSE_POINTS)
-    sparse = small_gicp.PointCloud(thinned.points()[::every, :3])
-    small_gicp.estimate_covariances(sparse, small_gicp.KdTree(sparse), _NORMAL_NEIGHBOURS)
     return PreparedScan(
         R_level_sensor,
         points @ R_level_sensor.T.astype(np.float32),
-        thinned,
-        sparse,
+        _every_nth(thinned, _DENSE_POINTS),
+        _every_nth(thinned, _SPARSE_POINTS),
         config.default_height_m if height is None else height,
     )
+
+
+def _every_nth(cloud: small_gicp.PointCloud, at_most: int) -> small_gicp.PointCloud:
+    """An even part of a thinned cloud (its points are in spatial order), with covariances."""
+    every = -(-cloud.size() // at_most)
+    if every == 1:
+        return cloud
+    part = small_gicp.PointCloud(cloud.points()[::every, :3])
+    small_gicp.estimate_covariances(part, small_gicp.KdTree(part), _NORMAL_NEIGHBOURS)
+    return part
