@@ -1,1 +1,35 @@
-"""What runs on the robot: ask for a fix, get a typed answer."""
+"""What runs on the robot: ask for a fix, get a typed answer.
+
+    from firstfix_client import Client
+
+    with Client("http://localhost:8080") as client:
+        fix = client.localize(points, map_id="hall")
+    if fix.T_map_sensor is not None:
+        ...
+
+``ZenohClient`` asks the same over zenoh (extra ``firstfix[zenoh]``).
+"""
+
+from firstfix.localization import Localization, Verdict
+from firstfix.options import LocalizeOptions
+from firstfix.scan import Scan
+
+from .client import Client
+from .errors import ServiceUnreachable
+from .records import BuildStatus, MapInfo, VersionInfo
+from .retry import RetryPolicy
+from .zenoh_client import ZenohClient
+
+__all__ = [
+    "BuildStatus",
+    "Client",
+    "Localization",
+    "LocalizeOptions",
+    "MapInfo",
+    "RetryPolicy",
+    "Scan",
+    "ServiceUnreachable",
+    "Verdict",
+    "VersionInfo",
+    "ZenohClient",
+]

@@ -1,0 +1,230 @@
+"""The HTTP client: a fix from a running service, as a typed answer."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import httpx
+
+from firstfix import wire
+from firstfix.errors import BuildCancelled, BuildFailed, FirstfixError, InvalidOption, NotFound
+from firstfix.localization import Localization
+from firstfix.options import LocalizeOptions
+
+from .records import BuildStatus, MapInfo, VersionInfo
+from .retry import Deadline, RetryPolicy
+from .retrying_http import RetryingHttp, parsed
+from .scan_body import ScanLike, encoded
+
+POLL_S = 1.0
+
+
+class Client:
+    """Asks a firstfix service over HTTP. Thread-safe; close it, or use it in a ``with``.
+
+    Every call ends within its timeout, retries included: connections that fail and services that say
+    "busy" (503) are tried again with growing, random waits. Besides what its docstring lists, every
+    method raises the service's own error (``firstfix.errors``), DeadlineExceeded when the timeout is
+    over, and ServiceUnreachable when no try reached a service.
+
+    Args:
+        url: of the service, such as ``http://localhost:8080``.
+        timeout_s: of a call as a whole; uploads and waiting for builds have their own.
+        retry: when to try again.
+        resolution_m, voxel_m: how scans are sent, see ``firstfix.wire.encode_scan``. The default is what
+            the sensor saw, to 1 cm; ``voxel_m=0.25`` saves most of the bytes on a thin link.
+        headers: sent with every request.
+        transport: in place of the network, for tests.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        *,
+        timeout_s: float = 10.0,
+        retry: RetryPolicy | None = None,
+        resolution_m: float = 0.01,
+        voxel_m: float | None = None,
+        headers: Mapping[str, str] | None = None,
+        transport: httpx.BaseTransport | None = None,
+    ) -> None:
+        self._timeout_s = timeout_s
+        self._resolution_m, self._voxel_m = resolution_m, voxel_m
+        try:
+            address = httpx.URL(url)
+        except httpx.InvalidURL as error:
+            raise InvalidOption(f"no URL {url!r}: {error}") from None
+        if address.scheme not in ("http", "https") or not address.host:
+            raise InvalidOption(f"the service's URL is of the form http://HOST:PORT, not {url!r}")
+        http = httpx.Client(base_url=address, headers=headers, transport=transport)
+        self._http = RetryingHttp(http, retry or RetryPolicy())
+
+    def __enter__(self) -> Client:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._http.close()
+
+    def localize(
+        self,
+        scan: ScanLike,
+        *,
+        map_id: str | Iterable[str] | None = None,
+        options: LocalizeOptions | None = None,
+    ) -> Localization:
+        """The pose of a scan in a map, or why there is none: "not localized" is an answer, not an error.
+
+        Args:
+            scan: a Scan, (n, 3) points in metres in the sensor frame, or the path of a scan file.
+            map_id: one map, several, or None for whichever the service has.
+            options: without a ``deadline_ms`` the service is told how long this client waits.
+
+        Raises:
+            NotFound: no such map or version, or no such file.
+            InputError: the scan or an option cannot be used.
+        """
+        body = encoded(scan, resolution_m=self._resolution_m, voxel_m=self._voxel_m)
+        params = (options or LocalizeOptions()).to_strings()
+        if map_id is not None:
+            params["map"] = map_id if isinstance(map_id, str) else ",".join(map_id)
+
+        def request(left_s: float) -> httpx.Request:
+            return self._http.request(
+                "POST",
+                "localize",
+                left_s=left_s,
+                params={"deadline_ms": str(max(1, int(left_s * 1000))), **params},
+                content=body,
+                headers={"Content-Type": wire.MEDIA_TYPE},
+            )
+
+        answer = self._http.send(request, Deadline(self._timeout_s))
+        return parsed(answer, Localization.from_mapping)
+
+    def maps(self) -> list[MapInfo]:
+        """Every map that the service can localize in."""
+        answer = self._call("GET", "maps")
+        return parsed(answer, lambda data: [MapInfo.from_mapping(item) for item in data["maps"]])
+
+    def show_map(self, map_id: str) -> MapInfo:
+        """
+        Raises:
+            NotFound: no such map.
+        """
+        return parsed(self._call("GET", "maps", map_id), MapInfo.from_mapping)
+
+    def versions(self, map_id: str) -> list[VersionInfo]:
+        """Versions of a map, newest first.
+
+        Raises:
+            NotFound: no such map.
+        """
+        answer = self._call("GET", "maps", map_id, "versions")
+        return parsed(answer, lambda data: [VersionInfo.from_mapping(item) for item in data["versions"]])
+
+    def activate(self, map_id: str, version: str) -> None:
+        """Lets a published version answer from now on: back or forward.
+
+        Raises:
+            NotFound: no such map or version.
+        """
+        self._call("POST", "maps", map_id, "versions", version, "activate")
+
+    def build_map(
+        self,
+        path: Path | str,
+        map_id: str,
+        *,
+        config: Mapping[str, Any] | None = None,
+        trajectory: Path | str | None = None,
+        upload_timeout_s: float = 3600.0,
+    ) -> BuildStatus:
+        """Uploads a map file and starts its build; ``wait_for_build`` follows it.
+
+        Args:
+            config: of the build, as its YAML file would say it; None: the service's defaults.
+
+        Raises:
+            NotFound: no such file.
+            InputError: the service cannot use the file or the config.
+        """
+        fields = {"map_id": map_id} | ({} if config is None else {"config": json.dumps(config)})
+        paths = {"source": Path(path)} | ({} if trajectory is None else {"trajectory": Path(trajectory)})
+        for wanted in paths.values():
+            if not wanted.is_file():
+                raise NotFound(f"{wanted}: no such file")
+        with ExitStack() as opened:
+            streams = {name: opened.enter_context(file.open("rb")) for name, file in paths.items()}
+
+            def request(left_s: float) -> httpx.Request:
+                for stream in streams.values():
+                    stream.seek(0)
+                files = {name: (file.name, streams[name]) for name, file in paths.items()}
+                return self._http.request("POST", "maps", left_s=left_s, data=fields, files=files)
+
+            # every upload that arrives is a build: not repeated on a connection that broke half-way
+            answer = self._http.send(request, Deadline(upload_timeout_s), repeatable=False)
+        build_id = answer.headers.get("Location", "").rstrip("/").rpartition("/")[2]
+        if not build_id:
+            raise FirstfixError("the service accepted the map but did not say which build it started")
+        return self.build_status(build_id)
+
+    def build_status(self, build_id: str) -> BuildStatus:
+        """
+        Raises:
+            NotFound: no such build.
+        """
+        answer = self._call("GET", "builds", build_id)
+        return parsed(answer, lambda data: BuildStatus.from_mapping(build_id, data))
+
+    def wait_for_build(
+        self,
+        build_id: str,
+        *,
+        progress: Callable[[BuildStatus], None] = lambda status: None,
+        timeout_s: float = 24 * 3600.0,
+    ) -> BuildStatus:
+        """Waits for the build's version, telling ``progress`` about once a second.
+
+        Raises:
+            BuildFailed, BuildCancelled: it ended without a version.
+            DeadlineExceeded: it is not done yet; it goes on all the same.
+        """
+        deadline = Deadline(timeout_s)
+        while True:
+            status = self.build_status(build_id)
+            progress(status)
+            if status.state == "succeeded":
+                return status
+            if status.state == "cancelled":
+                raise BuildCancelled(f"build {build_id} was cancelled")
+            if status.state == "failed":
+                raise BuildFailed(status.error_detail or f"build {build_id} failed")
+            time.sleep(min(POLL_S, deadline.remaining_s()))
+
+    def cancel_build(self, build_id: str) -> None:
+        """Asks a build to stop; it does so at its next tick.
+
+        Raises:
+            NotFound: no such build.
+            Conflict: it has ended.
+        """
+        self._call("DELETE", "builds", build_id, repeatable=False)
+
+    def _call(self, method: str, *path: str, repeatable: bool = True) -> httpx.Response:
+        return self._http.send(
+            lambda left_s: self._http.request(method, *path, left_s=left_s),
+            Deadline(self._timeout_s),
+            repeatable=repeatable,
+        )

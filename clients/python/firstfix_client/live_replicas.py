@@ -1,0 +1,43 @@
+"""Which replicas of a map are alive, by their zenoh liveliness tokens."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+FIRST_LOOK_S = 1.0
+
+
+class LiveReplicas:
+    """The live replicas of each map that was asked for, kept current by their tokens. Thread-safe."""
+
+    def __init__(self, session: Any) -> None:
+        self._session = session
+        self._keys: dict[str, set[str]] = {}
+        self._subscribers: list[Any] = []
+        self._watching = threading.Lock()  # held over calls into zenoh
+        self._changing = threading.Lock()  # taken by zenoh's callbacks, so never held over such calls
+
+    def of(self, map_id: str) -> list[str]:
+        """Keys ``firstfix/{map_id}/localize/{replica}`` whose replica is alive, sorted."""
+        with self._watching:
+            if map_id not in self._keys:
+                self._keys[map_id] = self._watch(f"firstfix/{map_id}/localize/*")
+        with self._changing:
+            return sorted(self._keys[map_id])
+
+    def _watch(self, pattern: str) -> set[str]:
+        replies = self._session.liveliness().get(pattern, timeout=FIRST_LOOK_S)
+        keys = {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
+
+        def changed(sample: Any) -> None:
+            with self._changing:
+                if str(sample.kind).endswith("DELETE"):
+                    keys.discard(str(sample.key_expr))
+                else:
+                    keys.add(str(sample.key_expr))
+
+        # history: a replica that came or went between the first look and now is told as well
+        subscriber = self._session.liveliness().declare_subscriber(pattern, changed, history=True)
+        self._subscribers.append(subscriber)
+        return keys

@@ -1,0 +1,301 @@
+"""The HTTP client against a real server on loopback that behaves and misbehaves on demand."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+import uvicorn
+from fake_answers import LOCALIZED, REJECTED, SCAN, T_MAP_SENSOR, answer_bytes, problem_bytes
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Route
+
+from firstfix import wire
+from firstfix.errors import (
+    BuildFailed,
+    DeadlineExceeded,
+    FirstfixError,
+    InvalidOption,
+    NotFound,
+    Overloaded,
+    all_errors,
+)
+from firstfix.localization import Verdict
+from firstfix.options import LocalizeOptions
+from firstfix_client import Client, RetryPolicy, ServiceUnreachable
+
+QUICK = RetryPolicy(attempts=4, first_wait_s=0.01, max_wait_s=0.05)
+
+
+class Server:
+    """One route for everything: answers with what the test queued, the last one again and again."""
+
+    def __init__(self) -> None:
+        self.requests: list[tuple[str, str, dict[str, str], dict[str, str], bytes]] = []
+        self.raw_paths: list[bytes] = []
+        self.answers: list[Response | Callable[[], Response]] = []
+        app = Starlette(routes=[Route("/{path:path}", self._answer, methods=["GET", "POST", "DELETE"])])
+        self.socket = socket.create_server(("127.0.0.1", 0))
+        self.url = f"http://127.0.0.1:{self.socket.getsockname()[1]}"
+        self._server = uvicorn.Server(uvicorn.Config(app, log_level="error"))
+        self._thread = threading.Thread(target=self._server.run, args=([self.socket],), daemon=True)
+        self._thread.start()
+
+    async def _answer(self, request: Request) -> Response:
+        body = await request.body()
+        self.raw_paths.append(request.scope["raw_path"])
+        query, headers = dict(request.query_params), dict(request.headers)
+        self.requests.append((request.method, request.url.path, query, headers, body))
+        answer = self.answers.pop(0) if len(self.answers) > 1 else self.answers[0]
+        if isinstance(answer, Response):
+            return answer
+        from anyio import to_thread
+
+        return await to_thread.run_sync(answer)
+
+    def stop(self) -> None:
+        self._server.should_exit = True
+        self._server.force_exit = True
+        self._thread.join(5)
+
+
+@pytest.fixture
+def server() -> Iterator[Server]:
+    running = Server()
+    yield running
+    running.stop()
+
+
+def ok(body: bytes = b"{}", status: int = 200, **headers: str) -> Response:
+    return Response(body, status, headers, media_type="application/json")
+
+
+def problem(code: str, status: int, **headers: str) -> Response:
+    return Response(problem_bytes(code), status, headers, media_type="application/problem+json")
+
+
+def test_a_fix_is_a_typed_answer(server):
+    server.answers = [ok(answer_bytes())]
+    with Client(server.url) as client:
+        answer = client.localize(
+            SCAN, map_id="hall", options=LocalizeOptions(gravity=np.array([0, 0, -1]), max_candidates=5)
+        )
+    assert answer.verdict is Verdict.LOCALIZED
+    np.testing.assert_allclose(answer.T_map_sensor, T_MAP_SENSOR, atol=1e-12)
+    assert answer.map_version == LOCALIZED.map_version
+    method, path, query, headers, body = server.requests[0]
+    assert (method, path) == ("POST", "/localize")
+    assert query.pop("deadline_ms").isdigit()
+    assert query == {"map": "hall", "gravity": "0.0,0.0,-1.0", "max_candidates": "5"}
+    assert headers["content-type"] == wire.MEDIA_TYPE
+    sent = wire.decode_scan(body)
+    assert np.abs(sent.points - SCAN.points).max() < 0.0051
+    assert sent.intensity is None
+    assert sent.stamp_s == SCAN.stamp_s
+
+
+def test_not_localized_is_no_exception(server):
+    server.answers = [ok(answer_bytes(REJECTED))]
+    answer = Client(server.url).localize(SCAN.points)
+    assert answer.verdict is Verdict.REJECTED
+    assert answer.T_map_sensor is None
+
+
+def test_several_maps_and_a_scan_file(server, tmp_path):
+    server.answers = [ok(answer_bytes())]
+    path = tmp_path / "scan.ffscan"
+    path.write_bytes(wire.encode_scan(SCAN))
+    client = Client(server.url, voxel_m=1.0)
+    client.localize(path, map_id=["hall", "yard"])
+    assert server.requests[0][2]["map"] == "hall,yard"
+    assert 0 < len(wire.decode_scan(server.requests[0][4])) < len(SCAN)
+    with pytest.raises(NotFound, match=r"nothere\.pcd"):
+        client.localize(tmp_path / "nothere.pcd")
+
+
+@pytest.mark.parametrize("error", all_errors())
+def test_every_code_comes_back_as_its_class(server, error):
+    server.answers = [problem(error.code, 418)]
+    with pytest.raises(error, match="because") as caught:
+        Client(server.url).localize(SCAN)
+    assert type(caught.value) is error
+    assert len(server.requests) == 1
+
+
+def test_a_code_of_the_future_is_still_an_error(server):
+    server.answers = [problem("quantum_flux", 400)]
+    with pytest.raises(FirstfixError, match="because"):
+        Client(server.url).localize(SCAN)
+
+
+@pytest.mark.parametrize("body", [b"<html>", b"[]", b'{"verdict": "maybe"}', b'{"verdict": "localized"}'])
+def test_nonsense_is_a_clear_error(server, body):
+    server.answers = [ok(body)]
+    with pytest.raises(FirstfixError, match="nothing this client can read"):
+        Client(server.url).localize(SCAN)
+
+
+def test_a_busy_service_is_asked_again_when_it_says(server):
+    server.answers = [problem("overloaded", 503, **{"Retry-After": "1"}), ok(answer_bytes())]
+    started = time.monotonic()
+    assert Client(server.url, retry=QUICK).localize(SCAN).verdict is Verdict.LOCALIZED
+    assert 1.0 <= time.monotonic() - started < 3
+    first, second = (int(request[2]["deadline_ms"]) for request in server.requests)
+    assert second <= first - 1000  # the service is told what is left, not what there was
+
+
+def test_it_does_not_wait_past_the_deadline(server):
+    server.answers = [problem("overloaded", 503, **{"Retry-After": "30"})]
+    started = time.monotonic()
+    with pytest.raises(Overloaded):
+        Client(server.url, timeout_s=5).localize(SCAN)
+    assert time.monotonic() - started < 2
+    assert len(server.requests) == 1
+
+
+def test_it_gives_up_after_its_attempts(server):
+    server.answers = [problem("overloaded", 503)]
+    with pytest.raises(Overloaded):
+        Client(server.url, retry=QUICK).localize(SCAN)
+    assert len(server.requests) == QUICK.attempts
+
+
+def test_a_slow_service_ends_at_the_timeout(server):
+    def slow() -> Response:
+        time.sleep(1.5)
+        return ok(answer_bytes())
+
+    server.answers = [slow]
+    started = time.monotonic()
+    with pytest.raises(DeadlineExceeded, match=r"0\.3 s"):
+        Client(server.url, timeout_s=0.3).localize(SCAN)
+    assert time.monotonic() - started < 1.2
+
+
+def test_a_proxy_without_upstream_is_asked_again_only_for_what_repeats(server, tmp_path):
+    server.answers = [Response("bad gateway", 502)]
+    client = Client(server.url, retry=QUICK)
+    with pytest.raises(FirstfixError, match="502"):
+        client.maps()
+    assert len(server.requests) == QUICK.attempts
+    (tmp_path / "map.ply").write_bytes(b"ply")
+    with pytest.raises(FirstfixError, match="502"):
+        client.build_map(tmp_path / "map.ply", "hall")
+    assert len(server.requests) == QUICK.attempts + 1
+
+
+def test_nobody_there_is_said_so():
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    with pytest.raises(ServiceUnreachable, match=str(port)):
+        Client(f"http://127.0.0.1:{port}", retry=QUICK).maps()
+
+
+def test_a_service_that_comes_up_in_time_is_reached():
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        address = listener.getsockname()
+
+    def answer_once() -> None:
+        time.sleep(0.4)
+        with socket.create_server(address) as late:
+            connection, _ = late.accept()
+            with connection:
+                connection.recv(65_536)
+                connection.sendall(b'HTTP/1.1 200 OK\r\ncontent-length: 12\r\n\r\n{"maps": []}')
+
+    thread = threading.Thread(target=answer_once, daemon=True)
+    thread.start()
+    retry = RetryPolicy(attempts=100, first_wait_s=0.05, max_wait_s=0.05)
+    assert Client(f"http://127.0.0.1:{address[1]}", retry=retry).maps() == []
+    thread.join(5)
+
+
+def test_a_connection_that_breaks_mid_answer_is_tried_again():
+    listener = socket.create_server(("127.0.0.1", 0))
+    served = []
+
+    def answer() -> None:
+        for reply in (b"HTTP/1.1 200 OK\r\ncontent-length: 12\r\n\r\n{", None):
+            connection, _ = listener.accept()
+            with connection:
+                served.append(connection.recv(65_536))
+                whole = b'HTTP/1.1 200 OK\r\ncontent-length: 12\r\n\r\n{"maps": []}'
+                connection.sendall(reply or whole)
+
+    thread = threading.Thread(target=answer, daemon=True)
+    thread.start()
+    url = f"http://127.0.0.1:{listener.getsockname()[1]}"
+    assert Client(url, retry=QUICK).maps() == []
+    thread.join(5)
+    listener.close()
+    assert len(served) == 2
+
+
+def test_maps_and_versions(server):
+    client = Client(server.url)
+    server.answers = [ok(b'{"maps": [{"map_id": "hall", "active_version": "aa", "templates": 9}]}')]
+    (hall,) = client.maps()
+    assert (hall.map_id, hall.active_version, hall.details["templates"]) == ("hall", "aa", 9)
+    server.answers = [
+        ok(b'{"versions": [{"version": "aa", "active": true, "published_time": "2025-01-01T00:00:00Z"}]}')
+    ]
+    (version,) = client.versions("hall")
+    assert version.active
+    server.answers = [ok()]
+    client.activate("hall", "aa")
+    assert server.requests[-1][:2] == ("POST", "/maps/hall/versions/aa/activate")
+
+
+def test_an_id_cannot_leave_its_place_in_the_path(server):
+    server.answers = [problem("not_found", 404)]
+    with pytest.raises(NotFound):
+        Client(server.url).show_map("../builds?x=1")
+    assert server.raw_paths == [b"/maps/..%2Fbuilds%3Fx%3D1"]
+
+
+def test_a_build_is_uploaded_and_followed(server, tmp_path):
+    source, trajectory = tmp_path / "map.ply", tmp_path / "poses.txt"
+    source.write_bytes(b"ply and so on")
+    trajectory.write_text("0 0 0 0 0 0 0 1")
+    running = b'{"state": "running", "stage": "simulate", "progress": 0.5, "map_id": "hall"}'
+    done = b'{"state": "succeeded", "stage": "publish", "progress": 1, "map_id": "hall", "version": "ff"}'
+    server.answers = [ok(status=202, Location="/builds/b-1"), ok(running), ok(running), ok(done)]
+    client = Client(server.url)
+    status = client.build_map(source, "hall", config={"sensor": "vlp-16"}, trajectory=trajectory)
+    assert (status.build_id, status.stage, status.is_final) == ("b-1", "simulate", False)
+    seen = []
+    assert client.wait_for_build("b-1", progress=seen.append).version == "ff"
+    assert [s.state for s in seen] == ["running", "succeeded"]
+    method, path, _, headers, body = server.requests[0]
+    assert (method, path) == ("POST", "/maps")
+    assert headers["content-type"].startswith("multipart/form-data")
+    for part in (b'name="source"; filename="map.ply"', b"ply and so on", b'name="trajectory"', b'"vlp-16"'):
+        assert part in body
+    assert server.requests[1][1] == "/builds/b-1"
+
+
+def test_a_failed_build_raises_with_its_reason(server):
+    failed = b'{"state": "failed", "error": {"code": "build_failed", "detail": "no floor found"}}'
+    server.answers = [ok(failed)]
+    with pytest.raises(BuildFailed, match="no floor found"):
+        Client(server.url).wait_for_build("b-1")
+
+
+def test_a_map_that_is_not_there_is_not_uploaded(server, tmp_path):
+    with pytest.raises(NotFound):
+        Client(server.url).build_map(tmp_path / "map.ply", "hall")
+    assert server.requests == []
+
+
+@pytest.mark.parametrize(
+    "url", ["localhost:8080", "ftp://host", "http://", "tcp/localhost:7447", "http://a:b"]
+)
+def test_a_url_that_is_none_is_refused(url):
+    with pytest.raises(InvalidOption):
+        Client(url)

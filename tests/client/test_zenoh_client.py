@@ -1,0 +1,228 @@
+"""The zenoh client against real zenoh sessions on loopback, one of which dies."""
+
+from __future__ import annotations
+
+import json
+import socket
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from fake_answers import SCAN, T_MAP_SENSOR, answer_bytes, problem_bytes
+
+from firstfix import wire
+from firstfix.errors import FirstfixError, InvalidOption, NotFound, Overloaded
+from firstfix.localization import Verdict
+from firstfix.options import LocalizeOptions
+from firstfix_client import RetryPolicy, ServiceUnreachable, ZenohClient
+
+zenoh = pytest.importorskip("zenoh")
+QUICK = RetryPolicy(attempts=6, first_wait_s=0.01, max_wait_s=0.05)
+
+
+class Replica:
+    """A session with the queryables and the token that the protocol wants of a replica."""
+
+    def __init__(
+        self, endpoint: str, name: str, answer: Callable[[Any], None], *, token: bool = True
+    ) -> None:
+        self.queries: list[tuple[str, dict[str, str], str, bytes]] = []
+        self._answer = answer
+        self.session = _open("client", "connect", endpoint)
+        keys = ["firstfix/hall/localize", f"firstfix/hall/localize/{name}"]
+        self.queryables = [self.session.declare_queryable(k, self._asked, complete=True) for k in keys]
+        self.token = self.session.liveliness().declare_token(keys[1]) if token else None
+
+    def _asked(self, query: Any) -> None:
+        self.queries.append(
+            (
+                str(query.key_expr),
+                dict(iter(query.parameters)),
+                str(query.encoding),
+                query.payload.to_bytes(),
+            )
+        )
+        self._answer(query)
+
+
+def _open(mode: str, role: str, endpoint: str) -> Any:
+    config = zenoh.Config()
+    config.insert_json5("mode", json.dumps(mode))
+    config.insert_json5(f"{role}/endpoints", json.dumps([endpoint]))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    return zenoh.open(config)
+
+
+def answers(query: Any) -> None:
+    query.reply(query.key_expr, answer_bytes(), encoding="application/json")
+
+
+def is_silent(query: Any) -> None:
+    """Finishes without a reply: what is seen of a replica that dies at work."""
+
+
+def complains(code: str) -> Callable[[Any], None]:
+    return lambda query: query.reply_err(problem_bytes(code), encoding="application/problem+json")
+
+
+@pytest.fixture
+def router() -> Iterator[str]:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    session = _open("router", "listen", endpoint)
+    yield endpoint
+    session.close()
+
+
+@pytest.fixture
+def replica(router) -> Iterator[Callable[..., Replica]]:
+    made: list[Replica] = []
+
+    def make(name: str, answer: Callable[[Any], None] = answers, **how: Any) -> Replica:
+        made.append(Replica(router, name, answer, **how))
+        time.sleep(0.1)  # the declarations travel to the router
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.session.close()
+
+
+@pytest.fixture
+def client(router) -> Iterator[ZenohClient]:
+    with ZenohClient(router, timeout_s=4.0, retry=QUICK) as connected:
+        yield connected
+
+
+def test_a_fix_is_a_typed_answer(replica, client):
+    only = replica("r1")
+    answer = client.localize(SCAN, map_id="hall", options=LocalizeOptions(max_candidates=5))
+    assert answer.verdict is Verdict.LOCALIZED
+    np.testing.assert_allclose(answer.T_map_sensor, T_MAP_SENSOR, atol=1e-12)
+    ((key, parameters, encoding, body),) = only.queries
+    assert key == "firstfix/hall/localize/r1"
+    assert parameters.pop("deadline_ms").isdigit()
+    assert parameters == {"max_candidates": "5"}
+    assert encoding == wire.MEDIA_TYPE
+    assert np.abs(wire.decode_scan(body).points - SCAN.points).max() < 0.0051
+
+
+def test_the_load_is_spread_over_live_replicas(replica, client):
+    replicas = [replica(name) for name in ("r1", "r2")]
+    for _ in range(20):
+        client.localize(SCAN, map_id="hall")
+    assert all(len(one.queries) >= 2 for one in replicas)
+    assert sum(len(one.queries) for one in replicas) == 20
+
+
+def test_the_shared_key_is_the_way_without_tokens(replica, client):
+    only = replica("r1", token=False)
+    assert client.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
+    assert only.queries[0][0] == "firstfix/hall/localize"
+
+
+@pytest.mark.parametrize("trouble", [is_silent, complains("overloaded")])
+def test_another_replica_is_asked_when_one_fails(replica, client, trouble):
+    bad, good = replica("r1", trouble), replica("r2")
+    for _ in range(6):
+        assert client.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
+    assert good.queries
+    assert len(bad.queries) < 12
+
+
+def test_a_replica_that_leaves_is_not_asked_any_more(replica, client):
+    leaving, staying = replica("r1"), replica("r2")
+    client.localize(SCAN, map_id="hall")
+    leaving.session.close()
+    time.sleep(0.3)
+    leaving.queries.clear()
+    for _ in range(8):
+        client.localize(SCAN, map_id="hall")
+    assert leaving.queries == []
+    assert len(staying.queries) >= 8
+
+
+def test_a_replica_that_hangs_leaves_time_for_another(replica, client):
+    held = []
+    replica("r1", held.append)  # keeps the query open
+    good = replica("r2")
+    slowest = 0.0
+    for _ in range(5):
+        started = time.monotonic()
+        assert client.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
+        slowest = max(slowest, time.monotonic() - started)
+    assert slowest < 3.5
+    assert good.queries
+
+
+def test_a_replica_that_comes_late_is_found(replica, client):
+    threading.Timer(0.3, lambda: replica("r1")).start()
+    patient = RetryPolicy(attempts=200, first_wait_s=0.05, max_wait_s=0.05)
+    client._retry = patient
+    assert client.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
+
+
+@pytest.mark.parametrize(("code", "error"), [("not_found", NotFound), ("invalid_option", InvalidOption)])
+def test_a_problem_is_its_error_and_final(replica, client, code, error):
+    only = replica("r1", complains(code))
+    with pytest.raises(error, match="because"):
+        client.localize(SCAN, map_id="hall")
+    assert len(only.queries) == 1
+
+
+def test_overload_everywhere_is_overload(replica, client):
+    replica("r1", complains("overloaded"))
+    with pytest.raises(Overloaded):
+        client.localize(SCAN, map_id="hall")
+
+
+def test_nobody_there_is_said_so(client):
+    with pytest.raises(ServiceUnreachable, match="firstfix/hall/localize"):
+        client.localize(SCAN, map_id="hall")
+
+
+def test_nonsense_is_a_clear_error(replica, client):
+    replica("r1", lambda query: query.reply(query.key_expr, b"<html>"))
+    with pytest.raises(FirstfixError, match="nothing this client can read"):
+        client.localize(SCAN, map_id="hall")
+
+
+def test_a_map_id_with_wildcards_is_refused(client):
+    with pytest.raises(InvalidOption):
+        client.localize(SCAN, map_id="**")
+
+
+def test_no_router_is_said_so():
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    with pytest.raises(ServiceUnreachable, match=endpoint):
+        ZenohClient(endpoint, timeout_s=0.5)
+
+
+def test_a_config_file_is_read(router, replica, tmp_path):
+    replica("r1")
+    config = tmp_path / "zenoh.json5"
+    config.write_text(
+        json.dumps(
+            {
+                "mode": "client",
+                "connect": {"endpoints": [router]},
+                "scouting": {"multicast": {"enabled": False}},
+            }
+        )
+    )
+    with ZenohClient(config=config) as client:
+        assert client.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
+    config.write_text("{nonsense")
+    with pytest.raises(InvalidOption):
+        ZenohClient(config=config)
+
+
+def test_without_zenoh_it_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "zenoh", None)
+    with pytest.raises(ModuleNotFoundError, match=r"firstfix\[zenoh\]"):
+        ZenohClient("tcp/localhost:7447")
