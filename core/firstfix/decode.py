@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+
 from .content_encoding import undo_content_encoding
 from .errors import InputError, MalformedData, NotFound, TooLarge, UnsupportedFormat
 from .formats.npy import read_npy
@@ -32,7 +34,8 @@ def _by(decode: Callable[[bytes, Limits], PointCloud]) -> Callable[[bytes], Scan
 
 
 def _scan_of(cloud: PointCloud) -> Scan:
-    return Scan.from_points(cloud.xyz, cloud.intensity)
+    with np.errstate(invalid="ignore", over="ignore"):  # an intensity need not be a sane float32
+        return Scan.from_points(cloud.xyz, cloud.intensity)
 
 
 MEDIA_TYPES: dict[str, Callable[[bytes], Scan]] = {

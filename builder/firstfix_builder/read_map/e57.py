@@ -25,7 +25,7 @@ def read_e57(path: Path) -> MapData:
     """
     import pye57
 
-    with foreign("E57"):
+    with foreign("E57", path):
         # pye57 keeps the file open for as long as an object of it lives: it has no context manager.
         file = pye57.E57(str(path))
         try:

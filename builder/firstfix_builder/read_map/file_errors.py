@@ -28,12 +28,13 @@ def naming(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def foreign(format_name: str) -> Iterator[None]:
+def foreign(format_name: str, path: Path) -> Iterator[None]:
     """Around a library's reader: whatever it raises on damaged data becomes MalformedData."""
     try:
         yield
     except (FirstfixError, MemoryError, OSError):
         raise
     except Exception as error:
-        reason = " ".join(str(error).split())[:300] or type(error).__name__
+        reason = str(error).replace(f"{path.parent}/", "") or type(error).__name__
+        reason = " ".join(reason.split())[:300]
         raise MalformedData(f"{format_name}: {reason}") from error

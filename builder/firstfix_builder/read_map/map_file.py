@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firstfix.errors import MalformedData, UnsupportedFormat
 from firstfix.formats.las import read_las
@@ -21,6 +22,7 @@ from .e57 import read_e57
 from .local_frame import finite_points
 from .map_data import MapData
 from .mesh_file import read_mesh
+from .rigid import rigid_matrices
 from .uos import read_uos
 
 RECORDINGS = (".bag", ".db3", ".mcap", ".pcap", ".osf")
@@ -69,16 +71,31 @@ def _read_ply(path: Path) -> MapData:
     return read_mesh(path)
 
 
+def _read_text(path: Path) -> MapData:
+    cloud = decode_text(_mapped(path), MAP_LIMITS)
+    if len(cloud) in (3, 4) and cloud.intensity is not None and _is_pose(np.c_[cloud.xyz, cloud.intensity]):
+        raise MalformedData("a pose, not points: rows of 4 numbers that are a rigid transform")
+    return _points(cloud)
+
+
+def _is_pose(matrix: NDArray[np.float64]) -> bool:
+    try:
+        rigid_matrices(matrix[None])
+    except MalformedData:
+        return False
+    return True
+
+
 READERS: dict[str, Callable[[Path], MapData]] = {
     ".pcd": _decoded(decode_pcd),
     ".ply": _read_ply,
     ".las": lambda path: _points(read_las(path, MAP_LIMITS)),
     ".laz": lambda path: _points(read_las(path, MAP_LIMITS)),
     ".e57": read_e57,
-    ".xyz": _decoded(decode_text),
-    ".pts": _decoded(decode_text),
-    ".csv": _decoded(decode_text),
-    ".txt": _decoded(decode_text),
+    ".xyz": _read_text,
+    ".pts": _read_text,
+    ".csv": _read_text,
+    ".txt": _read_text,
     ".npy": lambda path: _points(read_npy(path, MAP_LIMITS)),
     ".bin": lambda path: _points(decode_scanner_bin(_mapped(path), path.name, MAP_LIMITS)),
     ".3d": read_uos,

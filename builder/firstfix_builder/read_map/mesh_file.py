@@ -22,24 +22,30 @@ def read_mesh(path: Path) -> MapData:
     """
     import trimesh
 
-    with foreign(path.suffix[1:].upper()):
-        scene = trimesh.load_scene(path, process=False, skip_materials=True)
-        mesh = scene.to_mesh()
-        mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    with foreign(path.suffix[1:].upper(), path):
+        mesh = trimesh.load_scene(path, process=False, skip_materials=True).to_mesh()
         vertices = np.asarray(mesh.vertices, np.float64)
         triangles = np.asarray(mesh.faces, np.int64)
-    return _checked(vertices, triangles)
+    return _merged(*_checked(vertices, triangles))
 
 
-def _checked(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> MapData:
+def _checked(
+    vertices: NDArray[np.float64], triangles: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """The triangles whose corners are there and finite."""
     if triangles.ndim != 2 or not len(triangles):
         raise MalformedData("the mesh has no triangle")
     if triangles.min() < 0 or triangles.max() >= len(vertices):
-        raise MalformedData(f"a triangle names vertex {triangles.max()} of {len(vertices)}: cut off")
-    with np.errstate(invalid="ignore"):
-        good: NDArray[np.bool_] = np.all(np.abs(vertices) <= MAX_ABS_COORDINATE_M, axis=1)  # NaN: false
+        raise MalformedData(f"a triangle names a vertex that is none of the {len(vertices)}: cut off")
+    good: NDArray[np.bool_] = np.all(np.abs(vertices) <= MAX_ABS_COORDINATE_M, axis=1)  # NaN compares false
     triangles = triangles[good[triangles].all(axis=1)]
     if not len(triangles):
         raise MalformedData("none of the mesh's triangles has finite coordinates")
-    used = np.unique(triangles)
-    return MapData(vertices=vertices[used], triangles=np.searchsorted(used, triangles).astype(np.int64))
+    return vertices, triangles
+
+
+def _merged(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> MapData:
+    """Without the vertices that no triangle uses, and with equal ones (STL repeats them) made one."""
+    used, corners = np.unique(triangles, return_inverse=True)
+    unique, places = np.unique(vertices[used] + 0.0, axis=0, return_inverse=True)  # + 0.0: -0.0 is 0.0
+    return MapData(vertices=unique, triangles=places.ravel()[corners].reshape(-1, 3).astype(np.int64))

@@ -28,6 +28,7 @@ def read_trajectory(path: Path) -> NDArray[np.float64]:
     |---|---|
     | TUM | t x y z qx qy qz qw |
     | KITTI | the 12 numbers of a 3x4 matrix, or the 16 of a 4x4 one |
+    | a single pose | 3 or 4 rows of 4: the matrix itself |
     | CSV with names | tx, ty, tz, qx, qy, qz, qw among others; rows with an empty pose are left out |
     | key_frame.txt of Livox LOAM | qx qy qz qw tx ty tz |
     | pose.json (it is no JSON) | tx ty tz qw qx qy qz |
@@ -102,6 +103,8 @@ def _from_rows(raw: bytes, file_name: str) -> NDArray[np.float64]:
     columns = rows.shape[1]
     if columns in (12, 16):
         return rigid_matrices(rows.reshape(len(rows), -1, 4))
+    if columns == 4 and len(rows) in (3, 4):
+        return rigid_matrices(rows[None])
     if columns == 8:
         return rigid_from_quaternions(rows[:, 1:4], rows[:, 4:])
     if columns == 7 and file_name.lower() == "pose.json":

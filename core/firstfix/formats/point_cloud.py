@@ -66,8 +66,9 @@ class PointCloud:
     def xyz(self) -> NDArray[np.float64]:
         """(n, 3) float64: UTM-sized coordinates keep the precision that the file has."""
         xyz = np.empty((len(self), 3), np.float64)
-        for axis, name in enumerate("xyz"):
-            xyz[:, axis] = self.columns[name]
+        with np.errstate(invalid="ignore"):  # a signalling NaN: damaged, or what a driver left there
+            for axis, name in enumerate("xyz"):
+                xyz[:, axis] = self.columns[name]
         return xyz
 
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from ..errors import MalformedData
 from .point_cloud import Body
 
+_EMPTY_LINES = re.compile(rb"\n\s+")
 MAX_LINE_BYTES = 65_536  # a line with thousands of columns costs the parser far more than its bytes
 
 
@@ -40,7 +42,8 @@ def parse_rows(
     raw = bytes(text)
     if not raw.isascii() or b"\0" in raw:
         raise MalformedData(f"{format_name}: bytes that are not text stand among the numbers")
-    if not raw or raw.isspace():
+    raw = _EMPTY_LINES.sub(b"\n", raw.lstrip())  # NumPy warns of every empty line when it counts rows
+    if not raw:
         return np.empty((0, 0))
     _check_lines(format_name, raw)
     try:
