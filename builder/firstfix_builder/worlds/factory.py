@@ -176,7 +176,7 @@ def _floor_goods(
             side, x = rng.choice([-1.0, 1.0]), rng.uniform(racks_x[0] + 1, racks_x[1] - 1)
             if abs(x - cross_x) > CROSS_LANE_M:
                 place.put(pallet(rng), x, y + side * (half_aisle - 0.42), reach_m=0.15)
-    for y in rng.uniform(12, aisle_y[-1] - 7, 3):
+    for y in np.linspace(14, aisle_y[-1] - 9, 3) + rng.uniform(-2, 2, 3):
         place.put(forklift(), shop_x - 0.5, y, 0, np.pi / 2 + rng.uniform(-0.2, 0.2), reach_m=0.3)
     for y in rng.uniform(3, aisle_y[-1] - 3, 8):
         place.put(pallet(rng), 0.9, y, 0, rng.uniform(0, np.pi), present=rng.uniform() < 0.7, reach_m=0.3)

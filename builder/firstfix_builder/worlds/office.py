@@ -128,7 +128,7 @@ def _corridor_things(place: Place, storey: Storey, length: float, rng: np.random
     for side, y in (("south", CORRIDOR[0]), ("north", CORRIDOR[1])):
         doors = [room.door_x for room in storey.rooms if room.side == side] + [_stair_door_x()]
         inward = 1 if side == "south" else -1
-        for x in np.arange(3.6, length - 2.5, 3.0) + rng.uniform(-0.8, 0.8):
+        for x in np.arange(3.6, length - 3.6, 3.0) + rng.uniform(-0.8, 0.8):
             if min(abs(x - d) for d in doors) < 1.5 or rng.uniform() < 0.35:
                 continue
             kind = rng.choice(["cabinet", "bench", "plant"], p=[0.5, 0.2, 0.3])
@@ -148,6 +148,7 @@ def _slabs(place: Place, length: float) -> None:
     place.fix(block([hole_x, -0.15, low], [length + 0.15, WIDTH_M + 0.15, high]))
     place.fix(block([-0.15, -0.15, low], [hole_x, CORRIDOR[1], high]))
     place.fix(block([-0.15, STAIR_Y, low], [hole_x, WIDTH_M + 0.15, high]))
+    place.fix(block([-0.15, CORRIDOR[1], low], [0.15, STAIR_Y, high]))  # the facade, past the hole
     top = 2 * STOREY_M
     place.fix(block([-0.15, -0.15, top - SLAB_M], [length + 0.15, WIDTH_M + 0.15, top]))
 
