@@ -1,0 +1,73 @@
+"""Who answers a query: a service over HTTP or zenoh, or the engine in this process."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from firstfix.errors import InvalidOption, NotFound
+from firstfix.localization import Localization
+from firstfix.options import LocalizeOptions
+from firstfix.scan import Scan
+
+from .arguments import cache_directory, client_of
+
+Answerer = Callable[[Scan, LocalizeOptions], Localization]
+
+
+@contextmanager
+def answerer(
+    map_id: str, *, url: str | None, zenoh: str | None, store: str | None, timeout_s: float
+) -> Iterator[Answerer]:
+    """A function from scan and options to the answer, by whichever of the three is given.
+
+    Raises:
+        InvalidOption: more than one is given.
+        NotFound: there is no such map.
+    """
+    if sum(way is not None for way in (url, zenoh, store)) > 1:
+        raise InvalidOption("give one of --url, --zenoh and --store")
+    if store is not None:
+        yield _in_process(map_id, store)
+    elif zenoh is not None:
+        from firstfix_client import ZenohClient
+
+        with ZenohClient(zenoh, timeout_s=timeout_s) as zenoh_client:
+            yield lambda scan, options: zenoh_client.localize(scan, map_id=map_id, options=options)
+    else:
+        with client_of(url, timeout_s) as client:
+            yield lambda scan, options: client.localize(scan, map_id=map_id, options=options)
+
+
+def fetch_active_version(store: str, map_id: str, version: str | None = None) -> tuple[str, Path]:
+    """Digest and local folder of a map's version, or of the one that is active.
+
+    Raises:
+        NotFound: no such map or version.
+    """
+    from firstfix.catalog import Catalog
+    from firstfix.store import Store
+
+    catalog = Catalog(Store.open(store))
+    chosen = version or catalog.active_version(map_id)
+    if chosen is None:
+        raise NotFound(f"the store has no map {map_id}, or none of its versions is active")
+    return chosen, catalog.fetch_version(map_id, chosen, cache_directory("versions"))
+
+
+def _in_process(map_id: str, store: str) -> Answerer:
+    from firstfix.localizer import Localizer
+    from firstfix.map_index import MapIndex
+
+    loaded: dict[str | None, tuple[str, Localizer]] = {}
+
+    def answer(scan: Scan, options: LocalizeOptions) -> Localization:
+        if options.version not in loaded:
+            version, directory = fetch_active_version(store, map_id, options.version)
+            loaded[options.version] = version, Localizer(MapIndex.load(directory))
+        version, localizer = loaded[options.version]
+        return replace(localizer.localize(scan, options), map_id=map_id, map_version=version)
+
+    return answer

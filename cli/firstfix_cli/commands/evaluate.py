@@ -1,0 +1,136 @@
+"""``firstfix evaluate``: how good the answers are, against scans with known poses."""
+
+from __future__ import annotations
+
+import csv
+import json
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ..arguments import MapId, TimeoutS, Url, Zenoh
+
+if TYPE_CHECKING:
+    from firstfix.scan import Scan
+
+    from ..answerer import Answerer
+    from ..evaluate import Outcome
+    from ..poses_csv import PosedScan
+
+PICTURED_SCANS = 60  # kept for the picture: a few of them are laid over the map
+
+
+def evaluate(
+    poses: Annotated[Path, typer.Argument(metavar="POSES.csv", help="scan,tx,ty,tz,qx,qy,qz,qw.")],
+    map_id: MapId,
+    url: Url = None,
+    zenoh: Zenoh = None,
+    store: Annotated[
+        str | None, typer.Option(help="Object store; with --url or --zenoh only for the picture's map.")
+    ] = None,
+    random_yaw: Annotated[
+        int | None, typer.Option(metavar="SEED", help="Turn every scan by a random yaw.")
+    ] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
+    details: Annotated[Path | None, typer.Option(help="Write one CSV row a scan here.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw map, truth and answers into this PNG.")] = None,
+    timeout_s: TimeoutS = 30.0,
+) -> None:
+    """Measure success, false accepts and time over scans with known poses."""
+    from ..answerer import answerer
+    from ..evaluate import report_of
+    from ..poses_csv import read_poses_csv
+
+    rows = read_poses_csv(poses)
+    asked = None if url or zenoh else store
+    with answerer(map_id, url=url, zenoh=zenoh, store=asked, timeout_s=timeout_s) as ask:
+        outcomes, scans = _outcomes(rows, ask, random_yaw)
+    report = report_of(outcomes)
+    typer.echo("\n".join(_lines(report, outcomes)))
+    if json_file is not None:
+        json_file.write_text(json.dumps(report, indent=1) + "\n")
+    if details is not None:
+        _write_details(details, outcomes)
+    if plot is not None:
+        _draw(plot, map_id, store, outcomes, scans, report)
+
+
+def _outcomes(
+    rows: list[PosedScan], ask: Answerer, seed: int | None
+) -> tuple[list[Outcome], dict[str, Scan]]:
+    """Every query's outcome, and the scans that a picture may need."""
+    from rich.console import Console
+    from rich.progress import track
+
+    from firstfix.decode import read_scan_file
+    from firstfix.options import LocalizeOptions
+
+    from ..evaluate import outcome_of, random_yaws, turned
+
+    outcomes: list[Outcome] = []
+    scans: dict[str, Scan] = {}
+    yaws = random_yaws(len(rows), seed)
+    steps = track(
+        list(zip(rows, yaws, strict=True)), "localize", console=Console(stderr=True), transient=True
+    )
+    for row, yaw in steps:
+        scan, T_map_sensor = turned(read_scan_file(row.path), row.T_map_sensor, float(yaw))
+        started = time.perf_counter()
+        answer = ask(scan, LocalizeOptions())
+        ms = (time.perf_counter() - started) * 1000
+        outcomes.append(outcome_of(str(row.path), T_map_sensor, answer, ms))
+        if len(scans) < PICTURED_SCANS:
+            scans[str(row.path)] = scan
+    return outcomes, scans
+
+
+def _lines(report: dict[str, Any], outcomes: list[Outcome]) -> list[str]:
+    from ..evaluate import angle_shares
+
+    verdicts = ", ".join(f"{count} {name}" for name, count in report["verdicts"].items())
+    success = ", ".join(f"{report[key]:.1%} within {key[8:]}" for key in report if key.startswith("success_"))
+    angles = ", ".join(f"{share:.1%} within {limit}" for limit, share in angle_shares(outcomes).items())
+    median = "no localized scan has a true pose"
+    if report["median_error_m"] is not None:
+        median = f"{report['median_error_m']:.3f} m, {report['median_error_deg']:.2f} deg"
+    return [
+        f"{report['n']} scans: {verdicts}",
+        f"  position (yaw within 5 deg)  {success}",
+        f"  yaw (position within 1 m)    {angles}",
+        f"  median error                 {median}",
+        f"  false among localized        {report['false_accept_rate']:.1%}",
+        f"  ms                           {', '.join(f'{k} {v:.0f}' for k, v in report['ms'].items())}",
+    ]
+
+
+def _write_details(path: Path, outcomes: list[Outcome]) -> None:
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(
+            ["scan", "verdict", "reasons", "probability", "error_m", "error_deg", "yaw_error_deg", "ms"]
+        )
+        for o in outcomes:
+            reasons = "+".join(reason.value for reason in o.answer.reasons)
+            numbers = [o.answer.probability, o.error_m, o.error_deg, o.yaw_error_deg, o.ms]
+            writer.writerow([o.name, o.answer.verdict.value, reasons, *(f"{v:.4f}" for v in numbers)])
+
+
+def _draw(
+    path: Path,
+    map_id: str,
+    store: str | None,
+    outcomes: list[Outcome],
+    scans: dict[str, Scan],
+    report: dict[str, Any],
+) -> None:
+    from ..answerer import fetch_active_version
+    from ..plot import MapPicture, draw
+
+    picture = None
+    if store is not None:
+        used = next((o.answer.map_version for o in outcomes if o.answer.map_version), None)
+        picture = MapPicture.load(fetch_active_version(store, map_id, used)[1])
+    draw(path, map_id, picture, outcomes, scans, report)
+    typer.echo(f"  picture                      {path}")

@@ -1,0 +1,86 @@
+"""``firstfix maps``: what there is, and which version answers."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any
+
+import typer
+
+from ..arguments import AsJson, Store, Url
+
+app = typer.Typer(help="List, inspect and switch maps, of a service or of a store.", no_args_is_help=True)
+
+MapArgument = Annotated[str, typer.Argument(metavar="MAP", help="Id of the map.")]
+
+
+@app.command("ls")
+def list_maps(url: Url = None, store: Store = None, as_json: AsJson = False) -> None:
+    """List the maps and their active versions."""
+    from ..map_admin import map_admin
+
+    with map_admin(url, store) as admin:
+        maps = admin.maps()
+    if as_json:
+        typer.echo(json.dumps({"maps": maps}))
+        return
+    for entry in maps:
+        typer.echo(f"{entry['map_id']:24} {entry['active_version'] or 'no active version'}")
+
+
+@app.command()
+def show(map_id: MapArgument, url: Url = None, store: Store = None, as_json: AsJson = False) -> None:
+    """Show a map: its active version, sizes and self-test."""
+    from ..map_admin import map_admin
+
+    with map_admin(url, store) as admin:
+        details = admin.show(map_id)
+    if as_json:
+        typer.echo(json.dumps(details))
+    else:
+        typer.echo("\n".join(_lines(details)))
+
+
+@app.command()
+def versions(map_id: MapArgument, url: Url = None, store: Store = None, as_json: AsJson = False) -> None:
+    """List a map's versions, newest first; the active one is marked."""
+    from ..map_admin import map_admin
+
+    with map_admin(url, store) as admin:
+        found = admin.versions(map_id)
+    if as_json:
+        typer.echo(json.dumps({"versions": found}))
+        return
+    for entry in found:
+        mark = "*" if entry["active"] else " "
+        typer.echo(f"{mark} {entry['version']}  {entry['published_time']}")
+
+
+@app.command()
+def activate(
+    map_id: MapArgument,
+    version: Annotated[str, typer.Argument(help="Version, or at least its first 8 characters.")],
+    url: Url = None,
+    store: Store = None,
+) -> None:
+    """Let another version answer from now on: back or forward."""
+    from ..map_admin import map_admin
+    from ..versions import full_version
+
+    with map_admin(url, store) as admin:
+        chosen = full_version(version, (entry["version"] for entry in admin.versions(map_id)))
+        admin.activate(map_id, chosen)
+    typer.echo(f"{map_id}: version {chosen} is active")
+
+
+def _lines(value: dict[str, Any], indent: str = "") -> list[str]:
+    """Nested values as indented lines; long lists by their length."""
+    lines = []
+    for name, item in value.items():
+        if isinstance(item, dict) and item:
+            lines += [f"{indent}{name}:", *_lines(item, indent + "  ")]
+        elif isinstance(item, list) and len(item) > 8:
+            lines.append(f"{indent}{name}: {len(item)} values")
+        else:
+            lines.append(f"{indent}{name}: {item}")
+    return lines

@@ -1,0 +1,119 @@
+"""How good the answers are: pure functions from answers and truth to the figures of an evaluation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firstfix.localization import Localization, Verdict
+from firstfix.scan import Scan
+from firstfix.transform import (
+    Matrix,
+    inverse,
+    make_transform,
+    pose_error,
+    quaternion_of,
+    rotation_z,
+)
+
+SUCCESS_M = (0.05, 0.2, 0.5, 1.0)
+SUCCESS_YAW_DEG = 5.0
+ANGLES_DEG = (1.0, 2.0, 5.0)
+FALSE_M, FALSE_DEG = 1.0, 10.0  # an accepted pose further off than this is a false accept
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One query of an evaluation.
+
+    Attributes:
+        name: of the scan.
+        T_map_sensor: (4, 4) truth, or None: the scan is not of this map.
+        answer: what came back.
+        ms: from having the scan to having the answer, as the asker sees it.
+        error_m: distance of the answered pose from the truth; inf without either.
+        error_deg: angle of the whole rotation between them; inf without either.
+        yaw_error_deg: its part about the map's vertical.
+    """
+
+    name: str
+    T_map_sensor: Matrix | None
+    answer: Localization
+    ms: float
+    error_m: float
+    error_deg: float
+    yaw_error_deg: float
+
+    @property
+    def is_accepted(self) -> bool:
+        return self.answer.verdict is Verdict.LOCALIZED
+
+    @property
+    def is_false_accept(self) -> bool:
+        """A confident wrong answer: the enemy."""
+        return self.is_accepted and not (self.error_m <= FALSE_M and self.error_deg <= FALSE_DEG)
+
+    def is_within(self, limit_m: float, yaw_deg: float = SUCCESS_YAW_DEG) -> bool:
+        return self.error_m <= limit_m and self.yaw_error_deg <= yaw_deg
+
+
+def outcome_of(name: str, T_map_sensor: Matrix | None, answer: Localization, ms: float) -> Outcome:
+    """Compares an answer with the truth."""
+    if T_map_sensor is None or answer.T_map_sensor is None:
+        return Outcome(name, T_map_sensor, answer, ms, np.inf, np.inf, np.inf)
+    error_m, error_deg = pose_error(T_map_sensor, answer.T_map_sensor)
+    # the twist about z of the rotation between them: free of the tilt's share
+    _, _, z, w = quaternion_of(answer.T_map_sensor @ inverse(T_map_sensor))
+    yaw_error_deg = abs(float(np.degrees(2 * np.arctan2(z, w))))
+    return Outcome(name, T_map_sensor, answer, ms, error_m, error_deg, yaw_error_deg)
+
+
+def report_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """The figures that ``--json`` writes.
+
+    success_*: share of the scans with a true pose that were localized within the distance, and within
+    5 degrees of yaw. median_*: over localized scans with a true pose, None without one.
+    false_accept_rate: among ``localized``, those off by over 1 m or 10 degrees or not of this map.
+    """
+    posed = [o for o in outcomes if o.T_map_sensor is not None]
+    accepted = [o for o in outcomes if o.is_accepted]
+    measured = [o for o in accepted if o.T_map_sensor is not None]
+    ms = [o.ms for o in outcomes]
+    return {
+        "n": len(outcomes),
+        **{f"success_{limit:g}m": _share([o.is_within(limit) for o in posed]) for limit in SUCCESS_M},
+        "median_error_m": float(np.median([o.error_m for o in measured])) if measured else None,
+        "median_error_deg": float(np.median([o.error_deg for o in measured])) if measured else None,
+        "false_accept_rate": _share([o.is_false_accept for o in accepted]),
+        "verdicts": {v.value: sum(o.answer.verdict is v for o in outcomes) for v in Verdict},
+        "ms": {f"p{q}": float(np.percentile(ms, q)) if ms else None for q in (50, 95, 99)},
+    }
+
+
+def angle_shares(outcomes: Sequence[Outcome]) -> dict[str, float]:
+    """Share of the scans with a true pose within 1 m and within 1, 2 and 5 degrees of yaw."""
+    posed = [o for o in outcomes if o.T_map_sensor is not None]
+    return {f"{limit:g}deg": _share([o.is_within(1.0, limit) for o in posed]) for limit in ANGLES_DEG}
+
+
+def turned(scan: Scan, T_map_sensor: Matrix | None, yaw_rad: float) -> tuple[Scan, Matrix | None]:
+    """The scan as a sensor mounted at another heading would have taken it, and that sensor's pose."""
+    T_turned_sensor = make_transform(rotation_z(yaw_rad), np.zeros(3))
+    points = (scan.points @ T_turned_sensor[:3, :3].T).astype(np.float32)
+    pose = None if T_map_sensor is None else T_map_sensor @ inverse(T_turned_sensor)
+    return Scan(points, scan.intensity, scan.stamp_s), pose
+
+
+def random_yaws(count: int, seed: int | None) -> NDArray[np.float64]:
+    """(count,) radians, the same for the same seed; zeros without one."""
+    if seed is None:
+        return np.zeros(count)
+    return np.random.default_rng(seed).uniform(-np.pi, np.pi, count)
+
+
+def _share(flags: Sequence[bool]) -> float:
+    return float(np.mean(flags)) if flags else 0.0

@@ -1,0 +1,48 @@
+"""The entry point ``firstfix``: one table of commands, one place where errors become a line and a code.
+
+Exit codes: 0 done (``localize``: localized), 2 bad usage, bad input or no answer, 3 ambiguous, 4 rejected.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+from firstfix.errors import FirstfixError
+
+from .commands import build, evaluate, localize, maps, world
+
+ERROR_EXIT_CODE = 2
+
+app = typer.Typer(
+    name="firstfix",
+    help="The first fix for LiDAR robots: one scan in, the pose in the map out, over the network.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+app.command()(world.world)
+app.command()(build.build)
+app.command()(localize.localize)
+app.command()(evaluate.evaluate)
+app.add_typer(maps.app, name="maps")
+
+
+def run(arguments: list[str] | None = None) -> None:
+    """Runs the command line. What went wrong is one line on standard error, never a traceback.
+
+    Raises:
+        SystemExit: always, with the exit code.
+    """
+    try:
+        app(arguments)
+    # ConnectionError: no service; ModuleNotFoundError: an extra that is not installed
+    except (FirstfixError, ConnectionError, ModuleNotFoundError) as error:
+        print(f"firstfix: {error}", file=sys.stderr)
+        raise SystemExit(ERROR_EXIT_CODE) from None
+
+
+if __name__ == "__main__":
+    run()

@@ -1,0 +1,100 @@
+"""Maps and versions behind one face, whether a service or the store itself is asked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any, Protocol
+
+from firstfix.errors import InvalidOption, NotFound
+
+from .arguments import client_of
+
+if TYPE_CHECKING:
+    from firstfix.catalog import Catalog
+    from firstfix_client import Client
+
+Record = dict[str, Any]
+
+
+class MapAdmin(Protocol):
+    """What ``firstfix maps`` needs. Records are JSON-ready."""
+
+    def maps(self) -> list[Record]: ...
+
+    def show(self, map_id: str) -> Record: ...
+
+    def versions(self, map_id: str) -> list[Record]: ...
+
+    def activate(self, map_id: str, version: str) -> None: ...
+
+
+@contextmanager
+def map_admin(url: str | None, store: str | None) -> Iterator[MapAdmin]:
+    """The service's maps, or with ``store`` the store's.
+
+    Raises:
+        InvalidOption: both are given.
+    """
+    if url is not None and store is not None:
+        raise InvalidOption("give one of --url and --store")
+    if store is None:
+        with client_of(url) as client:
+            yield _ServiceMaps(client)
+        return
+    from firstfix.catalog import Catalog
+    from firstfix.store import Store
+
+    yield _StoreMaps(Catalog(Store.open(store)))
+
+
+class _ServiceMaps:
+    def __init__(self, client: Client) -> None:
+        self._client = client
+
+    def maps(self) -> list[Record]:
+        return [dict(entry.details) for entry in self._client.maps()]
+
+    def show(self, map_id: str) -> Record:
+        return dict(self._client.show_map(map_id).details)
+
+    def versions(self, map_id: str) -> list[Record]:
+        return [dict(entry.details) for entry in self._client.versions(map_id)]
+
+    def activate(self, map_id: str, version: str) -> None:
+        self._client.activate(map_id, version)
+
+
+class _StoreMaps:
+    def __init__(self, catalog: Catalog) -> None:
+        self._catalog = catalog
+
+    def maps(self) -> list[Record]:
+        return [self._record(map_id) for map_id in self._catalog.map_ids()]
+
+    def show(self, map_id: str) -> Record:
+        if not self._catalog.state(map_id).entries:
+            raise NotFound(f"no map {map_id}")
+        record = self._record(map_id)
+        active = record["active_version"]
+        if active is None:
+            return record
+        manifest = self._catalog.manifest(map_id, active)
+        return record | {
+            "counts": dict(manifest.counts),
+            "bytes": manifest.total_bytes,
+            "sensor": manifest.sensor.get("name"),
+            "origin": list(manifest.origin),
+            "bounds": [list(corner) for corner in manifest.bounds],
+            "self_test": dict(manifest.self_test),
+        }
+
+    def versions(self, map_id: str) -> list[Record]:
+        return [asdict(entry) for entry in self._catalog.versions(map_id)]
+
+    def activate(self, map_id: str, version: str) -> None:
+        self._catalog.activate(map_id, version)
+
+    def _record(self, map_id: str) -> Record:
+        return {"map_id": map_id, "active_version": self._catalog.active_version(map_id)}

@@ -1,0 +1,215 @@
+"""The picture of an evaluation: the map from above, truth and answers, and scans laid over the map."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firstfix.scan import Scan
+from firstfix.transform import Matrix, transform_points
+
+from .evaluate import Outcome
+
+MAX_MAP_POINTS = 600_000
+MAX_SCAN_POINTS = 20_000
+CLOSE_UPS = 3
+ABOVE_SENSOR_M = 0.7  # higher points are ceilings, roofs and crowns: they would hide what lies below
+RIGHT, OFF, WRONG, NONE = "#1a9850", "#f28e2b", "#d73027", "#7f7f7f"
+
+
+@dataclass(frozen=True)
+class MapPicture:
+    """What is drawn of a map version, in the map's frame.
+
+    Attributes:
+        points: (n, 3) metres.
+        templates: (m, 3) positions.
+    """
+
+    points: NDArray[np.float64]
+    templates: NDArray[np.float64]
+
+    @classmethod
+    def load(cls, directory: Path) -> MapPicture:
+        """From a version's folder: only the files that a picture needs."""
+        from firstfix.map_index import ENGINE_FILE, MAP_FILE
+
+        flat = json.loads((directory / ENGINE_FILE).read_text())["T_map_level"]
+        T_map_level = np.asarray(flat, np.float64).reshape(4, 4)
+        points = np.load(directory / MAP_FILE, mmap_mode="r")
+        thinned = points[:: max(1, len(points) // MAX_MAP_POINTS)]
+        return cls(
+            transform_points(T_map_level, thinned),
+            transform_points(T_map_level, np.load(directory / "position_m.npy")),
+        )
+
+    def below_ceilings(self) -> NDArray[np.float64]:
+        """(k, 3) points up to a little over the sensor's height at the nearest template, lowest first."""
+        from scipy.spatial import cKDTree
+
+        _, nearest = cKDTree(self.templates[:, :2]).query(self.points[:, :2])
+        shown = self.points[self.points[:, 2] < self.templates[nearest, 2] + ABOVE_SENSOR_M]
+        return shown[np.argsort(shown[:, 2], kind="stable")]
+
+
+def draw(
+    path: Path,
+    map_id: str,
+    picture: MapPicture | None,
+    outcomes: Sequence[Outcome],
+    scans: Mapping[str, Scan],
+    report: Mapping[str, Any],
+) -> None:
+    """Writes the PNG.
+
+    Args:
+        picture: of the map; None draws truth and answers alone.
+        scans: by an outcome's name; the best to judge by are laid over the map.
+        report: of ``evaluate.report_of``, for the title.
+
+    Raises:
+        ModuleNotFoundError: matplotlib is not installed.
+    """
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            "--plot needs the extra: pip install 'firstfix[builder]'", name=error.name
+        ) from None
+    chosen = _close_ups([o for o in outcomes if o.name in scans])
+    figure = Figure(figsize=(15 if chosen else 10, 10), dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
+    grid = figure.add_gridspec(max(1, len(chosen)), 2, width_ratios=(2, 1)) if chosen else None
+    axes = figure.add_subplot(grid[:, 0] if grid is not None else 111)
+    _draw_overview(axes, picture, outcomes)
+    if grid is not None:
+        for row, outcome in enumerate(chosen):
+            _draw_close_up(figure.add_subplot(grid[row, 1]), picture, outcome, scans[outcome.name])
+    figure.suptitle(_title(map_id, report), fontsize=13)
+    figure.savefig(path, metadata={"Software": None})
+
+
+def _draw_overview(axes: Any, picture: MapPicture | None, outcomes: Sequence[Outcome]) -> None:
+    if picture is not None:
+        _scatter_heights(axes, picture.below_ceilings(), size=0.25)
+        axes.scatter(
+            *picture.templates[:, :2].T, s=1.2, c="black", alpha=0.18, lw=0, label="templates", zorder=2
+        )
+    arrow_m = _arrow_m(picture, outcomes)
+    for outcome in outcomes:
+        truth, answer = outcome.T_map_sensor, outcome.answer.T_map_sensor
+        colour = _colour(outcome)
+        if truth is not None:
+            axes.plot(*truth[:2, 3], "o", ms=11, mfc="none", mec="black", mew=1.2, zorder=5)
+            _heading(axes, truth, arrow_m, "black", 1.2)
+        if answer is not None:
+            axes.plot(
+                *answer[:2, 3], "o" if truth is not None else "*", ms=6, c=colour, mec="white", zorder=6
+            )
+            _heading(axes, answer, arrow_m, colour, 2.0)
+        elif truth is not None:
+            axes.plot(*truth[:2, 3], "x", ms=8, c=colour, mew=2, zorder=6)
+        if truth is not None and answer is not None:
+            axes.plot(*np.stack([truth[:2, 3], answer[:2, 3]]).T, "-", c=colour, lw=1.5, zorder=4)
+    for marker, colour, text in (
+        ("o", "none", "truth (line: heading)"),
+        ("o", RIGHT, "within 0.2 m and 5 deg"),
+        ("o", OFF, "within 1 m and 10 deg"),
+        ("o", WRONG, "localized, but wrong"),
+        ("x", NONE, "not localized"),
+        ("*", WRONG, "localized, but not in this map"),
+    ):
+        edge = "black" if colour == "none" else colour
+        axes.plot([], [], marker, c=edge, mfc=colour, label=text, ls="none")
+    axes.set_aspect("equal")
+    axes.set_xlabel("x (m)")
+    axes.set_ylabel("y (m)")
+    axes.legend(loc="upper left", fontsize=8, framealpha=0.9)
+
+
+def _draw_close_up(axes: Any, picture: MapPicture | None, outcome: Outcome, scan: Scan) -> None:
+    """The scan at the answered pose, in a slice of the map around the sensor's height."""
+    T_map_sensor = outcome.answer.T_map_sensor
+    assert T_map_sensor is not None
+    points = transform_points(T_map_sensor, scan.points[:: max(1, len(scan) // MAX_SCAN_POINTS)])
+    centre = T_map_sensor[:3, 3]
+    reach = float(np.clip(np.percentile(np.abs(points[:, :2] - centre[:2]).max(axis=1), 90), 6, 40))
+    if picture is not None:
+        near = picture.points[(np.abs(picture.points[:, :2] - centre[:2]) < reach).all(axis=1)]
+        walls = near[np.abs(near[:, 2] - centre[2]) < ABOVE_SENSOR_M]
+        axes.scatter(*walls[:, :2].T, s=2.5, c="0.55", lw=0, label="map at the sensor's height")
+    shown = points[np.abs(points[:, 2] - centre[2]) < ABOVE_SENSOR_M]
+    axes.scatter(*shown[:, :2].T, s=1.0, c=_colour(outcome), lw=0, label="scan at the answered pose")
+    if outcome.T_map_sensor is not None:
+        truth = outcome.T_map_sensor
+        axes.plot(*truth[:2, 3], "o", ms=9, mfc="none", mec="black", mew=1.2)
+        _heading(axes, truth, reach / 6, "black", 1.2)
+    axes.plot(*centre[:2], "o", ms=5, c=_colour(outcome), mec="white")
+    axes.set_xlim(centre[0] - reach, centre[0] + reach)
+    axes.set_ylim(centre[1] - reach, centre[1] + reach)
+    axes.set_aspect("equal")
+    error = "not in this map"
+    if outcome.T_map_sensor is not None:
+        error = f"{outcome.error_m * 100:.1f} cm, {outcome.error_deg:.2f} deg off"
+    axes.set_title(f"{Path(outcome.name).name}: {error}", fontsize=9)
+    axes.legend(loc="lower right", fontsize=7, markerscale=4)
+
+
+def _close_ups(outcomes: Sequence[Outcome]) -> list[Outcome]:
+    """Localized ones to judge by: false accepts first, else the best, the middle and the worst."""
+    accepted = sorted((o for o in outcomes if o.is_accepted), key=lambda o: o.error_m)
+    wrong = [o for o in accepted if o.is_false_accept][-CLOSE_UPS:]
+    right = [o for o in accepted if not o.is_false_accept]
+    places = np.unique(np.linspace(0, len(right) - 1, CLOSE_UPS - len(wrong)).round().astype(int))
+    return [*(right[place] for place in places if right), *wrong]
+
+
+def _scatter_heights(axes: Any, points: NDArray[np.float64], size: float) -> None:
+    if len(points) == 0:
+        return
+    low, high = np.percentile(points[:, 2], [2, 98])
+    drawn = axes.scatter(
+        *points[:, :2].T, c=points[:, 2], s=size, cmap="viridis", vmin=low, vmax=high, lw=0, zorder=1
+    )
+    axes.figure.colorbar(drawn, ax=axes, label="z (m)", shrink=0.5, pad=0.01)
+
+
+def _heading(axes: Any, T: Matrix, length_m: float, colour: str, width: float) -> None:
+    start, end = T[:2, 3], T[:2, 3] + T[:2, 0] * length_m
+    axes.plot([start[0], end[0]], [start[1], end[1]], "-", c=colour, lw=width, zorder=5)
+
+
+def _arrow_m(picture: MapPicture | None, outcomes: Sequence[Outcome]) -> float:
+    """A length that can be seen at the picture's scale."""
+    if picture is not None:
+        shown = picture.points[:, :2]
+    else:
+        poses = [T for o in outcomes for T in (o.T_map_sensor, o.answer.T_map_sensor) if T is not None]
+        shown = np.array([T[:2, 3] for T in poses]).reshape(-1, 2)
+    return max(1.0, float(np.ptp(shown, axis=0).max()) / 30) if len(shown) else 1.0
+
+
+def _colour(outcome: Outcome) -> str:
+    if not outcome.is_accepted:
+        return NONE
+    if outcome.is_false_accept:
+        return WRONG
+    return RIGHT if outcome.is_within(0.2) else OFF
+
+
+def _title(map_id: str, report: Mapping[str, Any]) -> str:
+    verdicts = ", ".join(f"{count} {name}" for name, count in report["verdicts"].items())
+    success = ", ".join(f"{report[f'success_{m}m']:.0%} within {m} m" for m in ("0.05", "0.2", "1"))
+    median = report["median_error_m"]
+    middle = "" if median is None else f"; median {median * 100:.1f} cm, {report['median_error_deg']:.2f} deg"
+    return (
+        f"{map_id}: {report['n']} scans, {verdicts}\n{success}{middle}; "
+        f"{report['false_accept_rate']:.0%} false among localized"
+    )

@@ -1,0 +1,76 @@
+"""POSES.csv: scans and where they were taken."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firstfix.errors import MalformedData, NotFound
+from firstfix.transform import from_quaternion
+
+POSE_COLUMNS = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
+
+
+@dataclass(frozen=True)
+class PosedScan:
+    """One row.
+
+    Attributes:
+        path: of the scan file.
+        T_map_sensor: (4, 4), or None: the scan was not taken in this map.
+    """
+
+    path: Path
+    T_map_sensor: NDArray[np.float64] | None
+
+
+def read_poses_csv(path: Path) -> list[PosedScan]:
+    """Reads columns ``scan`` (path from the CSV) and ``tx,ty,tz,qx,qy,qz,qw``; others are ignored.
+
+    Raises:
+        NotFound: no such file.
+        MalformedData: a column is missing, a pose is half empty or no pose, or there is no row.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (FileNotFoundError, IsADirectoryError):
+        raise NotFound(f"{path}: no such file") from None
+    except UnicodeDecodeError:
+        raise MalformedData(f"{path}: no CSV text") from None
+    reader = csv.DictReader(text.splitlines(), skipinitialspace=True)
+    missing = [name for name in ("scan", *POSE_COLUMNS) if name not in (reader.fieldnames or ())]
+    if missing:
+        raise MalformedData(f"{path}: the first line names no column {', '.join(missing)}")
+    rows = []
+    for row in reader:
+        try:
+            rows.append(PosedScan(path.parent / _scan_of(row), _pose_of(row)))
+        except ValueError as error:
+            raise MalformedData(f"{path}, line {reader.line_num}: {error}") from None
+    if not rows:
+        raise MalformedData(f"{path}: no scans")
+    return rows
+
+
+def _scan_of(row: dict[str, str]) -> str:
+    name = (row["scan"] or "").strip()
+    if not name:
+        raise ValueError("the scan has no path")
+    return name
+
+
+def _pose_of(row: dict[str, str]) -> NDArray[np.float64] | None:
+    texts = [(row[name] or "").strip() for name in POSE_COLUMNS]
+    if not any(texts):
+        return None
+    try:
+        numbers = [float(text) for text in texts]
+    except ValueError:
+        raise ValueError(f"a pose is seven numbers or nothing, not {','.join(texts)}") from None
+    if not np.isfinite(numbers).all():
+        raise ValueError(f"the pose {','.join(texts)} is not finite")
+    return from_quaternion(numbers[:3], numbers[3:])
