@@ -190,7 +190,8 @@ def _path(storeys: list[Storey], length: float) -> NDArray[np.float64]:
         corners += [(x, middle_y + y, z) for x, y in ((1.7, 0.4), (1.2, 0.4), (1.2, -0.4))]
         for room in east:
             corners += tour(room, middle_y - LANE_M)
-        corners += [(length - 1.0, middle_y - 0.4, z), (length - 1.0, middle_y + 0.4, z)]
+        ease = [(1.5, -LANE_M), (0.9, -0.4), (0.9, 0.4), (1.5, LANE_M)]  # wider only at the very end
+        corners += [(length - x, middle_y + y, z) for x, y in ease]
         for room in west:
             corners += tour(room, middle_y + LANE_M)
         return [*corners, (door_x, middle_y, z)]
