@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -20,9 +21,12 @@ from firstfix_builder.worlds.drive import drive
 from firstfix_builder.worlds.make_world import QUERIES, _place
 
 
-@pytest.fixture(scope="module", params=NAMES)
+made = cache(make_world)  # seconds each
+
+
+@pytest.fixture(params=NAMES)
 def world(request: pytest.FixtureRequest) -> World:
-    return make_world(request.param)
+    return made(request.param)
 
 
 def known(world: World) -> list[tuple[np.ndarray, np.ndarray]]:
