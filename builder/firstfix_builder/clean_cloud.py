@@ -1,0 +1,84 @@
+"""The first stage: a map cloud without stray points, no denser than it has to be."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+from scipy.spatial import cKDTree
+
+from firstfix.errors import BuildFailed
+
+SPACING_SAMPLES = 50_000
+VOXEL_GROWTH = 1.25
+
+
+class CleanConfig(BaseModel):
+    """Attributes:
+    voxel_m: points of one voxel become their mean; None keeps every point.
+    max_points: the voxel grows until the cloud is below this: what bounds the time of a build.
+    radius_spacings: the neighbourhood of a point, in point spacings.
+    min_neighbours: a point with fewer neighbours there is a stray; 0 keeps all.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    voxel_m: float | None = Field(0.08, gt=0, le=10)
+    max_points: int = Field(4_000_000, ge=1_000)
+    radius_spacings: float = Field(4.0, gt=0, le=100)
+    min_neighbours: int = Field(3, ge=0, le=100)
+
+
+def clean_cloud(points: NDArray[np.float64], config: CleanConfig) -> NDArray[np.float64]:
+    """(n, 3) metres to (m, 3), m <= n, in an order that depends on the points alone.
+
+    Raises:
+        BuildFailed: nothing is left.
+    """
+    cloud = points[np.isfinite(points).all(axis=1)]
+    if config.voxel_m is not None:
+        cloud = voxel_means(cloud, config.voxel_m)
+    voxel_m = config.voxel_m or 0.0
+    while len(cloud) > config.max_points:
+        voxel_m = max(voxel_m * VOXEL_GROWTH, point_spacing_m(cloud))
+        cloud = voxel_means(cloud, voxel_m)
+    if config.min_neighbours and len(cloud) > config.min_neighbours:
+        cloud = without_strays(cloud, config.radius_spacings * point_spacing_m(cloud), config.min_neighbours)
+    if len(cloud) == 0:
+        raise BuildFailed("no point of the map is left after cleaning")
+    return cloud
+
+
+def voxel_means(points: NDArray[np.float64], voxel_m: float) -> NDArray[np.float64]:
+    """The mean of the points in every occupied voxel, voxels in x-y-z order."""
+    if len(points) == 0:
+        return points
+    cell = np.floor(points / voxel_m).astype(np.int64)
+    cell -= cell.min(axis=0)
+    size = cell.max(axis=0) + 1
+    if float(size[0]) * float(size[1]) * float(size[2]) >= 2**62:
+        raise BuildFailed(f"the map is too large for voxels of {voxel_m} m")
+    key = (cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2]
+    _, voxel, count = np.unique(key, return_inverse=True, return_counts=True)
+    sums = np.stack([np.bincount(voxel, weights=points[:, axis]) for axis in range(3)], axis=1)
+    means: NDArray[np.float64] = sums / count[:, None]
+    return means
+
+
+def without_strays(points: NDArray[np.float64], radius_m: float, min_neighbours: int) -> NDArray[np.float64]:
+    """The points with at least so many others within the radius."""
+    # the k-th neighbour's distance, not a count: its cost does not grow with the density
+    distance, _ = cKDTree(points).query(points, k=[min_neighbours + 1], distance_upper_bound=radius_m)
+    return points[np.isfinite(distance[:, 0])]
+
+
+def point_spacing_m(points: NDArray[np.float64]) -> float:
+    """Median distance from a point to its nearest neighbour, from an even sample of the points."""
+    if len(points) < 2:
+        raise BuildFailed("a map of less than two points")
+    step = -(-len(points) // SPACING_SAMPLES)
+    nearest = cKDTree(points).query(points[::step], k=2)[0][:, 1]
+    nearest = nearest[nearest > 0]
+    if len(nearest) == 0:
+        raise BuildFailed("the points of the map coincide")
+    return float(np.median(nearest))

@@ -1,0 +1,56 @@
+"""A triangle mesh, as it goes from stage to stage."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Attributes:
+    vertices: (v, 3) float64, metres, map frame.
+    triangles: (t, 3) int64 indices, counter-clockwise as seen from free space where that is known.
+    """
+
+    vertices: NDArray[np.float64]
+    triangles: NDArray[np.int64]
+
+    @classmethod
+    def empty(cls) -> Mesh:
+        return cls(np.zeros((0, 3)), np.zeros((0, 3), np.int64))
+
+    @classmethod
+    def joined(cls, meshes: Iterable[Mesh]) -> Mesh:
+        """The meshes side by side, in their order."""
+        parts = [mesh for mesh in meshes if len(mesh.triangles)]
+        if not parts:
+            return cls.empty()
+        shift = np.cumsum([0] + [len(mesh.vertices) for mesh in parts[:-1]])
+        triangles = [mesh.triangles + start for mesh, start in zip(parts, shift, strict=True)]
+        return cls(np.concatenate([mesh.vertices for mesh in parts]), np.concatenate(triangles))
+
+    def with_triangles(self, keep: NDArray[np.bool_]) -> Mesh:
+        """The mesh of the (t,) kept triangles, without the vertices nobody uses any more."""
+        triangles = self.triangles[keep]
+        used = np.zeros(len(self.vertices), bool)
+        used[triangles] = True
+        number = np.cumsum(used) - 1
+        return Mesh(self.vertices[used], number[triangles])
+
+    def save(self, directory: Path) -> None:
+        """vertices.npy and triangles.npy: the same mesh gives the same bytes."""
+        directory.mkdir(parents=True, exist_ok=True)
+        np.save(directory / "vertices.npy", self.vertices, allow_pickle=False)
+        np.save(directory / "triangles.npy", self.triangles, allow_pickle=False)
+
+    @classmethod
+    def load(cls, directory: Path) -> Mesh:
+        return cls(
+            np.load(directory / "vertices.npy", allow_pickle=False),
+            np.load(directory / "triangles.npy", allow_pickle=False),
+        )

@@ -1,0 +1,136 @@
+"""Normals of a map cloud, turned towards where the scanner was.
+
+A Poisson surface needs to know which side of every point is free. A scanner saw the point, so the
+free side is the scanner's, and the scanner most likely stood at the nearest place of the trajectory
+that is not hidden from the point by other points: through a floor slab or a wall the nearest place is
+the wrong one. Where no trajectory is known, places are made up that a scanner could have had: above
+flat patches with headroom.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import open3d as o3d
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+STOREY_M = 2.0  # places are looked up per slice of this height, so that a slab has candidates on both sides
+PER_STOREY = 3
+SIGHT_START_VOXELS = 1.5  # the point's own surface must not hide the scanner
+SIGHT_STEPS = 16  # what stands between a point and the wrong scanner place (a slab, a wall) stands close
+EYE_M = 1.2
+HEADROOM_M = 1.5
+FLAT_COSINE = 0.9
+
+
+def estimate_normals(points: NDArray[np.float64], radius_m: float, neighbours: int) -> NDArray[np.float64]:
+    """(n, 3) unit normals of unknown sign, each from the plane through its neighbours."""
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
+    cloud.estimate_normals(o3d.geometry.KDTreeSearchParamHybrid(radius_m, neighbours))
+    return np.asarray(cloud.normals).copy()
+
+
+def orient_normals(
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    places: NDArray[np.float64] | None,
+    voxel_m: float,
+) -> NDArray[np.float64]:
+    """The (n, 3) normals, each turned to the nearest scanner place in sight of its point.
+
+    Args:
+        places: (m, 3) where the scanner was, or None when that is unknown.
+        voxel_m: grain of the occupancy that decides what is in sight.
+    """
+    occupied = Occupancy(points, voxel_m)
+    if places is None or len(places) == 0:
+        places = likely_places(points, normals, occupied)
+    if len(places) == 0:  # nothing flat anywhere: up is the best guess left
+        return normals * np.where(normals[:, 2:] < 0, -1.0, 1.0)
+    candidates = _candidates(points, places)  # (n, k), nearest first
+    sign = np.sign(np.einsum("ni,ni->n", normals, places[candidates[:, 0]] - points))
+    open_points = np.arange(len(points))
+    for rank in range(candidates.shape[1]):
+        place = places[candidates[open_points, rank]]
+        towards = np.sign(np.einsum("ni,ni->n", normals[open_points], place - points[open_points]))
+        seen = occupied.in_sight(points[open_points], normals[open_points] * towards[:, None], place)
+        sign[open_points[seen]] = towards[seen]
+        open_points = open_points[~seen]
+        if len(open_points) == 0:
+            break
+    sign[sign == 0] = 1.0
+    oriented: NDArray[np.float64] = normals * sign[:, None]
+    return oriented
+
+
+def _candidates(points: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.int64]:
+    """(n, k) indices of the nearest places of every storey, nearest first."""
+    storey = np.floor((places[:, 2] - places[:, 2].min()) / STOREY_M).astype(np.int64)
+    found, distances = [], []
+    for level in np.unique(storey):
+        members = np.flatnonzero(storey == level)
+        k = min(PER_STOREY, len(members))
+        distance, index = cKDTree(places[members]).query(points, k=np.arange(1, k + 1))
+        found.append(members[index])
+        distances.append(distance)
+    all_found = np.concatenate(found, axis=1)
+    order = np.argsort(np.concatenate(distances, axis=1), axis=1, kind="stable")
+    return np.take_along_axis(all_found, order, axis=1)
+
+
+def likely_places(
+    points: NDArray[np.float64], normals: NDArray[np.float64], occupied: Occupancy
+) -> NDArray[np.float64]:
+    """(m, 3) places at eye height above flat patches, one a square metre, with free space overhead."""
+    flat = points[np.abs(normals[:, 2]) > FLAT_COSINE]
+    if len(flat) == 0:
+        return flat
+    cell = np.floor(flat).astype(np.int64)
+    _, first = np.unique(cell, axis=0, return_index=True)
+    foot = flat[np.sort(first)]
+    heights = np.arange(SIGHT_START_VOXELS * occupied.voxel_m, HEADROOM_M, occupied.voxel_m)
+    free = np.ones(len(foot), bool)
+    for height in heights:
+        free &= ~occupied.at(foot + [0.0, 0.0, height])
+    places: NDArray[np.float64] = foot[free] + [0.0, 0.0, EYE_M]
+    return places
+
+
+class Occupancy:
+    """Which voxels of a cloud hold a point."""
+
+    def __init__(self, points: NDArray[np.float64], voxel_m: float) -> None:
+        self.voxel_m = voxel_m
+        self._low = points.min(axis=0)
+        self._size = np.floor((points.max(axis=0) - self._low) / voxel_m).astype(np.int64) + 1
+        self._grid = np.zeros(int(np.prod(self._size)), bool)
+        self._grid[self._flat(np.floor((points - self._low) / voxel_m).astype(np.int64))] = True
+
+    def at(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """(n,) whether the voxel of a point is occupied; outside the cloud none is."""
+        cell = np.floor((points - self._low) / self.voxel_m).astype(np.int64)
+        inside = ((cell >= 0) & (cell < self._size)).all(axis=1)
+        hit = np.zeros(len(points), bool)
+        hit[inside] = self._grid[self._flat(cell[inside])]
+        return hit
+
+    def in_sight(
+        self, points: NDArray[np.float64], outwards: NDArray[np.float64], places: NDArray[np.float64]
+    ) -> NDArray[np.bool_]:
+        """(n,) whether nothing near the point hides it from its place."""
+        start = points + outwards * (SIGHT_START_VOXELS * self.voxel_m)
+        ray = places - start
+        length = np.linalg.norm(ray, axis=1)
+        ray /= np.maximum(length, 1e-9)[:, None]
+        clear = np.ones(len(points), bool)
+        for step in range(SIGHT_STEPS):
+            distance = step * self.voxel_m
+            ask = np.flatnonzero(clear & (distance < length - self.voxel_m))
+            if len(ask) == 0:
+                break
+            clear[ask] = ~self.at(start[ask] + ray[ask] * distance)
+        return clear
+
+    def _flat(self, cell: NDArray[np.int64]) -> NDArray[np.int64]:
+        flat: NDArray[np.int64] = (cell[:, 0] * self._size[1] + cell[:, 1]) * self._size[2] + cell[:, 2]
+        return flat
