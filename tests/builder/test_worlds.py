@@ -20,7 +20,6 @@ from firstfix_builder.worlds import NAMES, World, make_world, write_world
 from firstfix_builder.worlds.drive import drive
 from firstfix_builder.worlds.make_world import QUERIES, _place
 
-
 made = cache(make_world)  # seconds each
 
 
