@@ -33,8 +33,8 @@ RIGHT_M, RIGHT_DEG = 1.0, 10.0  # further off than this, a fix is a false one
 class SelfTestConfig(Stage):
     """How much is tested."""
 
-    queries: int = Field(120, ge=0, le=100_000)
-    outside: int = Field(40, ge=0, le=100_000)
+    queries: int = Field(80, ge=0, le=100_000)
+    outside: int = Field(30, ge=0, le=100_000)
     seed: int = 20
     disturb: DisturbConfig = DisturbConfig()
 

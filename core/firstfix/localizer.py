@@ -20,6 +20,8 @@ from .transform import Matrix, inverse, make_transform, rotation_z
 from .verdict import judge, same_place
 
 PLACES = 3  # that get the fine registration: the best, and rivals for the margin
+COMPARED_ITERATIONS = 6  # are enough to compare places
+PROMISING = 0.02  # probability before the last refinement, which adds a little overlap
 CONFIRMATIONS = 2  # candidates that settled at one spot: a further start beside it tells nothing new
 BESIDE_M = 2.0
 
@@ -100,14 +102,19 @@ class Localizer:
                 settled.append((candidate.template, cloud.settle(prepared.sparse, candidate.T_level_sensor)))
         settled.sort(key=lambda entry: -entry[1].closeness)
         places = [
-            (template, cloud.refine(prepared.sparse, place.T_level_sensor))
+            (template, cloud.refine(prepared.sparse, place.T_level_sensor, COMPARED_ITERATIONS))
             for template, place in _distinct(settled)[:PLACES]
         ]
         places = _distinct(sorted(places, key=lambda entry: -entry[1].closeness))
-        return [
-            (template, cloud.refine(prepared.cloud, place.T_level_sensor) if i == 0 else place)
-            for i, (template, place) in enumerate(places)
-        ]
+        if places and self._promising([place.overlap for _, place in places]):
+            template, best = places[0]
+            places[0] = (template, cloud.refine(prepared.cloud, best.T_level_sensor))
+        return places
+
+    def _promising(self, overlaps: list[float]) -> bool:
+        """Whether the best place may yet be accepted: all the points of a scan cost a tenth of a second."""
+        margin = overlaps[0] - max(overlaps[1:], default=0.0)
+        return self.index.calibration.probability(overlaps[0], margin) >= PROMISING
 
     def _verify(
         self, registered: list[tuple[int, Registration]], prepared: PreparedScan, options: LocalizeOptions

@@ -64,8 +64,10 @@ class MapCloud:
         )
         return self._measured(scan, result)
 
-    def refine(self, scan: small_gicp.PointCloud, T_level_sensor: Matrix) -> Registration:
-        """Fine registration from a settled pose."""
+    def refine(
+        self, scan: small_gicp.PointCloud, T_level_sensor: Matrix, max_iterations: int | None = None
+    ) -> Registration:
+        """Fine registration from a settled pose; ``max_iterations`` in place of the config's."""
         result = small_gicp.align(
             self._target,
             scan,
@@ -73,7 +75,7 @@ class MapCloud:
             init_T_target_source=T_level_sensor,
             registration_type="GICP",
             max_correspondence_distance=self.config.fine_distance_m,
-            max_iterations=self.config.fine_iterations,
+            max_iterations=max_iterations or self.config.fine_iterations,
         )
         return self._measured(scan, result)
 
