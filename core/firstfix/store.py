@@ -72,7 +72,11 @@ class Store:
         Raises:
             InvalidOption: the URL is of no known form, or a cloud's settings are incomplete.
         """
-        where = StoreUrl.parse(url)
+        return cls.open_at(StoreUrl.parse(url))
+
+    @classmethod
+    def open_at(cls, where: StoreUrl) -> Store:
+        """As ``open``, of a URL that was parsed before."""
         if where.scheme == "memory":
             return cls(MemoryStore())
         if where.scheme == "file":

@@ -1,0 +1,23 @@
+"""Worker processes that end with their parent, however it ended."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import threading
+from multiprocessing.connection import wait
+
+
+def die_with_parent() -> None:
+    """For ``ProcessPoolExecutor(initializer=...)``: after a kill -9 of the parent the pool's processes
+    would wait for work for ever, as each holds both ends of the pipe that the work comes by.
+    """
+    parent = multiprocessing.parent_process()
+    if parent is None:
+        return
+
+    def watch() -> None:
+        wait([parent.sentinel])
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True, name="die-with-parent").start()

@@ -1,0 +1,239 @@
+"""Runs one build from an object store to an object store, in a process of its own.
+
+    python -m firstfix_builder.worker --store URL --build ID --work DIR
+
+Ending at any moment, kill -9 included, costs only the stage under way: run again with the same folder
+it goes on, and what was published or recorded by then stays true. Exit codes: 0 succeeded, 1 failed
+(the status says why), 2 usage, 3 cancelled, 75 stopped or the store is out of reach: run it again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import errno
+import fcntl
+import logging
+import os
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, Protocol
+from urllib.parse import urlsplit
+
+from firstfix.build_records import new_status
+from firstfix.catalog import Catalog
+from firstfix.errors import (
+    BuildCancelled,
+    BuildFailed,
+    FirstfixError,
+    InvalidOption,
+    NotFound,
+    StoreError,
+    StoreUnavailable,
+)
+from firstfix.manifest import Manifest
+from firstfix.store import Store
+
+from .build_reporter import EXIT_CANCELLED, EXIT_TRY_AGAIN, BuildReporter
+from .fetch_source import DEFAULT_MAX_BYTES, SourcePolicy, fetch_source
+
+EXIT_SUCCEEDED, EXIT_FAILED, EXIT_USAGE = 0, 1, 2
+_EXIT_OF_STATE = {"succeeded": EXIT_SUCCEEDED, "failed": EXIT_FAILED, "cancelled": EXIT_CANCELLED}
+_log = logging.getLogger(__name__)
+
+
+class Built(Protocol):
+    """What a pipeline gives: ``firstfix_builder.pipeline.BuiltVersion``."""
+
+    @property
+    def directory(self) -> Path: ...
+
+    @property
+    def manifest(self) -> Manifest: ...
+
+
+class BuildVersion(Protocol):
+    """The pipeline's entry: ``firstfix_builder.pipeline.build_version`` with the config as JSON."""
+
+    def __call__(
+        self,
+        source: Path,
+        config: dict[str, Any],
+        work: Path,
+        *,
+        trajectory: Path | None,
+        progress: Callable[[str, float], None],
+        cancelled: Callable[[], bool],
+    ) -> Built: ...
+
+
+def run_build(
+    store_url: str,
+    build_id: str,
+    work: Path,
+    build_version: BuildVersion,
+    stages: Sequence[str],
+    *,
+    policy: SourcePolicy | None = None,
+    own_process: bool = False,
+) -> int:
+    """Runs the build to its end and records how it ended; a build that has ended is left alone.
+
+    Args:
+        work: holds sources and the stage cache; builds that share it run one after the other.
+        stages: names that ``build_version`` reports.
+        own_process: see ``BuildReporter``.
+
+    Returns:
+        the process's exit code.
+
+    Raises:
+        NotFound: no such build.
+        StoreUnavailable: the status may be stale.
+    """
+    catalog = Catalog(Store.open(store_url))
+    request = catalog.build_request(build_id)
+    map_id = str(request.get("map_id", ""))
+    with _alone_in(work):
+        state = catalog.build_status(build_id)["state"]
+        if state in _EXIT_OF_STATE:
+            return _EXIT_OF_STATE[state]
+        all_stages = ("fetch_source", *stages, "publish")
+        with BuildReporter(catalog, build_id, map_id, all_stages, own_process=own_process) as reporter:
+            try:
+                catalog.store.probe()
+                sources = _fetch_all(store_url, catalog, map_id, request, work / "sources", policy)
+                built = build_version(
+                    sources["source"],
+                    _mapping(request, "config"),
+                    work,
+                    trajectory=sources.get("trajectory"),
+                    progress=reporter.tick,
+                    cancelled=reporter.is_cancelled,
+                )
+                if reporter.is_cancelled():
+                    raise BuildCancelled("cancelled before it was published")
+                reporter.tick("publish", 0.0)
+                version = catalog.publish(map_id, built.directory, built.manifest, build_id=build_id)
+                status = new_status(
+                    "succeeded", map_id=map_id, stage="publish", progress=1.0, version=version
+                )
+            except StoreUnavailable:
+                with suppress(StoreError):  # not the build's fault: it is to be run again
+                    catalog.set_build_status(build_id, new_status("queued", map_id=map_id))
+                raise
+            except BuildCancelled:
+                status = new_status("cancelled", map_id=map_id, stage=reporter.stage)
+            except Exception as error:
+                _log.exception("build %s failed in %s", build_id, reporter.stage)
+                status = new_status(
+                    "failed", map_id=map_id, stage=reporter.stage, error=_described(error, work)
+                )
+        catalog.set_build_status(build_id, status)
+        shutil.rmtree(work / "sources", ignore_errors=True)
+        return _EXIT_OF_STATE[status["state"]]
+
+
+def _fetch_all(
+    store_url: str,
+    catalog: Catalog,
+    map_id: str,
+    request: Mapping[str, Any],
+    folder: Path,
+    policy: SourcePolicy | None,
+) -> dict[str, Path]:
+    """Local files of the source, and of the trajectory if the request has one."""
+    source, trajectory = _mapping(request, "source"), _mapping(request, "trajectory")
+    named = {"source": (source, str(request.get("file_name") or _ending_of(source)))}
+    if trajectory:
+        named["trajectory"] = (trajectory, str(trajectory.get("file_name") or _ending_of(trajectory)))
+    return {
+        role: fetch_source(store_url, catalog.store, map_id, where, file_name, folder, policy)
+        for role, (where, file_name) in named.items()
+    }
+
+
+def _ending_of(named: Mapping[str, Any]) -> str:
+    """A file name for what was named by URL only."""
+    return urlsplit(str(named.get("url", ""))).path.rsplit("/", 1)[-1]
+
+
+def _mapping(request: Mapping[str, Any], name: str) -> dict[str, Any]:
+    value = request.get(name) or {}
+    if not isinstance(value, dict):
+        raise InvalidOption(f"{name} of the request is no JSON object")
+    return value
+
+
+def _described(error: Exception, work: Path) -> dict[str, str]:
+    """Code and detail of a failure, for people who must not see this machine's paths."""
+    if isinstance(error, FirstfixError):
+        return {"code": error.code, "detail": str(error).replace(str(work), "work")[:1000]}
+    if isinstance(error, MemoryError):
+        return {"code": BuildFailed.code, "detail": "the worker ran out of memory"}
+    if isinstance(error, OSError) and error.errno == errno.ENOSPC:
+        return {"code": BuildFailed.code, "detail": "the worker's disk is full"}
+    return {"code": FirstfixError.code, "detail": f"{type(error).__name__}: see the worker's log"}
+
+
+@contextmanager
+def _alone_in(work: Path) -> Iterator[None]:
+    """Waits until no other build uses the folder: a pipeline's version stands at one place in it."""
+    work.mkdir(parents=True, exist_ok=True)
+    handle = os.open(work / "worker.lock", os.O_RDWR | os.O_CREAT, 0o644)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
+
+
+def _build_by_pipeline(source: Path, config: dict[str, Any], work: Path, **hooks: Any) -> Built:
+    from .config import BuildConfig
+    from .pipeline import build_version
+
+    return build_version(source, BuildConfig.parse(config), work, **hooks)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="firstfix_builder.worker", description="Runs one build.")
+    parser.add_argument("--store", required=True, metavar="URL", help="the store of maps and builds")
+    parser.add_argument("--build", required=True, metavar="ID", help="the build to run")
+    parser.add_argument("--work", required=True, type=Path, metavar="DIR", help="sources and stage cache")
+    parser.add_argument(
+        "--max-source-bytes", type=int, default=DEFAULT_MAX_BYTES, metavar="N", help="of one source file"
+    )
+    parser.add_argument(
+        "--source-root",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="DIR",
+        help="sources may be file:// URLs below it; may be repeated",
+    )
+    chosen = parser.parse_args(arguments)
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s %(message)s")
+    # Here, not above: it takes seconds, and a stop meanwhile leaves the build queued.
+    from .pipeline import STAGES
+
+    try:
+        return run_build(
+            chosen.store,
+            chosen.build,
+            chosen.work,
+            _build_by_pipeline,
+            STAGES,
+            policy=SourcePolicy(chosen.max_source_bytes, tuple(chosen.source_root)),
+            own_process=True,
+        )
+    except StoreUnavailable as error:
+        _log.error("build %s: %s", chosen.build, error)
+        return EXIT_TRY_AGAIN
+    except (InvalidOption, NotFound, StoreError) as error:
+        _log.error("build %s: %s", chosen.build, error)
+        return EXIT_USAGE
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
