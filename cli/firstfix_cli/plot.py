@@ -16,10 +16,11 @@ from firstfix.transform import Matrix, transform_points
 
 from .evaluate import Outcome
 
-MAX_MAP_POINTS = 600_000
+MAX_MAP_POINTS = 400_000
 MAX_SCAN_POINTS = 20_000
-CLOSE_UPS = 3
+CLOSE_UPS, WRONG_CLOSE_UPS = 3, 2
 ABOVE_SENSOR_M = 0.7  # higher points are ceilings, roofs and crowns: they would hide what lies below
+_PALE_TO_DARK = "YlGnBu"  # the floor stays behind what is drawn on it
 RIGHT, OFF, WRONG, NONE = "#1a9850", "#f28e2b", "#d73027", "#7f7f7f"
 
 
@@ -84,14 +85,19 @@ def draw(
             "--plot needs the extra: pip install 'firstfix[builder]'", name=error.name
         ) from None
     chosen = _close_ups([o for o in outcomes if o.name in scans])
-    figure = Figure(figsize=(15 if chosen else 10, 10), dpi=110, layout="constrained")
+    left, right = 10.0, 5.0 if chosen else 0.0  # inches
+    height = float(np.clip(left * _aspect(picture, outcomes), 0.7 * left, 1.4 * left)) + 1.5
+    figure = Figure(figsize=(left + right, height), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
-    grid = figure.add_gridspec(max(1, len(chosen)), 2, width_ratios=(2, 1)) if chosen else None
-    axes = figure.add_subplot(grid[:, 0] if grid is not None else 111)
-    _draw_overview(axes, picture, outcomes)
-    if grid is not None:
-        for row, outcome in enumerate(chosen):
-            _draw_close_up(figure.add_subplot(grid[row, 1]), picture, outcome, scans[outcome.name])
+    grid = figure.add_gridspec(
+        max(1, len(chosen)), 2 if chosen else 1, width_ratios=(2, 1)[: 1 + bool(chosen)]
+    )
+    _draw_overview(figure.add_subplot(grid[:, 0]), picture, outcomes)
+    for row, outcome in enumerate(chosen):
+        axes = figure.add_subplot(grid[row, 1])
+        _draw_close_up(axes, picture, outcome, scans[outcome.name])
+        if row == 0:
+            axes.legend(loc="lower right", fontsize=7, markerscale=4)
     figure.suptitle(_title(map_id, report), fontsize=13)
     figure.savefig(path, metadata={"Software": None})
 
@@ -99,20 +105,18 @@ def draw(
 def _draw_overview(axes: Any, picture: MapPicture | None, outcomes: Sequence[Outcome]) -> None:
     if picture is not None:
         _scatter_heights(axes, picture.below_ceilings(), size=0.25)
-        axes.scatter(
-            *picture.templates[:, :2].T, s=1.2, c="black", alpha=0.18, lw=0, label="templates", zorder=2
-        )
+        axes.scatter(*picture.templates[:, :2].T, s=2, c="black", alpha=0.25, lw=0, zorder=2)
+        axes.plot([], [], ".", c="0.6", ms=4, label="template")
     arrow_m = _arrow_m(picture, outcomes)
     for outcome in outcomes:
         truth, answer = outcome.T_map_sensor, outcome.answer.T_map_sensor
         colour = _colour(outcome)
         if truth is not None:
             axes.plot(*truth[:2, 3], "o", ms=11, mfc="none", mec="black", mew=1.2, zorder=5)
-            _heading(axes, truth, arrow_m, "black", 1.2)
+            _heading(axes, truth, 1.3 * arrow_m, "black", 1.0)
         if answer is not None:
-            axes.plot(
-                *answer[:2, 3], "o" if truth is not None else "*", ms=6, c=colour, mec="white", zorder=6
-            )
+            marker, size = ("o", 6) if truth is not None else ("*", 14)
+            axes.plot(*answer[:2, 3], marker, ms=size, c=colour, mec="white", zorder=6)
             _heading(axes, answer, arrow_m, colour, 2.0)
         elif truth is not None:
             axes.plot(*truth[:2, 3], "x", ms=8, c=colour, mew=2, zorder=6)
@@ -131,7 +135,7 @@ def _draw_overview(axes: Any, picture: MapPicture | None, outcomes: Sequence[Out
     axes.set_aspect("equal")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
-    axes.legend(loc="upper left", fontsize=8, framealpha=0.9)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.07), ncols=4, fontsize=8, frameon=False)
 
 
 def _draw_close_up(axes: Any, picture: MapPicture | None, outcome: Outcome, scan: Scan) -> None:
@@ -140,7 +144,7 @@ def _draw_close_up(axes: Any, picture: MapPicture | None, outcome: Outcome, scan
     assert T_map_sensor is not None
     points = transform_points(T_map_sensor, scan.points[:: max(1, len(scan) // MAX_SCAN_POINTS)])
     centre = T_map_sensor[:3, 3]
-    reach = float(np.clip(np.percentile(np.abs(points[:, :2] - centre[:2]).max(axis=1), 90), 6, 40))
+    reach = float(np.clip(np.percentile(np.abs(points[:, :2] - centre[:2]).max(axis=1), 75), 6, 25))
     if picture is not None:
         near = picture.points[(np.abs(picture.points[:, :2] - centre[:2]) < reach).all(axis=1)]
         walls = near[np.abs(near[:, 2] - centre[2]) < ABOVE_SENSOR_M]
@@ -157,15 +161,14 @@ def _draw_close_up(axes: Any, picture: MapPicture | None, outcome: Outcome, scan
     axes.set_aspect("equal")
     error = "not in this map"
     if outcome.T_map_sensor is not None:
-        error = f"{outcome.error_m * 100:.1f} cm, {outcome.error_deg:.2f} deg off"
+        error = f"{_length(outcome.error_m)}, {outcome.error_deg:.2f} deg off"
     axes.set_title(f"{Path(outcome.name).name}: {error}", fontsize=9)
-    axes.legend(loc="lower right", fontsize=7, markerscale=4)
 
 
 def _close_ups(outcomes: Sequence[Outcome]) -> list[Outcome]:
-    """Localized ones to judge by: false accepts first, else the best, the middle and the worst."""
+    """Localized ones to judge by: two false accepts at most, and from the best right one to the worst."""
     accepted = sorted((o for o in outcomes if o.is_accepted), key=lambda o: o.error_m)
-    wrong = [o for o in accepted if o.is_false_accept][-CLOSE_UPS:]
+    wrong = [o for o in accepted if o.is_false_accept][-WRONG_CLOSE_UPS:]
     right = [o for o in accepted if not o.is_false_accept]
     places = np.unique(np.linspace(0, len(right) - 1, CLOSE_UPS - len(wrong)).round().astype(int))
     return [*(right[place] for place in places if right), *wrong]
@@ -176,7 +179,7 @@ def _scatter_heights(axes: Any, points: NDArray[np.float64], size: float) -> Non
         return
     low, high = np.percentile(points[:, 2], [2, 98])
     drawn = axes.scatter(
-        *points[:, :2].T, c=points[:, 2], s=size, cmap="viridis", vmin=low, vmax=high, lw=0, zorder=1
+        *points[:, :2].T, c=points[:, 2], s=size, cmap=_PALE_TO_DARK, vmin=low, vmax=high, lw=0, zorder=1
     )
     axes.figure.colorbar(drawn, ax=axes, label="z (m)", shrink=0.5, pad=0.01)
 
@@ -188,12 +191,23 @@ def _heading(axes: Any, T: Matrix, length_m: float, colour: str, width: float) -
 
 def _arrow_m(picture: MapPicture | None, outcomes: Sequence[Outcome]) -> float:
     """A length that can be seen at the picture's scale."""
+    return max(1.0, float(_extent(picture, outcomes).max()) / 30)
+
+
+def _aspect(picture: MapPicture | None, outcomes: Sequence[Outcome]) -> float:
+    """Height over width of what is shown."""
+    width, height = _extent(picture, outcomes)
+    return float((height + 1) / (width + 1))
+
+
+def _extent(picture: MapPicture | None, outcomes: Sequence[Outcome]) -> NDArray[np.float64]:
+    """(2,) metres along x and y; zeros when nothing is shown."""
     if picture is not None:
         shown = picture.points[:, :2]
     else:
         poses = [T for o in outcomes for T in (o.T_map_sensor, o.answer.T_map_sensor) if T is not None]
         shown = np.array([T[:2, 3] for T in poses]).reshape(-1, 2)
-    return max(1.0, float(np.ptp(shown, axis=0).max()) / 30) if len(shown) else 1.0
+    return np.ptp(shown, axis=0) if len(shown) else np.zeros(2)
 
 
 def _colour(outcome: Outcome) -> str:
@@ -208,8 +222,12 @@ def _title(map_id: str, report: Mapping[str, Any]) -> str:
     verdicts = ", ".join(f"{count} {name}" for name, count in report["verdicts"].items())
     success = ", ".join(f"{report[f'success_{m}m']:.0%} within {m} m" for m in ("0.05", "0.2", "1"))
     median = report["median_error_m"]
-    middle = "" if median is None else f"; median {median * 100:.1f} cm, {report['median_error_deg']:.2f} deg"
+    middle = "" if median is None else f"; median {_length(median)}, {report['median_error_deg']:.2f} deg"
     return (
         f"{map_id}: {report['n']} scans, {verdicts}\n{success}{middle}; "
         f"{report['false_accept_rate']:.0%} false among localized"
     )
+
+
+def _length(metres: float) -> str:
+    return f"{metres * 100:.1f} cm" if metres < 1 else f"{metres:.1f} m"
