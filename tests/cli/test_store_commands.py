@@ -1,0 +1,120 @@
+"""Commands that work on a store or on files, without a service."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+import yaml
+
+from firstfix.catalog import Catalog
+from firstfix.errors import InvalidOption, NotFound
+from firstfix.manifest import Manifest
+from firstfix.store import Store
+from firstfix_cli.answerer import fetch_active_version
+from firstfix_cli.main import run
+
+
+def ended(arguments: list[object]) -> int:
+    with pytest.raises(SystemExit) as caught:
+        run([str(argument) for argument in arguments])
+    return int(caught.value.code or 0)
+
+
+@pytest.fixture
+def versions(tmp_path, monkeypatch) -> list[str]:
+    """Two published versions of the map "hall" in the store ``tmp_path / "store"``, the second active."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    catalog = Catalog(Store.open(str(tmp_path / "store")))
+    found = []
+    for content in ("one", "two"):
+        files = tmp_path / content
+        files.mkdir()
+        (files / "points.bin").write_text(content)
+        manifest = Manifest.for_directory(
+            files, counts={"templates": 7}, self_test={"queries": 3}, sensor={"name": "vlp-16"}
+        )
+        found.append(catalog.publish("hall", files, manifest))
+    return found
+
+
+def test_maps_of_a_store(versions, tmp_path, capsys):
+    store = ["--store", tmp_path / "store"]
+    assert ended(["maps", "ls", *store]) == 0
+    assert capsys.readouterr().out.split() == ["hall", versions[1]]
+    assert ended(["maps", "ls", *store, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {
+        "maps": [{"map_id": "hall", "active_version": versions[1]}]
+    }
+    assert ended(["maps", "show", "hall", *store, "--json"]) == 0
+    shown = json.loads(capsys.readouterr().out)
+    assert shown["active_version"] == versions[1]
+    assert shown["counts"] == {"templates": 7}
+    assert shown["sensor"] == "vlp-16"
+    assert ended(["maps", "versions", "hall", *store]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line[0] for line in lines] == ["*", " "]
+    assert [line.split()[-2] for line in lines] == versions[::-1]
+
+
+def test_a_store_rolls_back(versions, tmp_path, capsys):
+    store = ["--store", tmp_path / "store"]
+    assert ended(["maps", "activate", "hall", versions[0][:12], *store]) == 0
+    assert versions[0] in capsys.readouterr().out
+    assert fetch_active_version(str(tmp_path / "store"), "hall")[0] == versions[0]
+    version, directory = fetch_active_version(str(tmp_path / "store"), "hall", versions[1])
+    assert version == versions[1]
+    assert (directory / "points.bin").read_text() == "two"
+
+
+@pytest.mark.parametrize("command", [["show", "yard"], ["versions", "yard"], ["activate", "yard", "a" * 64]])
+def test_a_map_that_is_not_there(versions, tmp_path, capsys, command):
+    assert ended(["maps", *command, "--store", tmp_path / "store"]) == 2
+    assert "no map yard" in capsys.readouterr().err
+
+
+def test_a_map_without_an_active_version(tmp_path):
+    with pytest.raises(NotFound, match="hall"):
+        fetch_active_version(str(tmp_path), "hall")
+
+
+def test_url_and_store_together_are_refused(capsys):
+    assert ended(["maps", "ls", "--url", "http://127.0.0.1:9", "--store", "/tmp/x"]) == 2
+    assert "one of --url and --store" in capsys.readouterr().err
+
+
+def test_the_command_line_goes_over_the_config_file(tmp_path):
+    pytest.importorskip("open3d")
+    from firstfix_cli.commands.build import Axis, _config
+
+    path = tmp_path / "build.yaml"
+    path.write_text("sensor: vlp-16\naxis: y-up\nviewpoints: {spacing_m: 2.5}\n")
+    plain = _config(path, None, None)
+    assert (plain.sensor, plain.axis, plain.viewpoints.spacing_m) == ("vlp-16", "y-up", 2.5)
+    overridden = _config(path, "OS0-64", Axis.z_up)
+    assert (overridden.sensor_model.name, overridden.axis) == ("os0-64", "z-up")
+    assert overridden.viewpoints.spacing_m == 2.5
+    sensor = tmp_path / "sensor.yaml"
+    sensor.write_text(yaml.safe_dump({"preset": "vlp-16", "name": "mine", "mount_height_m": 0.4}))
+    assert _config(None, str(sensor), None).sensor_model.mount_height_m == 0.4
+
+
+def test_configs_that_cannot_be_used_are_clear(tmp_path):
+    pytest.importorskip("open3d")
+    from firstfix_cli.commands.build import _config
+
+    with pytest.raises(NotFound, match=r"nothere\.yaml"):
+        _config(tmp_path / "nothere.yaml", None, None)
+    with pytest.raises(NotFound, match=r"sensor\.yaml"):
+        _config(None, str(tmp_path / "sensor.yaml"), None)
+    (tmp_path / "sensor.yaml").write_text("{")
+    with pytest.raises(InvalidOption, match=r"sensor\.yaml"):
+        _config(None, str(tmp_path / "sensor.yaml"), None)
+    with pytest.raises(InvalidOption, match="no sensor preset"):
+        _config(None, "vlp-17", None)
+
+
+def test_a_world_is_made_for_trying(tmp_path, capsys):
+    pytest.importorskip("open3d")
+    assert ended(["world", "atlantis", "-o", tmp_path]) == 2
+    assert "no world 'atlantis'" in capsys.readouterr().err
