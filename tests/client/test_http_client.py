@@ -159,6 +159,14 @@ def test_it_does_not_wait_past_the_deadline(server):
     assert len(server.requests) == 1
 
 
+@pytest.mark.parametrize(("code", "status"), [("deadline_exceeded", 504), ("corrupt_version", 503)])
+def test_what_time_does_not_heal_is_not_asked_again(server, code, status):
+    server.answers = [problem(code, status)]
+    with pytest.raises(FirstfixError, match="because"):
+        Client(server.url, retry=QUICK).localize(SCAN)
+    assert len(server.requests) == 1
+
+
 def test_it_gives_up_after_its_attempts(server):
     server.answers = [problem("overloaded", 503)]
     with pytest.raises(Overloaded):

@@ -11,11 +11,11 @@ import httpx
 
 from firstfix.errors import FirstfixError
 
-from .errors import ServiceUnreachable, error_of_problem
+from .errors import PASSING, ServiceUnreachable, error_of_problem
 from .retry import Deadline, RetryPolicy, retry_after_s
 
 CONNECT_TIMEOUT_S = 5.0
-# A proxy that lost its upstream. The upstream may have done its work: only what repeats safely is repeated.
+# Of a proxy that lost its upstream. The upstream may have done its work: only what repeats safely is repeated.
 _LOST_UPSTREAM = frozenset({502, 504})
 
 Answer = TypeVar("Answer")
@@ -64,7 +64,8 @@ class RetryingHttp:
                 status = answer.status_code
                 problem = error_of_problem(answer.content, status)
                 failure = problem or FirstfixError(f"{answer.request.url} answered {status}")
-                again = status == 503 or (repeatable and status in _LOST_UPSTREAM)
+                lost = problem is None and status in _LOST_UPSTREAM
+                again = isinstance(problem, PASSING) or (repeatable and lost)
                 asked_wait_s = retry_after_s(answer.headers.get("Retry-After"))
             wait_s = self._retry.wait_s(attempt, asked_wait_s)
             if not again or attempt >= self._retry.attempts or not deadline.allows(wait_s):

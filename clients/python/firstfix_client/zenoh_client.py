@@ -10,12 +10,12 @@ from types import TracebackType
 from typing import Any
 
 from firstfix import wire
-from firstfix.errors import FirstfixError, InvalidOption, Overloaded
+from firstfix.errors import FirstfixError, InvalidOption
 from firstfix.ids import check_map_id
 from firstfix.localization import Localization
 from firstfix.options import LocalizeOptions
 
-from .errors import ServiceUnreachable, error_of_problem
+from .errors import PASSING, ServiceUnreachable, error_of_problem
 from .live_replicas import LiveReplicas
 from .retry import Deadline, RetryPolicy
 from .scan_body import ScanLike, encoded
@@ -100,11 +100,11 @@ class ZenohClient:
             if isinstance(reply, Localization):
                 return reply
             wait_s = self._retry.wait_s(attempt)
-            transient = isinstance(reply, (Overloaded, ServiceUnreachable))
-            if not transient or attempt >= self._retry.attempts:
+            passing = isinstance(reply, (*PASSING, ServiceUnreachable))
+            if not passing or attempt >= self._retry.attempts:
                 raise reply
             if not deadline.allows(wait_s):
-                raise reply if isinstance(reply, Overloaded) else deadline.exceeded()
+                raise deadline.exceeded() if isinstance(reply, ServiceUnreachable) else reply
             if not others:  # everybody was asked: give them time, then ask all of them again
                 time.sleep(wait_s)
                 tried.clear()
