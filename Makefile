@@ -18,7 +18,7 @@ demo: setup  ## a map in, a version published, poses out over HTTP and zenoh
 lint: setup  ## style, types, and who may import whom
 	@$(bin)/ruff check .
 	@$(bin)/ruff format --check .
-	@$(bin)/lint-imports
+	@$(bin)/lint-imports --no-logo
 	@$(bin)/mypy
 
 test: setup test-servers lint  ## lint, then every test
