@@ -15,7 +15,7 @@ from .errors import PASSING, ServiceUnreachable, error_of_problem
 from .retry import Deadline, RetryPolicy, retry_after_s
 
 CONNECT_TIMEOUT_S = 5.0
-# Of a proxy that lost its upstream. The upstream may have done its work: only what repeats safely is repeated.
+# Of a proxy that lost its upstream, which may have done its work: only what repeats safely is repeated.
 _LOST_UPSTREAM = frozenset({502, 504})
 
 Answer = TypeVar("Answer")
