@@ -1,0 +1,28 @@
+"""``python -m benchmarks.run SUITE [--quick] [--json FILE]``"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+from . import real
+
+SUITES = {"real": real.run}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="benchmarks.run", description="Runs an evaluation suite.")
+    parser.add_argument("suite", choices=sorted(SUITES))
+    parser.add_argument("--quick", action="store_true", help="a smaller version")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
+    arguments = parser.parse_args()
+    figures = SUITES[arguments.suite](arguments.quick)
+    text = json.dumps(figures, indent=1)
+    print(text)
+    if arguments.json:
+        arguments.json.write_text(text + "\n")
+
+
+if __name__ == "__main__":
+    main()

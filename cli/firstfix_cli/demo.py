@@ -1,0 +1,142 @@
+"""``make demo``: a sample world, its map built by a service of our own, its scans localized.
+
+Everything is real and on its default: file store, build in the service, HTTP and zenoh. Ends with an
+error if a pose is off by more than 0.1 m, or a scan from another place is given one.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from firstfix.decode import read_scan_file
+from firstfix.options import LocalizeOptions
+from firstfix.sensor import SensorModel
+from firstfix.transform import Matrix, yaw_of
+from firstfix_client import BuildStatus, Client
+
+from .answerer import answerer, fetch_active_version
+from .evaluate import Outcome, outcome_of, report_of
+from .local_service import LocalService, local_service
+from .plot import MapPicture, draw
+from .poses_csv import PosedScan, read_poses_csv
+
+WORLD = "factory"
+DIRECTORY = Path("demo")
+WORST_M = 0.1
+FOREIGN_SHOWN, OWN_SHOWN = 2, 10
+
+
+def main() -> int:
+    console = Console(width=100)
+    world, store = DIRECTORY / WORLD, DIRECTORY / "store"
+    console.rule(f"firstfix: a first fix in the sample world [bold]{WORLD}[/bold]")
+    if not (world / "poses.csv").exists():
+        console.print(f"Making the world in {world} ...")
+        _make_world(world)
+    with local_service(DIRECTORY, store) as service:
+        console.print(f"Service at {service.url} and {service.zenoh}, log in {service.log}")
+        version = _build(console, service, world)
+        console.print(f"Map [bold]{WORLD}[/bold] published as version {version[:12]}")
+        scans = _chosen(read_poses_csv(world / "poses.csv"))
+        http = _localize(scans, service, over="http")
+        zenoh = _localize(scans, service, over="zenoh")
+    console.print(_table(scans, http, zenoh))
+    picture = DIRECTORY / "demo.png"
+    loaded = {str(row.path): read_scan_file(row.path) for row in scans}
+    directory = fetch_active_version(str(store), WORLD, version)[1]
+    draw(picture, WORLD, MapPicture.load(directory), http, loaded, report_of(http))
+    console.print(f"Picture: [bold]{picture}[/bold]")
+    wrong = [o for o in [*http, *zenoh] if not _as_it_should(o)]
+    for outcome in wrong:
+        console.print(
+            f"[red]not as it should be:[/red] {outcome.name}: {outcome.answer.verdict.value}, {outcome.error_m:.3f} m"
+        )
+    if not wrong:
+        console.print(
+            f"[green]All poses within {WORST_M} m of the truth; no scan from elsewhere was given one.[/green]"
+        )
+    return 1 if wrong else 0
+
+
+def _make_world(directory: Path) -> None:
+    from firstfix_builder.worlds import make_world, write_world
+
+    write_world(make_world(WORLD), directory)
+
+
+def _build(console: Console, service: LocalService, world: Path) -> str:
+    """The version that the service's own build worker publishes."""
+    import yaml
+
+    sensor = SensorModel.from_mapping(yaml.safe_load((world / "sensor.yaml").read_text()))
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with (
+        Client(service.url, timeout_s=30) as client,
+        Progress(*columns, console=console, transient=True) as bars,
+    ):
+        started = client.build_map(
+            world / "map.ply",
+            WORLD,
+            config={"sensor": sensor.to_mapping()},
+            trajectory=world / "trajectory.txt",
+        )
+        bar = bars.add_task("queued", total=1.0)
+
+        def show(status: BuildStatus) -> None:
+            bars.update(bar, description=f"build: {status.stage or status.state}", completed=status.progress)
+
+        version = client.wait_for_build(started.build_id, progress=show).version
+    assert version is not None  # wait_for_build raises otherwise
+    return version
+
+
+def _chosen(rows: list[PosedScan]) -> list[PosedScan]:
+    own = [row for row in rows if row.T_map_sensor is not None]
+    foreign = [row for row in rows if row.T_map_sensor is None]
+    return own[:: max(1, len(own) // OWN_SHOWN)][:OWN_SHOWN] + foreign[:FOREIGN_SHOWN]
+
+
+def _localize(scans: list[PosedScan], service: LocalService, over: str) -> list[Outcome]:
+    outcomes = []
+    url, zenoh = (service.url, None) if over == "http" else (None, service.zenoh)
+    with answerer(WORLD, url=url, zenoh=zenoh, store=None, timeout_s=30.0) as ask:
+        for row in scans:
+            scan = read_scan_file(row.path)
+            begin = time.perf_counter()
+            answer = ask(scan, LocalizeOptions())
+            ms = (time.perf_counter() - begin) * 1e3
+            outcomes.append(outcome_of(str(row.path), row.T_map_sensor, answer, ms))
+    return outcomes
+
+
+def _as_it_should(outcome: Outcome) -> bool:
+    if outcome.T_map_sensor is None:
+        return not outcome.is_accepted
+    return outcome.is_accepted and outcome.error_m <= WORST_M
+
+
+def _table(scans: list[PosedScan], http: list[Outcome], zenoh: list[Outcome]) -> Table:
+    table = Table("scan", "truth  x, y, yaw", "HTTP", "error", "ms", "zenoh", "error", "ms")
+    for row, *both in zip(scans, http, zenoh, strict=True):
+        cells = [row.path.name, _pose(row.T_map_sensor) if row.T_map_sensor is not None else "elsewhere"]
+        for outcome in both:
+            T = outcome.answer.T_map_sensor
+            error = f"{outcome.error_m * 100:.1f} cm" if T is not None else ""
+            cells += [_pose(T) if T is not None else outcome.answer.verdict.value, error, f"{outcome.ms:.0f}"]
+        table.add_row(*cells)
+    return table
+
+
+def _pose(T: Matrix) -> str:
+    return f"{T[0, 3]:6.2f} {T[1, 3]:6.2f} {math.degrees(yaw_of(T)):4.0f}°"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
