@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+pytest_plugins = ["small_world"]
+
 BUCKET = "firstfix-tests"
 
 

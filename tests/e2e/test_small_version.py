@@ -1,0 +1,145 @@
+"""From a mesh file to poses, through the real build and the real query flow."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from small_world import SENSOR
+from firstfix.errors import CorruptVersion
+from firstfix.localization import Localization, Reason, Verdict
+from firstfix.localizer import Localizer
+from firstfix.map_index import MapIndex
+from firstfix.options import LocalizeOptions
+from firstfix.scan import Scan
+from firstfix.sensor import SensorModel
+from firstfix.transform import inverse, make_transform, pose_error, rotation_z
+from firstfix_builder.disturb import DisturbConfig, disturbed_scans, elsewhere
+from firstfix_builder.simulate import Simulator
+
+
+@pytest.fixture(scope="module")
+def localizer(small_version):
+    return Localizer(MapIndex.load(small_version.directory))
+
+
+def test_the_version_is_whole(small_version):
+    small_version.manifest.verify_directory(small_version.directory)
+    assert small_version.manifest.counts["templates"] > 50
+    assert small_version.manifest.self_test["queries"] == 12
+    assert small_version.manifest.self_test["false_accepts"] == 0
+    json.dumps(small_version.manifest.to_mapping())
+
+
+def test_disturbed_scans_between_the_templates_get_their_pose(localizer, small_scans):
+    answers = [localizer.localize(scan) for scan, _ in small_scans]
+    errors = [
+        pose_error(T, answer.hypotheses[0].T_map_sensor)
+        for answer, (_, T) in zip(answers, small_scans, strict=True)
+    ]
+    within = [error_m < 0.05 and error_deg < 0.5 for error_m, error_deg in errors]
+    assert np.mean(within) >= 0.95, errors
+    accepted = [a for a in answers if a.verdict is Verdict.LOCALIZED]
+    assert len(accepted) >= 0.8 * len(answers)
+    assert all(
+        error_m < 0.2
+        for answer, (error_m, _) in zip(answers, errors, strict=True)
+        if answer.verdict is Verdict.LOCALIZED
+    )
+
+
+def test_the_sensor_may_lean(localizer, small_scans):
+    lean = Rotation.from_euler("XY", [11, -9], degrees=True).as_matrix()
+    for scan, T in small_scans[:6]:
+        leaning = Scan.from_points(scan.points @ lean.T)
+        expected = T @ make_transform(lean.T, [0, 0, 0])
+        error_m, error_deg = pose_error(expected, localizer.localize(leaning).hypotheses[0].T_map_sensor)
+        assert error_m < 0.1
+        assert error_deg < 1.0
+
+
+def test_a_given_gravity_is_used(localizer, small_scans):
+    scan, T = small_scans[0]
+    down = T[:3, :3].T @ [0, 0, -1.0]
+    answer = localizer.localize(scan, LocalizeOptions(gravity=down))
+    assert pose_error(T, answer.hypotheses[0].T_map_sensor)[0] < 0.05
+    sideways = localizer.localize(scan, LocalizeOptions(gravity=np.array([1.0, 0, 0])))
+    assert sideways.verdict is not Verdict.LOCALIZED
+
+
+def test_base_pose_follows_from_the_mounting(localizer, small_scans):
+    T_base_sensor = make_transform(rotation_z(0.3), [0.2, 0, 0.6])
+    answer = localizer.localize(small_scans[1][0], LocalizeOptions(T_base_sensor=T_base_sensor))
+    assert answer.verdict is Verdict.LOCALIZED
+    assert np.allclose(answer.T_map_base, answer.T_map_sensor @ inverse(T_base_sensor))
+
+
+def test_scans_from_elsewhere_get_no_pose(localizer):
+    rng = np.random.default_rng(5)
+    spots = np.column_stack([rng.uniform(-12, 12, (50, 2)), np.full(50, 0.8)])
+    foreign = disturbed_scans(
+        Simulator(*elsewhere(rng)), SensorModel.from_mapping(SENSOR), spots, 1.0, 12, DisturbConfig(), rng
+    )
+    assert len(foreign) == 12
+    for scan, _ in foreign:
+        answer = localizer.localize(scan)
+        assert answer.verdict is not Verdict.LOCALIZED
+        assert answer.T_map_sensor is None
+        assert answer.covariance is None
+        assert answer.reasons
+
+
+@pytest.mark.parametrize(
+    "points", [np.empty((0, 3)), np.zeros((5000, 3)), np.full((5000, 3), 1e-3), np.ones((10, 3))]
+)
+def test_hopeless_scans_are_rejected(localizer, points):
+    answer = localizer.localize(Scan.from_points(points))
+    assert answer.verdict is Verdict.REJECTED
+    assert answer.reasons == (Reason.TOO_FEW_POINTS,)
+
+
+def test_one_flat_wall_is_not_localized(localizer):
+    y, z = np.meshgrid(np.linspace(-10, 10, 200), np.linspace(-1, 2, 40))
+    wall = np.column_stack([np.full(y.size, 4.0), y.ravel(), z.ravel()])
+    assert localizer.localize(Scan.from_points(wall)).verdict is not Verdict.LOCALIZED
+
+
+def test_covariance_is_a_covariance_and_not_boastful(localizer, small_scans):
+    squared = []
+    for scan, T in small_scans:
+        answer = localizer.localize(scan)
+        if answer.covariance is None:
+            continue
+        assert np.allclose(answer.covariance, answer.covariance.T)
+        assert np.linalg.eigvalsh(answer.covariance).min() > 0
+        off = answer.T_map_sensor[:3, 3] - T[:3, 3]
+        squared.append(off @ np.linalg.solve(answer.covariance[:3, :3], off) / 3)
+    assert np.mean(squared) < 2.0
+
+
+def test_answers_survive_the_wire(localizer, small_scans):
+    answer = localizer.localize(small_scans[2][0])
+    back = Localization.from_mapping(json.loads(json.dumps(answer.to_mapping())))
+    assert back.verdict is answer.verdict
+    assert np.allclose(back.T_map_sensor, answer.T_map_sensor, atol=1e-12)
+    assert np.allclose(back.covariance, answer.covariance)
+    assert len(back.hypotheses) == len(answer.hypotheses)
+
+
+def test_a_pose_without_the_verdict_cannot_be_said(localizer, small_scans):
+    answer = localizer.localize(small_scans[2][0])
+    with pytest.raises(ValueError, match="has a pose"):
+        dataclasses.replace(answer, verdict=Verdict.REJECTED)
+
+
+@pytest.mark.parametrize(
+    "name", ["engine.json", "keys.faiss", "map_points.npy", "occupancy.npy", "calibration.json"]
+)
+def test_a_missing_file_is_a_corrupt_version(small_version, tmp_path, name):
+    for path in small_version.directory.iterdir():
+        if path.name != name:
+            (tmp_path / path.name).symlink_to(path)
+    with pytest.raises(CorruptVersion):
+        MapIndex.load(tmp_path)

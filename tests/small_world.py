@@ -1,0 +1,92 @@
+"""A small world and its published version, shared by the tests that need real ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class SmallWorld:
+    """A yard of 16 x 12 m with a wall round it, a dozen boxes and a cabin: no two spots look alike."""
+
+    vertices: NDArray[np.float64]
+    triangles: NDArray[np.int64]
+
+    def write(self, path: Path) -> Path:
+        import trimesh
+
+        trimesh.Trimesh(self.vertices, self.triangles, process=False).export(path)
+        return path
+
+
+SENSOR = {
+    "name": "test-16",
+    "elevations_deg": [float(v) for v in np.linspace(-15, 15, 16)],
+    "azimuth_step_deg": 0.6,
+    "min_range_m": 0.3,
+    "max_range_m": 60.0,
+    "mount_height_m": 0.8,
+}
+CONFIG = {"sensor": SENSOR, "self_test": {"queries": 12, "outside": 6}}
+
+
+@pytest.fixture(scope="session")
+def small_world() -> SmallWorld:
+    rng = np.random.default_rng(4)
+    boxes = [([0, 0, -0.1], [16.4, 12.4, 0.2], 0.0)]
+    for x, y, w, d in ((-8.1, 0, 0.2, 12.4), (8.1, 0, 0.2, 12.4), (0, -6.1, 16.4, 0.2), (0, 6.1, 16.4, 0.2)):
+        boxes.append(([x, y, 1.5], [w, d, 3.0], 0.0))
+    for _ in range(12):
+        size = rng.uniform(0.4, 1.8, 3)
+        boxes.append(([*rng.uniform([-7, -5], [7, 5]), size[2] / 2], size, rng.uniform(0, np.pi)))
+    boxes.append(([5.0, 3.5, 1.2], [3.0, 2.0, 2.4], 0.3))
+    corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
+    vertices = []
+    for centre, size, yaw in boxes:
+        c, s = np.cos(yaw), np.sin(yaw)
+        turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+        vertices.append((corners * size) @ turn.T + centre)
+    triangles = np.concatenate([faces + 8 * i for i in range(len(boxes))])
+    return SmallWorld(np.concatenate(vertices), triangles)
+
+
+@pytest.fixture(scope="session")
+def small_map(small_world: SmallWorld, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The world as a mesh file."""
+    return small_world.write(tmp_path_factory.mktemp("map") / "yard.ply")
+
+
+@pytest.fixture(scope="session")
+def small_version(small_map: Path, tmp_path_factory: pytest.TempPathFactory):
+    """Its version, built once: a ``firstfix_builder.pipeline.BuiltVersion``."""
+    from firstfix_builder.config import BuildConfig
+    from firstfix_builder.pipeline import build_version
+
+    return build_version(small_map, BuildConfig.parse(CONFIG), tmp_path_factory.mktemp("work"))
+
+
+@pytest.fixture(scope="session")
+def small_scans(small_world: SmallWorld, small_version):
+    """Disturbed scans between the version's templates: (Scan, T_map_sensor)."""
+    from firstfix.map_index import MapIndex
+    from firstfix.sensor import SensorModel
+    from firstfix_builder.disturb import DisturbConfig, disturbed_scans
+    from firstfix_builder.simulate import Simulator
+
+    positions = MapIndex.load(small_version.directory).templates.position_m
+    return disturbed_scans(
+        Simulator(small_world.vertices, small_world.triangles),
+        SensorModel.from_mapping(SENSOR),
+        positions,
+        1.0,
+        20,
+        DisturbConfig(occluders=3),
+        np.random.default_rng(11),
+    )
