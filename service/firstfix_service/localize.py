@@ -1,0 +1,112 @@
+"""The one use case of both transports: a body and its options in, an answer out."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+
+from firstfix.decode import MEDIA_TYPES, decode_scan, undo_content_encoding
+from firstfix.errors import UnsupportedFormat
+from firstfix.localization import Localization
+from firstfix.options import LocalizeOptions
+from firstfix.stopwatch import Stopwatch
+
+from .map_cache import MapCache
+from .metrics import Metrics
+from .pool import QueryPool
+from .problems import problem_of
+
+
+class LocalizeUseCase:
+    """Answers queries over the maps that are served."""
+
+    def __init__(self, maps: MapCache, pool: QueryPool, metrics: Metrics, *, max_decoded_bytes: int) -> None:
+        self._maps = maps
+        self._pool = pool
+        self._metrics = metrics
+        self._max_decoded_bytes = max_decoded_bytes
+
+    async def localize(
+        self,
+        body: bytes,
+        media_type: str,
+        content_encoding: str | None,
+        map_id: str,
+        options: Mapping[str, str],
+        *,
+        arrived: float | None = None,
+    ) -> Localization:
+        """The answer to one query, worked out in the bounded pool.
+
+        Args:
+            arrived: ``time.monotonic`` when the query came, from which its deadline counts; default: now.
+
+        Raises:
+            InputError: the body or an option cannot be used.
+            NotFound: no such map or version.
+            VersionError, StoreError: the version cannot be served.
+            Overloaded, DeadlineExceeded: as ``QueryPool.run``.
+        """
+        start = time.monotonic() if arrived is None else arrived
+        wanted = LocalizeOptions.from_strings(options)
+        check_media_type(media_type)
+        deadline = None if wanted.deadline_ms is None else start + wanted.deadline_ms / 1e3
+        queued = time.perf_counter()
+
+        def work() -> Localization:
+            waited_ms = (time.perf_counter() - queued) * 1e3
+            return self._answer(body, media_type, content_encoding, map_id, wanted, waited_ms)
+
+        return await self._pool.run(work, deadline)
+
+    def _answer(
+        self,
+        body: bytes,
+        media_type: str,
+        content_encoding: str | None,
+        map_id: str,
+        options: LocalizeOptions,
+        waited_ms: float,
+    ) -> Localization:
+        watch = Stopwatch()
+        watch.ms["queue"] = waited_ms
+        with watch.stage("map"):
+            served = self._maps.get(map_id, options.version)
+        with watch.stage("decode"):
+            plain = undo_content_encoding(body, content_encoding or "", self._max_decoded_bytes)
+            scan = decode_scan(plain, media_type)
+        answer = served.localizer.localize(scan, options)
+        return replace(
+            answer,
+            map_id=map_id,
+            map_version=served.version,
+            timings_ms={**watch.ms, **answer.timings_ms},
+        )
+
+    def count(self, transport: str, outcome: Localization | BaseException) -> None:
+        """Counts one query's end, for the metrics."""
+        if isinstance(outcome, Localization):
+            self._metrics.verdicts.labels(transport, outcome.verdict.value).inc()
+            for stage, ms in outcome.timings_ms.items():
+                self._metrics.stage_seconds.labels(stage).observe(ms / 1e3)
+        else:
+            self._metrics.failures.labels(transport, problem_of(outcome).code).inc()
+
+
+def check_media_type(media_type: str) -> None:
+    """
+    Raises:
+        UnsupportedFormat: no decoder for it. Known before the body is read.
+    """
+    name = media_type.split(";", 1)[0].strip().lower()
+    if name not in MEDIA_TYPES:
+        raise UnsupportedFormat(
+            f"no scan has the media type {name[:80]!r}; there are {', '.join(MEDIA_TYPES)}"
+        )
+
+
+def to_json(answer: Localization) -> bytes:
+    """The answer's form on both transports."""
+    return json.dumps(answer.to_mapping(), separators=(",", ":"), allow_nan=False).encode()

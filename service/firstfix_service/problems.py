@@ -1,0 +1,106 @@
+"""Errors as RFC 9457 problem documents: one table from error class to status, for both transports."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from http import HTTPStatus
+
+from fastapi import FastAPI, Request, Response
+from fastapi.exceptions import RequestValidationError
+from starlette.exceptions import HTTPException
+
+from firstfix import errors
+from firstfix.errors import FirstfixError
+
+MEDIA_TYPE = "application/problem+json"
+
+STATUS: dict[type[FirstfixError], int] = {
+    errors.FirstfixError: 500,
+    errors.InputError: 400,
+    errors.InvalidScan: 422,
+    errors.InvalidOption: 400,
+    errors.UnsupportedFormat: 415,
+    errors.MalformedData: 400,
+    errors.TooLarge: 413,
+    errors.NotFound: 404,
+    errors.Conflict: 409,
+    errors.StoreError: 502,
+    errors.StoreUnavailable: 503,
+    errors.StoreUnsafe: 502,
+    errors.VersionError: 503,
+    errors.CorruptVersion: 503,
+    errors.IncompatibleVersion: 503,
+    errors.BuildError: 500,
+    errors.BuildFailed: 500,
+    errors.BuildCancelled: 409,
+    errors.Overloaded: 503,
+    errors.DeadlineExceeded: 504,
+}
+# Where trying again helps, after so many seconds.
+RETRY_AFTER_S: dict[type[FirstfixError], int] = {errors.Overloaded: 1, errors.StoreUnavailable: 5}
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One error, ready for the wire.
+
+    Attributes:
+        headers: of the HTTP response; zenoh has none.
+    """
+
+    code: str
+    status: int
+    detail: str
+    headers: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def body(self) -> bytes:
+        """The document: the same bytes on both transports."""
+        return json.dumps(
+            {
+                "type": f"urn:firstfix:error:{self.code}",
+                "title": HTTPStatus(self.status).phrase,
+                "status": self.status,
+                "detail": self.detail,
+                "code": self.code,
+            },
+            separators=(",", ":"),
+        ).encode()
+
+    def response(self) -> Response:
+        return Response(self.body, self.status, self.headers, MEDIA_TYPE)
+
+
+def problem_of(error: BaseException) -> Problem:
+    """What a caller may know of an error: of one that is not ours, nothing but that it happened."""
+    if not isinstance(error, FirstfixError):
+        return Problem(FirstfixError.code, 500, "an unexpected error: it was logged with the request's id")
+    mapped = next(cls for cls in type(error).__mro__ if cls in STATUS)
+    headers = {"Retry-After": str(RETRY_AFTER_S[mapped])} if mapped in RETRY_AFTER_S else {}
+    return Problem(error.code, STATUS[mapped], str(error), headers)
+
+
+def add_handlers(app: FastAPI) -> None:
+    """Makes every error that leaves a route a problem document."""
+    app.add_exception_handler(FirstfixError, _on_firstfix_error)
+    app.add_exception_handler(RequestValidationError, _on_validation_error)
+    app.add_exception_handler(HTTPException, _on_http_exception)
+
+
+async def _on_firstfix_error(request: Request, error: Exception) -> Response:
+    return problem_of(error).response()
+
+
+async def _on_validation_error(request: Request, error: Exception) -> Response:
+    assert isinstance(error, RequestValidationError)
+    parts = [f"{'.'.join(str(p) for p in item['loc'])}: {item['msg']}" for item in error.errors()]
+    return problem_of(errors.InputError("; ".join(parts))).response()
+
+
+async def _on_http_exception(request: Request, error: Exception) -> Response:
+    """What the framework itself refuses: no such path, no such method."""
+    assert isinstance(error, HTTPException)
+    codes = {404: errors.NotFound.code, 405: "method_not_allowed"}
+    code = codes.get(error.status_code, errors.InputError.code)
+    return Problem(code, error.status_code, str(error.detail), dict(error.headers or {})).response()

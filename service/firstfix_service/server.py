@@ -1,0 +1,52 @@
+"""Running the service as a process."""
+
+from __future__ import annotations
+
+import ipaddress
+
+import structlog
+import uvicorn
+
+from .app import create_app
+from .log_setup import set_up_logging
+from .settings import Settings
+
+_log = structlog.get_logger(__name__)
+STOP_WITHIN_S = 20  # for requests under way, then they are broken off
+
+
+def uvicorn_config(settings: Settings) -> uvicorn.Config:
+    return uvicorn.Config(
+        create_app(settings),
+        host=settings.host,
+        port=settings.port,
+        loop="auto",  # uvloop and httptools where they are installed
+        http="auto",
+        access_log=False,  # RequestLog writes one line a request
+        log_config=None,
+        server_header=False,
+        proxy_headers=False,
+        timeout_keep_alive=30,
+        timeout_graceful_shutdown=STOP_WITHIN_S,
+        h11_max_incomplete_event_size=64 << 10,
+        lifespan="on",
+    )
+
+
+def serve(settings: Settings) -> None:
+    """Serves until SIGINT or SIGTERM.
+
+    Raises:
+        SystemExit: it could not start; the log says why.
+    """
+    set_up_logging(settings.log_level, as_json=settings.log_json)
+    if not is_loopback(settings.host):
+        _log.warning("listening beyond this machine without authentication", host=settings.host)
+    uvicorn.Server(uvicorn_config(settings)).run()
+
+
+def is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
