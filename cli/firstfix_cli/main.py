@@ -11,7 +11,7 @@ import typer
 
 from firstfix.errors import FirstfixError
 
-from .commands import build, evaluate, localize, maps, world
+from .commands import build, evaluate, localize, maps, serve, world
 
 ERROR_EXIT_CODE = 2
 
@@ -25,6 +25,7 @@ app = typer.Typer(
 )
 app.command()(world.world)
 app.command()(build.build)
+app.command()(serve.serve)
 app.command()(localize.localize)
 app.command()(evaluate.evaluate)
 app.add_typer(maps.app, name="maps")

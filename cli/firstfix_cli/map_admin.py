@@ -19,7 +19,7 @@ Record = dict[str, Any]
 
 
 class MapAdmin(Protocol):
-    """What ``firstfix maps`` needs. Records are JSON-ready."""
+    """What ``firstfix maps`` needs. Records are JSON-ready, and the same from both."""
 
     def maps(self) -> list[Record]: ...
 
@@ -77,18 +77,11 @@ class _StoreMaps:
         if not self._catalog.state(map_id).entries:
             raise NotFound(f"no map {map_id}")
         record = self._record(map_id)
-        active = record["active_version"]
-        if active is None:
-            return record
-        manifest = self._catalog.manifest(map_id, active)
-        return record | {
-            "counts": dict(manifest.counts),
-            "bytes": manifest.total_bytes,
-            "sensor": manifest.sensor.get("name"),
-            "origin": list(manifest.origin),
-            "bounds": [list(corner) for corner in manifest.bounds],
-            "self_test": dict(manifest.self_test),
-        }
+        record["versions"] = len(self._catalog.state(map_id).published)
+        if record["active_version"] is not None:
+            manifest = self._catalog.manifest(map_id, record["active_version"])
+            record["manifest"] = manifest.to_mapping()
+        return record
 
     def versions(self, map_id: str) -> list[Record]:
         return [asdict(entry) for entry in self._catalog.versions(map_id)]

@@ -62,7 +62,16 @@ class FakeService:
     async def _map(self, request: Request) -> Response:
         if request.path_params["map_id"] != "hall":
             return _problem("not_found", f"no map {request.path_params['map_id']}", 404)
-        return JSONResponse({"map_id": "hall", "active_version": VERSIONS[0], "counts": {"templates": 12}})
+        manifest = {
+            "counts": {"templates": 12},
+            "files": {"a": {"bytes": 2_000_000}},
+            "sensor": {"name": "xt32"},
+            "bounds": [[0, 0, 0], [10, 20, 3]],
+            "self_test": {},
+        }
+        return JSONResponse(
+            {"map_id": "hall", "active_version": VERSIONS[0], "versions": 2, "manifest": manifest}
+        )
 
     async def _versions(self, request: Request) -> Response:
         times = ("2025-01-02T00:00:00Z", "2025-01-01T00:00:00Z")

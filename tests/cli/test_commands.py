@@ -220,7 +220,9 @@ def test_maps_of_a_service(service, capsys):
     assert ended(["maps", "ls", "--url", service.url]) == 0
     assert capsys.readouterr().out.split() == ["hall", VERSIONS[0]]
     assert ended(["maps", "show", "hall", "--url", service.url]) == 0
-    assert "templates: 12" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "12 templates, 2.0 MB, made for a xt32" in out
+    assert "10.0 x 20.0 x 3.0 m" in out
     assert ended(["maps", "versions", "hall", "--url", service.url]) == 0
     assert capsys.readouterr().out.startswith(f"* {VERSIONS[0]}  2025-01-02")
     assert ended(["maps", "versions", "hall", "--url", service.url, "--json"]) == 0

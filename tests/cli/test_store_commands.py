@@ -14,6 +14,15 @@ from firstfix.store import Store
 from firstfix_cli.answerer import fetch_active_version
 from firstfix_cli.main import run
 
+SELF_TEST = {
+    "queries": 3,
+    "outside": 1,
+    "success": {"0.05m": 0.5},
+    "localized": 1.0,
+    "median_error_m": 0.02,
+    "false_accepts": 0,
+}
+
 
 def ended(arguments: list[object]) -> int:
     with pytest.raises(SystemExit) as caught:
@@ -32,7 +41,7 @@ def versions(tmp_path, monkeypatch) -> list[str]:
         files.mkdir()
         (files / "points.bin").write_text(content)
         manifest = Manifest.for_directory(
-            files, counts={"templates": 7}, self_test={"queries": 3}, sensor={"name": "vlp-16"}
+            files, counts={"templates": 7}, self_test=SELF_TEST, sensor={"name": "vlp-16"}
         )
         found.append(catalog.publish("hall", files, manifest))
     return found
@@ -49,8 +58,13 @@ def test_maps_of_a_store(versions, tmp_path, capsys):
     assert ended(["maps", "show", "hall", *store, "--json"]) == 0
     shown = json.loads(capsys.readouterr().out)
     assert shown["active_version"] == versions[1]
-    assert shown["counts"] == {"templates": 7}
-    assert shown["sensor"] == "vlp-16"
+    assert shown["versions"] == 2
+    assert shown["manifest"]["counts"] == {"templates": 7}
+    assert ended(["maps", "show", "hall", *store]) == 0
+    out = capsys.readouterr().out
+    assert f"active {versions[1]}" in out
+    assert "7 templates, 0.0 MB, made for a vlp-16" in out
+    assert "median error 0.020 m" in out
     assert ended(["maps", "versions", "hall", *store]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line[0] for line in lines] == ["*", " "]
@@ -81,6 +95,25 @@ def test_a_map_without_an_active_version(tmp_path):
 def test_url_and_store_together_are_refused(capsys):
     assert ended(["maps", "ls", "--url", "http://127.0.0.1:9", "--store", "/tmp/x"]) == 2
     assert "one of --url and --store" in capsys.readouterr().err
+
+
+def test_serve_takes_the_environment_under_the_command_line(monkeypatch, tmp_path):
+    pytest.importorskip("firstfix_service.settings")
+    from firstfix_cli.commands.serve import settings_of
+
+    nothing = {"store": None, "host": None, "port": None, "zenoh": None, "zenoh_listen": None}
+    monkeypatch.setenv("FIRSTFIX_STORE", "/from/environment")
+    monkeypatch.setenv("FIRSTFIX_PORT", "1234")
+    plain = settings_of(**nothing)
+    assert (plain.store, plain.port, plain.zenoh_enabled) == ("/from/environment", 1234, False)
+    given = settings_of(**nothing | {"port": 99, "zenoh_listen": ["tcp/127.0.0.1:7447"]})
+    assert (given.port, given.zenoh_enabled, given.zenoh_listen) == (99, True, ("tcp/127.0.0.1:7447",))
+    assert settings_of(**nothing | {"zenoh": tmp_path / "z.json5"}).zenoh_config == tmp_path / "z.json5"
+    with pytest.raises(InvalidOption, match="port"):
+        settings_of(**nothing | {"port": 99_999})
+    monkeypatch.delenv("FIRSTFIX_STORE")
+    with pytest.raises(InvalidOption, match="store"):
+        settings_of(**nothing)
 
 
 def test_the_command_line_goes_over_the_config_file(tmp_path):

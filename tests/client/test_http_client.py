@@ -102,28 +102,27 @@ def test_a_fix_is_a_typed_answer(server):
 
 def test_not_localized_is_no_exception(server):
     server.answers = [ok(answer_bytes(REJECTED))]
-    answer = Client(server.url).localize(SCAN.points)
+    answer = Client(server.url).localize(SCAN.points, map_id="hall")
     assert answer.verdict is Verdict.REJECTED
     assert answer.T_map_sensor is None
 
 
-def test_several_maps_and_a_scan_file(server, tmp_path):
+def test_a_scan_file_thinned(server, tmp_path):
     server.answers = [ok(answer_bytes())]
     path = tmp_path / "scan.ffscan"
     path.write_bytes(wire.encode_scan(SCAN))
     client = Client(server.url, voxel_m=1.0)
-    client.localize(path, map_id=["hall", "yard"])
-    assert server.requests[0][2]["map"] == "hall,yard"
+    client.localize(path, map_id="hall")
     assert 0 < len(wire.decode_scan(server.requests[0][4])) < len(SCAN)
     with pytest.raises(NotFound, match=r"nothere\.pcd"):
-        client.localize(tmp_path / "nothere.pcd")
+        client.localize(tmp_path / "nothere.pcd", map_id="hall")
 
 
 @pytest.mark.parametrize("error", all_errors())
 def test_every_code_comes_back_as_its_class(server, error):
     server.answers = [problem(error.code, 418)]
     with pytest.raises(error, match="because") as caught:
-        Client(server.url, retry=RetryPolicy(attempts=1)).localize(SCAN)
+        Client(server.url, retry=RetryPolicy(attempts=1)).localize(SCAN, map_id="hall")
     assert type(caught.value) is error
     assert len(server.requests) == 1
 
@@ -131,20 +130,20 @@ def test_every_code_comes_back_as_its_class(server, error):
 def test_a_code_of_the_future_is_still_an_error(server):
     server.answers = [problem("quantum_flux", 400)]
     with pytest.raises(FirstfixError, match="because"):
-        Client(server.url).localize(SCAN)
+        Client(server.url).localize(SCAN, map_id="hall")
 
 
 @pytest.mark.parametrize("body", [b"<html>", b"[]", b'{"verdict": "maybe"}', b'{"verdict": "localized"}'])
 def test_nonsense_is_a_clear_error(server, body):
     server.answers = [ok(body)]
     with pytest.raises(FirstfixError, match="nothing this client can read"):
-        Client(server.url).localize(SCAN)
+        Client(server.url).localize(SCAN, map_id="hall")
 
 
 def test_a_busy_service_is_asked_again_when_it_says(server):
     server.answers = [problem("overloaded", 503, **{"Retry-After": "1"}), ok(answer_bytes())]
     started = time.monotonic()
-    assert Client(server.url, retry=QUICK).localize(SCAN).verdict is Verdict.LOCALIZED
+    assert Client(server.url, retry=QUICK).localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
     assert 1.0 <= time.monotonic() - started < 3
     first, second = (int(request[2]["deadline_ms"]) for request in server.requests)
     assert second <= first - 1000  # the service is told what is left, not what there was
@@ -154,7 +153,7 @@ def test_it_does_not_wait_past_the_deadline(server):
     server.answers = [problem("overloaded", 503, **{"Retry-After": "30"})]
     started = time.monotonic()
     with pytest.raises(Overloaded):
-        Client(server.url, timeout_s=5).localize(SCAN)
+        Client(server.url, timeout_s=5).localize(SCAN, map_id="hall")
     assert time.monotonic() - started < 2
     assert len(server.requests) == 1
 
@@ -163,14 +162,14 @@ def test_it_does_not_wait_past_the_deadline(server):
 def test_what_time_does_not_heal_is_not_asked_again(server, code, status):
     server.answers = [problem(code, status)]
     with pytest.raises(FirstfixError, match="because"):
-        Client(server.url, retry=QUICK).localize(SCAN)
+        Client(server.url, retry=QUICK).localize(SCAN, map_id="hall")
     assert len(server.requests) == 1
 
 
 def test_it_gives_up_after_its_attempts(server):
     server.answers = [problem("overloaded", 503)]
     with pytest.raises(Overloaded):
-        Client(server.url, retry=QUICK).localize(SCAN)
+        Client(server.url, retry=QUICK).localize(SCAN, map_id="hall")
     assert len(server.requests) == QUICK.attempts
 
 
@@ -182,7 +181,7 @@ def test_a_slow_service_ends_at_the_timeout(server):
     server.answers = [slow]
     started = time.monotonic()
     with pytest.raises(DeadlineExceeded, match=r"0\.3 s"):
-        Client(server.url, timeout_s=0.3).localize(SCAN)
+        Client(server.url, timeout_s=0.3).localize(SCAN, map_id="hall")
     assert time.monotonic() - started < 1.2
 
 

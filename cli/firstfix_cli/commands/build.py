@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..arguments import AsJson, cache_directory
+from ..self_test_lines import self_test_lines
 
 if TYPE_CHECKING:
     from firstfix.manifest import Manifest
@@ -128,17 +129,5 @@ def _print(map_id: str, version: str, manifest: Manifest, as_json: bool) -> None
     typer.echo(f"published {map_id}, version {version}")
     counts = ", ".join(f"{count:,} {name.replace('_', ' ')}" for name, count in manifest.counts.items())
     typer.echo(f"  {counts}, {manifest.total_bytes / 1e6:,.0f} MB")
-    for line in _self_test_lines(tested):
+    for line in self_test_lines(tested):
         typer.echo(f"  {line}")
-
-
-def _self_test_lines(tested: dict[str, Any]) -> list[str]:
-    """What the version can do, as its builder measured it on disturbed scans."""
-    if not tested.get("queries"):
-        return ["self-test: none"]
-    success = ", ".join(f"{share:.0%} within {limit}" for limit, share in tested["success"].items())
-    return [
-        f"self-test, {tested['queries']} disturbed scans: {success}",
-        f"  median error {tested['median_error_m']:.3f} m, {tested['localized']:.0%} answered localized, "
-        f"{tested['false_accepts']} false among them and {tested['outside']} scans from elsewhere",
-    ]

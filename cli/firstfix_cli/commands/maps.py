@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from ..arguments import AsJson, Store, Url
+from ..self_test_lines import self_test_lines
 
 app = typer.Typer(help="List, inspect and switch maps, of a service or of a store.", no_args_is_help=True)
 
@@ -73,14 +74,17 @@ def activate(
     typer.echo(f"{map_id}: version {chosen} is active")
 
 
-def _lines(value: dict[str, Any], indent: str = "") -> list[str]:
-    """Nested values as indented lines; long lists by their length."""
-    lines = []
-    for name, item in value.items():
-        if isinstance(item, dict) and item:
-            lines += [f"{indent}{name}:", *_lines(item, indent + "  ")]
-        elif isinstance(item, list) and len(item) > 8:
-            lines.append(f"{indent}{name}: {len(item)} values")
-        else:
-            lines.append(f"{indent}{name}: {item}")
-    return lines
+def _lines(details: dict[str, Any]) -> list[str]:
+    """What a person asks of a map; ``--json`` has the rest."""
+    lines = [f"{details['map_id']}: {details['versions']} versions, active {details['active_version']}"]
+    manifest = details.get("manifest")
+    if manifest is None:
+        return lines
+    counts = ", ".join(f"{count:,} {name.replace('_', ' ')}" for name, count in manifest["counts"].items())
+    megabytes = sum(entry["bytes"] for entry in manifest["files"].values()) / 1e6
+    lines.append(f"  {counts}, {megabytes:,.1f} MB, made for a {manifest['sensor'].get('name', '?')}")
+    if manifest["bounds"]:
+        low, high = manifest["bounds"]
+        size = " x ".join(f"{b - a:,.1f}" for a, b in zip(low, high, strict=True))
+        lines.append(f"  {size} m")
+    return [*lines, *(f"  {line}" for line in self_test_lines(manifest["self_test"]))]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -80,14 +80,13 @@ class Client:
         self,
         scan: ScanLike,
         *,
-        map_id: str | Iterable[str] | None = None,
+        map_id: str,
         options: LocalizeOptions | None = None,
     ) -> Localization:
         """The pose of a scan in a map, or why there is none: "not localized" is an answer, not an error.
 
         Args:
             scan: a Scan, (n, 3) points in metres in the sensor frame, or the path of a scan file.
-            map_id: one map, several, or None for whichever the service has.
             options: without a ``deadline_ms`` the service is told how long this client waits.
 
         Raises:
@@ -95,9 +94,7 @@ class Client:
             InputError: the scan or an option cannot be used.
         """
         body = encoded(scan, resolution_m=self._resolution_m, voxel_m=self._voxel_m)
-        params = (options or LocalizeOptions()).to_strings()
-        if map_id is not None:
-            params["map"] = map_id if isinstance(map_id, str) else ",".join(map_id)
+        params = {"map": map_id, **(options or LocalizeOptions()).to_strings()}
 
         def request(left_s: float) -> httpx.Request:
             return self._http.request(

@@ -1,0 +1,62 @@
+"""``firstfix serve``: the query service."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ..arguments import Store
+
+
+def serve(
+    store: Store = None,
+    host: Annotated[str | None, typer.Option(help="Address to listen on [default: 127.0.0.1].")] = None,
+    port: Annotated[int | None, typer.Option(help="Port; 0: any free one [default: 8080].")] = None,
+    zenoh: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Answer over zenoh too, as this config file says.")
+    ] = None,
+    zenoh_listen: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ENDPOINT", help="Answer over zenoh too, here, such as tcp/0.0.0.0:7447."),
+    ] = None,
+) -> None:
+    """Answer queries over HTTP, and zenoh if asked to, and build maps that are posted.
+
+    What is not given comes from the environment: FIRSTFIX_STORE, FIRSTFIX_PORT and the other settings.
+    """
+    from firstfix_service.server import serve as run_service
+
+    run_service(settings_of(store=store, host=host, port=port, zenoh=zenoh, zenoh_listen=zenoh_listen))
+
+
+def settings_of(
+    *,
+    store: str | None,
+    host: str | None,
+    port: int | None,
+    zenoh: Path | None,
+    zenoh_listen: list[str] | None,
+) -> Any:
+    """The service's settings: the command line over the environment.
+
+    Raises:
+        InvalidOption: one is missing or out of range.
+    """
+    from pydantic import ValidationError
+
+    from firstfix.errors import InvalidOption
+    from firstfix_service.settings import Settings
+
+    given: dict[str, Any] = {"store": store, "host": host, "port": port, "zenoh_config": zenoh}
+    if zenoh_listen:
+        given |= {"zenoh": True, "zenoh_listen": tuple(zenoh_listen)}
+    if sys.stderr.isatty():
+        given["log_json"] = False
+    try:
+        return Settings(**{name: value for name, value in given.items() if value is not None})
+    except ValidationError as error:
+        problems = "; ".join(f"{item['loc'][0]}: {item['msg']}" for item in error.errors())
+        raise InvalidOption(problems) from None
