@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
-from prometheus_client.openmetrics.exposition import CONTENT_TYPE_LATEST as OPENMETRICS_TYPE
-from prometheus_client.openmetrics.exposition import generate_latest as generate_openmetrics
 
 _SECONDS = (0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0)
 _LOAD_SECONDS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
-PLAIN_TYPE = "text/plain; version=0.0.4; charset=utf-8"
+MEDIA_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 
 
 class Metrics:
@@ -69,8 +67,6 @@ class Metrics:
         """A gauge that is read when somebody asks."""
         Gauge(name, text, registry=self.registry).set_function(value)
 
-    def exposition(self, accept: str) -> tuple[bytes, str]:
-        """The body of /metrics and its media type, as the scraper wants it."""
-        if "application/openmetrics-text" in accept:
-            return generate_openmetrics(self.registry), OPENMETRICS_TYPE
-        return generate_latest(self.registry), PLAIN_TYPE
+    def exposition(self) -> bytes:
+        """The body of /metrics."""
+        return generate_latest(self.registry)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Response
 
 from firstfix.errors import Overloaded
 
+from .metrics import MEDIA_TYPE
 from .parts import PartsDep
 
 router = APIRouter(tags=["operations"])
@@ -29,6 +30,5 @@ async def readyz(parts: PartsDep) -> dict[str, Any]:
 
 
 @router.get("/metrics", include_in_schema=False)
-async def metrics(request: Request, parts: PartsDep) -> Response:
-    body, media_type = parts.metrics.exposition(request.headers.get("accept", ""))
-    return Response(body, headers={"Content-Type": media_type})
+async def metrics(parts: PartsDep) -> Response:
+    return Response(parts.metrics.exposition(), headers={"Content-Type": MEDIA_TYPE})

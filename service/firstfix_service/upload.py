@@ -6,15 +6,18 @@ import asyncio
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 from fastapi import Request
 from python_multipart.exceptions import MultipartParseError
-from python_multipart.multipart import MultipartCallbacks, MultipartParser, parse_options_header
+from python_multipart.multipart import MultipartParser, parse_options_header
 
 from firstfix.errors import InvalidOption, MalformedData, TooLarge
 
 from .request_body import check_declared_length
+
+if TYPE_CHECKING:
+    from python_multipart.multipart import MultipartCallbacks
 
 MAX_TEXT_BYTES = 1 << 20
 MAX_HEADER_BYTES = 16 << 10
