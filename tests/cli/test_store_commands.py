@@ -101,7 +101,7 @@ def test_serve_takes_the_environment_under_the_command_line(monkeypatch, tmp_pat
     pytest.importorskip("firstfix_service.settings")
     from firstfix_cli.commands.serve import settings_of
 
-    nothing = {"store": None, "host": None, "port": None, "zenoh": None, "zenoh_listen": None}
+    nothing = {"store": None, "host": None, "port": None, "zenoh": None, "zenoh_listen": None, "work": None}
     monkeypatch.setenv("FIRSTFIX_STORE", "/from/environment")
     monkeypatch.setenv("FIRSTFIX_PORT", "1234")
     plain = settings_of(**nothing)
@@ -109,6 +109,7 @@ def test_serve_takes_the_environment_under_the_command_line(monkeypatch, tmp_pat
     given = settings_of(**nothing | {"port": 99, "zenoh_listen": ["tcp/127.0.0.1:7447"]})
     assert (given.port, given.zenoh_enabled, given.zenoh_listen) == (99, True, ("tcp/127.0.0.1:7447",))
     assert settings_of(**nothing | {"zenoh": tmp_path / "z.json5"}).zenoh_config == tmp_path / "z.json5"
+    assert settings_of(**nothing | {"work": tmp_path}).work_dir == tmp_path
     with pytest.raises(InvalidOption, match="port"):
         settings_of(**nothing | {"port": 99_999})
     monkeypatch.delenv("FIRSTFIX_STORE")

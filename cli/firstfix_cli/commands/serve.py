@@ -22,6 +22,7 @@ def serve(
         list[str] | None,
         typer.Option(metavar="ENDPOINT", help="Answer over zenoh too, here, such as tcp/0.0.0.0:7447."),
     ] = None,
+    work: Annotated[Path | None, typer.Option(help="For uploads and the stages of builds.")] = None,
 ) -> None:
     """Answer queries over HTTP, and zenoh if asked to, and build maps that are posted.
 
@@ -29,7 +30,9 @@ def serve(
     """
     from firstfix_service.server import serve as run_service
 
-    run_service(settings_of(store=store, host=host, port=port, zenoh=zenoh, zenoh_listen=zenoh_listen))
+    run_service(
+        settings_of(store=store, host=host, port=port, zenoh=zenoh, zenoh_listen=zenoh_listen, work=work)
+    )
 
 
 def settings_of(
@@ -39,6 +42,7 @@ def settings_of(
     port: int | None,
     zenoh: Path | None,
     zenoh_listen: list[str] | None,
+    work: Path | None,
 ) -> Any:
     """The service's settings: the command line over the environment.
 
@@ -50,7 +54,13 @@ def settings_of(
     from firstfix.errors import InvalidOption
     from firstfix_service.settings import Settings
 
-    given: dict[str, Any] = {"store": store, "host": host, "port": port, "zenoh_config": zenoh}
+    given: dict[str, Any] = {
+        "store": store,
+        "host": host,
+        "port": port,
+        "zenoh_config": zenoh,
+        "work_dir": work,
+    }
     if zenoh_listen:
         given |= {"zenoh": True, "zenoh_listen": tuple(zenoh_listen)}
     if sys.stderr.isatty():
