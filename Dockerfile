@@ -37,9 +37,12 @@ RUN groupadd --gid 10001 firstfix \
 ENV PATH=/opt/firstfix/bin:$PATH \
     PYTHONUNBUFFERED=1 \
     HOME=/tmp \
-    FIRSTFIX_STORE=file:///var/lib/firstfix \
+    FIRSTFIX_STORE=file:///var/lib/firstfix/store \
+    FIRSTFIX_WORK_DIR=/var/lib/firstfix/work \
+    FIRSTFIX_CACHE_DIR=/var/lib/firstfix/cache \
     FIRSTFIX_HOST=0.0.0.0 \
-    FIRSTFIX_PORT=8080
+    FIRSTFIX_PORT=8080 \
+    FIRSTFIX_ZENOH_LISTEN='["tcp/0.0.0.0:7447"]'
 LABEL org.opencontainers.image.title="firstfix" \
       org.opencontainers.image.description="The first fix for LiDAR robots: one scan in, the pose in the map out" \
       org.opencontainers.image.licenses="Apache-2.0"

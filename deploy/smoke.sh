@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Proves the images and the compose file: builds them, brings them up on an empty volume, posts a sample
-# world's map, waits for the build, and localizes the world's scans at the builder and at the replica.
-# Needs docker, docker-compose (either generation) and curl. Ports 8080 and 8081 must be free.
+# world's map, waits for the build, and localizes the world's scans at both, over HTTP and zenoh.
+# Needs docker, docker-compose (either generation) and curl. Ports 8080, 8081, 7447 and 7448 must be free.
 #
 #   deploy/smoke.sh                                         # the office
 #   WORLD=factory DOCKER_BUILD_ARGS="--network host" deploy/smoke.sh
@@ -9,7 +9,6 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 world=${WORLD:-office}
-config=${BUILD_CONFIG:-'{}'}
 project=firstfix-smoke
 compose=(docker-compose)
 if docker compose version >/dev/null 2>&1; then compose=(docker compose); fi
@@ -35,6 +34,8 @@ docker image ls --format '{{.Repository}}  {{.Size}}' | grep '^firstfix-'
 
 say "making the $world world"
 docker run --rm --user "$(id -u):$(id -g)" -v "$work:/world" firstfix-builder world "$world" -o /world
+config=$(docker run --rm -v "$work:/world:ro" --entrypoint python firstfix-builder -c \
+  'import json, yaml; print(json.dumps({"sensor": yaml.safe_load(open("/world/sensor.yaml"))}))')
 
 say "starting on an empty volume"
 "${compose[@]}" up -d --no-build
@@ -54,10 +55,10 @@ done
 say "built: $status"
 
 # A robot beside the services, in a container of its own with nothing but the network and the scans.
-for host in firstfix replica; do
-  say "localizing at $host"
+for where in "--url http://firstfix:8080" "--url http://replica:8080" "--zenoh tcp/replica:7447"; do
+  say "localizing, $where"
   docker run --rm --network "${project}_default" -v "$work:/world:ro" --entrypoint sh firstfix-service -c "
-    firstfix evaluate /world/poses.csv --map smoke --url http://$host:8080 --json /tmp/evaluation.json
+    firstfix evaluate /world/poses.csv --map smoke $where --json /tmp/evaluation.json
     python -c 'import json; got = json.load(open(\"/tmp/evaluation.json\")); assert got[\"success_0.2m\"] >= 0.8, got'"
 done
 
