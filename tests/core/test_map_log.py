@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -64,16 +65,20 @@ def test_racing_writers_lose_no_entry(any_store_url: str) -> None:
     assert store.list("log") == [f"log/{i:06d}.json" for i in range(1, 41)]
 
 
-def test_the_precondition_holds_for_the_very_state_before_the_entry() -> None:
+@pytest.mark.parametrize("shared", [False, True])
+def test_the_precondition_holds_for_the_very_state_before_the_entry(shared: bool) -> None:
     store = Store.open("memory://")
+    logs = [MapLog(store, "log")] * 16 if shared else [MapLog(store, "log") for _ in range(16)]
+    start = threading.Barrier(16)
 
     def first_only(state: MapState) -> bool:
         return not state.published
 
     def write(i: int) -> bool:
-        return MapLog(store, "log").append(PUB, f"{i:064x}", needed=first_only) is not None
+        start.wait()
+        return logs[i].append(PUB, f"{i:064x}", needed=first_only) is not None
 
-    with ThreadPoolExecutor(8) as pool:
+    with ThreadPoolExecutor(16) as pool:
         assert list(pool.map(write, range(16))).count(True) == 1
     assert len(MapLog(store, "log").state().entries) == 1
 

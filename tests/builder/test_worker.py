@@ -1,0 +1,339 @@
+"""The worker's orchestration, with a tiny pipeline in place of the real one."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from firstfix.build_records import new_status
+from firstfix.catalog import Catalog
+from firstfix.errors import BuildCancelled, BuildFailed, NotFound, StoreUnavailable, TooLarge
+from firstfix.manifest import Manifest
+from firstfix.store import Store
+from firstfix_builder.fetch_source import SourcePolicy
+from firstfix_builder.worker import run_build
+
+STAGES = ("one", "two")
+
+
+@dataclass(frozen=True)
+class Built:
+    directory: Path
+    manifest: Manifest
+
+
+@dataclass
+class TinyPipeline:
+    """Its version is the source's bytes. ``act`` runs in the midst of it."""
+
+    act: Callable[[Callable[[str, float], None], Callable[[], bool]], None] = lambda progress, cancelled: None
+    calls: list[dict[str, Any]] = field(default_factory=list)
+
+    def __call__(
+        self,
+        source: Path,
+        config: dict[str, Any],
+        work: Path,
+        *,
+        trajectory: Path | None,
+        progress: Callable[[str, float], None],
+        cancelled: Callable[[], bool],
+    ) -> Built:
+        self.calls.append({"source": source.name, "trajectory": trajectory, "config": config})
+        progress("one", 0.5)
+        self.act(progress, cancelled)
+        directory = work / "version"
+        directory.mkdir(exist_ok=True)
+        (directory / "index.bin").write_bytes(source.read_bytes())
+        progress("two", 1.0)
+        return Built(directory, Manifest.for_directory(directory, config=config))
+
+
+@dataclass(frozen=True)
+class Place:
+    """A store with one uploaded source and a build of it, ``b1``."""
+
+    url: str
+    catalog: Catalog
+    work: Path
+
+    def run(self, pipeline: TinyPipeline, build_id: str = "b1", **options: Any) -> int:
+        return run_build(self.url, build_id, self.work, pipeline, STAGES, **options)
+
+    def request(self, build_id: str, **changes: Any) -> None:
+        request = {**self.catalog.build_request("b1"), **changes}
+        self.catalog.put_build(build_id, request)
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Place:
+    return make_place(f"file://{tmp_path}/store", tmp_path)
+
+
+def make_place(url: str, tmp_path: Path) -> Place:
+    catalog = Catalog(Store.open(url))
+    (tmp_path / "upload").write_bytes(b"a cloud")
+    sha256 = catalog.put_source("hall", tmp_path / "upload")
+    catalog.put_build(
+        "b1",
+        {
+            "map_id": "hall",
+            "source": {"key": f"maps/hall/sources/{sha256}"},
+            "file_name": "hall.ply",
+            "trajectory": None,
+            "config": {"x": 1},
+        },
+    )
+    return Place(url, catalog, tmp_path / "work")
+
+
+def test_a_build_is_published_and_its_end_recorded(place: Place) -> None:
+    pipeline = TinyPipeline()
+    assert place.run(pipeline) == 0
+    status = place.catalog.build_status("b1")
+    version = place.catalog.active_version("hall")
+    assert status == new_status("succeeded", map_id="hall", stage="publish", progress=1.0, version=version)
+    assert place.catalog.log("hall")[0].build_id == "b1"
+    assert pipeline.calls == [{"source": "hall.ply", "trajectory": None, "config": {"x": 1}}]
+    folder = place.catalog.fetch_version("hall", str(version), place.work / "cache")
+    assert (folder / "index.bin").read_bytes() == b"a cloud"
+    assert not (place.work / "sources").exists()  # uploads are large: they stay in the store only
+
+
+def test_it_works_on_a_real_s3_server(s3_url: str, tmp_path: Path) -> None:
+    place = make_place(s3_url, tmp_path)
+    assert place.run(TinyPipeline()) == 0
+    assert place.catalog.active_version("hall") == place.catalog.build_status("b1")["version"]
+
+
+def test_a_trajectory_comes_with_its_own_name(place: Place, tmp_path: Path) -> None:
+    (tmp_path / "poses").write_bytes(b"1 2 3")
+    sha256 = place.catalog.put_source("hall", tmp_path / "poses")
+    named = {"key": f"maps/hall/sources/{sha256}", "file_name": "../../poses of hall.tum"}
+    place.request("b2", trajectory=named)
+    seen: list[bytes] = []
+
+    class Reads(TinyPipeline):
+        def __call__(self, *args: Any, **hooks: Any) -> Built:
+            assert hooks["trajectory"].name == "poses_of_hall.tum"
+            assert hooks["trajectory"].is_relative_to(place.work)
+            seen.append(hooks["trajectory"].read_bytes())
+            return super().__call__(*args, **hooks)
+
+    assert place.run(Reads(), "b2") == 0
+    assert seen == [b"1 2 3"]
+
+
+def test_the_status_is_written_twice_a_second_at_most(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+    written: list[dict[str, Any]] = []
+    original = Catalog.set_build_status
+
+    def record(catalog: Catalog, build_id: str, status: dict[str, Any]) -> None:
+        written.append(status)
+        original(catalog, build_id, status)
+
+    monkeypatch.setattr(Catalog, "set_build_status", record)
+
+    def many_ticks(progress: Callable[[str, float], None], cancelled: Callable[[], bool]) -> None:
+        start = time.monotonic()
+        while (passed := time.monotonic() - start) < 1.8:
+            progress("two", passed / 1.8)
+            time.sleep(0.001)
+
+    assert place.run(TinyPipeline(many_ticks)) == 0
+    assert 4 <= len(written) <= 6  # at the start, three while it runs, the end
+    assert [status["state"] for status in written] == ["running"] * (len(written) - 1) + ["succeeded"]
+    fractions = [status["progress"] for status in written]
+    assert fractions == sorted(fractions)
+    assert {status["stage"] for status in written[1:-1]} <= {"two", "publish"}
+
+
+def test_a_cancelled_build_publishes_nothing(place: Place) -> None:
+    def until_cancelled(progress: Callable[[str, float], None], cancelled: Callable[[], bool]) -> None:
+        place.catalog.request_cancel("b1")
+        for _ in range(500):
+            if cancelled():
+                raise BuildCancelled("seen")
+            time.sleep(0.01)
+
+    assert place.run(TinyPipeline(until_cancelled)) == 3
+    assert place.catalog.build_status("b1")["state"] == "cancelled"
+    assert place.catalog.log("hall") == []
+
+
+def test_a_cancel_that_no_stage_looks_for_stops_the_publish(place: Place) -> None:
+    def wait(progress: Callable[[str, float], None], cancelled: Callable[[], bool]) -> None:
+        place.catalog.request_cancel("b1")
+        time.sleep(1.7)
+
+    assert place.run(TinyPipeline(wait)) == 3
+    assert place.catalog.log("hall") == []
+
+
+def _fail(error: BaseException) -> TinyPipeline:
+    def act(progress: Callable[[str, float], None], cancelled: Callable[[], bool]) -> None:
+        progress("two", 0.1)
+        raise error
+
+    return TinyPipeline(act)
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "detail"),
+    [
+        (BuildFailed("the cloud has no floor"), "build_failed", "the cloud has no floor"),
+        (TooLarge("too many points"), "too_large", "too many points"),
+        (MemoryError(), "build_failed", "the worker ran out of memory"),
+        (OSError(28, "No space left on device"), "build_failed", "the worker's disk is full"),
+        (KeyError("/home/secret"), "internal", "KeyError: see the worker's log"),
+    ],
+)
+def test_a_failure_is_recorded_with_its_code(error: Exception, code: str, detail: str, place: Place) -> None:
+    assert place.run(_fail(error)) == 1
+    status = place.catalog.build_status("b1")
+    assert (status["state"], status["stage"]) == ("failed", "two")
+    assert status["error"] == {"code": code, "detail": detail}
+    assert place.catalog.log("hall") == []
+
+
+def test_a_build_that_has_ended_is_left_alone(place: Place) -> None:
+    assert place.run(TinyPipeline()) == 0
+    before = place.catalog.store.list()
+    pipeline = TinyPipeline()
+    assert place.run(pipeline) == 0
+    assert pipeline.calls == []
+    assert place.catalog.store.list() == before
+    for state, code in (("failed", 1), ("cancelled", 3)):
+        place.catalog.set_build_status("b1", new_status(state, map_id="hall"))
+        assert place.run(pipeline) == code
+    assert pipeline.calls == []
+
+
+def test_a_store_out_of_reach_leaves_the_build_to_be_run_again(place: Place) -> None:
+    with pytest.raises(StoreUnavailable):
+        place.run(_fail(StoreUnavailable("gone")))
+    assert place.catalog.build_status("b1")["state"] == "queued"
+    assert place.run(TinyPipeline()) == 0
+
+
+def test_builds_that_share_a_folder_run_one_after_the_other(place: Place) -> None:
+    place.request("b2", config={"x": 2})
+    running: list[str] = []
+
+    def act(progress: Callable[[str, float], None], cancelled: Callable[[], bool]) -> None:
+        running.append("in")
+        time.sleep(0.3)
+        running.append("out")
+
+    threads = [
+        threading.Thread(target=place.run, args=(TinyPipeline(act), build_id)) for build_id in ("b1", "b2")
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert running == ["in", "out"] * 2
+    assert len(place.catalog.versions("hall")) == 2
+
+
+def test_no_such_build(place: Place) -> None:
+    with pytest.raises(NotFound):
+        place.run(TinyPipeline(), "b9")
+
+
+def _refused(place: Place, policy: SourcePolicy | None = None, **changes: Any) -> dict[str, str]:
+    place.request("bad", **changes)
+    pipeline = TinyPipeline()
+    assert place.run(pipeline, "bad", policy=policy) == 1
+    assert pipeline.calls == []
+    error: dict[str, str] = place.catalog.build_status("bad")["error"]
+    return error
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"source": {"key": "maps/office/sources/" + "0" * 64}},
+        {"source": {"key": "maps/hall/log/000001.json"}},
+        {"source": {"key": "../../etc/passwd"}},
+        {"source": {"url": "file:///etc/passwd"}},
+        {"source": {"url": "/etc/passwd"}},
+        {"source": {"url": "memory://x/y"}},
+        {"source": {"url": "s3://bucket/map.ply?endpoint=http://169.254.169.254&allow_http=true"}},
+        {"source": {"url": "s3://bucket"}},
+        {"source": {"url": "https://host/map.ply"}},
+        {"source": {}},
+        {"source": "text"},
+        {"config": [1]},
+        {"map_id": "../x"},
+    ],
+)
+def test_a_request_for_what_is_not_the_callers_is_refused(changes: dict[str, Any], place: Place) -> None:
+    assert _refused(place, **changes)["code"] == "invalid_option"
+
+
+def test_a_source_that_is_gone_or_too_large(place: Place) -> None:
+    error = _refused(place, SourcePolicy(max_bytes=3))
+    assert error["code"] == "too_large"
+    place.catalog.store.delete(place.catalog.build_request("b1")["source"]["key"])
+    place.request("b3")
+    assert place.run(TinyPipeline(), "b3") == 1
+    assert place.catalog.build_status("b3")["error"]["code"] == "not_found"
+
+
+def test_a_file_url_is_read_below_a_folder_that_was_allowed(place: Place, tmp_path: Path) -> None:
+    maps = tmp_path / "maps"
+    maps.mkdir()
+    (maps / "yard.pcd").write_bytes(b"points")
+    (maps / "link.pcd").symlink_to("/etc/passwd")
+    policy = SourcePolicy(roots=(maps,))
+    place.request("b2", source={"url": f"file://{maps}/yard.pcd"}, file_name=None)
+    pipeline = TinyPipeline()
+    assert place.run(pipeline, "b2", policy=policy) == 0
+    assert pipeline.calls[0]["source"] == "yard.pcd"
+    for i, name in enumerate(("../upload", "link.pcd", "none.pcd")):
+        place.request(f"c{i}", source={"url": f"file://{maps}/{name}"})
+        assert place.run(TinyPipeline(), f"c{i}", policy=policy) == 1
+
+
+def test_an_object_elsewhere_on_the_same_server_is_a_source(s3_url: str, tmp_path: Path) -> None:
+    place = make_place(s3_url.replace("?", "/own?"), tmp_path)
+    outside = Store.open(s3_url)
+    outside.put("clouds/yard.las", b"points")
+    bare = s3_url.split("?")[0]
+    place.request("b2", source={"url": f"{bare}/clouds/yard.las"}, file_name="")
+    pipeline = TinyPipeline()
+    assert place.run(pipeline, "b2") == 0
+    assert pipeline.calls[0]["source"] == "yard.las"
+    key = place.catalog.build_request("b1")["source"]["key"]
+    for url, code in (
+        (f"{bare}/own/{key}", "invalid_option"),  # another map's upload, by the back door
+        (f"{bare}/clouds/none.las", "not_found"),
+        (f"{bare}/clouds/yard.las?endpoint=http://127.0.0.1:9", "invalid_option"),
+    ):
+        build_id = f"c{abs(hash(url))}"
+        place.request(build_id, source={"url": url})
+        assert place.run(TinyPipeline(), build_id) == 1
+        assert place.catalog.build_status(build_id)["error"]["code"] == code
+
+
+def test_the_command_line_with_the_real_pipeline(place: Place) -> None:
+    def run(*arguments: str) -> int:
+        command = [sys.executable, "-m", "firstfix_builder.worker", "--store", place.url, *arguments]
+        return subprocess.run(command, capture_output=True, timeout=120, check=False).returncode
+
+    place.request("b2", config={"sensor": "no-such-lidar"})
+    assert run("--work", str(place.work), "--build", "b2") == 1
+    error = place.catalog.build_status("b2")["error"]
+    assert error["code"] == "invalid_option"
+    assert "no-such-lidar" in error["detail"]
+    assert run("--work", str(place.work), "--build", "b9") == 2
+    assert run("--build", "b1") == 2

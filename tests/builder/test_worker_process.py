@@ -1,0 +1,172 @@
+"""The worker as a process that is stopped and killed, with a tiny pipeline of cached stages."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from firstfix.catalog import Catalog
+from firstfix.store import Store
+
+# One stage that is done soon and one that hangs until a file appears; a pool beside them.
+PROGRAM = """
+import hashlib, os, sys
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from firstfix.manifest import Manifest
+from firstfix_builder import build_reporter
+from firstfix_builder.die_with_parent import die_with_parent
+from firstfix_builder.stage_cache import StageCache
+from firstfix_builder.worker import run_build
+
+@dataclass(frozen=True)
+class Built:
+    directory: Path
+    manifest: Manifest
+
+def build_version(source, config, work, *, trajectory, progress, cancelled):
+    def first(out):
+        with (work / "made").open("a") as file:
+            file.write("first\\n")
+        (out / "a.bin").write_bytes(source.read_bytes())
+    def second(out):
+        (out / "b.bin").write_bytes(b"b")
+        (work / "hangs").write_text("")
+        while not (work / "go").exists():
+            # half a minute of native code: no Python signal handler runs before it returns
+            hashlib.pbkdf2_hmac("sha256", b"", b"", 100_000_000)
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=die_with_parent) as pool:
+        (work / "pool.pid").write_text(str(pool.submit(os.getpid).result()))
+        cache = StageCache(work)
+        progress("one", 0.0)
+        cache.run("first", {}, {}, first)
+        progress("two", 0.0)
+        result = cache.run("second", {}, {}, second)
+        return Built(result.directory, Manifest.for_directory(result.directory))
+
+if __name__ == "__main__":
+    build_reporter.CANCEL_GRACE_S = 0.5
+    url, work = sys.argv[1:]
+    raise SystemExit(run_build(url, "b1", Path(work), build_version, ("one", "two"), own_process=True))
+"""
+
+
+def _wait_for(what: Callable[[], bool], seconds: float = 20) -> None:
+    deadline = time.monotonic() + seconds
+    while not what():
+        assert time.monotonic() < deadline, "it did not come"
+        time.sleep(0.02)
+
+
+def _is_alive(pid: int) -> bool:
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return False
+    return state != "Z"
+
+
+class Place:
+    def __init__(self, tmp_path: Path) -> None:
+        self.url, self.work = f"file://{tmp_path}/store", tmp_path / "work"
+        self.program = tmp_path / "program.py"
+        self.program.write_text(PROGRAM)
+        self.catalog = Catalog(Store.open(self.url))
+        (tmp_path / "upload").write_bytes(b"a cloud")
+        key = f"maps/hall/sources/{self.catalog.put_source('hall', tmp_path / 'upload')}"
+        self.catalog.put_build(
+            "b1", {"map_id": "hall", "source": {"key": key}, "file_name": "a.ply", "config": {}}
+        )
+
+    def start(self) -> subprocess.Popen[bytes]:
+        return subprocess.Popen([sys.executable, str(self.program), self.url, str(self.work)])
+
+    @contextmanager
+    def hanging(self) -> Iterator[subprocess.Popen[bytes]]:
+        """A worker in the midst of its second stage, its status on record."""
+        with self.start() as worker:
+            try:
+                _wait_for((self.work / "hangs").exists)
+                _wait_for(lambda: self.catalog.build_status("b1")["stage"] == "two")
+                yield worker
+            finally:
+                worker.kill()
+
+    def pool_pid(self) -> int:
+        return int((self.work / "pool.pid").read_text())
+
+    def finish(self) -> None:
+        (self.work / "go").write_text("")
+        with self.start() as worker:
+            assert worker.wait(30) == 0
+        status = self.catalog.build_status("b1")
+        assert status["state"] == "succeeded"
+        assert status["version"] == self.catalog.active_version("hall")
+        assert (self.work / "made").read_text() == "first\n"  # the finished stage was not made again
+        assert len(self.catalog.log("hall")) == 2
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Place:
+    return Place(tmp_path)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_stopped_worker_leaves_the_build_queued_and_is_gone_soon(
+    number: signal.Signals, place: Place
+) -> None:
+    with place.hanging() as worker:
+        worker.send_signal(number)
+        assert worker.wait(5) == 75
+    status = place.catalog.build_status("b1")
+    assert (status["state"], status["stage"]) == ("queued", "two")
+    _wait_for(lambda: not _is_alive(place.pool_pid()), 5)
+    place.finish()
+
+
+def test_a_killed_worker_is_gone_on_with(place: Place) -> None:
+    with place.hanging() as worker:
+        worker.send_signal(signal.SIGKILL)
+        worker.wait(5)
+    _wait_for(lambda: not _is_alive(place.pool_pid()), 5)  # the pool does not outlive it
+    place.finish()
+
+
+def test_a_cancel_that_the_stages_ignore_ends_the_process(place: Place) -> None:
+    with place.hanging() as worker:
+        place.catalog.request_cancel("b1")
+        assert worker.wait(10) == 3
+    assert place.catalog.build_status("b1")["state"] == "cancelled"
+    assert place.catalog.log("hall") == []
+    _wait_for(lambda: not _is_alive(place.pool_pid()), 5)
+
+
+def test_a_kill_after_the_publish_and_before_the_last_status(place: Place) -> None:
+    place.work.mkdir()
+    place.finish()
+    published = place.catalog.log("hall")
+    place.catalog.store.delete("builds/b1/status.json")
+    place.finish()
+    assert place.catalog.log("hall") == published
+
+
+def test_workers_killed_at_random_moments_lose_nothing(place: Place) -> None:
+    place.work.mkdir()
+    (place.work / "go").write_text("")
+    for delay_s in (0.3, 0.5, 0.7, 0.9):
+        with place.start() as worker:
+            time.sleep(delay_s)
+            os.kill(worker.pid, signal.SIGKILL)
+            worker.wait()
+    place.finish()
+    assert [path.name for path in (place.work / "stages").glob(".*")] == []
