@@ -37,8 +37,12 @@ STATUS: dict[type[FirstfixError], int] = {
     errors.Overloaded: 503,
     errors.DeadlineExceeded: 504,
 }
-# Where trying again helps, after so many seconds.
-RETRY_AFTER_S: dict[type[FirstfixError], int] = {errors.Overloaded: 1, errors.StoreUnavailable: 5}
+# What the response says besides: when trying again helps; that the rest of a large body is not read.
+HEADERS: dict[type[FirstfixError], dict[str, str]] = {
+    errors.Overloaded: {"Retry-After": "1"},
+    errors.StoreUnavailable: {"Retry-After": "5"},
+    errors.TooLarge: {"Connection": "close"},
+}
 
 
 @dataclass(frozen=True)
@@ -77,8 +81,7 @@ def problem_of(error: BaseException) -> Problem:
     if not isinstance(error, FirstfixError):
         return Problem(FirstfixError.code, 500, "an unexpected error: it was logged with the request's id")
     mapped = next(cls for cls in type(error).__mro__ if cls in STATUS)
-    headers = {"Retry-After": str(RETRY_AFTER_S[mapped])} if mapped in RETRY_AFTER_S else {}
-    return Problem(error.code, STATUS[mapped], str(error), headers)
+    return Problem(error.code, STATUS[mapped], str(error), HEADERS.get(mapped, {}))
 
 
 def add_handlers(app: FastAPI) -> None:

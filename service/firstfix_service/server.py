@@ -6,6 +6,7 @@ import ipaddress
 
 import structlog
 import uvicorn
+from fastapi import FastAPI
 
 from .app import create_app
 from .log_setup import set_up_logging
@@ -15,9 +16,9 @@ _log = structlog.get_logger(__name__)
 STOP_WITHIN_S = 20  # for requests under way, then they are broken off
 
 
-def uvicorn_config(settings: Settings) -> uvicorn.Config:
+def uvicorn_config(app: FastAPI, settings: Settings) -> uvicorn.Config:
     return uvicorn.Config(
-        create_app(settings),
+        app,
         host=settings.host,
         port=settings.port,
         loop="auto",  # uvloop and httptools where they are installed
@@ -42,7 +43,7 @@ def serve(settings: Settings) -> None:
     set_up_logging(settings.log_level, as_json=settings.log_json)
     if not is_loopback(settings.host):
         _log.warning("listening beyond this machine without authentication", host=settings.host)
-    uvicorn.Server(uvicorn_config(settings)).run()
+    uvicorn.Server(uvicorn_config(create_app(settings), settings)).run()
 
 
 def is_loopback(host: str) -> bool:

@@ -1,0 +1,205 @@
+"""A running service over a real file store and loopback sockets; only the localizer is a fake one."""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import uvicorn
+import zenoh
+
+from firstfix.catalog import Catalog
+from firstfix.errors import CorruptVersion
+from firstfix.localization import Localization, Verdict
+from firstfix.manifest import Manifest
+from firstfix.options import LocalizeOptions
+from firstfix.scan import Scan
+from firstfix.store import Store
+from firstfix_service.app import create_app
+from firstfix_service.server import uvicorn_config
+from firstfix_service.settings import Settings
+
+XYZ = "application/vnd.firstfix.xyz"
+SCAN_BODY = np.arange(300, dtype="<f4").reshape(100, 3).tobytes()
+
+
+@dataclass
+class Behaviour:
+    """What the fake localizers do; shared by all of a test."""
+
+    raises: Exception | None = None
+    gate: threading.Event | None = None  # wait for it before answering
+    started: threading.Semaphore = field(default_factory=lambda: threading.Semaphore(0))
+    loads: list[str] = field(default_factory=list)
+
+    def load(self, directory: Path) -> FakeLocalizer:
+        label = (directory / "label.txt").read_text()
+        self.loads.append(label)
+        if label == "unreadable":
+            raise CorruptVersion("label.txt: cannot be understood")
+        return FakeLocalizer(float(label), self)
+
+
+@dataclass
+class FakeLocalizer:
+    """Answers with x = its label and y = the points of the scan."""
+
+    label: float
+    behaviour: Behaviour
+
+    def localize(self, scan: Scan, options: LocalizeOptions | None = None) -> Localization:
+        self.behaviour.started.release()
+        if self.behaviour.gate is not None:
+            assert self.behaviour.gate.wait(20)
+        if self.behaviour.raises is not None:
+            raise self.behaviour.raises
+        T = np.eye(4)
+        T[:2, 3] = self.label, len(scan)
+        return Localization(Verdict.LOCALIZED, (), T, None, np.eye(6), 0.9, timings_ms={"search": 1.5})
+
+
+def publish(catalog: Catalog, map_id: str, label: str, scratch: Path) -> str:
+    """A version whose fake localizer answers x = label; returns its digest."""
+    directory = scratch / f"{map_id}-{label}"
+    directory.mkdir(parents=True, exist_ok=True)
+    (directory / "label.txt").write_text(label)
+    return catalog.publish(map_id, directory, Manifest.for_directory(directory))
+
+
+def free_port() -> int:
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return int(s.getsockname()[1])
+
+
+@dataclass
+class Service:
+    """A running one."""
+
+    url: str
+    endpoint: str
+    http: httpx.Client
+    session: Any
+    catalog: Catalog
+    behaviour: Behaviour
+    settings: Settings
+    scratch: Path
+
+    def ask(self, transport: str, **query: Any) -> Reply:
+        return {"http": self.ask_http, "zenoh": self.ask_zenoh}[transport](**query)
+
+    def ask_http(
+        self,
+        body: bytes = SCAN_BODY,
+        media_type: str = XYZ,
+        map_id: str = "hall",
+        options: dict[str, str] | None = None,
+        content_encoding: str | None = None,
+    ) -> Reply:
+        headers = {"Content-Type": media_type}
+        if content_encoding:
+            headers["Content-Encoding"] = content_encoding
+        response = self.http.post(
+            "/localize", params={"map": map_id, **(options or {})}, content=body, headers=headers
+        )
+        return Reply(response.status_code == 200, response.content, response.headers["content-type"])
+
+    def ask_zenoh(
+        self,
+        body: bytes = SCAN_BODY,
+        media_type: str = XYZ,
+        map_id: str = "hall",
+        options: dict[str, str] | None = None,
+        content_encoding: str | None = None,
+        key: str | None = None,
+    ) -> Reply:
+        parameters = dict(options or {})
+        if content_encoding:
+            parameters["content_encoding"] = content_encoding
+        selector = zenoh.Selector(key or f"firstfix/{map_id}/localize", parameters)
+        replies = list(self.session.get(selector, payload=body, encoding=media_type, timeout=20))
+        assert len(replies) == 1, "exactly one reply"
+        sample = replies[0].ok or replies[0].err
+        return Reply(replies[0].ok is not None, sample.payload.to_bytes(), str(sample.encoding))
+
+
+@dataclass(frozen=True)
+class Reply:
+    ok: bool
+    body: bytes
+    media_type: str
+
+    @property
+    def json(self) -> dict[str, Any]:
+        return dict(json.loads(self.body))
+
+    @property
+    def x(self) -> float:
+        return float(self.json["T_map_sensor"]["position"][0])
+
+
+@contextmanager
+def running_service(directory: Path, **changes: Any) -> Iterator[Service]:
+    behaviour = changes.pop("behaviour", None) or Behaviour()
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    settings = Settings(
+        **{
+            "store": str(directory / "store"),
+            "port": 0,
+            "cache_dir": directory / "cache",
+            "work_dir": directory / "work",
+            "poll_interval_s": 0.1,
+            "run_builds": False,
+            "workers": 2,
+            "zenoh": True,
+            "zenoh_listen": (endpoint,),
+            "replica": "r1",
+            **changes,
+        }
+    )
+    server = uvicorn.Server(uvicorn_config(create_app(settings, load=behaviour.load), settings))
+    thread = threading.Thread(target=server.run, daemon=True)
+    thread.start()
+    wait_for(lambda: server.started or not thread.is_alive())
+    assert server.started, "the service did not start"
+    port = server.servers[0].sockets[0].getsockname()[1]
+    session = None
+    try:
+        if settings.zenoh_enabled:
+            session = client_session(endpoint)
+        url = f"http://127.0.0.1:{port}"
+        with httpx.Client(base_url=url, timeout=30) as http:
+            catalog = Catalog(Store.open(settings.store))
+            yield Service(url, endpoint, http, session, catalog, behaviour, settings, directory / "made")
+    finally:
+        if behaviour.gate is not None:
+            behaviour.gate.set()
+        if session is not None:
+            session.close()
+        server.should_exit = True
+        thread.join(30)
+        assert not thread.is_alive(), "the service did not stop"
+
+
+def client_session(endpoint: str) -> Any:
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    return zenoh.open(config)
+
+
+def wait_for(condition: Callable[[], object], timeout_s: float = 20.0) -> None:
+    end = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.02)
