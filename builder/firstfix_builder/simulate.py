@@ -22,6 +22,8 @@ class Simulator:
     """
 
     def __init__(self, vertices: NDArray[np.floating], triangles: NDArray[np.integer]) -> None:
+        self.low: NDArray[np.float64] = np.min(vertices, axis=0).astype(np.float64)  # (3,) bounds, metres
+        self.high: NDArray[np.float64] = np.max(vertices, axis=0).astype(np.float64)
         self.scene = o3d.t.geometry.RaycastingScene()
         self.scene.add_triangles(
             o3d.core.Tensor(np.ascontiguousarray(vertices, np.float32)),
@@ -33,6 +35,16 @@ class Simulator:
         rays = np.concatenate([origins, directions], axis=1).astype(np.float32)
         ranges: NDArray[np.float32] = self.scene.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
         return ranges
+
+    def surfaces_below(
+        self, origins: NDArray[np.floating]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """(r, 3) origins to the (r,) drop to the surface below, inf where there is none, and the
+        (r,) steepness there: |z| of the unit normal, 1 is level."""
+        down = np.broadcast_to(np.array([0, 0, -1], np.float32), origins.shape)
+        rays = np.concatenate([origins, down], axis=1).astype(np.float32)
+        hit = self.scene.cast_rays(o3d.core.Tensor(rays))
+        return hit["t_hit"].numpy(), np.abs(hit["primitive_normals"].numpy()[:, 2])
 
     def distance(self, points: NDArray[np.floating]) -> NDArray[np.float32]:
         """(n, 3) points to (n,) distances in metres to the nearest surface."""

@@ -1,0 +1,164 @@
+"""Where templates are simulated: sensor positions over the floors that a robot can reach (paper III.A)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+from scipy.spatial import cKDTree
+
+from firstfix.errors import BuildFailed
+
+from .choose_parts import likely_parts, parts_under
+from .driven import Driven, driven_floor, with_driven
+from .floors import Grid, Surfaces, find_surfaces, fit_planes
+from .simulate import Simulator
+from .walkable import has_room, reachable_parts
+
+MAX_CELL_M = 0.4
+PLANE_REACH_M = 0.5
+HEAD_ROOM_M = 0.1  # over the sensor
+STOREY_GAP_M = 1.0
+
+
+class ViewpointConfig(BaseModel):
+    """Attributes:
+    spacing_m: one viewpoint a square of this edge.
+    mount_height_m: of the sensor over the floor; "auto": the trajectory's where there is one, else
+        the sensor model's.
+    max_slope_deg, step_height_m: what the robot climbs. Reconstructed floors are bumpy: be generous.
+    robot_height_m: free height that it needs; at least the sensor has to fit below.
+    footprint_radius_m: free width to every side of it.
+    bridge_gap_m: holes in the floor up to this wide do not stop it.
+    max_distance_to_trajectory_m: no viewpoint further from the trajectory; None: no limit.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    spacing_m: float = Field(1.0, ge=0.1, le=100)
+    mount_height_m: float | Literal["auto"] = "auto"
+    max_slope_deg: float = Field(20.0, ge=0, le=60)
+    step_height_m: float = Field(0.25, ge=0, le=2)
+    robot_height_m: float = Field(1.0, gt=0, le=10)
+    footprint_radius_m: float = Field(0.3, gt=0, le=10)
+    bridge_gap_m: float = Field(1.2, ge=0, le=10)
+    max_distance_to_trajectory_m: float | None = Field(None, gt=0)
+
+
+@dataclass(frozen=True)
+class Viewpoints:
+    """Attributes:
+    positions: (n, 3) of the sensor, metres, map frame.
+    floor_z: (n,) height of the floor below each.
+    mount_height_m: the difference.
+    """
+
+    positions: NDArray[np.float64]
+    floor_z: NDArray[np.float64]
+    mount_height_m: float
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+
+def sample_viewpoints(
+    simulator: Simulator,
+    config: ViewpointConfig,
+    mount_height_m: float,
+    trajectory: NDArray[np.float64] | None = None,
+    seeds: NDArray[np.float64] | None = None,
+) -> Viewpoints:
+    """Viewpoints on every floor that is reached from the trajectory or the seeds.
+
+    With neither of them, on the largest floor that is no roof and on storeys of comparable size.
+
+    Args:
+        mount_height_m: the sensor model's, for mount_height_m = "auto" without a trajectory.
+        trajectory: (m, 4, 4) T_map_sensor, or None.
+        seeds: (k, 3) metres, places in free space above the floor to start from, or None.
+
+    Raises:
+        BuildFailed: there is no floor to stand on.
+    """
+    cell_m = config.spacing_m / int(np.ceil(config.spacing_m / MAX_CELL_M))
+    driven = None
+    if trajectory is not None and len(trajectory):
+        driven = driven_floor(simulator, trajectory, cell_m / 2, mount_height_m)
+    if config.mount_height_m != "auto":
+        mount_height_m = config.mount_height_m
+    elif driven is not None:
+        mount_height_m = driven.mount_height_m
+    grid = Grid.over(simulator.low, simulator.high, cell_m)
+    surfaces = find_surfaces(simulator, grid, _columns(grid, driven, config))
+    passed = np.zeros(len(surfaces), bool)
+    if driven is not None:
+        surfaces, passed = with_driven(grid, surfaces, driven.foot)
+    height_m = max(config.robot_height_m, mount_height_m + HEAD_ROOM_M)
+    standing, passed = _standing(grid, surfaces, passed, config, height_m)
+    feet = np.column_stack([grid.centre_m(standing.column), standing.z])
+    room = passed | has_room(simulator, feet, config.footprint_radius_m, config.step_height_m, height_m)
+    floors = standing.subset(room)
+    if len(floors) == 0:
+        raise BuildFailed("the map has no floor with room for the robot")
+    part = reachable_parts(
+        simulator,
+        grid,
+        floors,
+        step_m=config.step_height_m,
+        max_slope=float(np.tan(np.radians(config.max_slope_deg))),
+        bridge_gap_m=config.bridge_gap_m,
+        height_m=height_m,
+    )
+    if driven is None and seeds is None:
+        chosen = likely_parts(grid, standing, floors, part)
+    else:
+        chosen = part[passed[room]]
+        if seeds is not None:
+            chosen = np.union1d(chosen, parts_under(grid, floors, part, seeds))
+    return _one_per_block(grid, floors.subset(np.isin(part, chosen)), config.spacing_m, mount_height_m)
+
+
+def _columns(grid: Grid, driven: Driven | None, config: ViewpointConfig) -> NDArray[np.int64]:
+    """(n, 2) the columns to look at: all, or those near the trajectory."""
+    x, y = np.meshgrid(np.arange(grid.size[0]), np.arange(grid.size[1]), indexing="ij")
+    columns = np.column_stack([x.ravel(), y.ravel()])
+    limit_m = config.max_distance_to_trajectory_m
+    if driven is None or limit_m is None:
+        return columns
+    away, _ = cKDTree(driven.foot[:, :2]).query(grid.centre_m(columns), distance_upper_bound=limit_m)
+    return columns[np.isfinite(away)]
+
+
+def _standing(
+    grid: Grid, surfaces: Surfaces, passed: NDArray[np.bool_], config: ViewpointConfig, height_m: float
+) -> tuple[Surfaces, NDArray[np.bool_]]:
+    """The surfaces with headroom that are level enough, at their smoothed height; which were passed over."""
+    high = passed | (surfaces.headroom_m >= height_m)
+    surfaces, passed = surfaces.subset(high), passed[high]
+    reach = max(1, round(PLANE_REACH_M / grid.cell_m))
+    plane_z, slope = fit_planes(grid, surfaces, reach, config.step_height_m)
+    even = slope <= np.tan(np.radians(config.max_slope_deg))
+    tread = surfaces.level >= np.cos(np.radians(config.max_slope_deg))
+    z = np.where(even & (np.abs(plane_z - surfaces.z) <= config.step_height_m), plane_z, surfaces.z)
+    keep = passed | even | tread
+    return replace(surfaces, z=z).subset(keep), passed[keep]
+
+
+def _one_per_block(grid: Grid, floors: Surfaces, spacing_m: float, mount_height_m: float) -> Viewpoints:
+    """Of every square of the spacing, and every storey in it, the floor nearest to the square's middle."""
+    centre = grid.centre_m(floors.column)
+    block = np.floor(centre / spacing_m).astype(np.int64)
+    order = np.lexsort((floors.z, block[:, 1], block[:, 0]))
+    new_block = np.any(np.diff(block[order], axis=0) != 0, axis=1)
+    new_storey = np.diff(floors.z[order]) > STOREY_GAP_M
+    group = np.zeros(len(floors), np.int64)
+    group[order] = np.concatenate([[0], np.cumsum(new_block | new_storey)])
+    off_centre = np.linalg.norm(centre - (block + 0.5) * spacing_m, axis=1).round(6)
+    best = np.lexsort((floors.z, centre[:, 1], centre[:, 0], off_centre, group))
+    first = best[np.concatenate([[True], np.diff(group[best]) != 0])]
+    floor_z = floors.z[first]
+    positions = np.column_stack([centre[first], floor_z + mount_height_m])
+    return Viewpoints(positions, floor_z, mount_height_m)
