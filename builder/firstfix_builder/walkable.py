@@ -74,7 +74,8 @@ def _neighbours(
             stride_m = grid.cell_m * float(np.linalg.norm(direction))
             searching = np.arange(len(floors))
             for stride in range(1, 1 + max(1, int(bridge_gap_m / stride_m + 1))):
-                limit_m = step_m + max_slope * stride * stride_m
+                # over a gap only a step: with the slope added, a table would be in reach of the floor
+                limit_m = step_m + max_slope * stride_m if stride == 1 else step_m
                 column = floors.column[searching] + sign * stride * direction
                 near = index.nearest(column, floors.z[searching], limit_m)
                 found = near >= 0
