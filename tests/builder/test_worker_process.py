@@ -47,7 +47,7 @@ def build_version(source, config, work, *, trajectory, progress, cancelled):
             hashlib.pbkdf2_hmac("sha256", b"", b"", 100_000_000)
     with ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=die_with_parent) as pool:
         (work / "pool.pid").write_text(str(pool.submit(os.getpid).result()))
-        cache = StageCache(work)
+        cache = StageCache(work, code_version="1")
         progress("one", 0.0)
         cache.run("first", {}, {}, first)
         progress("two", 0.0)
