@@ -1,0 +1,59 @@
+from __future__ import annotations
+
+import json
+from http import HTTPStatus
+
+import httpx
+import pytest
+from service_world import Service
+
+from firstfix.errors import FirstfixError, Overloaded, StoreUnavailable, all_errors
+from firstfix_service.problems import STATUS, problem_of
+
+
+def test_every_error_class_has_its_own_row():
+    assert set(STATUS) == set(all_errors())
+
+
+@pytest.mark.parametrize("error", all_errors(), ids=lambda cls: cls.__name__)
+def test_the_document_is_complete(error: type[FirstfixError]):
+    problem = problem_of(error("why"))
+    body = json.loads(problem.body)
+    assert set(body) == {"type", "title", "status", "detail", "code"}
+    assert body["code"] == error.code
+    assert body["status"] == problem.status
+    assert 400 <= HTTPStatus(problem.status) < 600
+
+
+def test_where_trying_again_helps_it_says_when():
+    for error in (Overloaded("full"), StoreUnavailable("gone")):
+        assert int(problem_of(error).headers["Retry-After"]) >= 1
+
+
+def test_a_class_made_later_takes_its_parents_status():
+    class Worse(Overloaded):
+        code = "worse"
+
+    assert problem_of(Worse("x")).status == 503
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status", "code"),
+    [
+        ("GET", "/nowhere", 404, "not_found"),
+        ("PUT", "/localize", 405, "method_not_allowed"),
+        ("GET", "/maps/-bad-", 400, "invalid_option"),
+        ("GET", "/maps/attic", 404, "not_found"),
+        ("GET", "/maps/attic/versions", 404, "not_found"),
+        ("POST", f"/maps/hall/versions/{'0' * 64}/activate", 404, "not_found"),
+        ("POST", "/maps/hall/versions/short/activate", 400, "invalid_option"),
+        ("GET", "/builds/none", 404, "not_found"),
+        ("DELETE", "/builds/none", 404, "not_found"),
+        ("POST", "/maps", 415, "unsupported_format"),
+    ],
+)
+def test_what_routes_and_framework_refuse(service: Service, method: str, path: str, status: int, code: str):
+    response: httpx.Response = service.http.request(method, path)
+    assert response.headers["content-type"] == "application/problem+json"
+    assert (response.status_code, response.json()["code"]) == (status, code)
+    assert response.json()["status"] == status
