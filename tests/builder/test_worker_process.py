@@ -34,6 +34,10 @@ class Built:
     directory: Path
     manifest: Manifest
 
+def nap():
+    # half a minute of native code: no Python signal handler runs before it returns
+    hashlib.pbkdf2_hmac("sha256", b"", b"", 100_000_000)
+
 def build_version(source, config, work, *, trajectory, progress, cancelled):
     def first(out):
         with (work / "made").open("a") as file:
@@ -43,8 +47,7 @@ def build_version(source, config, work, *, trajectory, progress, cancelled):
         (out / "b.bin").write_bytes(b"b")
         (work / "hangs").write_text("")
         while not (work / "go").exists():
-            # half a minute of native code: no Python signal handler runs before it returns
-            hashlib.pbkdf2_hmac("sha256", b"", b"", 100_000_000)
+            pool.submit(nap).result() if config["in_pool"] else nap()
     with ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=die_with_parent) as pool:
         (work / "pool.pid").write_text(str(pool.submit(os.getpid).result()))
         cache = StageCache(work, code_version="1")
@@ -77,7 +80,7 @@ def _is_alive(pid: int) -> bool:
 
 
 class Place:
-    def __init__(self, tmp_path: Path) -> None:
+    def __init__(self, tmp_path: Path, config: dict[str, bool]) -> None:
         self.url, self.work = f"file://{tmp_path}/store", tmp_path / "work"
         self.program = tmp_path / "program.py"
         self.program.write_text(PROGRAM)
@@ -85,11 +88,13 @@ class Place:
         (tmp_path / "upload").write_bytes(b"a cloud")
         key = f"maps/hall/sources/{self.catalog.put_source('hall', tmp_path / 'upload')}"
         self.catalog.put_build(
-            "b1", {"map_id": "hall", "source": {"key": key}, "file_name": "a.ply", "config": {}}
+            "b1", {"map_id": "hall", "source": {"key": key}, "file_name": "a.ply", "config": config}
         )
 
     def start(self) -> subprocess.Popen[bytes]:
-        return subprocess.Popen([sys.executable, str(self.program), self.url, str(self.work)])
+        return subprocess.Popen(
+            [sys.executable, str(self.program), self.url, str(self.work)], start_new_session=True
+        )
 
     @contextmanager
     def hanging(self) -> Iterator[subprocess.Popen[bytes]]:
@@ -118,7 +123,7 @@ class Place:
 
 @pytest.fixture
 def place(tmp_path: Path) -> Place:
-    return Place(tmp_path)
+    return Place(tmp_path, {"in_pool": False})
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
@@ -131,6 +136,15 @@ def test_a_stopped_worker_leaves_the_build_queued_and_is_gone_soon(
     status = place.catalog.build_status("b1")
     assert (status["state"], status["stage"]) == ("queued", "two")
     _wait_for(lambda: not _is_alive(place.pool_pid()), 5)
+    place.finish()
+
+
+def test_a_stop_of_the_whole_process_group_is_no_failure(tmp_path: Path) -> None:
+    place = Place(tmp_path, {"in_pool": True})
+    with place.hanging() as worker:
+        os.killpg(worker.pid, signal.SIGTERM)  # the pool breaks under the stage in the same moment
+        assert worker.wait(5) == 75
+    assert place.catalog.build_status("b1")["state"] == "queued"
     place.finish()
 
 
