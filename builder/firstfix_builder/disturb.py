@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
@@ -16,12 +18,26 @@ from .simulate import Simulator
 _CLEARANCE_M = 0.3
 
 
+@dataclass(frozen=True)
+class _Occluder:
+    """Where a kind of thing stands, how wide it is, and its top above the sensor."""
+
+    away_m: tuple[float, float]
+    width_m: tuple[float, float]
+    top_m: float
+
+
+_PERSON = _Occluder((1.0, 6.0), (0.3, 1.0), 0.6)
+_STRANGER = _Occluder((3.0, 15.0), (1.0, 4.0), 1.0)
+
+
 class DisturbConfig(Stage):
     """Standard deviations and means of what goes wrong in a scan."""
 
     noise_m: float = Field(0.02, ge=0, le=1)
     dropout: float = Field(0.1, ge=0, lt=1)
     occluders: float = Field(6.0, ge=0, le=100, description="passers-by, on average")
+    strangers: float = Field(3.0, ge=0, le=100, description="car-sized things that the map lacks, on average")
     height_m: float = Field(0.05, ge=0, le=1)
     tilt_deg: float = Field(2.0, ge=0, le=45)
 
@@ -57,7 +73,9 @@ def disturbed_scans(
         ranges = next(simulator.ranges(T[None], sensor))[0]
         ranges = ranges + rng.normal(0, config.noise_m, ranges.shape).astype(np.float32)
         ranges[rng.random(ranges.shape) < config.dropout] = np.inf
-        _occlude(ranges, directions, rng.poisson(config.occluders), rng)
+        severity = rng.uniform(0, 2)  # a quiet night, a rush hour: real overlaps vary as widely
+        _occlude(ranges, directions, rng.poisson(config.occluders * severity), _PERSON, rng)
+        _occlude(ranges, directions, rng.poisson(config.strangers * severity), _STRANGER, rng)
         seen = np.isfinite(ranges)
         scans.append((Scan.from_points(directions[seen] * ranges[seen, None]), T))
     return scans
@@ -71,14 +89,18 @@ def _tilted(rng: np.random.Generator, tilt_deg: float) -> NDArray[np.float64]:
 
 
 def _occlude(
-    ranges: NDArray[np.float32], directions: NDArray[np.float32], count: int, rng: np.random.Generator
+    ranges: NDArray[np.float32],
+    directions: NDArray[np.float32],
+    count: int,
+    kind: _Occluder,
+    rng: np.random.Generator,
 ) -> None:
-    """People-sized things 1 to 6 m away stop the rays that pass below 0.6 m above the sensor."""
+    """Things that stand between the sensor and the map stop the rays that would pass through them."""
     azimuth = np.arctan2(directions[:, 1], directions[:, 0])
     for _ in range(count):
-        away, width = rng.uniform(1, 6), rng.uniform(0.3, 1.0)
+        away, width = rng.uniform(*kind.away_m), rng.uniform(*kind.width_m)
         off = np.abs((azimuth - rng.uniform(-np.pi, np.pi) + np.pi) % (2 * np.pi) - np.pi)
-        stopped = (off < width / away / 2) & (directions[:, 2] * away < 0.6) & (ranges > away)
+        stopped = (off < width / away / 2) & (directions[:, 2] * away < kind.top_m) & (ranges > away)
         ranges[stopped] = away
 
 

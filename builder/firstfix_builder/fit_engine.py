@@ -39,7 +39,7 @@ def fit_engine(
     source_m = round(2.5 * voxel_m, 3)
     return EngineConfig(
         descriptor=overrides.descriptor
-        or DescriptorConfig(max_range_m=round(float(np.clip(1.2 * view_m, 10.0, 80.0)))),
+        or DescriptorConfig(max_range_m=round(float(np.clip(view_m, 10.0, 80.0)))),
         preprocess=overrides.preprocess
         or PreprocessConfig(
             min_range_m=sensor.min_range_m,

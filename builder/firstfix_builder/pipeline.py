@@ -34,12 +34,12 @@ from .mesh import Mesh
 from .preview import draw_preview
 from .read_map import read_map, read_trajectory
 from .reconstruct_mesh import reconstruct_mesh
-from .sample_surface import sample_surface
 from .self_test import self_test
 from .simulate import Simulator
 from .stage_cache import StageCache, StageResult
 from .templates import make_templates, view_distance_m
 from .viewpoints import sample_viewpoints
+from .visible_points import visible_points
 
 Progress = Callable[[str, float], None]
 STAGES = ("read_map", "reconstruct_mesh", "sample_viewpoints", "make_templates", "build_index", "self_test")
@@ -216,12 +216,21 @@ class _Build:
                     shutil.copyfile(path, out / path.name)
             KeySearch.build(np.load(templates.directory / "keys.npy")).save(out / KEYS_FILE)
             engine = EngineConfig.model_validate_json((out / ENGINE_FILE).read_text())
-            points = _map_points(read, mesh)
+            templates_made = Templates.load(out)
+            cloud = read.directory / "points.npy"
+            points = (
+                np.load(cloud)
+                if cloud.exists()
+                else visible_points(
+                    _simulator(mesh), templates_made.position_m, self.config.sensor_model, SURFACE_STEP_M
+                )
+            )
             np.save(out / MAP_FILE, voxel_means(points, engine.registration.map_voxel_m).astype(np.float32))
-            draw_preview(np.load(out / MAP_FILE), Templates.load(out).position_m, out / "preview.png")
+            draw_preview(np.load(out / MAP_FILE), templates_made.position_m, out / "preview.png")
 
         inputs = {"map": read.digest, "mesh": mesh.digest, "templates": templates.digest}
-        return self._stage("build_index", inputs, {}, produce)
+        chosen = {"sensor": self.config.sensor_model.to_mapping()}
+        return self._stage("build_index", inputs, chosen, produce)
 
     def self_test(self, mesh: StageResult, index: StageResult) -> StageResult:
         def produce(out: Path) -> None:
@@ -295,11 +304,6 @@ def _simulator(mesh: StageResult) -> Simulator:
 def _spacing_m(read: StageResult) -> float:
     path = read.directory / "points.npy"
     return point_spacing_m(np.load(path)) if path.exists() else SURFACE_STEP_M
-
-
-def _map_points(read: StageResult, mesh: StageResult) -> NDArray[np.float64]:
-    path = read.directory / "points.npy"
-    return np.load(path) if path.exists() else sample_surface(Mesh.load(mesh.directory), SURFACE_STEP_M)
 
 
 def _write_json(path: Path, value: Mapping[str, Any]) -> None:
