@@ -23,7 +23,7 @@ from typing import Any
 import structlog
 import zenoh
 
-from firstfix.errors import FirstfixError, InputError, InvalidOption, TooLarge
+from firstfix.errors import FirstfixError, InvalidOption, TooLarge
 from firstfix.ids import check_map_id
 from firstfix.localization import Localization
 
@@ -140,13 +140,12 @@ class ZenohEndpoint:
             query.reply(own if to_this_replica else key, to_json(answer), encoding="application/json")
 
     async def _localize(self, query: Any, asked: _Asked, arrived: float) -> Localization:
-        payload = query.payload
-        if payload is None:
-            raise InputError("the query has no payload: it is the scan")
-        if len(payload) > self._max_body_bytes:
-            raise TooLarge(f"the body has {len(payload)} bytes, the limit is {self._max_body_bytes}")
+        payload = query.payload  # None: an empty body, as over HTTP
+        size = 0 if payload is None else len(payload)
+        if size > self._max_body_bytes:
+            raise TooLarge(f"the body has {size} bytes, the limit is {self._max_body_bytes}")
         return await self._use_case.localize(
-            payload.to_bytes(),
+            b"" if payload is None else payload.to_bytes(),
             asked.media_type,
             asked.content_encoding,
             asked.map_id,

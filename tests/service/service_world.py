@@ -150,7 +150,6 @@ class Reply:
 @contextmanager
 def running_service(directory: Path, **changes: Any) -> Iterator[Service]:
     behaviour = changes.pop("behaviour", None) or Behaviour()
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
     settings = Settings(
         **{
             "store": str(directory / "store"),
@@ -161,11 +160,12 @@ def running_service(directory: Path, **changes: Any) -> Iterator[Service]:
             "run_builds": False,
             "workers": 2,
             "zenoh": True,
-            "zenoh_listen": (endpoint,),
+            "zenoh_listen": (f"tcp/127.0.0.1:{free_port()}",),
             "replica": "r1",
             **changes,
         }
     )
+    endpoint = settings.zenoh_listen[0]
     server = uvicorn.Server(uvicorn_config(create_app(settings, load=behaviour.load), settings))
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()

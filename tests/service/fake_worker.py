@@ -1,0 +1,55 @@
+"""Stands in for firstfix_builder.worker: does what the request's config says, over the real store."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+from firstfix.build_records import new_status
+from firstfix.catalog import Catalog
+from firstfix.store import Store
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser()
+    for name in ("--store", "--build", "--work"):
+        parser.add_argument(name, required=True)
+    chosen = parser.parse_args()
+    catalog = Catalog(Store.open(chosen.store))
+    request = catalog.build_request(chosen.build)
+    map_id, do = request["map_id"], request["config"].get("do", "succeed")
+    work = Path(chosen.work)
+    with (work / "order.txt").open("a") as file:
+        file.write(f"{map_id} {os.getpriority(os.PRIO_PROCESS, 0)} {os.getpid()}\n")
+    catalog.set_build_status(
+        chosen.build, new_status("running", map_id=map_id, stage="describe", progress=0.5)
+    )
+    if do == "die":
+        print("something to say\nthe reason it died", file=sys.stderr)
+        return 1
+    if do == "killed":
+        os.kill(os.getpid(), signal.SIGKILL)
+    if do == "again" and not (work / "came_again").exists():
+        (work / "came_again").touch()
+        return 75
+    if do == "hang_once" and not (work / "hung").exists():
+        (work / "hung").touch()
+        time.sleep(60)
+    if do == "until_cancelled":
+        while not catalog.is_cancel_requested(chosen.build):
+            time.sleep(0.05)
+        catalog.set_build_status(chosen.build, new_status("cancelled", map_id=map_id, stage="describe"))
+        return 3
+    catalog.set_build_status(
+        chosen.build,
+        new_status("succeeded", map_id=map_id, stage="publish", progress=1.0, version="a" * 64),
+    )
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

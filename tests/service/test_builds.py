@@ -1,0 +1,246 @@
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from service_world import Service, running_service, wait_for
+
+from firstfix.build_records import FINAL_STATES
+
+WORKER = (sys.executable, str(Path(__file__).with_name("fake_worker.py")))
+CLOUD = b"0 0 0\n1 1 1\n"
+
+
+def building_service(directory: Path, **changes: Any):
+    values = {"run_builds": True, "build_command": WORKER, "zenoh": False, **changes}
+    return running_service(directory, **values)
+
+
+def upload(service: Service, map_id: str = "hall", **config: Any) -> httpx.Response:
+    return service.http.post(
+        "/maps",
+        data={"map_id": map_id, "config": json.dumps(config)},
+        files={"source": ("../hall map.xyz", CLOUD), "trajectory": ("track.txt", b"0 0 0 0 0 0 0 1")},
+    )
+
+
+def status_of(service: Service, response: httpx.Response) -> dict[str, Any]:
+    answer = service.http.get(response.headers["location"])
+    assert answer.status_code == 200
+    return dict(answer.json())
+
+
+def wait_until_ended(service: Service, response: httpx.Response) -> dict[str, Any]:
+    wait_for(lambda: status_of(service, response)["state"] in FINAL_STATES)
+    return status_of(service, response)
+
+
+@pytest.fixture
+def recorder(tmp_path: Path) -> Iterator[Service]:
+    """A service that records builds and leaves them to others."""
+    with running_service(tmp_path, zenoh=False) as service:
+        yield service
+
+
+def test_an_upload_is_durable_before_it_is_answered(recorder: Service):
+    response = upload(recorder, spacing_m=1)
+    assert response.status_code == 202
+    assert int(response.headers["retry-after"]) >= 1
+    build_id = response.headers["location"].removeprefix("/builds/")
+    assert response.json()["build_id"] == build_id
+    request = recorder.catalog.build_request(build_id)
+    assert request["file_name"] == "hall_map.xyz", "no path, no space"
+    assert request["config"] == {"spacing_m": 1}
+    assert request["source"]["key"].endswith(hashlib.sha256(CLOUD).hexdigest())
+    assert recorder.catalog.store.get(request["source"]["key"]) == CLOUD
+    assert recorder.catalog.store.get(request["trajectory"]["key"]).startswith(b"0 0 0")
+    answer = recorder.http.get(response.headers["location"])
+    assert answer.json()["state"] == "queued"
+    assert int(answer.headers["retry-after"]) >= 1
+    assert list((recorder.settings.work_dir / "uploads").iterdir()) == [], "nothing stays on this disk"
+
+
+def test_the_worker_runs_at_low_priority_and_says_how_it_ended(tmp_path: Path):
+    with building_service(tmp_path) as service:
+        ended = wait_until_ended(service, upload(service))
+        assert (ended["state"], ended["version"], ended["progress"]) == ("succeeded", "a" * 64, 1.0)
+        niceness = int((tmp_path / "work/order.txt").read_text().split()[1])
+        assert niceness >= service.settings.build_niceness
+        line = 'firstfix_builds_total{state="succeeded"} 1.0'  # counted just after the worker says so
+        wait_for(lambda: line in service.http.get("/metrics").text)
+
+
+@pytest.mark.parametrize(
+    ("config", "detail"), [({"do": "die"}, "the reason it died"), ({"do": "killed"}, "SIGKILL")]
+)
+def test_a_worker_that_dies_fails_its_build_and_no_other(tmp_path: Path, config: dict[str, str], detail: str):
+    with building_service(tmp_path) as service:
+        died, after = upload(service, **config), upload(service, "next")
+        ended = wait_until_ended(service, died)
+        assert ended["state"] == "failed"
+        assert ended["error"]["code"] == "build_failed"
+        assert detail in ended["error"]["detail"]
+        assert ended["stage"] == "describe", "as far as it came"
+        assert wait_until_ended(service, after)["state"] == "succeeded"
+
+
+def test_a_missing_worker_fails_the_build(tmp_path: Path):
+    with building_service(tmp_path, build_command=("/nowhere/worker",)) as service:
+        assert "no worker" in wait_until_ended(service, upload(service))["error"]["detail"]
+
+
+def test_a_worker_that_asks_for_it_is_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    with building_service(tmp_path) as service:
+        response = upload(service, do="again")
+        assert wait_until_ended(service, response)["state"] == "succeeded"
+        assert len((tmp_path / "work/order.txt").read_text().splitlines()) == 2
+
+
+def test_builds_run_one_by_one_in_order(tmp_path: Path):
+    with building_service(tmp_path) as service:
+        responses = [upload(service, f"m{i}") for i in range(4)]
+        for response in responses:
+            assert wait_until_ended(service, response)["state"] == "succeeded"
+    order = [line.split()[0] for line in (tmp_path / "work/order.txt").read_text().splitlines()]
+    assert order == ["m0", "m1", "m2", "m3"]
+
+
+def test_a_restart_resumes_what_ran_and_what_waited(tmp_path: Path):
+    with building_service(tmp_path) as service:
+        ran, waited = upload(service, "ran", do="hang_once"), upload(service, "waited")
+        wait_for(lambda: (tmp_path / "work/hung").exists())
+        assert status_of(service, ran)["state"] == "running"
+        assert status_of(service, waited)["state"] == "queued"
+        began = time.monotonic()
+    assert time.monotonic() - began < 15, "the service does not wait for the build"
+    with building_service(tmp_path) as service:
+        assert wait_until_ended(service, ran)["state"] == "succeeded"
+        assert wait_until_ended(service, waited)["state"] == "succeeded"
+    order = [line.split()[0] for line in (tmp_path / "work/order.txt").read_text().splitlines()]
+    assert order == ["ran", "ran", "waited"]
+
+
+def test_a_running_build_is_cancelled(tmp_path: Path):
+    with building_service(tmp_path) as service:
+        running, waiting = upload(service, do="until_cancelled"), upload(service, "waiting")
+        wait_for(lambda: status_of(service, running)["state"] == "running")
+        cancelled = service.http.delete(waiting.headers["location"])
+        assert (cancelled.status_code, cancelled.json()["state"]) == (202, "cancelled")
+        assert service.http.delete(running.headers["location"]).status_code == 202
+        assert wait_until_ended(service, running)["state"] == "cancelled"
+        again = service.http.delete(running.headers["location"])
+        assert (again.status_code, again.json()["code"]) == (409, "conflict")
+        assert wait_until_ended(service, upload(service, "after"))["state"] == "succeeded"
+    assert "waiting" not in (tmp_path / "work/order.txt").read_text()
+
+
+def test_queries_are_answered_while_a_build_runs(tmp_path: Path):
+    from service_world import publish
+
+    with building_service(tmp_path) as service:
+        publish(service.catalog, "hall", "1", service.scratch)
+        build = upload(service, do="until_cancelled")
+        wait_for(lambda: status_of(service, build)["state"] == "running")
+        assert service.ask("http").ok
+        service.http.delete(build.headers["location"])
+        wait_until_ended(service, build)
+
+
+def test_a_url_has_to_be_allowed(tmp_path: Path):
+    body = {"map_id": "hall", "source": {"url": "s3://maps/hall.laz"}, "config": {"spacing_m": 1}}
+    with running_service(tmp_path / "a", zenoh=False) as service:
+        response = service.http.post("/maps", json=body)
+        assert (response.status_code, response.json()["code"]) == (400, "invalid_option")
+        assert service.catalog.build_ids() == []
+    with running_service(tmp_path / "b", zenoh=False, source_urls=("s3://maps/",)) as service:
+        response = service.http.post("/maps", json={**body, "trajectory": {"url": "s3://maps/tracks/t.txt"}})
+        assert response.status_code == 202
+        assert service.catalog.build_request(response.json()["build_id"]) == {
+            "map_id": "hall",
+            "source": {"url": "s3://maps/hall.laz"},
+            "file_name": "hall.laz",
+            "trajectory": {"url": "s3://maps/tracks/t.txt", "file_name": "t.txt"},
+            "config": {"spacing_m": 1},
+        }
+
+
+@pytest.mark.parametrize(
+    ("body", "code"),
+    [
+        (b"{", "malformed_data"),
+        (b"[1]", "malformed_data"),
+        (b"[" * 100_000, "malformed_data"),
+        (b'{"map_id": "hall"}', "invalid_option"),
+        (b'{"map_id": "hall", "source": "s3://maps/x"}', "invalid_option"),
+        (b'{"map_id": "hall", "source": {"url": 7}}', "invalid_option"),
+        (b'{"map_id": "hall", "source": {"url": "s3://maps/x"}, "speed": 1}', "invalid_option"),
+        (b'{"map_id": "../x", "source": {"url": "s3://maps/x"}}', "invalid_option"),
+        (b'{"map_id": "hall", "source": {"url": "s3://maps/x"}, "config": [1]}', "invalid_option"),
+        (b" " * 2_000_000, "too_large"),
+    ],
+)
+def test_bad_json_is_refused(tmp_path: Path, body: bytes, code: str):
+    with running_service(tmp_path, zenoh=False, source_urls=("s3://maps/",)) as service:
+        response = service.http.post("/maps", content=body, headers={"Content-Type": "application/json"})
+        assert (response.json()["status"], response.json()["code"]) == (response.status_code, code)
+        assert service.catalog.build_ids() == []
+
+
+def form(*fields: tuple[str, str | None, bytes], end: bytes = b"--b--\r\n") -> bytes:
+    parts = []
+    for name, file_name, content in fields:
+        extra = "" if file_name is None else f'; filename="{file_name}"'
+        head = f'--b\r\nContent-Disposition: form-data; name="{name}"{extra}\r\n\r\n'
+        parts.append(head.encode() + content + b"\r\n")
+    return b"".join(parts) + end
+
+
+GOOD = (("map_id", None, b"hall"), ("source", "x.xyz", CLOUD))
+
+
+@pytest.mark.parametrize(
+    ("body", "code"),
+    [
+        (form(*GOOD), None),
+        (form(*GOOD, end=b""), "malformed_data"),
+        (form(("map_id", None, b"hall")), "invalid_option"),
+        (form(("source", "x.xyz", CLOUD)), "invalid_option"),
+        (form(*GOOD, ("config", None, b"{")), "malformed_data"),
+        (form(*GOOD, ("config", None, b"[]")), "malformed_data"),
+        (form(*GOOD, ("speed", None, b"1")), "invalid_option"),
+        (form(*GOOD, ("map_id", None, b"attic")), "invalid_option"),
+        (form(("map_id", None, b"../../x"), GOOD[1]), "invalid_option"),
+        (form(("map_id", None, b"\xff"), GOOD[1]), "malformed_data"),
+        (form(*GOOD, ("config", None, b" " * (2 << 20))), "too_large"),
+        (form(*GOOD, ("trajectory", "t", bytes(9 << 20))), "too_large"),
+        (b"no form at all", "malformed_data"),
+        (b"", "malformed_data"),
+    ],
+)
+def test_forms_are_checked_and_leave_nothing_behind(tmp_path: Path, body: bytes, code: str | None):
+    with running_service(tmp_path, zenoh=False, max_upload_bytes=8 << 20) as service:
+        headers = {"Content-Type": "multipart/form-data; boundary=b"}
+        response = service.http.post("/maps", content=body, headers=headers)
+        assert response.json().get("code") == code
+        assert len(service.catalog.build_ids()) == (1 if code is None else 0)
+        assert list((service.settings.work_dir / "uploads").iterdir()) == []
+
+
+def test_a_form_without_a_boundary(recorder: Service):
+    response = recorder.http.post("/maps", content=b"x", headers={"Content-Type": "multipart/form-data"})
+    assert response.json()["code"] == "malformed_data"
+
+
+def test_a_file_larger_than_a_batch_arrives_whole(recorder: Service):
+    data = bytes(range(256)) * (20 << 10)  # 5 MiB
+    response = recorder.http.post("/maps", data={"map_id": "hall"}, files={"source": ("a.bin", data)})
+    request = recorder.catalog.build_request(response.json()["build_id"])
+    assert recorder.catalog.store.get(request["source"]["key"]) == data
+    assert request["trajectory"] is None

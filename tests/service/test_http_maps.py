@@ -1,0 +1,26 @@
+from __future__ import annotations
+
+from service_world import Service, publish, wait_for
+
+
+def test_maps_and_versions_are_listed(service: Service):
+    first = service.catalog.active_version("hall")
+    second = publish(service.catalog, "hall", "2", service.scratch)
+    assert service.http.get("/maps").json() == {"maps": [{"map_id": "hall", "active_version": second}]}
+    described = service.http.get("/maps/hall").json()
+    assert (described["map_id"], described["active_version"], described["versions"]) == ("hall", second, 2)
+    assert described["manifest"]["files"]["label.txt"]["bytes"] == 1
+    versions = service.http.get("/maps/hall/versions").json()["versions"]
+    assert [(v["version"], v["active"]) for v in versions] == [(second, True), (first, False)]
+    assert versions[0]["published_time"]
+
+
+def test_rolling_back_takes_effect_at_once(service: Service):
+    first = service.catalog.active_version("hall")
+    second = publish(service.catalog, "hall", "2", service.scratch)
+    wait_for(lambda: service.ask("http").x == 2)
+    answer = service.http.post(f"/maps/hall/versions/{first}/activate")
+    assert answer.json() == {"map_id": "hall", "active_version": first, "serving_version": first}
+    assert service.ask("http").x == 1
+    service.http.post(f"/maps/hall/versions/{second}/activate")
+    assert service.ask("zenoh").x == 2
