@@ -3,17 +3,18 @@
 # world's map, waits for the build, and localizes the world's scans at both, over HTTP and zenoh.
 # Needs docker, docker-compose (either generation) and curl. Ports 8080, 8081, 7447 and 7448 must be free.
 #
-#   deploy/smoke.sh                                         # the office
-#   WORLD=factory DOCKER_BUILD_ARGS="--network host" deploy/smoke.sh
+#   deploy/smoke.sh
+#   WORLD=office DOCKER_BUILD_ARGS="--network host" deploy/smoke.sh
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-world=${WORLD:-office}
+world=${WORLD:-factory}
 project=firstfix-smoke
 compose=(docker-compose)
 if docker compose version >/dev/null 2>&1; then compose=(docker compose); fi
 compose+=(-p "$project" -f deploy/compose.yaml)
 work=$(mktemp -d)
+chmod 755 "$work"  # the user in the containers is another one
 
 say() { printf '\nsmoke %4d s: %s\n' "$SECONDS" "$*"; }
 finish() {
