@@ -28,6 +28,7 @@ from firstfix.transform import inverse, make_transform, transform_points
 from .clean_cloud import clean_cloud, point_spacing_m, voxel_means
 from .config import BuildConfig
 from .content_hash import content_hash
+from .die_with_parent import die_with_parent
 from .fit_engine import fit_engine
 from .map_level import level_frame
 from .mesh import Mesh
@@ -77,7 +78,9 @@ def build_version(
     workers = os.cpu_count() or 1
     with (
         ThreadPoolExecutor(workers) as threads,
-        ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as processes,
+        ProcessPoolExecutor(
+            workers, mp_context=get_context("spawn"), initializer=die_with_parent
+        ) as processes,
     ):
         build = _Build(config, StageCache(work), threads, processes, progress, cancelled)
         read = build.read_map(source, trajectory)

@@ -34,7 +34,7 @@ FOREIGN_SHOWN, OWN_SHOWN = 2, 10
 
 
 def main() -> int:
-    console = Console(width=100)
+    console = Console(width=110)
     world, store = DIRECTORY / WORLD, DIRECTORY / "store"
     console.rule(f"firstfix: a first fix in the sample world [bold]{WORLD}[/bold]")
     if not (world / "poses.csv").exists():
@@ -123,7 +123,9 @@ def _as_it_should(outcome: Outcome) -> bool:
 
 
 def _table(scans: list[PosedScan], http: list[Outcome], zenoh: list[Outcome]) -> Table:
-    table = Table("scan", "truth  x, y, yaw", "HTTP", "error", "ms", "zenoh", "error", "ms")
+    table = Table("scan", "truth: x, y, yaw", "HTTP", "error", "ms", "zenoh", "error", "ms")
+    for column in table.columns:
+        column.no_wrap = True
     for row, *both in zip(scans, http, zenoh, strict=True):
         cells = [row.path.name, _pose(row.T_map_sensor) if row.T_map_sensor is not None else "elsewhere"]
         for outcome in both:
@@ -135,7 +137,7 @@ def _table(scans: list[PosedScan], http: list[Outcome], zenoh: list[Outcome]) ->
 
 
 def _pose(T: Matrix) -> str:
-    return f"{T[0, 3]:6.2f} {T[1, 3]:6.2f} {math.degrees(yaw_of(T)):4.0f}°"
+    return f"{T[0, 3]:.2f} {T[1, 3]:.2f} {math.degrees(yaw_of(T)):.0f}°"
 
 
 if __name__ == "__main__":

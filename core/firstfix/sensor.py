@@ -38,8 +38,8 @@ class SensorModel:
         checks = {
             "elevations_deg": 1 <= elevations.size <= 512 and bool((np.abs(elevations) < 90).all()),
             "azimuth_step_deg": 0.05 <= self.azimuth_step_deg <= 10,
-            "min_range_m": 0 <= self.min_range_m < self.max_range_m,
-            "max_range_m": self.max_range_m <= 1000,
+            "min_range_m": 0 <= self.min_range_m <= 100,
+            "max_range_m": self.min_range_m < self.max_range_m <= 1000,
             "mount_height_m": 0 <= self.mount_height_m <= 100,
             "range_noise_m": 0 <= self.range_noise_m <= 1,
         }
