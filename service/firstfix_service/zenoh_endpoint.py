@@ -16,6 +16,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterable
+from concurrent import futures
 from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any
@@ -36,6 +37,7 @@ from .settings import Settings
 _log = structlog.get_logger(__name__)
 CONTENT_ENCODING = "content_encoding"
 TRANSPORT = "zenoh"
+DRAIN_S = 10.0  # for queries under way when the service stops
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,7 @@ class ZenohEndpoint:
         self._tokens: dict[str, Any] = {}
         self._tokens_lock = threading.Lock()
         self._closed = False
+        self._pending: set[Future[None]] = set()
         try:
             self._session = zenoh.open(session_config(settings))
         except zenoh.ZError as error:
@@ -94,7 +97,7 @@ class ZenohEndpoint:
                 self._tokens.pop(map_id).undeclare()
 
     def close(self) -> None:
-        """Takes the tokens back first, so that nobody new comes, then closes the session."""
+        """Takes the tokens and keys back first, so that nobody new comes; answers who is there; closes."""
         with self._tokens_lock:
             self._closed = True
             for token in self._tokens.values():
@@ -102,6 +105,7 @@ class ZenohEndpoint:
             self._tokens.clear()
         for queryable in self._queryables:
             queryable.undeclare()
+        futures.wait(self._pending.copy(), timeout=DRAIN_S)
         self._session.close()
 
     def _on_query(self, query: Any) -> None:
@@ -119,6 +123,8 @@ class ZenohEndpoint:
         except RuntimeError:  # the loop has ended with the service
             query.drop()
             return
+        self._pending.add(future)
+        future.add_done_callback(self._pending.discard)
         future.add_done_callback(_log_defect)
 
     async def _answer(self, query: Any, arrived: float) -> None:

@@ -93,6 +93,7 @@ class Service:
     behaviour: Behaviour
     settings: Settings
     scratch: Path
+    stop: Callable[[], None]
 
     def ask(self, transport: str, **query: Any) -> Reply:
         return {"http": self.ask_http, "zenoh": self.ask_zenoh}[transport](**query)
@@ -173,19 +174,24 @@ def running_service(directory: Path, **changes: Any) -> Iterator[Service]:
     assert server.started, "the service did not start"
     port = server.servers[0].sockets[0].getsockname()[1]
     session = None
+
+    def stop() -> None:
+        server.should_exit = True
+
     try:
         if settings.zenoh_enabled:
             session = client_session(endpoint)
         url = f"http://127.0.0.1:{port}"
         with httpx.Client(base_url=url, timeout=30) as http:
             catalog = Catalog(Store.open(settings.store))
-            yield Service(url, endpoint, http, session, catalog, behaviour, settings, directory / "made")
+            made = directory / "made"
+            yield Service(url, endpoint, http, session, catalog, behaviour, settings, made, stop)
     finally:
         if behaviour.gate is not None:
             behaviour.gate.set()
         if session is not None:
             session.close()
-        server.should_exit = True
+        stop()
         thread.join(30)
         assert not thread.is_alive(), "the service did not stop"
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -9,7 +10,17 @@ from typing import Any
 
 import pytest
 import zenoh
-from service_world import SCAN_BODY, XYZ, Behaviour, Service, free_port, publish, running_service, wait_for
+from service_world import (
+    SCAN_BODY,
+    XYZ,
+    Behaviour,
+    Service,
+    client_session,
+    free_port,
+    publish,
+    running_service,
+    wait_for,
+)
 
 from firstfix.errors import InvalidOption
 from firstfix_service.app import create_app
@@ -120,6 +131,22 @@ def test_stopping_takes_the_tokens_back(tmp_path: Path):
         wait_for(lambda: tokens(service.session, "hall"))
         began = time.monotonic()
     assert time.monotonic() - began < 10
+
+
+def test_stopping_answers_who_is_there(tmp_path: Path):
+    behaviour = Behaviour(gate=threading.Event())
+    with ThreadPoolExecutor(1) as threads, running_service(tmp_path, behaviour=behaviour) as service:
+        publish(service.catalog, "hall", "1", service.scratch)
+        peer = client_session(service.endpoint)
+        asked = dataclasses.replace(service, session=peer)
+        reply = threads.submit(asked.ask_zenoh)
+        assert behaviour.started.acquire(timeout=10)
+        service.stop()
+        time.sleep(0.5)
+        assert not reply.done()
+        behaviour.gate.set()
+        assert reply.result(20).ok
+        peer.close()
 
 
 def test_the_operators_file_is_used_as_it_is(tmp_path: Path):
