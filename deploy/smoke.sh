@@ -4,11 +4,11 @@
 # Needs docker, docker-compose (either generation) and curl. Ports 8080, 8081, 7447 and 7448 must be free.
 #
 #   deploy/smoke.sh
-#   WORLD=office DOCKER_BUILD_ARGS="--network host" deploy/smoke.sh
+#   WORLD=campus DOCKER_BUILD_ARGS="--network host" deploy/smoke.sh
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-world=${WORLD:-factory}
+world=${WORLD:-factory}  # the demo's; the bar below is set for it, and the ambiguous office would not reach it
 project=firstfix-smoke
 compose=(docker-compose)
 if docker compose version >/dev/null 2>&1; then compose=(docker compose); fi
