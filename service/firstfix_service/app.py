@@ -28,6 +28,7 @@ from .pool import QueryPool
 from .request_body import BodyReader
 from .request_log import RequestLog
 from .settings import Settings
+from .start_failure import StartFailure
 
 _log = structlog.get_logger(__name__)
 ABANDONED_UPLOAD_S = 86400.0
@@ -79,6 +80,7 @@ def create_app(settings: Settings, *, load: Callable[[Path], LocalizesScans] = l
         app.include_router(module.router)
     problems.add_handlers(app)
     app.add_middleware(RequestLog, metrics=metrics)
+    app.add_middleware(StartFailure)
     return app
 
 

@@ -148,6 +148,21 @@ asyncio.run(main(sys.argv[1]))
     assert "heavy: []" in done.stdout
 
 
+def test_a_service_that_cannot_start_says_why_in_one_line(tmp_path: Path):
+    (tmp_path / "file").write_text("no directory")
+    code = """
+import sys
+from firstfix_service.server import serve
+from firstfix_service.settings import Settings
+serve(Settings(store=sys.argv[1] + "/file/store", port=0))
+"""
+    command = [sys.executable, "-c", code, str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode != 0
+    assert "cannot start: no directory" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 def test_a_version_that_is_bad_does_not_keep_the_service_from_starting(tmp_path: Path):
     behaviour = Behaviour()
     with running_service(tmp_path, zenoh=False, behaviour=behaviour) as service:
