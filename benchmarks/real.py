@@ -57,7 +57,7 @@ def measure(dataset: Dataset) -> dict[str, Any]:
         }
         answers = scratch / "answers.json"
         with local_service(scratch / "service", store) as service:
-            evaluate = ["evaluate", str(queries), "--map-id", dataset.name, "--url", service.url]
+            evaluate = ["evaluate", str(queries), "--map", dataset.name, "--url", service.url]
             evaluate += ["--random-yaw", str(SEED), "--json", str(answers)]
             _firstfix(*evaluate)  # the first loads the version
             print(_firstfix(*evaluate), file=sys.stderr)

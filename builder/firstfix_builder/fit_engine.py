@@ -43,7 +43,8 @@ def fit_engine(
         preprocess=overrides.preprocess
         or PreprocessConfig(
             min_range_m=sensor.min_range_m,
-            max_range_m=sensor.max_range_m,
+            # further out the map is thin: what a scan sees there speaks against every place alike
+            max_range_m=round(min(sensor.max_range_m, max(30.0, 2.5 * view_m)), 1),
             voxel_m=source_m,
             default_height_m=sensor.mount_height_m,
         ),

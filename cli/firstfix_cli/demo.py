@@ -55,12 +55,11 @@ def main() -> int:
     console.print(f"Picture: [bold]{picture}[/bold]")
     wrong = [o for o in [*http, *zenoh] if not _as_it_should(o)]
     for outcome in wrong:
-        console.print(
-            f"[red]not as it should be:[/red] {outcome.name}: {outcome.answer.verdict.value}, {outcome.error_m:.3f} m"
-        )
+        said = f"{outcome.answer.verdict.value}, {outcome.error_m:.3f} m"
+        console.print(f"[red]not as it should be:[/red] {outcome.name}: {said}")
     if not wrong:
         console.print(
-            f"[green]All poses within {WORST_M} m of the truth; no scan from elsewhere was given one.[/green]"
+            f"[green]Every pose within {WORST_M} m of the truth, none for scans of other places.[/green]"
         )
     return 1 if wrong else 0
 

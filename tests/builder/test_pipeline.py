@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from small_world import CONFIG
 from firstfix.errors import BuildCancelled, InvalidOption, MalformedData
 from firstfix_builder.config import BuildConfig
 from firstfix_builder.pipeline import STAGES, build_version
+from small_world import CONFIG
 
 BUILD_AND_DIE = """
 import json, os, sys

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from small_world import SENSOR
 from firstfix.errors import CorruptVersion
 from firstfix.localization import Localization, Reason, Verdict
 from firstfix.localizer import Localizer
@@ -18,6 +17,7 @@ from firstfix.sensor import SensorModel
 from firstfix.transform import inverse, make_transform, pose_error, rotation_z
 from firstfix_builder.disturb import DisturbConfig, disturbed_scans, elsewhere
 from firstfix_builder.simulate import Simulator
+from small_world import SENSOR
 
 
 @pytest.fixture(scope="module")
