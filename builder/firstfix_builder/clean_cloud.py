@@ -10,6 +10,8 @@ from scipy.spatial import cKDTree
 from firstfix.errors import BuildFailed
 
 SPACING_SAMPLES = 50_000
+RING = 8  # the neighbours of a point of a raster
+RING_RADIUS = 2**0.5  # the corners of that ring, in spacings; for random points it is 1.6
 VOXEL_GROWTH = 1.25
 
 
@@ -82,3 +84,19 @@ def point_spacing_m(points: NDArray[np.float64]) -> float:
     if len(nearest) == 0:
         raise BuildFailed("the points of the map coincide")
     return float(np.median(nearest))
+
+
+def surface_spacing_m(points: NDArray[np.float64]) -> float:
+    """Edge of the square of surface that one point stands for, the median over the cloud.
+
+    From the distance to the eighth neighbour: on a raster it is the spacing of the raster, and unlike
+    the nearest neighbour's it does not shrink where points fall at random.
+    """
+    if len(points) <= RING:
+        raise BuildFailed(f"a map of {len(points)} points")
+    step = -(-len(points) // SPACING_SAMPLES)
+    ring = cKDTree(points).query(points[::step], k=[RING + 1])[0][:, 0]
+    ring = ring[ring > 0]
+    if len(ring) == 0:
+        raise BuildFailed("the points of the map coincide")
+    return float(np.median(ring)) / RING_RADIUS

@@ -81,18 +81,26 @@ def _candidates(points: NDArray[np.float64], places: NDArray[np.float64]) -> NDA
 def likely_places(
     points: NDArray[np.float64], normals: NDArray[np.float64], occupied: Occupancy
 ) -> NDArray[np.float64]:
-    """(m, 3) places at eye height above flat patches, one a square metre, with free space overhead."""
-    flat = points[np.abs(normals[:, 2]) > FLAT_COSINE]
-    if len(flat) == 0:
-        return flat
-    cell = np.floor(flat).astype(np.int64)
-    _, first = np.unique(cell, axis=0, return_index=True)
-    foot = flat[np.sort(first)]
-    heights = np.arange(SIGHT_START_VOXELS * occupied.voxel_m, HEADROOM_M, occupied.voxel_m)
-    free = np.ones(len(foot), bool)
-    for height in heights:
-        free &= ~occupied.at(foot + [0.0, 0.0, height])
-    places: NDArray[np.float64] = foot[free] + [0.0, 0.0, EYE_M]
+    """(m, 3) places at eye height above flat patches, one a cubic metre, with free space overhead.
+
+    A flat sheet with a floor below and nothing but sky above is taken for a ceiling seen from inside,
+    not for a roof: nobody stood on it.
+    """
+    flat = np.flatnonzero(np.abs(normals[:, 2]) > FLAT_COSINE)
+    _, first = np.unique(np.floor(points[flat]), axis=0, return_index=True)
+    number = flat[np.sort(first)]
+    free = np.ones(len(number), bool)
+    for height in np.arange(SIGHT_START_VOXELS * occupied.voxel_m, HEADROOM_M, occupied.voxel_m):
+        free &= ~occupied.at(points[number] + [0.0, 0.0, height])
+    number = number[free]
+    columns, column = np.unique(np.floor(points[:, :2]), axis=0, return_inverse=True)
+    top = np.full(len(columns), -np.inf)
+    np.maximum.at(top, column, points[:, 2])
+    bottom = np.full(len(columns), np.inf)
+    foot, own = points[number], column[number]
+    np.minimum.at(bottom, own, foot[:, 2])
+    ceiling = (foot[:, 2] > bottom[own] + HEADROOM_M) & (top[own] < foot[:, 2] + HEADROOM_M)
+    places: NDArray[np.float64] = foot[~ceiling] + [0.0, 0.0, EYE_M]
     return places
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future
+from concurrent.futures import BrokenExecutor, Executor, Future
 from itertools import islice
 
 import numpy as np
@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from firstfix.errors import BuildCancelled, BuildFailed
 
-from .clean_cloud import point_spacing_m
+from .clean_cloud import surface_spacing_m
 from .mesh import Mesh
 from .poisson import Tile, poisson_tile
 from .squares import Square, occupied_squares
@@ -26,7 +26,7 @@ SIGHT_CELLS = 1.5
 
 
 class ReconstructConfig(BaseModel):
-    """Lengths follow the point spacing (median distance to the nearest neighbour), unless given.
+    """Lengths follow the spacing of the points on the surface, unless given.
 
     Attributes:
         cell_m: edge of the finest Poisson cell; None: cell_spacings point spacings.
@@ -41,9 +41,9 @@ class ReconstructConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     cell_m: float | None = Field(None, gt=0, le=10)
-    cell_spacings: float = Field(1.5, gt=0, le=20)
-    trim_spacings: float = Field(2.5, gt=0, le=100)
-    normal_spacings: float = Field(5.0, gt=1, le=100)
+    cell_spacings: float = Field(1.2, gt=0, le=20)
+    trim_spacings: float = Field(2.0, gt=0, le=100)
+    normal_spacings: float = Field(4.0, gt=1, le=100)
     normal_neighbours: int = Field(20, ge=3, le=200)
     point_weight: float = Field(1.0, ge=0, le=100)
     tile_cells: int = Field(384, ge=32, le=4096)
@@ -78,7 +78,7 @@ def reconstruct_mesh(
     if len(points) < 100:
         raise BuildFailed(f"a map of {len(points)} points has no surface")
     places = None if trajectory is None else _thinned(trajectory[:, :3, 3])
-    spacing_m = point_spacing_m(points)
+    spacing_m = surface_spacing_m(points)
     cell_m = config.cell_m or config.cell_spacings * spacing_m
     squares = occupied_squares(points, config.tile_cells * cell_m)
     margin_m = config.margin_cells * cell_m
@@ -130,6 +130,8 @@ def _mapped(
                 mesh = under_way[0].result(timeout=POLL_S)
             except TimeoutError:
                 continue
+            except BrokenExecutor as error:
+                raise BuildFailed("a worker died while the mesh was made, maybe out of memory") from error
             under_way.popleft()
             yield mesh
     finally:
