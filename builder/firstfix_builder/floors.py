@@ -123,7 +123,7 @@ def find_surfaces(simulator: Simulator, grid: Grid, columns: NDArray[np.int64]) 
     """All surfaces in the (n, 2) columns, of any slope."""
     parts = [
         _peel(simulator, grid, columns[start : start + RAYS_AT_ONCE])
-        for start in range(0, len(columns), RAYS_AT_ONCE)
+        for start in range(0, max(1, len(columns)), RAYS_AT_ONCE)
     ]
     surfaces = Surfaces(
         np.concatenate([part.column for part in parts]),

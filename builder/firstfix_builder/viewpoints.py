@@ -20,6 +20,7 @@ from .walkable import has_room, reachable_parts
 
 MAX_CELL_M = 0.4
 PLANE_REACH_M = 0.5
+MAX_COLUMNS = 50e6  # 2.3 km square at 1/3 m
 HEAD_ROOM_M = 0.1  # over the sensor
 STOREY_GAP_M = 1.0
 
@@ -81,7 +82,7 @@ def sample_viewpoints(
         seeds: (k, 3) metres, places in free space above the floor to start from, or None.
 
     Raises:
-        BuildFailed: there is no floor to stand on.
+        BuildFailed: there is no floor to stand on, none under the trajectory, or the map is too large.
     """
     cell_m = config.spacing_m / int(np.ceil(config.spacing_m / MAX_CELL_M))
     driven = None
@@ -92,6 +93,8 @@ def sample_viewpoints(
     elif driven is not None:
         mount_height_m = driven.mount_height_m
     grid = Grid.over(simulator.low, simulator.high, cell_m)
+    if float(np.prod(grid.size.astype(np.float64))) > MAX_COLUMNS:
+        raise BuildFailed(f"the map is too large for cells of {cell_m:.2f} m: set a larger spacing_m")
     surfaces = find_surfaces(simulator, grid, _columns(grid, driven, config))
     passed = np.zeros(len(surfaces), bool)
     if driven is not None:
@@ -102,7 +105,8 @@ def sample_viewpoints(
     room = passed | has_room(simulator, feet, config.footprint_radius_m, config.step_height_m, height_m)
     floors = standing.subset(room)
     if len(floors) == 0:
-        raise BuildFailed("the map has no floor with room for the robot")
+        near = "" if driven is None else " near the trajectory"
+        raise BuildFailed(f"the map has no floor with room for the robot{near}")
     part = reachable_parts(
         simulator,
         grid,
@@ -118,6 +122,8 @@ def sample_viewpoints(
         chosen = part[passed[room]]
         if seeds is not None:
             chosen = np.union1d(chosen, parts_under(grid, floors, part, seeds))
+        if len(chosen) == 0:
+            raise BuildFailed("no floor of the map lies under the trajectory or the seeds: another frame?")
     return _one_per_block(grid, floors.subset(np.isin(part, chosen)), config.spacing_m, mount_height_m)
 
 

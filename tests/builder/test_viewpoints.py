@@ -188,6 +188,21 @@ def test_a_map_without_floor_is_refused():
         sample(walls(0, 0, 0.05, 0.05))
 
 
+@pytest.mark.parametrize("limit_m", [None, 5.0])
+def test_a_trajectory_of_another_frame_is_refused(limit_m: float | None):
+    with pytest.raises(BuildFailed, match="trajectory"):
+        sample(room(), path((500, 0, 1), (501, 0, 1)), max_distance_to_trajectory_m=limit_m)
+
+
+def test_one_pose_is_a_trajectory():
+    assert len(sample(room(), path((5, 4, 1)))) == 80
+
+
+def test_a_map_with_a_stray_corner_far_away_is_refused_before_memory_is_taken():
+    with pytest.raises(BuildFailed, match="too large"):
+        sample([*room(), floor(1e5, 1e5, 1e5 + 1, 1e5 + 1)])
+
+
 def test_the_same_map_gives_the_same_bytes():
     first, second = sample(room()), sample(room())
     assert first.positions.tobytes() == second.positions.tobytes()
