@@ -25,14 +25,14 @@ class PreparedScan:
     Attributes:
         R_level_sensor: (3, 3).
         points: (n, 3) float32, all points within range, levelled: for the descriptor.
-        cloud: the voxel-thinned points with covariances, in the sensor frame: for fine registration.
+        dense: the voxel-thinned points with covariances, in the sensor frame: for fine registration.
         sparse: the same, a fraction of the points: enough to settle and compare many candidates.
         height_m: of the sensor above the floor.
     """
 
     R_level_sensor: NDArray[np.float64]
     points: NDArray[np.float32]
-    cloud: small_gicp.PointCloud
+    dense: small_gicp.PointCloud
     sparse: small_gicp.PointCloud
     height_m: float
 
