@@ -30,6 +30,7 @@ from .config import BuildConfig
 from .content_hash import content_hash
 from .die_with_parent import die_with_parent
 from .fit_engine import fit_engine
+from .fit_spacing import sample_fitting_viewpoints
 from .map_level import level_frame
 from .mesh import Mesh
 from .preview import draw_preview
@@ -39,7 +40,6 @@ from .self_test import self_test
 from .simulate import Simulator
 from .stage_cache import StageCache, StageResult
 from .templates import make_templates, view_distance_m
-from .viewpoints import sample_viewpoints
 from .visible_points import visible_points
 
 Progress = Callable[[str, float], None]
@@ -157,18 +157,16 @@ class _Build:
 
     def sample_viewpoints(self, read: StageResult, mesh: StageResult) -> StageResult:
         def produce(out: Path) -> None:
-            found = sample_viewpoints(
-                _simulator(mesh),
-                self.config.viewpoints,
-                self.config.sensor_model.mount_height_m,
-                _trajectory(read),
+            found, spacing_m = sample_fitting_viewpoints(
+                _simulator(mesh), self.config.viewpoints, self.config.sensor_model, _trajectory(read)
             )
             np.save(out / "positions.npy", found.positions)
             np.save(out / "floor_z.npy", found.floor_z)
+            np.save(out / "spacing_m.npy", spacing_m)
 
         chosen = {
             "viewpoints": self.config.viewpoints.model_dump(mode="json"),
-            "mount_height_m": self.config.sensor_model.mount_height_m,
+            "sensor": self.config.sensor_model.to_mapping(),
         }
         return self._stage("sample_viewpoints", {"map": read.digest, "mesh": mesh.digest}, chosen, produce)
 
@@ -184,7 +182,7 @@ class _Build:
                 sensor,
                 _spacing_m(read),
                 view_distance_m(simulator, positions, sensor),
-                self.config.viewpoints.spacing_m,
+                float(np.load(viewpoints.directory / "spacing_m.npy")),
                 np.load(read.directory / "T_map_level.npy"),
             )
             templates, keys = make_templates(
@@ -205,7 +203,6 @@ class _Build:
             "sensor": self.config.sensor_model.to_mapping(),
             "simulate": self.config.simulate.model_dump(mode="json"),
             "engine": self.config.engine.model_dump(mode="json"),
-            "spacing_m": self.config.viewpoints.spacing_m,
         }
         inputs = {"map": read.digest, "mesh": mesh.digest, "viewpoints": viewpoints.digest}
         return self._stage("make_templates", inputs, chosen, produce)

@@ -18,7 +18,7 @@ from pydantic import Field
 from firstfix.calibration import Calibration
 from firstfix.engine_config import Stage
 from firstfix.errors import BuildCancelled
-from firstfix.localization import Localization, Verdict
+from firstfix.localization import Localization
 from firstfix.localizer import Localizer
 from firstfix.scan import Scan
 from firstfix.sensor import SensorModel
@@ -169,7 +169,6 @@ def _summary(inside: Sequence[_Outcome], outside: Sequence[_Outcome], calibratio
 
 def _accepts(outcome: _Outcome, calibration: Calibration) -> bool:
     """Whether the calibrated localizer would call this localized."""
-    if outcome.answer.verdict is Verdict.REJECTED and not outcome.answer.hypotheses:
-        return False
     probability = calibration.probability(outcome.overlap, outcome.margin)
-    return outcome.overlap >= calibration.min_overlap and probability >= calibration.min_probability
+    clear = outcome.overlap >= calibration.min_overlap and outcome.margin >= calibration.min_margin
+    return clear and probability >= calibration.min_probability

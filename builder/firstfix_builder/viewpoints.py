@@ -19,6 +19,7 @@ from .simulate import Simulator
 from .walkable import has_room, reachable_parts
 
 MAX_CELL_M = 0.4
+DEFAULT_SPACING_M = 1.0
 PLANE_REACH_M = 0.5
 MAX_COLUMNS = 50e6  # 2.3 km square at 1/3 m
 HEAD_ROOM_M = 0.1  # over the sensor
@@ -27,7 +28,7 @@ STOREY_GAP_M = 1.0
 
 class ViewpointConfig(BaseModel):
     """Attributes:
-    spacing_m: one viewpoint a square of this edge.
+    spacing_m: one viewpoint a square of this edge; None: a metre, or what ``fit_spacing`` finds better.
     mount_height_m: of the sensor over the floor; "auto": the trajectory's where there is one, else
         the sensor model's.
     max_slope_deg, step_height_m: what the robot climbs. Reconstructed floors are bumpy: be generous.
@@ -39,7 +40,7 @@ class ViewpointConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    spacing_m: float = Field(1.0, ge=0.1, le=100)
+    spacing_m: float | None = Field(None, ge=0.1, le=100)
     mount_height_m: float | Literal["auto"] = "auto"
     max_slope_deg: float = Field(20.0, ge=0, le=60)
     step_height_m: float = Field(0.25, ge=0, le=2)
@@ -84,7 +85,8 @@ def sample_viewpoints(
     Raises:
         BuildFailed: there is no floor to stand on, none under the trajectory, or the map is too large.
     """
-    cell_m = config.spacing_m / int(np.ceil(config.spacing_m / MAX_CELL_M))
+    spacing_m = config.spacing_m or DEFAULT_SPACING_M
+    cell_m = spacing_m / int(np.ceil(spacing_m / MAX_CELL_M))
     driven = None
     if trajectory is not None and len(trajectory):
         driven = driven_floor(simulator, trajectory, cell_m / 2, mount_height_m)
@@ -124,7 +126,7 @@ def sample_viewpoints(
             chosen = np.union1d(chosen, parts_under(grid, floors, part, seeds))
         if len(chosen) == 0:
             raise BuildFailed("no floor of the map lies under the trajectory or the seeds: another frame?")
-    return _one_per_block(grid, floors.subset(np.isin(part, chosen)), config.spacing_m, mount_height_m)
+    return _one_per_block(grid, floors.subset(np.isin(part, chosen)), spacing_m, mount_height_m)
 
 
 def _columns(grid: Grid, driven: Driven | None, config: ViewpointConfig) -> NDArray[np.int64]:

@@ -21,6 +21,7 @@ class Calibration:
             more evidence never makes an answer less likely.
         min_probability: below it an answer is not ``localized``, unless the query says otherwise.
         min_overlap: below it a place does not explain the scan at all.
+        min_margin: with less, two places explain it: that is ambiguous however good the better one is.
         cases: how many self-test queries it was fitted on; 0: it is only the prior below.
     """
 
@@ -29,6 +30,7 @@ class Calibration:
     margin: float = 8.0
     min_probability: float = 0.9
     min_overlap: float = 0.4
+    min_margin: float = 0.15
     cases: int = 0
 
     def probability(self, overlap: float, margin: float) -> float:

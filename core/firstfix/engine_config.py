@@ -45,7 +45,7 @@ class PreprocessConfig(Stage):
 class SearchConfig(Stage):
     """How candidates are proposed."""
 
-    by_key: int = Field(300, ge=1, le=100_000, description="templates nearest by key, then re-ranked")
+    by_key: int = Field(400, ge=1, le=100_000, description="templates nearest by key, then re-ranked")
     candidates: int = Field(10, ge=1, le=100, description="that are registered")
 
 

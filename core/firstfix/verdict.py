@@ -41,7 +41,8 @@ def judge(
 
     if overlap < calibration.min_overlap:
         return rejected(Reason.LOW_OVERLAP)
-    if probability >= needed:
+    clear = margin([h.score for h in hypotheses]) >= calibration.min_margin
+    if probability >= needed and clear:
         return Judgement(Verdict.LOCALIZED, (), hypotheses, probability)
     if calibration.probability(overlap, overlap) >= needed:  # without its rivals it would have been accepted
         return Judgement(Verdict.AMBIGUOUS, (Reason.SEVERAL_PLACES,), hypotheses, probability)

@@ -59,7 +59,7 @@ def test_finished_stages_are_not_done_again(small_map, small_version, monkeypatc
     def never(*arguments: object, **more: object) -> None:
         raise AssertionError("done again")
 
-    for stage in ("read_map", "sample_viewpoints", "make_templates", "self_test"):
+    for stage in ("read_map", "sample_fitting_viewpoints", "make_templates", "self_test"):
         monkeypatch.setattr(pipeline, stage, never)
     again = build_version(small_map, BuildConfig.parse(CONFIG), small_version.directory.parent)
     assert again.manifest.digest == small_version.manifest.digest

@@ -36,6 +36,12 @@ def test_a_twin_makes_it_ambiguous_and_both_are_returned():
     assert judged.hypotheses[0].probability >= judged.hypotheses[1].probability
 
 
+def test_a_twin_makes_it_ambiguous_however_sure_the_model_is():
+    sure = Calibration(bias=0, overlap=50, margin=0, min_margin=0.15)
+    assert judge(places(0.99, 0.95), np.eye(4), sure, None).verdict is Verdict.AMBIGUOUS
+    assert judge(places(0.99, 0.80), np.eye(4), sure, None).verdict is Verdict.LOCALIZED
+
+
 def test_little_overlap_is_rejected_whatever_the_caller_asks():
     judged = verdict_of(0.45, min_probability=0.0)
     assert (judged.verdict, judged.reasons) == (Verdict.REJECTED, (Reason.LOW_OVERLAP,))
