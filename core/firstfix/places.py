@@ -16,8 +16,10 @@ from .transform import Matrix, pose_error
 
 SAME_PLACE_M = 1.0
 SAME_PLACE_DEG = 15.0
-COMPARED = 3  # places that get a fine registration: the best, and rivals for the margin
-COMPARED_ITERATIONS = 6  # are enough to compare them
+COMPARED = 3  # places that are registered finely: the best, and rivals for the margin
+RIVAL_ITERATIONS = 6  # are enough to know a rival's overlap
+STARTS = 2  # of the best place: VGICP leaves a motion-distorted scan in one of several minima
+APART_M = 0.15
 PROMISING = 0.02  # probability before the last refinement, which adds a little overlap
 CONFIRMATIONS = 2  # candidates that settled at one spot: a further start beside it tells nothing new
 BESIDE_M = 2.0
@@ -46,15 +48,14 @@ def find_places(
     for candidate in candidates:
         if not _is_settled_around(candidate.T_level_sensor, settled):
             settled.append(Place(candidate.template, cloud.settle(prepared.sparse, candidate.T_level_sensor)))
-    compared = [
-        _refined(cloud, prepared.sparse, place, COMPARED_ITERATIONS)
-        for place in _distinct(settled)[:COMPARED]
-    ]
-    places = _distinct(compared)
-    overlaps = [place.registration.overlap for place in places]
-    if places and calibration.probability(overlaps[0], margin(overlaps)) >= PROMISING:
-        places[0] = _refined(cloud, prepared.dense, places[0], None)
-    return places
+    settled.sort(key=_closeness)
+    leaders = _distinct(settled)[:COMPARED]
+    rivals = [_refined(cloud, prepared.sparse, place, RIVAL_ITERATIONS) for place in leaders[1:]]
+    overlaps = [place.registration.overlap for place in (*leaders[:1], *rivals)]
+    if leaders and calibration.probability(overlaps[0], margin(overlaps)) >= PROMISING:
+        starts = _apart([place for place in settled if place.is_same_as(leaders[0])])[:STARTS]
+        leaders[0] = max((_refined(cloud, prepared.dense, start, None) for start in starts), key=_fit)
+    return _distinct(sorted([*leaders[:1], *rivals], key=_closeness))
 
 
 def margin(overlaps: list[float]) -> float:
@@ -66,11 +67,31 @@ def _refined(cloud: MapCloud, scan: PointCloud, place: Place, iterations: int | 
     return Place(place.template, cloud.refine(scan, place.registration.T_level_sensor, iterations))
 
 
+def _closeness(place: Place) -> float:
+    """Sorts the closest fit first."""
+    return -place.registration.closeness
+
+
+def _fit(place: Place) -> float:
+    """Tells two minima of one place apart: their closeness alone may tie."""
+    return place.registration.closeness + place.registration.overlap
+
+
 def _distinct(places: Iterable[Place]) -> list[Place]:
-    """The closest fit of every place, best first."""
+    """The first of every place, in order."""
     kept: list[Place] = []
-    for place in sorted(places, key=lambda place: -place.registration.closeness):
+    for place in places:
         if not any(place.is_same_as(known) for known in kept):
+            kept.append(place)
+    return kept
+
+
+def _apart(places: Iterable[Place]) -> list[Place]:
+    """The first of every spot APART_M from the ones before: starts that may lead to another minimum."""
+    kept: list[Place] = []
+    for place in places:
+        here = place.registration.T_level_sensor[:3, 3]
+        if all(np.linalg.norm(here - known.registration.T_level_sensor[:3, 3]) > APART_M for known in kept):
             kept.append(place)
     return kept
 
