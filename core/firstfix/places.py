@@ -17,7 +17,7 @@ from .transform import Matrix, pose_error
 SAME_PLACE_M = 1.0
 SAME_PLACE_DEG = 15.0
 COMPARED = 3  # places that are registered finely: the best, and rivals for the margin
-RIVAL_ITERATIONS = 6  # are enough to know a rival's overlap
+COMPARED_ITERATIONS = 6  # are enough to compare them
 STARTS = 2  # of the best place: VGICP leaves a motion-distorted scan in one of several minima
 APART_M = 0.15
 PROMISING = 0.02  # probability before the last refinement, which adds a little overlap
@@ -49,13 +49,16 @@ def find_places(
         if not _is_settled_around(candidate.T_level_sensor, settled):
             settled.append(Place(candidate.template, cloud.settle(prepared.sparse, candidate.T_level_sensor)))
     settled.sort(key=_closeness)
-    leaders = _distinct(settled)[:COMPARED]
-    rivals = [_refined(cloud, prepared.sparse, place, RIVAL_ITERATIONS) for place in leaders[1:]]
-    overlaps = [place.registration.overlap for place in (*leaders[:1], *rivals)]
-    if leaders and calibration.probability(overlaps[0], margin(overlaps)) >= PROMISING:
-        starts = _apart([place for place in settled if place.is_same_as(leaders[0])])[:STARTS]
-        leaders[0] = max((_refined(cloud, prepared.dense, start, None) for start in starts), key=_fit)
-    return _distinct(sorted([*leaders[:1], *rivals], key=_closeness))
+    compared = [
+        _refined(cloud, prepared.sparse, place, COMPARED_ITERATIONS)
+        for place in _distinct(settled)[:COMPARED]
+    ]
+    places = _distinct(sorted(compared, key=_closeness))
+    overlaps = [place.registration.overlap for place in places]
+    if places and calibration.probability(overlaps[0], margin(overlaps)) >= PROMISING:
+        starts = _apart([places[0], *(place for place in settled if place.is_same_as(places[0]))])[:STARTS]
+        places[0] = max((_refined(cloud, prepared.dense, start, None) for start in starts), key=_fit)
+    return places
 
 
 def margin(overlaps: list[float]) -> float:
