@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 from scipy.spatial import cKDTree
 
+from firstfix.engine_config import Stage
 from firstfix.errors import BuildFailed
 
 SPACING_SAMPLES = 50_000
@@ -15,15 +16,13 @@ RING_RADIUS = 2**0.5  # the corners of that ring, in spacings; for random points
 VOXEL_GROWTH = 1.25
 
 
-class CleanConfig(BaseModel):
+class CleanConfig(Stage):
     """Attributes:
     voxel_m: points of one voxel become their mean; None keeps every point.
     max_points: the voxel grows until the cloud is below this: what bounds the time of a build.
     radius_spacings: the neighbourhood of a point, in point spacings.
     min_neighbours: a point with fewer neighbours there is a stray; 0 keeps all.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     voxel_m: float | None = Field(0.08, gt=0, le=10)
     max_points: int = Field(4_000_000, ge=1_000)

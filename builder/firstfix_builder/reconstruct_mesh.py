@@ -9,8 +9,9 @@ from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from firstfix.engine_config import Stage
 from firstfix.errors import BuildCancelled, BuildFailed
 
 from .clean_cloud import surface_spacing_m
@@ -25,7 +26,7 @@ SIGHT_RANGE_M = 100.0  # a scanner further than this from a square was not what 
 SIGHT_CELLS = 1.5
 
 
-class ReconstructConfig(BaseModel):
+class ReconstructConfig(Stage):
     """Lengths follow the spacing of the points on the surface, unless given.
 
     Attributes:
@@ -37,8 +38,6 @@ class ReconstructConfig(BaseModel):
         tile_cells: edge of a tile in cells; its square bounds memory.
         margin_cells: what a tile looks at around its square, so that neighbours agree where they meet.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     cell_m: float | None = Field(None, gt=0, le=10)
     cell_spacings: float = Field(1.2, gt=0, le=20)

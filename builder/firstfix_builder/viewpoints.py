@@ -7,9 +7,10 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 from scipy.spatial import cKDTree
 
+from firstfix.engine_config import Stage
 from firstfix.errors import BuildFailed
 
 from .choose_parts import likely_parts, parts_under
@@ -26,7 +27,7 @@ HEAD_ROOM_M = 0.1  # over the sensor
 STOREY_GAP_M = 1.0
 
 
-class ViewpointConfig(BaseModel):
+class ViewpointConfig(Stage):
     """Attributes:
     spacing_m: one viewpoint a square of this edge; None: a metre, or what ``fit_spacing`` finds better.
     mount_height_m: of the sensor over the floor; "auto": the trajectory's where there is one, else
@@ -37,8 +38,6 @@ class ViewpointConfig(BaseModel):
     bridge_gap_m: holes in the floor up to this wide do not stop it.
     max_distance_to_trajectory_m: no viewpoint further from the trajectory; None: no limit.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     spacing_m: float | None = Field(None, ge=0.1, le=100)
     mount_height_m: float | Literal["auto"] = "auto"
