@@ -43,7 +43,7 @@ def test_the_readme_shows_the_two_commands():
 
 
 def test_ci_runs_what_the_readme_says():
-    assert "make --no-print-directory test" in (REPO / ".ci" / "run").read_text()
+    assert "make test" in (REPO / ".ci" / "run").read_text()
 
 
 def test_a_robot_needs_three_packages():
