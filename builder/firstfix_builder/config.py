@@ -9,7 +9,14 @@ from typing import Any, Literal
 import yaml
 from pydantic import Field, ValidationError, field_validator
 
-from firstfix.engine_config import DescriptorConfig, PreprocessConfig, RegistrationConfig, SearchConfig, Stage
+from firstfix.engine_config import (
+    ClusterConfig,
+    DescriptorConfig,
+    PreprocessConfig,
+    RegistrationConfig,
+    SearchConfig,
+    Stage,
+)
 from firstfix.errors import InvalidOption
 from firstfix.sensor import SensorModel, preset
 
@@ -21,10 +28,17 @@ from .viewpoints import ViewpointConfig
 
 
 class EngineOverrides(Stage):
-    """Parts of the engine's config to set by hand; what is None follows from the map and the sensor."""
+    """Parts of the engine's config to set by hand; what is None follows from the map and the sensor.
 
+    Attributes:
+        method: "default", or the paper's: PCA-SC, clusters, CNZ keys in hash tables and KD trees.
+        cluster: None with the default method: every template stands for itself.
+    """
+
+    method: Literal["default", "paper"] = "default"
     descriptor: DescriptorConfig | None = None
     preprocess: PreprocessConfig | None = None
+    cluster: ClusterConfig | None = None
     search: SearchConfig | None = None
     registration: RegistrationConfig | None = None
 

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from firstfix.engine_config import (
-    DescriptorConfig,
+    ClusterConfig,
     EngineConfig,
+    OccupancyConfig,
+    PcaScConfig,
     PreprocessConfig,
     RegistrationConfig,
     SearchConfig,
@@ -37,9 +39,10 @@ def fit_engine(
     """
     voxel_m = round(float(np.clip(1.25 * map_spacing_m, 0.1, 0.3)), 3)
     source_m = round(2.5 * voxel_m, 3)
+    paper = overrides.method == "paper"
+    described = PcaScConfig if paper else OccupancyConfig
     return EngineConfig(
-        descriptor=overrides.descriptor
-        or DescriptorConfig(max_range_m=round(float(np.clip(view_m, 10.0, 80.0)))),
+        descriptor=overrides.descriptor or described(max_range_m=round(float(np.clip(view_m, 10.0, 80.0)))),
         preprocess=overrides.preprocess
         or PreprocessConfig(
             min_range_m=sensor.min_range_m,
@@ -48,7 +51,9 @@ def fit_engine(
             voxel_m=source_m,
             default_height_m=sensor.mount_height_m,
         ),
-        search=overrides.search or SearchConfig(),
+        cluster=overrides.cluster or (ClusterConfig() if paper else None),
+        search=overrides.search
+        or (SearchConfig(engine="lsh_kdtree", clusters=10) if paper else SearchConfig()),
         registration=overrides.registration
         or RegistrationConfig(
             map_voxel_m=voxel_m,

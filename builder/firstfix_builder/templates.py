@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from firstfix.descriptor import cnz, describe
-from firstfix.engine_config import DescriptorConfig, Stage
+from firstfix.descriptor import Descriptor, ScanBatch
+from firstfix.engine_config import Stage
 from firstfix.errors import BuildCancelled
-from firstfix.occupancy import occupancy, ring_spectrum
 from firstfix.sensor import SensorModel
 from firstfix.templates import Templates
 
@@ -34,12 +33,14 @@ def upright(positions: NDArray[np.floating]) -> NDArray[np.float64]:
     return T
 
 
-def scan_points(
-    ranges: NDArray[np.float32], directions: NDArray[np.float32]
-) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
-    """(n, rays) ranges to the (p, 3) returns of all scans, and the (p,) scan each belongs to."""
-    scan, ray = np.nonzero(np.isfinite(ranges))
-    return directions[ray] * ranges[scan, ray][:, None], scan
+def scan_batch(
+    ranges: NDArray[np.float32], directions: NDArray[np.float32], height_m: NDArray[np.floating]
+) -> ScanBatch:
+    """(n, rays) ranges of upright sensors, (n,) above their floors, to the returns of all scans."""
+    seen = np.isfinite(ranges)
+    scan, ray = np.nonzero(seen)
+    start = np.concatenate([[0], np.cumsum(seen.sum(axis=1))])
+    return ScanBatch(directions[ray] * ranges[scan, ray][:, None], start, height_m.astype(np.float32))
 
 
 def view_distance_m(simulator: Simulator, positions: NDArray[np.floating], sensor: SensorModel) -> float:
@@ -68,12 +69,12 @@ def make_templates(
     positions: NDArray[np.float64],
     height_m: NDArray[np.float64],
     sensor: SensorModel,
-    config: DescriptorConfig,
+    descriptor: Descriptor,
     executor: Executor,
     progress: Callable[[float], None],
     cancelled: Callable[[], bool],
-) -> tuple[Templates, NDArray[np.float32]]:
-    """Templates at (n, 3) positions, (n,) above their floors, and their (n, d) search keys.
+) -> Templates:
+    """Templates at (n, 3) positions, (n,) above their floors.
 
     Raises:
         BuildCancelled: cancelled() said so.
@@ -82,42 +83,16 @@ def make_templates(
     starts = range(0, len(positions), SCANS_AT_ONCE)
     done = 0
 
-    def chunk(start: int) -> tuple[Templates, NDArray[np.float32]]:
+    def chunk(start: int) -> Templates:
         nonlocal done
         if cancelled():
             raise BuildCancelled("cancelled while simulating scans")
         here = slice(start, start + SCANS_AT_ONCE)
-        made = _describe_chunk(simulator, positions[here], height_m[here], sensor, directions, config)
+        ranges = np.concatenate(list(simulator.ranges(upright(positions[here]), sensor)))
+        scans = scan_batch(ranges, directions, height_m[here])
+        made = Templates(positions[here].astype(np.float32), scans.height_m, descriptor.describe(scans))
         done += 1
         progress(done / len(starts))
         return made
 
-    parts = list(executor.map(chunk, starts))
-    fields = Templates.__dataclass_fields__
-    templates = Templates(**{name: np.concatenate([getattr(t, name) for t, _ in parts]) for name in fields})
-    return templates, np.concatenate([keys for _, keys in parts])
-
-
-def _describe_chunk(
-    simulator: Simulator,
-    positions: NDArray[np.float64],
-    height_m: NDArray[np.float64],
-    sensor: SensorModel,
-    directions: NDArray[np.float32],
-    config: DescriptorConfig,
-) -> tuple[Templates, NDArray[np.float32]]:
-    ranges = np.concatenate(list(simulator.ranges(upright(positions), sensor)))
-    points, scan = scan_points(ranges, directions)
-    height = height_m.astype(np.float32)
-    described = describe(points, scan, len(positions), height, config.polar)
-    filled = occupancy(points, scan, len(positions), height, config.layered)
-    templates = Templates(
-        position_m=positions.astype(np.float32),
-        height_m=height,
-        angle_rad=described.angle_rad,
-        ratio=described.ratio,
-        context=described.context.astype(np.float16),
-        cnz=cnz(described.context),
-        occupancy=np.packbits(filled.reshape(len(positions), -1), axis=1),
-    )
-    return templates, ring_spectrum(filled, config.coefficients)
+    return Templates.concatenate(list(executor.map(chunk, starts)))

@@ -13,7 +13,7 @@ from firstfix.sensor import SensorModel
 
 from .clean_cloud import voxel_means
 from .simulate import Simulator
-from .templates import scan_points, upright
+from .templates import scan_batch, upright
 
 RAYS = 16_384
 VIEWPOINTS = 3000
@@ -31,6 +31,6 @@ def visible_points(
     for start in range(0, len(chosen), AT_ONCE):
         here = chosen[start : start + AT_ONCE]
         ranges = np.concatenate(list(simulator.ranges(upright(here), probe)))
-        points, scan = scan_points(ranges, directions)
-        parts.append(voxel_means(points + here[scan], step_m))
+        scans = scan_batch(ranges, directions, np.zeros(len(here)))
+        parts.append(voxel_means(scans.points + here[scans.scan_of_point], step_m))
     return voxel_means(np.concatenate(parts), step_m)

@@ -47,7 +47,7 @@ class MapPicture:
         thinned = points[:: max(1, len(points) // MAX_MAP_POINTS)]
         return cls(
             transform_points(T_map_level, thinned),
-            transform_points(T_map_level, np.load(directory / "position_m.npy")),
+            transform_points(T_map_level, np.load(directory / "template_position_m.npy")),
         )
 
     def below_ceilings(self) -> NDArray[np.float64]:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Annotated, Literal, TypeAlias
+
 from pydantic import BaseModel, ConfigDict, Field
 
-from .occupancy import LayeredGrid
-from .polar import PolarGrid
+from .descriptor import Descriptor, LayeredOccupancy, PcaScanContext, PolarGrid
 
 
 class Stage(BaseModel):
@@ -14,22 +15,60 @@ class Stage(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class DescriptorConfig(Stage):
-    """The grids of both descriptors: PCA-SC (paper III.A) and layered occupancy."""
+class PolarConfig(Stage):
+    """The polar grid that a descriptor bins a scan into."""
 
     rings: int = Field(20, ge=2, le=200)
     sectors: int = Field(60, ge=8, le=720)
     max_range_m: float = Field(60.0, gt=1, le=500)
+
+    @property
+    def grid(self) -> PolarGrid:
+        return PolarGrid(self.rings, self.sectors, self.max_range_m)
+
+
+class OccupancyConfig(PolarConfig):
+    """``descriptor.LayeredOccupancy``: the default."""
+
+    kind: Literal["occupancy"] = "occupancy"
     layer_edges_m: tuple[float, ...] = Field((0.3, 1.0, 1.8, 3.0, 6.0, 25.0), min_length=2, max_length=17)
     coefficients: int = Field(8, ge=1, le=30)
 
-    @property
-    def polar(self) -> PolarGrid:
-        return PolarGrid(self.rings, self.sectors, self.max_range_m)
+    def make(self) -> Descriptor:
+        return LayeredOccupancy(self.grid, self.layer_edges_m, self.coefficients)
 
-    @property
-    def layered(self) -> LayeredGrid:
-        return LayeredGrid(self.polar, self.layer_edges_m)
+
+class PcaScConfig(PolarConfig):
+    """``descriptor.PcaScanContext``: the paper's."""
+
+    kind: Literal["pca_sc"] = "pca_sc"
+    height_origin: Literal["floor", "sensor"] = "floor"
+    ground: Literal["raw", "keep", "drop"] = "drop"
+    ground_m: float = Field(0.3, ge=0, le=5)
+    max_ratio: float = Field(0.9, ge=0, le=1)
+    trusted_shifts: int = Field(1, ge=0, le=360)
+
+    def make(self) -> Descriptor:
+        return PcaScanContext(
+            self.grid, self.height_origin, self.ground, self.ground_m, self.max_ratio, self.trusted_shifts
+        )
+
+
+DescriptorConfig: TypeAlias = Annotated[OccupancyConfig | PcaScConfig, Field(discriminator="kind")]
+
+
+class ClusterConfig(Stage):
+    """How templates are grouped (paper III.B).
+
+    Attributes:
+        threshold: largest distance that is merged, 1 - similarity.
+        neighbours: nearest by position that a template is compared with; all others count as wholly
+            unlike. None: all templates are compared.
+    """
+
+    linkage: Literal["complete", "average", "single"] = "complete"
+    threshold: float = Field(0.1, ge=0, lt=1)
+    neighbours: int | None = Field(50, ge=1, le=10_000)
 
 
 class PreprocessConfig(Stage):
@@ -42,11 +81,30 @@ class PreprocessConfig(Stage):
     default_height_m: float = Field(1.0, ge=0, description="of the sensor, where no floor is seen")
 
 
-class SearchConfig(Stage):
-    """How candidates are proposed."""
+class LshConfig(Stage):
+    """Hash tables of ``key_search.LshKdTree`` (paper III.C).
 
-    by_key: int = Field(400, ge=1, le=100_000, description="templates nearest by key, then re-ranked")
-    candidates: int = Field(10, ge=1, le=100, description="that are registered")
+    Attributes:
+        bits: of a hash.
+        random_tables: with random directions (RBP), beside the one with the principal ones (PCA-BP).
+        probes: buckets looked into in every table.
+    """
+
+    bits: int = Field(6, ge=1, le=24)
+    random_tables: int = Field(2, ge=0, le=64)
+    probes: int = Field(3, ge=1, le=1000)
+    seed: int = Field(0, ge=0)
+
+
+class SearchConfig(Stage):
+    """The cascade: clusters nearest by their representatives' keys, then their templates compared."""
+
+    engine: Literal[
+        "exhaustive", "kdtree", "lsh_kdtree", "faiss_flat", "faiss_sq8", "faiss_ivf", "faiss_hnsw"
+    ] = "faiss_sq8"
+    lsh: LshConfig = LshConfig()
+    clusters: int = Field(400, ge=1, le=100_000, description="whose templates are compared")
+    candidates: int = Field(10, ge=1, le=100, description="templates whose poses are registered")
 
 
 class RegistrationConfig(Stage):
@@ -64,11 +122,13 @@ class EngineConfig(Stage):
     """Everything that the query flow takes from the version.
 
     Attributes:
+        cluster: None: every template stands for itself.
         T_map_level: row-major (4, 4): the index lives in a frame whose z is up, whatever the map's.
     """
 
-    descriptor: DescriptorConfig = DescriptorConfig()
+    descriptor: DescriptorConfig = OccupancyConfig()
     preprocess: PreprocessConfig = PreprocessConfig()
+    cluster: ClusterConfig | None = None
     search: SearchConfig = SearchConfig()
     registration: RegistrationConfig = RegistrationConfig()
     spacing_m: float = Field(1.0, gt=0)

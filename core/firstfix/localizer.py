@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from .candidates import describe_scan, search
+from .candidates import search
 from .covariance import pose_covariance
 from .localization import Localization, Reason, Verdict
 from .map_index import MapIndex
@@ -31,7 +31,7 @@ class Localizer:
         if prepared is None:
             return Localization(Verdict.REJECTED, (Reason.TOO_FEW_POINTS,), timings_ms=watch.ms)
         with watch.stage("describe"):
-            described = describe_scan(index, prepared)
+            described = index.descriptor.describe(prepared.batch)
         with watch.stage("search"):
             candidates = search(index, described, prepared, options.max_candidates)
         with watch.stage("register"):

@@ -9,26 +9,33 @@ from pathlib import Path
 import numpy as np
 
 from .calibration import Calibration
+from .clusters import Clusters
+from .descriptor import Descriptor
 from .engine_config import EngineConfig
 from .errors import CorruptVersion
-from .key_search import KeySearch
+from .key_search import KeySearch, load_key_search
 from .registration import MapCloud
 from .templates import Templates
 from .transform import Matrix
 
 ENGINE_FILE = "engine.json"
 CALIBRATION_FILE = "calibration.json"
-KEYS_FILE = "keys.faiss"
 MAP_FILE = "map_points.npy"
 
 
 @dataclass(frozen=True)
 class MapIndex:
-    """Everything that the query flow needs of a version. Immutable and thread-safe."""
+    """Everything that the query flow needs of a version. Immutable and thread-safe.
+
+    Attributes:
+        keys: of the clusters' representatives.
+    """
 
     config: EngineConfig
     calibration: Calibration
+    descriptor: Descriptor
     templates: Templates
+    clusters: Clusters
     keys: KeySearch
     cloud: MapCloud
 
@@ -51,11 +58,14 @@ class MapIndex:
             if calibration is None:
                 calibration = Calibration.from_mapping(json.loads((directory / CALIBRATION_FILE).read_text()))
             points = np.load(directory / MAP_FILE, mmap_mode="r")
+            descriptor = config.descriptor.make()
             return cls(
                 config,
                 calibration,
-                Templates.load(directory),
-                KeySearch.load(directory / KEYS_FILE),
+                descriptor,
+                Templates.load(directory, descriptor),
+                Clusters.load(directory),
+                load_key_search(directory, config.search),
                 MapCloud(points, config.registration),
             )
         except (OSError, ValueError, RuntimeError, KeyError) as error:

@@ -8,6 +8,7 @@ import numpy as np
 import small_gicp
 from numpy.typing import NDArray
 
+from .descriptor import ScanBatch
 from .engine_config import PreprocessConfig
 from .levelling import estimate_up, floor_height
 from .scan import Scan
@@ -24,14 +25,14 @@ class PreparedScan:
 
     Attributes:
         R_level_sensor: (3, 3).
-        points: (n, 3) float32, all points within range, levelled: for the descriptor.
+        batch: all points within range, levelled: for the descriptor.
         dense: the voxel-thinned points with covariances, in the sensor frame: for fine registration.
         sparse: the same, a fraction of the points: enough to settle and compare many candidates.
         height_m: of the sensor above the floor.
     """
 
     R_level_sensor: NDArray[np.float64]
-    points: NDArray[np.float32]
+    batch: ScanBatch
     dense: small_gicp.PointCloud
     sparse: small_gicp.PointCloud
     height_m: float
@@ -59,12 +60,14 @@ def preprocess(
     R_level_sensor = rotation_between(up, [0.0, 0.0, 1.0])
     levelled = thinned.points()[:, :3] @ R_level_sensor.T
     height = floor_height(levelled, normals @ R_level_sensor.T)
+    if height is None:
+        height = config.default_height_m
     return PreparedScan(
         R_level_sensor,
-        points @ R_level_sensor.T.astype(np.float32),
+        ScanBatch.single(points @ R_level_sensor.T.astype(np.float32), height),
         _every_nth(thinned, _DENSE_POINTS),
         _every_nth(thinned, _SPARSE_POINTS),
-        config.default_height_m if height is None else height,
+        height,
     )
 
 

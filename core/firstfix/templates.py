@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .occupancy import LayeredGrid
+from .descriptor import Described, Descriptor, rows_of
+
+PREFIX = "template_"
 
 
 @dataclass(frozen=True)
@@ -18,33 +21,38 @@ class Templates:
     Attributes:
         position_m: (n, 3) float32 of the sensor.
         height_m: (n,) float32 of the sensor above its floor.
-        angle_rad, ratio: (n,) float32, first principal axis and eigenvalue ratio.
-        context: (n, rings, sectors) float16, PCA-SC.
-        cnz: (n, rings) float32.
-        occupancy: (n, ceil(rows * sectors / 8)) uint8, layered occupancy, packed bits.
+        described: n rows of the arrays that the version's descriptor makes.
     """
 
     position_m: NDArray[np.float32]
     height_m: NDArray[np.float32]
-    angle_rad: NDArray[np.float32]
-    ratio: NDArray[np.float32]
-    context: NDArray[np.float16]
-    cnz: NDArray[np.float32]
-    occupancy: NDArray[np.uint8]
+    described: Described
 
     def __len__(self) -> int:
         return len(self.position_m)
 
-    def layers(self, rows: NDArray[np.int64], grid: LayeredGrid) -> NDArray[np.uint8]:
-        """Layered occupancy of the given templates, (k, layers * rings, sectors), 0 or 1."""
-        bits = np.unpackbits(self.occupancy[rows], axis=1, count=grid.rows * grid.polar.sectors)
-        return bits.reshape(len(rows), grid.rows, grid.polar.sectors)
+    def described_at(self, rows: NDArray[np.integer]) -> Described:
+        return rows_of(self.described, rows)
 
     def save(self, directory: Path) -> None:
-        for field in fields(self):
-            np.save(directory / f"{field.name}.npy", getattr(self, field.name))
+        for name, array in self._arrays().items():
+            np.save(directory / f"{PREFIX}{name}.npy", array)
 
     @classmethod
-    def load(cls, directory: Path) -> Templates:
+    def load(cls, directory: Path, descriptor: Descriptor) -> Templates:
         """Memory-mapped: replicas of one machine share the pages."""
-        return cls(**{f.name: np.load(directory / f"{f.name}.npy", mmap_mode="r") for f in fields(cls)})
+
+        def read(name: str) -> NDArray[Any]:
+            array: NDArray[Any] = np.load(directory / f"{PREFIX}{name}.npy", mmap_mode="r")
+            return array
+
+        return cls(read("position_m"), read("height_m"), {name: read(name) for name in descriptor.arrays})
+
+    @classmethod
+    def concatenate(cls, parts: list[Templates]) -> Templates:
+        arrays = [part._arrays() for part in parts]
+        whole = {name: np.concatenate([a[name] for a in arrays]) for name in arrays[0]}
+        return cls(whole.pop("position_m"), whole.pop("height_m"), whole)
+
+    def _arrays(self) -> Described:
+        return {"position_m": self.position_m, "height_m": self.height_m, **self.described}

@@ -54,13 +54,13 @@ def test_a_build_killed_in_every_stage_ends_with_the_same_digest(small_map, smal
 
 
 def test_finished_stages_are_not_done_again(small_map, small_version, monkeypatch):
-    import firstfix_builder.pipeline as pipeline
+    import firstfix_builder.build_stages as stages
 
     def never(*arguments: object, **more: object) -> None:
         raise AssertionError("done again")
 
     for stage in ("read_map", "sample_fitting_viewpoints", "make_templates", "self_test"):
-        monkeypatch.setattr(pipeline, stage, never)
+        monkeypatch.setattr(stages, stage, never)
     again = build_version(small_map, BuildConfig.parse(CONFIG), small_version.directory.parent)
     assert again.manifest.digest == small_version.manifest.digest
 

@@ -75,7 +75,7 @@ def test_the_picture_of_a_version_is_in_the_maps_frame(tmp_path):
     T_map_level = make_transform(rotation_z(np.pi / 2), [100.0, 0.0, 0.0])
     (tmp_path / "engine.json").write_text(json.dumps({"T_map_level": T_map_level.ravel().tolist()}))
     np.save(tmp_path / "map_points.npy", np.array([[1, 0, 0]], np.float32))
-    np.save(tmp_path / "position_m.npy", np.array([[0, 2, 1]], np.float32))
+    np.save(tmp_path / "template_position_m.npy", np.array([[0, 2, 1]], np.float32))
     picture = MapPicture.load(tmp_path)
     np.testing.assert_allclose(picture.points, [[100, 1, 0]], atol=1e-6)
     np.testing.assert_allclose(picture.templates, [[98, 0, 1]], atol=1e-6)

@@ -135,7 +135,15 @@ def test_a_pose_without_the_verdict_cannot_be_said(localizer, small_scans):
 
 
 @pytest.mark.parametrize(
-    "name", ["engine.json", "keys.faiss", "map_points.npy", "occupancy.npy", "calibration.json"]
+    "name",
+    [
+        "engine.json",
+        "keys.faiss",
+        "map_points.npy",
+        "template_occupancy.npy",
+        "cluster_start.npy",
+        "calibration.json",
+    ],
 )
 def test_a_missing_file_is_a_corrupt_version(small_version, tmp_path, name):
     for path in small_version.directory.iterdir():

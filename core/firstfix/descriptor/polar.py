@@ -25,19 +25,26 @@ class PolarGrid:
         if not (1 <= self.rings <= 1000 and 1 <= self.sectors <= 3600 and self.max_range_m > 0):
             raise ValueError(f"not a usable grid: {self}")
 
-    def cells(
+    @property
+    def cells(self) -> int:
+        return self.rings * self.sectors
+
+    def cells_of(
         self, x: NDArray[np.floating], y: NDArray[np.floating]
-    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    ) -> tuple[NDArray[np.intp], NDArray[np.int32]]:
         """(p,) coordinates to the (k,) rows inside the grid and their (k,) cells, ring * sectors + sector."""
-        radius = np.hypot(x, y)
+        radius = np.sqrt(x * x + y * y)
         inside = np.flatnonzero(radius < self.max_range_m)
         if len(inside) < len(x):
             x, y, radius = x[inside], y[inside], radius[inside]
-        ring = (radius * np.float32(self.rings / self.max_range_m)).astype(np.intp)
+        radius *= np.float32(self.rings / self.max_range_m)
+        ring = radius.astype(np.int32)
         np.minimum(ring, self.rings - 1, out=ring)  # a radius a hair below the end may round up
         turn = np.arctan2(y, x)
         turn *= np.float32(self.sectors / (2 * np.pi))
-        sector = np.floor(turn).astype(np.intp)
-        sector[sector < 0] += self.sectors  # arctan2 gives -pi..pi: the cell before 0 is the last
+        sector = np.floor(turn, out=turn).astype(np.int32)
+        sector += (sector < 0) * np.int32(self.sectors)  # -pi..pi: the cell before 0 is the last
         np.minimum(sector, self.sectors - 1, out=sector)
-        return inside, ring * self.sectors + sector
+        ring *= self.sectors
+        ring += sector
+        return inside, ring

@@ -1,0 +1,295 @@
+"""The stages of a build: each takes earlier results and gives its own, or finds it in the cache."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firstfix.calibration import Calibration
+from firstfix.clusters import Clusters
+from firstfix.engine_config import EngineConfig
+from firstfix.errors import BuildCancelled
+from firstfix.key_search import build_key_search
+from firstfix.localizer import Localizer
+from firstfix.map_index import CALIBRATION_FILE, ENGINE_FILE, MAP_FILE, MapIndex
+from firstfix.templates import Templates
+from firstfix.transform import inverse, make_transform, transform_points
+
+from .clean_cloud import clean_cloud, point_spacing_m, voxel_means
+from .cluster import cluster_templates
+from .config import BuildConfig
+from .content_hash import content_hash
+from .fit_engine import fit_engine
+from .fit_spacing import sample_fitting_viewpoints
+from .map_level import level_frame
+from .mesh import Mesh
+from .preview import draw_preview
+from .read_map import read_map, read_trajectory
+from .reconstruct_mesh import reconstruct_mesh
+from .self_test import self_test
+from .simulate import Simulator
+from .stage_cache import StageCache, StageResult
+from .templates import make_templates, view_distance_m
+from .visible_points import visible_points
+
+Progress = Callable[[str, float], None]
+SURFACE_STEP_M = 0.1  # between the points that stand for a mesh in registration
+
+
+@dataclass(frozen=True)
+class BuildStages:
+    """One build's settings, and its stages: each takes earlier results and gives its own."""
+
+    config: BuildConfig
+    cache: StageCache
+    threads: Executor
+    processes: Executor
+    progress: Progress
+    cancelled: Callable[[], bool]
+
+    def read_map(self, source: Path, trajectory: Path | None) -> StageResult:
+        """The map in its levelled local frame: points or a mesh, trajectory, T_map_level."""
+
+        def produce(out: Path) -> None:
+            data = read_map(source, axis=self.config.axis)
+            poses = data.trajectory
+            if trajectory is not None:
+                poses = read_trajectory(trajectory)
+                poses[:, :3, 3] -= data.origin
+            surface = data.points if data.points is not None else data.vertices
+            assert surface is not None
+            T_map_level = level_frame(surface) if self.config.level and data.points is not None else np.eye(4)
+            T_level_map = inverse(T_map_level)
+            if data.points is not None:
+                np.save(
+                    out / "points.npy",
+                    clean_cloud(transform_points(T_level_map, data.points), self.config.clean),
+                )
+            elif data.vertices is not None and data.triangles is not None:
+                Mesh(transform_points(T_level_map, data.vertices), data.triangles).save(out)
+            if poses is not None:
+                np.save(out / "trajectory.npy", T_level_map @ poses)
+            # answers are in the file's own coordinates: the local origin goes back in here
+            np.save(out / "T_map_level.npy", make_transform(np.eye(3), data.origin) @ T_map_level)
+
+        inputs = {"source": content_hash(source)}
+        if trajectory is not None:
+            inputs["trajectory"] = content_hash(trajectory)
+        chosen = {
+            "axis": self.config.axis,
+            "level": self.config.level,
+            "clean": self.config.clean.model_dump(mode="json"),
+            "names": [path.name for path in (source, trajectory) if path is not None],
+        }
+        return self._stage("read_map", inputs, chosen, produce)
+
+    def reconstruct_mesh(self, read: StageResult) -> StageResult:
+        def produce(out: Path) -> None:
+            if (read.directory / "triangles.npy").exists():  # the source is a mesh: taken as it is
+                Mesh.load(read.directory).save(out)
+                return
+            reconstruct_mesh(
+                np.load(read.directory / "points.npy"),
+                _trajectory(read),
+                self.config.reconstruct,
+                executor=self.processes,
+                progress=self._ticks("reconstruct_mesh"),
+                cancelled=self.cancelled,
+            ).save(out)
+
+        return self._stage("reconstruct_mesh", {"map": read.digest}, self.config.reconstruct, produce)
+
+    def sample_viewpoints(self, read: StageResult, mesh: StageResult) -> StageResult:
+        def produce(out: Path) -> None:
+            found, spacing_m = sample_fitting_viewpoints(
+                _simulator(mesh), self.config.viewpoints, self.config.sensor_model, _trajectory(read)
+            )
+            np.save(out / "positions.npy", found.positions)
+            np.save(out / "floor_z.npy", found.floor_z)
+            np.save(out / "spacing_m.npy", spacing_m)
+
+        chosen = {
+            "viewpoints": self.config.viewpoints.model_dump(mode="json"),
+            "sensor": self.config.sensor_model.to_mapping(),
+        }
+        return self._stage("sample_viewpoints", {"map": read.digest, "mesh": mesh.digest}, chosen, produce)
+
+    def fit_engine(self, read: StageResult, mesh: StageResult, viewpoints: StageResult) -> StageResult:
+        """The engine's parameters: what the version is made with and asked with."""
+
+        def produce(out: Path) -> None:
+            positions = np.load(viewpoints.directory / "positions.npy")
+            engine = fit_engine(
+                self.config.engine,
+                self.config.sensor_model,
+                _spacing_m(read),
+                view_distance_m(_simulator(mesh), positions, self.config.sensor_model),
+                float(np.load(viewpoints.directory / "spacing_m.npy")),
+                np.load(read.directory / "T_map_level.npy"),
+            )
+            (out / ENGINE_FILE).write_text(engine.model_dump_json())
+
+        chosen = {
+            "sensor": self.config.sensor_model.to_mapping(),
+            "engine": self.config.engine.model_dump(mode="json"),
+        }
+        inputs = {"map": read.digest, "mesh": mesh.digest, "viewpoints": viewpoints.digest}
+        return self._stage("fit_engine", inputs, chosen, produce)
+
+    def make_templates(self, mesh: StageResult, viewpoints: StageResult, engine: EngineConfig) -> StageResult:
+        def produce(out: Path) -> None:
+            positions = np.load(viewpoints.directory / "positions.npy")
+            make_templates(
+                _simulator(mesh),
+                positions,
+                positions[:, 2] - np.load(viewpoints.directory / "floor_z.npy"),
+                self.config.sensor_model.coarser(self.config.simulate.max_rays),
+                engine.descriptor.make(),
+                self.threads,
+                self._ticks("make_templates"),
+                self.cancelled,
+            ).save(out)
+
+        chosen = {
+            "sensor": self.config.sensor_model.to_mapping(),
+            "simulate": self.config.simulate.model_dump(mode="json"),
+            "descriptor": engine.descriptor.model_dump(mode="json"),
+        }
+        inputs = {"mesh": mesh.digest, "viewpoints": viewpoints.digest}
+        return self._stage("make_templates", inputs, chosen, produce)
+
+    def cluster(self, templates: StageResult, engine: EngineConfig) -> StageResult:
+        """Which templates look alike from neighbouring places, and who stands for them."""
+
+        def produce(out: Path) -> None:
+            descriptor = engine.descriptor.make()
+            made = Templates.load(templates.directory, descriptor)
+            if engine.cluster is None:
+                Clusters.alone(len(made)).save(out)
+                return
+            cluster_templates(
+                descriptor,
+                made.described,
+                made.position_m,
+                engine.cluster,
+                self._ticks("cluster"),
+                self.cancelled,
+            ).save(out)
+
+        chosen = {
+            "descriptor": engine.descriptor.model_dump(mode="json"),
+            "cluster": None if engine.cluster is None else engine.cluster.model_dump(mode="json"),
+        }
+        return self._stage("cluster", {"templates": templates.digest}, chosen, produce)
+
+    def build_index(
+        self,
+        read: StageResult,
+        mesh: StageResult,
+        fitted: StageResult,
+        templates: StageResult,
+        clusters: StageResult,
+    ) -> StageResult:
+        """All files of the version but what the self-test adds."""
+
+        def produce(out: Path) -> None:
+            for part in (fitted, templates, clusters):
+                for path in part.directory.iterdir():
+                    link(path, out / path.name)
+            engine = engine_of(fitted)
+            descriptor = engine.descriptor.make()
+            made = Templates.load(out, descriptor)
+            representatives = made.described_at(Clusters.load(out).representative)
+            keys = descriptor.keys(representatives)
+            build_key_search(keys, engine.search).save(out)
+            cloud = read.directory / "points.npy"
+            points = (
+                np.load(cloud)
+                if cloud.exists()
+                else visible_points(
+                    _simulator(mesh), made.position_m, self.config.sensor_model, SURFACE_STEP_M
+                )
+            )
+            np.save(out / MAP_FILE, voxel_means(points, engine.registration.map_voxel_m).astype(np.float32))
+            draw_preview(np.load(out / MAP_FILE), made.position_m, out / "preview.png")
+
+        inputs = {
+            "map": read.digest,
+            "mesh": mesh.digest,
+            "engine": fitted.digest,
+            "templates": templates.digest,
+            "clusters": clusters.digest,
+        }
+        chosen = {"sensor": self.config.sensor_model.to_mapping()}
+        return self._stage("build_index", inputs, chosen, produce)
+
+    def self_test(self, mesh: StageResult, index: StageResult) -> StageResult:
+        def produce(out: Path) -> None:
+            found, calibration = self_test(
+                Localizer(MapIndex.load(index.directory, Calibration())),
+                _simulator(mesh),
+                self.config.sensor_model,
+                self.config.self_test,
+                self.threads,
+                self._ticks("self_test"),
+                self.cancelled,
+            )
+            _write_json(out / CALIBRATION_FILE, calibration.to_mapping())
+            _write_json(out / "self_test.json", found.to_mapping())
+
+        chosen = {
+            "self_test": self.config.self_test.model_dump(mode="json"),
+            "sensor": self.config.sensor_model.to_mapping(),
+        }
+        return self._stage("self_test", {"mesh": mesh.digest, "index": index.digest}, chosen, produce)
+
+    def _stage(
+        self, name: str, inputs: Mapping[str, str], config: Any, produce: Callable[[Path], None]
+    ) -> StageResult:
+        if self.cancelled():
+            raise BuildCancelled(f"cancelled before {name}")
+        self.progress(name, 0.0)
+        result = self.cache.run(name, inputs, config, produce)
+        self.progress(name, 1.0)
+        return result
+
+    def _ticks(self, stage: str) -> Callable[[float], None]:
+        return lambda fraction: self.progress(stage, fraction)
+
+
+def _trajectory(read: StageResult) -> NDArray[np.float64] | None:
+    path = read.directory / "trajectory.npy"
+    return np.load(path) if path.exists() else None
+
+
+def _simulator(mesh: StageResult) -> Simulator:
+    surface = Mesh.load(mesh.directory)
+    return Simulator(surface.vertices, surface.triangles)
+
+
+def engine_of(fitted: StageResult) -> EngineConfig:
+    return EngineConfig.model_validate_json((fitted.directory / ENGINE_FILE).read_text())
+
+
+def _spacing_m(read: StageResult) -> float:
+    path = read.directory / "points.npy"
+    return point_spacing_m(np.load(path)) if path.exists() else SURFACE_STEP_M
+
+
+def _write_json(path: Path, value: Mapping[str, Any]) -> None:
+    path.write_text(json.dumps(value, sort_keys=True, indent=1) + "\n")
+
+
+def link(source: Path, target: Path) -> None:
+    try:
+        target.hardlink_to(source)
+    except OSError:  # another file system
+        shutil.copyfile(source, target)

@@ -1,0 +1,63 @@
+"""Templates in groups, each with the one that stands for it (paper III.B)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Clusters:
+    """c clusters of n templates.
+
+    Attributes:
+        representative: (c,) int32, its template in each.
+        start: (c + 1,) int32, cluster i holds ``member[start[i]:start[i + 1]]``.
+        member: (n,) int32, templates, cluster after cluster, ascending in each.
+    """
+
+    representative: NDArray[np.int32]
+    start: NDArray[np.int32]
+    member: NDArray[np.int32]
+
+    @classmethod
+    def alone(cls, count: int) -> Clusters:
+        """Every template its own cluster."""
+        every = np.arange(count + 1, dtype=np.int32)
+        return cls(every[:-1], every, every[:-1])
+
+    @classmethod
+    def from_labels(
+        cls, label: NDArray[np.intp], most_typical: Callable[[NDArray[np.int32]], int]
+    ) -> Clusters:
+        """
+        Args:
+            label: (n,) the cluster of each template, 0 to c - 1, none of them empty.
+            most_typical: which of the (k,) templates of a cluster, two or more, stands for it, 0 to k - 1.
+        """
+        member = np.argsort(label, kind="stable").astype(np.int32)
+        start = np.concatenate([[0], np.cumsum(np.bincount(label))]).astype(np.int32)
+        groups = np.split(member, start[1:-1])
+        chosen = [group[most_typical(group) if len(group) > 1 else 0] for group in groups]
+        return cls(np.array(chosen, np.int32), start, member)
+
+    def __len__(self) -> int:
+        return len(self.representative)
+
+    def members(self, clusters: NDArray[np.integer]) -> NDArray[np.int32]:
+        """The templates of the given clusters, in their order."""
+        return np.concatenate([self.member[self.start[c] : self.start[c + 1]] for c in clusters.tolist()])
+
+    def save(self, directory: Path) -> None:
+        for field in fields(self):
+            np.save(directory / f"cluster_{field.name}.npy", getattr(self, field.name))
+
+    @classmethod
+    def load(cls, directory: Path) -> Clusters:
+        return cls(
+            **{f.name: np.load(directory / f"cluster_{f.name}.npy", mmap_mode="r") for f in fields(cls)}
+        )

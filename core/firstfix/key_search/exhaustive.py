@@ -1,0 +1,37 @@
+"""All distances, and the least of them: exact, and the measure of the others."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..engine_config import SearchConfig
+from .keys_file import load_keys, save_keys
+
+
+class Exhaustive:
+    """One matrix-vector product a query."""
+
+    def __init__(self, keys: NDArray[np.float32]) -> None:
+        self._keys = keys
+        self._half_norm2 = np.einsum("nd,nd->n", keys, keys) / 2
+
+    @classmethod
+    def build(cls, keys: NDArray[np.float32], config: SearchConfig) -> Exhaustive:
+        return cls(keys)
+
+    def search(self, key: NDArray[np.float32], count: int) -> NDArray[np.int64]:
+        further = self._half_norm2 - self._keys @ key  # half the squared distance, less a constant
+        if count >= len(further):
+            return np.argsort(further, kind="stable")
+        nearest = np.argpartition(further, count)[:count]
+        return nearest[np.argsort(further[nearest], kind="stable")]
+
+    def save(self, directory: Path) -> None:
+        save_keys(self._keys, directory)
+
+    @classmethod
+    def load(cls, directory: Path, config: SearchConfig) -> Exhaustive:
+        return cls(load_keys(directory))
