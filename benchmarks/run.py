@@ -7,8 +7,9 @@ import json
 from pathlib import Path
 
 from . import real
+from .paper import suite as paper
 
-SUITES = {"real": real.run}
+SUITES = {"paper": paper.run, "real": real.run}
 
 
 def main() -> None:

@@ -80,7 +80,7 @@ def small_scans(small_world: SmallWorld, small_version):
     from firstfix_builder.disturb import DisturbConfig, disturbed_scans
     from firstfix_builder.simulate import Simulator
 
-    positions = MapIndex.load(small_version.directory).templates.position_m
+    positions = MapIndex.load(small_version.directory).cascade.templates.position_m
     return disturbed_scans(
         Simulator(small_world.vertices, small_world.triangles),
         SensorModel.from_mapping(SENSOR),

@@ -13,10 +13,11 @@ from firstfix.descriptor import Described, Descriptor, rows_of
 from firstfix.engine_config import ClusterConfig
 from firstfix.errors import BuildCancelled
 
+from .cluster_unconstrained import cluster_unconstrained
 from .linkage import Pairs, agglomerate
 
 BLOCK = 256  # templates compared with their neighbours at once; in the order of a KD tree's leaves
-ALL_BLOCK = 2048
+ROWS = 2048
 
 
 def cluster_templates(
@@ -30,20 +31,19 @@ def cluster_templates(
     """Clusters of n templates at (n, 3) positions.
 
     Raises:
+        BuildFailed: too many templates for this linkage without neighbours.
         BuildCancelled: cancelled() said so.
     """
-    count = len(position_m)
     if config.neighbours is None:
-        parts = all_pairs(descriptor, described, config)
+        label = cluster_unconstrained(descriptor, described, config, progress, cancelled)
     else:
-        parts = neighbour_pairs(descriptor, described, position_m, config.neighbours)
-    pairs = []
-    for fraction, part in parts:
-        if cancelled():
-            raise BuildCancelled("cancelled while comparing templates")
-        pairs.append(part)
-        progress(0.8 * fraction)
-    label = agglomerate(count, Pairs.concatenate(pairs), config.linkage, config.threshold)
+        pairs = []
+        for done, part in neighbour_pairs(descriptor, described, position_m, config.neighbours):
+            if cancelled():
+                raise BuildCancelled("cancelled while comparing templates")
+            pairs.append(part)
+            progress(done)
+        label = agglomerate(len(position_m), Pairs.concatenate(pairs), config.linkage, config.threshold)
     return Clusters.from_labels(label, lambda rows: most_typical(descriptor, rows_of(described, rows)))
 
 
@@ -73,32 +73,13 @@ def neighbour_pairs(
         yield (start + len(block)) / count, Pairs.of(a[keep], b[keep], distance[keep])
 
 
-def all_pairs(
-    descriptor: Descriptor, described: Described, config: ClusterConfig
-) -> Iterator[tuple[float, Pairs]]:
-    """Distances of all pairs, those beyond the threshold left out where the linkage allows."""
-    count = len(next(iter(described.values())))
-    limit = 1.0 if config.linkage == "average" else config.threshold
-    for start in range(0, count, ALL_BLOCK):
-        rows = slice(start, start + ALL_BLOCK)
-        for other in range(start, count, ALL_BLOCK):
-            alike = descriptor.similarity(
-                rows_of(described, rows), rows_of(described, slice(other, other + ALL_BLOCK))
-            )
-            a, b = np.nonzero(1 - alike <= limit)
-            distance = 1 - alike[a, b]
-            a, b = a + start, b + other
-            keep = a < b
-            yield min(1.0, (start + ALL_BLOCK) / count), Pairs.of(a[keep], b[keep], distance[keep])
-
-
 def most_typical(descriptor: Descriptor, described: Described) -> int:
     """Equation 7: the row of the template that is most like all the others."""
     count = len(next(iter(described.values())))
     total = np.concatenate(
         [
-            descriptor.similarity(rows_of(described, slice(start, start + ALL_BLOCK)), described).sum(axis=1)
-            for start in range(0, count, ALL_BLOCK)
+            descriptor.similarity(rows_of(described, slice(start, start + ROWS)), described).sum(axis=1)
+            for start in range(0, count, ROWS)
         ]
     )
     return int(total.argmax())

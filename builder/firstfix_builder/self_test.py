@@ -97,7 +97,7 @@ def self_test(
         BuildCancelled: cancelled() said so.
     """
     rng = np.random.default_rng(config.seed)
-    templates = localizer.index.templates
+    templates = localizer.index.cascade.templates
     inside = disturbed_scans(
         simulator,
         sensor,

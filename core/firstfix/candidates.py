@@ -1,10 +1,8 @@
-"""The cascade (paper III.C): which templates look like the scan, and the pose that each implies."""
+"""Which templates look like the scan, and the pose that each implies."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-
-import numpy as np
 
 from .descriptor import Described
 from .map_index import MapIndex
@@ -29,21 +27,20 @@ class Candidate:
 def search(
     index: MapIndex, described: Described, prepared: PreparedScan, count: int | None
 ) -> list[Candidate]:
-    """Clusters whose representatives' keys are nearest, then the templates in them compared; best first.
+    """The templates most like the scan, best first.
 
     Args:
         described: the one scan.
         count: at most so many; None: as the version says.
     """
-    config, templates = index.config.search, index.templates
-    nearest = index.keys.search(index.descriptor.keys(described)[0], config.clusters)
-    rows = np.sort(index.clusters.members(nearest))  # as they lie on the disk
-    yaw, score = index.descriptor.match(described, templates.described_at(rows))
-    best = np.argsort(-score, kind="stable")[: count or config.candidates]
-    candidates = []
-    for row, turn, s in zip(rows[best], yaw[best], score[best], strict=True):
+    config, templates = index.config.search, index.cascade.templates
+    matches = index.cascade.search(described, config.clusters)
+    candidates: list[Candidate] = []
+    for row, yaw, score in zip(matches.rows, matches.yaw_rad, matches.score, strict=True):
+        if len(candidates) == (count or config.candidates):
+            break
         # the template's floor counts, not its mount: this sensor may sit higher
         position = templates.position_m[row] + [0, 0, prepared.height_m - templates.height_m[row]]
-        T_level_sensor = make_transform(rotation_z(turn) @ prepared.R_level_sensor, position)
-        candidates.append(Candidate(int(row), T_level_sensor, float(s)))
+        T_level_sensor = make_transform(rotation_z(yaw) @ prepared.R_level_sensor, position)
+        candidates.append(Candidate(int(row), T_level_sensor, float(score)))
     return candidates

@@ -31,7 +31,7 @@ class Localizer:
         if prepared is None:
             return Localization(Verdict.REJECTED, (Reason.TOO_FEW_POINTS,), timings_ms=watch.ms)
         with watch.stage("describe"):
-            described = index.descriptor.describe(prepared.batch)
+            described = index.cascade.descriptor.describe(prepared.batch)
         with watch.stage("search"):
             candidates = search(index, described, prepared, options.max_candidates)
         with watch.stage("register"):

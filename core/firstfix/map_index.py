@@ -1,4 +1,4 @@
-"""One published version, loaded: templates, key search, map cloud and the parameters that made them."""
+"""One published version, loaded: the cascade, the map cloud and the parameters that made them."""
 
 from __future__ import annotations
 
@@ -9,13 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from .calibration import Calibration
-from .clusters import Clusters
-from .descriptor import Descriptor
+from .cascade import Cascade
 from .engine_config import EngineConfig
 from .errors import CorruptVersion
-from .key_search import KeySearch, load_key_search
 from .registration import MapCloud
-from .templates import Templates
 from .transform import Matrix
 
 ENGINE_FILE = "engine.json"
@@ -25,18 +22,11 @@ MAP_FILE = "map_points.npy"
 
 @dataclass(frozen=True)
 class MapIndex:
-    """Everything that the query flow needs of a version. Immutable and thread-safe.
-
-    Attributes:
-        keys: of the clusters' representatives.
-    """
+    """Everything that the query flow needs of a version. Immutable and thread-safe."""
 
     config: EngineConfig
     calibration: Calibration
-    descriptor: Descriptor
-    templates: Templates
-    clusters: Clusters
-    keys: KeySearch
+    cascade: Cascade
     cloud: MapCloud
 
     @property
@@ -58,14 +48,10 @@ class MapIndex:
             if calibration is None:
                 calibration = Calibration.from_mapping(json.loads((directory / CALIBRATION_FILE).read_text()))
             points = np.load(directory / MAP_FILE, mmap_mode="r")
-            descriptor = config.descriptor.make()
             return cls(
                 config,
                 calibration,
-                descriptor,
-                Templates.load(directory, descriptor),
-                Clusters.load(directory),
-                load_key_search(directory, config.search),
+                Cascade.load(directory, config),
                 MapCloud(points, config.registration),
             )
         except (OSError, ValueError, RuntimeError, KeyError) as error:

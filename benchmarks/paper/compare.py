@@ -1,0 +1,117 @@
+"""Beyond the paper's tables: every search engine in its cascade, and the default method beside it."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import numpy as np
+
+from firstfix.calibration import Calibration
+from firstfix.cascade import Cascade
+from firstfix.clusters import Clusters
+from firstfix.engine_config import SearchConfig
+from firstfix.key_search import ENGINES
+from firstfix.localizer import Localizer
+from firstfix.map_index import MapIndex
+from firstfix.registration import MapCloud
+from firstfix.transform import pose_error
+from firstfix_builder.clean_cloud import voxel_means
+from firstfix_builder.config import EngineOverrides
+from firstfix_builder.fit_engine import fit_engine
+from firstfix_builder.visible_points import visible_points
+
+from .matching import make_cascade, run_cascade, success
+from .published import WITHIN_M
+from .queries import Disturbed, Queries
+from .scene import MAX_RANGE_M, PAPER, SENSOR, SPACING_M, Scene
+from .tables import K
+
+Row = dict[str, Any]
+MAP_STEP_M = 0.1
+DEFAULT_SEARCH = SearchConfig()
+
+
+def compare_engines(scene: Scene, clusters: Clusters, own: Queries, disturbed: Disturbed) -> list[Row]:
+    """The same cascade, clusters and K over every engine."""
+    rows = []
+    for engine in ENGINES:
+        cascade = make_cascade(
+            scene.templates, clusters, SearchConfig.model_validate({"engine": engine}), PAPER
+        )
+        run = run_cascade(cascade, own.by[PAPER], K)
+        rows.append(
+            {
+                "engine": engine,
+                "search_ms": run.search_ms,
+                "match_ms": run.match_ms,
+                "success": success(scene.templates.position_m[run.found], own.true_m),
+                "success_disturbed": _cascade_success(scene, cascade, K, disturbed.levelled, PAPER),
+            }
+        )
+        _tell("engine", rows[-1])
+    return rows
+
+
+def compare_methods(scene: Scene, clusters: Clusters, disturbed: Disturbed, registered: int) -> list[Row]:
+    """The paper's method and the default one: search alone, and through the whole localizer.
+
+    Args:
+        registered: how many of the scans the localizers are asked.
+    """
+    paper = make_cascade(scene.templates, clusters, SearchConfig(engine="kdtree"), PAPER)
+    default = make_cascade(scene.templates, Clusters.alone(len(scene.templates)), DEFAULT_SEARCH, "occupancy")
+    cases = (
+        ("paper, scan as it comes", paper, K, PAPER, disturbed.as_they_come),
+        ("paper, scan levelled", paper, K, PAPER, disturbed.levelled),
+        ("default", default, DEFAULT_SEARCH.clusters, "occupancy", disturbed.levelled),
+    )
+    rows = []
+    for name, cascade, count, how, queries in cases:
+        run = run_cascade(cascade, queries.by[how], count)
+        found_m = scene.templates.position_m[run.found]
+        row = {
+            "method": name,
+            "ms": round(run.search_ms + run.match_ms, 3),
+            "success": success(found_m, queries.true_m),
+        }
+        rows.append(row)
+        _tell("method", row)
+    for method, cascade in (("paper", paper), ("default", default)):
+        row = _localized(scene, method, cascade, disturbed, registered)
+        rows.append(row)
+        _tell("method", row)
+    return rows
+
+
+def _localized(scene: Scene, method: str, cascade: Cascade, disturbed: Disturbed, count: int) -> Row:
+    """The best hypothesis after registration, whatever the verdict: there is no calibration here."""
+    overrides = EngineOverrides.model_validate({"method": method})
+    engine = fit_engine(overrides, SENSOR, MAP_STEP_M, MAX_RANGE_M, SPACING_M, np.eye(4))
+    points = visible_points(
+        scene.simulator, scene.templates.position_m.astype(np.float64), SENSOR, MAP_STEP_M
+    )
+    cloud = MapCloud(
+        voxel_means(points, engine.registration.map_voxel_m).astype(np.float32), engine.registration
+    )
+    localizer = Localizer(MapIndex(engine, Calibration(), cascade, cloud))
+    errors, total_ms = [], []
+    for scan, T_map_sensor in disturbed.scans[:count]:
+        answer = localizer.localize(scan)
+        best = answer.hypotheses[0].T_map_sensor if answer.hypotheses else np.diag([np.inf, 1, 1, 1])
+        errors.append(pose_error(T_map_sensor, best)[0] if answer.hypotheses else np.inf)
+        total_ms.append(sum(answer.timings_ms.values()))
+    return {
+        "method": f"{method}, registered",
+        "ms": round(float(np.median(total_ms)), 1),
+        "success": [round(float(np.mean(np.array(errors) <= limit)), 5) for limit in WITHIN_M],
+    }
+
+
+def _cascade_success(scene: Scene, cascade: Cascade, count: int, queries: Queries, name: str) -> list[float]:
+    run = run_cascade(cascade, queries.by[name], count)
+    return success(scene.templates.position_m[run.found], queries.true_m)
+
+
+def _tell(table: str, row: Row) -> None:
+    print(table, row, file=sys.stderr, flush=True)

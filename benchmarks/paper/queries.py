@@ -1,0 +1,74 @@
+"""The queries: as in the paper the templates themselves, and held-out, disturbed scans beside them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firstfix.descriptor import Described, ScanBatch
+from firstfix.engine_config import PreprocessConfig
+from firstfix.preprocess import preprocess
+from firstfix.scan import Scan
+from firstfix.transform import Matrix
+
+from .scene import DESCRIPTORS, SENSOR, Scene
+
+SEED = 1
+
+
+@dataclass(frozen=True)
+class Queries:
+    """Scans and the places where they were taken.
+
+    Attributes:
+        true_m: (n, 3).
+        by: name in DESCRIPTORS to the n descriptions.
+    """
+
+    true_m: NDArray[np.floating]
+    by: dict[str, Described]
+
+
+def templates_themselves(scene: Scene, count: int) -> Queries:
+    """The paper's protocol: ``count`` of the templates, all where there are no more."""
+    every = len(scene.templates)
+    rows = np.sort(np.random.default_rng(SEED).permutation(every)[:count])
+    chosen = scene.templates.subset(rows)
+    return Queries(chosen.position_m, chosen.by)
+
+
+@dataclass(frozen=True)
+class Disturbed:
+    """Held-out scans between the templates, any heading, with all that goes wrong.
+
+    Attributes:
+        scans: in the sensor frame, and T_map_sensor.
+        as_they_come: described in the sensor frame, at the nominal height, as the paper does.
+        levelled: described after firstfix has found up and the floor.
+    """
+
+    scans: list[tuple[Scan, Matrix]]
+    as_they_come: Queries
+    levelled: Queries
+
+
+def disturbed(scene: Scene, count: int) -> Disturbed:
+    scans = scene.disturbed(count, SEED)
+    true_m = np.array([T[:3, 3] for _, T in scans])
+    config = PreprocessConfig(min_range_m=SENSOR.min_range_m, default_height_m=scene.mount_m)
+    raw = [ScanBatch.single(scan.points, scene.mount_m) for scan, _ in scans]
+    level = []
+    for scan, _ in scans:
+        prepared = preprocess(scan, None, config)
+        level.append(raw[len(level)] if prepared is None else prepared.batch)
+    return Disturbed(scans, _described(true_m, raw), _described(true_m, level))
+
+
+def _described(true_m: NDArray[np.floating], scans: list[ScanBatch]) -> Queries:
+    by = {}
+    for name, how in DESCRIPTORS.items():
+        each = [how.describe(scan) for scan in scans]
+        by[name] = {array: np.concatenate([one[array] for one in each]) for array in how.arrays}
+    return Queries(true_m, by)

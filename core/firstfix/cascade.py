@@ -1,0 +1,66 @@
+"""The cascade (paper III.C): clusters by their representatives' keys, then the templates in them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .clusters import Clusters
+from .descriptor import Described, Descriptor
+from .engine_config import EngineConfig
+from .key_search import KeySearch, load_key_search
+from .templates import Templates
+
+
+@dataclass(frozen=True)
+class Matches:
+    """Templates compared with a scan, the most alike first.
+
+    Attributes:
+        rows: (k,) templates.
+        yaw_rad: (k,) of the scan in each template's frame.
+        score: (k,) 0..1.
+    """
+
+    rows: NDArray[np.int32]
+    yaw_rad: NDArray[np.floating]
+    score: NDArray[np.floating]
+
+
+@dataclass(frozen=True)
+class Cascade:
+    """Attributes:
+    keys: of the clusters' representatives.
+    """
+
+    descriptor: Descriptor
+    templates: Templates
+    clusters: Clusters
+    keys: KeySearch
+
+    def search(self, described: Described, clusters: int) -> Matches:
+        """All templates of the ``clusters`` nearest by key, compared with one described scan."""
+        return self.match(described, self.nearest(described, clusters))
+
+    def nearest(self, described: Described, clusters: int) -> NDArray[np.int64]:
+        return self.keys.search(self.descriptor.keys(described)[0], clusters)
+
+    def match(self, described: Described, clusters: NDArray[np.int64]) -> Matches:
+        rows = np.sort(self.clusters.members(clusters))  # as they lie on the disk
+        yaw, score = self.descriptor.match(described, self.templates.described_at(rows))
+        best = np.argsort(-score, kind="stable")
+        return Matches(rows[best], yaw[best], score[best])
+
+    @classmethod
+    def load(cls, directory: Path, config: EngineConfig) -> Cascade:
+        """Of a version's files; arrays are memory-mapped."""
+        descriptor = config.descriptor.make()
+        return cls(
+            descriptor,
+            Templates.load(directory, descriptor),
+            Clusters.load(directory),
+            load_key_search(directory, config.search),
+        )
