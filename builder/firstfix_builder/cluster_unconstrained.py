@@ -15,7 +15,7 @@ from firstfix.errors import BuildCancelled, BuildFailed
 
 from .linkage import Pairs, agglomerate
 
-DENSE_LIMIT = 10_000  # templates: their distances are 400 MB, and SciPy's linkage needs as much again
+DENSE_LIMIT = 10_000  # templates: their distances, and SciPy's linkage of them, take 1.6 GB
 ROWS = 2048
 STEP = 0.1  # of the threshold: fewer pairs of larger clusters are left for the next
 
@@ -37,6 +37,9 @@ def cluster_unconstrained(
     if count <= DENSE_LIMIT:
         distance = np.clip(1 - descriptor.similarity(described, described), 0, None).astype(np.float64)
         condensed = squareform(distance, checks=False)
+        if cancelled():
+            raise BuildCancelled("cancelled while comparing templates")
+        progress(0.5)
         if not len(condensed):
             return np.zeros(count, np.intp)
         tree = linkage(condensed, config.linkage)

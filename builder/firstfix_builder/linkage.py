@@ -68,6 +68,7 @@ def agglomerate(samples: int, pairs: Pairs, linkage: Linkage, threshold: float) 
     Returns:
         (samples,) the cluster of each, 0 and up, in the order of their first samples.
     """
+    threshold = float(np.float32(threshold))  # as precise as the distances are: equal is merged
     links = _Links(pairs.a, pairs.b, pairs.distance.astype(np.float64), np.ones(len(pairs), np.int64))
     if linkage != "average":  # what is further apart will never be merged
         links = links.taken(pairs.distance <= threshold)

@@ -12,7 +12,7 @@ from .keys_file import load_keys, save_keys
 
 
 class Exhaustive:
-    """One matrix-vector product a query."""
+    """One matrix-vector product a query. Keys are shares, 0..1: far from the origin it would round."""
 
     def __init__(self, keys: NDArray[np.float32]) -> None:
         self._keys = keys

@@ -27,12 +27,16 @@ class FaissSearch:
 
     @classmethod
     def build(cls, keys: NDArray[np.float32], config: SearchConfig) -> FaissSearch:
+        faiss.omp_set_num_threads(1)  # a graph's links depend on the order in which threads get to them
         index = _INDEXES[config.engine](*keys.shape)
         index.train(keys)
         index.add(keys)
         return cls(index)
 
     def search(self, key: NDArray[np.float32], count: int) -> NDArray[np.int64]:
+        # queries run side by side in threads of their own; a team of threads for each would only wait:
+        # 12 ms in place of 0.1 on busy cores. The setting is the calling thread's.
+        faiss.omp_set_num_threads(1)
         _, rows = self._index.search(key[None], min(count, self._index.ntotal))
         found: NDArray[np.int64] = rows[0]
         return found[found >= 0]

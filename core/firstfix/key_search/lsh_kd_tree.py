@@ -33,12 +33,21 @@ class LshKdTree:
         return cls(keys, config.lsh)
 
     def search(self, key: NDArray[np.float32], count: int) -> NDArray[np.int64]:
-        """At most ``count`` of the keys in the buckets: fewer, or others, than the nearest of all."""
-        centred = key - self._mean
+        """At most ``count`` of the keys in the buckets: others, it may be, than the nearest of all.
+
+        Where the buckets hold too few keys, more of them are looked into.
+        """
+        centred, count = key - self._mean, min(count, len(self._keys))
+        probes = self._probes
+        while len(rows := self._in_buckets(centred, count, probes)) < count:
+            probes *= 2
+        return rows
+
+    def _in_buckets(self, centred: NDArray[np.float32], count: int, probes: int) -> NDArray[np.int64]:
         found = [
             bucket.nearest(centred, count)
             for table in self._tables
-            for bucket in table.buckets(centred, self._probes)
+            for bucket in table.buckets(centred, probes)
         ]
         if not found:
             return np.empty(0, np.int64)

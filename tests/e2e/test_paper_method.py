@@ -1,0 +1,84 @@
+"""The paper's method, and every search engine, chosen by name in the build's config."""
+
+import numpy as np
+import pytest
+
+from firstfix.localizer import Localizer
+from firstfix.map_index import MapIndex
+from firstfix.transform import pose_error
+from firstfix_builder.config import BuildConfig
+from firstfix_builder.pipeline import build_version
+from small_world import CONFIG
+
+NO_TEST = {"queries": 0, "outside": 0}
+
+
+def build(small_map, small_version, engine):
+    config = BuildConfig.parse({**CONFIG, "self_test": NO_TEST, "engine": engine})
+    return build_version(small_map, config, small_version.directory.parent)
+
+
+def found(version, scans) -> float:
+    """Share of the scans whose best hypothesis, whatever the verdict, is right."""
+    localizer = Localizer(MapIndex.load(version.directory))
+    right = 0
+    for scan, T_map_sensor in scans:
+        hypotheses = localizer.localize(scan).hypotheses
+        if hypotheses:
+            off_m, off_deg = pose_error(T_map_sensor, hypotheses[0].T_map_sensor)
+            right += off_m < 0.1 and off_deg < 1
+    return right / len(scans)
+
+
+def test_the_paper_s_method_is_one_word_of_the_config(small_map, small_version, small_scans):
+    version = build(small_map, small_version, {"method": "paper"})
+    engine = version.manifest.engine
+    assert engine["descriptor"]["kind"] == "pca_sc"
+    assert engine["cluster"]["linkage"] == "complete"
+    assert engine["search"]["engine"] == "lsh_kdtree"
+    assert 0 < version.manifest.counts["clusters"] <= version.manifest.counts["templates"]
+    assert found(version, small_scans) >= 0.7  # disturbed scans, K = 10: 17 of 20 when this was written
+
+
+def test_clusters_are_fewer_with_a_larger_threshold(small_map, small_version):
+    counts = [
+        build(
+            small_map, small_version, {"method": "paper", "cluster": {"threshold": threshold}}
+        ).manifest.counts
+        for threshold in (0.1, 0.5)
+    ]
+    assert counts[0]["templates"] == counts[1]["templates"]
+    assert counts[1]["clusters"] < counts[0]["clusters"] <= counts[0]["templates"]
+
+
+@pytest.mark.parametrize("engine", ["exhaustive", "kdtree", "faiss_flat", "faiss_ivf", "faiss_hnsw"])
+def test_every_search_engine_serves_the_default_method(small_map, small_version, small_scans, engine):
+    version = build(small_map, small_version, {"search": {"engine": engine}})
+    assert version.manifest.engine["search"]["engine"] == engine
+    assert found(version, small_scans) >= found(small_version, small_scans) - 0.05
+
+
+def test_templates_may_be_clustered_with_the_default_descriptor(small_map, small_version):
+    engine = {"cluster": {"threshold": 0.4, "linkage": "average", "neighbours": 8}}
+    version = build(small_map, small_version, engine)
+    index = MapIndex.load(version.directory)
+    members = np.sort(index.cascade.clusters.member)
+    assert np.array_equal(members, np.arange(len(index.cascade.templates)))
+    assert len(index.cascade.clusters) < len(members)
+
+
+@pytest.mark.parametrize(
+    "engine",
+    [
+        {"search": {"engine": "annoy"}},
+        {"method": "ours"},
+        {"descriptor": {"kind": "pca_sc", "rings": 0}},
+        {"cluster": {"linkage": "ward"}},
+        {"cluster": {"threshold": 1.0}},
+    ],
+)
+def test_what_does_not_exist_is_said_to_be_so(engine):
+    from firstfix.errors import InvalidOption
+
+    with pytest.raises(InvalidOption, match="engine"):
+        BuildConfig.parse({"engine": engine})
