@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -70,6 +72,15 @@ def small_version(small_map: Path, tmp_path_factory: pytest.TempPathFactory):
     from firstfix_builder.pipeline import build_version
 
     return build_version(small_map, BuildConfig.parse(CONFIG), tmp_path_factory.mktemp("work"))
+
+
+@pytest.fixture
+def small_work(small_version, tmp_path: Path) -> Path:
+    """A work folder of its own that holds the stages of the small version's build."""
+    shutil.copytree(
+        small_version.directory.parent / "stages", tmp_path / "work" / "stages", copy_function=os.link
+    )
+    return tmp_path / "work"
 
 
 @pytest.fixture(scope="session")

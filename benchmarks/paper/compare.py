@@ -14,6 +14,7 @@ from firstfix.engine_config import SearchConfig
 from firstfix.key_search import ENGINES
 from firstfix.localizer import Localizer
 from firstfix.map_index import MapIndex
+from firstfix.map_view import MapView
 from firstfix.registration import MapCloud
 from firstfix.transform import pose_error
 from firstfix_builder.clean_cloud import voxel_means
@@ -91,10 +92,10 @@ def _localized(scene: Scene, method: str, cascade: Cascade, disturbed: Disturbed
     points = visible_points(
         scene.simulator, scene.templates.position_m.astype(np.float64), SENSOR, MAP_STEP_M
     )
-    cloud = MapCloud(
-        voxel_means(points, engine.registration.map_voxel_m).astype(np.float32), engine.registration
-    )
-    localizer = Localizer(MapIndex(engine, Calibration(), cascade, cloud))
+    points = voxel_means(points, engine.registration.map_voxel_m).astype(np.float32)
+    cloud = MapCloud(points, engine.registration)
+    view = MapView(points, engine.verification.reach_m)
+    localizer = Localizer(MapIndex(engine, Calibration(), cascade, cloud, view))
     errors, total_ms = [], []
     for scan, T_map_sensor in disturbed.scans[:count]:
         answer = localizer.localize(scan)

@@ -16,6 +16,7 @@ from firstfix.engine_config import (
     RegistrationConfig,
     SearchConfig,
     Stage,
+    VerificationConfig,
 )
 from firstfix.errors import InvalidOption
 from firstfix.sensor import SensorModel, preset
@@ -41,6 +42,7 @@ class EngineOverrides(Stage):
     cluster: ClusterConfig | None = None
     search: SearchConfig | None = None
     registration: RegistrationConfig | None = None
+    verification: VerificationConfig | None = None
 
 
 class BuildConfig(Stage):

@@ -14,6 +14,7 @@ from firstfix.engine_config import (
     PreprocessConfig,
     RegistrationConfig,
     SearchConfig,
+    VerificationConfig,
 )
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix
@@ -61,6 +62,8 @@ def fit_engine(
             fine_distance_m=round(4.2 * voxel_m, 3),
             inlier_distance_m=round(1.3 * voxel_m, 3),
         ),
+        verification=overrides.verification
+        or VerificationConfig(reach_m=round(float(np.clip(view_m, 10.0, 30.0)), 1)),
         spacing_m=spacing_m,
         T_map_level=tuple(float(v) for v in T_map_level.ravel()),
     )

@@ -18,6 +18,7 @@ from pydantic import Field
 from firstfix.calibration import Calibration
 from firstfix.engine_config import Stage
 from firstfix.errors import BuildCancelled
+from firstfix.evidence import Evidence, evidence
 from firstfix.localization import Localization
 from firstfix.localizer import Localizer
 from firstfix.scan import Scan
@@ -28,16 +29,15 @@ from .disturb import DisturbConfig, disturbed_scans, elsewhere
 from .simulate import Simulator
 
 RIGHT_M, RIGHT_DEG = 1.0, 10.0  # further off than this, a fix is a false one
-# Real scans see things that no map holds, and these speak against every place alike: each case is
-# learned from twice, once as simulated and once with this share of its scan in the map.
-MAPPED = 0.88
+ABSENT_BEYOND_M = 3.0  # from the true place: what is nearer would not be in the map without it either
+ABSENT_WEIGHT = 0.25  # robots are mostly where their map is
 
 
 class SelfTestConfig(Stage):
     """How much is tested."""
 
-    queries: int = Field(80, ge=0, le=100_000)
-    outside: int = Field(30, ge=0, le=100_000)
+    queries: int = Field(200, ge=0, le=100_000)
+    outside: int = Field(50, ge=0, le=100_000)
     seed: int = 20
     disturb: DisturbConfig = DisturbConfig()
 
@@ -74,12 +74,23 @@ class _Outcome:
         return self.error_m <= RIGHT_M and self.error_deg <= RIGHT_DEG
 
     @property
-    def overlap(self) -> float:
-        return self.answer.hypotheses[0].score if self.answer.hypotheses else 0.0
+    def evidence(self) -> Evidence | None:
+        return evidence([h.fit for h in self.answer.hypotheses]) if self.answer.hypotheses else None
 
     @property
-    def margin(self) -> float:
-        return self.overlap - max((h.score for h in self.answer.hypotheses[1:]), default=0.0)
+    def without_the_truth(self) -> Evidence | None:
+        """What would have been found had the true place not been in the map: a hard negative.
+
+        A map's own look-alikes teach more than scans of a strange place: the next aisle of a hall
+        explains four fifths of a scan.
+        """
+        if not self.right:
+            return None
+        here = self.answer.hypotheses[0].T_map_sensor
+        elsewhere = [
+            h.fit for h in self.answer.hypotheses[1:] if pose_error(here, h.T_map_sensor)[0] > ABSENT_BEYOND_M
+        ]
+        return evidence(elsewhere) if elsewhere else None
 
 
 def self_test(
@@ -129,24 +140,15 @@ def self_test(
         return _Outcome(answer, *pose_error(T_map_sensor, answer.hypotheses[0].T_map_sensor))
 
     outcomes = list(executor.map(run, cases))
-    evidence = [(o.overlap, o.margin, o.right) for o in outcomes] + _without_the_truth(outcomes)
-    evidence += [(o * MAPPED, m * MAPPED, right) for o, m, right in evidence]
-    calibration = Calibration.fit(*zip(*evidence, strict=True)) if evidence else Calibration()
+    calibration = _calibration(outcomes)
     return _summary(outcomes[: len(inside)], outcomes[len(inside) :], calibration), calibration
 
 
-def _without_the_truth(outcomes: Sequence[_Outcome]) -> list[tuple[float, float, bool]]:
-    """What would have been answered had the true place not been in the map: the hard negatives.
-
-    A map's own look-alikes teach more than scans of a strange place: the next aisle of a hall
-    explains four fifths of a scan.
-    """
-    cases = []
-    for outcome in outcomes:
-        rivals = [h.score for h in outcome.answer.hypotheses[1:]]
-        if outcome.right and rivals:
-            cases.append((rivals[0], rivals[0] - max(rivals[1:], default=0.0), False))
-    return cases
+def _calibration(outcomes: Sequence[_Outcome]) -> Calibration:
+    found = [(o.evidence, o.right, 1.0) for o in outcomes]
+    found += [(o.without_the_truth, False, ABSENT_WEIGHT) for o in outcomes]
+    cases = [(evidence, right, weight) for evidence, right, weight in found if evidence is not None]
+    return Calibration.fit(*zip(*cases, strict=True)) if cases else Calibration()
 
 
 def _summary(inside: Sequence[_Outcome], outside: Sequence[_Outcome], calibration: Calibration) -> SelfTest:
@@ -169,6 +171,8 @@ def _summary(inside: Sequence[_Outcome], outside: Sequence[_Outcome], calibratio
 
 def _accepts(outcome: _Outcome, calibration: Calibration) -> bool:
     """Whether the calibrated localizer would call this localized."""
-    probability = calibration.probability(outcome.overlap, outcome.margin)
-    clear = outcome.overlap >= calibration.min_overlap and outcome.margin >= calibration.min_margin
-    return clear and probability >= calibration.min_probability
+    found = outcome.evidence
+    if found is None:
+        return False
+    clear = found.fit.overlap >= calibration.min_overlap and found.margin >= calibration.min_margin
+    return clear and calibration.probability(found) >= calibration.min_probability

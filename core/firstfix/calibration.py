@@ -1,74 +1,88 @@
-"""From what registration measured to the probability of being right, fitted by the build's self-test."""
+"""From what was measured at a place to the probability of being right, fitted by the build's self-test."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import minimize
+
+from .evidence import Evidence
+
+RIDGE = 0.002
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """A logistic model over (overlap, margin), and the thresholds of the verdict.
-
-    Margin is the overlap of the best hypothesis less that of the best one at another place.
+    """A logistic model over the features of ``Evidence``, and the thresholds of the verdict.
 
     Attributes:
-        bias, overlap, margin: the model's weights; overlap and margin are never negative, so that
-            more evidence never makes an answer less likely.
+        bias: of the model.
+        overlap, closeness, free_space, margin: its weights, never negative, so that more evidence never
+            makes an answer less likely.
         min_probability: below it an answer is not ``localized``, unless the query says otherwise.
         min_overlap: below it a place does not explain the scan at all.
         min_margin: with less, two places explain it: that is ambiguous however good the better one is.
-        cases: how many self-test queries it was fitted on; 0: it is only the prior below.
+        cases: how many self-test cases it was fitted on; 0: it is only the prior below.
     """
 
-    bias: float = -12.0
-    overlap: float = 18.0
-    margin: float = 8.0
+    bias: float = -33.0
+    overlap: float = 3.5
+    closeness: float = 7.0
+    free_space: float = 6.0
+    margin: float = 6.0
     min_probability: float = 0.9
     min_overlap: float = 0.4
-    min_margin: float = 0.15
+    min_margin: float = 0.04
     cases: int = 0
 
-    def probability(self, overlap: float, margin: float) -> float:
-        """0..1 that the best hypothesis is right."""
-        return float(_logistic(self.bias + self.overlap * overlap + self.margin * margin))
+    @property
+    def weights(self) -> NDArray[np.float64]:
+        """(5,) bias first."""
+        return np.array([self.bias, self.overlap, self.closeness, self.free_space, self.margin])
+
+    def probability(self, evidence: Evidence) -> float:
+        """0..1 that the place is right."""
+        return float(_logistic(self.weights[0] + evidence.features @ self.weights[1:]))
 
     @classmethod
-    def fit(cls, overlap: ArrayLike, margin: ArrayLike, right: ArrayLike) -> Calibration:
-        """Ridge-regularised maximum likelihood, pulled towards the defaults (Newton's method).
+    def fit(cls, evidence: Sequence[Evidence], right: ArrayLike, weight: ArrayLike) -> Calibration:
+        """Maximum likelihood with a ridge towards the defaults, and weights that are not negative.
 
         Args:
-            overlap, margin: (n,) of the best hypothesis of each self-test query.
+            evidence: (n,) for the best place of each self-test case.
             right: (n,) whether it was right.
+            weight: (n,) how many such cases there would be among real ones.
         """
-        prior = np.array([cls.bias, cls.overlap, cls.margin])
-        features = np.column_stack([np.ones(np.size(overlap)), overlap, margin]).astype(np.float64)
-        truth = np.asarray(right, np.float64)
-        if len(truth) == 0:
-            return cls()
-        strength = np.diag([0.002, 0.002, 0.002])
-        weights = prior.copy()
-        for _ in range(50):
-            p = _logistic(features @ weights)
-            gradient = features.T @ (p - truth) + strength @ (weights - prior)
-            hessian = (features * (p * (1 - p))[:, None]).T @ features + strength
-            step = np.linalg.solve(hessian, gradient)
-            step *= min(1.0, 5.0 / max(float(np.abs(step).max()), 1e-12))  # no leap where it is flat
-            weights = weights - step
-            if np.abs(step).max() < 1e-6:
-                break
-        bias, w_overlap, w_margin = (round(float(v), 4) for v in weights)
-        return cls(bias, max(w_overlap, 0.0), max(w_margin, 0.0), cases=len(truth))
+        truth, counts = np.asarray(right, np.float64), np.asarray(weight, np.float64)
+        prior = cls().weights
+        features = np.array([[1.0, *e.features] for e in evidence]).reshape(-1, len(prior))
+
+        def loss(weights: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+            log_odds, off = features @ weights, weights - prior
+            value = counts @ (np.logaddexp(0, log_odds) - truth * log_odds) + RIDGE * off @ off / 2
+            gradient = features.T @ (counts * (_logistic(log_odds) - truth)) + RIDGE * off
+            return float(value), gradient
+
+        bounds = [(None, None)] + [(0, None)] * (len(prior) - 1)
+        found = minimize(loss, prior, jac=True, method="L-BFGS-B", bounds=bounds).x
+        bias, overlap, closeness, free_space, margin = (round(float(v), 4) for v in found)
+        return cls(bias, overlap, closeness, free_space, margin, cases=len(truth))
 
     def to_mapping(self) -> dict[str, Any]:
         return asdict(self)
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> Calibration:
+        """
+        Raises:
+            ValueError: not the fields of this calibration: another version's.
+        """
+        if set(data) != {field.name for field in fields(cls)}:
+            raise ValueError(f"a calibration has other fields: {sorted(data)}")
         return cls(**data)
 
 

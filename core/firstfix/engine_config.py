@@ -118,6 +118,13 @@ class RegistrationConfig(Stage):
     inlier_distance_m: float = Field(0.15, gt=0.01, le=5)
 
 
+class VerificationConfig(Stage):
+    """What is looked at before a place is believed."""
+
+    reach_m: float = Field(25.0, gt=1, le=200, description="to which free space is checked")
+    compared: int = Field(5, ge=1, le=100, description="places that the best is told apart from")
+
+
 class EngineConfig(Stage):
     """Everything that the query flow takes from the version.
 
@@ -131,6 +138,7 @@ class EngineConfig(Stage):
     cluster: ClusterConfig | None = None
     search: SearchConfig = SearchConfig()
     registration: RegistrationConfig = RegistrationConfig()
+    verification: VerificationConfig = VerificationConfig()
     spacing_m: float = Field(1.0, gt=0)
     T_map_level: tuple[float, ...] = Field(
         (1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1), min_length=16, max_length=16

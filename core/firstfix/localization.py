@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import transform
+from .evidence import Fit
 
 
 class Verdict(str, Enum):
@@ -25,6 +26,7 @@ class Reason(str, Enum):
     TOO_FEW_POINTS = "too_few_points"
     NO_CANDIDATE = "no_candidate"
     LOW_OVERLAP = "low_overlap"
+    FREE_SPACE_VIOLATION = "free_space_violation"
     LOW_PROBABILITY = "low_probability"
     SEVERAL_PLACES = "several_places"
 
@@ -35,13 +37,13 @@ class Hypothesis:
 
     Attributes:
         T_map_sensor: (4, 4).
-        score: 0..1, share of the scan's points that lie on the map there.
+        fit: how the scan lies on the map there.
         probability: 0..1, calibrated: of being right.
         template: row of the template it started from.
     """
 
     T_map_sensor: NDArray[np.float64]
-    score: float
+    fit: Fit
     probability: float
     template: int
 
@@ -86,7 +88,9 @@ class Localization:
             "hypotheses": [
                 {
                     "T_map_sensor": _pose_to_mapping(h.T_map_sensor),
-                    "score": h.score,
+                    "overlap": h.fit.overlap,
+                    "closeness": h.fit.closeness,
+                    "seen_through": h.fit.seen_through,
                     "probability": h.probability,
                     "template": h.template,
                 }
@@ -111,7 +115,7 @@ class Localization:
             hypotheses=tuple(
                 Hypothesis(
                     transform.from_quaternion(h["T_map_sensor"]["position"], h["T_map_sensor"]["quaternion"]),
-                    float(h["score"]),
+                    Fit(float(h["overlap"]), float(h["closeness"]), float(h["seen_through"])),
                     float(h["probability"]),
                     int(h["template"]),
                 )

@@ -35,7 +35,7 @@ class Localizer:
         with watch.stage("search"):
             candidates = search(index, described, prepared, options.max_candidates)
         with watch.stage("register"):
-            places = find_places(index.cloud, prepared, candidates, index.calibration)
+            places = find_places(index, prepared, candidates)
         with watch.stage("verify"):
             answer = self._verify(places, options)
         return replace(answer, timings_ms=watch.ms)

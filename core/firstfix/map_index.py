@@ -12,6 +12,7 @@ from .calibration import Calibration
 from .cascade import Cascade
 from .engine_config import EngineConfig
 from .errors import CorruptVersion
+from .map_view import MapView
 from .registration import MapCloud
 from .transform import Matrix
 
@@ -28,6 +29,7 @@ class MapIndex:
     calibration: Calibration
     cascade: Cascade
     cloud: MapCloud
+    view: MapView
 
     @property
     def T_map_level(self) -> Matrix:
@@ -53,6 +55,7 @@ class MapIndex:
                 calibration,
                 Cascade.load(directory, config),
                 MapCloud(points, config.registration),
+                MapView(points, config.verification.reach_m),
             )
         except (OSError, ValueError, RuntimeError, KeyError) as error:
             raise CorruptVersion(f"{directory.name}: {error}") from error

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from small_gicp import PointCloud
 
-from .calibration import Calibration
 from .candidates import Candidate
+from .evidence import Fit, evidence
+from .map_index import MapIndex
 from .preprocess import PreparedScan
-from .registration import MapCloud, Registration
+from .registration import Registration
 from .transform import Matrix, pose_error
 
 SAME_PLACE_M = 1.0
 SAME_PLACE_DEG = 15.0
-COMPARED = 3  # places that are registered finely: the best, and rivals for the margin
-COMPARED_ITERATIONS = 6  # are enough to compare them
+COMPARED_ITERATIONS = 6  # of fine registration are enough to compare places
 STARTS = 2  # of the best place: VGICP leaves a motion-distorted scan in one of several minima
 APART_M = 0.15
 PROMISING = 0.02  # probability before the last refinement, which adds a little overlap
@@ -27,55 +27,58 @@ BESIDE_M = 2.0
 
 @dataclass(frozen=True)
 class Place:
-    """A template's row, and where the scan settled from it."""
+    """A template's row, where the scan settled from it, and how it lies there.
+
+    ``seen_through`` is 0 until the place is looked at.
+    """
 
     template: int
     registration: Registration
+    seen_through: float = 0.0
+
+    @property
+    def fit(self) -> Fit:
+        return Fit(self.registration.overlap, self.registration.closeness, self.seen_through)
 
     def is_same_as(self, other: Place) -> bool:
         return _same(self.registration.T_level_sensor, other.registration.T_level_sensor)
 
 
-def find_places(
-    cloud: MapCloud, prepared: PreparedScan, candidates: Iterable[Candidate], calibration: Calibration
-) -> list[Place]:
-    """Distinct places, the best first; only that one is registered with all the points.
+def find_places(index: MapIndex, prepared: PreparedScan, candidates: Iterable[Candidate]) -> list[Place]:
+    """Distinct places, the best first; only that one is registered with all the points, and only where
+    it may yet be accepted."""
 
-    Args:
-        calibration: says whether the best place may yet be accepted; if not, it is left unrefined.
-    """
+    def refined(place: Place, scan: PointCloud, iterations: int | None) -> Place:
+        return Place(place.template, index.cloud.refine(scan, place.registration.T_level_sensor, iterations))
+
+    def looked_at(place: Place) -> Place:
+        through = index.view.seen_through(prepared.returns, place.registration.T_level_sensor)
+        return replace(place, seen_through=through)
+
     settled: list[Place] = []
     for candidate in candidates:
         if not _is_settled_around(candidate.T_level_sensor, settled):
-            settled.append(Place(candidate.template, cloud.settle(prepared.sparse, candidate.T_level_sensor)))
-    settled.sort(key=_closeness)
+            registration = index.cloud.settle(prepared.sparse, candidate.T_level_sensor)
+            settled.append(Place(candidate.template, registration))
+    settled.sort(key=_support)
     compared = [
-        _refined(cloud, prepared.sparse, place, COMPARED_ITERATIONS)
-        for place in _distinct(settled)[:COMPARED]
+        looked_at(refined(place, prepared.sparse, COMPARED_ITERATIONS))
+        for place in _distinct(settled)[: index.config.verification.compared]
     ]
-    places = _distinct(sorted(compared, key=_closeness))
-    overlaps = [place.registration.overlap for place in places]
-    if places and calibration.probability(overlaps[0], margin(overlaps)) >= PROMISING:
+    places = _distinct(sorted(compared, key=_support))
+    if places and index.calibration.probability(evidence([p.fit for p in places])) >= PROMISING:
         starts = _apart([places[0], *(place for place in settled if place.is_same_as(places[0]))])[:STARTS]
-        places[0] = max((_refined(cloud, prepared.dense, start, None) for start in starts), key=_fit)
+        finest = max((refined(start, prepared.dense, None) for start in starts), key=_fineness)
+        places[0] = looked_at(finest)
     return places
 
 
-def margin(overlaps: list[float]) -> float:
-    """By how much the first overlap exceeds the best of the others."""
-    return overlaps[0] - max(overlaps[1:], default=0.0)
+def _support(place: Place) -> float:
+    """Sorts the best supported first."""
+    return -place.fit.support
 
 
-def _refined(cloud: MapCloud, scan: PointCloud, place: Place, iterations: int | None) -> Place:
-    return Place(place.template, cloud.refine(scan, place.registration.T_level_sensor, iterations))
-
-
-def _closeness(place: Place) -> float:
-    """Sorts the closest fit first."""
-    return -place.registration.closeness
-
-
-def _fit(place: Place) -> float:
+def _fineness(place: Place) -> float:
     """Tells two minima of one place apart: their closeness alone may tie."""
     return place.registration.closeness + place.registration.overlap
 

@@ -17,6 +17,7 @@ from .transform import rotation_between
 _NORMAL_NEIGHBOURS = 10
 _SPARSE_POINTS = 1500
 _DENSE_POINTS = 10_000
+_RETURNS = 30_000
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,7 @@ class PreparedScan:
     Attributes:
         R_level_sensor: (3, 3).
         batch: all points within range, levelled: for the descriptor.
+        returns: (k, 3) float32, an even part of all points, in the sensor frame: for free space.
         dense: the voxel-thinned points with covariances, in the sensor frame: for fine registration.
         sparse: the same, a fraction of the points: enough to settle and compare many candidates.
         height_m: of the sensor above the floor.
@@ -33,6 +35,7 @@ class PreparedScan:
 
     R_level_sensor: NDArray[np.float64]
     batch: ScanBatch
+    returns: NDArray[np.float32]
     dense: small_gicp.PointCloud
     sparse: small_gicp.PointCloud
     height_m: float
@@ -65,6 +68,7 @@ def preprocess(
     return PreparedScan(
         R_level_sensor,
         ScanBatch.single(points @ R_level_sensor.T.astype(np.float32), height),
+        points[:: -(-len(points) // _RETURNS)],
         _every_nth(thinned, _DENSE_POINTS),
         _every_nth(thinned, _SPARSE_POINTS),
         height,

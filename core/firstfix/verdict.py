@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from .calibration import Calibration
+from .evidence import MOST_MARGIN, Evidence, evidence
 from .localization import Hypothesis, Reason, Verdict
-from .places import Place, margin
+from .places import Place
 from .transform import Matrix
 
 
@@ -32,32 +33,31 @@ def judge(
     """
     if not places:
         return Judgement(Verdict.REJECTED, (Reason.NO_CANDIDATE,), (), 0.0)
-    hypotheses = _hypotheses(places, T_map_level, calibration)
-    overlap, probability = hypotheses[0].score, hypotheses[0].probability
+    fits = [place.fit for place in places]
+    hypotheses = tuple(
+        Hypothesis(
+            T_map_level @ place.registration.T_level_sensor,
+            place.fit,
+            calibration.probability(evidence(fits, number)),
+            place.template,
+        )
+        for number, place in enumerate(places)
+    )
     needed = calibration.min_probability if min_probability is None else min_probability
+    best, probability = evidence(fits), hypotheses[0].probability
 
-    def rejected(reason: Reason) -> Judgement:
-        return Judgement(Verdict.REJECTED, (reason,), hypotheses, probability)
+    def judged(verdict: Verdict, *reasons: Reason) -> Judgement:
+        return Judgement(verdict, reasons, hypotheses, probability)
 
-    if overlap < calibration.min_overlap:
-        return rejected(Reason.LOW_OVERLAP)
-    clear = margin([h.score for h in hypotheses]) >= calibration.min_margin
-    if probability >= needed and clear:
-        return Judgement(Verdict.LOCALIZED, (), hypotheses, probability)
-    if calibration.probability(overlap, overlap) >= needed:  # without its rivals it would have been accepted
-        return Judgement(Verdict.AMBIGUOUS, (Reason.SEVERAL_PLACES,), hypotheses, probability)
-    return rejected(Reason.LOW_PROBABILITY)
+    def would_do(changed: Evidence) -> bool:
+        return calibration.probability(changed) >= needed
 
-
-def _hypotheses(
-    places: Sequence[Place], T_map_level: Matrix, calibration: Calibration
-) -> tuple[Hypothesis, ...]:
-    """Each place with its probability, its margin being over the best of all the others."""
-    overlaps = [place.registration.overlap for place in places]
-    found = []
-    for i, place in enumerate(places):
-        rivals = overlaps[:i] + overlaps[i + 1 :]
-        probability = calibration.probability(overlaps[i], margin([overlaps[i], *rivals]))
-        T_map_sensor = T_map_level @ place.registration.T_level_sensor
-        found.append(Hypothesis(T_map_sensor, overlaps[i], probability, place.template))
-    return tuple(found)
+    if best.fit.overlap < calibration.min_overlap:
+        return judged(Verdict.REJECTED, Reason.LOW_OVERLAP)
+    if probability >= needed and best.margin >= calibration.min_margin:
+        return judged(Verdict.LOCALIZED)
+    if would_do(replace(best, margin=MOST_MARGIN)):  # but for its rivals
+        return judged(Verdict.AMBIGUOUS, Reason.SEVERAL_PLACES)
+    if would_do(replace(best, fit=replace(best.fit, seen_through=0.0))):
+        return judged(Verdict.REJECTED, Reason.FREE_SPACE_VIOLATION)
+    return judged(Verdict.REJECTED, Reason.LOW_PROBABILITY)

@@ -53,7 +53,7 @@ def test_a_build_killed_in_every_stage_ends_with_the_same_digest(small_map, smal
     assert finished.stdout.strip() == small_version.manifest.digest
 
 
-def test_finished_stages_are_not_done_again(small_map, small_version, monkeypatch):
+def test_finished_stages_are_not_done_again(small_map, small_version, small_work, monkeypatch):
     import firstfix_builder.build_stages as stages
 
     def never(*arguments: object, **more: object) -> None:
@@ -61,13 +61,13 @@ def test_finished_stages_are_not_done_again(small_map, small_version, monkeypatc
 
     for stage in ("read_map", "sample_fitting_viewpoints", "make_templates", "self_test"):
         monkeypatch.setattr(stages, stage, never)
-    again = build_version(small_map, BuildConfig.parse(CONFIG), small_version.directory.parent)
+    again = build_version(small_map, BuildConfig.parse(CONFIG), small_work)
     assert again.manifest.digest == small_version.manifest.digest
 
 
-def test_another_config_is_another_version(small_map, small_version):
+def test_another_config_is_another_version(small_map, small_version, small_work):
     wider = BuildConfig.parse({**CONFIG, "viewpoints": {"spacing_m": 1.5}})
-    other = build_version(small_map, wider, small_version.directory.parent)
+    other = build_version(small_map, wider, small_work)
     assert other.manifest.digest != small_version.manifest.digest
     assert other.manifest.counts["templates"] < small_version.manifest.counts["templates"]
 
@@ -86,12 +86,12 @@ def test_cancel_stops_before_the_next_stage(small_map, tmp_path, stage):
     assert STAGES.index(seen[-1]) <= STAGES.index(stage)
 
 
-def test_progress_names_every_stage_in_order(small_map, small_version):
+def test_progress_names_every_stage_in_order(small_map, small_work):
     seen: list[tuple[str, float]] = []
     build_version(
         small_map,
         BuildConfig.parse(CONFIG),
-        small_version.directory.parent,
+        small_work,
         progress=lambda stage, fraction: seen.append((stage, fraction)),
     )
     assert [stage for stage, fraction in seen if fraction == 0.0] == list(STAGES)

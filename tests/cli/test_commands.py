@@ -13,11 +13,13 @@ import numpy as np
 import pytest
 from fake_service import VERSIONS, FakeService
 
+from firstfix.evidence import Fit
 from firstfix.localization import Hypothesis, Localization, Reason, Verdict
 from firstfix.transform import make_transform, quaternion_of, rotation_z
 from firstfix_cli.main import run
 
 POSE = make_transform(rotation_z(0.5), [12.0, -4.0, 1.5])
+FIT = Fit(0.8, 0.7, 0.01)
 LOCALIZED, AMBIGUOUS, REJECTED, OFF, FALSE = range(
     100, 105
 )  # point counts: how the service tells scans apart
@@ -30,7 +32,7 @@ def localized(T: np.ndarray) -> Localization:
         T_map_base=T,
         covariance=np.eye(6) * 1e-6,
         probability=0.97,
-        hypotheses=(Hypothesis(T, 0.9, 0.97, 3),),
+        hypotheses=(Hypothesis(T, Fit(0.9, 0.8, 0.01), 0.97, 3),),
         map_id="hall",
         map_version=VERSIONS[0],
         timings_ms={"search": 1.25},
@@ -49,7 +51,7 @@ def service() -> Iterator[FakeService]:
             AMBIGUOUS: Localization(
                 Verdict.AMBIGUOUS,
                 (Reason.SEVERAL_PLACES,),
-                hypotheses=(Hypothesis(POSE, 0.8, 0.5, 1), Hypothesis(moved(10), 0.79, 0.5, 2)),
+                hypotheses=(Hypothesis(POSE, FIT, 0.5, 1), Hypothesis(moved(10), FIT, 0.5, 2)),
             ),
             REJECTED: Localization(Verdict.REJECTED, (Reason.LOW_OVERLAP,)),
             OFF: localized(moved(0.3)),

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 
+from firstfix.evidence import Fit
 from firstfix.localization import Hypothesis, Localization, Reason, Verdict
 from firstfix.scan import Scan
 from firstfix.transform import make_transform, rotation_z
@@ -16,7 +17,7 @@ LOCALIZED = Localization(
     T_map_sensor=T_MAP_SENSOR,
     covariance=np.eye(6) * 1e-4,
     probability=0.98,
-    hypotheses=(Hypothesis(T_MAP_SENSOR, 0.9, 0.98, 7),),
+    hypotheses=(Hypothesis(T_MAP_SENSOR, Fit(0.9, 0.8, 0.01), 0.98, 7),),
     map_id="hall",
     map_version="ab" * 32,
     timings_ms={"search": 1.5},

@@ -13,9 +13,9 @@ from small_world import CONFIG
 NO_TEST = {"queries": 0, "outside": 0}
 
 
-def build(small_map, small_version, engine):
+def build(small_map, small_work, engine):
     config = BuildConfig.parse({**CONFIG, "self_test": NO_TEST, "engine": engine})
-    return build_version(small_map, config, small_version.directory.parent)
+    return build_version(small_map, config, small_work)
 
 
 def found(version, scans) -> float:
@@ -30,8 +30,8 @@ def found(version, scans) -> float:
     return right / len(scans)
 
 
-def test_the_paper_s_method_is_one_word_of_the_config(small_map, small_version, small_scans):
-    version = build(small_map, small_version, {"method": "paper"})
+def test_the_paper_s_method_is_one_word_of_the_config(small_map, small_work, small_scans):
+    version = build(small_map, small_work, {"method": "paper"})
     engine = version.manifest.engine
     assert engine["descriptor"]["kind"] == "pca_sc"
     assert engine["cluster"]["linkage"] == "complete"
@@ -40,11 +40,9 @@ def test_the_paper_s_method_is_one_word_of_the_config(small_map, small_version, 
     assert found(version, small_scans) >= 0.7  # disturbed scans, K = 10: 17 of 20 when this was written
 
 
-def test_clusters_are_fewer_with_a_larger_threshold(small_map, small_version):
+def test_clusters_are_fewer_with_a_larger_threshold(small_map, small_work):
     counts = [
-        build(
-            small_map, small_version, {"method": "paper", "cluster": {"threshold": threshold}}
-        ).manifest.counts
+        build(small_map, small_work, {"method": "paper", "cluster": {"threshold": threshold}}).manifest.counts
         for threshold in (0.1, 0.5)
     ]
     assert counts[0]["templates"] == counts[1]["templates"]
@@ -52,15 +50,17 @@ def test_clusters_are_fewer_with_a_larger_threshold(small_map, small_version):
 
 
 @pytest.mark.parametrize("engine", ["exhaustive", "kdtree", "faiss_flat", "faiss_ivf", "faiss_hnsw"])
-def test_every_search_engine_serves_the_default_method(small_map, small_version, small_scans, engine):
-    version = build(small_map, small_version, {"search": {"engine": engine}})
+def test_every_search_engine_serves_the_default_method(
+    small_map, small_version, small_work, small_scans, engine
+):
+    version = build(small_map, small_work, {"search": {"engine": engine}})
     assert version.manifest.engine["search"]["engine"] == engine
     assert found(version, small_scans) >= found(small_version, small_scans) - 0.05
 
 
-def test_templates_may_be_clustered_with_the_default_descriptor(small_map, small_version):
+def test_templates_may_be_clustered_with_the_default_descriptor(small_map, small_work):
     engine = {"cluster": {"threshold": 0.4, "linkage": "average", "neighbours": 8}}
-    version = build(small_map, small_version, engine)
+    version = build(small_map, small_work, engine)
     index = MapIndex.load(version.directory)
     members = np.sort(index.cascade.clusters.member)
     assert np.array_equal(members, np.arange(len(index.cascade.templates)))

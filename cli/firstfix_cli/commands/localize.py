@@ -81,7 +81,7 @@ def lines_of(answer: Localization) -> list[str]:
         sigma = np.sqrt(np.diag(answer.covariance))
         lines.append(f"  sigma   {sigma[:3].max() * 1000:.1f} mm, {np.degrees(sigma[3:]).max():.3f} deg")
     if answer.T_map_sensor is None:
-        lines += [f"  maybe   {place(h.T_map_sensor)}  score {h.score:.2f}" for h in answer.hypotheses[:3]]
+        lines += [f"  maybe   {place(h.T_map_sensor)}  probability {h.probability:.2f}" for h in answer.hypotheses[:3]]
     lines.append(f"  map     {answer.map_id or '?'}, version {answer.map_version[:12] or '?'}")
     if answer.timings_ms:
         stages = ", ".join(f"{stage} {ms:.1f}" for stage, ms in answer.timings_ms.items())

@@ -1,0 +1,35 @@
+import numpy as np
+import pytest
+
+from firstfix.evidence import MOST_MARGIN, Fit, evidence
+
+
+def test_support_falls_with_every_wall_that_is_seen_through():
+    assert Fit(0.9, 0.8, 0.0).support == 0.8
+    assert Fit(0.9, 0.8, 0.1).support == pytest.approx(0.6)
+    assert Fit(0.9, 0.8, 0.3).support == Fit(0.9, 0.8, 0.9).support  # more than a fifth is no worse
+
+
+def test_the_margin_is_over_the_best_other_place():
+    fits = [Fit(0.9, 0.8, 0.0), Fit(0.7, 0.5, 0.0), Fit(0.95, 0.7, 0.05)]
+    assert evidence(fits).margin == pytest.approx(0.2)
+    assert evidence(fits, 1).margin == pytest.approx(-0.3)
+    assert evidence(fits[:1]).margin == MOST_MARGIN
+
+
+@pytest.mark.parametrize(
+    ("better", "worse"),
+    [
+        (Fit(0.95, 0.8, 0.01), Fit(0.94, 0.8, 0.01)),
+        (Fit(0.95, 0.81, 0.01), Fit(0.95, 0.8, 0.01)),
+        (Fit(0.95, 0.8, 0.0), Fit(0.95, 0.8, 0.01)),
+    ],
+)
+def test_no_feature_falls_as_the_fit_gets_better(better, worse):
+    assert (evidence([better]).features >= evidence([worse]).features).all()
+    assert (evidence([better]).features > evidence([worse]).features).any()
+
+
+@pytest.mark.parametrize("fit", [Fit(0.0, 0.0, 1.0), Fit(1.0, 1.0, 0.0)])
+def test_features_are_finite_at_the_ends(fit):
+    assert np.isfinite(evidence([fit, fit]).features).all()
