@@ -25,7 +25,7 @@ class Matches:
         score: (k,) 0..1.
     """
 
-    rows: NDArray[np.int32]
+    rows: NDArray[np.integer]
     yaw_rad: NDArray[np.floating]
     score: NDArray[np.floating]
 
@@ -49,7 +49,22 @@ class Cascade:
         return self.keys.search(self.descriptor.keys(described)[0], clusters)
 
     def match(self, described: Described, clusters: NDArray[np.int64]) -> Matches:
-        rows = np.sort(self.clusters.members(clusters))  # as they lie on the disk
+        return self.compare(described, np.sort(self.clusters.members(clusters)))
+
+    def search_among(self, described: Described, among: NDArray[np.bool_], clusters: int) -> Matches:
+        """Only the templates that (n,) ``among`` names: all of them where they are few, else those of
+        their clusters that are nearest by key."""
+        if among.sum() <= clusters:
+            return self.compare(described, np.flatnonzero(among))
+        near = self.keys.search(self.descriptor.keys(described)[0], len(self.clusters))
+        near = near[among[self.clusters.representative[near]]][:clusters]
+        rows = np.sort(self.clusters.members(near))
+        return self.compare(described, rows[among[rows]])
+
+    def compare(self, described: Described, rows: NDArray[np.integer]) -> Matches:
+        """The given templates, ascending as they lie on the disk."""
+        if not len(rows):
+            return Matches(rows, np.empty(0), np.empty(0))
         yaw, score = self.descriptor.match(described, self.templates.described_at(rows))
         best = np.argsort(-score, kind="stable")
         return Matches(rows[best], yaw[best], score[best])

@@ -33,9 +33,9 @@ class Localizer:
         with watch.stage("describe"):
             described = index.cascade.descriptor.describe(prepared.batch)
         with watch.stage("search"):
-            candidates = search(index, described, prepared, options.max_candidates)
+            candidates = search(index, described, prepared, options)
         with watch.stage("register"):
-            places = find_places(index, prepared, candidates)
+            places = find_places(index, prepared, candidates, options.prior)
         with watch.stage("verify"):
             answer = self._verify(places, options)
         return replace(answer, timings_ms=watch.ms)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from . import transform
 from .errors import InvalidOption
+from .prior import Prior
 
 MAX_CANDIDATES = 100
 
@@ -24,6 +25,7 @@ class LocalizeOptions:
     Attributes:
         gravity: (3,) direction of gravity in the sensor frame, as a resting IMU reports it negated
             (pointing down), or None: it is estimated from the scan.
+        prior: where the robot is known to be; None: anywhere in the map.
         T_base_sensor: (4, 4) mounting; when given the answer also has T_map_base.
         max_candidates: how many candidates are registered at most; None: the map's own default.
         min_probability: below it the answer is not ``localized``; None: the map's own default.
@@ -32,6 +34,7 @@ class LocalizeOptions:
     """
 
     gravity: NDArray[np.float64] | None = None
+    prior: Prior | None = None
     T_base_sensor: NDArray[np.float64] | None = None
     max_candidates: int | None = None
     min_probability: float | None = None
@@ -42,8 +45,9 @@ class LocalizeOptions:
     def from_strings(cls, values: Mapping[str, str]) -> LocalizeOptions:
         """From query parameters. Forms:
 
-        ``gravity=x,y,z`` or ``gravity=roll_deg,pitch_deg``; ``T_base_sensor=x,y,z,qx,qy,qz,qw``;
-        the others plain numbers or text.
+        ``gravity=x,y,z`` or ``gravity=roll_deg,pitch_deg``; ``prior=x,y,z,radius_m`` or
+        ``prior=x,y,z,radius_m,yaw_deg,yaw_range_deg``; ``T_base_sensor=x,y,z,qx,qy,qz,qw``; the others
+        plain numbers or text.
 
         Raises:
             InvalidOption: an unknown name, or a value that is not of the option's form or range.
@@ -54,6 +58,8 @@ class LocalizeOptions:
         options: dict[str, Any] = {}
         if "gravity" in values:
             options["gravity"] = _gravity(_numbers("gravity", values["gravity"], (2, 3)))
+        if "prior" in values:
+            options["prior"] = Prior.from_numbers(_numbers("prior", values["prior"], (4, 6)))
         if "T_base_sensor" in values:
             seven = _numbers("T_base_sensor", values["T_base_sensor"], (7,))
             try:
@@ -74,10 +80,12 @@ class LocalizeOptions:
         """The form that ``from_strings`` reads; what clients send."""
         values: dict[str, str] = {}
         if self.gravity is not None:
-            values["gravity"] = ",".join(repr(float(v)) for v in self.gravity)
+            values["gravity"] = _joined(self.gravity)
+        if self.prior is not None:
+            values["prior"] = _joined(self.prior.to_numbers())
         if self.T_base_sensor is not None:
             seven = [*self.T_base_sensor[:3, 3], *transform.quaternion_of(self.T_base_sensor)]
-            values["T_base_sensor"] = ",".join(repr(float(v)) for v in seven)
+            values["T_base_sensor"] = _joined(seven)
         for name in ("max_candidates", "min_probability", "deadline_ms", "version"):
             value = getattr(self, name)
             if value is not None:
@@ -94,6 +102,10 @@ def _numbers(name: str, text: str, counts: tuple[int, ...]) -> list[float]:
         wanted = " or ".join(str(count) for count in counts)
         raise InvalidOption(f"{name} is {wanted} numbers separated by commas, not {text[:80]!r}")
     return numbers
+
+
+def _joined(numbers: Iterable[float]) -> str:
+    return ",".join(repr(float(v)) for v in numbers)
 
 
 def _number(name: str, values: Mapping[str, str], low: float, high: float) -> float:

@@ -12,6 +12,7 @@ from .candidates import Candidate
 from .evidence import Fit, evidence
 from .map_index import MapIndex
 from .preprocess import PreparedScan
+from .prior import Prior
 from .registration import Registration
 from .transform import Matrix, pose_error
 
@@ -44,9 +45,11 @@ class Place:
         return _same(self.registration.T_level_sensor, other.registration.T_level_sensor)
 
 
-def find_places(index: MapIndex, prepared: PreparedScan, candidates: Iterable[Candidate]) -> list[Place]:
-    """Distinct places, the best first; only that one is registered with all the points, and only where
-    it may yet be accepted."""
+def find_places(
+    index: MapIndex, prepared: PreparedScan, candidates: Iterable[Candidate], prior: Prior | None = None
+) -> list[Place]:
+    """Distinct places that the prior allows, the best first; only that one is registered with all the
+    points, and only where it may yet be accepted."""
 
     def refined(place: Place, scan: PointCloud, iterations: int | None) -> Place:
         return Place(place.template, index.cloud.refine(scan, place.registration.T_level_sensor, iterations))
@@ -60,6 +63,8 @@ def find_places(index: MapIndex, prepared: PreparedScan, candidates: Iterable[Ca
         if not _is_settled_around(candidate.T_level_sensor, settled):
             registration = index.cloud.settle(prepared.sparse, candidate.T_level_sensor)
             settled.append(Place(candidate.template, registration))
+    if prior is not None:
+        settled = [p for p in settled if prior.allows(index.T_map_level @ p.registration.T_level_sensor)]
     settled.sort(key=_support)
     compared = [
         looked_at(refined(place, prepared.sparse, COMPARED_ITERATIONS))

@@ -56,7 +56,7 @@ def test_little_overlap_is_rejected_whatever_the_caller_asks():
 
 
 def test_a_doubtful_place_is_rejected_unless_the_caller_takes_it():
-    doubtful = place(0, 0.78, 0.02)
+    doubtful = place(0, 0.65, 0.005)
     assert judged(doubtful).reasons == (Reason.LOW_PROBABILITY,)
     assert judged(doubtful, min_probability=0.01).verdict is Verdict.LOCALIZED
 

@@ -29,6 +29,9 @@ def localize(
         str | None,
         typer.Option("--T-base-sensor", metavar="X,Y,Z,QX,QY,QZ,QW", help="Where the sensor is mounted."),
     ] = None,
+    prior: Annotated[
+        str | None, typer.Option(help="Where it is known to be: x,y,z,radius_m[,yaw_deg,yaw_range_deg].")
+    ] = None,
     max_candidates: Annotated[int | None, typer.Option(help="Places to try at most.")] = None,
     min_probability: Annotated[float | None, typer.Option(help="Below it: not localized.")] = None,
     version: Annotated[
@@ -45,6 +48,7 @@ def localize(
 
     given = {
         "gravity": gravity,
+        "prior": prior,
         "T_base_sensor": base_sensor,
         "max_candidates": max_candidates,
         "min_probability": min_probability,
@@ -81,7 +85,8 @@ def lines_of(answer: Localization) -> list[str]:
         sigma = np.sqrt(np.diag(answer.covariance))
         lines.append(f"  sigma   {sigma[:3].max() * 1000:.1f} mm, {np.degrees(sigma[3:]).max():.3f} deg")
     if answer.T_map_sensor is None:
-        lines += [f"  maybe   {place(h.T_map_sensor)}  probability {h.probability:.2f}" for h in answer.hypotheses[:3]]
+        for h in answer.hypotheses[:3]:
+            lines.append(f"  maybe   {place(h.T_map_sensor)}  probability {h.probability:.2f}")
     lines.append(f"  map     {answer.map_id or '?'}, version {answer.map_version[:12] or '?'}")
     if answer.timings_ms:
         stages = ", ".join(f"{stage} {ms:.1f}" for stage, ms in answer.timings_ms.items())
