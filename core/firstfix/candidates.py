@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from .cascade import Matches
 from .descriptor import Described
 from .map_index import MapIndex
 from .options import LocalizeOptions
-from .preprocess import PreparedScan
+from .preprocess import PreparedQuery, PreparedScan
+from .prior import Prior
 from .transform import Matrix, inverse, make_transform, rotation_z, transform_points
 
+LEAST_A_SCAN = 3
 YAW_SLACK_DEG = 10.0  # a candidate's heading is as coarse as the descriptor's sectors
 
 
@@ -20,7 +24,7 @@ class Candidate:
     """A template that the search proposes.
 
     Attributes:
-        T_level_sensor: (4, 4) as the template's place and the best turn imply it.
+        T_level_sensor: (4, 4) of the query's last scan, as the template's place and the best turn imply it.
         score: 0..1, of the two descriptors at that turn.
     """
 
@@ -30,29 +34,45 @@ class Candidate:
 
 
 def search(
-    index: MapIndex, described: Described, prepared: PreparedScan, options: LocalizeOptions
+    index: MapIndex, described: Sequence[Described], prepared: PreparedQuery, options: LocalizeOptions
 ) -> list[Candidate]:
-    """The templates most like the scan that the prior allows, best first; as many as the options say.
+    """Poses of the last scan that the prior allows, from the templates most like each of the scans.
 
     Args:
-        described: the one scan.
+        described: each scan of the query alone.
     """
-    config, templates, prior = index.config.search, index.cascade.templates, options.prior
-    if prior is None:
-        matches = index.cascade.search(described, config.clusters)
-    else:
-        centre = transform_points(inverse(index.T_map_level), prior.position_m[None])[0]
-        away_m = np.linalg.norm(templates.position_m - centre, axis=1)
-        near = away_m <= prior.radius_m + index.config.spacing_m
-        matches = index.cascade.search_among(described, near, config.clusters)
-    candidates: list[Candidate] = []
+    count = options.max_candidates or index.config.search.candidates
+    each = max(LEAST_A_SCAN, 2 * count // len(described)) if len(described) > 1 else count
+    found = [
+        candidate
+        for scan, one in zip(prepared.scans, described, strict=True)
+        for candidate in _of_scan(index, one, scan, options.prior, each)
+    ]
+    return sorted(found, key=lambda candidate: -candidate.score)
+
+
+def _of_scan(
+    index: MapIndex, described: Described, scan: PreparedScan, prior: Prior | None, count: int
+) -> Iterator[Candidate]:
+    templates, T_scan_last = index.cascade.templates, inverse(scan.T_last_scan)
+    matches = _matches(index, described, scan, prior)
     for row, yaw, score in zip(matches.rows, matches.yaw_rad, matches.score, strict=True):
-        if len(candidates) == (options.max_candidates or config.candidates):
-            break
         # the template's floor counts, not its mount: this sensor may sit higher
-        position = templates.position_m[row] + [0, 0, prepared.height_m - templates.height_m[row]]
-        T_level_sensor = make_transform(rotation_z(yaw) @ prepared.R_level_sensor, position)
-        T_map_sensor = index.T_map_level @ T_level_sensor
-        if prior is None or prior.allows(T_map_sensor, slack_m=np.inf, slack_deg=YAW_SLACK_DEG):
-            candidates.append(Candidate(int(row), T_level_sensor, float(score)))
-    return candidates
+        position = templates.position_m[row] + [0, 0, scan.height_m - templates.height_m[row]]
+        T_level_last = make_transform(rotation_z(yaw) @ scan.R_level_sensor, position) @ T_scan_last
+        if prior is None or prior.allows(index.T_map_level @ T_level_last, np.inf, YAW_SLACK_DEG):
+            yield Candidate(int(row), T_level_last, float(score))
+            count -= 1
+        if not count:
+            return
+
+
+def _matches(index: MapIndex, described: Described, scan: PreparedScan, prior: Prior | None) -> Matches:
+    clusters = index.config.search.clusters
+    if prior is None:
+        return index.cascade.search(described, clusters)
+    centre = transform_points(inverse(index.T_map_level), prior.position_m[None])[0]
+    away_m = np.linalg.norm(index.cascade.templates.position_m - centre, axis=1)
+    way_m = float(np.linalg.norm(scan.T_last_scan[:3, 3]))  # the prior is about the last scan
+    near = away_m <= prior.radius_m + way_m + index.config.spacing_m
+    return index.cascade.search_among(described, near, clusters)

@@ -1,4 +1,4 @@
-"""A request body or a file to a Scan: one table from media type to decoder."""
+"""A request body or a file to scans: one table from media type to decoder."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ from .formats.raw_xyz import decode_xyz, decode_xyzi
 from .formats.scanner_bin import decode_scanner_bin
 from .formats.text import decode_text
 from .scan import Scan
+from .scan_sequence import ScanSequence
 
-__all__ = ["MEDIA_TYPES", "SUFFIXES", "decode_scan", "read_scan_file", "undo_content_encoding"]
+__all__ = ["MEDIA_TYPES", "SUFFIXES", "decode_query", "read_scan_file", "undo_content_encoding"]
 
 MAX_SCAN_FILE_BYTES = 1_000_000_000
 
@@ -27,6 +28,12 @@ def _decode_wire(body: bytes) -> Scan:
     from . import wire  # the only decoder that needs zstandard
 
     return wire.decode_scan(body)
+
+
+def _decode_sequence(body: bytes) -> ScanSequence:
+    from . import wire_sequence
+
+    return wire_sequence.decode_scans(body)
 
 
 def _by(decode: Callable[[bytes, Limits], PointCloud]) -> Callable[[bytes], Scan]:
@@ -38,7 +45,7 @@ def _scan_of(cloud: PointCloud) -> Scan:
         return Scan.from_points(cloud.xyz, cloud.intensity)
 
 
-MEDIA_TYPES: dict[str, Callable[[bytes], Scan]] = {
+_SCAN_TYPES: dict[str, Callable[[bytes], Scan]] = {
     "application/vnd.firstfix.scan": _decode_wire,
     "application/vnd.firstfix.xyz": _by(decode_xyz),
     "application/vnd.firstfix.xyzi": _by(decode_xyzi),
@@ -46,6 +53,10 @@ MEDIA_TYPES: dict[str, Callable[[bytes], Scan]] = {
     "model/vnd.pcd": _by(decode_pcd),
     "application/ply": _by(decode_ply),
     "model/ply": _by(decode_ply),
+}
+MEDIA_TYPES: dict[str, Callable[[bytes], Scan | ScanSequence]] = {
+    **_SCAN_TYPES,
+    "application/vnd.firstfix.scans": _decode_sequence,
 }
 # The file endings whose bytes can be sent as they are.
 SUFFIXES: dict[str, str] = {
@@ -56,8 +67,8 @@ SUFFIXES: dict[str, str] = {
 }
 
 
-def decode_scan(body: bytes, media_type: str) -> Scan:
-    """A request body to a scan. Safe with bytes from strangers.
+def decode_query(body: bytes, media_type: str) -> Scan | ScanSequence:
+    """A request body to a scan or several. Safe with bytes from strangers.
 
     Args:
         media_type: of MEDIA_TYPES, in any case; parameters behind a semicolon are ignored.
@@ -110,7 +121,7 @@ def _read_scan_file(path: Path) -> Scan:
     if suffix == ".bin":
         return _scan_of(decode_scanner_bin(path.read_bytes(), path.name, SCAN_LIMITS))
     if suffix in SUFFIXES:
-        return decode_scan(path.read_bytes(), SUFFIXES[suffix])
+        return _SCAN_TYPES[SUFFIXES[suffix]](path.read_bytes())
     return _scan_of(decode_text(path.read_bytes(), SCAN_LIMITS))
 
 

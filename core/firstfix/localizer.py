@@ -12,6 +12,7 @@ from .options import LocalizeOptions
 from .places import Place, find_places
 from .preprocess import preprocess
 from .scan import Scan
+from .scan_sequence import ScanSequence
 from .stopwatch import Stopwatch
 from .transform import inverse
 from .verdict import judge
@@ -23,15 +24,16 @@ class Localizer:
     def __init__(self, index: MapIndex) -> None:
         self.index = index
 
-    def localize(self, scan: Scan, options: LocalizeOptions | None = None) -> Localization:
-        """The pose of a scan in the map, with no prior, or why there is none."""
+    def localize(self, scan: Scan | ScanSequence, options: LocalizeOptions | None = None) -> Localization:
+        """The pose in the map where a scan, or the last of several, was taken; or why there is none."""
+        sequence = ScanSequence.single(scan) if isinstance(scan, Scan) else scan
         options, index, watch = options or LocalizeOptions(), self.index, Stopwatch()
         with watch.stage("preprocess"):
-            prepared = preprocess(scan, options.gravity, index.config.preprocess)
+            prepared = preprocess(sequence, options.gravity, index.config.preprocess)
         if prepared is None:
             return Localization(Verdict.REJECTED, (Reason.TOO_FEW_POINTS,), timings_ms=watch.ms)
         with watch.stage("describe"):
-            described = index.cascade.descriptor.describe(prepared.batch)
+            described = [index.cascade.descriptor.describe(one.batch) for one in prepared.scans]
         with watch.stage("search"):
             candidates = search(index, described, prepared, options)
         with watch.stage("register"):

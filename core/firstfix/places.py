@@ -11,7 +11,7 @@ from small_gicp import PointCloud
 from .candidates import Candidate
 from .evidence import Fit, evidence
 from .map_index import MapIndex
-from .preprocess import PreparedScan
+from .preprocess import PreparedQuery
 from .prior import Prior
 from .registration import Registration
 from .transform import Matrix, pose_error
@@ -46,7 +46,7 @@ class Place:
 
 
 def find_places(
-    index: MapIndex, prepared: PreparedScan, candidates: Iterable[Candidate], prior: Prior | None = None
+    index: MapIndex, prepared: PreparedQuery, candidates: Iterable[Candidate], prior: Prior | None = None
 ) -> list[Place]:
     """Distinct places that the prior allows, the best first; only that one is registered with all the
     points, and only where it may yet be accepted."""
@@ -55,8 +55,11 @@ def find_places(
         return Place(place.template, index.cloud.refine(scan, place.registration.T_level_sensor, iterations))
 
     def looked_at(place: Place) -> Place:
-        through = index.view.seen_through(prepared.returns, place.registration.T_level_sensor)
-        return replace(place, seen_through=through)
+        T_level_last = place.registration.T_level_sensor
+        each = [
+            index.view.seen_through(scan.returns, T_level_last @ scan.T_last_scan) for scan in prepared.scans
+        ]
+        return replace(place, seen_through=sum(each) / len(each))
 
     settled: list[Place] = []
     for candidate in candidates:

@@ -12,7 +12,8 @@ from .descriptor import ScanBatch
 from .engine_config import PreprocessConfig
 from .levelling import estimate_up, floor_height
 from .scan import Scan
-from .transform import rotation_between
+from .scan_sequence import ScanSequence
+from .transform import Matrix, rotation_between, transform_points
 
 _NORMAL_NEIGHBOURS = 10
 _SPARSE_POINTS = 1500
@@ -22,33 +23,68 @@ _RETURNS = 30_000
 
 @dataclass(frozen=True)
 class PreparedScan:
-    """A scan in its levelled frame: the sensor's origin, z up, x as near the sensor's as it goes.
+    """One scan, and its levelled frame: the sensor's origin, z up, x as near the sensor's as it goes.
 
     Attributes:
+        T_last_scan: (4, 4) its pose in the frame of the query's last scan.
         R_level_sensor: (3, 3).
         batch: all points within range, levelled: for the descriptor.
         returns: (k, 3) float32, an even part of all points, in the sensor frame: for free space.
-        dense: the voxel-thinned points with covariances, in the sensor frame: for fine registration.
-        sparse: the same, a fraction of the points: enough to settle and compare many candidates.
-        height_m: of the sensor above the floor.
+        thinned: (m, 3) points in the sensor frame, one a voxel.
     """
 
+    T_last_scan: Matrix
     R_level_sensor: NDArray[np.float64]
     batch: ScanBatch
     returns: NDArray[np.float32]
+    thinned: small_gicp.PointCloud
+
+    @property
+    def height_m(self) -> float:
+        """Of the sensor above the floor."""
+        return float(self.batch.height_m[0])
+
+
+@dataclass(frozen=True)
+class PreparedQuery:
+    """The scans of a query, and all of them in the frame of the last.
+
+    Attributes:
+        dense: the thinned points with covariances: for fine registration.
+        sparse: the same, a fraction of the points: enough to settle and compare many candidates.
+    """
+
+    scans: tuple[PreparedScan, ...]
     dense: small_gicp.PointCloud
     sparse: small_gicp.PointCloud
-    height_m: float
 
 
 def preprocess(
-    scan: Scan, gravity: NDArray[np.float64] | None, config: PreprocessConfig
-) -> PreparedScan | None:
+    sequence: ScanSequence, gravity: NDArray[np.float64] | None, config: PreprocessConfig
+) -> PreparedQuery | None:
     """None where too few points are left to say anything.
 
     Args:
-        gravity: (3,) direction of gravity in the sensor frame; None: estimated from the surfaces.
+        gravity: (3,) direction of gravity in the last scan's sensor frame; None: estimated from the
+            surfaces, for every scan.
     """
+    scans = []
+    for scan, T_last_scan in zip(sequence.scans, sequence.T_last_scan, strict=True):
+        down = None if gravity is None else T_last_scan[:3, :3].T @ gravity
+        prepared = _prepare(scan, T_last_scan, down, config)
+        if prepared is not None:
+            scans.append(prepared)
+    if not scans:
+        return None
+    together = scans[0].thinned if len(sequence) == 1 else _merged(scans, config.voxel_m)
+    return PreparedQuery(
+        tuple(scans), _every_nth(together, _DENSE_POINTS), _every_nth(together, _SPARSE_POINTS)
+    )
+
+
+def _prepare(
+    scan: Scan, T_last_scan: Matrix, gravity: NDArray[np.float64] | None, config: PreprocessConfig
+) -> PreparedScan | None:
     range2 = np.einsum("ij,ij->i", scan.points, scan.points)
     near, far = config.min_range_m**2, config.max_range_m**2
     points = scan.points[(range2 > near) & (range2 < far)]
@@ -66,13 +102,22 @@ def preprocess(
     if height is None:
         height = config.default_height_m
     return PreparedScan(
+        T_last_scan,
         R_level_sensor,
         ScanBatch.single(points @ R_level_sensor.T.astype(np.float32), height),
         points[:: -(-len(points) // _RETURNS)],
-        _every_nth(thinned, _DENSE_POINTS),
-        _every_nth(thinned, _SPARSE_POINTS),
-        height,
+        thinned,
     )
+
+
+def _merged(scans: list[PreparedScan], voxel_m: float) -> small_gicp.PointCloud:
+    """All scans' points in the frame of the last, thinned again, with covariances."""
+    points = np.concatenate(
+        [transform_points(scan.T_last_scan, scan.thinned.points()[:, :3]) for scan in scans]
+    )
+    together = small_gicp.voxelgrid_sampling(points, voxel_m)
+    small_gicp.estimate_covariances(together, small_gicp.KdTree(together), _NORMAL_NEIGHBOURS)
+    return together
 
 
 def _every_nth(cloud: small_gicp.PointCloud, at_most: int) -> small_gicp.PointCloud:

@@ -7,7 +7,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import replace
 
-from firstfix.decode import MEDIA_TYPES, decode_scan, undo_content_encoding
+from firstfix.decode import MEDIA_TYPES, decode_query, undo_content_encoding
 from firstfix.errors import UnsupportedFormat
 from firstfix.localization import Localization
 from firstfix.options import LocalizeOptions
@@ -76,7 +76,7 @@ class LocalizeUseCase:
             served = self._maps.get(map_id, options.version)
         with watch.stage("decode"):
             plain = undo_content_encoding(body, content_encoding or "", self._max_decoded_bytes)
-            scan = decode_scan(plain, media_type)
+            scan = decode_query(plain, media_type)
         answer = served.localizer.localize(scan, options)
         return replace(
             answer,

@@ -22,6 +22,7 @@ from firstfix.localizer import Localizer
 from firstfix.map_index import MapIndex
 from firstfix.options import LocalizeOptions
 from firstfix.scan import Scan
+from firstfix.scan_sequence import ScanSequence
 
 from .metrics import Metrics
 
@@ -30,7 +31,7 @@ REFUSED_FOR_S = 60.0  # a version that was found bad is read again after this: s
 
 
 class LocalizesScans(Protocol):
-    def localize(self, scan: Scan, options: LocalizeOptions | None = None) -> Localization: ...
+    def localize(self, scan: Scan | ScanSequence, options: LocalizeOptions | None = None) -> Localization: ...
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from cloud_files import pcd, ply, random_cloud
 
-from firstfix.decode import MEDIA_TYPES, SUFFIXES, decode_scan, read_scan_file
+from firstfix.decode import MEDIA_TYPES, SUFFIXES, decode_query, read_scan_file
 from firstfix.errors import MalformedData, NotFound, TooLarge, UnsupportedFormat
 from firstfix.scan import MAX_POINTS
 
@@ -29,7 +29,7 @@ XYZ = np.stack([CLOUD[axis] for axis in "xyz"], axis=1)
     ],
 )
 def test_every_media_type(media_type, body, has_intensity):
-    scan = decode_scan(body, media_type)
+    scan = decode_query(body, media_type)
     np.testing.assert_array_equal(scan.points, XYZ)
     assert scan.points.dtype == np.float32
     assert (scan.intensity is not None) == has_intensity
@@ -40,21 +40,21 @@ def test_every_media_type(media_type, body, has_intensity):
 def test_nan_returns_are_dropped():
     holed = CLOUD.copy()
     holed["z"][:7] = np.nan
-    scan = decode_scan(pcd(holed, "binary"), "application/x-pcd")
+    scan = decode_query(pcd(holed, "binary"), "application/x-pcd")
     np.testing.assert_array_equal(scan.points, XYZ[7:])
     np.testing.assert_array_equal(scan.intensity, CLOUD["intensity"][7:])
 
 
 def test_no_such_media_type():
     with pytest.raises(UnsupportedFormat, match="application/x-pcd"):
-        decode_scan(b"x", "image/png")
+        decode_query(b"x", "image/png")
     with pytest.raises(UnsupportedFormat):
-        decode_scan(b"x", "")
+        decode_query(b"x", "")
 
 
 def test_too_many_points():
     with pytest.raises(TooLarge):
-        decode_scan(bytes(12 * (MAX_POINTS + 1)), "application/vnd.firstfix.xyz")
+        decode_query(bytes(12 * (MAX_POINTS + 1)), "application/vnd.firstfix.xyz")
 
 
 def test_the_endings_name_media_types():

@@ -11,7 +11,7 @@ from cloud_files import pcd, ply, random_cloud, text_rows
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firstfix.decode import decode_scan
+from firstfix.decode import decode_query
 from firstfix.errors import InputError
 from firstfix.formats.point_cloud import SCAN_LIMITS
 from firstfix.formats.scanner_bin import decode_scanner_bin
@@ -47,7 +47,7 @@ def decode_or_refuse(body: bytes, media_type: str) -> None:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            scan = decode_scan(body, media_type)
+            scan = decode_query(body, media_type)
     except InputError:
         return
     assert isinstance(scan, Scan)
@@ -56,7 +56,7 @@ def decode_or_refuse(body: bytes, media_type: str) -> None:
 
 @pytest.mark.parametrize("name", BODIES)
 def test_the_bodies_are_good_before_they_are_damaged(name):
-    assert len(decode_scan(*BODIES[name])) == 12
+    assert len(decode_query(*BODIES[name])) == 12
 
 
 @pytest.mark.parametrize("name", BODIES)

@@ -12,7 +12,9 @@
 
 from firstfix.localization import Localization, Verdict
 from firstfix.options import LocalizeOptions
+from firstfix.prior import Prior
 from firstfix.scan import Scan
+from firstfix.scan_sequence import ScanSequence
 
 from .client import Client
 from .errors import ServiceUnreachable
@@ -26,8 +28,10 @@ __all__ = [
     "Localization",
     "LocalizeOptions",
     "MapInfo",
+    "Prior",
     "RetryPolicy",
     "Scan",
+    "ScanSequence",
     "ServiceUnreachable",
     "Verdict",
     "VersionInfo",

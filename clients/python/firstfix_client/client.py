@@ -12,10 +12,10 @@ from typing import Any
 
 import httpx
 
-from firstfix import wire
 from firstfix.errors import BuildCancelled, BuildFailed, FirstfixError, InvalidOption, NotFound
 from firstfix.localization import Localization
 from firstfix.options import LocalizeOptions
+from firstfix.scan_sequence import ScanSequence
 
 from .records import BuildStatus, MapInfo, VersionInfo
 from .retry import Deadline, RetryPolicy
@@ -78,7 +78,7 @@ class Client:
 
     def localize(
         self,
-        scan: ScanLike,
+        scan: ScanLike | ScanSequence,
         *,
         map_id: str,
         options: LocalizeOptions | None = None,
@@ -86,14 +86,15 @@ class Client:
         """The pose of a scan in a map, or why there is none: "not localized" is an answer, not an error.
 
         Args:
-            scan: a Scan, (n, 3) points in metres in the sensor frame, or the path of a scan file.
+            scan: a Scan, (n, 3) points in metres in the sensor frame, the path of a scan file, or several
+                scans with the way between them: the answer is then the pose of the last.
             options: without a ``deadline_ms`` the service is told how long this client waits.
 
         Raises:
             NotFound: no such map or version, or no such file.
             InputError: the scan or an option cannot be used.
         """
-        body = encoded(scan, resolution_m=self._resolution_m, voxel_m=self._voxel_m)
+        media_type, body = encoded(scan, resolution_m=self._resolution_m, voxel_m=self._voxel_m)
         params = {"map": map_id, **(options or LocalizeOptions()).to_strings()}
 
         def request(left_s: float) -> httpx.Request:
@@ -103,7 +104,7 @@ class Client:
                 left_s=left_s,
                 params={"deadline_ms": str(max(1, int(left_s * 1000))), **params},
                 content=body,
-                headers={"Content-Type": wire.MEDIA_TYPE},
+                headers={"Content-Type": media_type},
             )
 
         answer = self._http.send(request, Deadline(self._timeout_s))

@@ -9,9 +9,10 @@ from typing import Union
 
 from numpy.typing import ArrayLike
 
-from firstfix import wire
+from firstfix import wire, wire_sequence
 from firstfix.decode import read_scan_file
 from firstfix.scan import Scan
+from firstfix.scan_sequence import ScanSequence
 
 ScanLike = Union[Scan, ArrayLike, "str | os.PathLike[str]"]
 
@@ -32,8 +33,14 @@ def scan_of(scan: ScanLike) -> Scan:
     return Scan.from_points(scan)
 
 
-def encoded(scan: ScanLike, *, resolution_m: float, voxel_m: float | None) -> bytes:
-    """The body to send. Localization does not use the intensity, so it stays at home."""
-    return wire.encode_scan(
-        replace(scan_of(scan), intensity=None), resolution_m=resolution_m, voxel_m=voxel_m
-    )
+def encoded(
+    scan: ScanLike | ScanSequence, *, resolution_m: float, voxel_m: float | None
+) -> tuple[str, bytes]:
+    """Media type and body to send. Localization does not use the intensity, so it stays at home."""
+    if isinstance(scan, ScanSequence):
+        scans = [replace(one, intensity=None) for one in scan.scans]
+        return wire_sequence.MEDIA_TYPE, wire_sequence.encode_scans(
+            scans, scan.T_last_scan, resolution_m=resolution_m, voxel_m=voxel_m
+        )
+    one = replace(scan_of(scan), intensity=None)
+    return wire.MEDIA_TYPE, wire.encode_scan(one, resolution_m=resolution_m, voxel_m=voxel_m)

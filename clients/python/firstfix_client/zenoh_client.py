@@ -9,11 +9,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from firstfix import wire
 from firstfix.errors import FirstfixError, InvalidOption
 from firstfix.ids import check_map_id
 from firstfix.localization import Localization
 from firstfix.options import LocalizeOptions
+from firstfix.scan_sequence import ScanSequence
 
 from .errors import PASSING, ServiceUnreachable, error_of_problem
 from .live_replicas import LiveReplicas
@@ -75,7 +75,7 @@ class ZenohClient:
         self._session.close()
 
     def localize(
-        self, scan: ScanLike, *, map_id: str, options: LocalizeOptions | None = None
+        self, scan: ScanLike | ScanSequence, *, map_id: str, options: LocalizeOptions | None = None
     ) -> Localization:
         """As ``Client.localize``, in one named map.
 
@@ -85,7 +85,7 @@ class ZenohClient:
             ServiceUnreachable: no replica of this map answered.
         """
         check_map_id(map_id)  # a key expression with wildcards would ask every map
-        body = encoded(scan, resolution_m=self._resolution_m, voxel_m=self._voxel_m)
+        media_type, body = encoded(scan, resolution_m=self._resolution_m, voxel_m=self._voxel_m)
         parameters = (options or LocalizeOptions()).to_strings()
         deadline = Deadline(self._timeout_s)
         tried: set[str] = set()
@@ -96,7 +96,7 @@ class ZenohClient:
             tried.add(key)
             left_s = deadline.remaining_s()
             # a replica that hangs must leave time for another one
-            reply = self._ask(key, body, parameters, left_s / 2 if others else left_s)
+            reply = self._ask(key, media_type, body, parameters, left_s / 2 if others else left_s)
             if isinstance(reply, Localization):
                 return reply
             wait_s = self._retry.wait_s(attempt)
@@ -118,11 +118,11 @@ class ZenohClient:
         return shared, False
 
     def _ask(
-        self, key: str, body: bytes, parameters: dict[str, str], timeout_s: float
+        self, key: str, media_type: str, body: bytes, parameters: dict[str, str], timeout_s: float
     ) -> Localization | FirstfixError | ServiceUnreachable:
         told = {"deadline_ms": str(max(1, int(timeout_s * 1000))), **parameters}
         replies = self._session.get(
-            self._zenoh.Selector(key, told), payload=body, encoding=wire.MEDIA_TYPE, timeout=timeout_s
+            self._zenoh.Selector(key, told), payload=body, encoding=media_type, timeout=timeout_s
         )
         for reply in replies:
             if reply.ok is None:

@@ -1,0 +1,61 @@
+import struct
+from contextlib import suppress
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from firstfix.errors import InputError, InvalidScan, MalformedData, TooLarge, UnsupportedFormat
+from firstfix.scan import Scan
+from firstfix.scan_sequence import ScanSequence
+from firstfix.transform import make_transform, rotation_z
+from firstfix.wire_sequence import decode_scans, encode_scans
+
+RNG = np.random.default_rng(0)
+SCANS = [Scan(RNG.uniform(-20, 20, (50 + 10 * n, 3)).astype(np.float32), None, 5.0 + n) for n in range(3)]
+WAY = [make_transform(rotation_z(0.2 * n), [n, 0.1 * n, 0]) for n in range(3)]
+BODY = encode_scans(SCANS, WAY)
+
+
+def test_what_goes_in_comes_out():
+    sequence, expected = decode_scans(BODY), ScanSequence.along(SCANS, WAY)
+    assert len(sequence) == 3
+    for a, b in zip(sequence.scans, SCANS, strict=True):
+        assert np.abs(a.points - b.points).max() <= 0.00501
+        assert a.stamp_s == b.stamp_s
+    for a, b in zip(sequence.T_last_scan, expected.T_last_scan, strict=True):
+        assert np.allclose(a, b, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("body", "error"),
+    [
+        (b"", MalformedData),
+        (b"FFSC" + BODY[4:], MalformedData),
+        (BODY[:4] + b"\x02" + BODY[5:], UnsupportedFormat),
+        (BODY[:5] + b"\x00" + BODY[6:], MalformedData),
+        (b"FFSS\x01\x00\x00\x00", InvalidScan),
+        (BODY[:5] + b"\x11" + BODY[6:], TooLarge),
+        (BODY[:5] + b"\x04" + BODY[6:], MalformedData),
+        (BODY[:-1], MalformedData),
+        (BODY + b"x", MalformedData),
+        (BODY[:8] + struct.pack("<7d", 0, 0, 0, 0, 0, 0, 0) + BODY[64:], InvalidScan),
+        (BODY[:8] + struct.pack("<7d", np.nan, 0, 0, 0, 0, 0, 1) + BODY[64:], InvalidScan),
+        (BODY[:64] + struct.pack("<I", 0xFFFFFFFF) + BODY[68:], MalformedData),
+    ],
+)
+def test_what_is_wrong_is_said(body, error):
+    with pytest.raises(error):
+        decode_scans(body)
+
+
+@settings(max_examples=300, deadline=None, derandomize=True)
+@given(st.data())
+def test_damaged_bytes_are_an_input_error_or_a_sequence(data):
+    body = bytearray(BODY[: data.draw(st.integers(0, len(BODY)))])
+    for _ in range(data.draw(st.integers(0, 4))):
+        if body:
+            body[data.draw(st.integers(0, len(body) - 1))] = data.draw(st.integers(0, 255))
+    with suppress(InputError):
+        assert 1 <= len(decode_scans(bytes(body))) <= 16
