@@ -40,12 +40,14 @@ class Hypothesis:
         fit: how the scan lies on the map there.
         probability: 0..1, calibrated: of being right.
         template: row of the template it started from.
+        map_id: whose frame T_map_sensor is in, where several maps were asked.
     """
 
     T_map_sensor: NDArray[np.float64]
     fit: Fit
     probability: float
     template: int
+    map_id: str = ""
 
 
 @dataclass(frozen=True)
@@ -93,6 +95,7 @@ class Localization:
                     "seen_through": h.fit.seen_through,
                     "probability": h.probability,
                     "template": h.template,
+                    "map_id": h.map_id,
                 }
                 for h in self.hypotheses
             ],
@@ -118,6 +121,7 @@ class Localization:
                     Fit(float(h["overlap"]), float(h["closeness"]), float(h["seen_through"])),
                     float(h["probability"]),
                     int(h["template"]),
+                    str(h.get("map_id", "")),
                 )
                 for h in data.get("hypotheses", ())
             ),

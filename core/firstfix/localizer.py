@@ -1,21 +1,23 @@
-"""The query flow: one scan in, one answer out. Every stage is one named call."""
+"""The query flow: a scan in, one answer out. Every stage is one named call."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 from .candidates import search
 from .covariance import pose_covariance
+from .errors import InvalidOption
 from .localization import Localization, Reason, Verdict
 from .map_index import MapIndex
 from .options import LocalizeOptions
-from .places import Place, find_places
+from .places import find_places
 from .preprocess import preprocess
 from .scan import Scan
 from .scan_sequence import ScanSequence
 from .stopwatch import Stopwatch
 from .transform import inverse
-from .verdict import judge
+from .verdict import Claim, judge
 
 
 class Localizer:
@@ -26,37 +28,65 @@ class Localizer:
 
     def localize(self, scan: Scan | ScanSequence, options: LocalizeOptions | None = None) -> Localization:
         """The pose in the map where a scan, or the last of several, was taken; or why there is none."""
-        sequence = ScanSequence.single(scan) if isinstance(scan, Scan) else scan
-        options, index, watch = options or LocalizeOptions(), self.index, Stopwatch()
+        return localize_among({"": self}, scan, options)
+
+    def claims(
+        self, sequence: ScanSequence, options: LocalizeOptions, watch: Stopwatch, map_id: str = ""
+    ) -> list[Claim] | None:
+        """The places of this map that may be it, best first; None where the scan has too few points."""
+        index = self.index
         with watch.stage("preprocess"):
             prepared = preprocess(sequence, options.gravity, index.config.preprocess)
         if prepared is None:
-            return Localization(Verdict.REJECTED, (Reason.TOO_FEW_POINTS,), timings_ms=watch.ms)
+            return None
         with watch.stage("describe"):
             described = [index.cascade.descriptor.describe(one.batch) for one in prepared.scans]
         with watch.stage("search"):
             candidates = search(index, described, prepared, options)
         with watch.stage("register"):
             places = find_places(index, prepared, candidates, options.prior)
-        with watch.stage("verify"):
-            answer = self._verify(places, options)
-        return replace(answer, timings_ms=watch.ms)
+        return [Claim(place, index, map_id) for place in places]
 
-    def _verify(self, places: list[Place], options: LocalizeOptions) -> Localization:
-        """The verdict on the places, and the pose where there is one."""
-        judged = judge(places, self.index.T_map_level, self.index.calibration, options.min_probability)
-        if judged.verdict is not Verdict.LOCALIZED:
-            return Localization(
-                judged.verdict, judged.reasons, probability=judged.probability, hypotheses=judged.hypotheses
-            )
-        T_map_sensor, mounting = judged.hypotheses[0].T_map_sensor, options.T_base_sensor
+
+def localize_among(
+    maps: Mapping[str, Localizer], scan: Scan | ScanSequence, options: LocalizeOptions | None = None
+) -> Localization:
+    """As ``Localizer.localize``, with the places of several maps competing on equal terms.
+
+    Args:
+        maps: by id. The answer's ``map_id`` says whose frame its pose is in.
+
+    Raises:
+        InvalidOption: a prior or a version with several maps: they are one map's.
+    """
+    sequence = ScanSequence.single(scan) if isinstance(scan, Scan) else scan
+    options, watch = options or LocalizeOptions(), Stopwatch()
+    if len(maps) > 1 and (options.prior is not None or options.version is not None):
+        raise InvalidOption("a prior and a version belong to one map: name it")
+    found = [localizer.claims(sequence, options, watch, map_id) for map_id, localizer in maps.items()]
+    if all(claims is None for claims in found):
+        return Localization(Verdict.REJECTED, (Reason.TOO_FEW_POINTS,), timings_ms=watch.ms)
+    with watch.stage("verify"):
+        together = [claim for claims in found if claims is not None for claim in claims]
+        answer = _verify(sorted(together, key=lambda claim: -claim.place.fit.support), options)
+    return replace(answer, timings_ms=watch.ms)
+
+
+def _verify(claims: list[Claim], options: LocalizeOptions) -> Localization:
+    """The verdict on the places, and the pose where there is one."""
+    judged = judge(claims, options.min_probability)
+    if judged.verdict is not Verdict.LOCALIZED:
         return Localization(
-            Verdict.LOCALIZED,
-            T_map_sensor=T_map_sensor,
-            T_map_base=None if mounting is None else T_map_sensor @ inverse(mounting),
-            covariance=pose_covariance(
-                places[0].registration.information, T_map_sensor, self.index.config.registration
-            ),
-            probability=judged.probability,
-            hypotheses=judged.hypotheses,
+            judged.verdict, judged.reasons, probability=judged.probability, hypotheses=judged.hypotheses
         )
+    best, mounting = claims[0], options.T_base_sensor
+    information, config = best.place.registration.information, best.index.config.registration
+    return Localization(
+        Verdict.LOCALIZED,
+        T_map_sensor=best.T_map_sensor,
+        T_map_base=None if mounting is None else best.T_map_sensor @ inverse(mounting),
+        covariance=pose_covariance(information, best.T_map_sensor, config),
+        probability=judged.probability,
+        hypotheses=judged.hypotheses,
+        map_id=best.map_id,
+    )

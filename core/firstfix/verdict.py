@@ -5,11 +5,28 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from .calibration import Calibration
 from .evidence import MOST_MARGIN, Evidence, evidence
 from .localization import Hypothesis, Reason, Verdict
+from .map_index import MapIndex
 from .places import Place
 from .transform import Matrix
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A place in a map that may be where the scan was taken.
+
+    Attributes:
+        map_id: of the map, where several compete.
+    """
+
+    place: Place
+    index: MapIndex
+    map_id: str = ""
+
+    @property
+    def T_map_sensor(self) -> Matrix:
+        return self.index.T_map_level @ self.place.registration.T_level_sensor
 
 
 @dataclass(frozen=True)
@@ -22,27 +39,27 @@ class Judgement:
     probability: float
 
 
-def judge(
-    places: Sequence[Place], T_map_level: Matrix, calibration: Calibration, min_probability: float | None
-) -> Judgement:
-    """Says what may be claimed of ranked places.
+def judge(claims: Sequence[Claim], min_probability: float | None) -> Judgement:
+    """Says what may be claimed of ranked places, each by the calibration of its own map.
 
     Args:
-        places: distinct, best first.
+        claims: distinct, best first.
         min_probability: the caller's threshold, or None for the calibration's.
     """
-    if not places:
+    if not claims:
         return Judgement(Verdict.REJECTED, (Reason.NO_CANDIDATE,), (), 0.0)
-    fits = [place.fit for place in places]
+    fits = [claim.place.fit for claim in claims]
     hypotheses = tuple(
         Hypothesis(
-            T_map_level @ place.registration.T_level_sensor,
-            place.fit,
-            calibration.probability(evidence(fits, number)),
-            place.template,
+            claim.T_map_sensor,
+            claim.place.fit,
+            claim.index.calibration.probability(evidence(fits, number)),
+            claim.place.template,
+            claim.map_id,
         )
-        for number, place in enumerate(places)
+        for number, claim in enumerate(claims)
     )
+    calibration = claims[0].index.calibration
     needed = calibration.min_probability if min_probability is None else min_probability
     best, probability = evidence(fits), hypotheses[0].probability
 

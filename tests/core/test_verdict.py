@@ -1,12 +1,14 @@
 import numpy as np
 
 from firstfix.calibration import Calibration
+from firstfix.engine_config import EngineConfig
 from firstfix.evidence import evidence
 from firstfix.localization import Reason, Verdict
+from firstfix.map_index import MapIndex
 from firstfix.places import Place
 from firstfix.registration import Registration
 from firstfix.transform import make_transform
-from firstfix.verdict import judge
+from firstfix.verdict import Claim, judge
 
 CALIBRATION = Calibration(min_overlap=0.5)
 
@@ -16,8 +18,15 @@ def place(number: int, overlap: float, through: float = 0.005) -> Place:
     return Place(number, Registration(T_level_sensor, overlap, overlap * 0.85, np.eye(6)), through)
 
 
+def claimed(*places: Place, calibration: Calibration = CALIBRATION, T_map_level=None) -> list[Claim]:
+    T = np.eye(4) if T_map_level is None else T_map_level
+    config = EngineConfig(T_map_level=tuple(T.ravel()))
+    index = MapIndex(config, calibration, None, None, None)
+    return [Claim(place, index) for place in places]
+
+
 def judged(*places: Place, min_probability: float | None = None, calibration: Calibration = CALIBRATION):
-    return judge(places, np.eye(4), calibration, min_probability)
+    return judge(claimed(*places, calibration=calibration), min_probability)
 
 
 def test_a_good_place_without_rivals_is_localized():
@@ -67,5 +76,5 @@ def test_no_place_is_no_candidate():
 
 def test_poses_are_in_the_map_frame():
     T_map_level = make_transform(np.eye(3), [500000.0, 5400000.0, 0])
-    answer = judge([place(0, 0.95)], T_map_level, CALIBRATION, None)
+    answer = judge(claimed(place(0, 0.95), T_map_level=T_map_level), None)
     assert answer.hypotheses[0].T_map_sensor[:3, 3].tolist() == [500000.0, 5400000.0, 0]
