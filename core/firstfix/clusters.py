@@ -50,7 +50,10 @@ class Clusters:
 
     def members(self, clusters: NDArray[np.integer]) -> NDArray[np.int32]:
         """The templates of the given clusters, in their order."""
-        return np.concatenate([self.member[self.start[c] : self.start[c + 1]] for c in clusters.tolist()])
+        begin, end = self.start[clusters], self.start[np.asarray(clusters) + 1]
+        size = end - begin
+        before = np.cumsum(size) - size  # members of the clusters before
+        return self.member[np.repeat(begin - before, size) + np.arange(size.sum())]
 
     def save(self, directory: Path) -> None:
         for field in fields(self):

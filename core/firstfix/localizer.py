@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Protocol
 
 from .candidates import search
 from .covariance import pose_covariance
@@ -18,6 +19,14 @@ from .scan_sequence import ScanSequence
 from .stopwatch import Stopwatch
 from .transform import inverse
 from .verdict import Claim, judge
+
+
+class FindsPlaces(Protocol):
+    """What ``localize_among`` needs of a map."""
+
+    def claims(
+        self, sequence: ScanSequence, options: LocalizeOptions, watch: Stopwatch, map_id: str = ""
+    ) -> list[Claim] | None: ...
 
 
 class Localizer:
@@ -49,7 +58,7 @@ class Localizer:
 
 
 def localize_among(
-    maps: Mapping[str, Localizer], scan: Scan | ScanSequence, options: LocalizeOptions | None = None
+    maps: Mapping[str, FindsPlaces], scan: Scan | ScanSequence, options: LocalizeOptions | None = None
 ) -> Localization:
     """As ``Localizer.localize``, with the places of several maps competing on equal terms.
 

@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from small_gicp import PointCloud
 
 from .candidates import Candidate
 from .evidence import Fit, evidence
@@ -18,7 +17,6 @@ from .transform import Matrix, pose_error
 
 SAME_PLACE_M = 1.0
 SAME_PLACE_DEG = 15.0
-COMPARED_ITERATIONS = 6  # of fine registration are enough to compare places
 STARTS = 2  # of the best place: VGICP leaves a motion-distorted scan in one of several minima
 APART_M = 0.15
 PROMISING = 0.02  # probability before the last refinement, which adds a little overlap
@@ -51,8 +49,13 @@ def find_places(
     """Distinct places that the prior allows, the best first; only that one is registered with all the
     points, and only where it may yet be accepted."""
 
-    def refined(place: Place, scan: PointCloud, iterations: int | None) -> Place:
-        return Place(place.template, index.cloud.refine(scan, place.registration.T_level_sensor, iterations))
+    def compared_at(place: Place) -> Place:
+        T_level_sensor = place.registration.T_level_sensor
+        return looked_at(Place(place.template, index.cloud.compare(prepared.sparse, T_level_sensor)))
+
+    def refined(place: Place) -> Place:
+        T_level_sensor = place.registration.T_level_sensor
+        return Place(place.template, index.cloud.refine(prepared.dense, T_level_sensor))
 
     def looked_at(place: Place) -> Place:
         T_level_last = place.registration.T_level_sensor
@@ -69,14 +72,11 @@ def find_places(
     if prior is not None:
         settled = [p for p in settled if prior.allows(index.T_map_level @ p.registration.T_level_sensor)]
     settled.sort(key=_support)
-    compared = [
-        looked_at(refined(place, prepared.sparse, COMPARED_ITERATIONS))
-        for place in _distinct(settled)[: index.config.verification.compared]
-    ]
+    compared = [compared_at(place) for place in _distinct(settled)[: index.config.verification.compared]]
     places = _distinct(sorted(compared, key=_support))
     if places and index.calibration.probability(evidence([p.fit for p in places])) >= PROMISING:
         starts = _apart([places[0], *(place for place in settled if place.is_same_as(places[0]))])[:STARTS]
-        finest = max((refined(start, prepared.dense, None) for start in starts), key=_fineness)
+        finest = max((refined(start) for start in starts), key=_fineness)
         places[0] = looked_at(finest)
     return places
 

@@ -1,7 +1,8 @@
 """Fine pose from a coarse one: the scan against the map cloud (small_gicp).
 
-VGICP against Gaussian voxels first: its basin is a metre wide and a step costs a hash look-up a point.
-GICP against the map's own points then removes what the voxels' size leaves.
+VGICP against coarse Gaussian voxels first: its basin is a metre wide and a step costs a hash look-up a
+point. Against fine voxels it then places a scan well enough to compare places. GICP against the map's own
+points, ten times as dear, removes from the best what the voxels' size leaves.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from .engine_config import RegistrationConfig
 from .transform import Matrix, transform_points
 
 _NEIGHBOURS = 10
+_MEASURED = 1500  # points enough to know overlap and closeness to a hundredth
+_MEASURED_SETTLED = 400  # to tell which candidates settled at all
 
 
 @dataclass(frozen=True)
@@ -51,23 +54,36 @@ class MapCloud:
         self._target = small_gicp.PointCloud(np.asarray(points, np.float64))
         self._target_tree = small_gicp.KdTree(self._target, num_threads=threads)
         small_gicp.estimate_covariances(self._target, self._target_tree, _NEIGHBOURS, num_threads=threads)
-        self._voxels = small_gicp.GaussianVoxelMap(config.coarse_voxel_m)
-        self._voxels.insert(self._target)
+        self._coarse = small_gicp.GaussianVoxelMap(config.coarse_voxel_m)
+        self._coarse.insert(self._target)
+        self._fine = small_gicp.GaussianVoxelMap(config.fine_voxel_m)
+        self._fine.insert(self._target)
 
     def settle(self, scan: small_gicp.PointCloud, T_level_sensor: Matrix) -> Registration:
-        """Coarse registration: where VGICP leads from a start within a metre or so."""
-        result = small_gicp.align(
-            self._voxels,
-            scan,
-            init_T_target_source=T_level_sensor,
-            max_iterations=self.config.coarse_iterations,
+        """Where coarse voxels lead from a start within a metre or so."""
+        return self._in_voxels(
+            self._coarse, scan, T_level_sensor, self.config.coarse_iterations, _MEASURED_SETTLED
         )
-        return self._measured(scan, result)
 
-    def refine(
-        self, scan: small_gicp.PointCloud, T_level_sensor: Matrix, max_iterations: int | None = None
+    def compare(self, scan: small_gicp.PointCloud, T_level_sensor: Matrix) -> Registration:
+        """Where fine voxels lead from a settled pose: near enough to tell places apart."""
+        return self._in_voxels(self._fine, scan, T_level_sensor, self.config.compare_iterations, _MEASURED)
+
+    def _in_voxels(
+        self,
+        voxels: small_gicp.GaussianVoxelMap,
+        scan: small_gicp.PointCloud,
+        T_level_sensor: Matrix,
+        iterations: int,
+        measured: int,
     ) -> Registration:
-        """Fine registration from a settled pose; ``max_iterations`` in place of the config's."""
+        result = small_gicp.align(
+            voxels, scan, init_T_target_source=T_level_sensor, max_iterations=iterations
+        )
+        return self._measured(scan, result, measured)
+
+    def refine(self, scan: small_gicp.PointCloud, T_level_sensor: Matrix) -> Registration:
+        """Where the map's own points lead from a compared pose."""
         result = small_gicp.align(
             self._target,
             scan,
@@ -75,14 +91,17 @@ class MapCloud:
             init_T_target_source=T_level_sensor,
             registration_type="GICP",
             max_correspondence_distance=self.config.fine_distance_m,
-            max_iterations=max_iterations or self.config.fine_iterations,
+            max_iterations=self.config.fine_iterations,
         )
-        return self._measured(scan, result)
+        return self._measured(scan, result, _MEASURED)
 
-    def _measured(self, scan: small_gicp.PointCloud, result: small_gicp.RegistrationResult) -> Registration:
+    def _measured(
+        self, scan: small_gicp.PointCloud, result: small_gicp.RegistrationResult, measured: int
+    ) -> Registration:
         T: Matrix = result.T_target_source
         reach = self.config.inlier_distance_m
-        points = transform_points(T, scan.points()[:, :3])
+        points = scan.points()[:: max(1, scan.size() // measured), :3]
+        points = transform_points(T, points)
         distance, _ = self._nearest.query(points, distance_upper_bound=reach)
         closeness = np.mean(np.maximum(1 - (distance / reach) ** 2, 0))
         return Registration(T, float(np.mean(distance <= reach)), float(closeness), np.asarray(result.H))

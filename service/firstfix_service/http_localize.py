@@ -33,13 +33,16 @@ _OPTION_TEXT = {
 def _openapi() -> dict[str, Any]:
     """The options are read by the core, so they are described here, not declared as parameters."""
     names = [MAP_PARAMETER, *LocalizeOptions.__dataclass_fields__]
-    texts = {MAP_PARAMETER: "id of the map", **_OPTION_TEXT}
+    texts = {
+        MAP_PARAMETER: "id of the map, or several separated by commas; without it all maps compete",
+        **_OPTION_TEXT,
+    }
     return {
         "parameters": [
             {
                 "name": name,
                 "in": "query",
-                "required": name == MAP_PARAMETER,
+                "required": False,
                 "description": texts[name],
                 "schema": {"type": "string"},
             }
@@ -75,8 +78,6 @@ async def localize(request: Request, parts: PartsDep) -> Response:
 async def _localize(request: Request, parts: PartsDep, arrived: float) -> Localization:
     options = single_values(request)
     map_id = options.pop(MAP_PARAMETER, "")
-    if not map_id:
-        raise InvalidOption("which map? give ?map=ID")
     LocalizeOptions.from_strings(options)  # what can be refused is refused before the body is read
     media_type = request.headers.get("content-type", "")
     check_media_type(media_type)

@@ -8,8 +8,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from firstfix.decode import MEDIA_TYPES, decode_query, undo_content_encoding
-from firstfix.errors import UnsupportedFormat
+from firstfix.errors import InvalidOption, NotFound, UnsupportedFormat
 from firstfix.localization import Localization
+from firstfix.localizer import localize_among
 from firstfix.options import LocalizeOptions
 from firstfix.stopwatch import Stopwatch
 
@@ -17,6 +18,8 @@ from .map_cache import MapCache
 from .metrics import Metrics
 from .pool import QueryPool
 from .problems import problem_of
+
+MAX_MAPS = 16  # that one query is compared with
 
 
 class LocalizeUseCase:
@@ -41,6 +44,8 @@ class LocalizeUseCase:
         """The answer to one query, worked out in the bounded pool.
 
         Args:
+            map_id: one map, several separated by commas, or nothing: all that are served. Where there
+                are several, their places compete.
             arrived: ``time.monotonic`` when the query came, from which its deadline counts; default: now.
 
         Raises:
@@ -73,17 +78,32 @@ class LocalizeUseCase:
         watch = Stopwatch()
         watch.ms["queue"] = waited_ms
         with watch.stage("map"):
-            served = self._maps.get(map_id, options.version)
+            served = {name: self._maps.get(name, options.version) for name in self._named(map_id)}
         with watch.stage("decode"):
             plain = undo_content_encoding(body, content_encoding or "", self._max_decoded_bytes)
             scan = decode_query(plain, media_type)
-        answer = served.localizer.localize(scan, options)
+        if len(served) == 1:
+            (answered,) = served.values()
+            answer = answered.localizer.localize(scan, options)
+        else:
+            answer = localize_among({name: one.localizer for name, one in served.items()}, scan, options)
+            # where none is sure, the map of the best place, if there is a place at all
+            best = answer.hypotheses[0].map_id if answer.hypotheses else next(iter(served))
+            answered = served[best]
         return replace(
             answer,
-            map_id=map_id,
-            map_version=served.version,
+            map_id=answered.map_id,
+            map_version=answered.version,
             timings_ms={**watch.ms, **answer.timings_ms},
         )
+
+    def _named(self, map_id: str) -> list[str]:
+        names = list(dict.fromkeys(map_id.split(","))) if map_id else list(self._maps.map_ids)
+        if not names:
+            raise NotFound("no map is served yet")
+        if len(names) > MAX_MAPS:
+            raise InvalidOption(f"a scan is compared with up to {MAX_MAPS} maps, not {len(names)}: name some")
+        return names
 
     def count(self, transport: str, outcome: Localization | BaseException) -> None:
         """Counts one query's end, for the metrics."""

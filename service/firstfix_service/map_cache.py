@@ -18,7 +18,7 @@ from firstfix.catalog import Catalog
 from firstfix.errors import FirstfixError, NotFound, VersionError
 from firstfix.ids import check_map_id, check_version
 from firstfix.localization import Localization
-from firstfix.localizer import Localizer
+from firstfix.localizer import FindsPlaces, Localizer
 from firstfix.map_index import MapIndex
 from firstfix.options import LocalizeOptions
 from firstfix.scan import Scan
@@ -30,7 +30,7 @@ _log = structlog.get_logger(__name__)
 REFUSED_FOR_S = 60.0  # a version that was found bad is read again after this: somebody may have mended it
 
 
-class LocalizesScans(Protocol):
+class LocalizesScans(FindsPlaces, Protocol):
     def localize(self, scan: Scan | ScanSequence, options: LocalizeOptions | None = None) -> Localization: ...
 
 

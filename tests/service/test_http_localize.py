@@ -68,7 +68,18 @@ def test_overload_names_when_to_come_back(tmp_path: Path):
         first.join()
 
 
-def test_no_map_and_doubled_options_are_refused(service: Service):
-    for query in ("", "?map=", "?map=hall&map=hall", "?map=hall&version=a&version=b"):
+def test_doubled_options_and_bad_map_ids_are_refused(service: Service):
+    for query in ("?map=hall&map=hall", "?map=hall&version=a&version=b", "?map=hall,", "?map=hall,a/b"):
         response = service.http.post(f"/localize{query}", content=SCAN_BODY, headers=HEADERS)
         assert (response.status_code, response.json()["code"]) == (400, "invalid_option"), query
+
+
+def test_one_map_in_all_needs_no_name(service: Service):
+    answer = service.http.post("/localize", content=SCAN_BODY, headers=HEADERS).json()
+    assert answer["map_id"] == "hall"
+
+
+def test_too_many_maps_are_refused(service: Service):
+    names = ",".join(f"map{n}" for n in range(17))
+    response = service.http.post(f"/localize?map={names}", content=SCAN_BODY, headers=HEADERS)
+    assert (response.status_code, response.json()["code"]) == (400, "invalid_option")

@@ -1,0 +1,55 @@
+"""One scan, several maps: the right one answers, and two that look alike make it ambiguous."""
+
+import numpy as np
+import pytest
+
+from firstfix.errors import InvalidOption
+from firstfix.localization import Verdict
+from firstfix.localizer import Localizer, localize_among
+from firstfix.map_index import MapIndex
+from firstfix.options import LocalizeOptions
+from firstfix.prior import Prior
+from firstfix.transform import pose_error
+from firstfix_builder.config import BuildConfig
+from firstfix_builder.pipeline import build_version
+from small_world import CONFIG, SmallWorld
+
+
+@pytest.fixture(scope="module")
+def yard(small_version):
+    return Localizer(MapIndex.load(small_version.directory))
+
+
+@pytest.fixture(scope="module")
+def mirrored(small_world, tmp_path_factory):
+    """The same yard as in a mirror: every overlap is high, and every turn is the wrong way round."""
+    folder = tmp_path_factory.mktemp("mirrored")
+    world = SmallWorld(small_world.vertices * [1, -1, 1], small_world.triangles[:, ::-1])
+    version = build_version(world.write(folder / "m.ply"), BuildConfig.parse(CONFIG), folder / "work")
+    return Localizer(MapIndex.load(version.directory))
+
+
+def test_the_map_of_the_scan_wins(yard, mirrored, small_scans):
+    maps = {"mirrored": mirrored, "yard": yard}
+    for scan, T_map_sensor in small_scans[:8]:
+        alone = yard.localize(scan)
+        answer = localize_among(maps, scan)
+        if alone.hypotheses and pose_error(T_map_sensor, alone.hypotheses[0].T_map_sensor)[0] < 0.1:
+            assert answer.hypotheses[0].map_id == "yard"
+            assert pose_error(T_map_sensor, answer.hypotheses[0].T_map_sensor)[0] < 0.1
+        if answer.verdict is Verdict.LOCALIZED:
+            assert answer.map_id == "yard"
+
+
+def test_two_maps_of_one_place_are_ambiguous(yard, small_scans):
+    for scan, _ in small_scans[:8]:
+        answer = localize_among({"first": yard, "second": yard}, scan)
+        assert answer.verdict is not Verdict.LOCALIZED
+        assert {h.map_id for h in answer.hypotheses[:2]} == {"first", "second"}
+        assert answer.hypotheses[0].fit == answer.hypotheses[1].fit
+
+
+def test_a_prior_belongs_to_one_map(yard, small_scans):
+    options = LocalizeOptions(prior=Prior(np.zeros(3), 2.0))
+    with pytest.raises(InvalidOption, match="one map"):
+        localize_among({"first": yard, "second": yard}, small_scans[0][0], options)
