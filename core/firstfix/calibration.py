@@ -34,7 +34,7 @@ class Calibration:
     closeness: float = 7.0
     free_space: float = 6.0
     margin: float = 6.0
-    min_probability: float = 0.9
+    min_probability: float = 0.95
     min_overlap: float = 0.4
     min_margin: float = 0.04
     cases: int = 0

@@ -17,7 +17,8 @@ from .transform import Matrix, pose_error
 
 SAME_PLACE_M = 1.0
 SAME_PLACE_DEG = 15.0
-STARTS = 2  # of the best place: VGICP leaves a motion-distorted scan in one of several minima
+RIVAL_WITHIN = 0.15  # of the best place's support
+STARTS = 2  # of a place: VGICP leaves a motion-distorted scan in one of several minima
 APART_M = 0.15
 PROMISING = 0.02  # probability before the last refinement, which adds a little overlap
 CONFIRMATIONS = 2  # candidates that settled at one spot: a further start beside it tells nothing new
@@ -46,8 +47,8 @@ class Place:
 def find_places(
     index: MapIndex, prepared: PreparedQuery, candidates: Iterable[Candidate], prior: Prior | None = None
 ) -> list[Place]:
-    """Distinct places that the prior allows, the best first; only that one is registered with all the
-    points, and only where it may yet be accepted."""
+    """Distinct places that the prior allows, the best first; only that one and its close rivals are
+    registered finely, and only where one may yet be accepted."""
 
     def compared_at(place: Place) -> Place:
         T_level_sensor = place.registration.T_level_sensor
@@ -64,21 +65,30 @@ def find_places(
         ]
         return replace(place, seen_through=sum(each) / len(each))
 
+    def allowed(place: Place) -> bool:
+        return prior is None or prior.allows(index.T_map_level @ place.registration.T_level_sensor)
+
     settled: list[Place] = []
     for candidate in candidates:
         if not _is_settled_around(candidate.T_level_sensor, settled):
             registration = index.cloud.settle(prepared.sparse, candidate.T_level_sensor)
             settled.append(Place(candidate.template, registration))
-    if prior is not None:
-        settled = [p for p in settled if prior.allows(index.T_map_level @ p.registration.T_level_sensor)]
-    settled.sort(key=_support)
+    settled = sorted(filter(allowed, settled), key=_support)
     compared = [compared_at(place) for place in _distinct(settled)[: index.config.verification.compared]]
-    places = _distinct(sorted(compared, key=_support))
-    if places and index.calibration.probability(evidence([p.fit for p in places])) >= PROMISING:
-        starts = _apart([places[0], *(place for place in settled if place.is_same_as(places[0]))])[:STARTS]
-        finest = max((refined(start) for start in starts), key=_fineness)
-        places[0] = looked_at(finest)
-    return places
+    places = _distinct(sorted(filter(allowed, compared), key=_support))
+    if not places or index.calibration.probability(evidence([p.fit for p in places])) < PROMISING:
+        return places
+    # a rival that is not much worse may only have settled worse: it gets the same chance
+    near = [place for place in places if place.fit.support > places[0].fit.support - RIVAL_WITHIN]
+    finest = [
+        looked_at(max((refined(start) for start in _starts(place, settled)), key=_fineness)) for place in near
+    ]
+    return _distinct(sorted(filter(allowed, [*finest, *places[len(near) :]]), key=_support))
+
+
+def _starts(place: Place, settled: Iterable[Place]) -> list[Place]:
+    """Where its fine registration begins: from itself, and from where else candidates settled in it."""
+    return _apart([place, *(other for other in settled if other.is_same_as(place))])[:STARTS]
 
 
 def _support(place: Place) -> float:

@@ -75,6 +75,7 @@ def test_doubled_options_and_bad_map_ids_are_refused(service: Service):
 
 
 def test_one_map_in_all_needs_no_name(service: Service):
+    wait_for(lambda: service.http.post("/localize", content=SCAN_BODY, headers=HEADERS).is_success)
     answer = service.http.post("/localize", content=SCAN_BODY, headers=HEADERS).json()
     assert answer["map_id"] == "hall"
 
