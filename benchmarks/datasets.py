@@ -7,6 +7,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from firstfix.transform import Matrix, from_quaternion
+
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 POSE = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
 
@@ -19,6 +24,8 @@ class Dataset:
         folder: below ``shared/data``.
         map_file: in it.
         scan_name: of a query scan by its number, any ending.
+        mapping_file: thinned scans of the mapping run by their number, integers.
+        mapping_unit_m: of these.
         config: of the build.
     """
 
@@ -26,6 +33,8 @@ class Dataset:
     folder: str
     map_file: str
     scan_name: str
+    mapping_file: str
+    mapping_unit_m: float
     config: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -58,6 +67,16 @@ class Dataset:
                 lines.append([str(scans[0]), *(row[prefix + column] for column in POSE)])
         return _write(path, ("scan", *POSE), lines)
 
+    def mapping_scans(self) -> list[tuple[NDArray[np.float64], Matrix]]:
+        """Scans of the mapping run, (n, 3) in the sensor frame, and T_map_sensor."""
+        rows = {int(next(iter(row.values()))): row for row in self._rows()}
+        scans = []
+        with np.load(self.path / self.mapping_file) as file:
+            for number in file.files:
+                pose = [float(rows[int(number)][column]) for column in POSE]
+                scans.append((file[number] * self.mapping_unit_m, from_quaternion(pose[:3], pose[3:])))
+        return scans
+
     def _rows(self) -> list[dict[str, str]]:
         with (self.path / "poses.csv").open(newline="") as file:
             return list(csv.DictReader(file))
@@ -68,6 +87,8 @@ STREET = Dataset(
     "kitti_drive0027_street",
     "map_0.2m.laz",
     "key_frame_{:03d}",
+    "map_keyframes_thin_cm_int16.npz",
+    0.01,
     {"sensor": "hdl-64e", "viewpoints": {"spacing_m": 1.0, "max_distance_to_trajectory_m": 5.0}},
 )
 HALL = Dataset(
@@ -75,6 +96,8 @@ HALL = Dataset(
     "hilti_hall_indoor",
     "map_0.05m.laz",
     "scan_{:03d}",
+    "map_scans_thin_2mm_int16.npz",
+    0.002,
     {"sensor": "os0-64", "viewpoints": {"spacing_m": 1.0, "max_distance_to_trajectory_m": 5.0}},
 )
 

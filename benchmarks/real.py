@@ -1,4 +1,8 @@
-"""Real maps and held-out scans, through a running service: success, error, milliseconds, build cost."""
+"""Real maps and held-out scans: through a running service as they are, and in this process made worse.
+
+The service's figures are success, error, milliseconds and build cost; the degraded ones are those of
+``degraded``.
+"""
 
 from __future__ import annotations
 
@@ -8,16 +12,34 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from firstfix.catalog import Catalog
+from firstfix.decode import read_scan_file
+from firstfix.localizer import Localizer
+from firstfix.map_index import MapIndex
+from firstfix.scan import Scan
+from firstfix.sensor import SensorModel
+from firstfix.store import Store
+from firstfix.transform import Matrix
+from firstfix_builder.config import BuildConfig
+from firstfix_cli.evaluate import Outcome, outcome_of, random_yaws, report_of, turned
 from firstfix_cli.local_service import local_service
+from firstfix_cli.poses_csv import PosedScan, read_poses_csv
 
 from .datasets import HALL, STREET, Dataset
+from .degrade import every_second_ring, tilted, without_sectors
 from .memory import PeakMemory
 
-SEED = 1  # of the yaw that each scan is turned by
+SEED = 1  # of the yaw that each scan is turned by, and of what degrades it
 QUICK = (HALL,)
+LOST = 0.3  # of the points, in sectors
+TILT_DEG = 5.0
+LIMITS = ((0.1, 0.5), (0.2, 1.0))  # m and degrees of the whole rotation
 
 
 def run(quick: bool) -> dict[str, Any]:
@@ -61,7 +83,67 @@ def measure(dataset: Dataset) -> dict[str, Any]:
             evaluate += ["--random-yaw", str(SEED), "--json", str(answers)]
             _firstfix(*evaluate)  # the first loads the version
             print(_firstfix(*evaluate), file=sys.stderr)
-        return {"build": built, "queries": json.loads(answers.read_text())}
+        version = Catalog(Store.open(str(store))).fetch_version(
+            dataset.name, built["version"], scratch / "versions"
+        )
+        return {
+            "build": built,
+            "queries": json.loads(answers.read_text()),
+            "degraded": degraded(
+                Localizer(MapIndex.load(version)),
+                read_poses_csv(queries),
+                BuildConfig.parse(dataset.config).sensor_model,
+            ),
+        }
+
+
+def degraded(localizer: Localizer, rows: list[PosedScan], sensor: SensorModel) -> dict[str, Any]:
+    """Every held-out scan in every variant, asked in this process.
+
+    Of each variant the figures of ``firstfix evaluate``, and ``success_0.1m_0.5deg`` and so on: position
+    and whole rotation of the answered pose within.
+    """
+    by_variant: dict[str, list[Outcome]] = {}
+    localizer.localize(read_scan_file(rows[0].path))  # the first pays for what is loaded late
+    for number, row in enumerate(rows):
+        assert row.T_map_sensor is not None
+        scan = read_scan_file(row.path)
+        for name, worse, T_map_sensor in variants(scan, row.T_map_sensor, sensor, number):
+            began = time.perf_counter()
+            answer = localizer.localize(worse)
+            ms = 1e3 * (time.perf_counter() - began)
+            outcome = outcome_of(f"{row.path.name}, {name}", T_map_sensor, answer, ms)
+            by_variant.setdefault(name, []).append(outcome)
+    figures = {name: _figures(outcomes) for name, outcomes in by_variant.items()}
+    for name, row_figures in figures.items():
+        print(name, row_figures, file=sys.stderr)
+    return figures
+
+
+def variants(
+    scan: Scan, T_map_sensor: Matrix, sensor: SensorModel, number: int
+) -> Iterator[tuple[str, Scan, Matrix]]:
+    """The scan as it is, and degraded in each way; and all of these again, turned by a random yaw."""
+    rng = np.random.default_rng([SEED, number])
+    as_it_is = (
+        ("as it is", scan, T_map_sensor),
+        ("every second ring", every_second_ring(scan, sensor), T_map_sensor),
+        ("30 % lost in sectors", without_sectors(scan, LOST, rng), T_map_sensor),
+        ("rolled and pitched by 5 deg", *tilted(scan, T_map_sensor, TILT_DEG, rng)),
+    )
+    yield from as_it_is
+    for (name, worse, T), yaw in zip(as_it_is, random_yaws(len(as_it_is), SEED + number), strict=True):
+        yield f"{name}, random yaw", *turned(worse, T, float(yaw))
+
+
+def _figures(outcomes: list[Outcome]) -> dict[str, Any]:
+    shares = {
+        f"success_{limit_m:g}m_{limit_deg:g}deg": float(
+            np.mean([o.error_m <= limit_m and o.error_deg <= limit_deg for o in outcomes])
+        )
+        for limit_m, limit_deg in LIMITS
+    }
+    return shares | report_of(outcomes)
 
 
 def _firstfix(*arguments: str) -> str:

@@ -8,8 +8,10 @@ from pathlib import Path
 
 from . import real
 from .paper import suite as paper
+from .peers import suite as peers
+from .robust import suite as robust
 
-SUITES = {"paper": paper.run, "real": real.run}
+SUITES = {"paper": paper.run, "peers": peers.run, "real": real.run, "robust": robust.run}
 
 
 def main() -> None:

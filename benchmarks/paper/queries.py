@@ -11,6 +11,7 @@ from firstfix.descriptor import Described, ScanBatch
 from firstfix.engine_config import PreprocessConfig
 from firstfix.preprocess import preprocess
 from firstfix.scan import Scan
+from firstfix.scan_sequence import ScanSequence
 from firstfix.transform import Matrix
 
 from .scene import DESCRIPTORS, SENSOR, Scene
@@ -61,8 +62,8 @@ def disturbed(scene: Scene, count: int) -> Disturbed:
     raw = [ScanBatch.single(scan.points, scene.mount_m) for scan, _ in scans]
     level = []
     for scan, _ in scans:
-        prepared = preprocess(scan, None, config)
-        level.append(raw[len(level)] if prepared is None else prepared.batch)
+        prepared = preprocess(ScanSequence.single(scan), None, config)
+        level.append(raw[len(level)] if prepared is None else prepared.scans[0].batch)
     return Disturbed(scans, _described(true_m, raw), _described(true_m, level))
 
 

@@ -1,0 +1,53 @@
+"""FPFH features, RANSAC over their matches, then ICP: Open3D's tutorial on global registration."""
+
+from __future__ import annotations
+
+import numpy as np
+import open3d as o3d
+from numpy.typing import NDArray
+
+from firstfix.scan import Scan
+from firstfix.transform import Matrix
+
+from .icp import Icp, cloud_of
+from .place import PeerPlace
+
+ITERATIONS, CONFIDENCE = 1_000_000, 0.999
+EDGES_ALIKE = 0.9
+
+
+class Fpfh:
+    def __init__(self, place: PeerPlace) -> None:
+        o3d.utility.random.seed(0)
+        self._place, self._voxel_m = place, place.feature_voxel_m
+        points = place.map_points()
+        self._map, self._features = self._described(points)
+        self._icp = Icp(points, 1.5 * self._voxel_m)
+
+    def __call__(self, scan: Scan) -> Matrix | None:
+        points = self._place.cropped(scan)
+        cloud, features = self._described(points)
+        registration, reach_m = o3d.pipelines.registration, 1.5 * self._voxel_m
+        found = registration.registration_ransac_based_on_feature_matching(
+            cloud,
+            self._map,
+            features,
+            self._features,
+            True,
+            reach_m,
+            registration.TransformationEstimationPointToPoint(False),
+            3,
+            [
+                registration.CorrespondenceCheckerBasedOnEdgeLength(EDGES_ALIKE),
+                registration.CorrespondenceCheckerBasedOnDistance(reach_m),
+            ],
+            registration.RANSACConvergenceCriteria(ITERATIONS, CONFIDENCE),
+        )
+        return self._icp.refine(points, found.transformation)
+
+    def _described(
+        self, points: NDArray[np.float64]
+    ) -> tuple[o3d.geometry.PointCloud, o3d.pipelines.registration.Feature]:
+        cloud = cloud_of(points, self._voxel_m, 2 * self._voxel_m)
+        around = o3d.geometry.KDTreeSearchParamHybrid(5 * self._voxel_m, 100)
+        return cloud, o3d.pipelines.registration.compute_fpfh_feature(cloud, around)

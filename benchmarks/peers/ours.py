@@ -1,0 +1,18 @@
+"""firstfix itself, in process: an answer counts only when it says ``localized``."""
+
+from __future__ import annotations
+
+from firstfix.localizer import Localizer
+from firstfix.map_index import MapIndex
+from firstfix.scan import Scan
+from firstfix.transform import Matrix
+
+from .place import PeerPlace
+
+
+class Ours:
+    def __init__(self, place: PeerPlace) -> None:
+        self._localizer = Localizer(MapIndex.load(place.version))
+
+    def __call__(self, scan: Scan) -> Matrix | None:
+        return self._localizer.localize(scan).T_map_sensor

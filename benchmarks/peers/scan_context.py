@@ -1,0 +1,87 @@
+"""Scan Context over the mapping scans (Kim and Kim, IROS 2018), then firstfix's registration.
+
+The plain method: maximum height over 20 rings and 60 sectors, a KD tree over ring keys, all column
+shifts of the nearest ten, one place. The scans of the mapping run stand where the robot drove.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from firstfix.map_index import MapIndex
+from firstfix.preprocess import preprocess
+from firstfix.scan import Scan
+from firstfix.scan_sequence import ScanSequence
+from firstfix.transform import Matrix, inverse, make_transform, rotation_z
+from firstfix_builder.config import BuildConfig
+
+from .place import PeerPlace
+
+RINGS, SECTORS, MAX_RANGE_M = 20, 60, 80.0
+CANDIDATES = 10
+
+
+class ScanContextPeer:
+    def __init__(self, place: PeerPlace) -> None:
+        self._place = place
+        sensor = BuildConfig.parse(place.dataset.config).sensor_model
+        self._range_m, self._height_m = min(MAX_RANGE_M, sensor.max_range_m), sensor.mount_height_m
+        scans = place.dataset.mapping_scans()
+        self._T_map_mapping = [T for _, T in scans]
+        self._contexts = np.array([self._describe(points) for points, _ in scans])  # (m, 20, 60)
+        self._keys = cKDTree(ring_key(self._contexts))
+        self._index = MapIndex.load(place.version)
+
+    def __call__(self, scan: Scan) -> Matrix | None:
+        context = self._describe(self._place.cropped(scan))
+        near = self._keys.query(ring_key(context), min(CANDIDATES, len(self._contexts)))[1]
+        distance, yaw_rad = np.array([match(context, self._contexts[row]) for row in near]).T
+        best = int(np.argmin(distance))
+        turn = make_transform(rotation_z(yaw_rad[best]), np.zeros(3))
+        return self._register(scan, self._T_map_mapping[near[best]] @ turn)
+
+    def _describe(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
+        return scan_context(points, self._range_m, self._height_m)
+
+    def _register(self, scan: Scan, T_map_sensor: Matrix) -> Matrix | None:
+        prepared = preprocess(ScanSequence.single(scan), None, self._index.config.preprocess)
+        if prepared is None:
+            return None
+        cloud, T_map_level = self._index.cloud, self._index.T_map_level
+        settled = cloud.settle(prepared.sparse, inverse(T_map_level) @ T_map_sensor)
+        compared = cloud.compare(prepared.sparse, settled.T_level_sensor)
+        return T_map_level @ cloud.refine(prepared.dense, compared.T_level_sensor).T_level_sensor
+
+
+def scan_context(points: NDArray[np.floating], range_m: float, height_m: float) -> NDArray[np.float64]:
+    """(n, 3) points in the sensor frame to (20, 60) maximum heights above the floor, 0 where empty."""
+    away_m = np.hypot(points[:, 0], points[:, 1])
+    azimuth = np.arctan2(points[:, 1], points[:, 0]) % (2 * np.pi)
+    ring = np.floor(away_m / range_m * RINGS).astype(int)
+    sector = np.minimum((azimuth / (2 * np.pi) * SECTORS).astype(int), SECTORS - 1)
+    context = np.zeros((RINGS, SECTORS))
+    inside = ring < RINGS
+    np.maximum.at(context, (ring[inside], sector[inside]), points[inside, 2] + height_m)
+    return context
+
+
+def ring_key(context: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(..., 20, 60) contexts to (..., 20) shares of sectors that are not empty."""
+    return np.mean(context > 0, axis=-1)
+
+
+def match(query: NDArray[np.float64], known: NDArray[np.float64]) -> tuple[float, float]:
+    """Least mean cosine distance of the columns over all shifts, and the query's yaw there in radians."""
+    a, b = _unit_columns(query), _unit_columns(known)
+    shifted = np.stack([np.roll(a, shift, axis=1) for shift in range(SECTORS)])  # (60, 20, 60)
+    filled = shifted.any(axis=1) & b.any(axis=0)  # (60, 60)
+    similar = np.einsum("krs,rs->ks", shifted, b)
+    distance = 1 - similar.sum(axis=1) / np.maximum(filled.sum(axis=1), 1)
+    best = int(np.argmin(distance))
+    return float(distance[best]), best * 2 * np.pi / SECTORS
+
+
+def _unit_columns(context: NDArray[np.float64]) -> NDArray[np.float64]:
+    return context / np.maximum(np.linalg.norm(context, axis=0), 1e-9)

@@ -1,0 +1,85 @@
+"""One peer in a process of its own, so that a scan that takes too long can be ended."""
+
+from __future__ import annotations
+
+import multiprocessing
+import time
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from types import TracebackType
+from typing import Protocol
+
+from firstfix.scan import Scan
+from firstfix.transform import Matrix
+
+from .place import PeerPlace
+
+LIMIT_S = 60.0
+
+
+class Peer(Protocol):
+    """What it makes of the map beforehand is not timed."""
+
+    def __init__(self, place: PeerPlace) -> None: ...
+
+    def __call__(self, scan: Scan) -> Matrix | None: ...
+
+
+@dataclass(frozen=True)
+class Found:
+    """Attributes:
+    T_map_sensor: (4, 4), or None: no answer.
+    seconds: LIMIT_S where it was ended, or crashed.
+    """
+
+    T_map_sensor: Matrix | None
+    seconds: float
+
+
+class Trial:
+    """Asks a peer, scan after scan."""
+
+    def __init__(self, make: type[Peer], place: PeerPlace) -> None:
+        self._make, self._place = make, place
+
+    def __enter__(self) -> Trial:
+        context = multiprocessing.get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(theirs, self._make, self._place), daemon=True)
+        self._process.start()
+        theirs.close()
+        self._pipe.recv()  # it is ready
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._process.kill()
+        self._process.join()
+        self._pipe.close()
+
+    def ask(self, scan: Scan) -> Found:
+        """Raises:
+        RuntimeError: the peer raised, which is the suite's fault; native code that crashes is its own.
+        """
+        self._pipe.send(scan)
+        try:
+            if self._pipe.poll(LIMIT_S):
+                return self._pipe.recv()
+        except EOFError:
+            self._process.join()
+            if (self._process.exitcode or 0) > 0:
+                raise RuntimeError(f"{self._make.__name__} raised: see above") from None
+        self.__exit__(None, None, None)
+        self.__enter__()
+        return Found(None, LIMIT_S)
+
+
+def _serve(pipe: Connection, make: type[Peer], place: PeerPlace) -> None:
+    peer = make(place)
+    pipe.send("ready")
+    while True:
+        scan: Scan = pipe.recv()
+        began = time.perf_counter()
+        T_map_sensor = peer(scan)
+        pipe.send(Found(T_map_sensor, time.perf_counter() - began))

@@ -1,0 +1,103 @@
+"""One query's answer beside the truth."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from firstfix.localization import Localization, Verdict
+from firstfix.localizer import Localizer
+from firstfix.scan import Scan
+from firstfix.transform import Matrix, inverse, pose_error, quaternion_of
+
+RIGHT_M, RIGHT_DEG = 1.0, 10.0  # further off, an answer "localized" is a false accept
+SUCCESS_YAW_DEG = 5.0
+NEVER = (np.inf, np.inf, np.inf)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Attributes:
+    inside: whether the scan is of this map.
+    verdict, probability: the answer's.
+    hypotheses: how many came back.
+    error_m, error_deg, yaw_error_deg: of the best hypothesis; inf without one, or outside.
+    nearest_m: least error among all hypotheses whose yaw is right; inf without one.
+    nees: e' P^-1 e of an answer with a covariance (6 degrees of freedom), nan without one.
+    ms: of the query, in this process.
+    """
+
+    world: str
+    case: str
+    inside: bool
+    verdict: Verdict
+    probability: float
+    hypotheses: int
+    error_m: float
+    error_deg: float
+    yaw_error_deg: float
+    nearest_m: float
+    nees: float
+    ms: float
+
+    @property
+    def is_localized(self) -> bool:
+        return self.verdict is Verdict.LOCALIZED
+
+    @property
+    def is_right(self) -> bool:
+        """The best hypothesis is the place."""
+        return self.error_m <= RIGHT_M and self.error_deg <= RIGHT_DEG
+
+    @property
+    def is_false_accept(self) -> bool:
+        return self.is_localized and not self.is_right
+
+    def is_within(self, limit_m: float) -> bool:
+        return self.error_m <= limit_m and self.yaw_error_deg <= SUCCESS_YAW_DEG
+
+
+def ask(localizer: Localizer, scan: Scan, T_map_sensor: Matrix | None, world: str, case: str) -> Outcome:
+    """Localizes a scan; None: it is not of this map."""
+    began = time.perf_counter()
+    answer = localizer.localize(scan)
+    ms = 1e3 * (time.perf_counter() - began)
+    errors = [
+        NEVER if T_map_sensor is None else _errors(T_map_sensor, h.T_map_sensor) for h in answer.hypotheses
+    ]
+    best = errors[0] if errors else NEVER
+    return Outcome(
+        world,
+        case,
+        T_map_sensor is not None,
+        answer.verdict,
+        answer.probability,
+        len(errors),
+        *best,
+        min((m for m, _, yaw_deg in errors if yaw_deg <= SUCCESS_YAW_DEG), default=np.inf),
+        np.nan if T_map_sensor is None else nees(T_map_sensor, answer),
+        ms,
+    )
+
+
+def nees(T_map_sensor: Matrix, answer: Localization) -> float:
+    """Normalized estimation error squared: with an honest covariance chi-squared, 6 degrees of freedom."""
+    if answer.T_map_sensor is None or answer.covariance is None:
+        return np.nan
+    turn = answer.T_map_sensor[:3, :3] @ T_map_sensor[:3, :3].T  # about the map's axes
+    error: NDArray[np.float64] = np.concatenate(
+        [answer.T_map_sensor[:3, 3] - T_map_sensor[:3, 3], Rotation.from_matrix(turn).as_rotvec()]
+    )
+    return float(error @ np.linalg.solve(answer.covariance, error))
+
+
+def _errors(T_true: Matrix | None, T_found: Matrix) -> tuple[float, float, float]:
+    """Metres, degrees of the whole rotation, degrees of its twist about the map's vertical."""
+    if T_true is None:
+        return NEVER
+    _, _, z, w = quaternion_of(T_found @ inverse(T_true))
+    return *pose_error(T_true, T_found), abs(float(np.degrees(2 * np.arctan2(z, w))))

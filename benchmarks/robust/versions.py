@@ -1,0 +1,52 @@
+"""A world's versions, one a template sensor: built when first asked for, then loaded."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from firstfix.localizer import Localizer
+from firstfix.map_index import MapIndex
+from firstfix.sensor import SensorModel, preset
+from firstfix_builder.config import BuildConfig
+from firstfix_builder.pipeline import build_version
+
+from ..worlds import BenchWorld, Scenery
+
+
+class Versions:
+    """Args:
+    map: what the templates are made of.
+    work: folder of the builds; their stage caches make a second run quick.
+    """
+
+    def __init__(self, world: BenchWorld, map: Scenery, work: Path) -> None:  # noqa: A002
+        self._world, self._map, self._work = world, map, work
+        self._loaded: dict[str | None, Localizer] = {}
+
+    def localizer(self, sensor: str | None) -> Localizer:
+        """Of the templates for a preset; None: the world's own sensor."""
+        if sensor not in self._loaded:
+            config = self._world.config if sensor is None else self._world.config | {"sensor": sensor}
+            name = BuildConfig.parse(config).sensor_model.name
+            print(f"{self._world.name}: templates for {name}", file=sys.stderr, flush=True)
+            built = build_version(
+                self._map.mesh,
+                BuildConfig.parse(config),
+                self._work / name,
+                trajectory=self._map.trajectory,
+            )
+            self._loaded[sensor] = Localizer(MapIndex.load(built.directory))
+        return self._loaded[sensor]
+
+    def sensor(self, name: str | None) -> SensorModel:
+        """A preset; None: the world's own."""
+        return BuildConfig.parse(self._world.config).sensor_model if name is None else preset(name)
+
+    @property
+    def templates(self) -> dict[str, int]:
+        """Sensor to the number of templates, of those that were asked for."""
+        return {
+            self.sensor(name).name: len(localizer.index.cascade.templates.position_m)
+            for name, localizer in self._loaded.items()
+        }

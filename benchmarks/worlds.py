@@ -1,0 +1,195 @@
+"""Simulated worlds, each with all that the robust suite needs of it: mesh, other day, look-alike, queries.
+
+The meshes of ``shared/data/worlds`` when they lie beside the checkout, and the project's own worlds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firstfix.decode import read_scan_file
+from firstfix.manifest import sha256_of
+from firstfix.scan import Scan
+from firstfix_builder.mesh import Mesh
+from firstfix_builder.read_map import read_map, read_trajectory
+from firstfix_builder.simulate import Simulator
+from firstfix_builder.stage_cache import StageCache
+from firstfix_builder.viewpoints import ViewpointConfig, sample_viewpoints
+from firstfix_builder.worlds import NAMES, make_world
+from firstfix_builder.worlds.campus import campus
+from firstfix_builder.worlds.drive import drive
+from firstfix_builder.worlds.factory import factory
+from firstfix_builder.worlds.office import CLEAR_M, CORRIDOR, STAIR_X, STAIR_Y, STOREY_M, office
+from firstfix_builder.worlds.place import Place
+from firstfix_builder.worlds.write_world import ply_of_mesh, write_world
+from firstfix_cli.poses_csv import read_poses_csv
+
+from .datasets import SHARED
+
+SEED, OTHER_SEED = 0, 1
+_RECIPE = {"worlds": sha256_of(Path(__file__))}
+_LAYOUTS: dict[str, Callable[[np.random.Generator], Place]] = {
+    "factory": factory,
+    "office": office,
+    "campus": campus,
+}
+
+
+@dataclass(frozen=True)
+class Scenery:
+    """Surfaces to simulate scans in, and a path on the floors where a robot may stand.
+
+    Attributes:
+        mesh: a file.
+        trajectory: TUM file of sensor poses, or None: the largest floors.
+        above_m: only the floors above this height, where a place has storeys.
+    """
+
+    mesh: Path
+    trajectory: Path | None = None
+    above_m: float = -np.inf
+
+    def simulator(self) -> Simulator:
+        """In the frame of the file."""
+        data = read_map(self.mesh)
+        assert data.vertices is not None
+        assert data.triangles is not None
+        return Simulator(data.vertices + data.origin, data.triangles)
+
+    def viewpoints(self, simulator: Simulator, mount_height_m: float) -> NDArray[np.float64]:
+        """(n, 3) sensor positions a metre apart."""
+        poses = None if self.trajectory is None else read_trajectory(self.trajectory)
+        found = sample_viewpoints(simulator, ViewpointConfig(spacing_m=1.0), mount_height_m, poses)
+        return found.positions[found.floor_z > self.above_m]
+
+
+@dataclass(frozen=True)
+class WorldFiles:
+    """A world on disk.
+
+    Attributes:
+        map: what the templates are made of.
+        changed: the same place on another day, or None.
+        look_alikes: places outside the map that look like it.
+        poses: ``poses.csv`` of the world's own query scans, or None.
+    """
+
+    map: Scenery
+    changed: Scenery | None = None
+    look_alikes: tuple[Scenery, ...] = ()
+    poses: Path | None = None
+
+    def own_queries(self) -> list[tuple[Scan, NDArray[np.float64] | None]]:
+        """Scans with T_map_sensor, None where they are not of this map."""
+        rows = [] if self.poses is None else read_poses_csv(self.poses)
+        return [(read_scan_file(row.path), row.T_map_sensor) for row in rows]
+
+
+@dataclass(frozen=True)
+class BenchWorld:
+    """Attributes:
+    place: worlds of one place have the same: no scan of one is outside the other's map.
+    config: of the build; its sensor is the world's own.
+    make: a cache to the files; the shared ones lie there already.
+    missing: why there is nothing, or None.
+    """
+
+    name: str
+    place: str
+    config: dict[str, Any]
+    make: Callable[[StageCache], WorldFiles]
+    missing: str | None = None
+
+
+def shared_world(name: str, changed: str | None = None) -> BenchWorld:
+    folder = SHARED / "worlds"
+    other_day = None if changed is None else Scenery(folder / f"{changed}.ply")
+    files = WorldFiles(Scenery(folder / f"{name}.ply"), other_day)
+    there = files.map.mesh.exists() and (other_day is None or other_day.mesh.exists())
+    missing = None if there else f"{name} is not beside the checkout"
+    return BenchWorld(name, name, {"sensor": "os1-64"}, lambda cache: files, missing)
+
+
+def own_world(name: str) -> BenchWorld:
+    """A world of ``firstfix world``: another day of it, another seed as its look-alike, its own queries."""
+
+    def produce(out: Path) -> None:
+        world, place = make_world(name, seed=SEED), _layout(name, SEED)
+        write_world(world, out)
+        other_day = place.changed_mesh(np.random.default_rng([SEED, NAMES.index(name), 2]))
+        (out / "changed.ply").write_bytes(ply_of_mesh(other_day))
+        other = _layout(name, OTHER_SEED)
+        (out / "look_alike.ply").write_bytes(ply_of_mesh(other.mesh()))
+        _write_drive(other, out / "look_alike.txt")
+
+    def make(cache: StageCache) -> WorldFiles:
+        out = cache.run("bench_world", _RECIPE, {"name": name}, produce).directory
+        trajectory = out / "trajectory.txt"
+        return WorldFiles(
+            Scenery(out / "mesh.ply", trajectory),
+            Scenery(out / "changed.ply", trajectory),
+            (Scenery(out / "look_alike.ply", out / "look_alike.txt"),),
+            out / "poses.csv",
+        )
+
+    return BenchWorld(name, name, {"sensor": _SENSORS[name]}, make)
+
+
+def ground_floor() -> BenchWorld:
+    """The office cut below its upper storey, which is then the look-alike."""
+
+    def produce(out: Path) -> None:
+        place = _layout("office", SEED)
+        mesh = place.mesh()
+        (out / "whole.ply").write_bytes(ply_of_mesh(mesh))
+        (out / "mesh.ply").write_bytes(ply_of_mesh(_without_upper_storey(mesh)))
+        _write_drive(place, out / "whole.txt")
+        _write_drive(place, out / "trajectory.txt", below_m=STOREY_M / 2)
+
+    def make(cache: StageCache) -> WorldFiles:
+        out = cache.run("bench_ground_floor", _RECIPE, {}, produce).directory
+        upper = Scenery(out / "whole.ply", out / "whole.txt", above_m=STOREY_M - 0.5)
+        return WorldFiles(Scenery(out / "mesh.ply", out / "trajectory.txt"), look_alikes=(upper,))
+
+    return BenchWorld("office_ground_floor", "office", {"sensor": _SENSORS["office"]}, make)
+
+
+def _without_upper_storey(mesh: Mesh) -> Mesh:
+    """The office up to its lower ceiling; the stair ends half way, or a robot would climb onto that."""
+    corners = mesh.vertices[mesh.triangles]  # (t, 3, 3)
+    x, y, z = corners.mean(axis=1).T
+    in_stairwell = (x > 0.2) & (x < STAIR_X - 0.15) & (y > CORRIDOR[1] + 0.07) & (y < STAIR_Y - 0.11)
+    stair = in_stairwell & (z > STOREY_M / 3) & (z < CLEAR_M - 0.05)
+    return mesh.with_triangles((corners[:, :, 2] <= CLEAR_M + 0.01).all(axis=1) & ~stair)
+
+
+def _layout(name: str, seed: int) -> Place:
+    """The place that ``make_world`` drives through."""
+    return _LAYOUTS[name](np.random.default_rng([seed, NAMES.index(name), 0]))
+
+
+def _write_drive(place: Place, path: Path, below_m: float = np.inf) -> None:
+    """TUM, all headings alike: only where the floors are is read from it."""
+    at = drive(place)[:, :3, 3]
+    at = at[at[:, 2] - place.sensor.mount_height_m < below_m]
+    lines = [f"{k} {x:.4f} {y:.4f} {z:.4f} 0 0 0 1" for k, (x, y, z) in enumerate(at)]
+    path.write_text("\n".join(lines) + "\n")
+
+
+_SENSORS = {"factory": "os1-64", "office": "os0-64", "campus": "os1-64"}
+WORLDS = (
+    shared_world("warehouse_aws_small"),
+    shared_world("hospital_aws_1floor"),
+    shared_world("office_willow_garage"),
+    shared_world("office_clearpath", changed="office_construction_clearpath"),
+    own_world("factory"),
+    own_world("office"),
+    ground_floor(),
+    own_world("campus"),
+)
