@@ -59,7 +59,6 @@ def fit_engine(
         or RegistrationConfig(
             map_voxel_m=voxel_m,
             coarse_voxel_m=round(float(np.clip(5 * voxel_m, 0.4, 1.0)), 3),
-            fine_voxel_m=round(2.5 * voxel_m, 3),
             fine_distance_m=round(4.2 * voxel_m, 3),
             inlier_distance_m=round(1.3 * voxel_m, 3),
         ),

@@ -108,13 +108,12 @@ class SearchConfig(Stage):
 
 
 class RegistrationConfig(Stage):
-    """VGICP against coarse, then fine Gaussian voxels, then GICP against the map's points."""
+    """VGICP against Gaussian voxels, then GICP against the map's points."""
 
     map_voxel_m: float = Field(0.1, gt=0.01, le=5)
     coarse_voxel_m: float = Field(0.6, gt=0.05, le=20)
     coarse_iterations: int = Field(15, ge=1, le=200)
-    fine_voxel_m: float = Field(0.3, gt=0.02, le=20)
-    compare_iterations: int = Field(8, ge=1, le=200)
+    compare_iterations: int = Field(6, ge=1, le=200)
     fine_distance_m: float = Field(0.5, gt=0.01, le=20)
     fine_iterations: int = Field(12, ge=1, le=200)
     inlier_distance_m: float = Field(0.15, gt=0.01, le=5)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .calibration import Calibration
 from .candidates import Candidate
 from .evidence import Fit, evidence
 from .map_index import MapIndex
@@ -76,7 +77,7 @@ def find_places(
     settled = sorted(filter(allowed, settled), key=_support)
     compared = [compared_at(place) for place in _distinct(settled)[: index.config.verification.compared]]
     places = _distinct(sorted(filter(allowed, compared), key=_support))
-    if not places or index.calibration.probability(evidence([p.fit for p in places])) < PROMISING:
+    if not places or not _promising(index.calibration, places):
         return places
     # a rival that is not much worse may only have settled worse: it gets the same chance
     near = [place for place in places if place.fit.support > places[0].fit.support - RIVAL_WITHIN]
@@ -84,6 +85,11 @@ def find_places(
         looked_at(max((refined(start) for start in _starts(place, settled)), key=_fineness)) for place in near
     ]
     return _distinct(sorted(filter(allowed, [*finest, *places[len(near) :]]), key=_support))
+
+
+def _promising(calibration: Calibration, places: list[Place]) -> bool:
+    """Whether the best may be accepted yet. Before the self-test has measured anything all may."""
+    return not calibration.cases or calibration.probability(evidence([p.fit for p in places])) >= PROMISING
 
 
 def _starts(place: Place, settled: Iterable[Place]) -> list[Place]:

@@ -16,7 +16,7 @@ from .scan_sequence import ScanSequence
 from .transform import Matrix, rotation_between, transform_points
 
 _NORMAL_NEIGHBOURS = 10
-_SPARSE_POINTS = 1500
+_SPARSE_POINTS = 800
 _DENSE_POINTS = 4000
 _RETURNS = 20_000
 _THINNED_FROM = 60_000

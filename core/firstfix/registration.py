@@ -1,8 +1,8 @@
 """Fine pose from a coarse one: the scan against the map cloud (small_gicp).
 
-VGICP against coarse Gaussian voxels first: its basin is a metre wide and a step costs a hash look-up a
-point. Against fine voxels it then places a scan well enough to compare places. GICP against the map's own
-points, ten times as dear, removes from the best what the voxels' size leaves.
+VGICP against Gaussian voxels first: its basin is a metre wide and a step costs a hash look-up a point.
+GICP against the map's own points, ten times as dear, then removes what the voxels' size leaves: with few
+points and steps to compare places, with more for the best.
 """
 
 from __future__ import annotations
@@ -54,36 +54,30 @@ class MapCloud:
         self._target = small_gicp.PointCloud(np.asarray(points, np.float64))
         self._target_tree = small_gicp.KdTree(self._target, num_threads=threads)
         small_gicp.estimate_covariances(self._target, self._target_tree, _NEIGHBOURS, num_threads=threads)
-        self._coarse = small_gicp.GaussianVoxelMap(config.coarse_voxel_m)
-        self._coarse.insert(self._target)
-        self._fine = small_gicp.GaussianVoxelMap(config.fine_voxel_m)
-        self._fine.insert(self._target)
+        self._voxels = small_gicp.GaussianVoxelMap(config.coarse_voxel_m)
+        self._voxels.insert(self._target)
 
     def settle(self, scan: small_gicp.PointCloud, T_level_sensor: Matrix) -> Registration:
-        """Where coarse voxels lead from a start within a metre or so."""
-        return self._in_voxels(
-            self._coarse, scan, T_level_sensor, self.config.coarse_iterations, _MEASURED_SETTLED
+        """Where the voxels lead from a start within a metre or so."""
+        result = small_gicp.align(
+            self._voxels,
+            scan,
+            init_T_target_source=T_level_sensor,
+            max_iterations=self.config.coarse_iterations,
         )
+        return self._measured(scan, result, _MEASURED_SETTLED)
 
     def compare(self, scan: small_gicp.PointCloud, T_level_sensor: Matrix) -> Registration:
-        """Where fine voxels lead from a settled pose: near enough to tell places apart."""
-        return self._in_voxels(self._fine, scan, T_level_sensor, self.config.compare_iterations, _MEASURED)
-
-    def _in_voxels(
-        self,
-        voxels: small_gicp.GaussianVoxelMap,
-        scan: small_gicp.PointCloud,
-        T_level_sensor: Matrix,
-        iterations: int,
-        measured: int,
-    ) -> Registration:
-        result = small_gicp.align(
-            voxels, scan, init_T_target_source=T_level_sensor, max_iterations=iterations
-        )
-        return self._measured(scan, result, measured)
+        """From a settled pose near enough to the end to tell places apart."""
+        return self._in_points(scan, T_level_sensor, self.config.compare_iterations)
 
     def refine(self, scan: small_gicp.PointCloud, T_level_sensor: Matrix) -> Registration:
-        """Where the map's own points lead from a compared pose."""
+        """From a settled pose to the end."""
+        return self._in_points(scan, T_level_sensor, self.config.fine_iterations)
+
+    def _in_points(
+        self, scan: small_gicp.PointCloud, T_level_sensor: Matrix, iterations: int
+    ) -> Registration:
         result = small_gicp.align(
             self._target,
             scan,
@@ -91,7 +85,7 @@ class MapCloud:
             init_T_target_source=T_level_sensor,
             registration_type="GICP",
             max_correspondence_distance=self.config.fine_distance_m,
-            max_iterations=self.config.fine_iterations,
+            max_iterations=iterations,
         )
         return self._measured(scan, result, _MEASURED)
 

@@ -71,7 +71,7 @@ def test_a_given_gravity_is_used(localizer, small_scans):
 
 def test_base_pose_follows_from_the_mounting(localizer, small_scans):
     T_base_sensor = make_transform(rotation_z(0.3), [0.2, 0, 0.6])
-    answer = localizer.localize(small_scans[1][0], LocalizeOptions(T_base_sensor=T_base_sensor))
+    answer = localizer.localize(small_scans[2][0], LocalizeOptions(T_base_sensor=T_base_sensor))
     assert answer.verdict is Verdict.LOCALIZED
     assert np.allclose(answer.T_map_base, answer.T_map_sensor @ inverse(T_base_sensor))
 
