@@ -29,6 +29,7 @@ from .config import BuildConfig
 from .content_hash import content_hash
 from .fit_engine import fit_engine
 from .fit_spacing import sample_fitting_viewpoints
+from .localizability import draw_localizability
 from .map_level import level_frame
 from .mesh import Mesh
 from .preview import draw_preview
@@ -233,7 +234,7 @@ class BuildStages:
 
     def self_test(self, mesh: StageResult, index: StageResult) -> StageResult:
         def produce(out: Path) -> None:
-            found, calibration = self_test(
+            found, calibration, spots = self_test(
                 Localizer(MapIndex.load(index.directory, Calibration())),
                 _simulator(mesh),
                 self.config.sensor_model,
@@ -244,6 +245,7 @@ class BuildStages:
             )
             _write_json(out / CALIBRATION_FILE, calibration.to_mapping())
             _write_json(out / "self_test.json", found.to_mapping())
+            draw_localizability(np.load(index.directory / MAP_FILE), spots, out / "localizability.png")
 
         chosen = {
             "self_test": self.config.self_test.model_dump(mode="json"),

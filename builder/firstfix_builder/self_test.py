@@ -23,9 +23,10 @@ from firstfix.localization import Localization
 from firstfix.localizer import Localizer
 from firstfix.scan import Scan
 from firstfix.sensor import SensorModel
-from firstfix.transform import Matrix, pose_error
+from firstfix.transform import Matrix, inverse, pose_error
 
 from .disturb import DisturbConfig, disturbed_scans, elsewhere
+from .localizability import Spot, grid_of
 from .simulate import Simulator
 
 RIGHT_M, RIGHT_DEG = 1.0, 10.0  # further off than this, a fix is a false one
@@ -50,6 +51,7 @@ class SelfTest:
         success: "0.2m" and so on to the share of the queries whose best hypothesis is that near.
         localized: share of the queries answered ``localized``.
         false_accepts: answers ``localized`` that were wrong by over 1 m or 10 degrees, or outside.
+        localizability: ``localizability.grid_of`` the queries.
     """
 
     queries: int
@@ -58,6 +60,7 @@ class SelfTest:
     localized: float
     median_error_m: float
     false_accepts: int
+    localizability: list[dict[str, object]]
 
     def to_mapping(self) -> dict[str, Any]:
         return asdict(self)
@@ -65,7 +68,13 @@ class SelfTest:
 
 @dataclass(frozen=True)
 class _Outcome:
+    """Attributes:
+    T_level_sensor: (4, 4) where the scan was taken, or None: elsewhere.
+    error_m, error_deg: of the best hypothesis, infinite where there is none.
+    """
+
     answer: Localization
+    T_level_sensor: Matrix | None
     error_m: float
     error_deg: float
 
@@ -101,7 +110,7 @@ def self_test(
     executor: Executor,
     progress: Callable[[float], None],
     cancelled: Callable[[], bool],
-) -> tuple[SelfTest, Calibration]:
+) -> tuple[SelfTest, Calibration, list[Spot]]:
     """Runs the test in the index's levelled frame; the localizer's own T_map_level is undone.
 
     Raises:
@@ -135,13 +144,30 @@ def self_test(
         done += 1
         progress(done / len(cases))
         if T_level_sensor is None or not answer.hypotheses:
-            return _Outcome(answer, np.inf, np.inf)
+            return _Outcome(answer, T_level_sensor, np.inf, np.inf)
         T_map_sensor = localizer.index.T_map_level @ T_level_sensor
-        return _Outcome(answer, *pose_error(T_map_sensor, answer.hypotheses[0].T_map_sensor))
+        error = pose_error(T_map_sensor, answer.hypotheses[0].T_map_sensor)
+        return _Outcome(answer, T_level_sensor, *error)
 
     outcomes = list(executor.map(run, cases))
     calibration = _calibration(outcomes)
-    return _summary(outcomes[: len(inside)], outcomes[len(inside) :], calibration), calibration
+    tested = _spots(outcomes, calibration, inverse(localizer.index.T_map_level))
+    return _summary(outcomes, calibration, grid_of(tested)), calibration, tested
+
+
+def _spots(outcomes: Sequence[_Outcome], calibration: Calibration, T_level_map: Matrix) -> list[Spot]:
+    """The queries in the map, each with the place elsewhere that it resembles most."""
+    spots = []
+    for outcome in outcomes:
+        if outcome.T_level_sensor is None:
+            continue
+        here = outcome.T_level_sensor[:3, 3]
+        found = [(T_level_map @ h.T_map_sensor)[:3, 3] for h in outcome.answer.hypotheses]
+        elsewhere = [at for at in found if np.linalg.norm(at - here) > RIGHT_M]
+        accepted = _accepts(outcome, calibration)
+        named = ("localized" if outcome.right else "wrong") if accepted else "unsure"
+        spots.append(Spot(here, named, elsewhere[0] if elsewhere else None))
+    return spots
 
 
 def _calibration(outcomes: Sequence[_Outcome]) -> Calibration:
@@ -151,12 +177,15 @@ def _calibration(outcomes: Sequence[_Outcome]) -> Calibration:
     return Calibration.fit(*zip(*cases, strict=True)) if cases else Calibration()
 
 
-def _summary(inside: Sequence[_Outcome], outside: Sequence[_Outcome], calibration: Calibration) -> SelfTest:
+def _summary(
+    outcomes: Sequence[_Outcome], calibration: Calibration, localizability: list[dict[str, object]]
+) -> SelfTest:
+    inside = [outcome for outcome in outcomes if outcome.T_level_sensor is not None]
     errors = np.array([o.error_m if o.error_deg <= RIGHT_DEG else np.inf for o in inside])
-    accepted = [o for o in [*inside, *outside] if _accepts(o, calibration)]
+    accepted = [o for o in outcomes if _accepts(o, calibration)]
     return SelfTest(
         queries=len(inside),
-        outside=len(outside),
+        outside=len(outcomes) - len(inside),
         success={
             f"{limit}m": round(float(np.mean(errors <= limit)), 4) if len(errors) else 0.0
             for limit in (0.05, 0.2, 0.5, 1)
@@ -166,6 +195,7 @@ def _summary(inside: Sequence[_Outcome], outside: Sequence[_Outcome], calibratio
         if len(errors) and np.isfinite(np.median(errors))
         else -1.0,
         false_accepts=sum(not o.right for o in accepted),
+        localizability=localizability,
     )
 
 

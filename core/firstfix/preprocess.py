@@ -17,9 +17,8 @@ from .transform import Matrix, rotation_between, transform_points
 
 _NORMAL_NEIGHBOURS = 10
 _SPARSE_POINTS = 800
-_DENSE_POINTS = 4000
+_DENSE_POINTS = 6000
 _RETURNS = 20_000
-_THINNED_FROM = 60_000
 
 
 @dataclass(frozen=True)
@@ -91,9 +90,7 @@ def _prepare(
     points = scan.points[(range2 > near) & (range2 < far)]
     if len(points) < config.min_points:
         return None
-    # half of a dense scan's points fill nearly all of its voxels
-    some = points[:: -(-len(points) // _THINNED_FROM)].astype(np.float64)
-    thinned = small_gicp.voxelgrid_sampling(some, config.voxel_m)
+    thinned = small_gicp.voxelgrid_sampling(points.astype(np.float64), config.voxel_m)
     if thinned.size() < config.min_points:
         return None
     thinned = small_gicp.PointCloud(thinned.points()[:: -(-thinned.size() // _DENSE_POINTS), :3])

@@ -18,8 +18,7 @@ from .engine_config import RegistrationConfig
 from .transform import Matrix, transform_points
 
 _NEIGHBOURS = 10
-_MEASURED = 1500  # points enough to know overlap and closeness to a hundredth
-_MEASURED_SETTLED = 400  # to tell which candidates settled at all
+_MEASURED_SETTLED = 400  # points are enough to tell which candidates settled at all
 
 
 @dataclass(frozen=True)
@@ -87,7 +86,7 @@ class MapCloud:
             max_correspondence_distance=self.config.fine_distance_m,
             max_iterations=iterations,
         )
-        return self._measured(scan, result, _MEASURED)
+        return self._measured(scan, result, scan.size())
 
     def _measured(
         self, scan: small_gicp.PointCloud, result: small_gicp.RegistrationResult, measured: int
