@@ -37,8 +37,8 @@ ABSENT_WEIGHT = 0.25  # robots are mostly where their map is
 class SelfTestConfig(Stage):
     """How much is tested."""
 
-    queries: int = Field(200, ge=0, le=100_000)
-    outside: int = Field(50, ge=0, le=100_000)
+    queries: int = Field(160, ge=0, le=100_000)
+    outside: int = Field(40, ge=0, le=100_000)
     seed: int = 20
     disturb: DisturbConfig = DisturbConfig()
 

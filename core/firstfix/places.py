@@ -19,7 +19,8 @@ from .transform import Matrix, pose_error
 SAME_PLACE_M = 1.0
 SAME_PLACE_DEG = 15.0
 RIVAL_WITHIN = 0.15  # of the best place's support
-STARTS = 2  # of a place: VGICP leaves a motion-distorted scan in one of several minima
+REFINED = 3  # places at most
+STARTS = 2  # of the best place: VGICP leaves a motion-distorted scan in one of several minima
 APART_M = 0.15
 PROMISING = 0.02  # probability before the last refinement, which adds a little overlap
 CONFIRMATIONS = 2  # candidates that settled at one spot: a further start beside it tells nothing new
@@ -80,10 +81,9 @@ def find_places(
     if not places or not _promising(index.calibration, places):
         return places
     # a rival that is not much worse may only have settled worse: it gets the same chance
-    near = [place for place in places if place.fit.support > places[0].fit.support - RIVAL_WITHIN]
-    finest = [
-        looked_at(max((refined(start) for start in _starts(place, settled)), key=_fineness)) for place in near
-    ]
+    near = [place for place in places if place.fit.support > places[0].fit.support - RIVAL_WITHIN][:REFINED]
+    finest = [looked_at(max(map(refined, _starts(places[0], settled)), key=_fineness))]
+    finest += [looked_at(refined(rival)) for rival in near[1:]]
     return _distinct(sorted(filter(allowed, [*finest, *places[len(near) :]]), key=_support))
 
 
