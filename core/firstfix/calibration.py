@@ -36,7 +36,7 @@ class Calibration:
     margin: float = 6.0
     min_probability: float = 0.95
     min_overlap: float = 0.4
-    min_margin: float = 0.12
+    min_margin: float = 0.11
     cases: int = 0
 
     @property
