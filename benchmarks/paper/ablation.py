@@ -16,7 +16,6 @@ from firstfix.engine_config import ClusterConfig, SearchConfig
 from firstfix_builder.cluster import cluster_templates
 
 from .matching import make_cascade, run_cascade, success
-from .queries import Queries
 from .scene import DESCRIPTORS, PAPER, Scene, Taken
 from .tables import K
 
@@ -52,7 +51,7 @@ VARIANTS = (
 )
 
 
-def ablate(scene: Scene, own: Queries, disturbed: Queries) -> list[dict[str, Any]]:
+def ablate(scene: Scene, own: Taken, disturbed: Taken) -> list[dict[str, Any]]:
     """Success of every variant, with the templates as queries and with held-out disturbed ones."""
     made: dict[Any, Clusters] = {}
     rows = []
@@ -68,8 +67,8 @@ def ablate(scene: Scene, own: Queries, disturbed: Queries) -> list[dict[str, Any
             "value": variant.value,
             "clusters": len(made[key]),
             "ms": round(runs[1].search_ms + runs[1].match_ms, 3),
-            "success": success(templates.position_m[runs[0].found], own.true_m),
-            "success_disturbed": success(templates.position_m[runs[1].found], disturbed.true_m),
+            "success": success(templates.position_m[runs[0].found], own.position_m),
+            "success_disturbed": success(templates.position_m[runs[1].found], disturbed.position_m),
         }
         print("ablation", row, file=sys.stderr, flush=True)
         rows.append(row)
@@ -77,7 +76,7 @@ def ablate(scene: Scene, own: Queries, disturbed: Queries) -> list[dict[str, Any
 
 
 def _each(
-    scene: Scene, queries: tuple[Queries, Queries]
+    scene: Scene, queries: tuple[Taken, Taken]
 ) -> Iterator[tuple[Variant, PcaScanContext, Taken, list[Described]]]:
     for variant in VARIANTS:
         how = DESCRIPTORS[variant.scans]

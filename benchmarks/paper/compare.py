@@ -24,8 +24,8 @@ from firstfix_builder.visible_points import visible_points
 
 from .matching import make_cascade, run_cascade, success
 from .published import WITHIN_M
-from .queries import Disturbed, Queries
-from .scene import MAX_RANGE_M, PAPER, SENSOR, SPACING_M, Scene
+from .queries import Disturbed
+from .scene import MAX_RANGE_M, PAPER, SENSOR, SPACING_M, Scene, Taken
 from .tables import K
 
 Row = dict[str, Any]
@@ -33,7 +33,7 @@ MAP_STEP_M = 0.1
 DEFAULT_SEARCH = SearchConfig()
 
 
-def compare_engines(scene: Scene, clusters: Clusters, own: Queries, disturbed: Disturbed) -> list[Row]:
+def compare_engines(scene: Scene, clusters: Clusters, own: Taken, disturbed: Disturbed) -> list[Row]:
     """The same cascade, clusters and K over every engine."""
     rows = []
     for engine in ENGINES:
@@ -46,7 +46,7 @@ def compare_engines(scene: Scene, clusters: Clusters, own: Queries, disturbed: D
                 "engine": engine,
                 "search_ms": run.search_ms,
                 "match_ms": run.match_ms,
-                "success": success(scene.templates.position_m[run.found], own.true_m),
+                "success": success(scene.templates.position_m[run.found], own.position_m),
                 "success_disturbed": _cascade_success(scene, cascade, K, disturbed.levelled, PAPER),
             }
         )
@@ -74,7 +74,7 @@ def compare_methods(scene: Scene, clusters: Clusters, disturbed: Disturbed, regi
         row = {
             "method": name,
             "ms": round(run.search_ms + run.match_ms, 3),
-            "success": success(found_m, queries.true_m),
+            "success": success(found_m, queries.position_m),
         }
         rows.append(row)
         _tell("method", row)
@@ -109,9 +109,9 @@ def _localized(scene: Scene, method: str, cascade: Cascade, disturbed: Disturbed
     }
 
 
-def _cascade_success(scene: Scene, cascade: Cascade, count: int, queries: Queries, name: str) -> list[float]:
+def _cascade_success(scene: Scene, cascade: Cascade, count: int, queries: Taken, name: str) -> list[float]:
     run = run_cascade(cascade, queries.by[name], count)
-    return success(scene.templates.position_m[run.found], queries.true_m)
+    return success(scene.templates.position_m[run.found], queries.position_m)
 
 
 def _tell(table: str, row: Row) -> None:

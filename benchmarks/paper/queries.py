@@ -7,37 +7,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.descriptor import Described, ScanBatch
+from firstfix.descriptor import ScanBatch
 from firstfix.engine_config import PreprocessConfig
 from firstfix.preprocess import preprocess
 from firstfix.scan import Scan
 from firstfix.scan_sequence import ScanSequence
 from firstfix.transform import Matrix
 
-from .scene import DESCRIPTORS, SENSOR, Scene
+from .scene import DESCRIPTORS, SENSOR, Scene, Taken
 
 SEED = 1
 
 
-@dataclass(frozen=True)
-class Queries:
-    """Scans and the places where they were taken.
-
-    Attributes:
-        true_m: (n, 3).
-        by: name in DESCRIPTORS to the n descriptions.
-    """
-
-    true_m: NDArray[np.floating]
-    by: dict[str, Described]
-
-
-def templates_themselves(scene: Scene, count: int) -> Queries:
+def templates_themselves(scene: Scene, count: int) -> Taken:
     """The paper's protocol: ``count`` of the templates, all where there are no more."""
     every = len(scene.templates)
     rows = np.sort(np.random.default_rng(SEED).permutation(every)[:count])
-    chosen = scene.templates.subset(rows)
-    return Queries(chosen.position_m, chosen.by)
+    return scene.templates.subset(rows)
 
 
 @dataclass(frozen=True)
@@ -51,8 +37,8 @@ class Disturbed:
     """
 
     scans: list[tuple[Scan, Matrix]]
-    as_they_come: Queries
-    levelled: Queries
+    as_they_come: Taken
+    levelled: Taken
 
 
 def disturbed(scene: Scene, count: int) -> Disturbed:
@@ -67,9 +53,9 @@ def disturbed(scene: Scene, count: int) -> Disturbed:
     return Disturbed(scans, _described(true_m, raw), _described(true_m, level))
 
 
-def _described(true_m: NDArray[np.floating], scans: list[ScanBatch]) -> Queries:
+def _described(true_m: NDArray[np.floating], scans: list[ScanBatch]) -> Taken:
     by = {}
     for name, how in DESCRIPTORS.items():
         each = [how.describe(scan) for scan in scans]
         by[name] = {array: np.concatenate([one[array] for one in each]) for array in how.arrays}
-    return Queries(true_m, by)
+    return Taken(true_m, by)

@@ -15,8 +15,7 @@ from firstfix.engine_config import SearchConfig
 
 from .clusterings import Clusterer, Clustering
 from .matching import ContextSearch, Timed, make_cascade, one_by_one, run_cascade, success
-from .queries import Queries
-from .scene import DESCRIPTORS, PAPER, Scene
+from .scene import DESCRIPTORS, PAPER, Scene, Taken
 
 Row = dict[str, Any]
 K = 10  # the paper's number of KNN candidates
@@ -24,14 +23,14 @@ TIMED_QUERIES = 50
 
 
 def table_2(
-    scene: Scene, clusterer: Clusterer, own: Queries, disturbed: Queries, thresholds: tuple[float, ...]
+    scene: Scene, clusterer: Clusterer, own: Taken, disturbed: Taken, thresholds: tuple[float, ...]
 ) -> list[Row]:
     """All representatives compared by context, then the clusters of the best K; with and without KNN."""
     rows = [_row_2(scene, c, own, disturbed) for c in clusterer.without(thresholds)]
     return rows + [_row_2(scene, clusterer.with_neighbours(t), own, disturbed) for t in thresholds]
 
 
-def _row_2(scene: Scene, clustering: Clustering, own: Queries, disturbed: Queries) -> Row:
+def _row_2(scene: Scene, clustering: Clustering, own: Taken, disturbed: Taken) -> Row:
     clusters = clustering.clusters
     cascade = make_cascade(scene.templates, clusters, SearchConfig(engine="exhaustive"), PAPER)
     representatives = rows_of(scene.templates.by[PAPER], clusters.representative)
@@ -59,7 +58,7 @@ def _row_2(scene: Scene, clustering: Clustering, own: Queries, disturbed: Querie
     )
 
 
-def table_3(scene: Scene, scenes: int, disturbed: Queries) -> list[Row]:
+def table_3(scene: Scene, scenes: int, disturbed: Taken) -> list[Row]:
     """Trajectory points and re-sampled points against each other, all contexts compared.
 
     Args:
@@ -92,7 +91,9 @@ def table_3(scene: Scene, scenes: int, disturbed: Queries) -> list[Row]:
             "success": success(among.position_m[found(queries.by[PAPER])], queries.position_m),
         }
         if asked == "resampled":
-            row["success_disturbed"] = success(among.position_m[found(disturbed.by[PAPER])], disturbed.true_m)
+            row["success_disturbed"] = success(
+                among.position_m[found(disturbed.by[PAPER])], disturbed.position_m
+            )
         rows.append(_told("table 3", row))
     return rows
 
@@ -102,8 +103,8 @@ def cascade_table(
     scene: Scene,
     clusterings: list[Clustering],
     config: SearchConfig,
-    own: Queries,
-    disturbed: Queries,
+    own: Taken,
+    disturbed: Taken,
 ) -> list[Row]:
     """Tables IV and V: candidates by CNZ key, then the clusters of the best K matched."""
     rows = []
@@ -129,8 +130,8 @@ def _context_search(described: Described, **changes: float) -> ContextSearch:
     return ContextSearch(replace(how, **changes), described)
 
 
-def _success(scene: Scene, found: NDArray[np.integer], queries: Queries) -> list[float]:
-    return success(scene.templates.position_m[found], queries.true_m)
+def _success(scene: Scene, found: NDArray[np.integer], queries: Taken) -> list[float]:
+    return success(scene.templates.position_m[found], queries.position_m)
 
 
 def _alone_s(found: Any, described: Described) -> float:

@@ -86,6 +86,11 @@ class _Outcome:
     def evidence(self) -> Evidence | None:
         return evidence([h.fit for h in self.answer.hypotheses]) if self.answer.hypotheses else None
 
+    def accepted_by(self, calibration: Calibration) -> bool:
+        """Whether the calibrated localizer would call this localized."""
+        found = self.evidence
+        return found is not None and calibration.accepts(found)
+
     @property
     def without_the_truth(self) -> Evidence | None:
         """What would have been found had the true place not been in the map: a hard negative.
@@ -164,7 +169,7 @@ def _spots(outcomes: Sequence[_Outcome], calibration: Calibration, T_level_map: 
         here = outcome.T_level_sensor[:3, 3]
         found = [(T_level_map @ h.T_map_sensor)[:3, 3] for h in outcome.answer.hypotheses]
         elsewhere = [at for at in found if np.linalg.norm(at - here) > RIGHT_M]
-        accepted = _accepts(outcome, calibration)
+        accepted = outcome.accepted_by(calibration)
         named = ("localized" if outcome.right else "wrong") if accepted else "unsure"
         spots.append(Spot(here, named, elsewhere[0] if elsewhere else None))
     return spots
@@ -182,7 +187,7 @@ def _summary(
 ) -> SelfTest:
     inside = [outcome for outcome in outcomes if outcome.T_level_sensor is not None]
     errors = np.array([o.error_m if o.error_deg <= RIGHT_DEG else np.inf for o in inside])
-    accepted = [o for o in outcomes if _accepts(o, calibration)]
+    accepted = [o for o in outcomes if o.accepted_by(calibration)]
     return SelfTest(
         queries=len(inside),
         outside=len(outcomes) - len(inside),
@@ -190,19 +195,10 @@ def _summary(
             f"{limit}m": round(float(np.mean(errors <= limit)), 4) if len(errors) else 0.0
             for limit in (0.05, 0.2, 0.5, 1)
         },
-        localized=round(float(np.mean([_accepts(o, calibration) for o in inside])), 4) if inside else 0.0,
+        localized=round(float(np.mean([o.accepted_by(calibration) for o in inside])), 4) if inside else 0.0,
         median_error_m=round(float(np.median(errors)), 4)
         if len(errors) and np.isfinite(np.median(errors))
         else -1.0,
         false_accepts=sum(not o.right for o in accepted),
         localizability=localizability,
     )
-
-
-def _accepts(outcome: _Outcome, calibration: Calibration) -> bool:
-    """Whether the calibrated localizer would call this localized."""
-    found = outcome.evidence
-    if found is None:
-        return False
-    clear = found.fit.overlap >= calibration.min_overlap and found.margin >= calibration.min_margin
-    return clear and calibration.probability(found) >= calibration.min_probability

@@ -48,6 +48,16 @@ class Calibration:
         """0..1 that the place is right."""
         return float(_logistic(self.weights[0] + evidence.features @ self.weights[1:]))
 
+    def accepts(self, evidence: Evidence, min_probability: float | None = None) -> bool:
+        """Whether the best place may be called localized.
+
+        Args:
+            min_probability: in place of its own.
+        """
+        needed = self.min_probability if min_probability is None else min_probability
+        explains = evidence.fit.overlap >= self.min_overlap
+        return explains and evidence.margin >= self.min_margin and self.probability(evidence) >= needed
+
     @classmethod
     def fit(cls, evidence: Sequence[Evidence], right: ArrayLike, weight: ArrayLike) -> Calibration:
         """Maximum likelihood with a ridge towards the defaults, and weights that are not negative.

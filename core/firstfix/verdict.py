@@ -71,7 +71,7 @@ def judge(claims: Sequence[Claim], min_probability: float | None) -> Judgement:
 
     if best.fit.overlap < calibration.min_overlap:
         return judged(Verdict.REJECTED, Reason.LOW_OVERLAP)
-    if probability >= needed and best.margin >= calibration.min_margin:
+    if calibration.accepts(best, min_probability):
         return judged(Verdict.LOCALIZED)
     if would_do(replace(best, margin=MOST_MARGIN)):  # but for its rivals
         return judged(Verdict.AMBIGUOUS, Reason.SEVERAL_PLACES)

@@ -7,12 +7,15 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import numpy as np
 import pytest
 import zstandard
 from service_world import SCAN_BODY, XYZ, Behaviour, Service, publish, running_service, wait_for
 
+from firstfix import wire_sequence
 from firstfix.errors import FirstfixError, all_errors
 from firstfix.localization import Localization, Verdict
+from firstfix.scan import Scan
 
 both = pytest.mark.parametrize("transport", ["http", "zenoh"])
 
@@ -29,6 +32,14 @@ def test_a_scan_is_answered(service: Service, transport: str):
     assert answer.T_map_sensor[:3, 3].tolist() == [1, 100, 0]
     assert (answer.map_id, answer.map_version) == ("hall", version)
     assert list(answer.timings_ms) == ["queue", "map", "decode", "search"]
+
+
+@both
+def test_several_scans_are_one_query(service: Service, transport: str):
+    scan = Scan(np.arange(30, dtype=np.float32).reshape(10, 3))
+    body = wire_sequence.encode_scans([scan] * 3, [np.eye(4)] * 3)
+    reply = service.ask(transport, body=body, media_type=wire_sequence.MEDIA_TYPE)
+    assert reply.json["T_map_sensor"]["position"][1] == 3  # the fake's y is the sequence's length
 
 
 def test_the_transports_give_the_same_answer(service: Service):
