@@ -15,7 +15,8 @@ from firstfix.key_search import ENGINES
 from firstfix.localizer import Localizer
 from firstfix.map_index import MapIndex
 from firstfix.map_view import MapView
-from firstfix.registration import MapCloud
+from firstfix.registration import MapSurface
+from firstfix.surface import Surface
 from firstfix.transform import pose_error
 from firstfix_builder.clean_cloud import voxel_means
 from firstfix_builder.config import EngineOverrides
@@ -92,10 +93,9 @@ def _localized(scene: Scene, method: str, cascade: Cascade, disturbed: Disturbed
     points = visible_points(
         scene.simulator, scene.templates.position_m.astype(np.float64), SENSOR, MAP_STEP_M
     )
-    points = voxel_means(points, engine.registration.map_voxel_m).astype(np.float32)
-    cloud = MapCloud(points, engine.registration)
-    view = MapView(points, engine.verification.reach_m)
-    localizer = Localizer(MapIndex(engine, Calibration(), cascade, cloud, view))
+    surface = Surface.around(voxel_means(points, engine.registration.map_voxel_m))
+    view = MapView(surface.points, engine.verification.reach_m)
+    localizer = Localizer(MapIndex(engine, Calibration(), cascade, MapSurface(surface, engine.registration), view))
     errors, total_ms = [], []
     for scan, T_map_sensor in disturbed.scans[:count]:
         answer = localizer.localize(scan)

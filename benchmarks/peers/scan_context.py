@@ -49,10 +49,10 @@ class ScanContextPeer:
         prepared = preprocess(ScanSequence.single(scan), None, self._index.config.preprocess)
         if prepared is None:
             return None
-        cloud, T_map_level = self._index.cloud, self._index.T_map_level
-        settled = cloud.settle(prepared.sparse, inverse(T_map_level) @ T_map_sensor)
-        compared = cloud.compare(prepared.sparse, settled.T_level_sensor)
-        return T_map_level @ cloud.refine(prepared.dense, compared.T_level_sensor).T_level_sensor
+        surface, T_map_level = self._index.surface, self._index.T_map_level
+        (settled,) = surface.settle(prepared.sparse, (inverse(T_map_level) @ T_map_sensor)[None])
+        (fine,) = surface.refine(prepared.dense, settled.T_level_sensor[None])
+        return T_map_level @ fine.T_level_sensor
 
 
 def scan_context(points: NDArray[np.floating], range_m: float, height_m: float) -> NDArray[np.float64]:

@@ -19,7 +19,8 @@ from firstfix.engine_config import EngineConfig
 from firstfix.errors import BuildCancelled
 from firstfix.key_search import build_key_search
 from firstfix.localizer import Localizer
-from firstfix.map_index import CALIBRATION_FILE, ENGINE_FILE, MAP_FILE, MapIndex
+from firstfix.map_index import CALIBRATION_FILE, ENGINE_FILE, MAP_FILE, MapIndex, save_surface
+from firstfix.surface import Surface
 from firstfix.templates import Templates
 from firstfix.transform import inverse, make_transform, transform_points
 
@@ -219,8 +220,9 @@ class BuildStages:
                     _simulator(mesh), made.position_m, self.config.sensor_model, SURFACE_STEP_M
                 )
             )
-            np.save(out / MAP_FILE, voxel_means(points, engine.registration.map_voxel_m).astype(np.float32))
-            draw_preview(np.load(out / MAP_FILE), made.position_m, out / "preview.png")
+            points = voxel_means(points, engine.registration.map_voxel_m).astype(np.float32)
+            save_surface(Surface.around(points), out)
+            draw_preview(points, made.position_m, out / "preview.png")
 
         inputs = {
             "map": read.digest,

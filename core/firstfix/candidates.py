@@ -16,6 +16,8 @@ from .prior import Prior
 from .transform import Matrix, inverse, make_transform, rotation_z, transform_points
 
 LEAST_A_SCAN = 3
+A_SPOT = 3  # templates beside each other lead to one place: more of them would crowd out the others
+SPOT_M, SPOT_DEG = 2.0, 20.0
 YAW_SLACK_DEG = 10.0  # a candidate's heading is as coarse as the descriptor's sectors
 
 
@@ -34,41 +36,60 @@ class Candidate:
 
 
 def search(
-    index: MapIndex, described: Sequence[Described], prepared: PreparedQuery, options: LocalizeOptions
+    index: MapIndex,
+    described: Sequence[Described],
+    prepared: PreparedQuery,
+    options: LocalizeOptions,
+    effort: int = 1,
 ) -> list[Candidate]:
     """Poses of the last scan that the prior allows, from the templates most like each of the scans.
 
     Args:
         described: each scan of the query alone.
+        effort: times as many clusters and candidates as the config says.
     """
-    count = options.max_candidates or index.config.search.candidates
+    count = options.max_candidates or effort * index.config.search.candidates
     each = max(LEAST_A_SCAN, 2 * count // len(described)) if len(described) > 1 else count
     found = [
         candidate
         for scan, one in zip(prepared.scans, described, strict=True)
-        for candidate in _of_scan(index, one, scan, options.prior, each)
+        for candidate in _of_scan(index, one, scan, options.prior, each, effort)
     ]
     return sorted(found, key=lambda candidate: -candidate.score)
 
 
 def _of_scan(
-    index: MapIndex, described: Described, scan: PreparedScan, prior: Prior | None, count: int
+    index: MapIndex, described: Described, scan: PreparedScan, prior: Prior | None, count: int, effort: int
 ) -> Iterator[Candidate]:
     templates, T_scan_last = index.cascade.templates, inverse(scan.T_last_scan)
-    matches = _matches(index, described, scan, prior)
+    matches = _matches(index, described, scan, prior, effort)
+    chosen: list[Matrix] = []
     for row, yaw, score in zip(matches.rows, matches.yaw_rad, matches.score, strict=True):
         # the template's floor counts, not its mount: this sensor may sit higher
         position = templates.position_m[row] + [0, 0, scan.height_m - templates.height_m[row]]
         T_level_last = make_transform(rotation_z(yaw) @ scan.R_level_sensor, position) @ T_scan_last
-        if prior is None or prior.allows(index.T_map_level @ T_level_last, np.inf, YAW_SLACK_DEG):
+        if prior is not None and not prior.allows(index.T_map_level @ T_level_last, np.inf, YAW_SLACK_DEG):
+            continue
+        if _number_beside(T_level_last, chosen) < A_SPOT:
+            chosen.append(T_level_last)
             yield Candidate(int(row), T_level_last, float(score))
-            count -= 1
-        if not count:
+        if len(chosen) == count:
             return
 
 
-def _matches(index: MapIndex, described: Described, scan: PreparedScan, prior: Prior | None) -> Matches:
-    clusters = index.config.search.clusters
+def _number_beside(T: Matrix, others: list[Matrix]) -> int:
+    if not others:
+        return 0
+    stack = np.array(others)
+    near = np.linalg.norm(stack[:, :3, 3] - T[:3, 3], axis=1) < SPOT_M
+    turn = np.einsum("kij,ij->k", stack[:, :3, :3], T[:3, :3])  # trace of the turn between: 1 + 2 cos
+    return int((near & (turn > 1 + 2 * np.cos(np.radians(SPOT_DEG)))).sum())
+
+
+def _matches(
+    index: MapIndex, described: Described, scan: PreparedScan, prior: Prior | None, effort: int
+) -> Matches:
+    clusters = effort * index.config.search.clusters
     if prior is None:
         return index.cascade.search(described, clusters)
     centre = transform_points(inverse(index.T_map_level), prior.position_m[None])[0]

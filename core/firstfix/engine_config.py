@@ -104,16 +104,19 @@ class SearchConfig(Stage):
     ] = "faiss_sq8"
     lsh: LshConfig = LshConfig()
     clusters: int = Field(400, ge=1, le=100_000, description="whose templates are compared")
-    candidates: int = Field(10, ge=1, le=100, description="templates whose poses are registered")
+    candidates: int = Field(20, ge=1, le=100, description="templates whose poses are registered")
+    widened: int = Field(
+        4, ge=1, le=100, description="times as many of both, where the first were not convincing; 1: never"
+    )
 
 
 class RegistrationConfig(Stage):
-    """VGICP against Gaussian voxels, then GICP against the map's points."""
+    """Point to plane, on a coarse grid of the map and then on its own points."""
 
     map_voxel_m: float = Field(0.1, gt=0.01, le=5)
     coarse_voxel_m: float = Field(0.6, gt=0.05, le=20)
-    coarse_iterations: int = Field(15, ge=1, le=200)
-    compare_iterations: int = Field(6, ge=1, le=200)
+    coarse_iterations: int = Field(10, ge=1, le=200)
+    settle_iterations: int = Field(4, ge=1, le=200, description="on the map's own points, of every candidate")
     fine_distance_m: float = Field(0.5, gt=0.01, le=20)
     fine_iterations: int = Field(12, ge=1, le=200)
     inlier_distance_m: float = Field(0.15, gt=0.01, le=5)

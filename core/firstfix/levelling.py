@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 MAX_TILT_DEG = 35.0
+LEVEL_WEIGHT = 0.1  # of a level surface against an upright one: walls are plumb, floors and roads may slope
 _COARSE_STEP_DEG = 4.0
 _VOTERS = 2000  # normals enough: all 10,000 of a scan give the same up to 0.1 degrees
 _FLOOR_RADIUS_M = 12.0
@@ -48,7 +49,7 @@ def estimate_up(normals: NDArray[np.float64]) -> NDArray[np.float64]:
         along = normals @ up
         level = np.exp(-(1 - along**2) / (2 * width**2))
         upright = np.exp(-(along**2) / (2 * width**2))
-        scatter = (normals * (upright - level)[:, None]).T @ normals
+        scatter = (normals * (upright - LEVEL_WEIGHT * level)[:, None]).T @ normals
         refined = np.linalg.eigh(scatter)[1][:, 0]
         refined = refined if refined @ up > 0 else -refined
         if refined @ up < np.cos(np.radians(6.0)):  # nothing to hold on to in one direction: keep the vote

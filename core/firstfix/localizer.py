@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Protocol
 
 from .candidates import search
 from .covariance import pose_covariance
 from .errors import InvalidOption
+from .evidence import evidence
 from .localization import Localization, Reason, Verdict
 from .map_index import MapIndex
 from .options import LocalizeOptions
-from .places import find_places
+from .places import Place, find_places
 from .preprocess import preprocess
 from .scan import Scan
 from .scan_sequence import ScanSequence
@@ -50,11 +51,21 @@ class Localizer:
             return None
         with watch.stage("describe"):
             described = [index.cascade.descriptor.describe(one.batch) for one in prepared.scans]
-        with watch.stage("search"):
-            candidates = search(index, described, prepared, options)
-        with watch.stage("register"):
-            places = find_places(index, prepared, candidates, options.prior)
+        places: list[Place] = []
+        for effort in _efforts(index, options):
+            with watch.stage("search"):
+                candidates = search(index, described, prepared, options, effort)
+            with watch.stage("register"):
+                places = find_places(index, prepared, candidates, options.prior)
+            if places and index.calibration.accepts(evidence([place.fit for place in places])):
+                break
         return [Claim(place, index, map_id) for place in places]
+
+
+def _efforts(index: MapIndex, options: LocalizeOptions) -> Iterable[int]:
+    """Most scans are easy; the others, one in ten, are worth a search several times as wide."""
+    widened = index.config.search.widened
+    return (1,) if widened == 1 or options.max_candidates is not None else (1, widened)
 
 
 def localize_among(
@@ -94,7 +105,7 @@ def _verify(claims: list[Claim], options: LocalizeOptions) -> Localization:
         Verdict.LOCALIZED,
         T_map_sensor=best.T_map_sensor,
         T_map_base=None if mounting is None else best.T_map_sensor @ inverse(mounting),
-        covariance=pose_covariance(information, best.T_map_sensor, config),
+        covariance=pose_covariance(information, best.index.T_map_level, config),
         probability=judged.probability,
         hypotheses=judged.hypotheses,
         map_id=best.map_id,

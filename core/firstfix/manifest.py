@@ -18,7 +18,7 @@ from typing import Any
 from .errors import CorruptVersion, IncompatibleVersion, InvalidOption
 from .store import check_key
 
-FORMAT = 2  # 1: before clusters and named template arrays; such a version needs a rebuild
+FORMAT = 3  # 2: before the map had normals; such a version needs a rebuild
 FILE_NAME = "manifest.json"
 MAX_BYTES = 64 << 20
 _SHA256 = re.compile(r"[0-9a-f]{64}")

@@ -13,12 +13,13 @@ from .cascade import Cascade
 from .engine_config import EngineConfig
 from .errors import CorruptVersion
 from .map_view import MapView
-from .registration import MapCloud
+from .registration import MapSurface
+from .surface import Surface
 from .transform import Matrix
 
 ENGINE_FILE = "engine.json"
 CALIBRATION_FILE = "calibration.json"
-MAP_FILE = "map_points.npy"
+MAP_FILE, NORMALS_FILE = "map_points.npy", "map_normals.npy"
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class MapIndex:
     config: EngineConfig
     calibration: Calibration
     cascade: Cascade
-    cloud: MapCloud
+    surface: MapSurface
     view: MapView
 
     @property
@@ -49,13 +50,25 @@ class MapIndex:
             config = EngineConfig.model_validate_json((directory / ENGINE_FILE).read_text())
             if calibration is None:
                 calibration = Calibration.from_mapping(json.loads((directory / CALIBRATION_FILE).read_text()))
-            points = np.load(directory / MAP_FILE, mmap_mode="r")
+            surface = load_surface(directory)
             return cls(
                 config,
                 calibration,
                 Cascade.load(directory, config),
-                MapCloud(points, config.registration),
-                MapView(points, config.verification.reach_m),
+                MapSurface(surface, config.registration),
+                MapView(surface.points, config.verification.reach_m),
             )
         except (OSError, ValueError, RuntimeError, KeyError) as error:
             raise CorruptVersion(f"{directory.name}: {error}") from error
+
+
+def save_surface(surface: Surface, directory: Path) -> None:
+    """The map of a version; normals at 1/127, half a degree."""
+    np.save(directory / MAP_FILE, surface.points)
+    np.save(directory / NORMALS_FILE, np.round(127 * surface.normals).astype(np.int8))
+
+
+def load_surface(directory: Path) -> Surface:
+    normals = np.load(directory / NORMALS_FILE).astype(np.float32)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1)
+    return Surface(np.load(directory / MAP_FILE), normals)

@@ -5,18 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import small_gicp
 from numpy.typing import NDArray
+from small_gicp import voxelgrid_sampling
 
 from .descriptor import ScanBatch
 from .engine_config import PreprocessConfig
 from .levelling import estimate_up, floor_height
+from .map_view import ScanView
 from .scan import Scan
 from .scan_sequence import ScanSequence
+from .surface import Surface
 from .transform import Matrix, rotation_between, transform_points
 
-_NORMAL_NEIGHBOURS = 10
-_SPARSE_POINTS = 800
+_SPARSE_POINTS = 400
 _DENSE_POINTS = 6000
 _RETURNS = 20_000
 
@@ -29,15 +30,15 @@ class PreparedScan:
         T_last_scan: (4, 4) its pose in the frame of the query's last scan.
         R_level_sensor: (3, 3).
         batch: all points within range, levelled: for the descriptor.
-        returns: (k, 3) float32, an even part of all points, in the sensor frame: for free space.
-        thinned: (m, 3) points in the sensor frame, one a voxel.
+        view: what the sensor saw: for free space.
+        thinned: points in the sensor frame, one a voxel.
     """
 
     T_last_scan: Matrix
     R_level_sensor: NDArray[np.float64]
     batch: ScanBatch
-    returns: NDArray[np.float32]
-    thinned: small_gicp.PointCloud
+    view: ScanView
+    thinned: Surface
 
     @property
     def height_m(self) -> float:
@@ -50,13 +51,13 @@ class PreparedQuery:
     """The scans of a query, and all of them in the frame of the last.
 
     Attributes:
-        dense: the thinned points with covariances: for fine registration.
-        sparse: the same, a fraction of the points: enough to settle and compare many candidates.
+        dense: thinned points, for fine registration.
+        sparse: a fraction of them: enough to settle and compare many candidates.
     """
 
     scans: tuple[PreparedScan, ...]
-    dense: small_gicp.PointCloud
-    sparse: small_gicp.PointCloud
+    dense: Surface
+    sparse: Surface
 
 
 def preprocess(
@@ -77,9 +78,7 @@ def preprocess(
     if not scans:
         return None
     together = scans[0].thinned if len(sequence) == 1 else _merged(scans, config.voxel_m)
-    return PreparedQuery(
-        tuple(scans), _every_nth(together, _DENSE_POINTS), _every_nth(together, _SPARSE_POINTS)
-    )
+    return PreparedQuery(tuple(scans), together.at_most(_DENSE_POINTS), together.at_most(_SPARSE_POINTS))
 
 
 def _prepare(
@@ -90,15 +89,14 @@ def _prepare(
     points = scan.points[(range2 > near) & (range2 < far)]
     if len(points) < config.min_points:
         return None
-    thinned = small_gicp.voxelgrid_sampling(points.astype(np.float64), config.voxel_m)
-    if thinned.size() < config.min_points:
+    voxels = voxelgrid_sampling(points.astype(np.float64), config.voxel_m).points()[:, :3]
+    if len(voxels) < config.min_points:
         return None
-    thinned = small_gicp.PointCloud(thinned.points()[:: -(-thinned.size() // _DENSE_POINTS), :3])
-    small_gicp.estimate_normals_covariances(thinned, small_gicp.KdTree(thinned), _NORMAL_NEIGHBOURS)
-    normals = thinned.normals()[:, :3]
+    thinned = Surface.around(voxels[:: -(-len(voxels) // _DENSE_POINTS)])
+    normals = thinned.normals
     up = estimate_up(normals) if gravity is None else -gravity
     R_level_sensor = rotation_between(up, [0.0, 0.0, 1.0])
-    levelled = thinned.points()[:, :3] @ R_level_sensor.T
+    levelled = thinned.points @ R_level_sensor.T
     height = floor_height(levelled, normals @ R_level_sensor.T)
     if height is None:
         height = config.default_height_m
@@ -106,26 +104,12 @@ def _prepare(
         T_last_scan,
         R_level_sensor,
         ScanBatch.single(points @ R_level_sensor.T.astype(np.float32), height),
-        points[:: -(-len(points) // _RETURNS)],
+        ScanView.of(points[:: -(-len(points) // _RETURNS)]),
         thinned,
     )
 
 
-def _merged(scans: list[PreparedScan], voxel_m: float) -> small_gicp.PointCloud:
-    """All scans' points in the frame of the last, thinned again, with covariances."""
-    points = np.concatenate(
-        [transform_points(scan.T_last_scan, scan.thinned.points()[:, :3]) for scan in scans]
-    )
-    together = small_gicp.voxelgrid_sampling(points, voxel_m)
-    small_gicp.estimate_covariances(together, small_gicp.KdTree(together), _NORMAL_NEIGHBOURS)
-    return together
-
-
-def _every_nth(cloud: small_gicp.PointCloud, at_most: int) -> small_gicp.PointCloud:
-    """An even part of a thinned cloud (its points are in spatial order), with covariances."""
-    every = -(-cloud.size() // at_most)
-    if every == 1:
-        return cloud
-    part = small_gicp.PointCloud(cloud.points()[::every, :3])
-    small_gicp.estimate_covariances(part, small_gicp.KdTree(part), _NORMAL_NEIGHBOURS)
-    return part
+def _merged(scans: list[PreparedScan], voxel_m: float) -> Surface:
+    """All scans' points in the frame of the last, thinned again."""
+    points = np.concatenate([transform_points(scan.T_last_scan, scan.thinned.points) for scan in scans])
+    return Surface.around(voxelgrid_sampling(points, voxel_m).points()[:, :3])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from firstfix.map_view import MapView
+from firstfix.map_view import MapView, ScanView
 from firstfix.transform import make_transform, rotation_z
 
 
@@ -25,8 +25,8 @@ ROOM = np.array([10.0, 8.0, 3.0])
 WALLS = box_surface(ROOM)
 
 
-def scan_of(points: np.ndarray, T_map_sensor: np.ndarray) -> np.ndarray:
-    return ((points - T_map_sensor[:3, 3]) @ T_map_sensor[:3, :3]).astype(np.float32)
+def scan_of(points: np.ndarray, T_map_sensor: np.ndarray) -> ScanView:
+    return ScanView.of(((points - T_map_sensor[:3, 3]) @ T_map_sensor[:3, :3]).astype(np.float32))
 
 
 @pytest.mark.parametrize("yaw_deg", [0, 35, -120])
@@ -61,7 +61,7 @@ def test_far_from_the_map_all_is_contradiction():
     view = MapView(WALLS, 20.0)
     nowhere = make_transform(np.eye(3), [500.0, 0, 0])
     assert view.seen_through(scan_of(WALLS, np.eye(4)), nowhere) == 1.0
-    assert view.seen_through(np.empty((0, 3), np.float32), np.eye(4)) == 1.0
+    assert view.seen_through(ScanView.of(np.empty((0, 3), np.float32)), np.eye(4)) == 1.0
 
 
 def test_tiles_give_what_all_points_give():
@@ -70,5 +70,5 @@ def test_tiles_give_what_all_points_give():
     far, near = MapView(points, 500.0), MapView(points, 12.0)
     T = make_transform(np.eye(3), [17.0, -9.0, 1.0])
     scan = rng.normal(0, 3, (5000, 3)).astype(np.float32)
-    within = scan[np.linalg.norm(scan, axis=1) < 11]
+    within = ScanView.of(scan[np.linalg.norm(scan, axis=1) < 11])
     assert near.seen_through(within, T) == pytest.approx(far.seen_through(within, T), abs=0.02)

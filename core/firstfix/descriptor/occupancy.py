@@ -79,12 +79,13 @@ class LayeredOccupancy:
         self, query: Described, templates: Described
     ) -> tuple[NDArray[np.floating], NDArray[np.float32]]:
         """The turn at which each template explains the query best (docs/method.md 3.3)."""
-        asked, stack = self.filled(query)[0], self.filled(templates).astype(np.float32)
+        asked, stack = self.filled(query)[0], self.filled(templates)
         sectors = self.grid.sectors
-        turned = np.stack([np.roll(asked, s, axis=1).ravel() for s in range(sectors)]).astype(np.float32)
-        stack = stack.reshape(len(stack), -1)
-        overlap = stack @ turned.T  # (m, sectors): cell j of the query meets cell j + s of the template
+        norm = np.sqrt(np.float32(asked.sum()) * stack.sum(axis=(1, 2), dtype=np.float32))
+        rows = np.flatnonzero(asked.any(axis=1))  # the others meet nothing at any turn
+        turned = np.stack([np.roll(asked[rows], s, axis=1).ravel() for s in range(sectors)])
+        common = stack[:, rows].reshape(len(stack), -1).astype(np.float32)
+        overlap = common @ turned.T.astype(np.float32)  # cell j of the query meets j + s of the template
         shift = overlap.argmax(axis=1)
-        norm = np.sqrt(np.float32(asked.sum()) * stack.sum(axis=1))
         score = overlap[np.arange(len(stack)), shift] / np.maximum(norm, np.float32(1))
         return shift * (2 * np.pi / sectors), score

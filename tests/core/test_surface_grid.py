@@ -1,0 +1,58 @@
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from firstfix import surface_grid
+from firstfix.surface import Surface
+from firstfix.surface_grid import SurfaceGrid
+
+CELL_M = 0.2
+
+
+def surface_of(points: np.ndarray) -> Surface:
+    points = points.astype(np.float32)
+    return Surface(points, np.tile(np.float32([0, 0, 1]), (len(points), 1)))
+
+
+@pytest.fixture(params=[surface_grid._MOST_BLOCKS, 4], ids=["small blocks", "blocks grown to fit the table"])
+def grid(request, monkeypatch):
+    monkeypatch.setattr(surface_grid, "_MOST_BLOCKS", request.param)
+    rng = np.random.default_rng(3)
+    return SurfaceGrid(surface_of(rng.uniform([-7, 2, -1], [5, 9, 2], (3000, 3))), CELL_M)
+
+
+def test_at_every_point_some_point_of_its_cell_or_nearer_is_found(grid):
+    points = grid.surface.points
+    found = grid.nearest(points)
+    assert (found >= 0).all()
+    assert np.linalg.norm(points[found] - points, axis=1).max() <= np.sqrt(3) * CELL_M
+
+
+def test_at_the_centre_of_a_cell_the_nearest_of_all_is_found(grid):
+    rng = np.random.default_rng(4)
+    cells = np.unique(np.floor(rng.uniform([-7, 2, -1], [5, 9, 2], (2000, 3)) / CELL_M), axis=0)
+    centres = ((cells + 0.5) * CELL_M).astype(np.float32)
+    distance, row = cKDTree(grid.surface.points).query(centres)
+    surely_known = distance < CELL_M  # within a cell's width, so in the cell or one beside it
+    assert surely_known.sum() > 300
+    assert np.array_equal(grid.nearest(centres[surely_known]), row[surely_known])
+
+
+def test_two_cells_away_nothing_is_near(grid):
+    rng = np.random.default_rng(5)
+    anywhere = rng.uniform(-12, 12, (5000, 3)).astype(np.float32)
+    distance, _ = cKDTree(grid.surface.points).query(anywhere)
+    far = distance > 2 * np.sqrt(3) * CELL_M
+    assert far.sum() > 1000
+    assert (grid.nearest(anywhere[far]) == -1).all()
+
+
+def test_a_kilometre_outside_nothing_is_near(grid):
+    outside = np.float32([[1000, 0, 0], [-1000, 5, 0], [0, 5, 1e6], [0, -1e6, 0]])
+    assert (grid.nearest(outside) == -1).all()
+
+
+def test_one_point():
+    grid = SurfaceGrid(surface_of(np.array([[3.0, -2.0, 1.0]])), CELL_M)
+    asked = np.float32([[3.0, -2.0, 1.0], [3.1, -2.1, 1.1], [3.9, -2.0, 1.0]])
+    assert grid.nearest(asked).tolist() == [0, 0, -1]
