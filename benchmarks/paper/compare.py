@@ -16,12 +16,11 @@ from firstfix.localizer import Localizer
 from firstfix.map_index import MapIndex
 from firstfix.map_view import MapView
 from firstfix.registration import MapSurface
-from firstfix.surface import Surface
 from firstfix.transform import pose_error
 from firstfix_builder.clean_cloud import voxel_means
 from firstfix_builder.config import EngineOverrides
 from firstfix_builder.fit_engine import fit_engine
-from firstfix_builder.visible_points import visible_points
+from firstfix_builder.visible_points import map_surface
 
 from .matching import make_cascade, run_cascade, success
 from .published import WITHIN_M
@@ -90,10 +89,9 @@ def _localized(scene: Scene, method: str, cascade: Cascade, disturbed: Disturbed
     """The best hypothesis after registration, whatever the verdict: there is no calibration here."""
     overrides = EngineOverrides.model_validate({"method": method})
     engine = fit_engine(overrides, SENSOR, MAP_STEP_M, MAX_RANGE_M, SPACING_M, np.eye(4))
-    points = visible_points(
-        scene.simulator, scene.templates.position_m.astype(np.float64), SENSOR, MAP_STEP_M
-    )
-    surface = Surface.around(voxel_means(points, engine.registration.map_voxel_m))
+    positions = scene.templates.position_m.astype(np.float64)
+    voxel_m = engine.registration.map_voxel_m
+    surface = map_surface(None, scene.simulator, positions, SENSOR, MAP_STEP_M, voxel_m)
     view = MapView(surface.points, engine.verification.reach_m)
     localizer = Localizer(MapIndex(engine, Calibration(), cascade, MapSurface(surface, engine.registration), view))
     errors, total_ms = [], []

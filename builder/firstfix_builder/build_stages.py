@@ -20,11 +20,10 @@ from firstfix.errors import BuildCancelled
 from firstfix.key_search import build_key_search
 from firstfix.localizer import Localizer
 from firstfix.map_index import CALIBRATION_FILE, ENGINE_FILE, MAP_FILE, MapIndex, save_surface
-from firstfix.surface import Surface
 from firstfix.templates import Templates
 from firstfix.transform import inverse, make_transform, transform_points
 
-from .clean_cloud import clean_cloud, point_spacing_m, voxel_means
+from .clean_cloud import clean_cloud, point_spacing_m
 from .cluster import cluster_templates
 from .config import BuildConfig
 from .content_hash import content_hash
@@ -40,7 +39,7 @@ from .self_test import self_test
 from .simulate import Simulator
 from .stage_cache import StageCache, StageResult
 from .templates import make_templates, view_distance_m
-from .visible_points import visible_points
+from .visible_points import map_surface
 
 Progress = Callable[[str, float], None]
 SURFACE_STEP_M = 0.1  # between the points that stand for a mesh in registration
@@ -213,16 +212,16 @@ class BuildStages:
             keys = descriptor.keys(representatives)
             build_key_search(keys, engine.search).save(out)
             cloud = read.directory / "points.npy"
-            points = (
-                np.load(cloud)
-                if cloud.exists()
-                else visible_points(
-                    _simulator(mesh), made.position_m, self.config.sensor_model, SURFACE_STEP_M
-                )
+            surface = map_surface(
+                np.load(cloud) if cloud.exists() else None,
+                _simulator(mesh),
+                made.position_m,
+                self.config.sensor_model,
+                SURFACE_STEP_M,
+                engine.registration.map_voxel_m,
             )
-            points = voxel_means(points, engine.registration.map_voxel_m).astype(np.float32)
-            save_surface(Surface.around(points), out)
-            draw_preview(points, made.position_m, out / "preview.png")
+            save_surface(surface, out)
+            draw_preview(surface.points, made.position_m, out / "preview.png")
 
         inputs = {
             "map": read.digest,

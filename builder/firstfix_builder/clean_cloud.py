@@ -51,17 +51,18 @@ def clean_cloud(points: NDArray[np.float64], config: CleanConfig) -> NDArray[np.
 
 
 def voxel_means(points: NDArray[np.float64], voxel_m: float) -> NDArray[np.float64]:
-    """The mean of the points in every occupied voxel, voxels in x-y-z order."""
+    """(n, 3 or more) the mean of the points in every occupied voxel, voxels in x-y-z order, and of whatever
+    stands in the columns after their coordinates."""
     if len(points) == 0:
         return points
-    cell = np.floor(points / voxel_m).astype(np.int64)
+    cell = np.floor(points[:, :3] / voxel_m).astype(np.int64)
     cell -= cell.min(axis=0)
     size = cell.max(axis=0) + 1
     if float(size[0]) * float(size[1]) * float(size[2]) >= 2**62:
         raise BuildFailed(f"the map is too large for voxels of {voxel_m} m")
     key = (cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2]
     _, voxel, count = np.unique(key, return_inverse=True, return_counts=True)
-    sums = np.stack([np.bincount(voxel, weights=points[:, axis]) for axis in range(3)], axis=1)
+    sums = np.stack([np.bincount(voxel, weights=column) for column in points.T], axis=1)
     means: NDArray[np.float64] = sums / count[:, None]
     return means
 

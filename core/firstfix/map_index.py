@@ -63,12 +63,14 @@ class MapIndex:
 
 
 def save_surface(surface: Surface, directory: Path) -> None:
-    """The map of a version; normals at 1/127, half a degree."""
+    """The map of a version: (m, 4) int8 are the normals by 1/127, half a degree, and whether oriented."""
+    normals = np.round(127 * surface.normals)
     np.save(directory / MAP_FILE, surface.points)
-    np.save(directory / NORMALS_FILE, np.round(127 * surface.normals).astype(np.int8))
+    np.save(directory / NORMALS_FILE, np.column_stack([normals, surface.oriented]).astype(np.int8))
 
 
 def load_surface(directory: Path) -> Surface:
-    normals = np.load(directory / NORMALS_FILE).astype(np.float32)
+    stored = np.load(directory / NORMALS_FILE)
+    normals = stored[:, :3].astype(np.float32)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1)
-    return Surface(np.load(directory / MAP_FILE), normals)
+    return Surface(np.load(directory / MAP_FILE), normals, stored[:, 3].astype(np.bool_))

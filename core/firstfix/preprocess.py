@@ -15,7 +15,7 @@ from .map_view import ScanView
 from .scan import Scan
 from .scan_sequence import ScanSequence
 from .surface import Surface
-from .transform import Matrix, rotation_between, transform_points
+from .transform import Matrix, rotation_between
 
 _SPARSE_POINTS = 400
 _DENSE_POINTS = 6000
@@ -77,7 +77,7 @@ def preprocess(
             scans.append(prepared)
     if not scans:
         return None
-    together = scans[0].thinned if len(sequence) == 1 else _merged(scans, config.voxel_m)
+    together = Surface.together([scan.thinned.moved(scan.T_last_scan) for scan in scans])
     return PreparedQuery(tuple(scans), together.at_most(_DENSE_POINTS), together.at_most(_SPARSE_POINTS))
 
 
@@ -92,7 +92,8 @@ def _prepare(
     voxels = voxelgrid_sampling(points.astype(np.float64), config.voxel_m).points()[:, :3]
     if len(voxels) < config.min_points:
         return None
-    thinned = Surface.around(voxels[:: -(-len(voxels) // _DENSE_POINTS)])
+    voxels = voxels[:: -(-len(voxels) // _DENSE_POINTS)]
+    thinned = Surface.around(voxels, -voxels)
     normals = thinned.normals
     up = estimate_up(normals) if gravity is None else -gravity
     R_level_sensor = rotation_between(up, [0.0, 0.0, 1.0])
@@ -108,8 +109,3 @@ def _prepare(
         thinned,
     )
 
-
-def _merged(scans: list[PreparedScan], voxel_m: float) -> Surface:
-    """All scans' points in the frame of the last, thinned again."""
-    points = np.concatenate([transform_points(scan.T_last_scan, scan.thinned.points) for scan in scans])
-    return Surface.around(voxelgrid_sampling(points, voxel_m).points()[:, :3])

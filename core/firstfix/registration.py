@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from small_gicp import voxelgrid_sampling
 
 from .engine_config import RegistrationConfig
 from .surface import Surface
@@ -21,6 +20,7 @@ from .transform import Matrix
 
 _COARSE_POINTS = 200
 _COARSE_ANGLE, _FINE_ANGLE = 0.2, 0.06  # sine between normals at which a pair counts half
+_OTHER_FACE = -0.2  # cosine: normals further apart face opposite ways, whatever their noise
 _STILL_M, _STILL_RAD = 5e-4, 1e-4
 _DAMPING = 1e-4  # of a pair's weight: keeps a direction that nothing fixes where it is
 _NOISE_M = 0.01  # at least, of a scan point's distance from the map
@@ -54,8 +54,7 @@ class MapSurface:
     def __init__(self, surface: Surface, config: RegistrationConfig) -> None:
         self.config = config
         self._fine = SurfaceGrid(surface, config.map_voxel_m)
-        thinned = voxelgrid_sampling(surface.points.astype(np.float64), config.coarse_voxel_m / 2)
-        self._coarse = SurfaceGrid(Surface.around(thinned.points()[:, :3]), config.coarse_voxel_m)
+        self._coarse = SurfaceGrid(surface.thinned(config.coarse_voxel_m / 2), config.coarse_voxel_m)
 
     def settle(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> list[Registration]:
         """From (k, 4, 4) starts within a metre or so."""
@@ -79,8 +78,8 @@ class MapSurface:
         found = _align(
             self._fine, scan, T_level_sensor, iterations, self.config.fine_distance_m, _FINE_ANGLE
         )
-        off_m, _ = _distances(self._fine, _Placed.at(scan, found.T_level_sensor))
-        share = np.abs(off_m) / self.config.inlier_distance_m
+        pairs = _Pairs.of(self._fine, scan, _Placed.at(scan, found.T_level_sensor))
+        share = np.abs(pairs.off_m) / self.config.inlier_distance_m
         overlap = (share <= 1).mean(axis=1)
         closeness = np.maximum(1 - share**2, 0).mean(axis=1)
         return [
@@ -107,6 +106,32 @@ class _Placed:
 
 
 @dataclass(frozen=True)
+class _Pairs:
+    """What lies nearest to each point of a placed scan, (k, n, ...).
+
+    Attributes:
+        off_m: along the surface's normal to where the surface is; infinite where none is near, or only
+            the other face of it.
+        normals: of the surface.
+        cosine: between the two normals.
+    """
+
+    off_m: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    cosine: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, grid: SurfaceGrid, scan: Surface, placed: _Placed) -> _Pairs:
+        row = grid.nearest(placed.points.reshape(-1, 3)).reshape(placed.points.shape[:2])
+        normals = grid.surface.normals[row]
+        off_m = np.einsum("kni,kni->kn", grid.surface.points[row] - placed.points, normals)
+        cosine = np.einsum("kni,kni->kn", placed.normals, normals)
+        other_face = (cosine < _OTHER_FACE) & grid.surface.oriented[row] & scan.oriented
+        off_m[(row < 0) | other_face] = np.inf
+        return cls(off_m, normals, cosine)
+
+
+@dataclass(frozen=True)
 class _Aligned:
     """(k, 4, 4) and (k, 6, 6)."""
 
@@ -129,12 +154,11 @@ def _align(
     squares, pairs = np.zeros(len(T)), np.ones(len(T))
     for _ in range(iterations):
         placed = _Placed.at(scan, T[moving])
-        off_m, row = _distances(grid, placed)
-        normal = grid.surface.normals[row]
+        found = _Pairs.of(grid, scan, placed)
+        off_m = found.off_m
         weight = np.maximum(1 - (off_m / np.float32(reach_m)) ** 2, 0) ** 2  # Tukey's; 0 where nothing is
-        across2 = 1 - np.einsum("kni,kni->kn", placed.normals, normal) ** 2
-        weight /= 1 + np.maximum(across2, 0) / np.float32(half_angle**2)
-        jacobian = _jacobian(placed.arms, normal)  # (k, 6, n)
+        weight /= 1 + np.maximum(1 - found.cosine**2, 0) / np.float32(half_angle**2)
+        jacobian = _jacobian(placed.arms, found.normals)  # (k, 6, n)
         weighted = jacobian * weight[:, None]
         off_m[weight == 0] = 0  # infinite ones
         pairs[moving] = weight.sum(axis=1)
@@ -163,13 +187,3 @@ def _jacobian(arms: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArra
         jacobian[:, axis] = a[after] * n[last] - a[last] * n[after]
         jacobian[:, 3 + axis] = n[axis]
     return jacobian
-
-
-def _distances(grid: SurfaceGrid, placed: _Placed) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """(k, n) metres along the surface's normal to where the surface is, infinite where none is near; and
-    the surface's rows."""
-    row = grid.nearest(placed.points.reshape(-1, 3)).reshape(placed.points.shape[:2])
-    gap = grid.surface.points[row] - placed.points
-    off_m = np.einsum("kni,kni->kn", gap, grid.surface.normals[row])
-    off_m[row < 0] = np.inf
-    return off_m, row

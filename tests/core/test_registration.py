@@ -120,3 +120,21 @@ def test_a_corridor_fixes_its_width_and_not_its_length():
     assert off[0] == pytest.approx(0.1, abs=0.04)  # nothing pulls it along: it stays where it began
     along, across = found.information[3, 3], found.information[4, 4]
     assert across > 50 * along
+
+
+def test_a_scan_of_one_face_is_not_laid_on_the_other():
+    """A slab 0.3 m thick over a room: its ceiling must not settle on the floor above."""
+    ground, ceiling, above = (floor((0, 8), (0, 8)) + [0, 0, z] for z in (0.0, 2.4, 2.7))
+    walls = [wall((0, 0), (8, 0), 2.4), wall((8, 0), (8, 8), 2.4)]
+    below = np.concatenate([ground, ceiling, *walls])
+    to_viewer = np.concatenate([np.array([4, 4, 1.2]) - below, np.array([4, 4, 4.0]) - above])
+    at = make_transform(np.eye(3), [4.0, 4.0, 1.0])
+    seen = np.concatenate([ceiling, *walls]) - at[:3, 3]
+    scan = Surface.around(seen[::9], -seen[::9])
+    start = at @ make_transform(np.eye(3), [0, 0, 0.28])
+    both = np.concatenate([below, above])
+    (blind,) = MapSurface(Surface.around(both), CONFIG).refine(scan, start[None])
+    assert pose_error(at, blind.T_level_sensor)[0] == pytest.approx(0.3, abs=0.02)
+    assert blind.overlap > 0.95  # and nothing would tell
+    (found,) = MapSurface(Surface.around(both, to_viewer), CONFIG).refine(scan, start[None])
+    assert pose_error(at, found.T_level_sensor)[0] < 0.02

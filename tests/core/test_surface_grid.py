@@ -11,7 +11,7 @@ CELL_M = 0.2
 
 def surface_of(points: np.ndarray) -> Surface:
     points = points.astype(np.float32)
-    return Surface(points, np.tile(np.float32([0, 0, 1]), (len(points), 1)))
+    return Surface(points, np.tile(np.float32([0, 0, 1]), (len(points), 1)), np.zeros(len(points), np.bool_))
 
 
 @pytest.fixture(params=[surface_grid._MOST_BLOCKS, 4], ids=["small blocks", "blocks grown to fit the table"])

@@ -1,0 +1,61 @@
+"""What is seen of a place of known walls, and from which side."""
+
+import numpy as np
+
+from firstfix.sensor import preset
+from firstfix_builder.simulate import Simulator
+from firstfix_builder.visible_points import map_surface, visible_points
+
+SENSOR = preset("os0-64")
+
+
+def box(low, high):
+    """Vertices and triangles of a closed box."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    triangles = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
+    return np.array(low) + corners * (np.array(high) - low), triangles
+
+
+def two_rooms() -> Simulator:
+    """A hall of 8 by 4 by 3 m with a wall across, 0.2 m thick."""
+    hall, wall = box([0, 0, 0], [8, 4, 3]), box([3.9, 0, 0], [4.1, 4, 3])
+    return Simulator(np.concatenate([hall[0], wall[0]]), np.concatenate([hall[1], wall[1] + 8]))
+
+
+VIEWPOINTS = np.array([[1.5, 2, 1], [2.5, 2, 1], [5.5, 2, 1], [6.5, 2, 1]])
+
+
+def test_points_lie_on_what_is_seen_and_know_from_where():
+    points, to_viewer = visible_points(two_rooms(), VIEWPOINTS, SENSOR, 0.1)
+    inside = (points > -0.01).all(axis=1) & (points < np.array([8, 4, 3]) + 0.01).all(axis=1)
+    assert inside.all()
+    west = np.abs(points[:, 0] - 3.9) < 0.02
+    east = np.abs(points[:, 0] - 4.1) < 0.02
+    assert west.sum() > 300
+    assert east.sum() > 300
+    assert (to_viewer[west, 0] < 0).all()
+    assert (to_viewer[east, 0] > 0).all()
+    assert not ((points[:, 0] > 3.93) & (points[:, 0] < 4.07)).any()  # nothing within the wall
+
+
+def test_the_surface_of_a_mesh_faces_those_who_see_it():
+    surface = map_surface(None, two_rooms(), VIEWPOINTS, SENSOR, 0.1, 0.12)
+    x = surface.points[:, 0]
+    middle = (np.abs(surface.points[:, 1] - 2) < 1.5) & (np.abs(surface.points[:, 2] - 1.5) < 1)
+    west, east = middle & (np.abs(x - 3.9) < 0.03), middle & (np.abs(x - 4.1) < 0.03)
+    assert surface.oriented[west | east].mean() > 0.95
+    assert np.median(surface.normals[west, 0]) < -0.95
+    assert np.median(surface.normals[east, 0]) > 0.95
+
+
+def test_a_cloud_learns_its_faces_and_keeps_what_nobody_sees():
+    rng = np.random.default_rng(1)
+    west = np.column_stack([np.full(600, 3.91), rng.uniform([0.5, 0.5], [3.5, 2.5], (600, 2))])
+    unseen = np.column_stack([rng.uniform([20, 0], [22, 2], (300, 2)), np.zeros(300)])
+    surface = map_surface(np.concatenate([west, unseen]), two_rooms(), VIEWPOINTS, SENSOR, 0.1, 0.05)
+    on_wall = surface.points[:, 0] < 10
+    assert surface.oriented[on_wall].mean() > 0.95
+    assert np.median(surface.normals[on_wall, 0]) < -0.95
+    assert not surface.oriented[~on_wall].any()
+    assert (~on_wall).sum() > 200
