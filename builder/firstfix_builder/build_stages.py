@@ -35,6 +35,7 @@ from .mesh import Mesh
 from .preview import draw_preview
 from .read_map import read_map, read_trajectory
 from .reconstruct_mesh import reconstruct_mesh
+from .reliability import draw_reliability
 from .self_test import self_test
 from .simulate import Simulator
 from .stage_cache import StageCache, StageResult
@@ -246,6 +247,7 @@ class BuildStages:
             )
             _write_json(out / CALIBRATION_FILE, calibration.to_mapping())
             _write_json(out / "self_test.json", found.to_mapping())
+            draw_reliability(found.reliability, out / "reliability.png")
             draw_localizability(np.load(index.directory / MAP_FILE), spots, out / "localizability.png")
 
         chosen = {

@@ -27,6 +27,7 @@ from firstfix.transform import Matrix, inverse, pose_error
 
 from .disturb import DisturbConfig, disturbed_scans, elsewhere
 from .localizability import Spot, grid_of
+from .reliability import Case, fit, reliability_of
 from .simulate import Simulator
 
 RIGHT_M, RIGHT_DEG = 1.0, 10.0  # further off than this, a fix is a false one
@@ -51,6 +52,7 @@ class SelfTest:
         success: "0.2m" and so on to the share of the queries whose best hypothesis is that near.
         localized: share of the queries answered ``localized``.
         false_accepts: answers ``localized`` that were wrong by over 1 m or 10 degrees, or outside.
+        reliability: ``reliability.reliability_of`` all of them.
         localizability: ``localizability.grid_of`` the queries.
     """
 
@@ -60,6 +62,7 @@ class SelfTest:
     localized: float
     median_error_m: float
     false_accepts: int
+    reliability: dict[str, Any]
     localizability: list[dict[str, object]]
 
     def to_mapping(self) -> dict[str, Any]:
@@ -104,7 +107,7 @@ class _Outcome:
         elsewhere = [
             h.fit for h in self.answer.hypotheses[1:] if pose_error(here, h.T_map_sensor)[0] > ABSENT_BEYOND_M
         ]
-        return evidence(elsewhere) if elsewhere else None
+        return evidence(elsewhere) if len(elsewhere) > 1 else None  # of one alone the margin is not known
 
 
 def self_test(
@@ -137,27 +140,28 @@ def self_test(
         [rng.uniform(-15, 15, (200, 2)), np.full(200, float(np.median(templates.height_m)))]
     )
     outside = disturbed_scans(other, sensor, spots, 1.0, config.outside, config.disturb, rng)
-    cases: list[tuple[Scan, Matrix | None]] = [*inside, *((scan, None) for scan, _ in outside)]
+    queries: list[tuple[Scan, Matrix | None]] = [*inside, *((scan, None) for scan, _ in outside)]
     done = 0
 
-    def run(case: tuple[Scan, Matrix | None]) -> _Outcome:
+    def run(query: tuple[Scan, Matrix | None]) -> _Outcome:
         nonlocal done
         if cancelled():
             raise BuildCancelled("cancelled during the self-test")
-        scan, T_level_sensor = case
+        scan, T_level_sensor = query
         answer = localizer.localize(scan)
         done += 1
-        progress(done / len(cases))
+        progress(done / len(queries))
         if T_level_sensor is None or not answer.hypotheses:
             return _Outcome(answer, T_level_sensor, np.inf, np.inf)
         T_map_sensor = localizer.index.T_map_level @ T_level_sensor
         error = pose_error(T_map_sensor, answer.hypotheses[0].T_map_sensor)
         return _Outcome(answer, T_level_sensor, *error)
 
-    outcomes = list(executor.map(run, cases))
-    calibration = _calibration(outcomes)
+    outcomes = list(executor.map(run, queries))
+    cases = _cases(outcomes)
+    calibration = fit(cases)
     tested = _spots(outcomes, calibration, inverse(localizer.index.T_map_level))
-    return _summary(outcomes, calibration, grid_of(tested)), calibration, tested
+    return _summary(outcomes, calibration, reliability_of(cases), grid_of(tested)), calibration, tested
 
 
 def _spots(outcomes: Sequence[_Outcome], calibration: Calibration, T_level_map: Matrix) -> list[Spot]:
@@ -175,15 +179,21 @@ def _spots(outcomes: Sequence[_Outcome], calibration: Calibration, T_level_map: 
     return spots
 
 
-def _calibration(outcomes: Sequence[_Outcome]) -> Calibration:
-    found = [(o.evidence, o.right, 1.0) for o in outcomes]
-    found += [(o.without_the_truth, False, ABSENT_WEIGHT) for o in outcomes]
-    cases = [(evidence, right, weight) for evidence, right, weight in found if evidence is not None]
-    return Calibration.fit(*zip(*cases, strict=True)) if cases else Calibration()
+def _cases(outcomes: Sequence[_Outcome]) -> list[Case]:
+    cases = []
+    for query, outcome in enumerate(outcomes):
+        if outcome.evidence is not None:
+            cases.append(Case(query, outcome.evidence, outcome.right))
+        if outcome.without_the_truth is not None:
+            cases.append(Case(query, outcome.without_the_truth, False, ABSENT_WEIGHT, asked=False))
+    return cases
 
 
 def _summary(
-    outcomes: Sequence[_Outcome], calibration: Calibration, localizability: list[dict[str, object]]
+    outcomes: Sequence[_Outcome],
+    calibration: Calibration,
+    reliability: dict[str, Any],
+    localizability: list[dict[str, object]],
 ) -> SelfTest:
     inside = [outcome for outcome in outcomes if outcome.T_level_sensor is not None]
     errors = np.array([o.error_m if o.error_deg <= RIGHT_DEG else np.inf for o in inside])
@@ -200,5 +210,6 @@ def _summary(
         if len(errors) and np.isfinite(np.median(errors))
         else -1.0,
         false_accepts=sum(not o.right for o in accepted),
+        reliability=reliability,
         localizability=localizability,
     )

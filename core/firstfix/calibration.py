@@ -12,7 +12,8 @@ from scipy.optimize import minimize
 
 from .evidence import Evidence
 
-RIDGE = 0.002
+# One standard deviation that a map's weights may differ from the prior's: a share of each, and of this bias.
+SPREAD, SPREAD_BIAS = 0.4, 4.0
 
 
 @dataclass(frozen=True)
@@ -21,28 +22,28 @@ class Calibration:
 
     Attributes:
         bias: of the model.
-        overlap, closeness, free_space, margin: its weights, never negative, so that more evidence never
+        closeness, free_space, margin: its weights, never negative, so that more evidence never
             makes an answer less likely.
         min_probability: below it an answer is not ``localized``, unless the query says otherwise.
         min_overlap: below it a place does not explain the scan at all.
         min_margin: with less, two places explain it: that is ambiguous however good the better one is.
-        cases: how many self-test cases it was fitted on; 0: it is only the prior below.
+        cases: how many self-test cases it was fitted on; 0: it is only the prior, which is the defaults
+            below: fitted to eight worlds at once (docs/method.md section 7).
     """
 
-    bias: float = -33.0
-    overlap: float = 3.5
-    closeness: float = 7.0
-    free_space: float = 6.0
-    margin: float = 6.0
+    bias: float = -18.8
+    closeness: float = 2.94
+    free_space: float = 2.74
+    margin: float = 21.35
     min_probability: float = 0.95
     min_overlap: float = 0.4
-    min_margin: float = 0.11
+    min_margin: float = 0.05
     cases: int = 0
 
     @property
     def weights(self) -> NDArray[np.float64]:
-        """(5,) bias first."""
-        return np.array([self.bias, self.overlap, self.closeness, self.free_space, self.margin])
+        """(4,) bias first."""
+        return np.array([self.bias, self.closeness, self.free_space, self.margin])
 
     def probability(self, evidence: Evidence) -> float:
         """0..1 that the place is right."""
@@ -60,7 +61,7 @@ class Calibration:
 
     @classmethod
     def fit(cls, evidence: Sequence[Evidence], right: ArrayLike, weight: ArrayLike) -> Calibration:
-        """Maximum likelihood with a ridge towards the defaults, and weights that are not negative.
+        """The most likely after the prior and these cases; no weight is negative.
 
         Args:
             evidence: (n,) for the best place of each self-test case.
@@ -69,18 +70,19 @@ class Calibration:
         """
         truth, counts = np.asarray(right, np.float64), np.asarray(weight, np.float64)
         prior = cls().weights
+        spread = SPREAD * np.array([SPREAD_BIAS, *prior[1:]])
         features = np.array([[1.0, *e.features] for e in evidence]).reshape(-1, len(prior))
 
         def loss(weights: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-            log_odds, off = features @ weights, weights - prior
-            value = counts @ (np.logaddexp(0, log_odds) - truth * log_odds) + RIDGE * off @ off / 2
-            gradient = features.T @ (counts * (_logistic(log_odds) - truth)) + RIDGE * off
+            log_odds, off = features @ weights, (weights - prior) / spread
+            value = counts @ (np.logaddexp(0, log_odds) - truth * log_odds) + off @ off / 2
+            gradient = features.T @ (counts * (_logistic(log_odds) - truth)) + off / spread
             return float(value), gradient
 
         bounds = [(None, None)] + [(0, None)] * (len(prior) - 1)
         found = minimize(loss, prior, jac=True, method="L-BFGS-B", bounds=bounds).x
-        bias, overlap, closeness, free_space, margin = (round(float(v), 4) for v in found)
-        return cls(bias, overlap, closeness, free_space, margin, cases=len(truth))
+        bias, closeness, free_space, margin = (round(float(v), 4) for v in found)
+        return cls(bias, closeness, free_space, margin, cases=len(truth))
 
     def to_mapping(self) -> dict[str, Any]:
         return asdict(self)

@@ -9,8 +9,9 @@ from .engine_config import RegistrationConfig
 from .transform import Matrix
 
 # Neighbouring pairs share the errors of the map and of the model of a surface: one in this many counts as
-# independent evidence.
-_PAIRS_PER_OBSERVATION = 50.0
+# independent evidence. By this the errors on real maps are as large as the covariance says (docs/method.md);
+# in simulation, where the map has no error, they are smaller.
+_PAIRS_PER_OBSERVATION = 20.0
 _FLOOR_DEG = 0.02
 
 

@@ -44,15 +44,14 @@ class Evidence:
 
     @property
     def features(self) -> NDArray[np.float64]:
-        """(4,) what probability is a function of; more of any speaks for the place.
+        """(3,) what probability is a function of; more of any speaks for the place.
 
         Logarithms of the shares that do not fit: between 98 and 99 % lies as much as between 80 and 90.
         """
         return np.array(
             [
-                -np.log(1.05 - self.fit.overlap),
                 -np.log(1.05 - self.fit.closeness),
-                -np.log(0.02 + self.fit.seen_through),
+                -np.log(0.005 + min(self.fit.seen_through, MOST_THROUGH)),
                 min(self.margin, MOST_MARGIN),
             ]
         )

@@ -96,9 +96,7 @@ def find_places(
     return ranked([*map(looked_at, refined(near)), *places[len(near) :]])
 
 
-def _contenders(
-    settled: Sequence[Place], look_at: Callable[[Place], Place], at_most: int
-) -> list[Place]:
+def _contenders(settled: Sequence[Place], look_at: Callable[[Place], Place], at_most: int) -> list[Place]:
     """Those that may be the best, or its best rival: looking can only lessen support."""
     looked: list[Place] = []
     for place in settled[:at_most]:

@@ -108,4 +108,3 @@ def _prepare(
         ScanView.of(points[:: -(-len(points) // _RETURNS)]),
         thinned,
     )
-

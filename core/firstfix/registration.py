@@ -75,9 +75,7 @@ class MapSurface:
     def _finely(
         self, scan: Surface, T_level_sensor: NDArray[np.float64], iterations: int
     ) -> list[Registration]:
-        found = _align(
-            self._fine, scan, T_level_sensor, iterations, self.config.fine_distance_m, _FINE_ANGLE
-        )
+        found = _align(self._fine, scan, T_level_sensor, iterations, self.config.fine_distance_m, _FINE_ANGLE)
         pairs = _Pairs.of(self._fine, scan, _Placed.at(scan, found.T_level_sensor))
         share = np.abs(pairs.off_m) / self.config.inlier_distance_m
         overlap = (share <= 1).mean(axis=1)

@@ -63,9 +63,7 @@ class Surface:
     def moved(self, T: Matrix) -> Surface:
         """In the left frame of T."""
         R = T[:3, :3].astype(np.float32)
-        return Surface(
-            self.points @ R.T + T[:3, 3].astype(np.float32), self.normals @ R.T, self.oriented
-        )
+        return Surface(self.points @ R.T + T[:3, 3].astype(np.float32), self.normals @ R.T, self.oriented)
 
     def thinned(self, voxel_m: float) -> Surface:
         """The mean in every voxel, one for each of the six ways that its normals mostly point."""

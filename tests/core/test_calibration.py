@@ -17,7 +17,7 @@ def cases(n: int, seed: int):
             strict=True,
         )
     ]
-    true_model = Calibration(bias=-9.0, overlap=1.5, closeness=2.0, free_space=1.5, margin=5.0)
+    true_model = Calibration(bias=-9.0, closeness=2.0, free_space=1.5, margin=5.0)
     truth = rng.random(n) < [true_model.probability(e) for e in found]
     return found, truth, np.ones(n)
 

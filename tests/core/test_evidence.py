@@ -20,7 +20,6 @@ def test_the_margin_is_over_the_best_other_place():
 @pytest.mark.parametrize(
     ("better", "worse"),
     [
-        (Fit(0.95, 0.8, 0.01), Fit(0.94, 0.8, 0.01)),
         (Fit(0.95, 0.81, 0.01), Fit(0.95, 0.8, 0.01)),
         (Fit(0.95, 0.8, 0.0), Fit(0.95, 0.8, 0.01)),
     ],

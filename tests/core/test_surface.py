@@ -59,7 +59,9 @@ def test_thinning_keeps_the_two_faces_of_a_wall_apart():
 
 
 def test_thinning_brings_normals_of_unknown_sign_together():
-    thinned = surface_of([[0.1, 0.1, 0.1], [0.3, 0.1, 0.1]], [[0, 0, 1], [0, 0, -1]], oriented=False).thinned(1.0)
+    thinned = surface_of([[0.1, 0.1, 0.1], [0.3, 0.1, 0.1]], [[0, 0, 1], [0, 0, -1]], oriented=False).thinned(
+        1.0
+    )
     assert len(thinned) == 1
     assert np.allclose(np.abs(thinned.normals), [[0, 0, 1]])
     assert not thinned.oriented.any()

@@ -45,11 +45,11 @@ def test_a_twin_makes_it_ambiguous_and_both_are_returned():
 
 
 def test_a_twin_with_a_wall_in_the_way_is_no_rival():
-    assert judged(place(0, 0.95), place(1, 0.94, 0.08)).verdict is Verdict.LOCALIZED
+    assert judged(place(0, 0.95), place(1, 0.94, 0.15)).verdict is Verdict.LOCALIZED
 
 
 def test_a_twin_makes_it_ambiguous_however_sure_the_model_is():
-    sure = Calibration(bias=0, overlap=50, closeness=0, free_space=0, margin=0, min_margin=0.1)
+    sure = Calibration(bias=0, closeness=50, free_space=0, margin=0, min_margin=0.1)
     assert judged(place(0, 0.99), place(1, 0.95), calibration=sure).verdict is Verdict.AMBIGUOUS
     assert judged(place(0, 0.99), place(1, 0.80), calibration=sure).verdict is Verdict.LOCALIZED
 
@@ -65,9 +65,9 @@ def test_little_overlap_is_rejected_whatever_the_caller_asks():
 
 
 def test_a_doubtful_place_is_rejected_unless_the_caller_takes_it():
-    doubtful = place(0, 0.65, 0.005)
-    assert judged(doubtful).reasons == (Reason.LOW_PROBABILITY,)
-    assert judged(doubtful, min_probability=0.01).verdict is Verdict.LOCALIZED
+    doubtful, strict = place(0, 0.6), Calibration(bias=-26)
+    assert judged(doubtful, calibration=strict).reasons == (Reason.LOW_PROBABILITY,)
+    assert judged(doubtful, calibration=strict, min_probability=0.01).verdict is Verdict.LOCALIZED
 
 
 def test_no_place_is_no_candidate():
