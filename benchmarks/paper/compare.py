@@ -17,7 +17,6 @@ from firstfix.map_index import MapIndex
 from firstfix.map_view import MapView
 from firstfix.registration import MapSurface
 from firstfix.transform import pose_error
-from firstfix_builder.clean_cloud import voxel_means
 from firstfix_builder.config import EngineOverrides
 from firstfix_builder.fit_engine import fit_engine
 from firstfix_builder.visible_points import map_surface

@@ -50,7 +50,8 @@ class ScanContextPeer:
         if prepared is None:
             return None
         surface, T_map_level = self._index.surface, self._index.T_map_level
-        (settled,) = surface.settle(prepared.sparse, (inverse(T_map_level) @ T_map_sensor)[None])
+        near = surface.approach(prepared.sparse, (inverse(T_map_level) @ T_map_sensor)[None])
+        (settled,) = surface.settle(prepared.sparse, near)
         (fine,) = surface.refine(prepared.dense, settled.T_level_sensor[None])
         return T_map_level @ fine.T_level_sensor
 

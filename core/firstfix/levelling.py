@@ -35,7 +35,7 @@ class Level:
     height_m: float | None
 
 
-def estimate_up(normals: NDArray[np.float64]) -> NDArray[np.float64]:
+def estimate_up(normals: NDArray[np.floating]) -> NDArray[np.float64]:
     """(n, 3) unit surface normals (any sign) to the unit up vector, within MAX_TILT_DEG of sensor z.
 
     A vote over a grid of directions, then three rounds of reweighted least squares: the smallest
@@ -59,7 +59,7 @@ def estimate_up(normals: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def floor_height(
-    points: NDArray[np.float64], normals: NDArray[np.float64], max_height_m: float = 4.0
+    points: NDArray[np.floating], normals: NDArray[np.floating], max_height_m: float = 4.0
 ) -> float | None:
     """Height of the sensor above the floor around it, or None.
 
@@ -97,7 +97,7 @@ def _cone() -> NDArray[np.float64]:
 
 
 def _votes(
-    normals: NDArray[np.float64], directions: NDArray[np.float64], width: float
+    normals: NDArray[np.floating], directions: NDArray[np.float64], width: float
 ) -> NDArray[np.float64]:
     along2 = (normals.astype(np.float32) @ directions.T.astype(np.float32)) ** 2  # (n, directions)
     scale = np.float32(-1 / (2 * width**2))

@@ -55,14 +55,15 @@ def find_places(
     registered finely, and only where one may yet be accepted."""
 
     def settled() -> list[Place]:
-        found = index.surface.settle(prepared.sparse, np.array([c.T_level_sensor for c in candidates]))
+        starts = np.array([candidate.T_level_sensor for candidate in candidates])
+        found = index.surface.settle(prepared.sparse, index.surface.approach(prepared.sparse, starts))
         return [Place(c.template, registration) for c, registration in zip(candidates, found, strict=True)]
 
     def around(place: Place) -> Place:
         """The place, or a minimum beside it that is clearly better."""
         starts = np.repeat(place.registration.T_level_sensor[None], 9, axis=0)
         starts[:, :2, 3] += ASTRAY_M * np.array(list(product((0, -1, 1), repeat=2)))
-        found = index.surface.settle_finely(prepared.sparse, starts)
+        found = index.surface.settle(prepared.sparse, starts)
         best = max(found, key=lambda registration: registration.closeness)
         return Place(place.template, best if best.closeness > found[0].closeness + BETTER else found[0])
 

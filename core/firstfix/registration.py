@@ -56,15 +56,13 @@ class MapSurface:
         self._fine = SurfaceGrid(surface, config.map_voxel_m)
         self._coarse = SurfaceGrid(surface.thinned(config.coarse_voxel_m / 2), config.coarse_voxel_m)
 
-    def settle(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> list[Registration]:
-        """From (k, 4, 4) starts within a metre or so."""
-        config = self.config
-        reach_m = 1.5 * config.coarse_voxel_m
-        few = scan.at_most(_COARSE_POINTS)
-        coarse = _align(self._coarse, few, T_level_sensor, config.coarse_iterations, reach_m, _COARSE_ANGLE)
-        return self.settle_finely(scan, coarse.T_level_sensor)
+    def approach(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(k, 4, 4) from starts within a metre or so to a few decimetres."""
+        reach_m, few = 1.5 * self.config.coarse_voxel_m, scan.at_most(_COARSE_POINTS)
+        iterations = self.config.coarse_iterations
+        return _align(self._coarse, few, T_level_sensor, iterations, reach_m, _COARSE_ANGLE).T_level_sensor
 
-    def settle_finely(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> list[Registration]:
+    def settle(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> list[Registration]:
         """From (k, 4, 4) starts within a few decimetres."""
         return self._finely(scan, T_level_sensor, self.config.settle_iterations)
 
@@ -120,11 +118,13 @@ class _Pairs:
 
     @classmethod
     def of(cls, grid: SurfaceGrid, scan: Surface, placed: _Placed) -> _Pairs:
-        row = grid.nearest(placed.points.reshape(-1, 3)).reshape(placed.points.shape[:2])
-        normals = grid.surface.normals[row]
-        off_m = np.einsum("kni,kni->kn", grid.surface.points[row] - placed.points, normals)
+        points = placed.points - grid.corner
+        row = grid.nearest(points.reshape(-1, 3)).reshape(points.shape[:2])
+        planes = grid.planes[row]
+        normals = planes[..., :3]
+        off_m = planes[..., 3] - np.einsum("kni,kni->kn", points, normals)
         cosine = np.einsum("kni,kni->kn", placed.normals, normals)
-        other_face = (cosine < _OTHER_FACE) & grid.surface.oriented[row] & scan.oriented
+        other_face = (cosine < _OTHER_FACE) & grid.oriented[row] & scan.oriented
         off_m[(row < 0) | other_face] = np.inf
         return cls(off_m, normals, cosine)
 

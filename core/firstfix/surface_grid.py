@@ -23,14 +23,21 @@ class SurfaceGrid:
 
     Every point is known in its own cell and the 26 around it: what lies within a cell's width of a
     surface always finds it, what lies beyond two never does.
+
+    Attributes:
+        corner: (3,) float32, metres, below everything: from it float32 counts finely enough.
+        planes: (m, 4) float32, at each point of the surface its normal and how far along it the point
+            lies from the corner.
+        oriented: (m,) as the surface's.
     """
 
     def __init__(self, surface: Surface, cell_m: float) -> None:
-        self.surface = surface
         scaled = np.asarray(surface.points, np.float64) / cell_m
         cell = np.floor(scaled).astype(np.int64)
         low = cell.min(axis=0) - 2  # a margin of empty cells, where everything outside is sent
-        self._per_m, self._low = np.float32(1 / cell_m), (low * cell_m).astype(np.float32)
+        self._per_m, self.corner = np.float32(1 / cell_m), (low * cell_m).astype(np.float32)
+        along = np.einsum("ij,ij->i", surface.normals, surface.points - self.corner)
+        self.planes, self.oriented = np.column_stack([surface.normals, along]), surface.oriented
         self._last = (cell.max(axis=0) - low + 2).astype(np.float32)
         self._bits = 3
         while np.prod((self._last + 1) / (1 << self._bits)) > _MOST_BLOCKS:
@@ -40,8 +47,8 @@ class SurfaceGrid:
         self._nearest = self._nearest_points(cell, (scaled - low - cell).astype(np.float32))
 
     def nearest(self, points: NDArray[np.float32]) -> NDArray[np.int32]:
-        """(n, 3) to (n,) rows of the surface, -1 where none is near."""
-        cell = ((points - self._low) * self._per_m).clip(0, self._last).astype(np.int32)
+        """(n, 3) from the corner to (n,) rows of the surface, -1 where none is near."""
+        cell = (points * self._per_m).clip(0, self._last).astype(np.int32)
         return self._nearest[self._slot(cell)]
 
     def _slot(self, cell: NDArray[np.integer]) -> NDArray[np.int64]:

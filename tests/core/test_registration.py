@@ -64,7 +64,7 @@ def test_all_starts_within_half_a_metre_end_at_the_truth(room, seed):
         ]
     )
     scan = scan_of(ROOM, TRUE)
-    settled = room.settle(scan.at_most(400), starts)
+    settled = room.settle(scan.at_most(400), room.approach(scan, starts))
     fine = room.refine(scan, np.array([r.T_level_sensor for r in settled]))
     for registration in fine:
         metres, degrees = pose_error(TRUE, registration.T_level_sensor)
@@ -78,7 +78,9 @@ def test_a_start_has_the_same_end_alone_and_among_others(room):
     scan = scan_of(ROOM, TRUE).at_most(400)
     near = TRUE @ make_transform(np.eye(3), [0.3, -0.2, 0.05])
     far = make_transform(rotation_z(2.0), [9.0, 1.0, 1.0])
-    (alone,), (_, among) = room.settle(scan, near[None]), room.settle(scan, np.array([far, near]))
+    (alone,), (_, among) = (
+        room.settle(scan, room.approach(scan, starts)) for starts in (near[None], np.array([far, near]))
+    )
     assert np.allclose(alone.T_level_sensor, among.T_level_sensor, atol=1e-5)
     assert alone.closeness == pytest.approx(among.closeness, abs=1e-4)
 
@@ -92,7 +94,7 @@ def test_a_wrong_place_is_told_by_its_measures(room):
 
 def test_far_from_the_map_nothing_moves_and_nothing_fits(room):
     scan, nowhere = scan_of(ROOM, TRUE), make_transform(np.eye(3), [500.0, 0, 0])
-    (found,) = room.settle(scan, nowhere[None])
+    (found,) = room.settle(scan, room.approach(scan, nowhere[None]))
     assert np.allclose(found.T_level_sensor, nowhere)
     assert found.overlap == found.closeness == 0
     assert np.isfinite(found.information).all()

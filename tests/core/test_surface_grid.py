@@ -14,11 +14,21 @@ def surface_of(points: np.ndarray) -> Surface:
     return Surface(points, np.tile(np.float32([0, 0, 1]), (len(points), 1)), np.zeros(len(points), np.bool_))
 
 
+class Known:
+    """A grid that is asked in the surface's own coordinates."""
+
+    def __init__(self, surface: Surface) -> None:
+        self.surface, self.grid = surface, SurfaceGrid(surface, CELL_M)
+
+    def nearest(self, points: np.ndarray) -> np.ndarray:
+        return self.grid.nearest(np.float32(points) - self.grid.corner)
+
+
 @pytest.fixture(params=[surface_grid._MOST_BLOCKS, 4], ids=["small blocks", "blocks grown to fit the table"])
 def grid(request, monkeypatch):
     monkeypatch.setattr(surface_grid, "_MOST_BLOCKS", request.param)
     rng = np.random.default_rng(3)
-    return SurfaceGrid(surface_of(rng.uniform([-7, 2, -1], [5, 9, 2], (3000, 3))), CELL_M)
+    return Known(surface_of(rng.uniform([-7, 2, -1], [5, 9, 2], (3000, 3))))
 
 
 def test_at_every_point_some_point_of_its_cell_or_nearer_is_found(grid):
@@ -53,6 +63,15 @@ def test_a_kilometre_outside_nothing_is_near(grid):
 
 
 def test_one_point():
-    grid = SurfaceGrid(surface_of(np.array([[3.0, -2.0, 1.0]])), CELL_M)
+    grid = Known(surface_of(np.array([[3.0, -2.0, 1.0]])))
     asked = np.float32([[3.0, -2.0, 1.0], [3.1, -2.1, 1.1], [3.9, -2.0, 1.0]])
     assert grid.nearest(asked).tolist() == [0, 0, -1]
+
+
+def test_a_plane_gives_the_distance_along_its_normal(grid):
+    rng = np.random.default_rng(6)
+    asked = grid.surface.points + rng.uniform(-0.05, 0.05, grid.surface.points.shape).astype(np.float32)
+    row = grid.nearest(asked)
+    plane = grid.grid.planes[row]
+    off_m = plane[:, 3] - np.einsum("ij,ij->i", asked - grid.grid.corner, plane[:, :3])
+    assert np.allclose(off_m, grid.surface.points[row, 2] - asked[:, 2], atol=1e-5)  # normals are upright
