@@ -9,9 +9,16 @@ from pathlib import Path
 from . import real
 from .paper import suite as paper
 from .peers import suite as peers
+from .retrieval import suite as retrieval
 from .robust import suite as robust
 
-SUITES = {"paper": paper.run, "peers": peers.run, "real": real.run, "robust": robust.run}
+SUITES = {
+    "paper": paper.run,
+    "peers": peers.run,
+    "real": real.run,
+    "retrieval": retrieval.run,
+    "robust": robust.run,
+}
 
 
 def main() -> None:

@@ -1,0 +1,1 @@
+"""Which templates a scan finds, before anything is registered: ``python -m benchmarks.run retrieval``."""

@@ -1,0 +1,227 @@
+"""The pieces of the default, each replaced or left out while all others stay."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from firstfix.descriptor import Descriptor
+from firstfix.localizer import Localizer
+from firstfix.scan import Scan
+from firstfix.sensor import SensorModel, preset
+from firstfix.transform import Matrix
+from firstfix_builder.disturb import DisturbConfig
+
+from ..robust.cases import ALL
+from ..robust.outcome import ask
+from .maximum_height import MaximumHeight
+from .place import UPRIGHT, Asked, Descriptors, Gravity, Place
+from .projections import lda, whitening
+from .range_images import reranked
+from .trial import LEARNED, NUMBERS, SPECTRUM, Row, Trial, row_of
+
+SEED, LEARN_SEED = 9, 10
+DEFAULT = "default"
+SPACINGS_M = (0.5, 1.0, 2.0)
+TILT_DEG = 5.0
+TEMPLATE_TILT_DEG = 3.0
+TILTED = (
+    *UPRIGHT,
+    *((side * TEMPLATE_TILT_DEG, 0.0) for side in (-1, 1)),
+    *((0.0, side * TEMPLATE_TILT_DEG) for side in (-1, 1)),
+)
+NUMBERS_TRIED = (32, 64, 256)
+SHRINKAGES = (0.1, 0.3, 0.5, 0.9)
+REGISTERED_M = 0.2
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Attributes:
+    queries: of every row.
+    taught: scans that a projection is learned from.
+    registered: queries that go through the whole localizer, for every spacing.
+    nearest: templates by key that are compared.
+    """
+
+    queries: int = 200
+    taught: int = 1500
+    registered: int = 60
+    nearest: int = 400
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """Every method is one piece of the table, as rows for one world.
+
+    Attributes:
+        localizer: of a version of the world with the given spacing of its templates.
+    """
+
+    place: Place
+    sensor: SensorModel
+    localizer: Callable[[float], tuple[Localizer, Place]]
+    sizes: Sizes
+
+    @cached_property
+    def descriptors(self) -> Descriptors:
+        """The default, and one thing of it changed each."""
+        default = self.place.descriptor
+
+        def changed(**changes: object) -> Descriptor:
+            return default.model_copy(update=changes).make()
+
+        return {
+            DEFAULT: default.make(),
+            "1 layer": changed(layer_edges_m=(0.3, 25.0)),
+            "3 layers": changed(layer_edges_m=(0.3, 1.0, 3.0, 25.0)),
+            "9 layers": changed(layer_edges_m=(0.3, 0.65, 1.0, 1.4, 1.8, 2.4, 3.0, 4.5, 6.0, 25.0)),
+            "maximum height": MaximumHeight(default.grid, default.coefficients),
+            "40 rings": changed(rings=40),
+            "120 sectors": changed(sectors=120),
+        }
+
+    @cached_property
+    def scans(self) -> list[tuple[Scan, Matrix]]:
+        return self.place.scans(self.sensor, ALL, self.sizes.queries, (SEED,))
+
+    @cached_property
+    def trials(self) -> dict[str, Trial]:
+        """Of every descriptor."""
+        known = self.place.known(self.sensor, self.descriptors)
+        taught = self.place.asked(self._lessons(self.sensor), self.descriptors)
+        asked = self.place.asked(self.scans, self.descriptors)
+        return {
+            name: Trial(how, known[name], taught[name], asked[name], self.place.spacing_m, self.sizes.nearest)
+            for name, how in self.descriptors.items()
+        }
+
+    def keys(self) -> list[Row]:
+        """How many Fourier coefficients, and what the key is projected on."""
+        trial, rows = self.trials[DEFAULT], self.trials[DEFAULT].rows("default", "")
+        for coefficients in (1, 4, 16):
+            rows += trial.with_coefficients(coefficients).rows(
+                "coefficients", f"{coefficients} in place of 8"
+            )
+        keys, within = trial.template_keys(), trial.within()
+        for numbers in NUMBERS_TRIED:
+            found = trial.by(lda(keys, within, numbers))
+            rows.append(row_of("projection", f"{numbers} numbers in place of {NUMBERS}", LEARNED, found))
+        for shrinkage in SHRINKAGES:
+            found = trial.by(lda(keys, within, NUMBERS, shrinkage))
+            rows.append(row_of("projection", f"shrinkage {shrinkage} in place of 0.7", LEARNED, found))
+        for share in (5, 2):
+            found = trial.by(lda(keys, within[::share], NUMBERS))
+            rows.append(row_of("projection", f"learned from {len(within[::share])} scans", LEARNED, found))
+        found = trial.by(whitening(keys, NUMBERS))
+        rows.append(row_of("projection", "whitened only, nothing learned", LEARNED, found))
+        return rows
+
+    def cells(self) -> list[Row]:
+        """Layers, rings and sectors."""
+        return [
+            row
+            for name, trial in self.trials.items()
+            if name != DEFAULT
+            for row in trial.rows("cells", f"{name} in place of {_of_default(name)}")
+        ]
+
+    def gravity(self) -> list[Row]:
+        """Where up is taken from, for scans tilted as usual and more."""
+        how = {DEFAULT: self.place.descriptor.make()}
+        upright, tilted = self.trials[DEFAULT].known, self.place.known(self.sensor, how, TILTED)[DEFAULT]
+        lessons = self._lessons(self.sensor)
+        scans = {
+            ALL.tilt_deg: self.scans,
+            TILT_DEG: self._tilted(TILT_DEG),
+        }
+        ways: tuple[tuple[str, Gravity, bool], ...] = (
+            ("estimated", "estimated", False),
+            ("given", "given", False),
+            ("none", "none", False),
+            ("none, tilted templates too", "none", True),
+        )
+        rows = []
+        for name, gravity, with_tilted in ways:
+            taught = self.place.asked(lessons, how, gravity)[DEFAULT]
+            for tilt_deg, those in scans.items():
+                trial = replace(
+                    self.trials[DEFAULT],
+                    known=tilted if with_tilted else upright,
+                    taught=taught,
+                    asked=self.place.asked(those, how, gravity)[DEFAULT],
+                )
+                rows += trial.rows("gravity", f"{name}; scans tilted {tilt_deg:g} deg")
+        return rows
+
+    def spacing(self) -> list[Row]:
+        """The same scans asked of coarser and finer templates, and what registration makes of it."""
+        how = {DEFAULT: self.place.descriptor.make()}
+        asked, rows = self.trials[DEFAULT].asked, []
+        for spacing_m in SPACINGS_M:
+            localizer, place = self.localizer(spacing_m)
+            known = place.known(self.sensor, how)[DEFAULT]
+            lessons = place.scans(
+                self.sensor.coarser(_LESSON_RAYS), DisturbConfig(), self.sizes.taught, (LEARN_SEED,)
+            )
+            taught = place.asked(lessons, how)[DEFAULT]
+            trial = Trial(how[DEFAULT], known, taught, asked, spacing_m, self.sizes.nearest)
+            found = trial.rows("spacing", f"{spacing_m:g} m")
+            outcomes = [ask(localizer, *case, "", "") for case in self.scans[: self.sizes.registered]]
+            if outcomes:
+                found[0] |= {
+                    "registered": round(float(np.mean([o.is_within(REGISTERED_M) for o in outcomes])), 3),
+                    "localize_ms": round(float(np.median([o.ms for o in outcomes])), 0),
+                }
+            rows += found
+        return rows
+
+    def reranking(self) -> list[Row]:
+        """The best of the comparison sorted again by the range image that each would have."""
+        trial = self.trials[DEFAULT]
+        scans = [self.scans[number] for number in trial.asked.number]
+        rows = []
+        for key, projection in ((SPECTRUM, None), (LEARNED, trial.learned())):
+            for name, figures in reranked(self.place, scans, trial.by(projection).found).items():
+                rows.append({"piece": "range image", "choice": name, "key": key, **figures})
+        return rows
+
+    def sensors(self) -> list[Row]:
+        """Scanners that the templates were not made for."""
+        how = {DEFAULT: self.place.descriptor.make()}
+        rows = []
+        for name in ("vlp-16", "mid-360"):
+            other = preset(name)
+            scans = self.place.scans(other, ALL, self.sizes.queries, (SEED, 1))
+            asked = self.place.asked(scans, how)[DEFAULT]
+            ours = replace(self.trials[DEFAULT], asked=asked)
+            theirs = replace(
+                ours,
+                known=self.place.known(other, how)[DEFAULT],
+                taught=self._taught(other, how),
+            )
+            rows += ours.rows("sensor", f"{name} asks templates of {self.sensor.name}")
+            rows += theirs.rows("sensor", f"{name} asks its own templates")
+        return rows
+
+    def _lessons(self, sensor: SensorModel) -> list[tuple[Scan, Matrix]]:
+        return self.place.scans(
+            sensor.coarser(_LESSON_RAYS), DisturbConfig(), self.sizes.taught, (LEARN_SEED,)
+        )
+
+    def _taught(self, sensor: SensorModel, how: Descriptors) -> Asked:
+        return self.place.asked(self._lessons(sensor), how)[DEFAULT]
+
+    def _tilted(self, tilt_deg: float) -> Sequence[tuple[Scan, Matrix]]:
+        disturb = ALL.model_copy(update={"tilt_deg": tilt_deg})
+        return self.place.scans(self.sensor, disturb, self.sizes.queries, (SEED,))
+
+
+_LESSON_RAYS = 16_384
+
+
+def _of_default(name: str) -> str:
+    return {"rings": "20", "sectors": "60"}.get(name.split()[-1], "5 layers")

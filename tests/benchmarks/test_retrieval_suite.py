@@ -1,0 +1,145 @@
+"""The retrieval suite on the small world, its projections on keys whose answer is known, its report."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.retrieval.maximum_height import MaximumHeight
+from benchmarks.retrieval.place import Asked, Known
+from benchmarks.retrieval.projections import lda, whitening
+from benchmarks.retrieval.recall import recall_of
+from benchmarks.retrieval.report import report
+from benchmarks.retrieval.suite import PIECES, Sizes, measure
+from benchmarks.worlds import BenchWorld, Scenery, WorldFiles
+from firstfix.descriptor import LayeredOccupancy, PolarGrid, ScanBatch
+from firstfix.transform import rotation_z
+from small_world import CONFIG
+
+pytestmark = pytest.mark.slow
+
+GRID = PolarGrid(10, 36, 20.0)
+
+
+@pytest.fixture(scope="module")
+def figures(small_map: Path, tmp_path_factory: pytest.TempPathFactory):
+    """At 0.5 m, where 20 by key are a small part of the templates."""
+    yard = BenchWorld("yard", "yard", CONFIG, lambda cache: WorldFiles(Scenery(small_map)))
+    absent = replace(yard, name="absent", missing="not here")
+    sizes = Sizes(queries=100, taught=300, registered=4, nearest=20)
+    pieces = ("keys", "reranking", "spacing")
+    return measure((yard, absent), pieces, sizes, tmp_path_factory.mktemp("retrieval"), 0.5)
+
+
+def rows_of(figures, piece: str, choice: str = "") -> dict:
+    """The key to the row."""
+    rows = figures["worlds"]["yard"]["rows"]
+    return {row["key"]: row for row in rows if row["piece"] == piece and row["choice"] == choice}
+
+
+def test_a_world_that_is_not_there_is_named(figures):
+    assert figures["worlds"]["absent"] == "skipped: not here"
+
+
+def test_the_default_finds_its_way_about_the_yard(figures):
+    assert figures["worlds"]["yard"]["templates"] > 300
+    for row in rows_of(figures, "default").values():
+        assert row["key_all"] >= 0.9
+        assert row["best_10"] >= 0.9
+
+
+def test_the_spectrum_finds_more_than_the_mean_occupancy(figures):
+    mean_only = rows_of(figures, "coefficients", "1 in place of 8")["as it is"]
+    default = rows_of(figures, "default")["as it is"]
+    assert (mean_only["numbers"], default["numbers"]) == (100, 800)
+    assert default["key_10"] > mean_only["key_10"] + 0.03
+
+
+def test_what_is_learned_finds_more_where_templates_are_far_apart(figures):
+    coarse = rows_of(figures, "spacing", "2 m")
+    assert coarse["projected"]["key_10"] > coarse["as it is"]["key_10"] + 0.05
+
+
+def test_shares_grow_with_what_is_looked_at(figures):
+    for row in figures["worlds"]["yard"]["rows"]:
+        if "numbers" in row:
+            assert 0 <= row["best_10"] <= row["best_40"] <= row["key_all"] <= 1
+            assert row["key_10"] <= row["key_all"]
+
+
+def test_the_range_image_keeps_the_right_place_in_front(figures):
+    after = rows_of(figures, "range image", "after")["projected"]
+    assert after["best_1"] >= 0.8
+    assert after["best_10"] >= after["best_5"] >= after["best_1"]
+
+
+def test_a_coarser_grid_finds_less(figures):
+    fine, coarse = (rows_of(figures, "spacing", name)["projected"] for name in ("0.5 m", "2 m"))
+    assert fine["best_10"] > coarse["best_10"]
+
+
+def test_the_report_has_every_row(figures):
+    text = report(figures)
+    rows = figures["worlds"]["yard"]["rows"]
+    registered = sum("registered" in row for row in rows)
+    tables = 3
+    assert sum(line.startswith("| ") for line in text.splitlines()) == len(rows) + registered + tables
+
+
+def test_every_piece_is_a_method():
+    from benchmarks.retrieval.pieces import Pieces
+
+    assert all(callable(getattr(Pieces, name)) for name in PIECES)
+
+
+def test_lda_looks_where_places_differ_and_disturbances_do_not():
+    """Places differ most along x, but disturbances too; along y less, but nothing disturbs it."""
+    rng = np.random.default_rng(1)
+    places = rng.normal(0, [10.0, 1.0, 0.1], (300, 3)).astype(np.float32)
+    within = rng.normal(0, [20.0, 0.02, 0.5], (600, 3)).astype(np.float32)
+    learned = lda(places, within, 1, shrinkage=1e-6)[:, 0]
+    assert abs(learned[1]) / np.linalg.norm(learned) > 0.99
+    largest = whitening(places, 1)[:, 0]
+    assert abs(largest[0]) / np.linalg.norm(largest) > 0.99
+    asked = places + within[:300]
+
+    def found(projection: np.ndarray) -> float:
+        away = np.abs((asked @ projection)[:, None] - (places @ projection)[None])
+        return float(np.mean(away.argmin(axis=1) == np.arange(300)))
+
+    assert found(learned) > 10 * found(largest) > 0
+
+
+def test_lda_makes_disturbances_alike_in_all_directions():
+    rng = np.random.default_rng(2)
+    mixed = rng.normal(size=(5, 5)).astype(np.float32)
+    within = rng.normal(size=(5000, 5)).astype(np.float32) @ mixed
+    projection = lda(rng.normal(size=(400, 5)).astype(np.float32), within, 5, shrinkage=0.0)
+    np.testing.assert_allclose(np.cov((within @ projection).T), np.eye(5), atol=0.05)
+
+
+def test_maximum_height_knows_the_turn():
+    rng = np.random.default_rng(3)
+    points = rng.uniform([-15, -15, -1], [15, 15, 4], (4000, 3)).astype(np.float32)
+    how, turn = MaximumHeight(GRID), 7 * 2 * np.pi / GRID.sectors
+    here = how.describe(ScanBatch.single(points, 1.0))
+    turned = how.describe(ScanBatch.single((points @ rotation_z(turn)).astype(np.float32), 1.0))
+    yaw, score = how.match(turned, here)
+    assert yaw[0] == pytest.approx(turn)
+    assert score[0] == pytest.approx(1.0, abs=0.02)
+    np.testing.assert_allclose(how.keys(here), how.keys(turned), atol=0.02)
+
+
+def test_a_right_place_at_a_wrong_heading_is_not_found():
+    rng = np.random.default_rng(4)
+    points = rng.uniform([-15, -15, 0], [15, 15, 4], (300, 3)).astype(np.float32)
+    how = LayeredOccupancy(GRID)
+    here = how.describe(ScanBatch.single(points, 1.0))
+    known, first = Known(np.zeros((1, 3)), here, 1), np.zeros(1, np.intp)
+    right = recall_of(how, known, Asked(first, np.full((1, 3), 0.1), np.zeros(1), here), None, 0.5)
+    assert (right.key_all, right.best_10) == (1.0, 1.0)
+    turned = recall_of(how, known, Asked(first, np.full((1, 3), 0.1), np.full(1, 1.0), here), None, 0.5)
+    assert (turned.key_all, turned.best_10) == (1.0, 0.0)
+    away = recall_of(how, known, Asked(first, np.full((1, 3), 2.0), np.zeros(1), here), None, 0.5)
+    assert (away.key_all, away.best_10) == (0.0, 0.0)
