@@ -13,15 +13,15 @@ from firstfix.localizer import Localizer
 from firstfix.scan import Scan
 from firstfix.sensor import SensorModel, preset
 from firstfix.transform import Matrix
-from firstfix_builder.disturb import DisturbConfig
+from firstfix_builder.learn_keys import discriminants
 
 from ..robust.cases import ALL
 from ..robust.outcome import ask
 from .maximum_height import MaximumHeight
-from .place import UPRIGHT, Asked, Descriptors, Gravity, Place
-from .projections import lda, whitening
+from .place import UPRIGHT, Asked, Descriptors, Gravity, Known, Place
+from .projections import whitening
 from .range_images import reranked
-from .trial import LEARNED, NUMBERS, SPECTRUM, Row, Trial, row_of
+from .trial import LEARNED, LEARNED_AS, SPECTRUM, Row, Trial, row_of
 
 SEED, LEARN_SEED = 9, 10
 DEFAULT = "default"
@@ -47,8 +47,8 @@ class Sizes:
     nearest: templates by key that are compared.
     """
 
-    queries: int = 200
-    taught: int = 1500
+    queries: int = 150
+    taught: int = LEARNED_AS.scans
     registered: int = 60
     nearest: int = 400
 
@@ -107,16 +107,19 @@ class Pieces:
                 "coefficients", f"{coefficients} in place of 8"
             )
         keys, within = trial.template_keys(), trial.within()
+        numbers_kept, shrinkage_kept = LEARNED_AS.numbers, LEARNED_AS.shrinkage
         for numbers in NUMBERS_TRIED:
-            found = trial.by(lda(keys, within, numbers))
-            rows.append(row_of("projection", f"{numbers} numbers in place of {NUMBERS}", LEARNED, found))
+            found = trial.by(discriminants(keys, within, numbers, shrinkage_kept))
+            rows.append(row_of("projection", f"{numbers} numbers in place of {numbers_kept}", LEARNED, found))
         for shrinkage in SHRINKAGES:
-            found = trial.by(lda(keys, within, NUMBERS, shrinkage))
-            rows.append(row_of("projection", f"shrinkage {shrinkage} in place of 0.7", LEARNED, found))
+            found = trial.by(discriminants(keys, within, numbers_kept, shrinkage))
+            rows.append(
+                row_of("projection", f"shrinkage {shrinkage} in place of {shrinkage_kept}", LEARNED, found)
+            )
         for share in (5, 2):
-            found = trial.by(lda(keys, within[::share], NUMBERS))
+            found = trial.by(discriminants(keys, within[::share], numbers_kept, shrinkage_kept))
             rows.append(row_of("projection", f"learned from {len(within[::share])} scans", LEARNED, found))
-        found = trial.by(whitening(keys, NUMBERS))
+        found = trial.by(whitening(keys, numbers_kept))
         rows.append(row_of("projection", "whitened only, nothing learned", LEARNED, found))
         return rows
 
@@ -134,10 +137,7 @@ class Pieces:
         how = {DEFAULT: self.place.descriptor.make()}
         upright, tilted = self.trials[DEFAULT].known, self.place.known(self.sensor, how, TILTED)[DEFAULT]
         lessons = self._lessons(self.sensor)
-        scans = {
-            ALL.tilt_deg: self.scans,
-            TILT_DEG: self._tilted(TILT_DEG),
-        }
+        scans = {ALL.tilt_deg: self.scans, TILT_DEG: self._tilted(TILT_DEG)}
         ways: tuple[tuple[str, Gravity, bool], ...] = (
             ("estimated", "estimated", False),
             ("given", "given", False),
@@ -159,25 +159,33 @@ class Pieces:
 
     def spacing(self) -> list[Row]:
         """The same scans asked of coarser and finer templates, and what registration makes of it."""
-        how = {DEFAULT: self.place.descriptor.make()}
-        asked, rows = self.trials[DEFAULT].asked, []
+        rows = []
         for spacing_m in SPACINGS_M:
-            localizer, place = self.localizer(spacing_m)
-            known = place.known(self.sensor, how)[DEFAULT]
-            lessons = place.scans(
-                self.sensor.coarser(_LESSON_RAYS), DisturbConfig(), self.sizes.taught, (LEARN_SEED,)
-            )
-            taught = place.asked(lessons, how)[DEFAULT]
-            trial = Trial(how[DEFAULT], known, taught, asked, spacing_m, self.sizes.nearest)
-            found = trial.rows("spacing", f"{spacing_m:g} m")
+            trial, localizer = self._of_version(spacing_m)
+            projection = localizer.index.cascade.projection
+            projection = trial.learned() if projection is None else projection
             outcomes = [ask(localizer, *case, "", "") for case in self.scans[: self.sizes.registered]]
-            if outcomes:
-                found[0] |= {
-                    "registered": round(float(np.mean([o.is_within(REGISTERED_M) for o in outcomes])), 3),
-                    "localize_ms": round(float(np.median([o.ms for o in outcomes])), 0),
-                }
-            rows += found
+            registered = {
+                "registered": round(float(np.mean([o.is_within(REGISTERED_M) for o in outcomes])), 3),
+                "localize_ms": round(float(np.median([o.ms for o in outcomes])), 0),
+            }
+            name = f"{spacing_m:g} m"
+            rows.append(row_of("spacing", name, SPECTRUM, trial.by(None)))
+            rows.append(row_of("spacing", name, LEARNED, trial.by(projection)) | registered)
         return rows
+
+    def _of_version(self, spacing_m: float) -> tuple[Trial, Localizer]:
+        """The version with this spacing, asked the usual scans."""
+        localizer, place = self.localizer(spacing_m)
+        if spacing_m == self.place.spacing_m:
+            return self.trials[DEFAULT], localizer
+        known = Known(place.position_m, localizer.index.cascade.templates.described, len(place.position_m))
+        lessons = place.scans(
+            self.sensor.coarser(_LESSON_RAYS), LEARNED_AS.disturb, self.sizes.taught // 4, (LEARN_SEED,)
+        )
+        how = {DEFAULT: self.place.descriptor.make()}
+        taught = place.asked(lessons, how)[DEFAULT]
+        return replace(self.trials[DEFAULT], known=known, taught=taught, spacing_m=spacing_m), localizer
 
     def reranking(self) -> list[Row]:
         """The best of the comparison sorted again by the range image that each would have."""
@@ -209,7 +217,7 @@ class Pieces:
 
     def _lessons(self, sensor: SensorModel) -> list[tuple[Scan, Matrix]]:
         return self.place.scans(
-            sensor.coarser(_LESSON_RAYS), DisturbConfig(), self.sizes.taught, (LEARN_SEED,)
+            sensor.coarser(_LESSON_RAYS), LEARNED_AS.disturb, self.sizes.taught, (LEARN_SEED,)
         )
 
     def _taught(self, sensor: SensorModel, how: Descriptors) -> Asked:

@@ -62,8 +62,8 @@ def measure(
             if world.missing is None
             else f"skipped: {world.missing}"
         )
-    (work / "figures.json").write_text(json.dumps(figures, indent=1) + "\n")
-    (work / "report.md").write_text(report(figures))
+        (work / "figures.json").write_text(json.dumps(figures, indent=1) + "\n")
+        (work / "report.md").write_text(report(figures))
     return figures
 
 
@@ -87,7 +87,11 @@ def measure_world(
         return found, Place.of(found.index, simulator)
 
     place = localizer(spacing_m)[1]
-    table = Pieces(place, sensor, localizer, sizes)
+
+    def of_spacing(wanted_m: float) -> tuple[Localizer, Place]:
+        return localizer(spacing_m if wanted_m == place.spacing_m else wanted_m)
+
+    table = Pieces(place, sensor, of_spacing, sizes)
     rows = []
     for name in pieces:
         began = time.monotonic()

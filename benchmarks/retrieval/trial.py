@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from firstfix.descriptor import Descriptor, rows_of
+from firstfix_builder.learn_keys import LearnKeysConfig, discriminants
 
 from .place import Asked, Known
-from .projections import lda
 from .recall import Recall, keys_of, recall_of
 
-NUMBERS = 128
+LEARNED_AS = LearnKeysConfig()
 SPECTRUM, LEARNED = "as it is", "projected"
 Row = dict[str, Any]
 
@@ -50,8 +50,9 @@ class Trial:
         return keys_of(self.descriptor, self.taught.described) - own
 
     def learned(self) -> NDArray[np.float32]:
-        """The projection with NUMBERS and the usual shrinkage."""
-        return lda(self.template_keys(), self.within(), NUMBERS)
+        """The projection as a build learns it."""
+        numbers, shrinkage = LEARNED_AS.numbers, LEARNED_AS.shrinkage
+        return discriminants(self.template_keys(), self.within(), numbers, shrinkage)
 
     def with_coefficients(self, coefficients: int) -> Trial:
         return replace(self, descriptor=replace(self.descriptor, coefficients=coefficients))  # type: ignore[type-var]

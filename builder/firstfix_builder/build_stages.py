@@ -17,6 +17,7 @@ from firstfix.calibration import Calibration
 from firstfix.clusters import Clusters
 from firstfix.engine_config import EngineConfig
 from firstfix.errors import BuildCancelled
+from firstfix.key_projection import load_projection, save_projection
 from firstfix.key_search import build_key_search
 from firstfix.localizer import Localizer
 from firstfix.map_index import CALIBRATION_FILE, ENGINE_FILE, MAP_FILE, MapIndex, save_surface
@@ -29,6 +30,7 @@ from .config import BuildConfig
 from .content_hash import content_hash
 from .fit_engine import fit_engine
 from .fit_spacing import sample_fitting_viewpoints
+from .learn_keys import learn_keys
 from .localizability import draw_localizability
 from .map_level import level_frame
 from .mesh import Mesh
@@ -192,6 +194,33 @@ class BuildStages:
         }
         return self._stage("cluster", {"templates": templates.digest}, chosen, produce)
 
+    def learn_keys(self, mesh: StageResult, templates: StageResult, engine: EngineConfig) -> StageResult:
+        """The projection of the keys; nothing where the config or the map asks for none."""
+
+        def produce(out: Path) -> None:
+            projection = learn_keys(
+                _simulator(mesh),
+                self.config.sensor_model.coarser(self.config.simulate.max_rays),
+                Templates.load(templates.directory, engine.descriptor.make()),
+                engine,
+                self.config.learn_keys,
+                self.threads,
+                self._ticks("learn_keys"),
+                self.cancelled,
+            )
+            if projection is not None:
+                save_projection(projection, out)
+
+        chosen = {
+            "learn_keys": self.config.learn_keys.model_dump(mode="json"),
+            "sensor": self.config.sensor_model.to_mapping(),
+            "simulate": self.config.simulate.model_dump(mode="json"),
+            "engine": engine.model_dump(mode="json"),
+        }
+        return self._stage(
+            "learn_keys", {"mesh": mesh.digest, "templates": templates.digest}, chosen, produce
+        )
+
     def build_index(
         self,
         read: StageResult,
@@ -199,18 +228,20 @@ class BuildStages:
         fitted: StageResult,
         templates: StageResult,
         clusters: StageResult,
+        learned: StageResult,
     ) -> StageResult:
         """All files of the version but what the self-test adds."""
 
         def produce(out: Path) -> None:
-            for part in (fitted, templates, clusters):
+            for part in (fitted, templates, clusters, learned):
                 for path in part.directory.iterdir():
                     link(path, out / path.name)
             engine = engine_of(fitted)
             descriptor = engine.descriptor.make()
             made = Templates.load(out, descriptor)
             representatives = made.described_at(Clusters.load(out).representative)
-            keys = descriptor.keys(representatives)
+            keys, projection = descriptor.keys(representatives), load_projection(out)
+            keys = keys if projection is None else keys @ projection
             build_key_search(keys, engine.search).save(out)
             cloud = read.directory / "points.npy"
             surface = map_surface(
@@ -230,6 +261,7 @@ class BuildStages:
             "engine": fitted.digest,
             "templates": templates.digest,
             "clusters": clusters.digest,
+            "learned": learned.digest,
         }
         chosen = {"sensor": self.config.sensor_model.to_mapping()}
         return self._stage("build_index", inputs, chosen, produce)

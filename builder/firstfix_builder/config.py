@@ -22,6 +22,7 @@ from firstfix.errors import InvalidOption
 from firstfix.sensor import SensorModel, preset
 
 from .clean_cloud import CleanConfig
+from .learn_keys import LearnKeysConfig
 from .reconstruct_mesh import ReconstructConfig
 from .self_test import SelfTestConfig
 from .templates import SimulateConfig
@@ -61,6 +62,7 @@ class BuildConfig(Stage):
     viewpoints: ViewpointConfig = ViewpointConfig()
     simulate: SimulateConfig = SimulateConfig()
     engine: EngineOverrides = EngineOverrides()
+    learn_keys: LearnKeysConfig = LearnKeysConfig()
     self_test: SelfTestConfig = Field(default_factory=SelfTestConfig)
 
     @field_validator("sensor")

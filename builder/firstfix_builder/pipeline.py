@@ -29,6 +29,7 @@ STAGES = (
     "fit_engine",
     "make_templates",
     "cluster",
+    "learn_keys",
     "build_index",
     "self_test",
 )
@@ -77,7 +78,8 @@ def build_version(
         engine = engine_of(fitted)
         templates = build.make_templates(mesh, viewpoints, engine)
         clusters = build.cluster(templates, engine)
-        index = build.build_index(read, mesh, fitted, templates, clusters)
+        learned = build.learn_keys(mesh, templates, engine)
+        index = build.build_index(read, mesh, fitted, templates, clusters, learned)
         tested = build.self_test(mesh, index)
         return _collect(config, read, index, tested, work)
 

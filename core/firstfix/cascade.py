@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from .clusters import Clusters
 from .descriptor import Described, Descriptor
 from .engine_config import EngineConfig
+from .key_projection import load_projection
 from .key_search import KeySearch, load_key_search
 from .templates import Templates
 
@@ -34,19 +35,21 @@ class Matches:
 class Cascade:
     """Attributes:
     keys: of the clusters' representatives.
+    projection: (d, numbers) that they were made with, or None.
     """
 
     descriptor: Descriptor
     templates: Templates
     clusters: Clusters
     keys: KeySearch
+    projection: NDArray[np.float32] | None = None
 
     def search(self, described: Described, clusters: int) -> Matches:
         """All templates of the ``clusters`` nearest by key, compared with one described scan."""
         return self.match(described, self.nearest(described, clusters))
 
     def nearest(self, described: Described, clusters: int) -> NDArray[np.int64]:
-        return self.keys.search(self.descriptor.keys(described)[0], clusters)
+        return self.keys.search(self._key(described), clusters)
 
     def match(self, described: Described, clusters: NDArray[np.int64]) -> Matches:
         return self.compare(described, np.sort(self.clusters.members(clusters)))
@@ -56,7 +59,7 @@ class Cascade:
         their clusters that are nearest by key."""
         if among.sum() <= clusters:
             return self.compare(described, np.flatnonzero(among))
-        near = self.keys.search(self.descriptor.keys(described)[0], len(self.clusters))
+        near = self.keys.search(self._key(described), len(self.clusters))
         near = near[among[self.clusters.representative[near]]][:clusters]
         rows = np.sort(self.clusters.members(near))
         return self.compare(described, rows[among[rows]])
@@ -69,6 +72,11 @@ class Cascade:
         best = np.argsort(-score, kind="stable")
         return Matches(rows[best], yaw[best], score[best])
 
+    def _key(self, described: Described) -> NDArray[np.float32]:
+        """(numbers,) of one scan."""
+        key = self.descriptor.keys(described)[0]
+        return key if self.projection is None else key @ self.projection
+
     @classmethod
     def load(cls, directory: Path, config: EngineConfig) -> Cascade:
         """Of a version's files; arrays are memory-mapped."""
@@ -78,4 +86,5 @@ class Cascade:
             Templates.load(directory, descriptor),
             Clusters.load(directory),
             load_key_search(directory, config.search),
+            load_projection(directory),
         )

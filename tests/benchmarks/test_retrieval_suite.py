@@ -1,4 +1,4 @@
-"""The retrieval suite on the small world, its projections on keys whose answer is known, its report."""
+"""The retrieval suite on the small world, and its parts where the answer is known."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -8,7 +8,6 @@ import pytest
 
 from benchmarks.retrieval.maximum_height import MaximumHeight
 from benchmarks.retrieval.place import Asked, Known
-from benchmarks.retrieval.projections import lda, whitening
 from benchmarks.retrieval.recall import recall_of
 from benchmarks.retrieval.report import report
 from benchmarks.retrieval.suite import PIECES, Sizes, measure
@@ -91,32 +90,6 @@ def test_every_piece_is_a_method():
     from benchmarks.retrieval.pieces import Pieces
 
     assert all(callable(getattr(Pieces, name)) for name in PIECES)
-
-
-def test_lda_looks_where_places_differ_and_disturbances_do_not():
-    """Places differ most along x, but disturbances too; along y less, but nothing disturbs it."""
-    rng = np.random.default_rng(1)
-    places = rng.normal(0, [10.0, 1.0, 0.1], (300, 3)).astype(np.float32)
-    within = rng.normal(0, [20.0, 0.02, 0.5], (600, 3)).astype(np.float32)
-    learned = lda(places, within, 1, shrinkage=1e-6)[:, 0]
-    assert abs(learned[1]) / np.linalg.norm(learned) > 0.99
-    largest = whitening(places, 1)[:, 0]
-    assert abs(largest[0]) / np.linalg.norm(largest) > 0.99
-    asked = places + within[:300]
-
-    def found(projection: np.ndarray) -> float:
-        away = np.abs((asked @ projection)[:, None] - (places @ projection)[None])
-        return float(np.mean(away.argmin(axis=1) == np.arange(300)))
-
-    assert found(learned) > 10 * found(largest) > 0
-
-
-def test_lda_makes_disturbances_alike_in_all_directions():
-    rng = np.random.default_rng(2)
-    mixed = rng.normal(size=(5, 5)).astype(np.float32)
-    within = rng.normal(size=(5000, 5)).astype(np.float32) @ mixed
-    projection = lda(rng.normal(size=(400, 5)).astype(np.float32), within, 5, shrinkage=0.0)
-    np.testing.assert_allclose(np.cov((within @ projection).T), np.eye(5), atol=0.05)
 
 
 def test_maximum_height_knows_the_turn():
