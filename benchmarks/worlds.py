@@ -138,7 +138,7 @@ def own_world(name: str) -> BenchWorld:
             out / "poses.csv",
         )
 
-    return BenchWorld(name, name, {"sensor": _SENSORS[name]}, make)
+    return BenchWorld(name, name, {"sensor": _SENSORS[name]} | _CONFIGS.get(name, {}), make)
 
 
 def ground_floor() -> BenchWorld:
@@ -183,6 +183,7 @@ def _write_drive(place: Place, path: Path, below_m: float = np.inf) -> None:
 
 
 _SENSORS = {"factory": "os1-64", "office": "os0-64", "campus": "os1-64"}
+_CONFIGS = {"campus": {"viewpoints": {"spacing_m": 0.45}}}  # 108,000 templates
 WORLDS = (
     shared_world("warehouse_aws_small"),
     shared_world("hospital_aws_1floor"),

@@ -12,6 +12,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from firstfix.clusters import Clusters
 from firstfix.manifest import Manifest
@@ -65,6 +66,7 @@ def build_version(
     """
     workers = os.cpu_count() or 1
     with (
+        threadpool_limits(1, user_api="blas"),  # its sums depend on how many threads share them
         ThreadPoolExecutor(workers) as threads,
         ProcessPoolExecutor(
             workers, mp_context=get_context("spawn"), initializer=die_with_parent
