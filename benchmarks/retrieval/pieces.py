@@ -67,41 +67,17 @@ class Pieces:
     sizes: Sizes
 
     @cached_property
-    def descriptors(self) -> Descriptors:
-        """The default, and one thing of it changed each."""
-        default = self.place.descriptor
-
-        def changed(**changes: object) -> Descriptor:
-            return default.model_copy(update=changes).make()
-
-        return {
-            DEFAULT: default.make(),
-            "1 layer": changed(layer_edges_m=(0.3, 25.0)),
-            "3 layers": changed(layer_edges_m=(0.3, 1.0, 3.0, 25.0)),
-            "9 layers": changed(layer_edges_m=(0.3, 0.65, 1.0, 1.4, 1.8, 2.4, 3.0, 4.5, 6.0, 25.0)),
-            "maximum height": MaximumHeight(default.grid, default.coefficients),
-            "40 rings": changed(rings=40),
-            "120 sectors": changed(sectors=120),
-        }
-
-    @cached_property
     def scans(self) -> list[tuple[Scan, Matrix]]:
         return self.place.scans(self.sensor, ALL, self.sizes.queries, (SEED,))
 
     @cached_property
-    def trials(self) -> dict[str, Trial]:
-        """Of every descriptor."""
-        known = self.place.known(self.sensor, self.descriptors)
-        taught = self.place.asked(self._lessons(self.sensor), self.descriptors)
-        asked = self.place.asked(self.scans, self.descriptors)
-        return {
-            name: Trial(how, known[name], taught[name], asked[name], self.place.spacing_m, self.sizes.nearest)
-            for name, how in self.descriptors.items()
-        }
+    def trial(self) -> Trial:
+        """The default."""
+        return self._of_version(self.place.spacing_m)[0]
 
     def keys(self) -> list[Row]:
         """How many Fourier coefficients, and what the key is projected on."""
-        trial, rows = self.trials[DEFAULT], self.trials[DEFAULT].rows("default", "")
+        trial, rows = self.trial, self.trial.rows("default", "")
         for coefficients in (1, 4, 16):
             rows += trial.with_coefficients(coefficients).rows(
                 "coefficients", f"{coefficients} in place of 8"
@@ -125,17 +101,22 @@ class Pieces:
 
     def cells(self) -> list[Row]:
         """Layers, rings and sectors."""
-        return [
-            row
-            for name, trial in self.trials.items()
-            if name != DEFAULT
-            for row in trial.rows("cells", f"{name} in place of {_of_default(name)}")
-        ]
+        how = self._other_cells()
+        known = self.place.known(self.sensor, how)
+        taught = self.place.asked(self._lessons(self.sensor), how)
+        asked = self.place.asked(self.scans, how)
+        rows = []
+        for name, descriptor in how.items():
+            trial = Trial(
+                descriptor, known[name], taught[name], asked[name], self.place.spacing_m, self.sizes.nearest
+            )
+            rows += trial.rows("cells", f"{name} in place of {_of_default(name)}")
+        return rows
 
     def gravity(self) -> list[Row]:
         """Where up is taken from, for scans tilted as usual and more."""
         how = {DEFAULT: self.place.descriptor.make()}
-        upright, tilted = self.trials[DEFAULT].known, self.place.known(self.sensor, how, TILTED)[DEFAULT]
+        upright, tilted = self.trial.known, self.place.known(self.sensor, how, TILTED)[DEFAULT]
         lessons = self._lessons(self.sensor)
         scans = {ALL.tilt_deg: self.scans, TILT_DEG: self._tilted(TILT_DEG)}
         ways: tuple[tuple[str, Gravity, bool], ...] = (
@@ -147,14 +128,12 @@ class Pieces:
         rows = []
         for name, gravity, with_tilted in ways:
             taught = self.place.asked(lessons, how, gravity)[DEFAULT]
+            known = tilted if with_tilted else upright
+            projection = replace(self.trial, known=known, taught=taught).learned()
             for tilt_deg, those in scans.items():
-                trial = replace(
-                    self.trials[DEFAULT],
-                    known=tilted if with_tilted else upright,
-                    taught=taught,
-                    asked=self.place.asked(those, how, gravity)[DEFAULT],
-                )
-                rows += trial.rows("gravity", f"{name}; scans tilted {tilt_deg:g} deg")
+                asked = self.place.asked(those, how, gravity)[DEFAULT]
+                found = replace(self.trial, known=known, asked=asked).by(projection)
+                rows.append(row_of("gravity", f"{name}; scans tilted {tilt_deg:g} deg", LEARNED, found))
         return rows
 
     def spacing(self) -> list[Row]:
@@ -177,19 +156,24 @@ class Pieces:
     def _of_version(self, spacing_m: float) -> tuple[Trial, Localizer]:
         """The version with this spacing, asked the usual scans."""
         localizer, place = self.localizer(spacing_m)
-        if spacing_m == self.place.spacing_m:
-            return self.trials[DEFAULT], localizer
-        known = Known(place.position_m, localizer.index.cascade.templates.described, len(place.position_m))
-        lessons = place.scans(
-            self.sensor.coarser(_LESSON_RAYS), LEARNED_AS.disturb, self.sizes.taught // 4, (LEARN_SEED,)
-        )
+        described = localizer.index.cascade.templates.described
         how = {DEFAULT: self.place.descriptor.make()}
-        taught = place.asked(lessons, how)[DEFAULT]
-        return replace(self.trials[DEFAULT], known=known, taught=taught, spacing_m=spacing_m), localizer
+        lessons = place.scans(
+            self.sensor.coarser(_LESSON_RAYS), LEARNED_AS.disturb, self.sizes.taught, (LEARN_SEED,)
+        )
+        trial = Trial(
+            how[DEFAULT],
+            Known(place.position_m, described, len(place.position_m)),
+            place.asked(lessons, how)[DEFAULT],
+            self.place.asked(self.scans, how)[DEFAULT],
+            spacing_m,
+            self.sizes.nearest,
+        )
+        return trial, localizer
 
     def reranking(self) -> list[Row]:
         """The best of the comparison sorted again by the range image that each would have."""
-        trial = self.trials[DEFAULT]
+        trial = self.trial
         scans = [self.scans[number] for number in trial.asked.number]
         rows = []
         for key, projection in ((SPECTRUM, None), (LEARNED, trial.learned())):
@@ -205,7 +189,7 @@ class Pieces:
             other = preset(name)
             scans = self.place.scans(other, ALL, self.sizes.queries, (SEED, 1))
             asked = self.place.asked(scans, how)[DEFAULT]
-            ours = replace(self.trials[DEFAULT], asked=asked)
+            ours = replace(self.trial, asked=asked)
             theirs = replace(
                 ours,
                 known=self.place.known(other, how)[DEFAULT],
@@ -214,6 +198,22 @@ class Pieces:
             rows += ours.rows("sensor", f"{name} asks templates of {self.sensor.name}")
             rows += theirs.rows("sensor", f"{name} asks its own templates")
         return rows
+
+    def _other_cells(self) -> dict[str, Descriptor]:
+        """The default with one thing of it changed, each."""
+        default = self.place.descriptor
+
+        def changed(**changes: object) -> Descriptor:
+            return default.model_copy(update=changes).make()
+
+        return {
+            "1 layer": changed(layer_edges_m=(0.3, 25.0)),
+            "3 layers": changed(layer_edges_m=(0.3, 1.0, 3.0, 25.0)),
+            "9 layers": changed(layer_edges_m=(0.3, 0.65, 1.0, 1.4, 1.8, 2.4, 3.0, 4.5, 6.0, 25.0)),
+            "maximum height": MaximumHeight(default.grid, default.coefficients),
+            "40 rings": changed(rings=40),
+            "120 sectors": changed(sectors=120),
+        }
 
     def _lessons(self, sensor: SensorModel) -> list[tuple[Scan, Matrix]]:
         return self.place.scans(

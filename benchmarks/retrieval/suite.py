@@ -12,7 +12,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from ..worlds import WORLDS, BenchWorld
 from .pieces import LEARN_SEED, SEED, Pieces, Sizes
 from .place import Place
 from .report import report
+from .trial import Row
 
 WORK = Path(__file__).parents[2] / "build" / "bench" / "retrieval"
 NAMES = ("office_willow_garage", "hospital_aws_1floor", "factory")
@@ -57,19 +58,20 @@ def measure(
     figures: dict[str, Any] = {"machine": {"cpus": os.cpu_count()}, "seeds": [SEED, LEARN_SEED]}
     figures |= {"sizes": vars(sizes), "worlds": {}}
     for world in worlds:
-        figures["worlds"][world.name] = (
-            measure_world(world, pieces, sizes, work, spacing_m)
-            if world.missing is None
-            else f"skipped: {world.missing}"
-        )
-        (work / "figures.json").write_text(json.dumps(figures, indent=1) + "\n")
-        (work / "report.md").write_text(report(figures))
+        if world.missing is not None:
+            figures["worlds"][world.name] = f"skipped: {world.missing}"
+            continue
+        for so_far in measure_world(world, pieces, sizes, work, spacing_m):
+            figures["worlds"][world.name] = so_far
+            (work / "figures.json").write_text(json.dumps(figures, indent=1) + "\n")
+    (work / "report.md").write_text(report(figures))
     return figures
 
 
 def measure_world(
     world: BenchWorld, pieces: Sequence[str], sizes: Sizes, work: Path, spacing_m: float | None
-) -> dict[str, Any]:
+) -> Iterator[dict[str, Any]]:
+    """All that is measured of a world, piece by piece: a run takes a while."""
     scenery = world.make(StageCache(work)).map
     simulator = scenery.simulator()
     sensor = BuildConfig.parse(world.config).sensor_model
@@ -92,14 +94,10 @@ def measure_world(
         return localizer(spacing_m if wanted_m == place.spacing_m else wanted_m)
 
     table = Pieces(place, sensor, of_spacing, sizes)
-    rows = []
+    figures = {"templates": len(place.position_m), "spacing_m": place.spacing_m, "sensor": sensor.name}
+    rows: list[Row] = []
     for name in pieces:
         began = time.monotonic()
         rows += getattr(table, name)()
         print(world.name, name, f"{time.monotonic() - began:.0f} s", file=sys.stderr, flush=True)
-    return {
-        "templates": len(place.position_m),
-        "spacing_m": place.spacing_m,
-        "sensor": sensor.name,
-        "rows": rows,
-    }
+        yield {**figures, "rows": rows}
