@@ -23,6 +23,8 @@ def figures_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
     success_*: of the best hypothesis, whatever the verdict, over the scans of the map, with the yaw
     within 5 degrees; ``success_0.2m_2deg``: with the whole rotation within 2.
+    distinct_0.2m_2deg: the same over the scans without a twin, ``distinct`` of them; twins_told: of those
+    with one, the share that came back not ``localized`` and with the truth among the hypotheses.
     among_all_0.2m: some hypothesis is that near. right_localized: within 0.2 m among ``localized``.
     ece: expected calibration error of the best hypothesis's probability of being right (1 m, 10 degrees).
     nees_median: over right localized answers; NEES_MEDIAN if the covariance is honest.
@@ -34,7 +36,10 @@ def figures_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
         "n": len(outcomes),
         "outside": len(outcomes) - len(inside),
         **{f"success_{limit:g}m": _share([o.is_within(limit) for o in inside]) for limit in SUCCESS_M},
-        "success_0.2m_2deg": _share([o.error_m <= TIGHT_M and o.error_deg <= TIGHT_DEG for o in inside]),
+        "success_0.2m_2deg": _share([_is_tight(o) for o in inside]),
+        "distinct": sum(not o.has_twin for o in inside),
+        "distinct_0.2m_2deg": _share([_is_tight(o) for o in inside if not o.has_twin]),
+        "twins_told": _share([not o.is_localized and o.nearest_m <= TIGHT_M for o in inside if o.has_twin]),
         "among_all_0.2m": _share([o.nearest_m <= TIGHT_M for o in inside]),
         "verdicts": {v.value: sum(o.verdict is v for o in outcomes) for v in Verdict},
         "right_localized": _share([o.is_within(TIGHT_M) for o in localized if o.inside]),
@@ -56,6 +61,10 @@ def calibration_error(probability: ArrayLike, right: ArrayLike) -> float:
     number = np.minimum((claimed * BINS).astype(int), BINS - 1)
     gap = np.bincount(number, claimed - true, minlength=BINS)  # sum in each bin
     return round(float(np.abs(gap).sum() / len(claimed)), 4)
+
+
+def _is_tight(outcome: Outcome) -> bool:
+    return outcome.error_m <= TIGHT_M and outcome.error_deg <= TIGHT_DEG
 
 
 def _share(flags: Sequence[bool]) -> float | None:

@@ -9,13 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from firstfix.evidence import Fit
 from firstfix.localization import Localization, Verdict
 from firstfix.localizer import Localizer
+from firstfix.preprocess import preprocess
 from firstfix.scan import Scan
+from firstfix.scan_sequence import ScanSequence
 from firstfix.transform import Matrix, inverse, pose_error, quaternion_of
 
 RIGHT_M, RIGHT_DEG = 1.0, 10.0  # further off, an answer "localized" is a false accept
 SUCCESS_YAW_DEG = 5.0
+TWIN_WITHIN = 0.02  # of the truth's support
 NEVER = (np.inf, np.inf, np.inf)
 
 
@@ -27,6 +31,8 @@ class Outcome:
     hypotheses: how many came back.
     error_m, error_deg, yaw_error_deg: of the best hypothesis; inf without one, or outside.
     nearest_m: least error among all hypotheses whose yaw is right; inf without one.
+    has_twin: another place explains the scan as well as the true pose does, registered from the truth:
+        then no matcher can tell.
     nees: e' P^-1 e of an answer with a covariance (6 degrees of freedom), nan without one.
     ms: of the query, in this process.
     """
@@ -41,6 +47,7 @@ class Outcome:
     error_deg: float
     yaw_error_deg: float
     nearest_m: float
+    has_twin: bool
     nees: float
     ms: float
 
@@ -79,6 +86,7 @@ def ask(localizer: Localizer, scan: Scan, T_map_sensor: Matrix | None, world: st
         len(errors),
         *best,
         min((m for m, _, yaw_deg in errors if yaw_deg <= SUCCESS_YAW_DEG), default=np.inf),
+        T_map_sensor is not None and _has_twin(localizer, scan, T_map_sensor, answer),
         np.nan if T_map_sensor is None else nees(T_map_sensor, answer),
         ms,
     )
@@ -93,6 +101,21 @@ def nees(T_map_sensor: Matrix, answer: Localization) -> float:
         [answer.T_map_sensor[:3, 3] - T_map_sensor[:3, 3], Rotation.from_matrix(turn).as_rotvec()]
     )
     return float(error @ np.linalg.solve(answer.covariance, error))
+
+
+def _has_twin(localizer: Localizer, scan: Scan, T_map_sensor: Matrix, answer: Localization) -> bool:
+    index = localizer.index
+    prepared = preprocess(ScanSequence.single(scan), None, index.config.preprocess)
+    if prepared is None:
+        return True
+    (found,) = index.surface.refine(prepared.dense, (inverse(index.T_map_level) @ T_map_sensor)[None])
+    through = index.view.seen_through(prepared.scans[0].view, found.T_level_sensor)
+    support = Fit(found.overlap, found.closeness, through).support
+    return any(
+        hypothesis.fit.support > support - TWIN_WITHIN
+        for hypothesis in answer.hypotheses
+        if pose_error(T_map_sensor, hypothesis.T_map_sensor)[0] > RIGHT_M
+    )
 
 
 def _errors(T_true: Matrix | None, T_found: Matrix) -> tuple[float, float, float]:

@@ -9,10 +9,12 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.robust.cases import ALL, CASES, CLEAN, Case, Sizes
 from benchmarks.robust.figures import calibration_error, figures_of
-from benchmarks.robust.outcome import Outcome, nees
+from benchmarks.robust.outcome import Outcome, ask, nees
 from benchmarks.robust.suite import measure
 from benchmarks.worlds import BenchWorld, Scenery, WorldFiles
 from firstfix.localization import Localization, Verdict
+from firstfix.localizer import Localizer
+from firstfix.map_index import MapIndex
 from firstfix.transform import make_transform, rotation_z
 from small_world import CONFIG
 
@@ -24,7 +26,7 @@ SOME = (
     Case("outside: a strange yard", ALL, "strange yard"),
     Case("outside: other worlds", ALL, "other worlds"),
 )
-RIGHT = Outcome("w", "c", True, Verdict.LOCALIZED, 0.95, 2, 0.03, 0.5, 0.4, 0.03, 5.0, 10.0)
+RIGHT = Outcome("w", "c", True, Verdict.LOCALIZED, 0.95, 2, 0.03, 0.5, 0.4, 0.03, False, 5.0, 10.0)
 WRONG = replace(RIGHT, error_m=3.0, error_deg=90.0, yaw_error_deg=90.0, nearest_m=0.1, nees=1e4)
 NOT_OURS = replace(WRONG, inside=False, error_m=np.inf, error_deg=np.inf, yaw_error_deg=np.inf, nees=np.nan)
 
@@ -88,6 +90,22 @@ def test_figures_of_known_answers():
     assert row["false_accepts"] == 2
     assert row["ece"] == pytest.approx(0.45)
     assert row["nees_median"] == 5.0
+
+
+def test_of_twins_the_honest_answer_is_that_there_are_two():
+    told = replace(WRONG, has_twin=True, verdict=Verdict.AMBIGUOUS)
+    guessed, lost = replace(RIGHT, has_twin=True), replace(told, nearest_m=5.0)
+    row = figures_of([RIGHT, WRONG, told, guessed, lost])
+    assert row["distinct"] == 2
+    assert row["distinct_0.2m_2deg"] == 0.5
+    assert row["twins_told"] == pytest.approx(1 / 3, abs=1e-4)
+
+
+def test_a_second_place_just_as_good_is_a_twin(small_version, small_scans):
+    localizer, (scan, T) = Localizer(MapIndex.load(small_version.directory)), small_scans[0]
+    assert not ask(localizer, scan, T, "w", "c").has_twin
+    elsewhere = T @ make_transform(np.eye(3), [3.0, 0, 0])  # were the truth there, the answer would be better
+    assert ask(localizer, scan, elsewhere, "w", "c").has_twin
 
 
 def test_calibration_error_is_zero_for_an_honest_forecaster_and_the_gap_for_another():
