@@ -1,0 +1,93 @@
+"""Which poses the search proposes, and when it is done a second time."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from firstfix.candidates import A_SPOT, SPOT_DEG, SPOT_M, search
+from firstfix.localization import Verdict
+from firstfix.localizer import Localizer
+from firstfix.map_index import MapIndex
+from firstfix.options import LocalizeOptions
+from firstfix.preprocess import preprocess
+from firstfix.scan_sequence import ScanSequence
+from firstfix.sensor import SensorModel
+from firstfix.transform import pose_error
+from firstfix_builder.disturb import DisturbConfig, disturbed_scans, elsewhere
+from firstfix_builder.simulate import Simulator
+from small_world import SENSOR
+
+
+@pytest.fixture(scope="module")
+def index(small_version):
+    return MapIndex.load(small_version.directory)
+
+
+@pytest.fixture(scope="module")
+def foreign_scan():
+    rng = np.random.default_rng(15)
+    spots = np.column_stack([rng.uniform(-12, 12, (50, 2)), np.full(50, 0.8)])
+    sensor = SensorModel.from_mapping(SENSOR)
+    return disturbed_scans(Simulator(*elsewhere(rng)), sensor, spots, 1.0, 1, DisturbConfig(), rng)[0][0]
+
+
+def proposed(index, scan, effort=1, options=None):
+    prepared = preprocess(ScanSequence.single(scan), None, index.config.preprocess)
+    described = [index.cascade.descriptor.describe(one.batch) for one in prepared.scans]
+    return search(index, described, prepared, options or LocalizeOptions(), effort)
+
+
+def test_no_spot_crowds_out_the_others(index, small_scans):
+    for scan, _ in small_scans[:6]:
+        poses = [candidate.T_level_sensor for candidate in proposed(index, scan)]
+        assert 3 <= len(poses) <= index.config.search.candidates
+        for last, pose in enumerate(poses):
+            errors = [pose_error(pose, earlier) for earlier in poses[:last]]
+            assert sum(metres < SPOT_M - 1e-6 and degrees < SPOT_DEG for metres, degrees in errors) < A_SPOT
+
+
+def test_more_effort_proposes_more_and_loses_none(index, small_scans):
+    few = proposed(index, small_scans[0][0])
+    many = proposed(index, small_scans[0][0], effort=2)
+    assert len(many) > len(few)
+    assert [c.template for c in many[: len(few)]] == [c.template for c in few]
+
+
+def searched(index) -> tuple[Localizer, list[int]]:
+    """A localizer, and the clusters that its searches asked for."""
+    asked: list[int] = []
+
+    class Telling(type(index.cascade)):
+        def search(self, described, clusters):
+            asked.append(clusters)
+            return super().search(described, clusters)
+
+    cascade = index.cascade
+    telling = Telling(
+        cascade.descriptor, cascade.templates, cascade.clusters, cascade.keys, cascade.projection
+    )
+    return Localizer(replace(index, cascade=telling)), asked
+
+
+def test_a_convincing_answer_is_searched_for_once(index, small_scans):
+    localizer, asked = searched(index)
+    accepted = next(
+        scan for scan, _ in small_scans if Localizer(index).localize(scan).verdict is Verdict.LOCALIZED
+    )
+    localizer.localize(accepted)
+    assert asked == [index.config.search.clusters]
+
+
+def test_another_is_searched_for_once_more_and_wider(index, foreign_scan):
+    localizer, asked = searched(index)
+    assert localizer.localize(foreign_scan).verdict is not Verdict.LOCALIZED
+    clusters = index.config.search.clusters
+    assert asked == [clusters, index.config.search.widened * clusters]
+
+
+def test_who_limits_the_candidates_is_not_overruled(index, foreign_scan):
+    localizer, asked = searched(index)
+    localizer.localize(foreign_scan, LocalizeOptions(max_candidates=5))
+    assert len(asked) == 1
+    assert len(proposed(index, foreign_scan, options=LocalizeOptions(max_candidates=5))) <= 5
