@@ -26,6 +26,8 @@ class Dataset:
         scan_name: of a query scan by its number, any ending.
         mapping_file: thinned scans of the mapping run by their number, integers.
         mapping_unit_m: of these.
+        reference: prefix of the columns with a query's pose, refined against the map.
+        recorded: of those with its pose as it was recorded.
         config: of the build.
     """
 
@@ -35,6 +37,8 @@ class Dataset:
     scan_name: str
     mapping_file: str
     mapping_unit_m: float
+    reference: str
+    recorded: str
     config: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -54,15 +58,19 @@ class Dataset:
         rows = [row for row in self._rows() if row["split"] != "query"]
         return _write(path, POSE, [[row[column] for column in POSE] for row in rows])
 
-    def write_queries(self, path: Path) -> Path:
-        """``poses.csv`` of the held-out scans that are there, for ``evaluate``."""
+    def write_queries(self, path: Path, recorded: bool = False) -> Path:
+        """``poses.csv`` of the held-out scans that are there, for ``evaluate``.
+
+        Args:
+            recorded: the poses as the vehicle recorded them, in place of those refined against the map.
+        """
         lines = []
         for row in self._rows():
             if row["split"] != "query":
                 continue
             number = int(next(iter(row.values())))
             scans = sorted((self.path / "queries").glob(self.scan_name.format(number) + ".*"))
-            prefix = "icp_" if row.get("icp_tx") else ""
+            prefix = self.recorded if recorded else self.reference
             if scans:
                 lines.append([str(scans[0]), *(row[prefix + column] for column in POSE)])
         return _write(path, ("scan", *POSE), lines)
@@ -89,6 +97,8 @@ STREET = Dataset(
     "key_frame_{:03d}",
     "map_keyframes_thin_cm_int16.npz",
     0.01,
+    "icp_",
+    "",
     {"sensor": "hdl-64e", "viewpoints": {"spacing_m": 1.0, "max_distance_to_trajectory_m": 5.0}},
 )
 HALL = Dataset(
@@ -98,6 +108,8 @@ HALL = Dataset(
     "scan_{:03d}",
     "map_scans_thin_2mm_int16.npz",
     0.002,
+    "",
+    "orig_",
     {"sensor": "os0-64", "viewpoints": {"spacing_m": 1.0, "max_distance_to_trajectory_m": 5.0}},
 )
 

@@ -60,6 +60,7 @@ def measure(dataset: Dataset) -> dict[str, Any]:
         config.write_text(json.dumps(dataset.config))
         trajectory = dataset.write_trajectory(scratch / "trajectory.csv")
         queries = dataset.write_queries(scratch / "poses.csv")
+        recorded = dataset.write_queries(scratch / "recorded.csv", recorded=True)
         build = ["build", str(dataset.map_path), "--map-id", dataset.name, "--store", str(store)]
         build += [
             "--trajectory",
@@ -77,18 +78,19 @@ def measure(dataset: Dataset) -> dict[str, Any]:
             "build_s": round(time.monotonic() - begin, 1),
             "build_peak_gb": round(memory.peak_bytes / 1e9, 2),
         }
-        answers = scratch / "answers.json"
+        answers = {name: scratch / f"{name}.json" for name in ("first", "queries", "recorded")}
         with local_service(scratch / "service", store) as service:
-            evaluate = ["evaluate", str(queries), "--map", dataset.name, "--url", service.url]
-            evaluate += ["--random-yaw", str(SEED), "--json", str(answers)]
-            _firstfix(*evaluate)  # the first loads the version
-            print(_firstfix(*evaluate), file=sys.stderr)
+            for name, poses in (("first", queries), ("queries", queries), ("recorded", recorded)):
+                evaluate = ["evaluate", str(poses), "--map", dataset.name, "--url", service.url]
+                evaluate += ["--random-yaw", str(SEED), "--json", str(answers[name])]
+                print(_firstfix(*evaluate), file=sys.stderr)  # the first of them loads the version
         version = Catalog(Store.open(str(store))).fetch_version(
             dataset.name, built["version"], scratch / "versions"
         )
         return {
             "build": built,
-            "queries": json.loads(answers.read_text()),
+            "queries": json.loads(answers["queries"].read_text()),
+            "against_recorded_poses": json.loads(answers["recorded"].read_text()),
             "degraded": degraded(
                 Localizer(MapIndex.load(version)),
                 read_poses_csv(queries),
