@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -18,6 +19,7 @@ from .transform import Matrix, inverse, make_transform, rotation_z, transform_po
 LEAST_A_SCAN = 3
 A_SPOT = 3  # templates beside each other lead to one place: more of them would crowd out the others
 SPOT_M, SPOT_DEG = 2.0, 20.0
+_SPOT_COS = math.cos(math.radians(SPOT_DEG))
 YAW_SLACK_DEG = 10.0  # a candidate's heading is as coarse as the descriptor's sectors
 
 
@@ -63,27 +65,29 @@ def _of_scan(
 ) -> Iterator[Candidate]:
     templates, T_scan_last = index.cascade.templates, inverse(scan.T_last_scan)
     matches = _matches(index, described, scan, prior, effort)
-    chosen: list[Matrix] = []
-    for row, yaw, score in zip(matches.rows, matches.yaw_rad, matches.score, strict=True):
-        # the template's floor counts, not its mount: this sensor may sit higher
-        position = templates.position_m[row] + [0, 0, scan.height_m - templates.height_m[row]]
-        T_level_last = make_transform(rotation_z(yaw) @ scan.R_level_sensor, position) @ T_scan_last
+    # the template's floor counts, not its mount: this sensor may sit higher
+    positions = np.array(templates.position_m[matches.rows], np.float64)
+    positions[:, 2] += scan.height_m - templates.height_m[matches.rows]
+    chosen: list[tuple[float, ...]] = []
+    for row, at, yaw, score in zip(
+        matches.rows, positions.tolist(), matches.yaw_rad.tolist(), matches.score, strict=True
+    ):
+        here = (*at, yaw)
+        if sum(_leads_to_one_place(here, other) for other in chosen) >= A_SPOT:
+            continue
+        T_level_last = make_transform(rotation_z(yaw) @ scan.R_level_sensor, at) @ T_scan_last
         if prior is not None and not prior.allows(index.T_map_level @ T_level_last, np.inf, YAW_SLACK_DEG):
             continue
-        if _number_beside(T_level_last, chosen) < A_SPOT:
-            chosen.append(T_level_last)
-            yield Candidate(int(row), T_level_last, float(score))
+        chosen.append(here)
+        yield Candidate(int(row), T_level_last, float(score))
         if len(chosen) == count:
             return
 
 
-def _number_beside(T: Matrix, others: list[Matrix]) -> int:
-    if not others:
-        return 0
-    stack = np.array(others)
-    near = np.linalg.norm(stack[:, :3, 3] - T[:3, 3], axis=1) < SPOT_M
-    turn = np.einsum("kij,ij->k", stack[:, :3, :3], T[:3, :3])  # trace of the turn between: 1 + 2 cos
-    return int((near & (turn > 1 + 2 * np.cos(np.radians(SPOT_DEG)))).sum())
+def _leads_to_one_place(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
+    """Of two x, y, z, yaw. Plain numbers: of a hundred matches each is held against a few, and arrays of
+    four cost more to make than to compare."""
+    return math.dist(one[:3], other[:3]) < SPOT_M and math.cos(one[3] - other[3]) > _SPOT_COS
 
 
 def _matches(

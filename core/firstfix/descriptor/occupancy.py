@@ -83,7 +83,9 @@ class LayeredOccupancy:
         sectors = self.grid.sectors
         norm = np.sqrt(np.float32(asked.sum()) * stack.sum(axis=(1, 2), dtype=np.float32))
         rows = np.flatnonzero(asked.any(axis=1))  # the others meet nothing at any turn
-        turned = np.stack([np.roll(asked[rows], s, axis=1).ravel() for s in range(sectors)])
+        sector = np.arange(sectors)
+        turned = asked[rows][:, (sector - sector[:, None]) % sectors]  # (rows, turns, sectors)
+        turned = turned.transpose(1, 0, 2).reshape(sectors, -1)
         common = stack[:, rows].reshape(len(stack), -1).astype(np.float32)
         overlap = common @ turned.T.astype(np.float32)  # cell j of the query meets j + s of the template
         shift = overlap.argmax(axis=1)
