@@ -35,7 +35,7 @@ class Calibration:
     closeness: float = 2.94
     free_space: float = 2.74
     margin: float = 21.35
-    min_probability: float = 0.95
+    min_probability: float = 0.99
     min_overlap: float = 0.4
     min_margin: float = 0.05
     cases: int = 0
