@@ -45,7 +45,7 @@ def test_a_twin_makes_it_ambiguous_and_both_are_returned():
 
 
 def test_a_twin_with_a_wall_in_the_way_is_no_rival():
-    assert judged(place(0, 0.95), place(1, 0.94, 0.15)).verdict is Verdict.LOCALIZED
+    assert judged(place(0, 0.95), place(1, 0.94, 0.2)).verdict is Verdict.LOCALIZED
 
 
 def test_a_twin_makes_it_ambiguous_however_sure_the_model_is():
