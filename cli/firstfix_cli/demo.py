@@ -67,7 +67,7 @@ def main() -> int:
     if not wrong:
         console.print(
             f"[green]{localized} of {len(http) - FOREIGN_SHOWN} localized, the best place of the others"
-            f" marked ?; every one within {WORST_M} m of the truth, no pose for scans of other places.[/green]"
+            f" marked ?; every one within {WORST_M} m of the truth, none for scans of other places.[/green]"
         )
     return 1 if wrong else 0
 
