@@ -1,10 +1,39 @@
 #!/usr/bin/env bash
-# Puts versitygw, a real S3 server, beside the tests' Python. Without Go those tests are skipped and say so.
+# Puts real servers beside the tests' Python: versitygw (S3), nats-server (JetStream), toxiproxy (broken
+# networks), haproxy (replicas). Tests whose server cannot be had are skipped and say so.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-version=v1.8.0
-if [ -x .venv/bin/versitygw ] || command -v versitygw >/dev/null; then exit 0; fi
-command -v go >/dev/null || { echo "test-servers: no go here, so the S3 tests will be skipped"; exit 0; }
-echo "test-servers: building versitygw $version"
-GOBIN=$PWD/.venv/bin go install "github.com/versity/versitygw/cmd/versitygw@$version" \
-  || echo "test-servers: versitygw could not be built, so the S3 tests will be skipped"
+bin=$PWD/.venv/bin
+
+say() { echo "test-servers: $*"; }
+
+# NAME PACKAGE@VERSION: `go install` names the program after its package's last folder.
+build() {
+  local name=$1 package=$2 made
+  if [ -x "$bin/$name" ] || command -v "$name" >/dev/null; then return 0; fi
+  command -v go >/dev/null || { say "no go here, so the tests with $name will be skipped"; return 0; }
+  say "building $name ${package##*@}"
+  made=$(mktemp -d)
+  if GOBIN=$made go install "$package"; then
+    mv "$made"/* "$bin/$name"
+  else
+    say "$name could not be built, so its tests will be skipped"
+  fi
+  rm -rf "$made"
+}
+
+build versitygw github.com/versity/versitygw/cmd/versitygw@v1.8.0
+build nats-server github.com/nats-io/nats-server/v2@v2.10.22
+build toxiproxy-server github.com/Shopify/toxiproxy/v2/cmd/server@v2.12.0
+
+if ! command -v haproxy >/dev/null; then
+  if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
+    say "installing haproxy"
+    export DEBIAN_FRONTEND=noninteractive
+    { apt-get install -y -qq --no-install-recommends haproxy ||
+      { apt-get update -qq && apt-get install -y -qq --no-install-recommends haproxy; }; } >/dev/null 2>&1 ||
+      say "haproxy could not be installed, so its tests will be skipped"
+  else
+    say "haproxy is missing and this is not root, so its tests will be skipped"
+  fi
+fi
