@@ -91,9 +91,9 @@ def _localized(scene: Scene, method: str, cascade: Cascade, disturbed: Disturbed
     positions = scene.templates.position_m.astype(np.float64)
     voxel_m = engine.registration.map_voxel_m
     surface = map_surface(None, scene.simulator, positions, SENSOR, MAP_STEP_M, voxel_m)
-    view = MapView(surface.points, engine.verification.reach_m)
+    view = MapView.of(surface.points, engine.verification.reach_m)
     localizer = Localizer(
-        MapIndex(engine, Calibration(), cascade, MapSurface(surface, engine.registration), view)
+        MapIndex(engine, Calibration(), cascade, MapSurface.of(surface, engine.registration), view)
     )
     errors, total_ms = [], []
     for scan, T_map_sensor in disturbed.scans[:count]:

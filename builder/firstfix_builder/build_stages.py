@@ -20,7 +20,9 @@ from firstfix.errors import BuildCancelled
 from firstfix.key_projection import load_projection, save_projection
 from firstfix.key_search import build_key_search
 from firstfix.localizer import Localizer
-from firstfix.map_index import CALIBRATION_FILE, ENGINE_FILE, MAP_FILE, MapIndex, save_surface
+from firstfix.map_index import CALIBRATION_FILE, ENGINE_FILE, MAP_FILE, MapIndex
+from firstfix.map_view import MapView
+from firstfix.registration import MapSurface
 from firstfix.templates import Templates
 from firstfix.transform import inverse, make_transform, transform_points
 
@@ -252,7 +254,9 @@ class BuildStages:
                 SURFACE_STEP_M,
                 engine.registration.map_voxel_m,
             )
-            save_surface(surface, out)
+            MapSurface.of(surface, engine.registration).save(out)
+            MapView.of(surface.points, engine.verification.reach_m).save(out)
+            np.save(out / MAP_FILE, surface.points)
             draw_preview(surface.points, made.position_m, out / "preview.png")
 
         inputs = {

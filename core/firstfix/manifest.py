@@ -18,7 +18,7 @@ from typing import Any
 from .errors import CorruptVersion, IncompatibleVersion, InvalidOption
 from .store import check_key
 
-FORMAT = 3  # 2: before the map had normals; such a version needs a rebuild
+FORMAT = 4  # 3: before the map was stored ready to use; such a version needs a rebuild
 FILE_NAME = "manifest.json"
 MAX_BYTES = 64 << 20
 _SHA256 = re.compile(r"[0-9a-f]{64}")

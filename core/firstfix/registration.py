@@ -8,6 +8,7 @@ starts go through one set of NumPy calls: twenty of them cost what three would o
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ _COARSE_ANGLE, _FINE_ANGLE = 0.2, 0.06  # sine between normals at which a pair c
 _OTHER_FACE = -0.2  # cosine: normals further apart face opposite ways, whatever their noise
 _STILL_M, _STILL_RAD = 5e-4, 1e-4
 _DAMPING = 1e-4  # of a pair's weight: keeps a direction that nothing fixes where it is
+_FINE_FILE, _COARSE_FILE = "surface_fine.safetensors", "surface_coarse.safetensors"
 _NOISE_M = 0.01  # at least, of a scan point's distance from the map
 
 
@@ -44,23 +46,39 @@ class Registration:
     information: NDArray[np.float64]
 
 
+@dataclass(frozen=True)
 class MapSurface:
-    """The map, made ready to register against. Thread-safe once built.
+    """The map, made ready to register against. Thread-safe."""
 
-    Args:
-        surface: thinned to about ``map_voxel_m``.
-    """
+    config: RegistrationConfig
+    fine: SurfaceGrid
+    coarse: SurfaceGrid
 
-    def __init__(self, surface: Surface, config: RegistrationConfig) -> None:
-        self.config = config
-        self._fine = SurfaceGrid(surface, config.map_voxel_m)
-        self._coarse = SurfaceGrid(surface.thinned(config.coarse_voxel_m / 2), config.coarse_voxel_m)
+    @classmethod
+    def of(cls, surface: Surface, config: RegistrationConfig) -> MapSurface:
+        """
+        Args:
+            surface: thinned to about ``map_voxel_m``.
+        """
+        coarse = surface.thinned(config.coarse_voxel_m / 2)
+        fine = SurfaceGrid.of(surface, config.map_voxel_m)
+        return cls(config, fine, SurfaceGrid.of(coarse, config.coarse_voxel_m))
+
+    def save(self, directory: Path) -> None:
+        self.fine.save(directory / _FINE_FILE)
+        self.coarse.save(directory / _COARSE_FILE)
+
+    @classmethod
+    def load(cls, directory: Path, config: RegistrationConfig) -> MapSurface:
+        """Of a version's files, memory-mapped."""
+        fine, coarse = SurfaceGrid.load(directory / _FINE_FILE), SurfaceGrid.load(directory / _COARSE_FILE)
+        return cls(config, fine, coarse)
 
     def approach(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> NDArray[np.float64]:
         """(k, 4, 4) from starts within a metre or so to a few decimetres."""
         reach_m, few = 1.5 * self.config.coarse_voxel_m, scan.at_most(_COARSE_POINTS)
         iterations = self.config.coarse_iterations
-        return _align(self._coarse, few, T_level_sensor, iterations, reach_m, _COARSE_ANGLE).T_level_sensor
+        return _align(self.coarse, few, T_level_sensor, iterations, reach_m, _COARSE_ANGLE).T_level_sensor
 
     def settle(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> list[Registration]:
         """From (k, 4, 4) starts within a few decimetres."""
@@ -73,8 +91,8 @@ class MapSurface:
     def _finely(
         self, scan: Surface, T_level_sensor: NDArray[np.float64], iterations: int
     ) -> list[Registration]:
-        found = _align(self._fine, scan, T_level_sensor, iterations, self.config.fine_distance_m, _FINE_ANGLE)
-        pairs = _Pairs.of(self._fine, scan, _Placed.at(scan, found.T_level_sensor))
+        found = _align(self.fine, scan, T_level_sensor, iterations, self.config.fine_distance_m, _FINE_ANGLE)
+        pairs = _Pairs.of(self.fine, scan, _Placed.at(scan, found.T_level_sensor))
         share = np.abs(pairs.off_m) / self.config.inlier_distance_m
         overlap = (share <= 1).mean(axis=1)
         closeness = np.maximum(1 - share**2, 0).mean(axis=1)

@@ -48,7 +48,7 @@ def scan_of(points: np.ndarray, T_level_sensor: np.ndarray, noise_m: float = 0.0
 
 @pytest.fixture(scope="module")
 def room() -> MapSurface:
-    return MapSurface(Surface.around(ROOM), CONFIG)
+    return MapSurface.of(Surface.around(ROOM), CONFIG)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -112,7 +112,7 @@ def test_a_third_of_the_scan_that_the_map_lacks_does_not_pull(room):
 
 def test_a_corridor_fixes_its_width_and_not_its_length():
     corridor = np.concatenate([wall((0, 0), (60, 0)), wall((0, 2), (60, 2)), floor((0, 60), (0, 2))])
-    surface = MapSurface(Surface.around(corridor), CONFIG)
+    surface = MapSurface.of(Surface.around(corridor), CONFIG)
     at = make_transform(np.eye(3), [30.0, 1.0, 1.0])
     near = corridor[np.abs(corridor[:, 0] - 30) < 8]
     start = at @ make_transform(np.eye(3), [0.1, 0.05, 0.02])
@@ -135,8 +135,8 @@ def test_a_scan_of_one_face_is_not_laid_on_the_other():
     scan = Surface.around(seen[::9], -seen[::9])
     start = at @ make_transform(np.eye(3), [0, 0, 0.28])
     both = np.concatenate([below, above])
-    (blind,) = MapSurface(Surface.around(both), CONFIG).refine(scan, start[None])
+    (blind,) = MapSurface.of(Surface.around(both), CONFIG).refine(scan, start[None])
     assert pose_error(at, blind.T_level_sensor)[0] == pytest.approx(0.3, abs=0.02)
     assert blind.overlap > 0.95  # and nothing would tell
-    (found,) = MapSurface(Surface.around(both, to_viewer), CONFIG).refine(scan, start[None])
+    (found,) = MapSurface.of(Surface.around(both, to_viewer), CONFIG).refine(scan, start[None])
     assert pose_error(at, found.T_level_sensor)[0] < 0.02

@@ -18,7 +18,7 @@ class Known:
     """A grid that is asked in the surface's own coordinates."""
 
     def __init__(self, surface: Surface) -> None:
-        self.surface, self.grid = surface, SurfaceGrid(surface, CELL_M)
+        self.surface, self.grid = surface, SurfaceGrid.of(surface, CELL_M)
 
     def nearest(self, points: np.ndarray) -> np.ndarray:
         return self.grid.nearest(np.float32(points) - self.grid.corner)
@@ -75,3 +75,11 @@ def test_a_plane_gives_the_distance_along_its_normal(grid):
     plane = grid.grid.planes[row]
     off_m = plane[:, 3] - np.einsum("ij,ij->i", asked - grid.grid.corner, plane[:, :3])
     assert np.allclose(off_m, grid.surface.points[row, 2] - asked[:, 2], atol=1e-5)  # normals are upright
+
+
+def test_what_was_saved_answers_the_same(grid, tmp_path):
+    grid.grid.save(tmp_path / "grid")
+    again = SurfaceGrid.load(tmp_path / "grid")
+    points = np.random.default_rng(8).uniform(0, 13, (2000, 3)).astype(np.float32)
+    assert np.array_equal(again.nearest(points), grid.grid.nearest(points))
+    assert np.array_equal(again.planes, grid.grid.planes)

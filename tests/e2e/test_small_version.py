@@ -148,7 +148,10 @@ def test_a_pose_without_the_verdict_cannot_be_said(localizer, small_scans):
     [
         "engine.json",
         "keys.faiss",
-        "map_points.npy",
+        "surface_fine.safetensors",
+        "surface_coarse.safetensors",
+        "view_near.safetensors",
+        "view_far.safetensors",
         "template_occupancy.npy",
         "cluster_start.npy",
         "calibration.json",

@@ -1,0 +1,65 @@
+"""Map points by square tiles: those around a place are at hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from small_gicp import voxelgrid_sampling
+
+from .array_file import map_arrays, save_arrays
+
+TILE_M = 5.0
+
+
+@dataclass(frozen=True)
+class Tiles:
+    """Points in columns of tiles along y. Thread-safe.
+
+    Attributes:
+        points: (n, 3) float32 metres, tile after tile.
+        begin: (columns, rows + 1) int32, tile (x, y) holds ``points[begin[x, y]:begin[x, y + 1]]``.
+        low: (2,) int32, x and y of the first tile, in tiles.
+    """
+
+    points: NDArray[np.float32]
+    begin: NDArray[np.int32]
+    low: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, points: NDArray[np.floating], voxel_m: float) -> Tiles:
+        """Thinned to a point in each voxel."""
+        thinned = voxelgrid_sampling(np.asarray(points, np.float64), voxel_m).points()[:, :3]
+        tile = np.floor(thinned[:, :2] / TILE_M).astype(np.int64)
+        low = tile.min(axis=0)
+        columns, rows = tile.max(axis=0) - low + 1
+        number = (tile - low) @ [rows, 1]
+        order = np.argsort(number, kind="stable")
+        first = np.arange(columns)[:, None] * rows + np.arange(rows + 1)
+        begin = np.searchsorted(number[order], first).astype(np.int32)
+        return cls(thinned[order].astype(np.float32), begin, low.astype(np.int32))
+
+    def around(self, centre: NDArray[np.float64], reach_m: float) -> NDArray[np.float32]:
+        """(k, 3) from the centre, (3,), to every point within reach."""
+        size = np.array(self.begin.shape) - (0, 1)
+        first = np.floor((centre[:2] - reach_m) / TILE_M).astype(np.int64) - self.low
+        last = np.floor((centre[:2] + reach_m) / TILE_M).astype(np.int64) - self.low + 1
+        (left, bottom), (right, top) = np.clip(first, 0, size), np.clip(last, 0, size)
+        columns = [self.points[self.begin[x, bottom] : self.begin[x, top]] for x in range(left, right)]
+        away = np.concatenate(columns or [self.points[:0]]) - centre.astype(np.float32)
+        near: NDArray[np.float32] = away[np.einsum("ij,ij->i", away, away) < reach_m**2]
+        return near
+
+    def save(self, path: Path) -> None:
+        save_arrays(path, {field.name: getattr(self, field.name) for field in fields(self)})
+
+    @classmethod
+    def load(cls, path: Path) -> Tiles:
+        """Memory-mapped.
+
+        Raises:
+            ValueError, TypeError, OSError: it is no such file.
+        """
+        return cls(**map_arrays(path))
