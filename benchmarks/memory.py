@@ -31,6 +31,11 @@ class PeakMemory:
             self.peak_bytes = max(self.peak_bytes, sum(map(_pss_bytes, _descendants(os.getpid()))))
 
 
+def pss_of_family(pid: int) -> int:
+    """Bytes of a process and all that it started."""
+    return sum(map(_pss_bytes, [pid, *_descendants(pid)]))
+
+
 def _descendants(pid: int) -> list[int]:
     found: list[int] = []
     try:

@@ -11,6 +11,7 @@ from .paper import suite as paper
 from .peers import suite as peers
 from .retrieval import suite as retrieval
 from .robust import suite as robust
+from .service import suite as service
 
 SUITES = {
     "paper": paper.run,
@@ -18,6 +19,7 @@ SUITES = {
     "real": real.run,
     "retrieval": retrieval.run,
     "robust": robust.run,
+    "service": service.run,
 }
 
 
