@@ -9,7 +9,11 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Info
 from prometheus_client.exposition import choose_encoder
 
 import firstfix
+from firstfix.build_records import FINAL_STATES
+from firstfix.errors import DeadlineExceeded, FirstfixError, Overloaded
+from firstfix.localization import Reason, Verdict
 
+TRANSPORTS = ("http", "zenoh")
 _SECONDS = (0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0)
 _LOAD_SECONDS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
 _STORE_SECONDS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
@@ -137,6 +141,19 @@ class Metrics:
         self.info = Info("firstfix", "This service's version", registry=registry)
         self.info.info({"version": firstfix.__version__, "python": platform.python_version()})
         ProcessCollector(registry=registry)  # process_resident_memory_bytes, process_cpu_seconds_total, ...
+        self._begin_at_zero()
+
+    def _begin_at_zero(self) -> None:
+        """What alerts count: the first failed build would not be a rise if its series began with it."""
+        for transport in TRANSPORTS:
+            for verdict in Verdict:
+                self.verdicts.labels(transport, verdict.value)
+            for error in (Overloaded, DeadlineExceeded, FirstfixError):
+                self.failures.labels(transport, error.code)
+        for reason in Reason:
+            self.reasons.labels(reason.value)
+        for state in FINAL_STATES:
+            self.builds.labels(state)
 
     def watch(self, name: str, text: str, value: Callable[[], float]) -> None:
         """A gauge that is read when somebody asks."""

@@ -79,7 +79,9 @@ def test_two_apps_in_one_process_do_not_mix(tmp_path: Path):
     ):
         publish(first.catalog, "hall", "1", first.scratch)
         assert first.ask("http").ok
-        assert 'verdict="localized"' not in second.http.get("/metrics").text
+        line = 'firstfix_localizations_total{transport="http",verdict="localized"}'
+        assert f"{line} 1.0" in first.http.get("/metrics").text
+        assert f"{line} 0.0" in second.http.get("/metrics").text
 
 
 def test_request_ids_are_given_back(service: Service):
