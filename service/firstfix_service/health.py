@@ -21,11 +21,7 @@ class Health:
         self._read_at: float | None = None  # time.monotonic
         self._error: str | None = None
         self._started = time.monotonic()
-        metrics.watch(
-            "firstfix_catalog_age_seconds",
-            "Time since the catalog was last read: more than a few seconds, and the store does not answer",
-            self.catalog_age_s,
-        )
+        metrics.catalog_age.set_function(self.catalog_age_s)
 
     def catalog_read(self) -> None:
         self._read_at, self._error = time.monotonic(), None

@@ -16,7 +16,7 @@ from firstfix.stopwatch import Stopwatch
 
 from .map_cache import MapCache
 from .pool import QueryPool
-from .query_recorder import Query, QueryRecorder
+from .query_recorder import QueryRecorder, RawQuery
 from .request_scope import in_this_context
 
 MAX_MAPS = 16  # that one query is compared with
@@ -60,14 +60,14 @@ class LocalizeUseCase:
         wanted = LocalizeOptions.from_strings(options)
         check_media_type(media_type)
         deadline = None if wanted.deadline_ms is None else start + wanted.deadline_ms / 1e3
-        queued = time.perf_counter()
+        queued = time.monotonic()
 
         def work() -> Localization:
-            waited_ms = (time.perf_counter() - queued) * 1e3
+            waited_ms = (time.monotonic() - queued) * 1e3
             return self._answer(body, media_type, content_encoding, map_id, wanted, waited_ms)
 
         answer = await self._pool.run(in_this_context(work), deadline)
-        self._recorder.record(Query(body, media_type, content_encoding, map_id, options), answer, queued)
+        self._recorder.record(RawQuery(body, media_type, content_encoding, map_id, options), answer, queued)
         return answer
 
     def _answer(

@@ -115,6 +115,11 @@ class Metrics:
             buckets=_STORE_SECONDS,
             registry=registry,
         )
+        self.catalog_age = Gauge(
+            "firstfix_catalog_age_seconds",
+            "Time since the catalog was last read: more than a few seconds, and the store does not answer",
+            registry=registry,
+        )
         self.store_errors = Counter(
             "firstfix_store_errors",
             "Operations that the object store failed or refused",

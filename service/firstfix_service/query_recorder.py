@@ -19,7 +19,7 @@ _OK = 200
 
 
 @dataclass(frozen=True)
-class Query:
+class RawQuery:
     """A query as it came: what ``LocalizeUseCase.localize`` was given."""
 
     body: bytes
@@ -48,11 +48,11 @@ class QueryRecorder:
         elif isinstance(scan, Scan):
             note(points=len(scan))
 
-    def record(self, query: Query, answer: Localization, queued: float) -> None:
+    def record(self, query: RawQuery, answer: Localization, queued: float) -> None:
         """One query that was answered.
 
         Args:
-            queued: ``time.perf_counter`` when it was given to the pool: there its timings begin.
+            queued: ``time.monotonic`` when it was given to the pool: there its timings begin.
         """
         scope = current_request()
         if scope is not None and scope.span is not None and self._requests.tracing is not None:

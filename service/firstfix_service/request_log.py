@@ -33,7 +33,7 @@ class RequestLog:
             await self._app(scope, receive, send)
             return
         headers = dict(scope["headers"])
-        start = time.perf_counter()
+        start = time.monotonic()
         with self._requests.scope(
             TRANSPORT,
             None if scope["path"] in _QUIET else scope["method"],

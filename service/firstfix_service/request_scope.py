@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import structlog
 
@@ -24,6 +24,7 @@ from .tracing import Tracing, started_ns
 if TYPE_CHECKING:
     from opentelemetry.trace import Span
 
+P = ParamSpec("P")
 T = TypeVar("T")
 _GOOD_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
@@ -33,7 +34,7 @@ class RequestScope:
     """One request.
 
     Attributes:
-        started: of ``time.perf_counter``.
+        started: of ``time.monotonic``.
         trace: its own span's place in the trace, or where nothing is traced here the caller's.
         span: None where nothing is traced here.
         status: of the answer, as HTTP says it; 0: none was given.
@@ -51,7 +52,7 @@ class RequestScope:
     @property
     def seconds(self) -> float:
         """Since it began."""
-        return time.perf_counter() - self.started
+        return time.monotonic() - self.started
 
     @property
     def line(self) -> dict[str, Any]:
@@ -81,10 +82,14 @@ def with_traceparent(record: Mapping[str, Any]) -> dict[str, Any]:
     return {**record, "traceparent": scope.trace.traceparent}
 
 
-def in_this_context(work: Callable[[], T]) -> Callable[[], T]:
+def in_this_context(work: Callable[P, T]) -> Callable[P, T]:
     """Work that a thread does as part of the request that is being served here."""
     context = contextvars.copy_context()
-    return lambda: context.run(work)
+
+    def run(*args: P.args, **kwargs: P.kwargs) -> T:
+        return context.run(work, *args, **kwargs)
+
+    return run
 
 
 class Requests:
@@ -106,7 +111,7 @@ class Requests:
             name: of the span; None: the request is not worth one.
             request_id: the caller's; kept if it is harmless, else one is made.
             traceparent: the caller's, if any.
-            started: of ``time.perf_counter``.
+            started: of ``time.monotonic``.
         """
         caller = TraceContext.parse(traceparent)
         span: Span | None = None

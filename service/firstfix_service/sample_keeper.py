@@ -24,7 +24,7 @@ from .request_scope import RequestScope
 from .settings import Settings
 
 if TYPE_CHECKING:
-    from .query_recorder import Query
+    from .query_recorder import RawQuery
 
 _log = structlog.get_logger(__name__)
 MAX_WAITING, MAX_WAITING_BYTES = 64, 64 << 20  # held in memory until they are written
@@ -98,7 +98,7 @@ class SampleKeeper:
         self._waiting.put(None)
         self._thread.join(STOP_WITHIN_S)
 
-    def offer(self, query: Query, answer: Localization, scope: RequestScope | None) -> None:
+    def offer(self, query: RawQuery, answer: Localization, scope: RequestScope | None) -> None:
         """Perhaps keeps the query. Never blocks and never fails."""
         if random.random() >= self._policy.share_of(answer):
             return

@@ -90,5 +90,5 @@ class Tracing:
 
 
 def started_ns(started: float) -> int:
-    """Nanoseconds since 1970 of a reading of ``time.perf_counter``."""
-    return time.time_ns() - int((time.perf_counter() - started) * 1e9)
+    """Nanoseconds since 1970 of a reading of ``time.monotonic``."""
+    return time.time_ns() - int((time.monotonic() - started) * 1e9)

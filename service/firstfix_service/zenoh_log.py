@@ -5,7 +5,6 @@ zenoh has no headers: two parameters of the selector stand for X-Request-Id and 
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -35,7 +34,7 @@ def logged_query(requests: Requests, query: Any, arrived: float) -> Iterator[Non
         "zenoh localize",
         request_id=given.get(REQUEST_ID, ""),
         traceparent=given.get(TRACEPARENT),
-        started=time.perf_counter() - (time.monotonic() - arrived),
+        started=arrived,
     ) as scope:
         try:
             yield

@@ -32,7 +32,7 @@ from firstfix.scan import Scan
 from firstfix.store import Store
 from firstfix_cli.main import run
 from firstfix_service.metrics import Metrics
-from firstfix_service.query_recorder import Query
+from firstfix_service.query_recorder import RawQuery
 from firstfix_service.sample_keeper import MAX_WAITING, SampleKeeper, SamplePolicy
 
 LOCALIZED_POINTS = 200  # a scan of so many is localized, every other one rejected
@@ -126,8 +126,8 @@ def found(probability: float) -> Localization:
     return Localization(Verdict.LOCALIZED, (), np.eye(4), None, np.eye(6), probability)
 
 
-def query(size: int = 100) -> Query:
-    return Query(bytes(size), XYZ, None, "hall", {})
+def query(size: int = 100) -> RawQuery:
+    return RawQuery(bytes(size), XYZ, None, "hall", {})
 
 
 class Kept:
