@@ -13,7 +13,7 @@ import numpy as np
 from firstfix.errors import FirstfixError
 from firstfix.localization import Localization
 from firstfix.options import LocalizeOptions
-from firstfix.query_samples import QuerySample, QuerySamples
+from firstfix.query_samples import REPLAY, QuerySample, QuerySamples
 from firstfix.transform import Matrix, pose_error
 
 from .answerer import fetch_active_version
@@ -83,6 +83,7 @@ def body_answerer(
             map_id=map_id,
             options=options,
             content_encoding=sample.content_encoding,
+            request_id=f"{REPLAY}{sample.sample_id}",
         )
 
 

@@ -19,6 +19,7 @@ from .errors import InvalidOption, NotFound, StoreError
 from .store import Store
 
 FOLDER = "samples"
+REPLAY = "replay-"  # begins the request id of a query that is asked again: it is not kept a second time
 _ID = re.compile(r"(\d{8}t\d{12})-[0-9a-f]{8}")
 _TIME_FORM = "%Y%m%dt%H%M%S%f"
 

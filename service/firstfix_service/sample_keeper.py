@@ -17,7 +17,7 @@ import structlog
 import firstfix
 from firstfix.errors import FirstfixError
 from firstfix.localization import Localization, Verdict
-from firstfix.query_samples import QuerySample, QuerySamples, new_sample_id
+from firstfix.query_samples import REPLAY, QuerySample, QuerySamples, new_sample_id
 
 from .metrics import Metrics
 from .request_scope import RequestScope
@@ -101,6 +101,8 @@ class SampleKeeper:
     def offer(self, query: RawQuery, answer: Localization, scope: RequestScope | None) -> None:
         """Perhaps keeps the query. Never blocks and never fails."""
         if random.random() >= self._policy.share_of(answer):
+            return
+        if scope is not None and scope.request_id.startswith(REPLAY):
             return
         result = self._admit(len(query.body))
         if result != "taken":

@@ -345,6 +345,14 @@ def test_another_version_can_be_asked(service: Service, sample_id: str, capsys: 
     assert "moved 1.00 m" in capsys.readouterr().out
 
 
+def test_what_is_asked_again_is_not_kept_again(service: Service, sample_id: str):
+    asked = ("evaluate", "--samples", service.settings.store, "--map", "hall", "--url", service.url)
+    assert ended(*asked) == 0
+    service.ask("http")  # kept after the other would have been
+    wait_for(lambda: len(kept_by(service).ids()) > 1)
+    assert len(kept_by(service).ids()) == 2
+
+
 def test_a_query_that_cannot_be_asked_again_says_why(
     service: Service, sample_id: str, capsys: pytest.CaptureFixture[str]
 ):

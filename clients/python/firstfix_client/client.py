@@ -105,16 +105,20 @@ class Client:
         map_id: str,
         options: LocalizeOptions | None = None,
         content_encoding: str | None = None,
+        request_id: str | None = None,
     ) -> Localization:
         """As ``localize``, of a query that is encoded already: the service gets these very bytes.
 
         Args:
             media_type, content_encoding: what the bytes are, as clients/PROTOCOL.md says.
+            request_id: to find the query by in the service's log.
         """
         params = {"map": map_id, **(options or LocalizeOptions()).to_strings()}
         headers = {"Content-Type": media_type}
         if content_encoding:
             headers["Content-Encoding"] = content_encoding
+        if request_id:
+            headers["X-Request-Id"] = request_id
 
         def request(left_s: float) -> httpx.Request:
             return self._http.request(
