@@ -31,6 +31,8 @@ from pydantic import BaseModel
 import firstfix
 from firstfix.manifest import sha256_of
 
+from .build_trace import mark_cached
+
 DEFAULT_MAX_BYTES = 50_000_000_000
 
 
@@ -92,6 +94,7 @@ class StageCache:
         key = hashlib.sha256(json.dumps(recipe, sort_keys=True).encode()).hexdigest()
         found = self._find(key)
         if found is not None:
+            mark_cached(name)
             return found
         part, lock = self._new_part()
         try:

@@ -11,7 +11,7 @@ import typer
 
 from firstfix.errors import FirstfixError
 
-from .commands import build, evaluate, localize, maps, serve, world
+from .commands import build, evaluate, localize, maps, samples, serve, world
 
 ERROR_EXIT_CODE = 2
 
@@ -29,6 +29,7 @@ app.command()(serve.serve)
 app.command()(localize.localize)
 app.command()(evaluate.evaluate)
 app.add_typer(maps.app, name="maps")
+app.add_typer(samples.app, name="samples")
 
 
 def run(arguments: list[str] | None = None) -> None:

@@ -3,6 +3,7 @@
     builds/<build_id>/request.json   created once
     builds/<build_id>/status.json    replaced by whoever runs the build
     builds/<build_id>/cancel         there: stop
+    builds/<build_id>/stages.json    how long each stage of the last run took, once it has ended
 
 One process at a time runs a build (the queue or the service sees to that), so the status needs no
 precondition: what the last run wrote is true.
@@ -11,7 +12,7 @@ precondition: what the last run wrote is true.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from .errors import Conflict, NotFound, StoreError
@@ -66,6 +67,19 @@ class BuildRecords:
 
     def set_build_status(self, build_id: str, status: Mapping[str, Any]) -> None:
         self.store.put(_key(build_id, "status.json"), _to_json(status))
+
+    def build_stages(self, build_id: str) -> list[dict[str, Any]]:
+        """``stage``, ``seconds`` and ``cached`` of each stage of the last run that ended, if any."""
+        try:
+            stages = _from_json(self.store.get(_key(build_id, "stages.json")), build_id)["stages"]
+            return [dict(stage) for stage in stages]
+        except NotFound:
+            return []
+        except (KeyError, TypeError, ValueError):
+            raise StoreError(f"the stages of build {build_id} cannot be read") from None
+
+    def set_build_stages(self, build_id: str, stages: Sequence[Mapping[str, Any]]) -> None:
+        self.store.put(_key(build_id, "stages.json"), _to_json({"stages": [dict(stage) for stage in stages]}))
 
     def request_cancel(self, build_id: str) -> None:
         """Asks the build to stop; the worker looks for it once a second.

@@ -13,7 +13,7 @@ import os
 import signal
 import time
 from asyncio.subprocess import Process
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from firstfix.build_records import FINAL_STATES, new_status
 from firstfix.catalog import Catalog
 from firstfix.errors import BuildFailed, FirstfixError, NotFound
 
+from .build_metrics import count_build, last_words
 from .metrics import Metrics
 
 _log = structlog.get_logger(__name__)
@@ -47,6 +48,7 @@ class BuildQueue:
         command: Sequence[str],
         work_dir: Path,
         niceness: int,
+        environment: Mapping[str, str] | None = None,
         poll_interval_s: float = 5.0,
     ) -> None:
         self._catalog = catalog
@@ -55,6 +57,7 @@ class BuildQueue:
         self._command = tuple(command)
         self._work_dir = work_dir
         self._niceness = niceness
+        self._environment = dict(environment or {})
         self._poll_interval_s = poll_interval_s
         self._ended: set[str] = set()
         self._wake = asyncio.Event()
@@ -124,6 +127,7 @@ class BuildQueue:
                         stdin=asyncio.subprocess.DEVNULL,
                         stdout=log,
                         stderr=log,
+                        env={**os.environ, **self._environment},
                         start_new_session=True,  # Ctrl-C is the service's, which then ends it in good order
                     )
                 except OSError as error:
@@ -180,7 +184,7 @@ class BuildQueue:
 
     def _end(self, build_id: str, state: str) -> None:
         self._ended.add(build_id)
-        self._metrics.builds.labels(state).inc()
+        count_build(self._catalog, self._metrics, build_id, state)
         _log.info("build ended", build_id=build_id, state=state)
         if state == "succeeded":
             (self._work_dir / f"{build_id}.log").unlink(missing_ok=True)
@@ -197,8 +201,9 @@ def _why(code: int, log_path: Path) -> str:
     if code < 0:
         hint = " (out of memory?)" if code == -signal.SIGKILL else ""
         return f"the build process was ended by {signal.Signals(-code).name}{hint}"
-    with suppress(OSError, IndexError):
-        return (
-            f"the build process failed: {log_path.read_text(errors='replace').strip().splitlines()[-1][:300]}"
-        )
-    return f"the build process failed with exit code {code}"
+    words = last_words(log_path)
+    return (
+        f"the build process failed with exit code {code}"
+        if words is None
+        else f"the build process failed: {words}"
+    )

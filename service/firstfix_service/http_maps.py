@@ -19,6 +19,7 @@ from firstfix.ids import check_map_id
 
 from .parts import Parts, PartsDep
 from .request_body import BodyReader
+from .request_scope import with_traceparent
 from .source_policy import check_source_url
 from .upload import MAX_TEXT_BYTES, UploadedFile, harmless_name, receive_form
 
@@ -72,7 +73,7 @@ async def post_map(request: Request, parts: PartsDep) -> Response:
         raise UnsupportedFormat("POST /maps takes multipart/form-data or application/json")
     # The time first, so that builds sort by age.
     build_id = f"{datetime.now(timezone.utc):%Y%m%dt%H%M%S%f}-{uuid.uuid4().hex[:8]}"
-    await asyncio.to_thread(parts.catalog.put_build, build_id, record)
+    await asyncio.to_thread(parts.catalog.put_build, build_id, with_traceparent(record))
     if parts.builds is not None:
         parts.builds.wake()
     status = new_status("queued", map_id=record["map_id"])

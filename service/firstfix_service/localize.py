@@ -15,9 +15,9 @@ from firstfix.options import LocalizeOptions
 from firstfix.stopwatch import Stopwatch
 
 from .map_cache import MapCache
-from .metrics import Metrics
 from .pool import QueryPool
-from .problems import problem_of
+from .query_recorder import QueryRecorder, RawQuery
+from .request_scope import in_this_context
 
 MAX_MAPS = 16  # that one query is compared with
 
@@ -25,10 +25,12 @@ MAX_MAPS = 16  # that one query is compared with
 class LocalizeUseCase:
     """Answers queries over the maps that are served."""
 
-    def __init__(self, maps: MapCache, pool: QueryPool, metrics: Metrics, *, max_decoded_bytes: int) -> None:
+    def __init__(
+        self, maps: MapCache, pool: QueryPool, recorder: QueryRecorder, *, max_decoded_bytes: int
+    ) -> None:
         self._maps = maps
         self._pool = pool
-        self._metrics = metrics
+        self._recorder = recorder
         self._max_decoded_bytes = max_decoded_bytes
 
     async def localize(
@@ -58,13 +60,15 @@ class LocalizeUseCase:
         wanted = LocalizeOptions.from_strings(options)
         check_media_type(media_type)
         deadline = None if wanted.deadline_ms is None else start + wanted.deadline_ms / 1e3
-        queued = time.perf_counter()
+        queued = time.monotonic()
 
         def work() -> Localization:
-            waited_ms = (time.perf_counter() - queued) * 1e3
+            waited_ms = (time.monotonic() - queued) * 1e3
             return self._answer(body, media_type, content_encoding, map_id, wanted, waited_ms)
 
-        return await self._pool.run(work, deadline)
+        answer = await self._pool.run(in_this_context(work), deadline)
+        self._recorder.record(RawQuery(body, media_type, content_encoding, map_id, options), answer, queued)
+        return answer
 
     def _answer(
         self,
@@ -82,6 +86,7 @@ class LocalizeUseCase:
         with watch.stage("decode"):
             plain = undo_content_encoding(body, content_encoding or "", self._max_decoded_bytes)
             scan = decode_query(plain, media_type)
+        self._recorder.note_scan(scan)
         if len(served) == 1:
             (answered,) = served.values()
             answer = answered.localizer.localize(scan, options)
@@ -106,13 +111,8 @@ class LocalizeUseCase:
         return names
 
     def count(self, transport: str, outcome: Localization | BaseException) -> None:
-        """Counts one query's end, for the metrics."""
-        if isinstance(outcome, Localization):
-            self._metrics.verdicts.labels(transport, outcome.verdict.value).inc()
-            for stage, ms in outcome.timings_ms.items():
-                self._metrics.stage_seconds.labels(stage).observe(ms / 1e3)
-        else:
-            self._metrics.failures.labels(transport, problem_of(outcome).code).inc()
+        """Tells of one query's end: the metrics, the log and the trace."""
+        self._recorder.count(transport, outcome)
 
 
 def check_media_type(media_type: str) -> None:

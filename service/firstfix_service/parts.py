@@ -10,6 +10,7 @@ from fastapi import Depends, Request
 from firstfix.catalog import Catalog
 
 from .build_queue import BuildQueue
+from .health import Health
 from .localize import LocalizeUseCase
 from .map_cache import MapCache
 from .metrics import Metrics
@@ -32,6 +33,7 @@ class Parts:
     use_case: LocalizeUseCase
     bodies: BodyReader
     builds: BuildQueue | None
+    health: Health
 
 
 def parts_of(request: Request) -> Parts:

@@ -13,6 +13,8 @@ from starlette.exceptions import HTTPException
 from firstfix import errors
 from firstfix.errors import FirstfixError
 
+from .request_scope import note
+
 MEDIA_TYPE = "application/problem+json"
 
 STATUS: dict[type[FirstfixError], int] = {
@@ -73,6 +75,7 @@ class Problem:
         ).encode()
 
     def response(self) -> Response:
+        note(code=self.code)
         return Response(self.body, self.status, self.headers, MEDIA_TYPE)
 
 

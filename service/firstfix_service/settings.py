@@ -71,6 +71,26 @@ class Settings(BaseSettings):
         None, pattern="^[a-z0-9][a-z0-9_-]{0,62}$", description="name of this replica; default: a random one"
     )
 
+    samples_share: float = Field(
+        0.0, ge=0, le=1, description="of the queries that were not localized, kept with their bodies; 0: none"
+    )
+    samples_share_localized: float = Field(
+        0.0,
+        ge=0,
+        le=1,
+        description="of the localized queries below `samples_below_probability`, kept as well",
+    )
+    samples_below_probability: float = Field(
+        1.0, ge=0, le=1, description="localized queries that are as probable are never kept"
+    )
+    samples_per_minute: int = Field(10, ge=1, le=6000, description="queries kept at most by this process")
+    samples_max_body_bytes: int = Field(8 * MIB, ge=1, description="queries with larger bodies are not kept")
+    samples_max_bytes: int = Field(GIB, ge=1, description="of all kept queries; the oldest go")
+    samples_days: float = Field(14.0, gt=0, le=3650, description="after which kept queries are removed")
+    samples_store: str | None = Field(
+        None, description="store URL or directory for kept queries, below `samples/`; default: the store"
+    )
+
     @property
     def zenoh_enabled(self) -> bool:
         return self.zenoh or self.zenoh_config is not None

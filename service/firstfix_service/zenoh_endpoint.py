@@ -4,8 +4,8 @@
     firstfix/{map_id}/localize/{replica}   this replica alone; a liveliness token for each map
 
 The options are selector parameters, the payload the same bytes as the HTTP body, its encoding the media
-type. A parameter ``content_encoding`` stands for HTTP's header. Errors are replied as the same problem
-documents.
+type. Parameters ``content_encoding``, ``request_id`` and ``traceparent`` stand for HTTP's headers. Errors
+are replied as the same problem documents.
 """
 
 from __future__ import annotations
@@ -32,11 +32,12 @@ from . import problems
 from .localize import LocalizeUseCase, to_json
 from .pool import QueryPool
 from .problems import problem_of
+from .request_scope import Requests
 from .settings import Settings
+from .zenoh_log import PARAMETERS, TRANSPORT, logged_query
 
 _log = structlog.get_logger(__name__)
 CONTENT_ENCODING = "content_encoding"
-TRANSPORT = "zenoh"
 DRAIN_S = 10.0  # for queries under way when the service stops
 
 
@@ -60,6 +61,7 @@ class ZenohEndpoint:
         use_case: LocalizeUseCase,
         pool: QueryPool,
         loop: asyncio.AbstractEventLoop,
+        requests: Requests,
     ) -> None:
         """Blocks until the session is open.
 
@@ -70,6 +72,7 @@ class ZenohEndpoint:
         self._use_case = use_case
         self._pool = pool
         self._loop = loop
+        self._requests = requests
         self._max_body_bytes = settings.max_body_bytes
         self._tokens: dict[str, Any] = {}
         self._tokens_lock = threading.Lock()
@@ -96,6 +99,16 @@ class ZenohEndpoint:
             for map_id in self._tokens.keys() - wanted:
                 self._tokens.pop(map_id).undeclare()
 
+    @property
+    def connections(self) -> int:
+        """Routers, peers and clients that this session is connected with."""
+        return 0 if self._closed else len(self._session.info.transports())
+
+    @property
+    def maps_shown(self) -> int:
+        """Maps with a liveliness token."""
+        return len(self._tokens)
+
     def close(self) -> None:
         """Takes the tokens and keys back first, so that nobody new comes; answers who is there; closes."""
         with self._tokens_lock:
@@ -114,8 +127,8 @@ class ZenohEndpoint:
         try:
             self._pool.check_room()
         except FirstfixError as error:  # before its payload is copied
-            self._use_case.count(TRANSPORT, error)
-            with query:
+            with query, logged_query(self._requests, query, arrived):
+                self._use_case.count(TRANSPORT, error)
                 _reply_error(query, error)
             return
         try:
@@ -128,7 +141,7 @@ class ZenohEndpoint:
         future.add_done_callback(_log_defect)
 
     async def _answer(self, query: Any, arrived: float) -> None:
-        with query:
+        with query, logged_query(self._requests, query, arrived):
             try:
                 asked = read_query(query)
                 answer = await self._localize(query, asked, arrived)
@@ -172,7 +185,7 @@ def read_query(query: Any) -> _Asked:
     if twice:
         raise InvalidOption(f"given more than once: {', '.join(twice)}")
     # Names that begin with an underscore are zenoh's own.
-    options = {name: value for name, value in pairs if not name.startswith("_")}
+    options = {name: value for name, value in pairs if not name.startswith("_") and name not in PARAMETERS}
     content_encoding = options.pop(CONTENT_ENCODING, None)
     media_type = "" if query.encoding is None else str(query.encoding)
     return _Asked(map_id, media_type, content_encoding, options)

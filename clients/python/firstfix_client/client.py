@@ -95,7 +95,30 @@ class Client:
             InputError: the scan or an option cannot be used.
         """
         media_type, body = encoded(scan, resolution_m=self._resolution_m, voxel_m=self._voxel_m)
+        return self.localize_body(body, media_type, map_id=map_id, options=options)
+
+    def localize_body(
+        self,
+        body: bytes,
+        media_type: str,
+        *,
+        map_id: str,
+        options: LocalizeOptions | None = None,
+        content_encoding: str | None = None,
+        request_id: str | None = None,
+    ) -> Localization:
+        """As ``localize``, of a query that is encoded already: the service gets these very bytes.
+
+        Args:
+            media_type, content_encoding: what the bytes are, as clients/PROTOCOL.md says.
+            request_id: to find the query by in the service's log.
+        """
         params = {"map": map_id, **(options or LocalizeOptions()).to_strings()}
+        headers = {"Content-Type": media_type}
+        if content_encoding:
+            headers["Content-Encoding"] = content_encoding
+        if request_id:
+            headers["X-Request-Id"] = request_id
 
         def request(left_s: float) -> httpx.Request:
             return self._http.request(
@@ -104,7 +127,7 @@ class Client:
                 left_s=left_s,
                 params={"deadline_ms": str(max(1, int(left_s * 1000))), **params},
                 content=body,
-                headers={"Content-Type": media_type},
+                headers=headers,
             )
 
         answer = self._http.send(request, Deadline(self._timeout_s))
