@@ -10,10 +10,10 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from otlp_collector import Collector, SpanSeen, running_collector
 from service_world import XYZ, Behaviour, Service, free_port, publish, running_service, wait_for
 
 from firstfix.errors import StoreUnavailable
+from otlp_collector import Collector, SpanSeen, running_collector
 
 TRACE, CALLER = "4bf92f3577b34da6a3ce929d0e0e4736", "00f067aa0ba902b7"
 TRACEPARENT = f"00-{TRACE}-{CALLER}-01"
