@@ -11,14 +11,17 @@ from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from pathlib import Path
 
 import structlog
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 
 import firstfix
 from firstfix.catalog import Catalog
 from firstfix.store import Store
 
 from . import http_builds, http_localize, http_maps, operations, problems
+from .access import Access, open_access
+from .authorize import authorize
 from .build_queue import BuildQueue, builder_is_installed
+from .exposure import check_exposure
 from .localize import LocalizeUseCase
 from .map_cache import LocalizesScans, MapCache, load_localizer
 from .map_poller import MapPoller
@@ -74,6 +77,8 @@ def create_app(settings: Settings, *, load: Callable[[Path], LocalizesScans] = l
         lifespan=lifespan,
         docs_url=None,  # pages that load scripts from elsewhere
         redoc_url=None,
+        redirect_slashes=False,  # the Host header would say where to
+        dependencies=[Depends(authorize)],
         responses={"default": _PROBLEM},
     )
     for module in (http_localize, http_maps, http_builds, operations):
@@ -88,7 +93,9 @@ async def _start(
     settings: Settings, metrics: Metrics, load: Callable[[Path], LocalizesScans], stack: AsyncExitStack
 ) -> Parts:
     """Starts everything in order; the stack stops it in the reverse order."""
+    check_exposure(settings)
     store = await asyncio.to_thread(_open_store, settings.store)
+    access = await stack.enter_async_context(open_access(settings, store, metrics))
     catalog = Catalog(store)
     await asyncio.to_thread(_remove_abandoned_uploads, settings.work_dir / "uploads")
     maps = MapCache(
@@ -106,10 +113,10 @@ async def _start(
     metrics.watch("firstfix_body_bytes", "Bytes of query bodies held", lambda: bodies.inflight_bytes)
     use_case = LocalizeUseCase(maps, pool, metrics, max_decoded_bytes=settings.max_decoded_bytes)
     builds = _start_builds(settings, catalog, metrics, stack)
-    poller = await _start_poller(settings, maps, use_case, pool, stack)
+    poller = await _start_poller(settings, maps, use_case, pool, access, stack)
     poller.start()
     stack.push_async_callback(asyncio.to_thread, poller.close)
-    return Parts(settings, metrics, catalog, maps, pool, use_case, bodies, builds)
+    return Parts(settings, metrics, catalog, maps, pool, use_case, bodies, builds, access)
 
 
 def _open_store(url: str) -> Store:
@@ -144,7 +151,12 @@ def _start_builds(
 
 
 async def _start_poller(
-    settings: Settings, maps: MapCache, use_case: LocalizeUseCase, pool: QueryPool, stack: AsyncExitStack
+    settings: Settings,
+    maps: MapCache,
+    use_case: LocalizeUseCase,
+    pool: QueryPool,
+    access: Access,
+    stack: AsyncExitStack,
 ) -> MapPoller:
     """The poller, not yet running; with zenoh it keeps the liveliness tokens in step."""
     if not settings.zenoh_enabled:
@@ -153,7 +165,7 @@ async def _start_poller(
 
     replica = settings.replica or uuid.uuid4().hex[:12]
     endpoint = await asyncio.to_thread(
-        ZenohEndpoint, settings, replica, use_case, pool, asyncio.get_running_loop()
+        ZenohEndpoint, settings, replica, use_case, pool, access, asyncio.get_running_loop()
     )
     stack.push_async_callback(asyncio.to_thread, endpoint.close)
     _log.info("answering over zenoh", replica=replica)

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import logging
+import re
 import sys
+from typing import Any
 
 import structlog
+
+from firstfix.redact import redactor
+
+_CONTROL = re.compile(r"[\x00-\x08\x0a-\x1f\x7f-\x9f\u2028\u2029]")
 
 
 def set_up_logging(level: str, *, as_json: bool) -> None:
@@ -26,15 +32,38 @@ def set_up_logging(level: str, *, as_json: bool) -> None:
     last: list[structlog.typing.Processor] = (
         [structlog.processors.format_exc_info, structlog.processors.JSONRenderer()]
         if as_json
-        else [structlog.dev.ConsoleRenderer()]
+        # a traceback without its variables: they hold requests, and those hold secrets
+        else [
+            visible_controls,
+            structlog.dev.ConsoleRenderer(exception_formatter=structlog.dev.plain_traceback),
+        ]
     )
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(
         structlog.stdlib.ProcessorFormatter(
             foreign_pre_chain=shared,
-            processors=[structlog.stdlib.ProcessorFormatter.remove_processors_meta, *last],
+            processors=[structlog.stdlib.ProcessorFormatter.remove_processors_meta, *last, hiding_secrets()],
         )
     )
     root = logging.getLogger()
     root.handlers = [handler]
     root.setLevel(level.upper())
+
+
+def hiding_secrets() -> structlog.typing.Processor:
+    """A last processor: keys, tokens and passwords out of the finished line, wherever in it they stand."""
+    redact = redactor()
+
+    def hide(logger: Any, name: str, line: Any) -> str:
+        return redact(str(line))
+
+    return hide
+
+
+def visible_controls(logger: Any, name: str, event: structlog.typing.EventDict) -> structlog.typing.EventDict:
+    """What a stranger sent cannot start a line of its own, nor colour one. JSON sees to that itself."""
+    return {key: _visible(value) if isinstance(value, str) else value for key, value in event.items()}
+
+
+def _visible(text: str) -> str:
+    return _CONTROL.sub(lambda match: ascii(match[0])[1:-1], text)

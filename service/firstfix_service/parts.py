@@ -9,6 +9,7 @@ from fastapi import Depends, Request
 
 from firstfix.catalog import Catalog
 
+from .access import Access
 from .build_queue import BuildQueue
 from .localize import LocalizeUseCase
 from .map_cache import MapCache
@@ -32,9 +33,10 @@ class Parts:
     use_case: LocalizeUseCase
     bodies: BodyReader
     builds: BuildQueue | None
+    access: Access
 
 
-def parts_of(request: Request) -> Parts:
+async def parts_of(request: Request) -> Parts:
     parts: Parts = request.app.state.parts
     return parts
 

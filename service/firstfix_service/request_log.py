@@ -17,6 +17,7 @@ _log = structlog.get_logger(__name__)
 _GOOD_ID = re.compile(rb"[A-Za-z0-9._-]{1,64}")
 _QUIET = {"/healthz", "/readyz", "/metrics"}
 _METHODS = {"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"}
+MAX_PATH_CHARS = 300  # a stranger's path is no reason for a log line of any length
 CLIENT_GONE = 499  # as nginx logs it; nobody is there to read it
 
 
@@ -62,4 +63,12 @@ class RequestLog:
         self._metrics.http_requests.labels(method, route, str(status)).inc()
         self._metrics.http_seconds.labels(route).observe(seconds)
         log = _log.debug if route in _QUIET else _log.info
-        log("request", method=method, path=scope["path"], status=status, ms=round(seconds * 1e3, 2))
+        caller = scope.get("state", {}).get("caller")
+        log(
+            "request",
+            method=method,
+            path=scope["path"][:MAX_PATH_CHARS],
+            status=status,
+            ms=round(seconds * 1e3, 2),
+            caller=None if caller is None else caller.name,
+        )

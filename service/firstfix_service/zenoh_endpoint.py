@@ -4,7 +4,8 @@
     firstfix/{map_id}/localize/{replica}   this replica alone; a liveliness token for each map
 
 The options are selector parameters, the payload the same bytes as the HTTP body, its encoding the media
-type. A parameter ``content_encoding`` stands for HTTP's header. Errors are replied as the same problem
+type. A parameter ``content_encoding`` stands for HTTP's header, the attachment for the credential of its
+header Authorization, without the word Bearer. Errors are replied as the same problem
 documents.
 """
 
@@ -24,11 +25,14 @@ from typing import Any
 import structlog
 import zenoh
 
-from firstfix.errors import FirstfixError, InvalidOption, TooLarge
+from firstfix.errors import FirstfixError, InvalidOption, TooLarge, Unauthorized
+from firstfix.grant import Scope
 from firstfix.ids import check_map_id
 from firstfix.localization import Localization
 
 from . import problems
+from .access import Access
+from .caller import Caller
 from .localize import LocalizeUseCase, to_json
 from .pool import QueryPool
 from .problems import problem_of
@@ -37,6 +41,8 @@ from .settings import Settings
 _log = structlog.get_logger(__name__)
 CONTENT_ENCODING = "content_encoding"
 TRANSPORT = "zenoh"
+TRUSTED = "zenoh"  # name of whoever got through zenoh's own access rules
+MAX_CREDENTIAL_BYTES = 16 << 10
 DRAIN_S = 10.0  # for queries under way when the service stops
 
 
@@ -59,6 +65,7 @@ class ZenohEndpoint:
         replica: str,
         use_case: LocalizeUseCase,
         pool: QueryPool,
+        access: Access,
         loop: asyncio.AbstractEventLoop,
     ) -> None:
         """Blocks until the session is open.
@@ -69,6 +76,8 @@ class ZenohEndpoint:
         self.replica = replica
         self._use_case = use_case
         self._pool = pool
+        self._access = access
+        self._trusted = settings.zenoh_trusted
         self._loop = loop
         self._max_body_bytes = settings.max_body_bytes
         self._tokens: dict[str, Any] = {}
@@ -131,7 +140,8 @@ class ZenohEndpoint:
         with query:
             try:
                 asked = read_query(query)
-                answer = await self._localize(query, asked, arrived)
+                caller = await self._caller(query, asked)
+                answer = await self._localize(query, asked, caller, arrived)
             except Exception as error:
                 if not isinstance(error, FirstfixError):
                     _log.exception("unexpected error", key=str(query.key_expr))
@@ -145,7 +155,18 @@ class ZenohEndpoint:
             to_this_replica = query.key_expr.intersects(zenoh.KeyExpr(own))
             query.reply(own if to_this_replica else key, to_json(answer), encoding="application/json")
 
-    async def _localize(self, query: Any, asked: _Asked, arrived: float) -> Localization:
+    async def _caller(self, query: Any, asked: _Asked) -> Caller:
+        """
+        Raises:
+            Unauthorized, Forbidden, RateLimited: as ``Access`` says.
+        """
+        if self._trusted:
+            return Caller(TRUSTED)
+        caller = await self._access.check(credential_of(query), Scope.LOCALIZE, asked.map_id)
+        self._access.take("localize", caller)
+        return caller
+
+    async def _localize(self, query: Any, asked: _Asked, caller: Caller, arrived: float) -> Localization:
         payload = query.payload  # None: an empty body, as over HTTP
         size = 0 if payload is None else len(payload)
         if size > self._max_body_bytes:
@@ -157,7 +178,22 @@ class ZenohEndpoint:
             asked.map_id,
             asked.options,
             arrived=arrived,
+            caller=caller,
         )
+
+
+def credential_of(query: Any) -> str | None:
+    """The API key or token that stands in a query's attachment.
+
+    Raises:
+        Unauthorized: the attachment is none.
+    """
+    attachment = query.attachment
+    if attachment is None:
+        return None
+    if len(attachment) > MAX_CREDENTIAL_BYTES:
+        raise Unauthorized(f"an attachment holds a credential of up to {MAX_CREDENTIAL_BYTES} bytes")
+    return attachment.to_bytes().decode("ascii", "replace")
 
 
 def read_query(query: Any) -> _Asked:

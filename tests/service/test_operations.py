@@ -13,7 +13,7 @@ from firstfix.errors import StoreUnavailable
 from firstfix.options import LocalizeOptions
 from firstfix.store import Store
 from firstfix_service.app import create_app
-from firstfix_service.server import is_loopback
+from firstfix_service.exposure import is_loopback
 from firstfix_service.settings import Settings
 
 
