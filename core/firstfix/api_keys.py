@@ -146,7 +146,7 @@ class ApiKeys:
             if self._store.size(key) > _MAX_RECORD_BYTES:
                 return None
             return _from_record(key_id, json.loads(self._store.get(key)))
-        except (NotFound, ValueError):
+        except (NotFound, ValueError, RecursionError):
             return None
 
 
