@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import logging
-import re
 import sys
 from typing import Any
 
 import structlog
 
 from firstfix.redact import redactor
-
-_CONTROL = re.compile(r"[\x00-\x08\x0a-\x1f\x7f-\x9f\u2028\u2029]")
 
 
 def set_up_logging(level: str, *, as_json: bool) -> None:
@@ -34,7 +31,6 @@ def set_up_logging(level: str, *, as_json: bool) -> None:
         if as_json
         # a traceback without its variables: they hold requests, and those hold secrets
         else [
-            visible_controls,
             structlog.dev.ConsoleRenderer(exception_formatter=structlog.dev.plain_traceback),
         ]
     )
@@ -58,12 +54,3 @@ def hiding_secrets() -> structlog.typing.Processor:
         return redact(str(line))
 
     return hide
-
-
-def visible_controls(logger: Any, name: str, event: structlog.typing.EventDict) -> structlog.typing.EventDict:
-    """What a stranger sent cannot start a line of its own, nor colour one. JSON sees to that itself."""
-    return {key: _visible(value) if isinstance(value, str) else value for key, value in event.items()}
-
-
-def _visible(text: str) -> str:
-    return _CONTROL.sub(lambda match: ascii(match[0])[1:-1], text)
