@@ -33,7 +33,7 @@ class Settings(BaseSettings):
     workers: int = Field(os.cpu_count() or 1, ge=1, le=256, description="queries answered at the same time")
     queue_size: int = Field(32, ge=0, description="queries that may wait; more are answered 503")
     max_body_bytes: int = Field(64 * MIB, ge=1, description="of a query's body as it arrives")
-    max_decoded_bytes: int = Field(256 * MIB, ge=1, description="of a query's body without Content-Encoding")
+    max_decoded_bytes: int = Field(64 * MIB, ge=1, description="of a query's body without Content-Encoding")
     max_inflight_bytes: int = Field(512 * MIB, ge=1, description="of all query bodies held at the same time")
     body_timeout_s: float = Field(30.0, gt=0, description="for a query's body to arrive")
 

@@ -147,6 +147,8 @@ class ZenohEndpoint:
                     _log.exception("unexpected error", key=str(query.key_expr))
                 self._use_case.count(TRANSPORT, error)
                 _reply_error(query, error)
+                # its frames hold the body, in a ring that only the collector would find, some time
+                error.__traceback__ = None
                 return
             self._use_case.count(TRANSPORT, answer)
             # The key has to be one that the query's own covers: it may ask for every replica.
