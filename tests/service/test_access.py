@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import numpy as np
 import pytest
 import zenoh
 from fastapi.routing import APIRoute, iter_route_contexts
@@ -15,9 +16,10 @@ from service_world import SCAN_BODY, XYZ, Reply, Service, publish, running_servi
 from starlette.routing import Route
 
 from firstfix.api_keys import ApiKeys
-from firstfix.errors import StoreUnavailable
+from firstfix.errors import Forbidden, StoreUnavailable, Unauthorized
 from firstfix.grant import Grant
 from firstfix.store import Store
+from firstfix_client import Client, ZenohClient
 from firstfix_service.app import create_app
 from firstfix_service.authorize import SCOPES, authorize
 from firstfix_service.settings import Settings
@@ -326,3 +328,15 @@ def test_forwarded_addresses_of_strangers_are_not_believed(tmp_path: Path):
             for n in range(3)
         ]
         assert statuses == [401, 429, 429]
+
+
+def test_the_clients_show_their_key(guarded: Service, keys: dict[str, str]):
+    points = np.random.default_rng(1).uniform(-5, 5, (50, 3))
+    with Client(guarded.url, api_key=keys["localize"]) as http:
+        assert http.localize(points, map_id="hall").map_id == "hall"
+    with Client(guarded.url, api_key="") as http, pytest.raises(Unauthorized):
+        http.localize(points, map_id="hall")
+    with ZenohClient(guarded.endpoint, api_key=keys["hall-localize"]) as zenoh_client:
+        assert zenoh_client.localize(points, map_id="hall").map_id == "hall"
+        with pytest.raises(Forbidden):
+            zenoh_client.localize(points, map_id="attic")
