@@ -10,8 +10,9 @@ import sys
 import typer
 
 from firstfix.errors import FirstfixError
+from firstfix.redact import redact
 
-from .commands import build, evaluate, localize, maps, samples, serve, world
+from .commands import build, evaluate, keys, localize, maps, samples, serve, world
 
 ERROR_EXIT_CODE = 2
 
@@ -30,6 +31,7 @@ app.command()(localize.localize)
 app.command()(evaluate.evaluate)
 app.add_typer(maps.app, name="maps")
 app.add_typer(samples.app, name="samples")
+app.add_typer(keys.app, name="keys")
 
 
 def run(arguments: list[str] | None = None) -> None:
@@ -42,7 +44,7 @@ def run(arguments: list[str] | None = None) -> None:
         app(arguments)
     # ConnectionError: no service; ModuleNotFoundError: an extra that is not installed
     except (FirstfixError, ConnectionError, ModuleNotFoundError) as error:
-        print(f"firstfix: {error}", file=sys.stderr)
+        print(f"firstfix: {redact(str(error))}", file=sys.stderr)
         raise SystemExit(ERROR_EXIT_CODE) from None
 
 

@@ -17,6 +17,7 @@ from typing import Any
 
 from .errors import Conflict, NotFound, StoreError
 from .ids import check_build_id, is_name
+from .redact import redact
 from .store import Store
 
 STATES = ("queued", "running", "succeeded", "failed", "cancelled")
@@ -113,7 +114,7 @@ def new_status(
         "state": state,
         "stage": stage,
         "progress": round(min(max(progress, 0.0), 1.0), 4),
-        "error": None if error is None else dict(error),
+        "error": None if error is None else {name: redact(text) for name, text in error.items()},
         "version": version,
         "map_id": map_id,
     }

@@ -11,7 +11,7 @@ from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from pathlib import Path
 
 import structlog
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 
 import firstfix
 from firstfix.catalog import Catalog
@@ -19,7 +19,10 @@ from firstfix.query_samples import QuerySamples
 from firstfix.store import Store
 
 from . import http_builds, http_localize, http_maps, operations, problems
+from .access import Access, open_access
+from .authorize import authorize
 from .build_queue import BuildQueue, builder_is_installed
+from .exposure import check_exposure
 from .health import Health
 from .localize import LocalizeUseCase
 from .map_cache import LocalizesScans, MapCache, load_localizer
@@ -87,6 +90,8 @@ def create_app(settings: Settings, *, load: Callable[[Path], LocalizesScans] = l
         lifespan=lifespan,
         docs_url=None,  # pages that load scripts from elsewhere
         redoc_url=None,
+        redirect_slashes=False,  # the Host header would say where to
+        dependencies=[Depends(authorize)],
         responses={"default": _PROBLEM},
     )
     for module in (http_localize, http_maps, http_builds, operations):
@@ -105,9 +110,11 @@ async def _start(
     stack: AsyncExitStack,
 ) -> Parts:
     """Starts everything in order; the stack stops it in the reverse order."""
+    check_exposure(settings)
     replica = settings.replica or uuid.uuid4().hex[:12]
     await _start_tracing(requests, replica, stack)
     store = metered(await asyncio.to_thread(_open_store, settings.store), metrics)
+    access = await stack.enter_async_context(open_access(settings, store, metrics))
     catalog = Catalog(store)
     await asyncio.to_thread(_remove_abandoned_uploads, settings.work_dir / "uploads")
     maps = MapCache(
@@ -130,7 +137,9 @@ async def _start(
     health = Health(maps, pool, metrics)
     show_maps = None
     if settings.zenoh_enabled:
-        show_maps = await _start_zenoh(settings, replica, maps, use_case, pool, metrics, requests, stack)
+        show_maps = await _start_zenoh(
+            settings, replica, maps, use_case, pool, access, metrics, requests, stack
+        )
 
     def polled() -> None:
         health.catalog_read()
@@ -140,7 +149,7 @@ async def _start(
     poller = MapPoller(maps, settings.poll_interval_s, polled, health.catalog_failed)
     poller.start()
     stack.push_async_callback(asyncio.to_thread, poller.close)
-    return Parts(settings, metrics, catalog, maps, pool, use_case, bodies, builds, health)
+    return Parts(settings, metrics, catalog, maps, pool, use_case, bodies, builds, health, access)
 
 
 async def _start_tracing(requests: Requests, replica: str, stack: AsyncExitStack) -> None:
@@ -204,6 +213,7 @@ async def _start_zenoh(
     maps: MapCache,
     use_case: LocalizeUseCase,
     pool: QueryPool,
+    access: Access,
     metrics: Metrics,
     requests: Requests,
     stack: AsyncExitStack,
@@ -212,7 +222,7 @@ async def _start_zenoh(
     from .zenoh_endpoint import ZenohEndpoint
 
     endpoint = await asyncio.to_thread(
-        ZenohEndpoint, settings, replica, use_case, pool, asyncio.get_running_loop(), requests
+        ZenohEndpoint, settings, replica, use_case, pool, access, asyncio.get_running_loop(), requests
     )
     stack.push_async_callback(asyncio.to_thread, endpoint.close)
     metrics.zenoh_connections.set_function(lambda: endpoint.connections)

@@ -9,11 +9,14 @@ from dataclasses import replace
 
 from firstfix.decode import MEDIA_TYPES, decode_query, undo_content_encoding
 from firstfix.errors import InvalidOption, NotFound, UnsupportedFormat
+from firstfix.grant import Scope
+from firstfix.ids import check_map_id
 from firstfix.localization import Localization
 from firstfix.localizer import localize_among
 from firstfix.options import LocalizeOptions
 from firstfix.stopwatch import Stopwatch
 
+from .caller import NOBODY_ASKED, Caller
 from .map_cache import MapCache
 from .pool import QueryPool
 from .query_recorder import QueryRecorder, RawQuery
@@ -42,6 +45,7 @@ class LocalizeUseCase:
         options: Mapping[str, str],
         *,
         arrived: float | None = None,
+        caller: Caller = NOBODY_ASKED,
     ) -> Localization:
         """The answer to one query, worked out in the bounded pool.
 
@@ -49,8 +53,10 @@ class LocalizeUseCase:
             map_id: one map, several separated by commas, or nothing: all that are served. Where there
                 are several, their places compete.
             arrived: ``time.monotonic`` when the query came, from which its deadline counts; default: now.
+            caller: whose maps compete when none is named.
 
         Raises:
+            Forbidden: a map is named that is not one of the caller's.
             InputError: the body or an option cannot be used.
             NotFound: no such map or version.
             VersionError, StoreError: the version cannot be served.
@@ -58,13 +64,14 @@ class LocalizeUseCase:
         """
         start = time.monotonic() if arrived is None else arrived
         wanted = LocalizeOptions.from_strings(options)
+        check_maps(map_id, caller)
         check_media_type(media_type)
         deadline = None if wanted.deadline_ms is None else start + wanted.deadline_ms / 1e3
         queued = time.monotonic()
 
         def work() -> Localization:
             waited_ms = (time.monotonic() - queued) * 1e3
-            return self._answer(body, media_type, content_encoding, map_id, wanted, waited_ms)
+            return self._answer(body, media_type, content_encoding, map_id, caller, wanted, waited_ms)
 
         answer = await self._pool.run(in_this_context(work), deadline)
         self._recorder.record(RawQuery(body, media_type, content_encoding, map_id, options), answer, queued)
@@ -76,13 +83,14 @@ class LocalizeUseCase:
         media_type: str,
         content_encoding: str | None,
         map_id: str,
+        caller: Caller,
         options: LocalizeOptions,
         waited_ms: float,
     ) -> Localization:
         watch = Stopwatch()
         watch.ms["queue"] = waited_ms
         with watch.stage("map"):
-            served = {name: self._maps.get(name, options.version) for name in self._named(map_id)}
+            served = {name: self._maps.get(name, options.version) for name in self._named(map_id, caller)}
         with watch.stage("decode"):
             plain = undo_content_encoding(body, content_encoding or "", self._max_decoded_bytes)
             scan = decode_query(plain, media_type)
@@ -102,8 +110,9 @@ class LocalizeUseCase:
             timings_ms={**watch.ms, **answer.timings_ms},
         )
 
-    def _named(self, map_id: str) -> list[str]:
-        names = list(dict.fromkeys(map_id.split(","))) if map_id else list(self._maps.map_ids)
+    def _named(self, map_id: str, caller: Caller) -> list[str]:
+        served = (name for name in self._maps.map_ids if caller.sees(name))
+        names = list(dict.fromkeys(map_id.split(","))) if map_id else list(served)
         if not names:
             raise NotFound("no map is served yet")
         if len(names) > MAX_MAPS:
@@ -113,6 +122,16 @@ class LocalizeUseCase:
     def count(self, transport: str, outcome: Localization | BaseException) -> None:
         """Tells of one query's end: the metrics, the log and the trace."""
         self._recorder.count(transport, outcome)
+
+
+def check_maps(map_id: str, caller: Caller) -> None:
+    """
+    Raises:
+        Forbidden: a map is named that is not one of the caller's. Known before the body is read.
+    """
+    caller.check(Scope.LOCALIZE)
+    for name in map_id.split(",") if map_id else ():
+        caller.check(Scope.LOCALIZE, check_map_id(name))
 
 
 def check_media_type(media_type: str) -> None:

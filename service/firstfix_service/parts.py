@@ -9,6 +9,7 @@ from fastapi import Depends, Request
 
 from firstfix.catalog import Catalog
 
+from .access import Access
 from .build_queue import BuildQueue
 from .health import Health
 from .localize import LocalizeUseCase
@@ -34,9 +35,10 @@ class Parts:
     bodies: BodyReader
     builds: BuildQueue | None
     health: Health
+    access: Access
 
 
-def parts_of(request: Request) -> Parts:
+async def parts_of(request: Request) -> Parts:
     parts: Parts = request.app.state.parts
     return parts
 

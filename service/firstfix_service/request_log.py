@@ -17,6 +17,7 @@ _log = structlog.get_logger(__name__)
 _QUIET = {"/healthz", "/readyz", "/metrics"}
 _METHODS = {"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"}
 TRANSPORT = "http"
+MAX_PATH_CHARS = 300  # a stranger's path is no reason for a log line of any length
 CLIENT_GONE = 499  # as nginx logs it; nobody is there to read it
 
 
@@ -72,11 +73,10 @@ class RequestLog:
         method = scope["method"] if scope["method"] in _METHODS else "other"
         self._metrics.http_requests.labels(method, route, str(request.status)).inc()
         self._metrics.http_seconds.labels(route).observe(request.seconds)
+        path = scope["path"][:MAX_PATH_CHARS]
         if request.span is not None:
             request.span.update_name(f"{method} {route}")
-            request.span.set_attributes(
-                {"http.request.method": method, "http.route": route, "url.path": scope["path"]}
-            )
-            request.span.set_attribute("http.response.status_code", request.status)
+            told = {"http.request.method": method, "http.route": route, "url.path": path}
+            request.span.set_attributes({**told, "http.response.status_code": request.status})
         log = _log.debug if route in _QUIET else _log.info
-        log("request", method=method, path=scope["path"], **request.line)
+        log("request", method=method, path=path, **request.line)

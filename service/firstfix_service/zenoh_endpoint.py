@@ -24,20 +24,25 @@ from typing import Any
 import structlog
 import zenoh
 
-from firstfix.errors import FirstfixError, InvalidOption, TooLarge
+from firstfix.errors import FirstfixError, InvalidOption, TooLarge, Unauthorized
+from firstfix.grant import Scope
 from firstfix.ids import check_map_id
 from firstfix.localization import Localization
 
 from . import problems
+from .access import Access
+from .caller import Caller
 from .localize import LocalizeUseCase, to_json
 from .pool import QueryPool
 from .problems import problem_of
-from .request_scope import Requests
+from .request_scope import Requests, note
 from .settings import Settings
 from .zenoh_log import PARAMETERS, TRANSPORT, logged_query
 
 _log = structlog.get_logger(__name__)
 CONTENT_ENCODING = "content_encoding"
+TRUSTED = "zenoh"  # name of whoever got through zenoh's own access rules
+MAX_CREDENTIAL_BYTES = 16 << 10
 DRAIN_S = 10.0  # for queries under way when the service stops
 
 
@@ -60,6 +65,7 @@ class ZenohEndpoint:
         replica: str,
         use_case: LocalizeUseCase,
         pool: QueryPool,
+        access: Access,
         loop: asyncio.AbstractEventLoop,
         requests: Requests,
     ) -> None:
@@ -71,6 +77,8 @@ class ZenohEndpoint:
         self.replica = replica
         self._use_case = use_case
         self._pool = pool
+        self._access = access
+        self._trusted = settings.zenoh_trusted
         self._loop = loop
         self._requests = requests
         self._max_body_bytes = settings.max_body_bytes
@@ -144,12 +152,16 @@ class ZenohEndpoint:
         with query, logged_query(self._requests, query, arrived):
             try:
                 asked = read_query(query)
-                answer = await self._localize(query, asked, arrived)
+                caller = await self._caller(query, asked)
+                note(caller=caller.name)
+                answer = await self._localize(query, asked, caller, arrived)
             except Exception as error:
                 if not isinstance(error, FirstfixError):
                     _log.exception("unexpected error", key=str(query.key_expr))
                 self._use_case.count(TRANSPORT, error)
                 _reply_error(query, error)
+                # its frames hold the body, in a ring that only the collector would find, some time
+                error.__traceback__ = None
                 return
             self._use_case.count(TRANSPORT, answer)
             # The key has to be one that the query's own covers: it may ask for every replica.
@@ -158,7 +170,18 @@ class ZenohEndpoint:
             to_this_replica = query.key_expr.intersects(zenoh.KeyExpr(own))
             query.reply(own if to_this_replica else key, to_json(answer), encoding="application/json")
 
-    async def _localize(self, query: Any, asked: _Asked, arrived: float) -> Localization:
+    async def _caller(self, query: Any, asked: _Asked) -> Caller:
+        """
+        Raises:
+            Unauthorized, Forbidden, RateLimited: as ``Access`` says.
+        """
+        if self._trusted:
+            return Caller(TRUSTED)
+        caller = await self._access.check(credential_of(query), Scope.LOCALIZE, asked.map_id)
+        self._access.take("localize", caller)
+        return caller
+
+    async def _localize(self, query: Any, asked: _Asked, caller: Caller, arrived: float) -> Localization:
         payload = query.payload  # None: an empty body, as over HTTP
         size = 0 if payload is None else len(payload)
         if size > self._max_body_bytes:
@@ -170,7 +193,22 @@ class ZenohEndpoint:
             asked.map_id,
             asked.options,
             arrived=arrived,
+            caller=caller,
         )
+
+
+def credential_of(query: Any) -> str | None:
+    """The API key or token that stands in a query's attachment.
+
+    Raises:
+        Unauthorized: the attachment is none.
+    """
+    attachment = query.attachment
+    if attachment is None:
+        return None
+    if len(attachment) > MAX_CREDENTIAL_BYTES:
+        raise Unauthorized(f"an attachment holds a credential of up to {MAX_CREDENTIAL_BYTES} bytes")
+    return attachment.to_bytes().decode("ascii", "replace")
 
 
 def read_query(query: Any) -> _Asked:

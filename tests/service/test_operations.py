@@ -14,7 +14,6 @@ from firstfix.errors import StoreUnavailable
 from firstfix.options import LocalizeOptions
 from firstfix.store import Store
 from firstfix_service.app import create_app
-from firstfix_service.server import is_loopback
 from firstfix_service.settings import Settings
 
 
@@ -129,11 +128,6 @@ def test_settings_come_from_the_environment(monkeypatch: pytest.MonkeyPatch):
 def test_every_setting_is_described():
     for name, info in Settings.model_fields.items():
         assert info.description, name
-
-
-@pytest.mark.parametrize(("host", "loopback"), [("127.0.0.1", True), ("::1", True), ("0.0.0.0", False)])
-def test_loopback_is_known(host: str, loopback: bool):
-    assert is_loopback(host) is loopback
 
 
 def test_a_started_service_has_no_mesh_tool_in_it(tmp_path: Path):

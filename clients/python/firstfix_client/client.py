@@ -17,6 +17,7 @@ from firstfix.localization import Localization
 from firstfix.options import LocalizeOptions
 from firstfix.scan_sequence import ScanSequence
 
+from .credential import credential
 from .records import BuildStatus, MapInfo, VersionInfo
 from .retry import Deadline, RetryPolicy
 from .retrying_http import RetryingHttp, parsed
@@ -39,6 +40,8 @@ class Client:
         retry: when to try again.
         resolution_m, voxel_m: how scans are sent, see ``firstfix.wire.encode_scan``. The default is what
             the sensor saw, to 1 cm; ``voxel_m=0.25`` saves most of the bytes on a thin link.
+        api_key: an API key or a token of the service's issuer; None: FIRSTFIX_API_KEY of the environment, if
+            it is there. Redirects are never followed, so nobody but the service gets it.
         headers: sent with every request.
         transport: in place of the network, for tests.
     """
@@ -51,6 +54,7 @@ class Client:
         retry: RetryPolicy | None = None,
         resolution_m: float = 0.01,
         voxel_m: float | None = None,
+        api_key: str | None = None,
         headers: Mapping[str, str] | None = None,
         transport: httpx.BaseTransport | None = None,
     ) -> None:
@@ -62,7 +66,9 @@ class Client:
             raise InvalidOption(f"no URL {url!r}: {error}") from None
         if address.scheme not in ("http", "https") or not address.host:
             raise InvalidOption(f"the service's URL is of the form http://HOST:PORT, not {url!r}")
-        http = httpx.Client(base_url=address, headers=headers, transport=transport)
+        key = credential(api_key)
+        sent = {**({} if key is None else {"Authorization": f"Bearer {key}"}), **(headers or {})}
+        http = httpx.Client(base_url=address, headers=sent, transport=transport, follow_redirects=False)
         self._http = RetryingHttp(http, retry or RetryPolicy())
 
     def __enter__(self) -> Client:
