@@ -11,7 +11,7 @@ import typer
 
 from firstfix.errors import FirstfixError
 
-from .commands import build, evaluate, localize, maps, serve, world
+from .commands import build, evaluate, localize, maps, serve, worker, world
 
 ERROR_EXIT_CODE = 2
 
@@ -26,6 +26,7 @@ app = typer.Typer(
 app.command()(world.world)
 app.command()(build.build)
 app.command()(serve.serve)
+app.command()(worker.worker)
 app.command()(localize.localize)
 app.command()(evaluate.evaluate)
 app.add_typer(maps.app, name="maps")

@@ -7,7 +7,7 @@ import shutil
 import time
 import uuid
 from collections.abc import AsyncIterator, Callable
-from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 
 import structlog
@@ -18,7 +18,6 @@ from firstfix.catalog import Catalog
 from firstfix.store import Store
 
 from . import http_builds, http_localize, http_maps, operations, problems
-from .build_queue import BuildQueue, builder_is_installed
 from .localize import LocalizeUseCase
 from .map_cache import LocalizesScans, MapCache, load_localizer
 from .map_poller import MapPoller
@@ -28,6 +27,7 @@ from .pool import QueryPool
 from .request_body import BodyReader
 from .request_log import RequestLog
 from .settings import Settings
+from .start_builds import start_builds
 from .start_failure import StartFailure
 
 _log = structlog.get_logger(__name__)
@@ -105,7 +105,7 @@ async def _start(
     bodies = BodyReader(settings.max_body_bytes, settings.max_inflight_bytes, settings.body_timeout_s)
     metrics.watch("firstfix_body_bytes", "Bytes of query bodies held", lambda: bodies.inflight_bytes)
     use_case = LocalizeUseCase(maps, pool, metrics, max_decoded_bytes=settings.max_decoded_bytes)
-    builds = _start_builds(settings, catalog, metrics, stack)
+    builds = start_builds(settings, catalog, metrics, stack)
     poller = await _start_poller(settings, maps, use_case, pool, stack)
     poller.start()
     stack.push_async_callback(asyncio.to_thread, poller.close)
@@ -116,31 +116,6 @@ def _open_store(url: str) -> Store:
     store = Store.open(url)
     store.probe()
     return store
-
-
-def _start_builds(
-    settings: Settings, catalog: Catalog, metrics: Metrics, stack: AsyncExitStack
-) -> BuildQueue | None:
-    wanted = builder_is_installed() if settings.run_builds is None else settings.run_builds
-    if not wanted:
-        return None
-    builds = BuildQueue(
-        catalog,
-        metrics,
-        store_url=settings.store,
-        command=settings.build_command,
-        work_dir=settings.work_dir,
-        niceness=settings.build_niceness,
-    )
-    task = asyncio.create_task(builds.run(), name="build-queue")
-
-    async def stop() -> None:
-        task.cancel()
-        with suppress(asyncio.CancelledError):
-            await task
-
-    stack.push_async_callback(stop)
-    return builds
 
 
 async def _start_poller(

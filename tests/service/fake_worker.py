@@ -18,6 +18,8 @@ def main() -> int:
     parser = argparse.ArgumentParser()
     for name in ("--store", "--build", "--work"):
         parser.add_argument(name, required=True)
+    for name in ("--tied-to-stdin", "--share-stages"):
+        parser.add_argument(name, action="store_true")
     chosen = parser.parse_args()
     catalog = Catalog(Store.open(chosen.store))
     request = catalog.build_request(chosen.build)
@@ -32,6 +34,9 @@ def main() -> int:
         print("something to say\nthe reason it died", file=sys.stderr)
         return 1
     if do == "killed":
+        os.kill(os.getpid(), signal.SIGKILL)
+    if do == "killed_once" and not (work / "was_killed").exists():
+        (work / "was_killed").touch()
         os.kill(os.getpid(), signal.SIGKILL)
     if do == "again" and not (work / "came_again").exists():
         (work / "came_again").touch()
