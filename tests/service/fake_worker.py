@@ -44,6 +44,13 @@ def main() -> int:
     if do == "hang_once" and not (work / "hung").exists():
         (work / "hung").touch()
         time.sleep(60)
+    if do == "hang_until_orphaned":
+        sys.stdin.read()
+        return 75
+    if do == "allocate":
+        data = bytearray(request["config"]["mib"] << 20)
+        data[::4096] = b"x" * len(data[::4096])
+        time.sleep(60)
     if do == "until_cancelled":
         while not catalog.is_cancel_requested(chosen.build):
             time.sleep(0.05)

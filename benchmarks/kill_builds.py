@@ -1,0 +1,323 @@
+"""kill -9 at random moments of uploads, builds and publications: what is lost, half visible or left over.
+
+    python -m benchmarks.kill_builds [--kills 50] [--queue embedded|nats] [--seed 0] [--json FILE]
+
+A service, with NATS two workers beside it, builds one posted map after the other with
+``benchmarks.tiny_worker``: all of the real path but the stages' work. At random moments one of the
+processes is killed, or a build's own, and started again. Meanwhile a reader verifies every version that
+is active. In the end every build that the service took has to have succeeded, and after garbage
+collection nothing may be in the store that nothing refers to.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import httpx
+
+from firstfix.build_records import FINAL_STATES
+from firstfix.catalog import Catalog
+from firstfix.errors import FirstfixError
+from firstfix.shared_stages import collect_stages
+from firstfix.store import Store
+
+from .nats_server import NatsServer
+
+END_S = 180.0
+MAPS = ("hall", "yard")
+LEASE_S = 2.0
+STAGE_S = 0.1
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@dataclass
+class Member:
+    """One process of the deployment, that is started again when it was killed."""
+
+    name: str
+    command: list[str]
+    environment: dict[str, str]
+    log: Path
+    process: subprocess.Popen[bytes] | None = None
+
+    def start(self) -> None:
+        with self.log.open("ab") as log:
+            self.process = subprocess.Popen(
+                self.command, env=self.environment, stdout=log, stderr=log, start_new_session=True
+            )
+
+    def kill(self) -> None:
+        if self.process is not None:
+            self.process.kill()
+            self.process.wait()
+
+    def build_pids(self) -> list[int]:
+        """The builds that it runs."""
+        assert self.process is not None
+        children = Path(f"/proc/{self.process.pid}/task")
+        found = []
+        for path in children.glob("*/children"):
+            found += [int(pid) for pid in path.read_text().split()]
+        return found
+
+
+@dataclass
+class Deployment:
+    folder: Path
+    nats_url: str | None
+    members: list[Member] = field(default_factory=list)
+    port: int = field(default_factory=_free_port)
+
+    @property
+    def store_url(self) -> str:
+        return f"file://{self.folder / 'store'}"
+
+    def start(self) -> None:
+        environment = {
+            **os.environ,
+            "FIRSTFIX_STORE": self.store_url,
+            "FIRSTFIX_PORT": str(self.port),
+            "FIRSTFIX_BUILD_QUEUE": self.nats_url or "embedded",
+            "FIRSTFIX_RUN_BUILDS": "true",
+            "FIRSTFIX_BUILD_COMMAND": json.dumps([sys.executable, "-m", "benchmarks.tiny_worker"]),
+            "FIRSTFIX_BUILD_LEASE_S": str(LEASE_S),
+            "FIRSTFIX_BUILD_ATTEMPTS": "1000",  # the kills are ours, not the builds'
+            "FIRSTFIX_CACHE_DIR": str(self.folder / "cache"),
+        }
+        roles = ["serve", *(["worker", "worker"] if self.nats_url else [])]
+        for i, role in enumerate(roles):
+            work = self.folder / f"work{i}"
+            command = [sys.executable, "-m", "firstfix_cli.main", role, "--work", str(work)]
+            self.members.append(Member(role, command, environment, self.folder / f"{role}{i}.log"))
+        for member in self.members:
+            member.start()
+
+    def stop(self) -> None:
+        for member in self.members:
+            member.kill()
+
+    def post(self, map_id: str, seed: int) -> str | None:
+        """The id of a build that the service took; None when it was not there to take it."""
+        try:
+            response = httpx.post(
+                f"http://127.0.0.1:{self.port}/maps",
+                data={"map_id": map_id, "config": json.dumps({"seed": seed, "stage_s": STAGE_S})},
+                files={"source": ("a.xyz", b"0 0 0\n" * 1000 + str(seed).encode())},
+                timeout=30,
+            )
+        except httpx.HTTPError:
+            return None
+        return str(response.json()["build_id"]) if response.status_code == 202 else None
+
+
+class Reader:
+    """Verifies every version that it sees active, as a replica does before it serves it."""
+
+    def __init__(self, store_url: str, folder: Path) -> None:
+        self._catalog = Catalog(Store.open(store_url))
+        self._folder = folder
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self.verified: set[str] = set()
+        self.broken: list[str] = []
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def stop(self) -> None:
+        self._stop.set()
+        self._thread.join()
+
+    def _read(self) -> None:
+        while not self._stop.wait(0.02):
+            for map_id in MAPS:
+                version = self._catalog.active_version(map_id)
+                if version is None or version in self.verified:
+                    continue
+                try:
+                    self._catalog.fetch_version(map_id, version, self._folder)
+                except FirstfixError as error:
+                    self.broken.append(f"{map_id} {version[:12]}: {error}")
+                self.verified.add(version)
+
+
+def kill_builds(
+    folder: Path, *, kills: int = 50, queue: str = "embedded", seed: int = 0, end_s: float = END_S
+) -> dict[str, Any]:
+    """The figures; all of ``not_succeeded``, ``broken``, ``published_twice`` and ``orphans`` are to be empty.
+
+    Args:
+        folder: empty; of the store, the work folders and the logs.
+        queue: embedded or nats.
+        end_s: for the builds to end after the last kill.
+    """
+    rng = random.Random(seed)
+    server = NatsServer(folder / "nats") if queue == "nats" else None
+    if server is not None:
+        server.start()
+    deployment = Deployment(folder, None if server is None else server.url)
+    reader = Reader(deployment.store_url, folder / "reader")
+    catalog = Catalog(Store.open(deployment.store_url))
+    posted: list[str] = []
+    killed: Counter[str] = Counter()
+    began = time.monotonic()
+    try:
+        deployment.start()
+        reader.start()
+        count = 0
+        while killed.total() < kills:
+            open_builds = [build_id for build_id in posted if _state(catalog, build_id) not in FINAL_STATES]
+            if len(open_builds) < 3:
+                count += 1
+                # In a thread of its own: a kill may meet the upload as well.
+                poster = threading.Thread(target=_post, args=(deployment, posted, count))
+                poster.start()
+                time.sleep(rng.uniform(0.0, 0.1))
+            else:
+                poster = None
+                if rng.random() < 0.8:  # else also while nothing runs and processes start
+                    _wait_until_one_runs(catalog, open_builds)
+                time.sleep(rng.uniform(0.0, 1.2))
+            if open_builds and rng.random() < (0.3 if poster else 1.0):
+                killed[_kill_one(deployment, rng)] += 1
+            if poster is not None:
+                poster.join()
+        open_builds = list(posted)
+        deadline = time.monotonic() + end_s
+        while open_builds and time.monotonic() < deadline:
+            open_builds = [b for b in catalog.build_ids() if _state(catalog, b) not in FINAL_STATES]
+            time.sleep(0.2)
+        time.sleep(0.2)
+    finally:
+        deployment.stop()
+        if server is not None:
+            server.stop(signal.SIGKILL)
+        reader.stop()
+    return {
+        "queue": queue,
+        "seed": seed,
+        "seconds": round(time.monotonic() - began, 1),
+        "kills": dict(killed),
+        "builds_taken": len(posted),
+        "builds_on_record": len(catalog.build_ids()),
+        "attempts": sum(_attempts(catalog, build_id) for build_id in catalog.build_ids()),
+        "versions_verified": len(reader.verified),
+        "not_succeeded": {b: s for b in catalog.build_ids() if (s := _state(catalog, b)) != "succeeded"}
+        | {b: "lost" for b in posted if b not in catalog.build_ids()},
+        "broken": reader.broken,
+        "published_twice": _published_twice(catalog),
+        "left_before_gc": len(_orphans(catalog)),
+        "orphans": _after_gc(catalog),
+    }
+
+
+def _post(deployment: Deployment, posted: list[str], seed: int) -> None:
+    build_id = deployment.post(MAPS[seed % len(MAPS)], seed)
+    if build_id is not None:
+        posted.append(build_id)
+
+
+def _wait_until_one_runs(catalog: Catalog, build_ids: list[str]) -> None:
+    deadline = time.monotonic() + 15.0
+    while time.monotonic() < deadline:
+        if any(_state(catalog, build_id) == "running" for build_id in build_ids):
+            return
+        time.sleep(0.02)
+
+
+def _kill_one(deployment: Deployment, rng: random.Random) -> str:
+    """Kills a member, which is started again, or the build that one runs. What was killed."""
+    member = rng.choice(deployment.members)
+    builds = member.build_pids()
+    if builds and rng.random() < 0.5:
+        os.kill(rng.choice(builds), signal.SIGKILL)
+        return "build"
+    member.kill()
+    member.start()
+    return member.name
+
+
+def _state(catalog: Catalog, build_id: str) -> str:
+    return str(catalog.build_status(build_id)["state"])
+
+
+def _attempts(catalog: Catalog, build_id: str) -> int:
+    keys = catalog.store.list(f"builds/{build_id}/attempts")
+    return sum(1 for key in keys if key.rsplit("/", 1)[-1].count(".") == 1 and key.endswith(".json"))
+
+
+def _published_twice(catalog: Catalog) -> list[str]:
+    """Builds that left more than one entry of a kind in their map's log."""
+    seen = Counter(
+        f"{e.build_id} {e.event.value}" for map_id in catalog.map_ids() for e in catalog.log(map_id)
+    )
+    return sorted(entry for entry, times in seen.items() if times > 1)
+
+
+def _orphans(catalog: Catalog) -> list[str]:
+    """Files of the store that no version, no build and no log refers to."""
+    store = catalog.store
+    referred = {str(catalog.build_request(b)["source"]["key"]) for b in catalog.build_ids()}
+    kept = set()
+    for map_id in catalog.map_ids():
+        for version in catalog.state(map_id).published:
+            folder = f"maps/{map_id}/versions/{version}"
+            names = catalog.manifest(map_id, version).files
+            kept |= {f"{folder}/manifest.json", *(f"{folder}/{name}" for name in names)}
+        kept |= set(store.list(f"maps/{map_id}/log"))
+    builds = set(store.list("builds"))
+    root = store.local_path(f"builds/{catalog.build_ids()[0]}/request.json")
+    assert root is not None
+    root = root.parents[2]
+    on_disk = {path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file()}
+    return sorted(on_disk - referred - kept - builds)
+
+
+def _after_gc(catalog: Catalog) -> list[str]:
+    """What is left that nothing refers to after everything was collected, uploads of unrecorded builds
+    aside: those are the map's sources, and are kept."""
+    for map_id in MAPS:
+        catalog.collect_garbage(map_id, older_than_s=0)
+    collect_stages(catalog.store, 0)
+    catalog.store.remove_leftovers(older_than_s=0)
+    return [key for key in _orphans(catalog) if "/sources/" not in key]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="benchmarks.kill_builds", description=__doc__.split("\n\n")[0])
+    parser.add_argument("--kills", type=int, default=50)
+    parser.add_argument("--queue", choices=("embedded", "nats"), default="embedded")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
+    chosen = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        figures = kill_builds(Path(folder), kills=chosen.kills, queue=chosen.queue, seed=chosen.seed)
+    text = json.dumps(figures, indent=1)
+    print(text)
+    if chosen.json:
+        chosen.json.write_text(text + "\n")
+    if any(figures[name] for name in ("not_succeeded", "broken", "published_twice", "orphans")):
+        raise SystemExit(1)
+
+
+if __name__ == "__main__":
+    main()
