@@ -23,6 +23,8 @@ import tempfile
 import threading
 import time
 from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -41,6 +43,7 @@ END_S = 180.0
 MAPS = ("hall", "yard")
 LEASE_S = 2.0
 STAGE_S = 0.1
+MOMENT_S = 20.0  # at most, to wait for what a kill is to meet
 
 
 def _free_port() -> int:
@@ -73,10 +76,13 @@ class Member:
     def build_pids(self) -> list[int]:
         """The builds that it runs."""
         assert self.process is not None
-        children = Path(f"/proc/{self.process.pid}/task")
         found = []
-        for path in children.glob("*/children"):
-            found += [int(pid) for pid in path.read_text().split()]
+        for folder in Path("/proc").glob("[0-9]*"):
+            with suppress(OSError, IndexError):  # ended meanwhile
+                # After the name, which may hold anything: state, parent.
+                fields = (folder / "stat").read_text().rpartition(")")[2].split()
+                if int(fields[1]) == self.process.pid and fields[0] != "Z":
+                    found.append(int(folder.name))
         return found
 
 
@@ -183,24 +189,17 @@ def kill_builds(
     try:
         deployment.start()
         reader.start()
-        count = 0
+        seeds = iter(range(10**9))
         while killed.total() < kills:
-            open_builds = [build_id for build_id in posted if _state(catalog, build_id) not in FINAL_STATES]
-            if len(open_builds) < 3:
-                count += 1
-                # In a thread of its own: a kill may meet the upload as well.
-                poster = threading.Thread(target=_post, args=(deployment, posted, count))
+            while sum(_state(catalog, build_id) not in FINAL_STATES for build_id in posted) < 3:
+                poster = threading.Thread(target=_post, args=(deployment, posted, next(seeds)))
                 poster.start()
-                time.sleep(rng.uniform(0.0, 0.1))
-            else:
-                poster = None
-                if rng.random() < 0.8:  # else also while nothing runs and processes start
-                    _wait_until_one_runs(catalog, open_builds)
-                time.sleep(rng.uniform(0.0, 1.2))
-            if open_builds and rng.random() < (0.3 if poster else 1.0):
-                killed[_kill_one(deployment, rng)] += 1
-            if poster is not None:
+                if rng.random() < 0.1:  # a kill that meets the upload
+                    time.sleep(rng.uniform(0.0, 0.1))
+                    killed[_kill_one(deployment, rng)] += 1
                 poster.join()
+            _wait_for_a_moment(deployment, catalog, rng)
+            killed[_kill_one(deployment, rng)] += 1
         open_builds = list(posted)
         deadline = time.monotonic() + end_s
         while open_builds and time.monotonic() < deadline:
@@ -232,24 +231,50 @@ def kill_builds(
 
 def _post(deployment: Deployment, posted: list[str], seed: int) -> None:
     build_id = deployment.post(MAPS[seed % len(MAPS)], seed)
-    if build_id is not None:
+    if build_id is None:  # the service is starting
+        time.sleep(0.3)
+    else:
         posted.append(build_id)
 
 
-def _wait_until_one_runs(catalog: Catalog, build_ids: list[str]) -> None:
-    deadline = time.monotonic() + 15.0
-    while time.monotonic() < deadline:
-        if any(_state(catalog, build_id) == "running" for build_id in build_ids):
-            return
-        time.sleep(0.02)
+def _wait_for_a_moment(deployment: Deployment, catalog: Catalog, rng: random.Random) -> None:
+    """In a third of all cases while a version's files are being put, in most of the others while a build
+    runs: processes take longer to start than that."""
+    kind = rng.random()
+    if kind < 0.33:
+        _wait_until(lambda: _is_publishing(deployment, catalog))
+        time.sleep(rng.uniform(0.0, 0.1))
+    elif kind < 0.9:
+        _wait_until(lambda: any(member.build_pids() for member in deployment.members))
+        time.sleep(rng.uniform(0.0, 2.0))
+    else:
+        time.sleep(rng.uniform(0.0, 2.0))
+
+
+def _wait_until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + MOMENT_S
+    while not condition() and time.monotonic() < deadline:
+        time.sleep(0.005)
+
+
+def _is_publishing(deployment: Deployment, catalog: Catalog) -> bool:
+    """Whether there are files of a version that is not published (yet), and somebody at work on it."""
+    if not any(member.build_pids() for member in deployment.members):
+        return False
+    return any(
+        catalog.store.folders(f"maps/{map_id}/versions")[len(catalog.state(map_id).published) :]
+        for map_id in MAPS
+    )
 
 
 def _kill_one(deployment: Deployment, rng: random.Random) -> str:
     """Kills a member, which is started again, or the build that one runs. What was killed."""
-    member = rng.choice(deployment.members)
+    at_work = [member for member in deployment.members if member.build_pids()]
+    member = rng.choice(at_work if at_work and rng.random() < 0.7 else deployment.members)
     builds = member.build_pids()
     if builds and rng.random() < 0.5:
-        os.kill(rng.choice(builds), signal.SIGKILL)
+        with suppress(ProcessLookupError):  # ended this moment
+            os.kill(rng.choice(builds), signal.SIGKILL)
         return "build"
     member.kill()
     member.start()
