@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
@@ -36,15 +37,19 @@ class NatsBuilds:
 
     Args:
         lease_s: without a sign of life from a worker until a message is given to another one.
+        when_back: called after the connection was lost and is there again.
 
     Raises:
         InvalidOption: the address names a file that cannot be used.
     """
 
-    def __init__(self, address: NatsAddress, *, lease_s: float) -> None:
+    def __init__(
+        self, address: NatsAddress, *, lease_s: float, when_back: Callable[[], None] = lambda: None
+    ) -> None:
         self._url = address.url
         self._options = address.options()
         self._lease_s = lease_s
+        self._when_back = when_back
         self._prefix = f"{address.name}.builds"
         self._stream = f"{address.name.upper()}_BUILDS"
         self._dead_stream = f"{address.name.upper()}_DEAD_BUILDS"
@@ -71,6 +76,7 @@ class NatsBuilds:
             nonlocal out
             out = False
             _log.info("NATS is back", url=self._url)
+            self._when_back()
 
         client = nats.NATS()
         await client.connect(

@@ -34,9 +34,11 @@ class NatsBuildQueue:
     running: str | None = None  # never in this process
 
     def __init__(self, settings: Settings, catalog: Catalog, metrics: Metrics) -> None:
-        self.builds = NatsBuilds(NatsAddress.of(settings), lease_s=settings.build_lease_s)
-        self._unfinished = UnfinishedBuilds(catalog, metrics)
         self._wake = asyncio.Event()
+        self.builds = NatsBuilds(
+            NatsAddress.of(settings), lease_s=settings.build_lease_s, when_back=self._wake.set
+        )
+        self._unfinished = UnfinishedBuilds(catalog, metrics)
 
     async def submit(self, build_id: str) -> None:
         from nats.errors import Error

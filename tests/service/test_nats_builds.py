@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import signal
+import sys
 from collections.abc import Iterator
 from datetime import datetime, timedelta, timezone
 from ipaddress import ip_address
@@ -23,6 +24,7 @@ from firstfix_service import nats_queue
 from firstfix_service.nats_address import NatsAddress
 from firstfix_service.nats_builds import NatsBuilds
 from firstfix_service.settings import Settings
+from small_world import CONFIG
 
 pytestmark = pytest.mark.skipif(nats_server_program() is None, reason="no nats-server on this machine")
 
@@ -98,6 +100,26 @@ def test_a_build_goes_on_at_another_worker_from_the_last_finished_stage(world: N
     assert len(world.catalog.log("hall")) == 2, "published and activated once"
     end = json.loads(world.catalog.store.get(f"builds/{build_id}/attempts/000001.end.json"))
     assert end["end"] == {"kill": "lost", "stop": "stopped"}[how]
+
+
+@pytest.mark.slow
+def test_a_real_build_goes_on_at_another_worker(world: NatsWorld, small_map: Path):
+    command = (sys.executable, "-m", "firstfix_builder.worker")
+    first = world.start_worker("w1", command=command)
+    key = f"maps/yard/sources/{world.catalog.put_source('yard', small_map)}"
+    request = {"map_id": "yard", "source": {"key": key}, "file_name": "yard.ply", "config": CONFIG}
+    world.catalog.put_build("b1", request)
+    wait_for(lambda: stages_shared(world) >= 3, 100)
+    first.kill()
+    log = world.folder / "w2" / "slot-0" / "b1.log"  # goes when the build has succeeded
+    world.start_worker("w2", command=command)
+    wait_for(lambda: log.exists() and log.read_text().count(" fetched: ") >= 3, 60)
+    status = world.wait_until_ended("b1", 150)
+    assert (status["state"], status["version"]) == ("succeeded", world.catalog.active_version("yard"))
+
+
+def stages_shared(world: NatsWorld) -> int:
+    return sum(key.endswith("/stage.json") for key in world.catalog.store.list("stages"))
 
 
 def test_stages_are_not_shared_where_that_is_not_wanted(world: NatsWorld):
