@@ -27,7 +27,7 @@ API_TIMEOUT_S = 3.0
 RECONNECT_S = 1
 CONSUMER = "workers"
 _SUBJECT_TAKEN = 10077  # JSStreamStoreFailedF: the subject has its one message
-_OTHER_CONFIG = 10058  # JSStreamNameExistErr: a stream of an earlier release
+_OTHER_CONFIG = 10058  # JSStreamNameExistErr: a stream of another release, or edited by an operator
 _DEAD_MAX_AGE_S = 90 * 86400.0
 _DEAD_MAX_MESSAGES = 10_000
 
@@ -155,6 +155,8 @@ class NatsBuilds:
         except APIError as error:
             if error.err_code != _OTHER_CONFIG:
                 raise
+            there = await self._jetstream.stream_info(config.name)
+            config.num_replicas = there.config.num_replicas  # the operator's
             await self._jetstream.update_stream(config)
 
     async def submit(self, build_id: str) -> bool:

@@ -64,6 +64,21 @@ def test_a_build_is_in_the_stream_once_however_often_it_is_submitted(world: Nats
     assert world.in_stream() == ["b1", "b2"]
 
 
+def test_a_stream_of_another_release_is_brought_up_to_date(world: NatsWorld):
+    async def make_an_old_one() -> None:
+        import nats
+
+        client = await nats.connect(world.server.url)
+        await client.jetstream().add_stream(
+            name="FIRSTFIX_BUILDS", subjects=["firstfix.builds.waiting.*"], retention="workqueue"
+        )
+        await client.close()
+
+    asyncio.run(make_an_old_one())
+    assert submit(world, "b1", "b1") == [True, False]
+    assert submit(world, "b1") == [False]
+
+
 def test_a_posted_map_is_built_by_a_worker_elsewhere(world: NatsWorld):
     with running_service(world.folder, zenoh=False, build_queue=world.server.url) as service:
         response = upload(service)
