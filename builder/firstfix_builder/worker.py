@@ -18,6 +18,7 @@ import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 from urllib.parse import urlsplit
@@ -34,6 +35,7 @@ from firstfix.errors import (
     StoreUnavailable,
 )
 from firstfix.manifest import Manifest
+from firstfix.shared_stages import SharedStages
 from firstfix.store import Store
 
 from .build_log import set_up_build_log
@@ -82,13 +84,14 @@ def run_build(
     *,
     policy: SourcePolicy | None = None,
     own_process: bool = False,
+    tied_to_stdin: bool = False,
 ) -> int:
     """Runs the build to its end and records how it ended; a build that has ended is left alone.
 
     Args:
         work: holds sources and the stage cache; builds that share it run one after the other.
         stages: names that ``build_version`` reports.
-        own_process: see ``BuildReporter``.
+        own_process, tied_to_stdin: see ``BuildReporter``.
 
     Returns:
         the process's exit code.
@@ -105,7 +108,9 @@ def run_build(
         if state in _EXIT_OF_STATE:
             return _EXIT_OF_STATE[state]
         all_stages = ("fetch_source", *stages, "publish")
-        with BuildReporter(catalog, build_id, map_id, all_stages, own_process=own_process) as reporter:
+        with BuildReporter(
+            catalog, build_id, map_id, all_stages, own_process=own_process, tied_to_stdin=tied_to_stdin
+        ) as reporter:
 
             def tick(stage: str, fraction: float) -> None:
                 reporter.tick(stage, fraction)
@@ -202,11 +207,13 @@ def _alone_in(work: Path) -> Iterator[None]:
         os.close(handle)
 
 
-def _build_by_pipeline(source: Path, config: dict[str, Any], work: Path, **hooks: Any) -> Built:
+def _build_by_pipeline(
+    source: Path, config: dict[str, Any], work: Path, *, shared: SharedStages | None, **hooks: Any
+) -> Built:
     from .config import BuildConfig
     from .pipeline import build_version
 
-    return build_version(source, BuildConfig.parse(config), work, **hooks)
+    return build_version(source, BuildConfig.parse(config), work, shared=shared, **hooks)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -225,6 +232,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         metavar="DIR",
         help="sources may be file:// URLs below it; may be repeated",
     )
+    parser.add_argument(
+        "--share-stages",
+        action="store_true",
+        help="finished stages are fetched from the store, and put there",
+    )
+    parser.add_argument(
+        "--tied-to-stdin", action="store_true", help="stop as on SIGTERM when standard input ends"
+    )
     chosen = parser.parse_args(arguments)
     set_up_build_log(
         chosen.build,
@@ -235,14 +250,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from .pipeline import STAGES
 
     try:
+        shared = SharedStages(Store.open(chosen.store)) if chosen.share_stages else None
         return run_build(
             chosen.store,
             chosen.build,
             chosen.work,
-            _build_by_pipeline,
+            partial(_build_by_pipeline, shared=shared),
             STAGES,
             policy=SourcePolicy(chosen.max_source_bytes, tuple(chosen.source_root)),
             own_process=True,
+            tied_to_stdin=chosen.tied_to_stdin,
         )
     except StoreUnavailable as error:
         _log.error("build %s: %s", chosen.build, error)

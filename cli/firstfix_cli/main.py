@@ -12,7 +12,7 @@ import typer
 from firstfix.errors import FirstfixError
 from firstfix.redact import redact
 
-from .commands import build, evaluate, keys, localize, maps, samples, serve, world
+from .commands import build, evaluate, keys, localize, maps, samples, serve, worker, world
 
 ERROR_EXIT_CODE = 2
 
@@ -27,6 +27,7 @@ app = typer.Typer(
 app.command()(world.world)
 app.command()(build.build)
 app.command()(serve.serve)
+app.command()(worker.worker)
 app.command()(localize.localize)
 app.command()(evaluate.evaluate)
 app.add_typer(maps.app, name="maps")

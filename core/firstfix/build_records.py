@@ -4,9 +4,10 @@
     builds/<build_id>/status.json    replaced by whoever runs the build
     builds/<build_id>/cancel         there: stop
     builds/<build_id>/stages.json    how long each stage of the last run took, once it has ended
+    builds/<build_id>/attempts/...   see ``firstfix.build_attempts``
 
-One process at a time runs a build (the queue or the service sees to that), so the status needs no
-precondition: what the last run wrote is true.
+One process at a time runs a build (its attempts see to that), so the status needs no precondition: what
+the last run wrote is true.
 """
 
 from __future__ import annotations

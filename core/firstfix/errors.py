@@ -17,6 +17,7 @@
     |  `- IncompatibleVersion     made by a format this reader does not know
     |- BuildError                 a build ended without a version
     |  |- BuildFailed             a stage could not do its work
+    |  |- BuildAttemptsExceeded   its worker died time after time
     |  `- BuildCancelled          somebody asked for it
     |- Unauthorized               no credential, or none that is worth anything
     |- Forbidden                  the credential does not allow this
@@ -98,6 +99,10 @@ class BuildError(FirstfixError):
 
 class BuildFailed(BuildError):
     code = "build_failed"
+
+
+class BuildAttemptsExceeded(BuildError):
+    code = "build_attempts_exceeded"
 
 
 class BuildCancelled(BuildError):

@@ -7,7 +7,7 @@ import shutil
 import time
 import uuid
 from collections.abc import AsyncIterator, Callable
-from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 
 import structlog
@@ -21,7 +21,6 @@ from firstfix.store import Store
 from . import http_builds, http_localize, http_maps, operations, problems
 from .access import Access, open_access
 from .authorize import authorize
-from .build_queue import BuildQueue, builder_is_installed
 from .exposure import check_exposure
 from .health import Health
 from .localize import LocalizeUseCase
@@ -38,6 +37,7 @@ from .request_scope import Requests
 from .sample_keeper import SampleKeeper, SamplePolicy
 from .settings import Settings
 from .settings_summary import settings_summary
+from .start_builds import start_builds
 from .start_failure import StartFailure
 from .tracing import start_tracing
 
@@ -133,7 +133,7 @@ async def _start(
     samples = await _start_samples(settings, store, metrics, stack)
     recorder = QueryRecorder(metrics, requests, samples)
     use_case = LocalizeUseCase(maps, pool, recorder, max_decoded_bytes=settings.max_decoded_bytes)
-    builds = _start_builds(settings, catalog, metrics, stack)
+    builds = start_builds(settings, catalog, metrics, stack)
     health = Health(maps, pool, metrics)
     show_maps = None
     if settings.zenoh_enabled:
@@ -176,35 +176,6 @@ def _open_store(url: str) -> Store:
     store = Store.open(url)
     store.probe()
     return store
-
-
-def _start_builds(
-    settings: Settings, catalog: Catalog, metrics: Metrics, stack: AsyncExitStack
-) -> BuildQueue | None:
-    wanted = builder_is_installed() if settings.run_builds is None else settings.run_builds
-    if not wanted:
-        return None
-    builds = BuildQueue(
-        catalog,
-        metrics,
-        store_url=settings.store,
-        command=settings.build_command,
-        work_dir=settings.work_dir,
-        niceness=settings.build_niceness,
-        environment={
-            "FIRSTFIX_LOG_LEVEL": settings.log_level,
-            "FIRSTFIX_LOG_JSON": str(settings.log_json).lower(),
-        },
-    )
-    task = asyncio.create_task(builds.run(), name="build-queue")
-
-    async def stop() -> None:
-        task.cancel()
-        with suppress(asyncio.CancelledError):
-            await task
-
-    stack.push_async_callback(stop)
-    return builds
 
 
 async def _start_zenoh(

@@ -78,7 +78,7 @@ async def post_map(request: Request, parts: PartsDep, caller: CallerDep) -> Resp
     build_id = f"{datetime.now(timezone.utc):%Y%m%dt%H%M%S%f}-{uuid.uuid4().hex[:8]}"
     await asyncio.to_thread(parts.catalog.put_build, build_id, with_traceparent(record))
     if parts.builds is not None:
-        parts.builds.wake()
+        await parts.builds.submit(build_id)
     status = new_status("queued", map_id=record["map_id"])
     headers = {"Location": f"/builds/{build_id}", "Retry-After": str(RETRY_AFTER_S)}
     return JSONResponse({"build_id": build_id, **status}, 202, headers)

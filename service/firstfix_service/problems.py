@@ -37,6 +37,7 @@ STATUS: dict[type[FirstfixError], int] = {
     errors.IncompatibleVersion: 503,
     errors.BuildError: 500,
     errors.BuildFailed: 500,
+    errors.BuildAttemptsExceeded: 500,
     errors.BuildCancelled: 409,
     errors.Unauthorized: 401,
     errors.Forbidden: 403,

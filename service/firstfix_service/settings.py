@@ -60,6 +60,31 @@ class Settings(BaseSettings):
     )
     build_niceness: int = Field(10, ge=0, le=19, description="how far builds stand back behind queries")
 
+    build_queue: str = Field(
+        "embedded",
+        pattern=r"^(embedded|(nats|tls)://[^@\s]+)$",
+        description="embedded, or the NATS server whose workers build: nats://host:4222, tls://host:4222/name",
+    )
+    build_attempts: int = Field(3, ge=1, description="of a build whose worker dies in the same stage")
+    build_lease_s: float = Field(
+        30.0, gt=0, description="without a sign of life from a worker until its build is another's"
+    )
+    build_max_memory_bytes: int | None = Field(
+        None, ge=1, description="of one build's processes: a build that takes more fails; default: no limit"
+    )
+    share_stages: bool | None = Field(
+        None, description="keep builds' finished stages in the store for other workers; default: with NATS"
+    )
+    shared_stages_days: float = Field(7.0, gt=0, description="that finished stages are kept in the store")
+    shared_stages_max_bytes: int = Field(100 * GIB, ge=1, description="of all finished stages in the store")
+    nats_credentials: Path | None = Field(
+        None, description="file for NATS: user:password, a token, or a .creds file"
+    )
+    nats_ca: Path | None = Field(None, description="PEM file of the authorities that NATS may be signed by")
+    nats_certificate: Path | None = Field(
+        None, description="PEM file of certificate and key that this process shows to NATS"
+    )
+
     zenoh: bool = Field(False, description="answer over zenoh too")
     zenoh_config: Path | None = Field(None, description="zenoh config file (TLS, users, ACL); implies zenoh")
     zenoh_listen: tuple[str, ...] = Field(
@@ -129,6 +154,14 @@ class Settings(BaseSettings):
     auth_failures_per_min: float = Field(
         60.0, ge=0, description="of one address until it is answered 429; 0: any number"
     )
+
+    @property
+    def nats_enabled(self) -> bool:
+        return self.build_queue != "embedded"
+
+    @property
+    def stages_are_shared(self) -> bool:
+        return self.nats_enabled if self.share_stages is None else self.share_stages
 
     @property
     def zenoh_enabled(self) -> bool:
