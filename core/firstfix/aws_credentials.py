@@ -14,7 +14,7 @@ _NAMES = {
     "secret_access_key": "aws_secret_access_key",
     "token": "aws_session_token",
 }
-# Given to obstore with what was read: it asks anew when less than five minutes are left, so at every request.
+# obstore asks anew when less than five minutes are left: so at every request, ten times a second at most.
 _GOOD_FOR = timedelta(minutes=1)
 
 

@@ -11,10 +11,11 @@ from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from pathlib import Path
 
 import structlog
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 
 import firstfix
 from firstfix.catalog import Catalog
+from firstfix.errors import InvalidOption, StoreUnavailable
 from firstfix.store import Store
 
 from . import http_builds, http_localize, http_maps, operations, problems
@@ -25,9 +26,11 @@ from .map_poller import MapPoller
 from .metrics import Metrics
 from .parts import Parts
 from .pool import QueryPool
+from .read_only import refuse_changes
 from .request_body import BodyReader
 from .request_log import RequestLog
 from .settings import Settings
+from .start import Start
 from .start_failure import StartFailure
 
 _log = structlog.get_logger(__name__)
@@ -62,9 +65,7 @@ def create_app(settings: Settings, *, load: Callable[[Path], LocalizesScans] = l
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        async with AsyncExitStack() as stack:
-            app.state.parts = await _start(settings, metrics, load, stack)
-            _log.info("ready to take requests", store=settings.store)
+        async with Start(lambda stack: _start(settings, metrics, load, stack)) as app.state.start:
             yield
 
     app = FastAPI(
@@ -76,8 +77,11 @@ def create_app(settings: Settings, *, load: Callable[[Path], LocalizesScans] = l
         redoc_url=None,
         responses={"default": _PROBLEM},
     )
-    for module in (http_localize, http_maps, http_builds, operations):
+    app.state.settings, app.state.metrics = settings, metrics
+    for module in (http_localize, operations):
         app.include_router(module.router)
+    for module in (http_maps, http_builds):
+        app.include_router(module.router, dependencies=[Depends(refuse_changes)])
     problems.add_handlers(app)
     app.add_middleware(RequestLog, metrics=metrics)
     app.add_middleware(StartFailure)
@@ -88,7 +92,7 @@ async def _start(
     settings: Settings, metrics: Metrics, load: Callable[[Path], LocalizesScans], stack: AsyncExitStack
 ) -> Parts:
     """Starts everything in order; the stack stops it in the reverse order."""
-    store = await asyncio.to_thread(_open_store, settings.store)
+    store = await asyncio.to_thread(_open_store, settings)
     catalog = Catalog(store)
     await asyncio.to_thread(_remove_abandoned_uploads, settings.work_dir / "uploads")
     maps = MapCache(
@@ -112,8 +116,11 @@ async def _start(
     return Parts(settings, metrics, catalog, maps, pool, use_case, bodies, builds)
 
 
-def _open_store(url: str) -> Store:
-    store = Store.open(url)
+def _open_store(settings: Settings) -> Store:
+    try:
+        store = Store.open(settings.store, read_only=settings.read_only)
+    except StoreUnavailable as error:  # a directory that cannot be had: waiting does not mend it
+        raise InvalidOption(str(error)) from None
     store.probe()
     return store
 
@@ -122,7 +129,7 @@ def _start_builds(
     settings: Settings, catalog: Catalog, metrics: Metrics, stack: AsyncExitStack
 ) -> BuildQueue | None:
     wanted = builder_is_installed() if settings.run_builds is None else settings.run_builds
-    if not wanted:
+    if not wanted or settings.read_only:
         return None
     builds = BuildQueue(
         catalog,

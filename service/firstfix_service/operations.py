@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Request, Response
 
 from firstfix.errors import Overloaded
 
-from .metrics import MEDIA_TYPE
+from .metrics import MEDIA_TYPE, Metrics
 from .parts import PartsDep
 
 router = APIRouter(tags=["operations"])
@@ -22,13 +22,15 @@ async def healthz() -> dict[str, str]:
 
 @router.get("/readyz")
 async def readyz(parts: PartsDep) -> dict[str, Any]:
-    """Send queries here: the catalog was read and what fits is loaded. Stays so when the store fails
-    later, as what is loaded goes on answering."""
+    """Send queries here: the store answered, the catalog was read and what fits is loaded. Stays so when
+    the store fails later, as what is loaded goes on answering."""
     if not parts.maps.polled:
         raise Overloaded("the maps are being loaded")
     return {"status": "ready", "maps": len(parts.maps.map_ids)}
 
 
 @router.get("/metrics", include_in_schema=False)
-async def metrics(parts: PartsDep) -> Response:
-    return Response(parts.metrics.exposition(), headers={"Content-Type": MEDIA_TYPE})
+async def metrics(request: Request) -> Response:
+    """Also before the service is ready."""
+    counted: Metrics = request.app.state.metrics
+    return Response(counted.exposition(), headers={"Content-Type": MEDIA_TYPE})

@@ -71,6 +71,10 @@ class Settings(BaseSettings):
         None, pattern="^[a-z0-9][a-z0-9_-]{0,62}$", description="name of this replica; default: a random one"
     )
 
+    read_only: bool = Field(
+        False, description="change nothing in the store: no write probe, no builds, POST /maps is refused"
+    )
+
     @property
     def zenoh_enabled(self) -> bool:
         return self.zenoh or self.zenoh_config is not None
