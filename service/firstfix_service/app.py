@@ -110,7 +110,7 @@ async def _start(
     metrics.watch("firstfix_body_bytes", "Bytes of query bodies held", lambda: bodies.inflight_bytes)
     use_case = LocalizeUseCase(maps, pool, metrics, max_decoded_bytes=settings.max_decoded_bytes)
     builds = _start_builds(settings, catalog, metrics, stack)
-    poller = await _start_poller(settings, maps, use_case, pool, stack)
+    poller = await _start_poller(settings, maps, catalog, use_case, pool, stack)
     poller.start()
     stack.push_async_callback(asyncio.to_thread, poller.close)
     return Parts(settings, metrics, catalog, maps, pool, use_case, bodies, builds)
@@ -151,11 +151,17 @@ def _start_builds(
 
 
 async def _start_poller(
-    settings: Settings, maps: MapCache, use_case: LocalizeUseCase, pool: QueryPool, stack: AsyncExitStack
+    settings: Settings,
+    maps: MapCache,
+    catalog: Catalog,
+    use_case: LocalizeUseCase,
+    pool: QueryPool,
+    stack: AsyncExitStack,
 ) -> MapPoller:
-    """The poller, not yet running; with zenoh it keeps the liveliness tokens in step."""
+    """The poller, not yet running; with zenoh it keeps what is shown there in step."""
     if not settings.zenoh_enabled:
         return MapPoller(maps, settings.poll_interval_s)
+    from .zenoh_catalog import ZenohCatalog
     from .zenoh_endpoint import ZenohEndpoint
 
     replica = settings.replica or uuid.uuid4().hex[:12]
@@ -163,8 +169,19 @@ async def _start_poller(
         ZenohEndpoint, settings, replica, use_case, pool, asyncio.get_running_loop()
     )
     stack.push_async_callback(asyncio.to_thread, endpoint.close)
+
+    def load() -> dict[str, int]:
+        return {"queries": pool.admitted, "limit": settings.workers + settings.queue_size}
+
+    shown = ZenohCatalog(endpoint.session, replica, maps, catalog, load)
+    stack.push_async_callback(asyncio.to_thread, shown.close)
     _log.info("answering over zenoh", replica=replica)
-    return MapPoller(maps, settings.poll_interval_s, after=lambda: endpoint.show_maps(maps.map_ids))
+
+    def after_poll() -> None:
+        endpoint.show_maps(maps.map_ids)
+        shown.update()
+
+    return MapPoller(maps, settings.poll_interval_s, after=after_poll)
 
 
 def _remove_abandoned_uploads(directory: Path) -> None:
