@@ -2,7 +2,7 @@
 
     firstfix/maps                  queryable: every map, its active version and the one that answers here
     firstfix/{map_id}/version      queryable, and published on every change: one map's versions
-    firstfix/replicas/{replica}    queryable: this replica, what it serves, how busy it is
+    firstfix/@replicas/{replica}   queryable: this replica, what it serves, how busy it is
 
 Answered from memory as of the last poll: nobody waits for the store. The publications are notices and may
 be lost; every replica sends its own, when it has followed; ``seq`` orders a map's.
@@ -82,7 +82,7 @@ class ZenohCatalog:
             answers = {
                 MAPS: self._answer_maps,
                 "firstfix/*/version": self._answer_versions,
-                f"firstfix/replicas/{self._replica}": self._answer_replica,
+                f"firstfix/@replicas/{self._replica}": self._answer_replica,
             }
             for key, answer in answers.items():
                 self._queryables.append(self._session.declare_queryable(key, answer, complete=True))
@@ -128,7 +128,7 @@ class ZenohCatalog:
             "load": self._load(),
         }
         with query:
-            query.reply(f"firstfix/replicas/{self._replica}", _json(described), encoding=JSON)
+            query.reply(f"firstfix/@replicas/{self._replica}", _json(described), encoding=JSON)
 
 
 def _json(value: dict[str, Any]) -> bytes:

@@ -2,12 +2,12 @@
 
     firstfix/{map_id}/localize             one queryable for every map this replica can serve (complete)
     firstfix/{map_id}/localize/{replica}   this replica alone; a liveliness token for each map
-    firstfix/localize                      several maps, named by the parameter ``map=a,b``, or without it all
-    firstfix/localize/{replica}            this replica alone; a liveliness token
+    firstfix/@any/localize                 several maps, named by the parameter ``map=a,b``, or without it all
+    firstfix/@any/localize/{replica}       this replica alone; a liveliness token
 
-The options are selector parameters, the payload the same bytes as the HTTP body, its encoding the media
-type. A parameter ``content_encoding`` stands for HTTP's header. Errors are replied as the same problem
-documents.
+No map can have the name ``@any``, and no wildcard meets it. The options are selector parameters, the
+payload the same bytes as the HTTP body, its encoding the media type. A parameter ``content_encoding``
+stands for HTTP's header. Errors are replied as the same problem documents.
 """
 
 from __future__ import annotations
@@ -41,8 +41,7 @@ _log = structlog.get_logger(__name__)
 CONTENT_ENCODING = "content_encoding"
 TRANSPORT = "zenoh"
 MAP_PARAMETER = "map"
-ANY_MAP = "firstfix/localize"
-RESERVED = ("localize", "version")  # would make this replica's keys those of a map "localize" or "replicas"
+ANY_MAP = "@any"
 DRAIN_S = 10.0  # for queries under way when the service stops
 REPLY_THREADS = 4
 
@@ -79,8 +78,6 @@ class ZenohEndpoint:
         Raises:
             InvalidOption: the config cannot be used, or an endpoint cannot be had.
         """
-        if replica in RESERVED:
-            raise InvalidOption(f"a replica cannot have the name {replica}")
         self.replica = replica
         self._use_case = use_case
         self._pool = pool
@@ -102,12 +99,12 @@ class ZenohEndpoint:
 
     def show_maps(self, map_ids: Iterable[str]) -> None:
         """Keeps one liveliness token a map, and one for any. Thread-safe."""
-        wanted = {ANY_MAP, *(_key_of(map_id) for map_id in map_ids)}
+        wanted = {_key_of(map_id) for map_id in (ANY_MAP, *map_ids)}
         with self._tokens_lock:
             if self._closed:
                 return
             if not self._queryables:
-                for key in (_key_of("*"), ANY_MAP):
+                for key in (_key_of("*"), _key_of(ANY_MAP)):
                     for form in (key, f"{key}/{self.replica}"):
                         queryable = self.session.declare_queryable(form, self._on_query, complete=True)
                         self._queryables.append(queryable)
@@ -220,14 +217,11 @@ def read_query(query: Any) -> _Asked:
     # Names that begin with an underscore are zenoh's own.
     options = {name: value for name, value in pairs if not name.startswith("_")}
     parts = str(query.key_expr).split("/")
-    if parts[:2] == ANY_MAP.split("/") and parts[2:3] != ["localize"]:
-        key, map_id = ANY_MAP, options.pop(MAP_PARAMETER, "")
-    else:
-        map_id = check_map_id(parts[1] if len(parts) > 1 else "")
-        key = _key_of(map_id)
+    named = parts[1] if len(parts) > 1 else ""
+    map_id = options.pop(MAP_PARAMETER, "") if named == ANY_MAP else check_map_id(named)
     content_encoding = options.pop(CONTENT_ENCODING, None)
     media_type = "" if query.encoding is None else str(query.encoding)
-    return _Asked(key, map_id, media_type, content_encoding, options)
+    return _Asked(_key_of(named), map_id, media_type, content_encoding, options)
 
 
 def _key_of(map_id: str) -> str:

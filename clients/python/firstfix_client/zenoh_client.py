@@ -96,7 +96,7 @@ class ZenohClient:
             ServiceUnreachable: no replica answered.
         """
         names = [check_map_id(name) for name in map_id.split(",")] if map_id else []
-        shared = f"firstfix/{names[0]}/localize" if len(names) == 1 else "firstfix/localize"
+        shared = f"firstfix/{names[0] if len(names) == 1 else '@any'}/localize"
         media_type, body = encoded(scan, resolution_m=self._resolution_m, voxel_m=self._voxel_m)
         parameters = (options or LocalizeOptions()).to_strings()
         if len(names) > 1:
@@ -127,7 +127,9 @@ class ZenohClient:
 
     def replicas(self) -> list[ReplicaInfo]:
         """Every replica that answers within a second; none is no error."""
-        replies = self._session.get("firstfix/replicas/*", target=self._zenoh.QueryTarget.ALL, timeout=LOOK_S)
+        replies = self._session.get(
+            "firstfix/@replicas/*", target=self._zenoh.QueryTarget.ALL, timeout=LOOK_S
+        )
         found = [json.loads(reply.ok.payload.to_bytes()) for reply in replies if reply.ok is not None]
         return sorted((ReplicaInfo.from_mapping(item) for item in found), key=lambda one: one.replica)
 
