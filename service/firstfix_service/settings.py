@@ -66,7 +66,9 @@ class Settings(BaseSettings):
     zenoh_connect: tuple[str, ...] = Field(
         (), description="zenoh routers or peers to connect to, without a config file"
     )
-    zenoh_max_message_bytes: int = Field(64 * MIB, ge=1, description="of one zenoh message")
+    zenoh_max_message_bytes: int = Field(
+        96 * MIB, ge=1, description="of one zenoh message; a longer one is dropped unseen, without an answer"
+    )
     replica: str | None = Field(
         None, pattern="^[a-z0-9][a-z0-9_-]{0,62}$", description="name of this replica; default: a random one"
     )
