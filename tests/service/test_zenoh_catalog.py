@@ -89,6 +89,7 @@ def test_every_change_is_published(service: Service):
 
 def test_a_version_that_is_refused_is_told_apart_from_the_one_that_answers(service: Service):
     first = str(service.catalog.active_version("hall"))
+    wait_for(lambda: served(service) == {"hall": first})
     bad = publish(service.catalog, "hall", "unreadable", service.scratch)
     wait_for(lambda: get(service, "firstfix/hall/version")[0]["version"] == bad)
     (versions,) = get(service, "firstfix/hall/version")
