@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Puts real servers beside the tests' Python: versitygw (S3), nats-server (JetStream), toxiproxy (broken
-# networks), haproxy (replicas). Tests whose server cannot be had are skipped and say so.
+# networks), haproxy (replicas), Azurite (Azure). Tests whose server cannot be had are skipped and say so.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 bin=$PWD/.venv/bin
@@ -25,6 +25,21 @@ build() {
 build versitygw github.com/versity/versitygw/cmd/versitygw@v1.8.0
 build nats-server github.com/nats-io/nats-server/v2@v2.10.22
 build toxiproxy-server github.com/Shopify/toxiproxy/v2/cmd/server@v2.12.0
+
+# Azurite is a tree of npm packages: it gets a folder, and a link to its program.
+if ! [ -x "$bin/azurite-blob" ] && ! command -v azurite-blob >/dev/null; then
+  if command -v npm >/dev/null; then
+    say "installing azurite"
+    rm -rf .venv/azurite
+    if timeout 300 npm install --silent --no-audit --no-fund --prefix .venv/azurite azurite@3.35.0 >/dev/null; then
+      ln -sf ../azurite/node_modules/.bin/azurite-blob "$bin/azurite-blob"
+    else
+      say "azurite could not be installed, so its tests will be skipped"
+    fi
+  else
+    say "no npm here, so the tests with azurite will be skipped"
+  fi
+fi
 
 if ! command -v haproxy >/dev/null; then
   if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then

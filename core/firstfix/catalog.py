@@ -63,6 +63,10 @@ class Catalog(BuildRecords):
         """What the map's log adds up to; of a map that does not exist: nothing."""
         return self._map_log(map_id).state()
 
+    def known_state(self, map_id: str) -> MapState:
+        """As ``state``, as of the last time that it was read: the store is not asked."""
+        return self._map_log(map_id).known_state()
+
     def log(self, map_id: str) -> list[LogEntry]:
         return list(self.state(map_id).entries)
 

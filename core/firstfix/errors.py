@@ -9,6 +9,7 @@
     |  `- TooLarge                over a byte, point or expansion limit
     |- NotFound                   no such map, version or build
     |- Conflict                   it exists already, or its state forbids this
+    |- ReadOnly                   this service or store was told to change nothing
     |- StoreError                 the object store failed
     |  |- StoreUnavailable        it does not answer
     |  `- StoreUnsafe             it lets a create-only put overwrite
@@ -67,6 +68,10 @@ class NotFound(FirstfixError):
 
 class Conflict(FirstfixError):
     code = "conflict"
+
+
+class ReadOnly(FirstfixError):
+    code = "read_only"
 
 
 class StoreError(FirstfixError):

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from .errors import CorruptVersion, IncompatibleVersion, InvalidOption
-from .store import check_key
+from .object_keys import check_key
 
 FORMAT = 4  # 3: before the map was stored ready to use; such a version needs a rebuild
 FILE_NAME = "manifest.json"

@@ -144,6 +144,13 @@ class MapLog:
             entries = tuple(entry for seq in found if (entry := self._entries[seq]) is not None)
         return MapState.of(entries, found[-1] if found else 0)
 
+    def known_state(self) -> MapState:
+        """What it added up to when it was last read: the store is not asked."""
+        with self._lock:
+            read = sorted(self._entries)
+            entries = tuple(entry for seq in read if (entry := self._entries[seq]) is not None)
+        return MapState.of(entries, read[-1] if read else 0)
+
     def append(
         self, event: Event, version: str, *, build_id: str = "", needed: Callable[[MapState], bool]
     ) -> LogEntry | None:

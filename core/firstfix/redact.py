@@ -23,7 +23,7 @@ _PATTERNS: tuple[tuple[re.Pattern[str], str], ...] = (
         re.compile(
             r"""(?ix)( (?: api[_-]?key | access[_-]?key | account[_-]?key | secret[_-]?key | secret | password
                 | passwd | pwd | token | signature | \bsig | credentials? | cookie )
-                \\?["']? \s* [=:] \s* b?\\?["']? ) (?!\*\*\*) [^\s"'\\,;&<>)\]}]+"""
+                \\?["']? \s* [=:] \s* b?\\?["']? ) (?!\*\*\*|null\b|None\b) [^\s"'\\,;&<>)\]}]+"""
         ),
         rf"\1{HIDDEN}",
     ),

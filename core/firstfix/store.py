@@ -9,11 +9,8 @@ from __future__ import annotations
 
 import builtins
 import hashlib
-import os
-import re
 import uuid
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
@@ -21,27 +18,14 @@ from typing import Any
 
 import obstore
 from obstore import exceptions
-from obstore.store import AzureStore, GCSStore, LocalStore, MemoryStore, S3Store
 
-from .errors import InvalidOption, NotFound, StoreError, StoreUnavailable, StoreUnsafe
+from .errors import InvalidOption, NotFound, ReadOnly, StoreError, StoreUnsafe
+from .lasting_files import LastingFiles
+from .object_keys import check_folder, check_key
+from .store_backend import open_backend, translated
 from .store_url import StoreUrl
 
-# A request that takes longer than this is lost; a body of one chunk needs 0.3 MB/s.
-_CLIENT = {"connect_timeout": "5s", "timeout": "60s"}
-# obstore's own default goes on for 3 minutes and so hides a fault from whoever could act on it.
-_RETRY = {
-    "max_retries": 4,
-    "retry_timeout": timedelta(seconds=20),
-    "backoff": {
-        "init_backoff": timedelta(milliseconds=100),
-        "max_backoff": timedelta(seconds=3),
-        "base": 2,
-    },
-}
 CHUNK_BYTES = 16 << 20
-_SEGMENT = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,199}")
-_PART = re.compile(r".+#\d+")  # obstore's own name for a file that is being written; no key has a '#'
-_MAX_KEY_CHARS = 900  # S3 allows 1024 with the prefix
 
 
 @dataclass(frozen=True)
@@ -58,50 +42,30 @@ class Store:
 
     Keys are segments of letters, digits, ``.``, ``_`` and ``-`` joined by ``/``; a segment does not
     start with a dot. Every method raises InvalidOption on another key, StoreUnavailable when the
-    store does not answer, StoreError when it refuses.
+    store does not answer, StoreError when it refuses; those that write raise ReadOnly when the store
+    was opened so.
     """
 
-    def __init__(self, backend: Any, *, root: Path | None = None) -> None:
+    def __init__(self, backend: Any, *, root: Path | None = None, read_only: bool = False) -> None:
         self._backend = backend
         self._root = root  # the directory of a file store
-        self._lasting_folders: set[Path] = set()  # their own entry in their parent is on disk
+        self._files = None if root is None else LastingFiles(root)
+        self._read_only = read_only
 
     @classmethod
-    def open(cls, url: str) -> Store:
+    def open(cls, url: str, *, read_only: bool = False) -> Store:
         """The store at a URL (forms: ``firstfix.store_url``). Nothing is asked of it yet.
 
         Raises:
             InvalidOption: the URL is of no known form, or a cloud's settings are incomplete.
         """
-        return cls.open_at(StoreUrl.parse(url))
+        return cls.open_at(StoreUrl.parse(url), read_only=read_only)
 
     @classmethod
-    def open_at(cls, where: StoreUrl) -> Store:
+    def open_at(cls, where: StoreUrl, *, read_only: bool = False) -> Store:
         """As ``open``, of a URL that was parsed before."""
-        if where.scheme == "memory":
-            return cls(MemoryStore())
-        if where.scheme == "file":
-            root = Path(where.prefix)
-            try:
-                return cls(LocalStore(prefix=root, mkdir=True), root=root)
-            except (exceptions.BaseError, OSError, ValueError) as error:
-                raise StoreUnavailable(f"no directory {root}: {_brief(error)}") from None
-        options: dict[str, Any] = {**where.texts, **where.flags}
-        client = {**_CLIENT, "allow_http": bool(options.pop("allow_http", False))}
-        if where.scheme == "gs" and "endpoint" in options:
-            options["base_url"] = options.pop("endpoint")
-        kind = {"s3": S3Store, "gs": GCSStore, "az": AzureStore}[where.scheme]
-        try:
-            backend = kind(
-                where.bucket,
-                prefix=where.prefix or None,
-                client_options=client,
-                retry_config=_RETRY,
-                **options,
-            )
-        except (exceptions.BaseError, ValueError) as error:
-            raise InvalidOption(f"store {where.scheme}://{where.bucket}: {_brief(error)}") from None
-        return cls(backend)
+        root = Path(where.prefix) if where.scheme == "file" else None
+        return cls(open_backend(where, make_directory=not read_only), root=root, read_only=read_only)
 
     def put_new(self, key: str, data: bytes | Path) -> bool:
         """Create-only put, atomic. False when the key exists already: of many at once one wins.
@@ -109,9 +73,9 @@ class Store:
         A lost reply can make the winner see False, as its retry meets its own object: whoever must
         know compares the content. A file is read into memory; for large ones see ``upload``.
         """
-        check_key(key)
+        self._writing(key)
         try:
-            with _translated(key, writing=True):
+            with translated(key, writing=True):
                 obstore.put(self._backend, key, data, mode="create")
         except (exceptions.AlreadyExistsError, exceptions.PreconditionError):
             return False
@@ -122,8 +86,8 @@ class Store:
 
     def put(self, key: str, data: bytes) -> None:
         """Atomic put that replaces what was there."""
-        check_key(key)
-        with _translated(key, writing=True):
+        self._writing(key)
+        with translated(key, writing=True):
             obstore.put(self._backend, key, data)
         self._sync(key)
 
@@ -131,12 +95,12 @@ class Store:
         """Puts a file under a key that names its content: for such keys the last of two equal puts
         does no harm. Streams. False when an object of that size is there already and nothing was sent.
         """
-        check_key(key)
+        self._writing(key)
         size = path.stat().st_size
         with suppress(NotFound):
             if self.size(key) == size:
                 return False
-        with _translated(key, writing=True):
+        with translated(key, writing=True):
             obstore.put(self._backend, key, path)
         self._sync(key)
         return True
@@ -148,7 +112,7 @@ class Store:
             NotFound: no such key.
         """
         check_key(key)
-        with _translated(key):
+        with translated(key):
             return bytes(obstore.get(self._backend, key).bytes())
 
     def get_range(self, key: str, start: int, length: int) -> bytes:
@@ -164,7 +128,7 @@ class Store:
         size = self.size(key)
         if start >= size:
             raise InvalidOption(f"{key} has {size} bytes, none at {start}")
-        with _translated(key):
+        with translated(key):
             found = obstore.get_range(self._backend, key, start=start, end=min(start + length, size))
             return bytes(found)
 
@@ -182,7 +146,7 @@ class Store:
         try:
             with part.open("wb") as file:
                 for start in range(0, size, CHUNK_BYTES):
-                    with _translated(key):
+                    with translated(key):
                         end = min(start + CHUNK_BYTES, size)
                         chunk = obstore.get_range(self._backend, key, start=start, end=end)
                     digest.update(chunk)
@@ -199,7 +163,7 @@ class Store:
             NotFound: no such key.
         """
         check_key(key)
-        with _translated(key):
+        with translated(key):
             return int(obstore.head(self._backend, key)["size"])
 
     def exists(self, key: str) -> bool:
@@ -215,8 +179,8 @@ class Store:
 
     def scan(self, prefix: str = "") -> builtins.list[StoredObject]:
         """Objects below a folder, at any depth, sorted by key."""
-        folder = _check_folder(prefix)
-        with _translated(prefix or "/"):
+        folder = check_folder(prefix)
+        with translated(prefix or "/"):
             found = [
                 StoredObject(meta["path"], int(meta["size"]), meta["last_modified"])
                 for chunk in obstore.list(self._backend, folder or None)
@@ -226,15 +190,15 @@ class Store:
 
     def folders(self, prefix: str = "") -> builtins.list[str]:
         """Names of the folders directly below a folder, sorted."""
-        folder = _check_folder(prefix)
-        with _translated(prefix or "/"):
+        folder = check_folder(prefix)
+        with translated(prefix or "/"):
             found = obstore.list_with_delimiter(self._backend, folder or None)["common_prefixes"]
         return sorted(path.rstrip("/").rsplit("/", 1)[-1] for path in found)
 
     def delete(self, key: str) -> None:
         """Removes an object; one that is not there is no error."""
-        check_key(key)
-        with suppress(NotFound), _translated(key):
+        self._writing(key)
+        with suppress(NotFound), translated(key):
             obstore.delete(self._backend, key)
 
     def local_path(self, key: str) -> Path | None:
@@ -252,11 +216,15 @@ class Store:
         return path
 
     def probe(self) -> None:
-        """Puts a key twice: every promise of this project rests on the second put losing.
+        """Puts a key twice: every promise of this project rests on the second put losing. A read-only
+        store, which rests on nothing, is only looked into.
 
         Raises:
             StoreUnsafe: the second put won.
         """
+        if self._read_only:
+            self.folders()
+            return
         key = f"probe/{uuid.uuid4().hex}"
         try:
             first, second = self.put_new(key, b"first"), self.put_new(key, b"second")
@@ -280,71 +248,13 @@ class Store:
         removed = [found.key for found in self.scan("probe") if found.last_modified <= cutoff]
         for key in removed:
             self.delete(key)
-        if self._root is None:
-            return removed
-        for path in self._root.rglob("*#*"):
-            with suppress(FileNotFoundError):
-                if _PART.fullmatch(path.name) and path.stat().st_mtime <= cutoff.timestamp():
-                    path.unlink()
-                    removed.append(path.relative_to(self._root).as_posix())
-        return removed
+        return removed if self._files is None else removed + self._files.remove_parts(cutoff)
+
+    def _writing(self, key: str) -> None:
+        check_key(key)
+        if self._read_only:
+            raise ReadOnly(f"{key}: this store was opened for reading only")
 
     def _sync(self, key: str) -> None:
-        """Brings an object of a file store to disk, and the entries of the folders that lead to it."""
-        if self._root is None:
-            return
-        path = self._root / key
-        _sync_path(path)
-        _sync_path(path.parent)
-        folder = path.parent
-        while folder != self._root and folder not in self._lasting_folders:
-            _sync_path(folder.parent)
-            self._lasting_folders.add(folder)
-            folder = folder.parent
-
-
-def check_key(key: str) -> str:
-    """The key itself when it is a valid one.
-
-    Raises:
-        InvalidOption: it is absolute, climbs with '..', or has characters that some store changes.
-    """
-    if len(key) > _MAX_KEY_CHARS or not all(_SEGMENT.fullmatch(part) for part in key.split("/")):
-        raise InvalidOption(f"not an object key: {key[:100]!r}")
-    return key
-
-
-def _check_folder(prefix: str) -> str:
-    folder = prefix.rstrip("/")
-    return check_key(folder) if folder else ""
-
-
-def _sync_path(path: Path) -> None:
-    with suppress(FileNotFoundError):  # somebody removed it since
-        handle = os.open(path, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
-
-
-@contextmanager
-def _translated(key: str, *, writing: bool = False) -> Iterator[None]:
-    """obstore's exceptions as ours. A missing object is the built-in FileNotFoundError there."""
-    try:
-        yield
-    except (exceptions.AlreadyExistsError, exceptions.PreconditionError, exceptions.NotSupportedError):
-        raise
-    except FileNotFoundError as error:
-        if writing:  # nothing can be missing but the bucket, or the file to send
-            raise StoreUnavailable(f"{key}: {_brief(error)}") from None
-        raise NotFound(f"no object {key}") from None
-    except (exceptions.PermissionDeniedError, exceptions.UnauthenticatedError, PermissionError) as error:
-        raise StoreError(f"{key}: the store refuses these credentials: {_brief(error)}") from None
-    except (exceptions.BaseError, OSError) as error:
-        raise StoreUnavailable(f"{key}: {_brief(error)}") from None
-
-
-def _brief(error: BaseException) -> str:
-    """The first line: the rest of obstore's messages is a dump of its structs."""
-    return str(error).strip().split("\n", 1)[0][:300]
+        if self._files is not None:
+            self._files.sync(key)

@@ -124,11 +124,7 @@ async def open_access(settings: Settings, store: Store, metrics: Metrics) -> Asy
         tokens = TokenVerifier(settings)
         await tokens.jwks.refresh()
         running.append(_every(REFRESH_S, tokens.jwks.refresh))
-    metrics.watch(
-        "firstfix_keys_age_seconds",
-        "Since the API keys were read; 0 without authentication",
-        lambda: 0.0 if keys is None else keys.age_s,
-    )
+    metrics.keys_age.set_function(lambda: 0.0 if keys is None else keys.age_s)
     try:
         yield Access(settings, keys, tokens)
     finally:

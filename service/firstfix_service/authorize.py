@@ -15,8 +15,9 @@ from firstfix.grant import Scope
 
 from .caller import Caller
 from .client_address import client_address
-from .parts import Parts, PartsDep
+from .parts import Parts, parts_of
 from .request_scope import note
+from .settings import Settings
 
 PUBLIC = None
 # By the name of a route, which is that of its function.
@@ -38,7 +39,7 @@ SCOPES: dict[str, Scope | None] = {
 LIMITED = {"localize": "localize", "post_map": "build"}
 
 
-async def authorize(request: Request, parts: PartsDep) -> None:
+async def authorize(request: Request) -> None:
     """A dependency of every route. Leaves the ``Caller`` in ``request.state.caller``; where a map id stands
     in the path, or that of a build, the caller may go there. The map in a body or query is the route's to
     check.
@@ -49,8 +50,10 @@ async def authorize(request: Request, parts: PartsDep) -> None:
     """
     name = getattr(request.scope.get("route"), "name", "")
     scope = SCOPES.get(name, Scope.ADMIN)
-    if scope is PUBLIC or (name == "metrics" and parts.settings.metrics_public):
-        return
+    settings: Settings = request.app.state.settings
+    if scope is PUBLIC or (name == "metrics" and (settings.metrics_public or settings.auth != "on")):
+        return  # whether or not the store has answered yet
+    parts = await parts_of(request)
     caller = await parts.access.caller(_credential(request), _address(request, parts))
     request.state.caller = caller
     note(caller=caller.name)

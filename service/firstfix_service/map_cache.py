@@ -90,6 +90,12 @@ class MapCache:
         self.map_ids: tuple[str, ...] = ()  # of the last poll
         self.polled = False
 
+    @property
+    def serving(self) -> dict[str, str]:
+        """Map id to the version that answers when none is named, of the maps that were loaded."""
+        with self._lock:
+            return dict(self._serving)
+
     def get(self, map_id: str, version: str | None = None) -> ServedVersion:
         """A version to answer from: the named one, else the map's active one. Loads it if need be.
 

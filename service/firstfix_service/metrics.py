@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Info, ProcessCollector
 from prometheus_client.exposition import choose_encoder
@@ -132,6 +131,15 @@ class Metrics:
         self.zenoh_maps = Gauge(
             "firstfix_zenoh_maps", "Maps that this replica shows in zenoh by a token", registry=registry
         )
+        self.queries_admitted = Gauge(
+            "firstfix_queries_admitted", "Queries that wait or run", registry=registry
+        )
+        self.body_bytes = Gauge("firstfix_body_bytes", "Bytes of query bodies held", registry=registry)
+        self.keys_age = Gauge(
+            "firstfix_keys_age_seconds",
+            "Since the API keys were read; 0 without authentication",
+            registry=registry,
+        )
         self.samples = Counter(
             "firstfix_samples",
             "Queries chosen to be kept, and what became of them",
@@ -159,10 +167,6 @@ class Metrics:
             self.reasons.labels(reason.value)
         for state in FINAL_STATES:
             self.builds.labels(state)
-
-    def watch(self, name: str, text: str, value: Callable[[], float]) -> None:
-        """A gauge that is read when somebody asks."""
-        Gauge(name, text, registry=self.registry).set_function(value)
 
     def exposition(self, accept: str = "") -> tuple[bytes, str]:
         """The body of /metrics and its media type: Prometheus text, or OpenMetrics, which has exemplars, for

@@ -9,6 +9,7 @@ from fastapi import APIRouter, Request, Response
 import firstfix
 from firstfix.errors import Overloaded
 
+from .metrics import Metrics
 from .parts import PartsDep
 
 router = APIRouter(tags=["operations"])
@@ -31,6 +32,8 @@ async def readyz(parts: PartsDep) -> dict[str, Any]:
 
 
 @router.get("/metrics", include_in_schema=False)
-async def metrics(request: Request, parts: PartsDep) -> Response:
-    body, media_type = parts.metrics.exposition(request.headers.get("accept", ""))
+async def metrics(request: Request) -> Response:
+    """Also before the service is ready."""
+    counted: Metrics = request.app.state.metrics
+    body, media_type = counted.exposition(request.headers.get("accept", ""))
     return Response(body, headers={"Content-Type": media_type, "Vary": "Accept"})

@@ -39,7 +39,11 @@ class Parts:
 
 
 async def parts_of(request: Request) -> Parts:
-    parts: Parts = request.app.state.parts
+    """
+    Raises:
+        FirstfixError: they are not there yet, see ``firstfix_service.start``.
+    """
+    parts: Parts = request.app.state.start.parts
     return parts
 
 

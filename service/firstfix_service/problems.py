@@ -29,6 +29,7 @@ STATUS: dict[type[FirstfixError], int] = {
     errors.TooLarge: 413,
     errors.NotFound: 404,
     errors.Conflict: 409,
+    errors.ReadOnly: 403,
     errors.StoreError: 502,
     errors.StoreUnavailable: 503,
     errors.StoreUnsafe: 502,

@@ -93,7 +93,9 @@ class Settings(BaseSettings):
     zenoh_connect: tuple[str, ...] = Field(
         (), description="zenoh routers or peers to connect to, without a config file"
     )
-    zenoh_max_message_bytes: int = Field(64 * MIB, ge=1, description="of one zenoh message")
+    zenoh_max_message_bytes: int = Field(
+        96 * MIB, ge=1, description="of one zenoh message; a longer one is dropped unseen, without an answer"
+    )
     replica: str | None = Field(
         None, pattern="^[a-z0-9][a-z0-9_-]{0,62}$", description="name of this replica; default: a random one"
     )
@@ -153,6 +155,10 @@ class Settings(BaseSettings):
     )
     auth_failures_per_min: float = Field(
         60.0, ge=0, description="of one address until it is answered 429; 0: any number"
+    )
+
+    read_only: bool = Field(
+        False, description="change nothing in the store: no write probe, no builds, POST /maps is refused"
     )
 
     @property

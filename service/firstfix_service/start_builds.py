@@ -29,6 +29,8 @@ def start_builds(
 ) -> BuildQueue | None:
     """The queue, running until the stack is closed; None when another process runs the builds that this
     one records."""
+    if settings.read_only:
+        return None
     if settings.nats_enabled:
         queue: BuildQueue = NatsBuildQueue(settings, catalog, metrics)
         run_with(stack, queue.run(), "build-queue")

@@ -2,31 +2,31 @@
 
     firstfix/{map_id}/localize             one queryable for every map this replica can serve (complete)
     firstfix/{map_id}/localize/{replica}   this replica alone; a liveliness token for each map
+    firstfix/@any/localize                 several maps, named by the parameter ``map=a,b``, or without it all
+    firstfix/@any/localize/{replica}       this replica alone; a liveliness token
 
-The options are selector parameters, the payload the same bytes as the HTTP body, its encoding the media
-type. Parameters ``content_encoding``, ``request_id`` and ``traceparent`` stand for HTTP's headers. Errors
-are replied as the same problem documents.
+No map can have the name ``@any``, and no wildcard meets it. The options are selector parameters, the
+payload the same bytes as the HTTP body, its encoding the media type. Parameters ``content_encoding``,
+``request_id`` and ``traceparent`` stand for HTTP's headers, the attachment for the credential of its header
+Authorization, without the word Bearer. Errors are replied as the same problem documents.
 """
 
 from __future__ import annotations
 
 import asyncio
-import json
 import threading
 import time
-from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent import futures
-from concurrent.futures import Future
-from dataclasses import dataclass
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 import structlog
 import zenoh
 
-from firstfix.errors import FirstfixError, InvalidOption, TooLarge, Unauthorized
+from firstfix.errors import FirstfixError, InvalidOption, Overloaded, TooLarge
 from firstfix.grant import Scope
-from firstfix.ids import check_map_id
 from firstfix.localization import Localization
 
 from . import problems
@@ -37,27 +37,18 @@ from .pool import QueryPool
 from .problems import problem_of
 from .request_scope import Requests, note
 from .settings import Settings
-from .zenoh_log import PARAMETERS, TRANSPORT, logged_query
+from .zenoh_config import session_config
+from .zenoh_log import TRANSPORT, logged_query
+from .zenoh_query import ANY_MAP, ZenohQuery, credential_of, key_of, read_query
 
 _log = structlog.get_logger(__name__)
-CONTENT_ENCODING = "content_encoding"
 TRUSTED = "zenoh"  # name of whoever got through zenoh's own access rules
-MAX_CREDENTIAL_BYTES = 16 << 10
 DRAIN_S = 10.0  # for queries under way when the service stops
-
-
-@dataclass(frozen=True)
-class _Asked:
-    """A query as it came."""
-
-    map_id: str
-    media_type: str
-    content_encoding: str | None
-    options: dict[str, str]
+REPLY_THREADS = 4
 
 
 class ZenohEndpoint:
-    """Opens a session and answers in it until it is closed."""
+    """Opens a session, and from the first ``show_maps`` on answers in it until it is closed."""
 
     def __init__(
         self,
@@ -82,58 +73,66 @@ class ZenohEndpoint:
         self._loop = loop
         self._requests = requests
         self._max_body_bytes = settings.max_body_bytes
+        self._max_pending = settings.workers + settings.queue_size
+        self._max_inflight_bytes = settings.max_inflight_bytes
         self._tokens: dict[str, Any] = {}
         self._tokens_lock = threading.Lock()
         self._closed = False
-        self._pending: set[Future[None]] = set()
+        self._pending: dict[Future[None], int] = {}  # queries not answered yet, to the bytes they hold
+        # A reply waits for an asker who does not take it in: the event loop must not.
+        self._replies = ThreadPoolExecutor(REPLY_THREADS, thread_name_prefix="zenoh-reply")
+        self._queryables: list[Any] = []
         try:
-            self._session = zenoh.open(session_config(settings))
+            self.session = zenoh.open(session_config(settings))
         except zenoh.ZError as error:
             raise InvalidOption(f"zenoh: {error}") from None
-        self._queryables = [
-            self._session.declare_queryable(key, self._on_query, complete=True)
-            for key in ("firstfix/*/localize", f"firstfix/*/localize/{replica}")
-        ]
 
     def show_maps(self, map_ids: Iterable[str]) -> None:
-        """Keeps one liveliness token a map. Thread-safe."""
-        wanted = set(map_ids)
+        """Keeps one liveliness token a map, and one for any. Thread-safe."""
+        wanted = {key_of(map_id) for map_id in (ANY_MAP, *map_ids)}
         with self._tokens_lock:
             if self._closed:
                 return
-            for map_id in wanted - self._tokens.keys():
-                key = f"firstfix/{map_id}/localize/{self.replica}"
-                self._tokens[map_id] = self._session.liveliness().declare_token(key)
-            for map_id in self._tokens.keys() - wanted:
-                self._tokens.pop(map_id).undeclare()
+            if not self._queryables:
+                for key in (key_of("*"), key_of(ANY_MAP)):
+                    for form in (key, f"{key}/{self.replica}"):
+                        queryable = self.session.declare_queryable(form, self._on_query, complete=True)
+                        self._queryables.append(queryable)
+            for key in wanted - self._tokens.keys():
+                self._tokens[key] = self.session.liveliness().declare_token(f"{key}/{self.replica}")
+            for key in self._tokens.keys() - wanted:
+                self._tokens.pop(key).undeclare()
 
     @property
     def connections(self) -> int:
         """Routers, peers and clients that this session is connected with."""
-        return 0 if self._closed else len(self._session.info.transports())
+        return 0 if self._closed else len(self.session.info.transports())
 
     @property
     def maps_shown(self) -> int:
         """Maps with a liveliness token."""
-        return len(self._tokens)
+        return sum(not key.startswith(key_of(ANY_MAP)) for key in list(self._tokens))
 
     def close(self) -> None:
-        """Takes the tokens and keys back first, so that nobody new comes; answers who is there; closes."""
+        """Takes the tokens and keys back first, so that nobody new comes; answers who is there; closes.
+        Who comes all the same is told so."""
         with self._tokens_lock:
             self._closed = True
             for token in self._tokens.values():
                 token.undeclare()
             self._tokens.clear()
-        for queryable in self._queryables:
-            queryable.undeclare()
-        futures.wait(self._pending.copy(), timeout=DRAIN_S)
-        self._session.close()
+            for queryable in self._queryables:
+                queryable.undeclare()
+        futures.wait(list(self._pending), timeout=DRAIN_S)
+        self.session.close()
+        self._replies.shutdown(wait=False)
 
     def _on_query(self, query: Any) -> None:
         """zenoh's callbacks come one after the other: nothing is done here but to hand over."""
         arrived = time.monotonic()
+        size = 0 if query.payload is None else len(query.payload)
         try:
-            self._pool.check_room()
+            self._check_room(size)
         except FirstfixError as error:  # before its payload is copied
             with query, logged_query(self._requests, query, arrived):
                 self._use_case.count(TRANSPORT, error)
@@ -144,48 +143,75 @@ class ZenohEndpoint:
         except RuntimeError:  # the loop has ended with the service
             query.drop()
             return
-        self._pending.add(future)
-        future.add_done_callback(self._pending.discard)
-        future.add_done_callback(_log_defect)
+        self._pending[future] = size
+        future.add_done_callback(self._ended)
+
+    def _check_room(self, size: int) -> None:
+        """
+        Raises:
+            TooLarge: over the limit of one body.
+            Overloaded: the service stops; the pool is full; so many queries wait for it already that it
+                will be; or their bodies together would take too much.
+        """
+        if size > self._max_body_bytes:
+            raise TooLarge(f"the body has {size} bytes, the limit is {self._max_body_bytes}")
+        if self._closed:
+            raise Overloaded("the service is stopping")
+        self._pool.check_room()
+        held = list(self._pending.values())
+        if len(held) >= self._max_pending:
+            raise Overloaded(f"{self._max_pending} queries wait or run: try again")
+        if held and sum(held) + size > self._max_inflight_bytes:
+            raise Overloaded("too many bodies arrive at the same time: try again")
+
+    def _ended(self, future: Future[None]) -> None:
+        self._pending.pop(future, None)
+        if not future.cancelled() and (error := future.exception()) is not None:
+            # A reply that could not be sent: the session is closing, or the asker has gone.
+            _log.warning("no reply could be sent", error=repr(error))
 
     async def _answer(self, query: Any, arrived: float) -> None:
-        with query, logged_query(self._requests, query, arrived):
+        with logged_query(self._requests, query, arrived):
             try:
                 asked = read_query(query)
-                caller = await self._caller(query, asked)
+                caller = await self._caller(query)
                 note(caller=caller.name)
                 answer = await self._localize(query, asked, caller, arrived)
             except Exception as error:
                 if not isinstance(error, FirstfixError):
                     _log.exception("unexpected error", key=str(query.key_expr))
                 self._use_case.count(TRANSPORT, error)
-                _reply_error(query, error)
+                await self._reply(query, partial(_reply_error, query, error))
                 # its frames hold the body, in a ring that only the collector would find, some time
                 error.__traceback__ = None
                 return
             self._use_case.count(TRANSPORT, answer)
             # The key has to be one that the query's own covers: it may ask for every replica.
-            key = f"firstfix/{asked.map_id}/localize"
-            own = f"{key}/{self.replica}"
-            to_this_replica = query.key_expr.intersects(zenoh.KeyExpr(own))
-            query.reply(own if to_this_replica else key, to_json(answer), encoding="application/json")
+            own = f"{asked.key}/{self.replica}"
+            key = own if query.key_expr.intersects(zenoh.KeyExpr(own)) else asked.key
+            await self._reply(query, partial(query.reply, key, to_json(answer), encoding="application/json"))
 
-    async def _caller(self, query: Any, asked: _Asked) -> Caller:
+    async def _reply(self, query: Any, send: Callable[[], None]) -> None:
+        def reply() -> None:
+            with query:
+                send()
+
+        await self._loop.run_in_executor(self._replies, reply)
+
+    async def _caller(self, query: Any) -> Caller:
         """
         Raises:
-            Unauthorized, Forbidden, RateLimited: as ``Access`` says.
+            Unauthorized, Forbidden, RateLimited: as ``Access`` says. Which maps are the caller's the use
+                case checks.
         """
         if self._trusted:
             return Caller(TRUSTED)
-        caller = await self._access.check(credential_of(query), Scope.LOCALIZE, asked.map_id)
+        caller = await self._access.check(credential_of(query), Scope.LOCALIZE, None)
         self._access.take("localize", caller)
         return caller
 
-    async def _localize(self, query: Any, asked: _Asked, caller: Caller, arrived: float) -> Localization:
+    async def _localize(self, query: Any, asked: ZenohQuery, caller: Caller, arrived: float) -> Localization:
         payload = query.payload  # None: an empty body, as over HTTP
-        size = 0 if payload is None else len(payload)
-        if size > self._max_body_bytes:
-            raise TooLarge(f"the body has {size} bytes, the limit is {self._max_body_bytes}")
         return await self._use_case.localize(
             b"" if payload is None else payload.to_bytes(),
             asked.media_type,
@@ -197,64 +223,5 @@ class ZenohEndpoint:
         )
 
 
-def credential_of(query: Any) -> str | None:
-    """The API key or token that stands in a query's attachment.
-
-    Raises:
-        Unauthorized: the attachment is none.
-    """
-    attachment = query.attachment
-    if attachment is None:
-        return None
-    if len(attachment) > MAX_CREDENTIAL_BYTES:
-        raise Unauthorized(f"an attachment holds a credential of up to {MAX_CREDENTIAL_BYTES} bytes")
-    return attachment.to_bytes().decode("ascii", "replace")
-
-
-def read_query(query: Any) -> _Asked:
-    """
-    Raises:
-        InvalidOption: its key names no single map, or a parameter stands twice.
-    """
-    parts = str(query.key_expr).split("/")
-    map_id = check_map_id(parts[1] if len(parts) > 1 else "")
-    pairs = list(query.parameters)
-    twice = sorted(name for name, count in Counter(name for name, _ in pairs).items() if count > 1)
-    if twice:
-        raise InvalidOption(f"given more than once: {', '.join(twice)}")
-    # Names that begin with an underscore are zenoh's own.
-    options = {name: value for name, value in pairs if not name.startswith("_") and name not in PARAMETERS}
-    content_encoding = options.pop(CONTENT_ENCODING, None)
-    media_type = "" if query.encoding is None else str(query.encoding)
-    return _Asked(map_id, media_type, content_encoding, options)
-
-
-def session_config(settings: Settings) -> Any:
-    """The operator's file as it is, else a peer on the given endpoints that looks for nobody.
-
-    Raises:
-        InvalidOption: the file cannot be read.
-    """
-    try:
-        if settings.zenoh_config is not None:
-            config = zenoh.Config.from_file(str(settings.zenoh_config))
-        else:
-            config = zenoh.Config()
-            config.insert_json5("mode", '"peer"')
-            config.insert_json5("listen/endpoints", json.dumps(settings.zenoh_listen))
-            config.insert_json5("connect/endpoints", json.dumps(settings.zenoh_connect))
-            config.insert_json5("scouting/multicast/enabled", "false")
-        config.insert_json5("transport/link/rx/max_message_size", str(settings.zenoh_max_message_bytes))
-    except zenoh.ZError as error:
-        raise InvalidOption(f"zenoh config: {error}") from None
-    return config
-
-
 def _reply_error(query: Any, error: BaseException) -> None:
     query.reply_err(problem_of(error).body, encoding=problems.MEDIA_TYPE)
-
-
-def _log_defect(future: Future[None]) -> None:
-    """A reply that could not be sent: the session is closing, or the asker has gone."""
-    if not future.cancelled() and (error := future.exception()) is not None:
-        _log.warning("no reply could be sent", error=repr(error))

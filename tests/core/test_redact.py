@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from firstfix.redact import redact, redactor
+from firstfix.redact import HIDDEN, redact, redactor
 
 KEY = f"ffx_0123456789ab_{'5e' * 32}"
 JWT = "eyJhbGciOiJFUzI1NiJ9.eyJzdWIiOiJyb2JvdCJ9.c2lnbmF0dXJl-_A"
@@ -102,3 +102,8 @@ def test_values_of_the_environment_are_hidden_whatever_their_form():
 )
 def test_a_long_line_costs_no_more_than_its_length(line: str):
     assert redact(line)[:2] == line[:2]  # with a quadratic pattern a megabyte takes hours
+
+
+def test_a_secret_that_is_not_there_leaves_json_as_it_is():
+    line = json.dumps({"nats_credentials": None, "token": None, "password": "abc12345"})
+    assert json.loads(redact(line)) == {"nats_credentials": None, "token": None, "password": HIDDEN}

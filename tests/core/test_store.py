@@ -1,4 +1,4 @@
-"""The one store interface on a directory, in memory and on a real S3 server."""
+"""The one store interface on a directory, in memory, on a real S3 server and on Azurite."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from firstfix import store as store_module
+from firstfix import store_backend
 from firstfix.errors import InvalidOption, NotFound, StoreError, StoreUnavailable, StoreUnsafe
 from firstfix.store import Store
 from firstfix.store_url import StoreUrl
@@ -195,7 +196,7 @@ def test_a_prefix_is_a_folder_of_its_own(s3_url: str) -> None:
 def test_a_store_out_of_reach_says_so_soon(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("AWS_ACCESS_KEY_ID", "nobody")
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "sesame")
-    monkeypatch.setattr(store_module, "_RETRY", {"max_retries": 1})
+    monkeypatch.setattr(store_backend, "_RETRY", {"max_retries": 1})
     store = Store.open("s3://bucket?endpoint=http://127.0.0.1:9&allow_http=true&region=r")
     for call in (store.get, store.list, store.exists, lambda key: store.put_new(key, b"")):
         with pytest.raises(StoreUnavailable) as caught:

@@ -184,6 +184,8 @@ def running_service(directory: Path, **changes: Any) -> Iterator[Service]:
     try:
         if settings.zenoh_enabled:
             session = client_session(endpoint)
+            token = f"firstfix/@any/localize/{settings.replica or '*'}"
+            wait_for(lambda: list(session.liveliness().get(token, timeout=5)))
         url = f"http://127.0.0.1:{port}"
         with httpx.Client(base_url=url, timeout=30) as http:
             catalog = Catalog(Store.open(settings.store))

@@ -128,7 +128,7 @@ def test_the_store_is_timed_and_its_failures_counted(tmp_path: Path, monkeypatch
 
 
 def test_every_operation_of_the_store_is_metered():
-    derived = {"open", "open_at", "exists", "list", "local_path", "probe"}
+    derived = {"open", "open_at", "exists", "list", "local_path", "probe", "remove_leftovers"}
     public = {name for name in vars(Store) if not name.startswith("_")}
     assert public == derived | set(OPERATIONS)
 
@@ -302,7 +302,7 @@ def shown(registry: CollectorRegistry) -> dict[str, set[str]]:
 
 
 def test_dashboard_and_alerts_ask_for_what_a_running_service_shows(service: Service):
-    there = shown(service.app.state.parts.metrics.registry)
+    there = shown(service.app.state.metrics.registry)
     for name, _ in samples(service):
         there.setdefault(name, set())
     expressions = [*dashboard_expressions(), *(str(rule["expr"]) for rule in alert_rules())]

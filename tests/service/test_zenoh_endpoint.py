@@ -25,7 +25,7 @@ from service_world import (
 from firstfix.errors import InvalidOption
 from firstfix_service.app import create_app
 from firstfix_service.settings import Settings
-from firstfix_service.zenoh_endpoint import session_config
+from firstfix_service.zenoh_config import session_config
 
 
 def tokens(session: Any, map_id: str) -> set[str]:

@@ -19,7 +19,9 @@ from firstfix.scan_sequence import ScanSequence
 from .client import Client
 from .errors import ServiceUnreachable
 from .records import BuildStatus, MapInfo, VersionInfo
+from .replica_info import ReplicaInfo
 from .retry import RetryPolicy
+from .version_watch import VersionChange, VersionWatch
 from .zenoh_client import ZenohClient
 
 __all__ = [
@@ -29,11 +31,14 @@ __all__ = [
     "LocalizeOptions",
     "MapInfo",
     "Prior",
+    "ReplicaInfo",
     "RetryPolicy",
     "Scan",
     "ScanSequence",
     "ServiceUnreachable",
     "Verdict",
+    "VersionChange",
     "VersionInfo",
+    "VersionWatch",
     "ZenohClient",
 ]

@@ -1,4 +1,4 @@
-"""Which replicas of a map are alive, by their zenoh liveliness tokens."""
+"""Which replicas are alive, by their zenoh liveliness tokens."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ FIRST_LOOK_S = 1.0
 
 
 class LiveReplicas:
-    """The live replicas of each map that was asked for, kept current by their tokens. Thread-safe."""
+    """The live replicas behind each key that was asked for, kept current by their tokens. Thread-safe."""
 
     def __init__(self, session: Any) -> None:
         self._session = session
@@ -18,13 +18,13 @@ class LiveReplicas:
         self._watching = threading.Lock()  # held over calls into zenoh
         self._changing = threading.Lock()  # taken by zenoh's callbacks, so never held over such calls
 
-    def of(self, map_id: str) -> list[str]:
-        """Keys ``firstfix/{map_id}/localize/{replica}`` whose replica is alive, sorted."""
+    def of(self, shared: str) -> list[str]:
+        """Keys ``{shared}/{replica}`` whose replica is alive, sorted."""
         with self._watching:
-            if map_id not in self._keys:
-                self._keys[map_id] = self._watch(f"firstfix/{map_id}/localize/*")
+            if shared not in self._keys:
+                self._keys[shared] = self._watch(f"{shared}/*")
         with self._changing:
-            return sorted(self._keys[map_id])
+            return sorted(self._keys[shared])
 
     def _watch(self, pattern: str) -> set[str]:
         replies = self._session.liveliness().get(pattern, timeout=FIRST_LOOK_S)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import random
 import time
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, TypeVar
 
 from firstfix.errors import FirstfixError, InvalidOption
 from firstfix.ids import check_map_id
@@ -18,10 +19,16 @@ from firstfix.scan_sequence import ScanSequence
 from .credential import credential
 from .errors import PASSING, ServiceUnreachable, error_of_problem
 from .live_replicas import LiveReplicas
+from .records import MapInfo
+from .replica_info import ReplicaInfo
 from .retry import Deadline, RetryPolicy
 from .scan_body import ScanLike, encoded
+from .version_watch import VersionWatch
 
+T = TypeVar("T")
 MAX_MESSAGE_BYTES = 16 << 20
+MAPS = "firstfix/maps"
+LOOK_S = 1.0
 
 
 class ZenohClient:
@@ -81,28 +88,92 @@ class ZenohClient:
     def localize(
         self, scan: ScanLike | ScanSequence, *, map_id: str, options: LocalizeOptions | None = None
     ) -> Localization:
-        """As ``Client.localize``, in one named map.
+        """As ``Client.localize``.
+
+        Args:
+            map_id: one map, several separated by commas, or empty: all that are served. Where there are
+                several, their places compete.
 
         Raises:
             InputError: the scan or an option cannot be used.
-            NotFound: the replicas serve no such version.
-            ServiceUnreachable: no replica of this map answered.
+            NotFound: the replicas serve no such map or version.
+            ServiceUnreachable: no replica answered.
         """
-        check_map_id(map_id)  # a key expression with wildcards would ask every map
+        names = [check_map_id(name) for name in map_id.split(",")] if map_id else []
+        shared = f"firstfix/{names[0] if len(names) == 1 else '@any'}/localize"
         media_type, body = encoded(scan, resolution_m=self._resolution_m, voxel_m=self._voxel_m)
         parameters = (options or LocalizeOptions()).to_strings()
+        if len(names) > 1:
+            parameters["map"] = ",".join(names)
+
+        def ask(key: str, left_s: float) -> Any:
+            told = {"deadline_ms": str(max(1, int(left_s * 1000))), **parameters}
+            return self._first_answer(key, left_s, told, payload=body, encoding=media_type)
+
+        def choose(tried: set[str]) -> str:
+            fresh = [key for key in self._replicas.of(shared) if key not in tried]
+            return random.choice(fresh) if fresh else shared
+
+        return self._retried(shared, choose, ask, Localization.from_mapping)
+
+    def maps(self) -> list[MapInfo]:
+        """Every map that the replica which answers can localize in.
+
+        Raises:
+            ServiceUnreachable: no replica answered.
+        """
+        return self._retried(
+            MAPS,
+            lambda tried: MAPS,
+            self._first_answer,
+            lambda data: [MapInfo.from_mapping(item) for item in data["maps"]],
+        )
+
+    def replicas(self) -> list[ReplicaInfo]:
+        """Every replica that answers within a second; none is no error."""
+        replies = self._session.get(
+            "firstfix/@replicas/*", target=self._zenoh.QueryTarget.ALL, timeout=LOOK_S
+        )
+        found = [json.loads(reply.ok.payload.to_bytes()) for reply in replies if reply.ok is not None]
+        return sorted((ReplicaInfo.from_mapping(item) for item in found), key=lambda one: one.replica)
+
+    def watch_versions(self, *, look_every_s: float = 10.0) -> VersionWatch:
+        """Changes of the maps' active versions, as they happen: an iterator that is to be closed.
+
+        Args:
+            look_every_s: how often it makes sure that no notice was lost.
+        """
+        return VersionWatch(self._session, look_every_s)
+
+    def _retried(
+        self,
+        shared: str,
+        choose: Callable[[set[str]], str],
+        ask: Callable[[str, float], bytes | FirstfixError | ServiceUnreachable],
+        read: Callable[[Any], T],
+    ) -> T:
+        """Asks one key after the other until somebody answers, or the timeout or the attempts are over.
+
+        Args:
+            shared: the key of all of them, the last one to be asked.
+            choose: a key that is not among those that were asked, else the shared one.
+        """
         deadline = Deadline(self._timeout_s)
         tried: set[str] = set()
         attempt = 0
         while True:
             attempt += 1
-            key, others = self._choose(map_id, tried)
+            key = choose(tried)
+            others = key != shared
             tried.add(key)
             left_s = deadline.remaining_s()
             # a replica that hangs must leave time for another one
-            reply = self._ask(key, media_type, body, parameters, left_s / 2 if others else left_s)
-            if isinstance(reply, Localization):
-                return reply
+            reply = ask(key, left_s / 2 if others else left_s)
+            if isinstance(reply, bytes):
+                try:
+                    return read(json.loads(reply))
+                except (ValueError, KeyError, TypeError, AttributeError) as error:
+                    raise FirstfixError(f"{key} answered nothing this client can read: {error!r}") from None
             wait_s = self._retry.wait_s(attempt)
             passing = isinstance(reply, (*PASSING, ServiceUnreachable))
             if not passing or attempt >= self._retry.attempts:
@@ -113,34 +184,16 @@ class ZenohClient:
                 time.sleep(wait_s)
                 tried.clear()
 
-    def _choose(self, map_id: str, tried: set[str]) -> tuple[str, bool]:
-        """A key to ask, and whether there is another one after it."""
-        shared = f"firstfix/{map_id}/localize"
-        fresh = [key for key in self._replicas.of(map_id) if key not in tried]
-        if fresh:
-            return random.choice(fresh), True
-        return shared, False
-
-    def _ask(
-        self, key: str, media_type: str, body: bytes, parameters: dict[str, str], timeout_s: float
-    ) -> Localization | FirstfixError | ServiceUnreachable:
-        told = {"deadline_ms": str(max(1, int(timeout_s * 1000))), **parameters}
-        replies = self._session.get(
-            self._zenoh.Selector(key, told),
-            payload=body,
-            encoding=media_type,
-            attachment=self._api_key,
-            timeout=timeout_s,
-        )
-        for reply in replies:
-            if reply.ok is None:
-                # without a problem document it is zenoh's own word: a timeout
-                problem = error_of_problem(reply.err.payload.to_bytes())
-                return problem or ServiceUnreachable(f"no answer on {key} within {timeout_s:.3g} s")
-            try:
-                return Localization.from_mapping(json.loads(reply.ok.payload.to_bytes()))
-            except (ValueError, KeyError, TypeError, AttributeError) as error:
-                return FirstfixError(f"{key} answered nothing this client can read: {error!r}")
+    def _first_answer(
+        self, key: str, timeout_s: float, parameters: Mapping[str, str] | None = None, **sent: Any
+    ) -> bytes | FirstfixError | ServiceUnreachable:
+        selector = self._zenoh.Selector(key, dict(parameters or {}))
+        for reply in self._session.get(selector, timeout=timeout_s, attachment=self._api_key, **sent):
+            if reply.ok is not None:
+                return reply.ok.payload.to_bytes()
+            # without a problem document it is zenoh's own word: a timeout
+            problem = error_of_problem(reply.err.payload.to_bytes())
+            return problem or ServiceUnreachable(f"no answer on {key} within {timeout_s:.3g} s")
         return ServiceUnreachable(f"nobody answers on {key}")
 
     def _settings(self, endpoint: str | None, config: Path | str | None) -> Any:

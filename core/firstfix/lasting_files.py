@@ -1,0 +1,49 @@
+"""Files that are still there after a power cut: they are synced to disk, and so are their folders."""
+
+from __future__ import annotations
+
+import os
+import re
+from contextlib import suppress
+from datetime import datetime
+from pathlib import Path
+
+_PART = re.compile(r".+#\d+")  # obstore's own name for a file that is being written; no key has a '#'
+
+
+class LastingFiles:
+    """The objects of a file store, below one directory. Thread-safe."""
+
+    def __init__(self, root: Path) -> None:
+        self._root = root
+        self._lasting_folders: set[Path] = set()  # their own entry in their parent is on disk
+
+    def sync(self, key: str) -> None:
+        """Brings an object to disk, and the entries of the folders that lead to it."""
+        path = self._root / key
+        _sync(path)
+        _sync(path.parent)
+        folder = path.parent
+        while folder != self._root and folder not in self._lasting_folders:
+            _sync(folder.parent)
+            self._lasting_folders.add(folder)
+            folder = folder.parent
+
+    def remove_parts(self, before: datetime) -> list[str]:
+        """Removes what puts left that were killed before that time: files that no listing shows."""
+        removed = []
+        for path in self._root.rglob("*#*"):
+            with suppress(FileNotFoundError):
+                if _PART.fullmatch(path.name) and path.stat().st_mtime <= before.timestamp():
+                    path.unlink()
+                    removed.append(path.relative_to(self._root).as_posix())
+        return removed
+
+
+def _sync(path: Path) -> None:
+    with suppress(FileNotFoundError):  # somebody removed it since
+        handle = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)

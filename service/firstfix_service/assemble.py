@@ -1,0 +1,165 @@
+"""The service's parts, started in the order in which they need each other."""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+import time
+import uuid
+from collections.abc import Callable
+from contextlib import AsyncExitStack
+from pathlib import Path
+
+import structlog
+
+import firstfix
+from firstfix.catalog import Catalog
+from firstfix.errors import InvalidOption, StoreUnavailable
+from firstfix.query_samples import QuerySamples
+from firstfix.store import Store
+
+from .access import open_access
+from .exposure import check_exposure
+from .health import Health
+from .localize import LocalizeUseCase
+from .map_cache import LocalizesScans, MapCache
+from .map_poller import MapPoller
+from .metered_store import metered
+from .metrics import Metrics
+from .parts import Parts
+from .pool import QueryPool
+from .query_recorder import QueryRecorder
+from .request_body import BodyReader
+from .request_scope import Requests
+from .sample_keeper import SampleKeeper, SamplePolicy
+from .settings import Settings
+from .settings_summary import settings_summary
+from .start_builds import start_builds
+from .tracing import start_tracing
+
+_log = structlog.get_logger(__name__)
+ABANDONED_UPLOAD_S = 86400.0
+
+
+async def assemble(
+    settings: Settings,
+    metrics: Metrics,
+    requests: Requests,
+    load: Callable[[Path], LocalizesScans],
+    stack: AsyncExitStack,
+) -> Parts:
+    """Starts everything in order; the stack stops it in the reverse order. May be tried again."""
+    check_exposure(settings)
+    replica = settings.replica or uuid.uuid4().hex[:12]
+    await _start_tracing(requests, replica, stack)
+    store = metered(await asyncio.to_thread(_open_store, settings), metrics)
+    access = await stack.enter_async_context(open_access(settings, store, metrics))
+    catalog = Catalog(store)
+    await asyncio.to_thread(_remove_abandoned_uploads, settings.work_dir / "uploads")
+    maps = MapCache(
+        catalog,
+        settings.cache_dir,
+        metrics,
+        max_versions=settings.cache_max_versions,
+        max_bytes=settings.cache_max_bytes,
+        load=load,
+    )
+    pool = QueryPool(settings.workers, settings.queue_size)
+    stack.push_async_callback(asyncio.to_thread, pool.close)
+    metrics.queries_admitted.set_function(lambda: pool.admitted)
+    bodies = BodyReader(settings.max_body_bytes, settings.max_inflight_bytes, settings.body_timeout_s)
+    metrics.body_bytes.set_function(lambda: bodies.inflight_bytes)
+    samples = await _start_samples(settings, store, metrics, stack)
+    recorder = QueryRecorder(metrics, requests, samples)
+    use_case = LocalizeUseCase(maps, pool, recorder, max_decoded_bytes=settings.max_decoded_bytes)
+    health = Health(maps, pool, metrics)
+    builds = start_builds(settings, catalog, metrics, stack)
+    parts = Parts(settings, metrics, catalog, maps, pool, use_case, bodies, builds, health, access)
+    show = await _start_zenoh(parts, replica, requests, stack) if settings.zenoh_enabled else None
+
+    def polled() -> None:
+        health.catalog_read()
+        if show is not None:
+            show()
+
+    poller = MapPoller(maps, settings.poll_interval_s, polled, health.catalog_failed)
+    poller.start()
+    stack.push_async_callback(asyncio.to_thread, poller.close)
+    _log.info(
+        "ready to take requests",
+        version=firstfix.__version__,
+        tracing=requests.tracing is not None,
+        settings=settings_summary(settings),
+    )
+    return parts
+
+
+def _open_store(settings: Settings) -> Store:
+    try:
+        store = Store.open(settings.store, read_only=settings.read_only)
+    except StoreUnavailable as error:  # a directory that cannot be had: waiting does not mend it
+        raise InvalidOption(str(error)) from None
+    store.probe()
+    return store
+
+
+async def _start_tracing(requests: Requests, replica: str, stack: AsyncExitStack) -> None:
+    requests.tracing = await asyncio.to_thread(start_tracing, replica)
+    if requests.tracing is not None:
+        stack.push_async_callback(asyncio.to_thread, requests.tracing.close)
+
+
+async def _start_samples(
+    settings: Settings, store: Store, metrics: Metrics, stack: AsyncExitStack
+) -> SampleKeeper | None:
+    policy = SamplePolicy.of(settings)
+    if not policy.is_on:
+        return None
+    if settings.samples_store is not None:
+        store = metered(await asyncio.to_thread(Store.open, settings.samples_store), metrics)
+    keeper = SampleKeeper(QuerySamples(store), policy, metrics)
+    keeper.start()
+    stack.push_async_callback(asyncio.to_thread, keeper.close)
+    return keeper
+
+
+async def _start_zenoh(
+    parts: Parts, replica: str, requests: Requests, stack: AsyncExitStack
+) -> Callable[[], None]:
+    """Answers over zenoh. What it gives keeps what is shown there in step, after every poll."""
+    from .zenoh_catalog import ZenohCatalog
+    from .zenoh_endpoint import ZenohEndpoint
+
+    settings, loop = parts.settings, asyncio.get_running_loop()
+    endpoint = await asyncio.to_thread(
+        ZenohEndpoint, settings, replica, parts.use_case, parts.pool, parts.access, loop, requests
+    )
+    stack.push_async_callback(asyncio.to_thread, endpoint.close)
+    parts.metrics.zenoh_connections.set_function(lambda: endpoint.connections)
+    parts.metrics.zenoh_maps.set_function(lambda: endpoint.maps_shown)
+    shown = None
+    # These keys ask for no credential: where callers need one, only zenoh's own rules may open them.
+    if settings.auth != "on" or settings.zenoh_trusted:
+
+        def load() -> dict[str, int]:
+            return {"queries": parts.pool.admitted, "limit": settings.workers + settings.queue_size}
+
+        shown = ZenohCatalog(endpoint.session, replica, parts.maps, parts.catalog, load)
+        stack.push_async_callback(asyncio.to_thread, shown.close)
+    _log.info("answering over zenoh", replica=replica)
+
+    def after_poll() -> None:
+        endpoint.show_maps(parts.maps.map_ids)
+        if shown is not None:
+            shown.update()
+
+    return after_poll
+
+
+def _remove_abandoned_uploads(directory: Path) -> None:
+    """What a killed service left; another one on this machine may be receiving the young ones."""
+    if not directory.is_dir():
+        return
+    for folder in directory.iterdir():
+        if time.time() - folder.stat().st_mtime > ABANDONED_UPLOAD_S:
+            shutil.rmtree(folder, ignore_errors=True)

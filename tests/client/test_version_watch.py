@@ -1,0 +1,110 @@
+"""The watch of versions against real zenoh sessions that tell late, twice, out of order, or nonsense."""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from firstfix_client import VersionChange, ZenohClient
+
+zenoh = pytest.importorskip("zenoh")
+
+
+class Teller:
+    """A router that is a replica as well, as far as versions go."""
+
+    def __init__(self) -> None:
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            self.endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+        config = zenoh.Config()
+        config.insert_json5("mode", '"router"')
+        config.insert_json5("listen/endpoints", json.dumps([self.endpoint]))
+        config.insert_json5("scouting/multicast/enabled", "false")
+        self.session = zenoh.open(config)
+        self.known: dict[str, dict[str, Any]] = {}
+        self.looks = threading.Semaphore(0)
+        self.queryable = self.session.declare_queryable("firstfix/*/version", self._asked, complete=True)
+
+    def _asked(self, query: Any) -> None:
+        with query:
+            for map_id, told in self.known.items():
+                query.reply(f"firstfix/{map_id}/version", json.dumps(told))
+        self.looks.release()
+
+    def tell(self, map_id: str, seq: int, version: str | None) -> None:
+        self.put(map_id, json.dumps({"map_id": map_id, "seq": seq, "version": version}))
+
+    def put(self, map_id: str, text: str) -> None:
+        self.session.put(f"firstfix/{map_id}/version", text)
+
+
+@pytest.fixture
+def teller() -> Iterator[Teller]:
+    made = Teller()
+    yield made
+    made.session.close()
+
+
+@pytest.fixture
+def client(teller: Teller) -> Iterator[ZenohClient]:
+    with ZenohClient(teller.endpoint) as connected:
+        yield connected
+
+
+def test_what_there_is_comes_first_then_what_changes(teller: Teller, client: ZenohClient):
+    teller.known = {"hall": {"map_id": "hall", "seq": 2, "version": "a"}}
+    with client.watch_versions() as watch:
+        assert next(watch) == VersionChange("hall", "a", None)
+        teller.tell("hall", 3, "b")
+        assert next(watch) == VersionChange("hall", "b", "a")
+        teller.tell("hall", 4, None)
+        assert next(watch) == VersionChange("hall", None, "b")
+
+
+def test_old_and_equal_notices_are_not_told(teller: Teller, client: ZenohClient):
+    teller.known = {"hall": {"map_id": "hall", "seq": 5, "version": "a"}}
+    with client.watch_versions() as watch:
+        next(watch)
+        teller.tell("hall", 5, "a")  # another replica's
+        teller.tell("hall", 4, "old")  # one that is late
+        teller.tell("hall", 6, "a")  # something else happened to the map
+        for nonsense in ("", "[]", "{}", '{"map_id": "hall", "seq": "x", "version": "y"}'):
+            teller.put("hall", nonsense)
+        teller.tell("hall", 7, "b")
+        assert next(watch) == VersionChange("hall", "b", "a")
+
+
+def test_a_lost_notice_is_made_good(teller: Teller, client: ZenohClient):
+    with client.watch_versions(look_every_s=0.1) as watch:
+        teller.known = {"hall": {"map_id": "hall", "seq": 2, "version": "a"}}
+        assert next(watch) == VersionChange("hall", "a", None)
+        teller.known = {"hall": {"map_id": "hall", "seq": 3, "version": "b"}}
+        assert next(watch) == VersionChange("hall", "b", "a")
+
+
+def test_a_slow_reader_gets_the_last_one(teller: Teller, client: ZenohClient):
+    teller.known = {"hall": {"map_id": "hall", "seq": 0, "version": "v0"}}
+    with client.watch_versions(look_every_s=3600) as watch:
+        assert next(watch).version == "v0"
+        for seq in range(1, 1001):
+            teller.tell("hall", seq, f"v{seq}")
+        while (change := next(watch)).version != "v1000":
+            assert int(str(change.version)[1:]) > int(str(change.previous)[1:])
+
+
+def test_it_ends_when_it_is_closed(teller: Teller, client: ZenohClient):
+    watch = client.watch_versions()
+    ended: list[VersionChange] = []
+    thread = threading.Thread(target=lambda: ended.extend(watch))
+    thread.start()
+    assert teller.looks.acquire(timeout=10)
+    watch.close()
+    watch.close()
+    thread.join(20)
+    assert not thread.is_alive()
+    assert ended == []

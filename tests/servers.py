@@ -1,0 +1,66 @@
+"""Real servers for the tests, as programs of this machine: found, started, waited for, ended."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+import subprocess
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+
+def program(name: str, how_to_get_it: str) -> str:
+    """The path of a program; without it the test is skipped and says how to get it."""
+    go_bin = os.environ.get("GOBIN") or str(Path(os.environ.get("GOPATH") or Path.home() / "go") / "bin")
+    found = shutil.which(name) or shutil.which(name, path=go_bin)
+    if found is None:
+        pytest.skip(f"no {name}: {how_to_get_it}")
+    return found
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@contextmanager
+def running(
+    command: list[str], port: int, log: Path, environment: Mapping[str, str] | None = None
+) -> Iterator[subprocess.Popen[bytes]]:
+    """A server that listens on a port of loopback; it is killed at the end."""
+    with log.open("ab") as out:
+        server = subprocess.Popen(
+            command, env={**os.environ, **(environment or {})}, cwd=log.parent, stdout=out, stderr=out
+        )
+    try:
+        deadline = time.monotonic() + 30
+        while True:
+            try:
+                socket.create_connection(("127.0.0.1", port), timeout=1).close()
+                break
+            except OSError:
+                if server.poll() is not None or time.monotonic() > deadline:
+                    pytest.fail(f"{command[0]} did not start: {log.read_text()[-1000:]}")
+                time.sleep(0.05)
+        yield server
+    finally:
+        server.kill()
+        server.wait()
+
+
+@contextmanager
+def running_versitygw(
+    folder: Path, port: int, access: str, secret: str, *options: str
+) -> Iterator[subprocess.Popen[bytes]]:
+    """An S3 server over ``folder/data``, whose subfolders are buckets."""
+    name = program("versitygw", "go install github.com/versity/versitygw/cmd/versitygw@latest")
+    command = [name, "--port", f"127.0.0.1:{port}", "--quiet", *options, "posix", str(folder / "data")]
+    environment = {"ROOT_ACCESS_KEY": access, "ROOT_SECRET_KEY": secret}
+    with running(command, port, folder / "log", environment) as server:
+        yield server

@@ -1,0 +1,78 @@
+"""A service whose object store is cut off, slow or half broken: a real S3 server behind toxiproxy."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from service_world import Service, running_service, wait_for
+
+from firstfix.catalog import Catalog
+from firstfix.manifest import Manifest
+from firstfix.store import Store
+from toxiproxy import Link
+
+SOON = {"deadline_ms": "2000"}  # no query of these may wait for the store
+FAULTS: dict[str, Callable[[Link], None]] = {
+    "cut": Link.cut,
+    "hangs": lambda link: link.poison("timeout", timeout=0),
+    "latency of 2 s": lambda link: link.poison("latency", latency=2000),
+    "10 kB/s": lambda link: link.poison("bandwidth", rate=10),
+    "resets": lambda link: link.poison("reset_peer", timeout=50),
+    "half answers": lambda link: link.poison("limit_data", bytes=100),
+}
+
+
+def publish(catalog: Catalog, label: str, scratch: Path, blob_bytes: int = 300_000) -> str:
+    """A version with a file that takes its time."""
+    folder = scratch / label
+    folder.mkdir(parents=True)
+    (folder / "label.txt").write_text(label)
+    (folder / "blob.bin").write_bytes(os.urandom(blob_bytes))
+    return catalog.publish("hall", folder, Manifest.for_directory(folder))
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_what_is_loaded_goes_on_and_what_is_new_comes_after(
+    broken_s3: tuple[str, Link], s3_url: str, tmp_path: Path, fault: str
+):
+    url, link = broken_s3
+    direct = Catalog(Store.open(s3_url))  # others reach the store
+    publish(direct, "1", tmp_path / "made")
+    with running_service(tmp_path, store=url) as service:
+        wait_for(lambda: service.http.get("/readyz").is_success)
+        FAULTS[fault](link)
+        second = publish(direct, "2", tmp_path / "made", 3_000_000)
+        end = time.monotonic() + 4
+        while time.monotonic() < end:  # through several polls
+            for transport in ("http", "zenoh"):
+                assert service.ask(transport, options=SOON).x == 1
+        assert service.http.get("/readyz").is_success
+        assert not (tmp_path / "cache" / second).exists(), "no half of it is seen"
+        link.mend()
+        began = time.monotonic()
+        wait_for(lambda: service.ask("http", options=SOON).x == 2, 60)
+        print(f"{fault}: new version {time.monotonic() - began:.1f} s after the store came back")
+
+
+def test_writing_into_a_store_that_is_gone_says_so(broken_s3: tuple[str, Link], tmp_path: Path):
+    url, link = broken_s3
+    with running_service(tmp_path, store=url, zenoh=False) as service:
+        wait_for(lambda: service.http.get("/readyz").is_success)
+        link.cut()
+        assert_unavailable(service, "POST", "/maps")
+        assert_unavailable(service, "GET", "/maps")
+        assert_unavailable(service, "GET", "/builds/none")
+        link.mend()
+        form = {"files": {"source": ("map.pcd", b"points")}, "data": {"map_id": "hall"}}
+        assert service.http.post("/maps", **form).status_code == 202
+
+
+def assert_unavailable(service: Service, method: str, path: str) -> None:
+    form = {"files": {"source": ("map.pcd", b"points")}, "data": {"map_id": "hall"}}
+    response = service.http.request(method, path, **(form if method == "POST" else {}))
+    assert (response.status_code, response.json()["code"]) == (503, "store_unavailable")
+    assert int(response.headers["retry-after"]) >= 1

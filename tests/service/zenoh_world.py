@@ -1,0 +1,146 @@
+"""The example files of deploy/zenoh at work: a router process, replicas and clients on loopback, over TLS."""
+
+from __future__ import annotations
+
+import datetime
+import ipaddress
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import zenoh
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from service_world import wait_for
+
+from servers import free_port, running
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "deploy" / "zenoh"
+_INSTALLED = "/etc/firstfix/zenoh"
+_ROUTER = "import sys, time, zenoh; s = zenoh.open(zenoh.Config.from_file(sys.argv[1])); time.sleep(3600)"
+
+
+class ZenohWorld:
+    """Attributes:
+    folder: with the example files, adapted in their paths and addresses alone, and certificates.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.port = free_port()
+        folder.mkdir()
+        for example in EXAMPLES.iterdir():
+            text = example.read_text().replace(_INSTALLED, str(folder))
+            text = text.replace("router.example:7447", f"127.0.0.1:{self.port}")
+            text = text.replace("[::]:7447", f"127.0.0.1:{self.port}")
+            (folder / example.name).write_text(text)
+        make_certificates(folder)
+
+    @contextmanager
+    def router(self) -> Iterator[subprocess.Popen[bytes]]:
+        command = [sys.executable, "-c", _ROUTER, str(self.folder / "router.json5")]
+        with running(command, self.port, self.folder / "router.log") as process:
+            yield process
+
+    def config_of(self, user: str, password: str | None = None) -> Path:
+        """The robots' file for another user."""
+        text = (self.folder / "robot.json5").read_text()
+        text = text.replace('"robot"', f'"{user}"').replace(
+            "change-me-robot", password or f"change-me-{user}"
+        )
+        path = self.folder / f"{user}-{password}.json5"
+        path.write_text(text)
+        return path
+
+    @contextmanager
+    def session(self, user: str) -> Iterator[zenoh.Session]:
+        session = zenoh.open(zenoh.Config.from_file(str(self.config_of(user))))
+        try:
+            yield session
+        finally:
+            session.close()
+
+    @contextmanager
+    def replica(
+        self, name: str, store: str, *, has_router: bool = True, **settings: str
+    ) -> Iterator[subprocess.Popen[bytes]]:
+        """A service process behind the router; yields when it shows a token there."""
+        environment = {
+            "FIRSTFIX_STORE": store,
+            "FIRSTFIX_PORT": "0",
+            "FIRSTFIX_CACHE_DIR": str(self.folder / name / "cache"),
+            "FIRSTFIX_WORK_DIR": str(self.folder / name / "work"),
+            "FIRSTFIX_POLL_INTERVAL_S": "0.2",
+            "FIRSTFIX_RUN_BUILDS": "false",
+            "FIRSTFIX_WORKERS": "2",
+            "FIRSTFIX_ZENOH_CONFIG": str(self.folder / "replica.json5"),
+            "FIRSTFIX_REPLICA": name,
+            **settings,
+        }
+        with (self.folder / f"{name}.log").open("ab") as log:
+            process = subprocess.Popen(
+                [sys.executable, str(Path(__file__).with_name("replica_process.py"))],
+                env={**os.environ, **environment},
+                stdout=log,
+                stderr=log,
+            )
+        try:
+            if has_router:
+                with self.session("robot") as session:
+                    wait_for(lambda: name in self.replicas(session) or process.poll() is not None, 60)
+            assert process.poll() is None, (self.folder / f"{name}.log").read_text()[-2000:]
+            yield process
+        finally:
+            process.send_signal(signal.SIGCONT)
+            process.kill()
+            process.wait()
+
+    def replicas(self, session: zenoh.Session, map_id: str = "@any") -> set[str]:
+        """Names of the replicas that show a token for a map."""
+        replies = session.liveliness().get(f"firstfix/{map_id}/localize/*", timeout=5)
+        return {str(reply.ok.key_expr).rsplit("/", 1)[1] for reply in replies if reply.ok is not None}
+
+
+def make_certificates(folder: Path) -> None:
+    """An authority (ca.pem) and, signed by it, the router's certificate and key for 127.0.0.1."""
+    authority_key, router_key = (
+        ec.generate_private_key(ec.SECP256R1()),
+        ec.generate_private_key(ec.SECP256R1()),
+    )
+    authority = _name("firstfix tests")
+    now = datetime.datetime.now(datetime.timezone.utc)
+
+    def certificate(subject: x509.Name, key: ec.EllipticCurvePrivateKey) -> x509.CertificateBuilder:
+        return (
+            x509.CertificateBuilder()
+            .subject_name(subject)
+            .issuer_name(authority)
+            .public_key(key.public_key())
+            .serial_number(x509.random_serial_number())
+            .not_valid_before(now - datetime.timedelta(hours=1))
+            .not_valid_after(now + datetime.timedelta(days=1))
+        )
+
+    constraint = x509.BasicConstraints(ca=True, path_length=None)
+    ca = certificate(authority, authority_key).add_extension(constraint, critical=True)
+    names = x509.SubjectAlternativeName([x509.IPAddress(ipaddress.ip_address("127.0.0.1"))])
+    router = certificate(_name("router"), router_key).add_extension(names, critical=False)
+    for path, builder in (("ca.pem", ca), ("router.pem", router)):
+        signed = builder.sign(authority_key, hashes.SHA256())
+        (folder / path).write_bytes(signed.public_bytes(serialization.Encoding.PEM))
+    (folder / "router.key").write_bytes(
+        router_key.private_bytes(
+            serialization.Encoding.PEM,
+            serialization.PrivateFormat.PKCS8,
+            serialization.NoEncryption(),
+        )
+    )
+
+
+def _name(common: str) -> x509.Name:
+    return x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, common)])
