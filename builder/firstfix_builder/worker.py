@@ -190,7 +190,8 @@ def _alone_in(work: Path) -> Iterator[None]:
 
 
 def _build_by_pipeline(source: Path, config: dict[str, Any], work: Path, **hooks: Any) -> Built:
-    from .config import BuildConfig
+    from firstfix.build_config import BuildConfig
+
     from .pipeline import build_version
 
     return build_version(source, BuildConfig.parse(config), work, **hooks)
