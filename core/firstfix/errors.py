@@ -6,12 +6,17 @@
     |  |- InvalidOption           an option or a config value is out of its range
     |  |- UnsupportedFormat       no reader for this media type or file ending
     |  |- MalformedData           the bytes contradict their own format
-    |  `- TooLarge                over a byte, point or expansion limit
+    |  |- TooLarge                over a byte, point or expansion limit
+    |  |- ChecksumMismatch        the bytes are not those that their sender hashed
+    |  |- NotAcceptable           the answer has no form that the caller takes
+    |  `- PreconditionFailed      the caller speaks another version of a protocol
     |- NotFound                   no such map, version or build
     |- Conflict                   it exists already, or its state forbids this
+    |  `- IdempotencyConflict     the key was used for another request
     |- StoreError                 the object store failed
     |  |- StoreUnavailable        it does not answer
-    |  `- StoreUnsafe             it lets a create-only put overwrite
+    |  |- StoreUnsafe             it lets a create-only put overwrite
+    |  `- OutOfSpace              there is no room for it
     |- VersionError               a published version cannot be served
     |  |- CorruptVersion          a file is missing or its sha256 differs
     |  `- IncompatibleVersion     made by a format this reader does not know
@@ -57,12 +62,28 @@ class TooLarge(InputError):
     code = "too_large"
 
 
+class ChecksumMismatch(InputError):
+    code = "checksum_mismatch"
+
+
+class NotAcceptable(InputError):
+    code = "not_acceptable"
+
+
+class PreconditionFailed(InputError):
+    code = "precondition_failed"
+
+
 class NotFound(FirstfixError):
     code = "not_found"
 
 
 class Conflict(FirstfixError):
     code = "conflict"
+
+
+class IdempotencyConflict(Conflict):
+    code = "idempotency_conflict"
 
 
 class StoreError(FirstfixError):
@@ -75,6 +96,10 @@ class StoreUnavailable(StoreError):
 
 class StoreUnsafe(StoreError):
     code = "store_unsafe"
+
+
+class OutOfSpace(StoreError):
+    code = "out_of_space"
 
 
 class VersionError(FirstfixError):

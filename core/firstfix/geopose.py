@@ -128,8 +128,8 @@ class Georeference:
         try:
             x, y, z, w = (float(v) for v in data["quaternion"])
             ax, ay, az = (float(v) for v in data["anchor_m"])
-            where = (float(data[name]) for name in ("latitude_deg", "longitude_deg", "height_m"))
-            return cls(*where, (x, y, z, w), (ax, ay, az))
+            lat, lon, h = (float(data[name]) for name in ("latitude_deg", "longitude_deg", "height_m"))
+            return cls(lat, lon, h, (x, y, z, w), (ax, ay, az))
         except (KeyError, TypeError, ValueError) as error:
             raise InvalidOption(f"no georeference: {error!r}") from None
 

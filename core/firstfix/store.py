@@ -11,8 +11,10 @@ import builtins
 import hashlib
 import os
 import re
+import shutil
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -140,6 +142,22 @@ class Store:
         self._sync(key)
         return True
 
+    def put_pieces(self, key: str, pieces: Iterable[bytes]) -> None:
+        """Puts one object from its pieces, a few of which are in memory at a time. Where a piece cannot be
+        had the error leaves, and there is no object: so it can be checked as it passes."""
+        check_key(key)
+        source = iter(pieces)
+        with ThreadPoolExecutor(1, thread_name_prefix="pieces") as other:
+
+            def made() -> Iterator[bytes]:
+                # obstore asks from within its event loop, where a piece's maker could not call obstore
+                while (piece := other.submit(next, source, None).result()) is not None:
+                    yield piece
+
+            with _translated(key, writing=True):
+                obstore.put(self._backend, key, made(), chunk_size=CHUNK_BYTES, max_concurrency=2)
+        self._sync(key)
+
     def get(self, key: str) -> bytes:
         """The whole object.
 
@@ -249,6 +267,10 @@ class Store:
         if not path.is_file():
             raise NotFound(f"no object {key}")
         return path
+
+    def free_bytes(self) -> int | None:
+        """What still fits on the disk of a file store; None for other stores, which do not tell."""
+        return None if self._root is None else shutil.disk_usage(self._root).free
 
     def probe(self) -> None:
         """Puts a key twice: every promise of this project rests on the second put losing.
