@@ -249,10 +249,18 @@ class Store:
         return sorted(path.rstrip("/").rsplit("/", 1)[-1] for path in found)
 
     def delete(self, key: str) -> None:
-        """Removes an object; one that is not there is no error."""
+        """Removes an object; one that is not there is no error. In a file store the folders go that it
+        leaves empty, but the uppermost: other stores have none."""
         check_key(key)
         with suppress(NotFound), _translated(key):
             obstore.delete(self._backend, key)
+        if self._root is not None:
+            folder = (self._root / key).parent
+            with suppress(OSError):  # it is not empty, or somebody removed it
+                while self._root not in (folder, folder.parent):
+                    folder.rmdir()
+                    self._lasting_folders.discard(folder)
+                    folder = folder.parent
 
     def local_path(self, key: str) -> Path | None:
         """The object as a file of a file store, to map in place; None for other stores.
