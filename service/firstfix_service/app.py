@@ -6,24 +6,42 @@ import asyncio
 import shutil
 import time
 import uuid
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import structlog
 from fastapi import FastAPI
 
 import firstfix
 from firstfix.catalog import Catalog
+from firstfix.georeferences import Georeferences
 from firstfix.store import Store
+from firstfix.uploads import Uploads
 
-from . import http_builds, http_localize, http_maps, operations, problems
+from . import (
+    http_build_events,
+    http_builds,
+    http_garbage,
+    http_georeference,
+    http_localize,
+    http_maps,
+    http_uploads,
+    http_versions,
+    operations,
+    problems,
+)
 from .build_queue import BuildQueue, builder_is_installed
+from .georeference_cache import GeoreferenceCache
+from .janitor import keep_clean
 from .localize import LocalizeUseCase
 from .map_cache import LocalizesScans, MapCache, load_localizer
 from .map_poller import MapPoller
 from .metrics import Metrics
+from .openapi import DocumentedApp
 from .parts import Parts
+from .places import Places
 from .pool import QueryPool
 from .request_body import BodyReader
 from .request_log import RequestLog
@@ -63,11 +81,11 @@ def create_app(settings: Settings, *, load: Callable[[Path], LocalizesScans] = l
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         async with AsyncExitStack() as stack:
-            app.state.parts = await _start(settings, metrics, load, stack)
+            app.state.parts = await _start(settings, metrics, load, stack, app.state.closing)
             _log.info("ready to take requests", store=settings.store)
             yield
 
-    app = FastAPI(
+    app = DocumentedApp(
         title="firstfix",
         version=firstfix.__version__,
         summary="The first fix for LiDAR robots: one scan in, the pose in the map out.",
@@ -76,7 +94,18 @@ def create_app(settings: Settings, *, load: Callable[[Path], LocalizesScans] = l
         redoc_url=None,
         responses={"default": _PROBLEM},
     )
-    for module in (http_localize, http_maps, http_builds, operations):
+    app.state.closing = asyncio.Event()
+    for module in (
+        http_localize,
+        http_maps,
+        http_versions,
+        http_georeference,
+        http_uploads,
+        http_builds,
+        http_build_events,
+        http_garbage,
+        operations,
+    ):
         app.include_router(module.router)
     problems.add_handlers(app)
     app.add_middleware(RequestLog, metrics=metrics)
@@ -85,7 +114,11 @@ def create_app(settings: Settings, *, load: Callable[[Path], LocalizesScans] = l
 
 
 async def _start(
-    settings: Settings, metrics: Metrics, load: Callable[[Path], LocalizesScans], stack: AsyncExitStack
+    settings: Settings,
+    metrics: Metrics,
+    load: Callable[[Path], LocalizesScans],
+    stack: AsyncExitStack,
+    closing: asyncio.Event,
 ) -> Parts:
     """Starts everything in order; the stack stops it in the reverse order."""
     store = await asyncio.to_thread(_open_store, settings.store)
@@ -106,10 +139,27 @@ async def _start(
     metrics.watch("firstfix_body_bytes", "Bytes of query bodies held", lambda: bodies.inflight_bytes)
     use_case = LocalizeUseCase(maps, pool, metrics, max_decoded_bytes=settings.max_decoded_bytes)
     builds = _start_builds(settings, catalog, metrics, stack)
+    _start_task(keep_clean(catalog), "janitor", stack)
+    georeferences = Georeferences(store)
     poller = await _start_poller(settings, maps, use_case, pool, stack)
     poller.start()
     stack.push_async_callback(asyncio.to_thread, poller.close)
-    return Parts(settings, metrics, catalog, maps, pool, use_case, bodies, builds)
+    return Parts(
+        settings,
+        metrics,
+        catalog,
+        maps,
+        pool,
+        use_case,
+        bodies,
+        builds,
+        Uploads(store),
+        Places(settings.max_upload_streams, "uploads"),
+        Places(settings.max_event_streams, "streams of events"),
+        georeferences,
+        GeoreferenceCache(georeferences, settings.georeference_ttl_s),
+        closing,
+    )
 
 
 def _open_store(url: str) -> Store:
@@ -132,7 +182,13 @@ def _start_builds(
         work_dir=settings.work_dir,
         niceness=settings.build_niceness,
     )
-    task = asyncio.create_task(builds.run(), name="build-queue")
+    _start_task(builds.run(), "build-queue", stack)
+    return builds
+
+
+def _start_task(work: Coroutine[Any, Any, None], name: str, stack: AsyncExitStack) -> None:
+    """Runs it until the stack stops it."""
+    task = asyncio.create_task(work, name=name)
 
     async def stop() -> None:
         task.cancel()
@@ -140,7 +196,6 @@ def _start_builds(
             await task
 
     stack.push_async_callback(stop)
-    return builds
 
 
 async def _start_poller(

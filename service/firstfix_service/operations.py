@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from fastapi import APIRouter, Response
 
 from firstfix.errors import Overloaded
 
+from .api_models import Health, Readiness
 from .metrics import MEDIA_TYPE
 from .parts import PartsDep
 
@@ -15,18 +14,18 @@ router = APIRouter(tags=["operations"])
 
 
 @router.get("/healthz")
-async def healthz() -> dict[str, str]:
+async def healthz() -> Health:
     """The process answers."""
-    return {"status": "ok"}
+    return Health(status="ok")
 
 
 @router.get("/readyz")
-async def readyz(parts: PartsDep) -> dict[str, Any]:
+async def readyz(parts: PartsDep) -> Readiness:
     """Send queries here: the catalog was read and what fits is loaded. Stays so when the store fails
     later, as what is loaded goes on answering."""
     if not parts.maps.polled:
         raise Overloaded("the maps are being loaded")
-    return {"status": "ready", "maps": len(parts.maps.map_ids)}
+    return Readiness(status="ready", maps=len(parts.maps.map_ids))
 
 
 @router.get("/metrics", include_in_schema=False)

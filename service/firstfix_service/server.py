@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
+import socket
 
 import structlog
 import uvicorn
@@ -34,6 +35,18 @@ def uvicorn_config(app: FastAPI, settings: Settings) -> uvicorn.Config:
     )
 
 
+class Server(uvicorn.Server):
+    """The server of an app: it ends streams of events before it waits for what else is under way."""
+
+    def __init__(self, app: FastAPI, settings: Settings) -> None:
+        super().__init__(uvicorn_config(app, settings))
+        self._app = app
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        self._app.state.closing.set()
+        await super().shutdown(sockets)
+
+
 def serve(settings: Settings) -> None:
     """Serves until SIGINT or SIGTERM.
 
@@ -43,7 +56,7 @@ def serve(settings: Settings) -> None:
     set_up_logging(settings.log_level, as_json=settings.log_json)
     if not is_loopback(settings.host):
         _log.warning("listening beyond this machine without authentication", host=settings.host)
-    uvicorn.Server(uvicorn_config(create_app(settings), settings)).run()
+    Server(create_app(settings), settings).run()
 
 
 def is_loopback(host: str) -> bool:

@@ -1,4 +1,4 @@
-"""Stands in for firstfix_builder.worker: does what the request's config says, over the real store."""
+"""Stands in for firstfix_builder.worker: does what its config's sensor is called, over the real store."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def main() -> int:
     chosen = parser.parse_args()
     catalog = Catalog(Store.open(chosen.store))
     request = catalog.build_request(chosen.build)
-    map_id, do = request["map_id"], request["config"].get("do", "succeed")
+    map_id, do = request["map_id"], request["config"].get("sensor", {}).get("name", "succeed")
     work = Path(chosen.work)
     with (work / "order.txt").open("a") as file:
         file.write(f"{map_id} {os.getpriority(os.PRIO_PROCESS, 0)} {os.getpid()}\n")
