@@ -6,6 +6,8 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from .answer_models import Position, Quaternion
+
 _VERSION = "5a4ce3b4178946d0a2e1d4f1c3b7a9586e0f2d4c6b8a19375d3e5f7091b2c4d6"
 _BUILD = "20250301t120000000000-1f2e3d4c"
 
@@ -169,11 +171,11 @@ class GeoreferenceBody(BaseModel):
         description="where the map's x axis points, counter-clockwise from east: 0 is east, 90 is north. "
         "A compass heading h is 90 - h",
     )
-    quaternion: tuple[float, float, float, float] | None = Field(
-        None, description="x, y, z, w, of length 1: turns map axes into east, north, up at the anchor"
+    quaternion: Quaternion | None = Field(
+        None, description="of length 1: turns map axes into east, north, up at the anchor"
     )
-    anchor_m: tuple[float, float, float] = Field(
-        (0.0, 0.0, 0.0),
+    anchor_m: Position = Field(
+        [0.0, 0.0, 0.0],
         description="the point, in map coordinates: the map's origin, or for a map in projected coordinates "
         "(UTM) one in the middle of it",
     )
@@ -184,9 +186,9 @@ class GeoreferenceRecord(BaseModel):
     latitude_deg: float
     longitude_deg: float
     height_m: float
-    quaternion: tuple[float, float, float, float]
+    quaternion: Quaternion
     x_axis_deg: float
-    anchor_m: tuple[float, float, float]
+    anchor_m: Position
 
 
 class Health(BaseModel):

@@ -55,10 +55,11 @@ def _georeference(body: GeoreferenceBody) -> Georeference:
     if (body.x_axis_deg is None) == (body.quaternion is None):
         raise InvalidOption("a georeference has one of x_axis_deg and quaternion")
     where = (body.latitude_deg, body.longitude_deg, body.height_m)
-    if body.quaternion is not None:
-        return Georeference(*where, body.quaternion, body.anchor_m)
-    assert body.x_axis_deg is not None
-    return Georeference.with_heading(*where, body.x_axis_deg, body.anchor_m)
+    ax, ay, az = body.anchor_m
+    if body.quaternion is None:
+        return Georeference.with_heading(*where, body.x_axis_deg or 0.0, (ax, ay, az))
+    x, y, z, w = body.quaternion
+    return Georeference(*where, (x, y, z, w), (ax, ay, az))
 
 
 def _set(parts: Parts, map_id: str, georeference: Georeference | None) -> None:
