@@ -213,6 +213,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         metavar="DIR",
         help="sources may be file:// URLs below it; may be repeated",
     )
+    parser.add_argument(
+        "--source-url",
+        action="append",
+        default=[],
+        metavar="PREFIX",
+        help="sources may be http or https URLs below it; may be repeated",
+    )
     chosen = parser.parse_args(arguments)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s %(message)s")
     # Here, not above: it takes seconds, and a stop meanwhile leaves the build queued.
@@ -225,7 +232,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             chosen.work,
             _build_by_pipeline,
             STAGES,
-            policy=SourcePolicy(chosen.max_source_bytes, tuple(chosen.source_root)),
+            policy=SourcePolicy(chosen.max_source_bytes, tuple(chosen.source_root), tuple(chosen.source_url)),
             own_process=True,
         )
     except StoreUnavailable as error:

@@ -178,12 +178,18 @@ def _start_builds(
         catalog,
         metrics,
         store_url=settings.store,
-        command=settings.build_command,
+        command=(*settings.build_command, *_source_url_options(settings)),
         work_dir=settings.work_dir,
         niceness=settings.build_niceness,
     )
     _start_task(builds.run(), "build-queue", stack)
     return builds
+
+
+def _source_url_options(settings: Settings) -> list[str]:
+    """The worker asks for itself which servers it may fetch from: what is on record does not say."""
+    allowed = [url for url in settings.source_urls if url.startswith(("http://", "https://"))]
+    return [option for url in allowed for option in ("--source-url", url)]
 
 
 def _start_task(work: Coroutine[Any, Any, None], name: str, stack: AsyncExitStack) -> None:

@@ -16,12 +16,12 @@ from firstfix.catalog import source_key
 from firstfix.errors import InvalidOption
 from firstfix.ids import check_map_id, check_upload_id
 from firstfix.manifest import sha256_of
+from firstfix.source_policy import check_source_url
 
 from .disk_space import check_free_disk
 from .json_body import parse_object, read_object
 from .parts import Parts
 from .request_body import declared_length
-from .source_policy import check_source_url
 from .upload import UploadedFile, harmless_name, receive_form
 
 _TEXTS, _FILES = {"map_id", "config"}, {"source", "trajectory"}
