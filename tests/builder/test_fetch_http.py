@@ -70,9 +70,7 @@ def says(status: int, body: bytes = b"", length: int | None = None, **headers: s
 
 def test_a_file_arrives(server: Server, tmp_path: Path):
     server.answers = [says(200, DATA)]
-    path = fetch_source(
-        "memory://", Store.open("memory://"), "hall", {"url": server.url}, "hall.ply", tmp_path
-    )
+    path = fetched(server, tmp_path, SourcePolicy(urls=(server.url.rsplit("/", 1)[0],)))
     assert path.read_bytes() == DATA
     assert path.suffix == ".ply"
     assert server.asked[0]["accept-encoding"] == "identity"
