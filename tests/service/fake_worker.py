@@ -18,6 +18,7 @@ def main() -> int:
     parser = argparse.ArgumentParser()
     for name in ("--store", "--build", "--work"):
         parser.add_argument(name, required=True)
+    parser.add_argument("--source-url", action="append", default=[])
     chosen = parser.parse_args()
     catalog = Catalog(Store.open(chosen.store))
     request = catalog.build_request(chosen.build)
@@ -25,6 +26,7 @@ def main() -> int:
     work = Path(chosen.work)
     with (work / "order.txt").open("a") as file:
         file.write(f"{map_id} {os.getpriority(os.PRIO_PROCESS, 0)} {os.getpid()}\n")
+    (work / "source_urls.txt").write_text(" ".join(chosen.source_url))
     catalog.set_build_status(
         chosen.build, new_status("running", map_id=map_id, stage="describe", progress=0.5)
     )

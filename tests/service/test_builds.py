@@ -173,6 +173,13 @@ def test_a_url_has_to_be_allowed(tmp_path: Path):
         }
 
 
+def test_the_worker_is_told_which_servers_it_may_fetch_from(tmp_path: Path):
+    allowed = ("s3://maps/", "https://files.example.org/maps/")
+    with building_service(tmp_path, source_urls=allowed) as service:
+        assert wait_until_ended(service, upload(service))["state"] == "succeeded"
+    assert (tmp_path / "work/source_urls.txt").read_text() == "https://files.example.org/maps/"
+
+
 @pytest.mark.parametrize(
     ("body", "code"),
     [
