@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from firstfix.build_config import BuildConfig
 from firstfix.catalog import Catalog
 from firstfix.decode import read_scan_file
 from firstfix.localizer import Localizer
@@ -26,7 +27,6 @@ from firstfix.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.store import Store
 from firstfix.transform import Matrix
-from firstfix_builder.config import BuildConfig
 from firstfix_cli.evaluate import Outcome, outcome_of, random_yaws, report_of, turned
 from firstfix_cli.local_service import local_service
 from firstfix_cli.poses_csv import PosedScan, read_poses_csv

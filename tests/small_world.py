@@ -68,7 +68,7 @@ def small_map(small_world: SmallWorld, tmp_path_factory: pytest.TempPathFactory)
 @pytest.fixture(scope="session")
 def small_version(small_map: Path, tmp_path_factory: pytest.TempPathFactory):
     """Its version, built once: a ``firstfix_builder.pipeline.BuiltVersion``."""
-    from firstfix_builder.config import BuildConfig
+    from firstfix.build_config import BuildConfig
     from firstfix_builder.pipeline import build_version
 
     return build_version(small_map, BuildConfig.parse(CONFIG), tmp_path_factory.mktemp("work"))
@@ -86,9 +86,10 @@ def small_work(small_version, tmp_path: Path) -> Path:
 @pytest.fixture(scope="session")
 def small_scans(small_world: SmallWorld, small_version):
     """Disturbed scans between the version's templates: (Scan, T_map_sensor)."""
+    from firstfix.build_config import DisturbConfig
     from firstfix.map_index import MapIndex
     from firstfix.sensor import SensorModel
-    from firstfix_builder.disturb import DisturbConfig, disturbed_scans
+    from firstfix_builder.disturb import disturbed_scans
     from firstfix_builder.simulate import Simulator
 
     positions = MapIndex.load(small_version.directory).cascade.templates.position_m

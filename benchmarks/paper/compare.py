@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from firstfix.build_config import EngineOverrides
 from firstfix.calibration import Calibration
 from firstfix.cascade import Cascade
 from firstfix.clusters import Clusters
@@ -17,7 +18,6 @@ from firstfix.map_index import MapIndex
 from firstfix.map_view import MapView
 from firstfix.registration import MapSurface
 from firstfix.transform import pose_error
-from firstfix_builder.config import EngineOverrides
 from firstfix_builder.fit_engine import fit_engine
 from firstfix_builder.visible_points import map_surface
 

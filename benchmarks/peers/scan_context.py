@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from firstfix.build_config import BuildConfig
 from firstfix.map_index import MapIndex
 from firstfix.preprocess import preprocess
 from firstfix.scan import Scan
 from firstfix.scan_sequence import ScanSequence
 from firstfix.transform import Matrix, inverse, make_transform, rotation_z
-from firstfix_builder.config import BuildConfig
 
 from .place import PeerPlace
 

@@ -17,9 +17,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from firstfix.build_config import BuildConfig
 from firstfix.localizer import Localizer
 from firstfix.map_index import MapIndex
-from firstfix_builder.config import BuildConfig
 from firstfix_builder.pipeline import build_version
 from firstfix_builder.stage_cache import StageCache
 

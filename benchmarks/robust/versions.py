@@ -5,10 +5,10 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from firstfix.build_config import BuildConfig
 from firstfix.localizer import Localizer
 from firstfix.map_index import MapIndex
 from firstfix.sensor import SensorModel, preset
-from firstfix_builder.config import BuildConfig
 from firstfix_builder.pipeline import build_version
 
 from ..worlds import BenchWorld, Scenery

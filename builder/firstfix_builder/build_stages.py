@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from firstfix.build_config import BuildConfig
 from firstfix.calibration import Calibration
 from firstfix.clusters import Clusters
 from firstfix.engine_config import EngineConfig
@@ -28,7 +29,6 @@ from firstfix.transform import inverse, make_transform, transform_points
 
 from .clean_cloud import clean_cloud, point_spacing_m
 from .cluster import cluster_templates
-from .config import BuildConfig
 from .content_hash import content_hash
 from .fit_engine import fit_engine
 from .fit_spacing import sample_fitting_viewpoints

@@ -4,30 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 from scipy.spatial import cKDTree
 
-from firstfix.engine_config import Stage
+from firstfix.build_config import CleanConfig
 from firstfix.errors import BuildFailed
 
 SPACING_SAMPLES = 50_000
 RING = 8  # the neighbours of a point of a raster
 RING_RADIUS = 2**0.5  # the corners of that ring, in spacings; for random points it is 1.6
 VOXEL_GROWTH = 1.25
-
-
-class CleanConfig(Stage):
-    """Attributes:
-    voxel_m: points of one voxel become their mean; None keeps every point.
-    max_points: the voxel grows until the cloud is below this: what bounds the time of a build.
-    radius_spacings: the neighbourhood of a point, in point spacings.
-    min_neighbours: a point with fewer neighbours there is a stray; 0 keeps all.
-    """
-
-    voxel_m: float | None = Field(0.08, gt=0, le=10)
-    max_points: int = Field(4_000_000, ge=1_000)
-    radius_spacings: float = Field(4.0, gt=0, le=100)
-    min_neighbours: int = Field(3, ge=0, le=100)
 
 
 def clean_cloud(points: NDArray[np.float64], config: CleanConfig) -> NDArray[np.float64]:

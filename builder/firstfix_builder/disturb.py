@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
-from firstfix.engine_config import Stage
+from firstfix.build_config import DisturbConfig
 from firstfix.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, make_transform, rotation_z
@@ -29,17 +28,6 @@ class _Occluder:
 
 _PERSON = _Occluder((1.0, 6.0), (0.3, 1.0), 0.6)
 _STRANGER = _Occluder((3.0, 15.0), (1.0, 4.0), 1.0)
-
-
-class DisturbConfig(Stage):
-    """Standard deviations and means of what goes wrong in a scan."""
-
-    noise_m: float = Field(0.02, ge=0, le=1)
-    dropout: float = Field(0.1, ge=0, lt=1)
-    occluders: float = Field(6.0, ge=0, le=100, description="passers-by, on average")
-    strangers: float = Field(3.0, ge=0, le=100, description="car-sized things that the map lacks, on average")
-    height_m: float = Field(0.05, ge=0, le=1)
-    tilt_deg: float = Field(2.0, ge=0, le=45)
 
 
 def disturbed_scans(

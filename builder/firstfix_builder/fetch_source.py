@@ -8,12 +8,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 from firstfix.catalog import source_key
 from firstfix.errors import BuildFailed, InvalidOption, NotFound, StoreError, TooLarge
 from firstfix.manifest import sha256_of
+from firstfix.source_policy import check_source_url
 from firstfix.store import Store
 from firstfix.store_url import StoreUrl
+
+from .fetch_http import fetch_http
 
 DEFAULT_MAX_BYTES = 32 << 30
 _ODD = re.compile(r"[^A-Za-z0-9._-]")
@@ -27,10 +31,13 @@ class SourcePolicy:
         max_bytes: of one file.
         roots: folders that ``file://`` URLs may point into; requests come over the network, so none
             by default.
+        urls: prefixes of http and https URLs that are fetched; none by default, as a worker that fetches
+            anything is a way into the network behind it.
     """
 
     max_bytes: int = DEFAULT_MAX_BYTES
     roots: tuple[Path, ...] = ()
+    urls: tuple[str, ...] = ()
 
 
 def fetch_source(
@@ -67,6 +74,9 @@ def fetch_source(
         return path
     url = str(named.get("url", ""))
     path = folder / hashlib.sha256(url.encode()).hexdigest() / _safe_name(file_name)
+    if urlsplit(url).scheme in ("http", "https"):
+        fetch_http(check_source_url(url, policy.urls), path, policy.max_bytes)
+        return path
     where = _allowed(url, StoreUrl.parse(store_url), policy.roots)
     parent, _, name = where.prefix.rpartition("/")
     # Fetched anew in every run: unlike an upload, what stands at a URL may have changed.

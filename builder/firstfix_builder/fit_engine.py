@@ -20,7 +20,7 @@ from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix
 
 if TYPE_CHECKING:
-    from .config import EngineOverrides
+    from firstfix.build_config import EngineOverrides
 
 
 def fit_engine(

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from firstfix.build_config import ViewpointConfig
 from firstfix.sensor import SensorModel
 
 from .simulate import Simulator
 from .templates import view_distance_m
-from .viewpoints import DEFAULT_SPACING_M, ViewpointConfig, Viewpoints, sample_viewpoints
+from .viewpoints import DEFAULT_SPACING_M, Viewpoints, sample_viewpoints
 
 ROOM_SPACING_M = 0.5
 ROOM_VIEW_M = 12.0  # where one sees less far, a metre aside is another view: half the metre doubles the finds

@@ -11,12 +11,12 @@ from concurrent.futures import Executor
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 from scipy.linalg import eigh
 from scipy.spatial import cKDTree
 
+from firstfix.build_config import LearnKeysConfig
 from firstfix.descriptor import Described
-from firstfix.engine_config import EngineConfig, Stage
+from firstfix.engine_config import EngineConfig
 from firstfix.errors import BuildCancelled
 from firstfix.preprocess import preprocess
 from firstfix.scan import Scan
@@ -25,25 +25,10 @@ from firstfix.sensor import SensorModel
 from firstfix.templates import Templates
 from firstfix.transform import Matrix
 
-from .disturb import DisturbConfig, disturbed_scans
+from .disturb import disturbed_scans
 from .simulate import Simulator
 
 COMPARED_TEMPLATES = 10_000  # enough for their covariance: the keys of 100k at once are gigabytes
-
-
-class LearnKeysConfig(Stage):
-    """Attributes:
-    scans: simulated to learn from; 0: keys stay as the descriptor makes them.
-    numbers: of a projected key.
-    shrinkage: how little the directions of the disturbances are believed. With little of it a key
-        finds more of the scans it was taught, and less of another scanner's or of a half hidden one's.
-    """
-
-    scans: int = Field(1500, ge=0, le=100_000)
-    numbers: int = Field(128, ge=1, le=10_000)
-    shrinkage: float = Field(0.7, ge=0.01, le=1)
-    seed: int = 21
-    disturb: DisturbConfig = DisturbConfig()
 
 
 def learn_keys(

@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from firstfix.build_config import BuildConfig
 from firstfix.clusters import Clusters
 from firstfix.manifest import Manifest
 from firstfix.map_index import ENGINE_FILE, MAP_FILE
 from firstfix.shared_stages import SharedStages
 
 from .build_stages import BuildStages, Progress, engine_of, link
-from .config import BuildConfig
 from .die_with_parent import die_with_parent
 from .stage_cache import StageCache, StageResult
 

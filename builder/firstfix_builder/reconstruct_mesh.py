@@ -9,9 +9,8 @@ from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
-from firstfix.engine_config import Stage
+from firstfix.build_config import ReconstructConfig
 from firstfix.errors import BuildCancelled, BuildFailed
 
 from .clean_cloud import surface_spacing_m
@@ -24,29 +23,6 @@ POLL_S = 0.5
 PLACE_STEP_M = 0.5
 SIGHT_RANGE_M = 100.0  # a scanner further than this from a square was not what saw it
 SIGHT_CELLS = 1.5
-
-
-class ReconstructConfig(Stage):
-    """Lengths follow the spacing of the points on the surface, unless given.
-
-    Attributes:
-        cell_m: edge of the finest Poisson cell; None: cell_spacings point spacings.
-        cell_spacings: see cell_m.
-        trim_spacings: surface further than this from every point is cut away.
-        normal_spacings, normal_neighbours: a normal is taken from at most so many points so near.
-        point_weight: how hard the surface is pulled to the points; the less, the smoother.
-        tile_cells: edge of a tile in cells; its square bounds memory.
-        margin_cells: what a tile looks at around its square, so that neighbours agree where they meet.
-    """
-
-    cell_m: float | None = Field(None, gt=0, le=10)
-    cell_spacings: float = Field(1.2, gt=0, le=20)
-    trim_spacings: float = Field(2.0, gt=0, le=100)
-    normal_spacings: float = Field(4.0, gt=1, le=100)
-    normal_neighbours: int = Field(20, ge=3, le=200)
-    point_weight: float = Field(1.0, ge=0, le=100)
-    tile_cells: int = Field(384, ge=32, le=4096)
-    margin_cells: int = Field(12, ge=2, le=256)
 
 
 def reconstruct_mesh(

@@ -13,10 +13,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from pydantic import Field
 
+from firstfix.build_config import SelfTestConfig
 from firstfix.calibration import Calibration
-from firstfix.engine_config import Stage
 from firstfix.errors import BuildCancelled
 from firstfix.evidence import Evidence, evidence
 from firstfix.localization import Localization
@@ -25,7 +24,7 @@ from firstfix.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, inverse, pose_error
 
-from .disturb import DisturbConfig, disturbed_scans, elsewhere
+from .disturb import disturbed_scans, elsewhere
 from .localizability import Spot, grid_of
 from .reliability import Case, fit, reliability_of
 from .simulate import Simulator
@@ -33,15 +32,6 @@ from .simulate import Simulator
 RIGHT_M, RIGHT_DEG = 1.0, 10.0  # further off than this, a fix is a false one
 ABSENT_BEYOND_M = 3.0  # from the true place: what is nearer would not be in the map without it either
 ABSENT_WEIGHT = 0.25  # robots are mostly where their map is
-
-
-class SelfTestConfig(Stage):
-    """How much is tested."""
-
-    queries: int = Field(160, ge=0, le=100_000)
-    outside: int = Field(40, ge=0, le=100_000)
-    seed: int = 20
-    disturb: DisturbConfig = DisturbConfig()
 
 
 @dataclass(frozen=True)

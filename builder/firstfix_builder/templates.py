@@ -7,10 +7,8 @@ from concurrent.futures import Executor
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from firstfix.descriptor import Descriptor, ScanBatch
-from firstfix.engine_config import Stage
 from firstfix.errors import BuildCancelled
 from firstfix.sensor import SensorModel
 from firstfix.templates import Templates
@@ -18,12 +16,6 @@ from firstfix.templates import Templates
 from .simulate import Simulator
 
 SCANS_AT_ONCE = 128
-
-
-class SimulateConfig(Stage):
-    """How finely templates are cast: the descriptor's cells are coarser than most sensors' rays."""
-
-    max_rays: int = Field(16_384, ge=500, le=1_000_000)
 
 
 def upright(positions: NDArray[np.floating]) -> NDArray[np.float64]:

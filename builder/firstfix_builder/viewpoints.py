@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 from scipy.spatial import cKDTree
 
-from firstfix.engine_config import Stage
+from firstfix.build_config import ViewpointConfig
 from firstfix.errors import BuildFailed
 
 from .choose_parts import likely_parts, parts_under
@@ -25,28 +23,6 @@ PLANE_REACH_M = 0.5
 MAX_COLUMNS = 50e6  # 2.3 km square at 1/3 m
 HEAD_ROOM_M = 0.1  # over the sensor
 STOREY_GAP_M = 1.0
-
-
-class ViewpointConfig(Stage):
-    """Attributes:
-    spacing_m: one viewpoint a square of this edge; None: a metre, or what ``fit_spacing`` finds better.
-    mount_height_m: of the sensor over the floor; "auto": the trajectory's where there is one, else
-        the sensor model's.
-    max_slope_deg, step_height_m: what the robot climbs. Reconstructed floors are bumpy: be generous.
-    robot_height_m: free height that it needs; at least the sensor has to fit below.
-    footprint_radius_m: free width to every side of it.
-    bridge_gap_m: holes in the floor up to this wide do not stop it.
-    max_distance_to_trajectory_m: no viewpoint further from the trajectory; None: no limit.
-    """
-
-    spacing_m: float | None = Field(None, ge=0.1, le=100)
-    mount_height_m: float | Literal["auto"] = "auto"
-    max_slope_deg: float = Field(20.0, ge=0, le=60)
-    step_height_m: float = Field(0.25, ge=0, le=2)
-    robot_height_m: float = Field(1.0, gt=0, le=10)
-    footprint_radius_m: float = Field(0.3, gt=0, le=10)
-    bridge_gap_m: float = Field(1.2, ge=0, le=10)
-    max_distance_to_trajectory_m: float | None = Field(None, gt=0)
 
 
 @dataclass(frozen=True)

@@ -210,7 +210,8 @@ def _alone_in(work: Path) -> Iterator[None]:
 def _build_by_pipeline(
     source: Path, config: dict[str, Any], work: Path, *, shared: SharedStages | None, **hooks: Any
 ) -> Built:
-    from .config import BuildConfig
+    from firstfix.build_config import BuildConfig
+
     from .pipeline import build_version
 
     return build_version(source, BuildConfig.parse(config), work, shared=shared, **hooks)
@@ -240,6 +241,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--tied-to-stdin", action="store_true", help="stop as on SIGTERM when standard input ends"
     )
+    parser.add_argument(
+        "--source-url",
+        action="append",
+        default=[],
+        metavar="PREFIX",
+        help="sources may be http or https URLs below it; may be repeated",
+    )
     chosen = parser.parse_args(arguments)
     set_up_build_log(
         chosen.build,
@@ -257,7 +265,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             chosen.work,
             partial(_build_by_pipeline, shared=shared),
             STAGES,
-            policy=SourcePolicy(chosen.max_source_bytes, tuple(chosen.source_root)),
+            policy=SourcePolicy(chosen.max_source_bytes, tuple(chosen.source_root), tuple(chosen.source_url)),
             own_process=True,
             tied_to_stdin=chosen.tied_to_stdin,
         )

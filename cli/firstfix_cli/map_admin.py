@@ -29,6 +29,12 @@ class MapAdmin(Protocol):
 
     def activate(self, map_id: str, version: str) -> None: ...
 
+    def roll_back(self, map_id: str) -> str: ...
+
+    def retire(self, map_id: str, version: str, *, force: bool) -> None: ...
+
+    def collect_garbage(self, map_id: str | None, *, dry_run: bool) -> Record: ...
+
 
 @contextmanager
 def map_admin(url: str | None, store: str | None) -> Iterator[MapAdmin]:
@@ -65,6 +71,15 @@ class _ServiceMaps:
     def activate(self, map_id: str, version: str) -> None:
         self._client.activate(map_id, version)
 
+    def roll_back(self, map_id: str) -> str:
+        return self._client.roll_back(map_id)
+
+    def retire(self, map_id: str, version: str, *, force: bool) -> None:
+        self._client.retire(map_id, version, force=force)
+
+    def collect_garbage(self, map_id: str | None, *, dry_run: bool) -> Record:
+        return {"objects": dict(self._client.collect_garbage(map_id, dry_run=dry_run)["objects"])}
+
 
 class _StoreMaps:
     def __init__(self, catalog: Catalog) -> None:
@@ -88,6 +103,18 @@ class _StoreMaps:
 
     def activate(self, map_id: str, version: str) -> None:
         self._catalog.activate(map_id, version)
+
+    def roll_back(self, map_id: str) -> str:
+        return self._catalog.roll_back(map_id)
+
+    def retire(self, map_id: str, version: str, *, force: bool) -> None:
+        self._catalog.retire(map_id, version, force=force)
+
+    def collect_garbage(self, map_id: str | None, *, dry_run: bool) -> Record:
+        from firstfix.garbage import collect_garbage
+
+        found = collect_garbage(self._catalog, map_id=map_id, dry_run=dry_run)
+        return {"objects": {kind: len(keys) for kind, keys in found.keys.items()}}
 
     def _record(self, map_id: str) -> Record:
         return {"map_id": map_id, "active_version": self._catalog.active_version(map_id)}

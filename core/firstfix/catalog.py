@@ -12,13 +12,14 @@ seen: so a publish that dies at any point has either published or not, and can b
 
 from __future__ import annotations
 
+import hashlib
 import threading
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 from .build_records import BuildRecords
-from .errors import Conflict, CorruptVersion, NotFound
+from .errors import Conflict, CorruptVersion, NotFound, TooLarge
 from .ids import check_map_id, check_version, is_name
 from .manifest import FILE_NAME, MAX_BYTES, Manifest, sha256_of
 from .map_log import Event, LogEntry, MapLog, MapState
@@ -129,6 +130,27 @@ class Catalog(BuildRecords):
             self.store, _version_folder(map_id, version), version, manifest, Path(directory)
         )
 
+    def read_file(self, map_id: str, version: str, name: str, *, max_bytes: int) -> bytes:
+        """One file of a version, checked by its sha256.
+
+        Raises:
+            NotFound: the version has no such file, or as ``manifest``.
+            TooLarge: it is over the limit.
+            CorruptVersion: as ``manifest``, or the file is missing or differs.
+        """
+        entry = self.manifest(map_id, version).files.get(name)
+        if entry is None:
+            raise NotFound(f"version {version} of map {map_id} has no {name}")
+        if entry.bytes > max_bytes:
+            raise TooLarge(f"{name} has {entry.bytes} bytes, the limit is {max_bytes}")
+        try:
+            data = self.store.get(f"{_version_folder(map_id, version)}/{name}")
+        except NotFound:
+            raise CorruptVersion(f"version {version} of map {map_id} has lost {name}") from None
+        if hashlib.sha256(data).hexdigest() != entry.sha256:
+            raise CorruptVersion(f"{name} of version {version} of map {map_id} was altered")
+        return data
+
     def publish(self, map_id: str, directory: Path, manifest: Manifest, *, build_id: str = "") -> str:
         """Puts a version's files, then its manifest, then says so in the log and activates it.
 
@@ -190,6 +212,33 @@ class Catalog(BuildRecords):
 
         self._map_log(map_id).append(Event.ACTIVATED, version, needed=needed)
 
+    def roll_back(self, map_id: str) -> str:
+        """Serves the version that was active before the active one; doing it twice comes back.
+
+        Returns:
+            the version that is active now.
+
+        Raises:
+            NotFound: no such map.
+            Conflict: no version was active before, or somebody activates another one just now.
+            CorruptVersion, IncompatibleVersion: its manifest cannot be used.
+        """
+        before = self.state(map_id)
+        if not before.entries:
+            raise NotFound(f"no map {map_id}")
+        if len(before.activated) < 2:
+            raise Conflict(f"map {map_id} has no version that was active before")
+        version = before.activated[1]
+        self.manifest(map_id, version)
+
+        def needed(state: MapState) -> bool:
+            if state.activated != before.activated:
+                raise Conflict(f"map {map_id} was just switched: look again")
+            return True
+
+        self._map_log(map_id).append(Event.ACTIVATED, version, needed=needed)
+        return version
+
     def retire(self, map_id: str, version: str, *, force: bool = False) -> None:
         """Takes a version out of service. Its objects stay until ``collect_garbage``.
 
@@ -209,14 +258,16 @@ class Catalog(BuildRecords):
 
         self._map_log(map_id).append(Event.RETIRED, version, needed=needed)
 
-    def collect_garbage(self, map_id: str, *, older_than_s: float = 86400.0) -> list[str]:
+    def collect_garbage(
+        self, map_id: str, *, older_than_s: float = 86400.0, dry_run: bool = False
+    ) -> list[str]:
         """Removes what nobody can see: files of retired versions and of publishes that never ended.
 
         What was put, or retired, less than ``older_than_s`` ago stays: a publish may be under way, or
         a replica may still serve it.
 
         Returns:
-            the keys that were removed.
+            the keys that were removed, or with ``dry_run`` would be.
         """
         state = self.state(map_id)
         cutoff = datetime.now(timezone.utc) - timedelta(seconds=older_than_s)
@@ -235,6 +286,8 @@ class Catalog(BuildRecords):
             if version not in kept
             for key in sorted(keys, key=lambda key: not key.endswith(f"/{FILE_NAME}"))
         ]
+        if dry_run:
+            return doomed
         for key in doomed:
             self.store.delete(key)
         with self._lock:

@@ -6,13 +6,18 @@
     |  |- InvalidOption           an option or a config value is out of its range
     |  |- UnsupportedFormat       no reader for this media type or file ending
     |  |- MalformedData           the bytes contradict their own format
-    |  `- TooLarge                over a byte, point or expansion limit
+    |  |- TooLarge                over a byte, point or expansion limit
+    |  |- ChecksumMismatch        the bytes are not those that their sender hashed
+    |  |- NotAcceptable           the answer has no form that the caller takes
+    |  `- PreconditionFailed      the caller speaks another version of a protocol
     |- NotFound                   no such map, version or build
     |- Conflict                   it exists already, or its state forbids this
     |- ReadOnly                   this service or store was told to change nothing
+    |  `- IdempotencyConflict     the key was used for another request
     |- StoreError                 the object store failed
     |  |- StoreUnavailable        it does not answer
-    |  `- StoreUnsafe             it lets a create-only put overwrite
+    |  |- StoreUnsafe             it lets a create-only put overwrite
+    |  `- OutOfSpace              there is no room for it
     |- VersionError               a published version cannot be served
     |  |- CorruptVersion          a file is missing or its sha256 differs
     |  `- IncompatibleVersion     made by a format this reader does not know
@@ -62,6 +67,18 @@ class TooLarge(InputError):
     code = "too_large"
 
 
+class ChecksumMismatch(InputError):
+    code = "checksum_mismatch"
+
+
+class NotAcceptable(InputError):
+    code = "not_acceptable"
+
+
+class PreconditionFailed(InputError):
+    code = "precondition_failed"
+
+
 class NotFound(FirstfixError):
     code = "not_found"
 
@@ -74,6 +91,10 @@ class ReadOnly(FirstfixError):
     code = "read_only"
 
 
+class IdempotencyConflict(Conflict):
+    code = "idempotency_conflict"
+
+
 class StoreError(FirstfixError):
     code = "store_error"
 
@@ -84,6 +105,10 @@ class StoreUnavailable(StoreError):
 
 class StoreUnsafe(StoreError):
     code = "store_unsafe"
+
+
+class OutOfSpace(StoreError):
+    code = "out_of_space"
 
 
 class VersionError(FirstfixError):

@@ -1,4 +1,4 @@
-"""The names of things: maps, builds and versions."""
+"""The names of things: maps, builds, uploads and versions."""
 
 from __future__ import annotations
 
@@ -26,6 +26,15 @@ def check_build_id(build_id: str) -> str:
         InvalidOption: another form.
     """
     return _checked("build id", build_id)
+
+
+def check_upload_id(upload_id: str) -> str:
+    """The id itself: the same form as a map's.
+
+    Raises:
+        InvalidOption: another form.
+    """
+    return _checked("upload id", upload_id)
 
 
 def check_version(version: str) -> str:

@@ -29,6 +29,15 @@ class LastingFiles:
             self._lasting_folders.add(folder)
             folder = folder.parent
 
+    def remove_empty_folders(self, key: str) -> None:
+        """Those that an object's removal left empty, but the uppermost: other stores have none."""
+        folder = (self._root / key).parent
+        with suppress(OSError):  # it is not empty, or somebody removed it
+            while self._root not in (folder, folder.parent):
+                folder.rmdir()
+                self._lasting_folders.discard(folder)
+                folder = folder.parent
+
     def remove_parts(self, before: datetime) -> list[str]:
         """Removes what puts left that were killed before that time: files that no listing shows."""
         removed = []

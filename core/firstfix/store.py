@@ -9,7 +9,10 @@ from __future__ import annotations
 
 import builtins
 import hashlib
+import shutil
 import uuid
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
@@ -105,6 +108,22 @@ class Store:
         self._sync(key)
         return True
 
+    def put_pieces(self, key: str, pieces: Iterable[bytes]) -> None:
+        """Puts one object from its pieces, a few of which are in memory at a time. Where a piece cannot be
+        had the error leaves, and there is no object: so it can be checked as it passes."""
+        self._writing(key)
+        source = iter(pieces)
+        with ThreadPoolExecutor(1, thread_name_prefix="pieces") as other:
+
+            def made() -> Iterator[bytes]:
+                # obstore asks from within its event loop, where a piece's maker could not call obstore
+                while (piece := other.submit(next, source, None).result()) is not None:
+                    yield piece
+
+            with translated(key, writing=True):
+                obstore.put(self._backend, key, made(), chunk_size=CHUNK_BYTES, max_concurrency=2)
+        self._sync(key)
+
     def get(self, key: str) -> bytes:
         """The whole object.
 
@@ -196,10 +215,13 @@ class Store:
         return sorted(path.rstrip("/").rsplit("/", 1)[-1] for path in found)
 
     def delete(self, key: str) -> None:
-        """Removes an object; one that is not there is no error."""
+        """Removes an object; one that is not there is no error. In a file store the folders go that it
+        leaves empty, but the uppermost: other stores have none."""
         self._writing(key)
         with suppress(NotFound), translated(key):
             obstore.delete(self._backend, key)
+        if self._files is not None:
+            self._files.remove_empty_folders(key)
 
     def local_path(self, key: str) -> Path | None:
         """The object as a file of a file store, to map in place; None for other stores.
@@ -214,6 +236,10 @@ class Store:
         if not path.is_file():
             raise NotFound(f"no object {key}")
         return path
+
+    def free_bytes(self) -> int | None:
+        """What still fits on the disk of a file store; None for other stores, which do not tell."""
+        return None if self._root is None else shutil.disk_usage(self._root).free
 
     def probe(self) -> None:
         """Puts a key twice: every promise of this project rests on the second put losing. A read-only

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -10,11 +11,23 @@ from fastapi import Depends, FastAPI
 
 import firstfix
 
-from . import http_builds, http_localize, http_maps, operations, problems
+from . import (
+    http_build_events,
+    http_builds,
+    http_garbage,
+    http_georeference,
+    http_localize,
+    http_maps,
+    http_uploads,
+    http_versions,
+    operations,
+    problems,
+)
 from .assemble import assemble
 from .authorize import authorize
 from .map_cache import LocalizesScans, load_localizer
 from .metrics import Metrics
+from .openapi import DocumentedApp
 from .read_only import refuse_changes
 from .request_log import RequestLog
 from .request_scope import Requests
@@ -22,6 +35,15 @@ from .settings import Settings
 from .start import Start
 from .start_failure import StartFailure
 
+_OF_THE_STORE = (
+    http_maps,
+    http_versions,
+    http_georeference,
+    http_uploads,
+    http_builds,
+    http_build_events,
+    http_garbage,
+)
 _PROBLEM = {
     "description": "a problem document (RFC 9457) with a stable `code`",
     "content": {
@@ -52,10 +74,12 @@ def create_app(settings: Settings, *, load: Callable[[Path], LocalizesScans] = l
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        async with Start(lambda stack: assemble(settings, metrics, requests, load, stack)) as app.state.start:
+        async with Start(
+            lambda stack: assemble(settings, metrics, requests, load, app.state.closing, stack)
+        ) as app.state.start:
             yield
 
-    app = FastAPI(
+    app = DocumentedApp(
         title="firstfix",
         version=firstfix.__version__,
         summary="The first fix for LiDAR robots: one scan in, the pose in the map out.",
@@ -66,10 +90,10 @@ def create_app(settings: Settings, *, load: Callable[[Path], LocalizesScans] = l
         dependencies=[Depends(authorize)],
         responses={"default": _PROBLEM},
     )
-    app.state.settings, app.state.metrics = settings, metrics
-    for module in (http_localize, operations):
-        app.include_router(module.router)
-    for module in (http_maps, http_builds):
+    app.state.settings, app.state.metrics, app.state.closing = settings, metrics, asyncio.Event()
+    for router in (http_localize.router, operations.router):
+        app.include_router(router)
+    for module in _OF_THE_STORE:
         app.include_router(module.router, dependencies=[Depends(refuse_changes)])
     problems.add_handlers(app)
     app.add_middleware(RequestLog, metrics=metrics, requests=requests)

@@ -15,18 +15,23 @@ import structlog
 import firstfix
 from firstfix.catalog import Catalog
 from firstfix.errors import InvalidOption, StoreUnavailable
+from firstfix.georeferences import Georeferences
 from firstfix.query_samples import QuerySamples
 from firstfix.store import Store
+from firstfix.uploads import Uploads
 
 from .access import open_access
 from .exposure import check_exposure
+from .georeference_cache import GeoreferenceCache
 from .health import Health
+from .janitor import keep_clean
 from .localize import LocalizeUseCase
 from .map_cache import LocalizesScans, MapCache
 from .map_poller import MapPoller
 from .metered_store import metered
 from .metrics import Metrics
 from .parts import Parts
+from .places import Places
 from .pool import QueryPool
 from .query_recorder import QueryRecorder
 from .request_body import BodyReader
@@ -34,7 +39,7 @@ from .request_scope import Requests
 from .sample_keeper import SampleKeeper, SamplePolicy
 from .settings import Settings
 from .settings_summary import settings_summary
-from .start_builds import start_builds
+from .start_builds import run_with, start_builds
 from .tracing import start_tracing
 
 _log = structlog.get_logger(__name__)
@@ -46,6 +51,7 @@ async def assemble(
     metrics: Metrics,
     requests: Requests,
     load: Callable[[Path], LocalizesScans],
+    closing: asyncio.Event,
     stack: AsyncExitStack,
 ) -> Parts:
     """Starts everything in order; the stack stops it in the reverse order. May be tried again."""
@@ -74,7 +80,27 @@ async def assemble(
     use_case = LocalizeUseCase(maps, pool, recorder, max_decoded_bytes=settings.max_decoded_bytes)
     health = Health(maps, pool, metrics)
     builds = start_builds(settings, catalog, metrics, stack)
-    parts = Parts(settings, metrics, catalog, maps, pool, use_case, bodies, builds, health, access)
+    if not settings.read_only:
+        run_with(stack, keep_clean(catalog), "janitor")
+    georeferences = Georeferences(store)
+    parts = Parts(
+        settings,
+        metrics,
+        catalog,
+        maps,
+        pool,
+        use_case,
+        bodies,
+        builds,
+        health,
+        access,
+        Uploads(store),
+        Places(settings.max_upload_streams, "uploads"),
+        Places(settings.max_event_streams, "streams of events"),
+        georeferences,
+        GeoreferenceCache(georeferences, settings.georeference_ttl_s),
+        closing,
+    )
     show = await _start_zenoh(parts, replica, requests, stack) if settings.zenoh_enabled else None
 
     def polled() -> None:

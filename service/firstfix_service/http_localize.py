@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import json
 import time
 from collections import Counter
 from typing import Any
@@ -10,16 +12,20 @@ from fastapi import APIRouter, Request, Response
 
 from firstfix.decode import MEDIA_TYPES
 from firstfix.errors import InvalidOption
+from firstfix.geopose import MEDIA_TYPE as GEOPOSE
 from firstfix.localization import Localization
 from firstfix.options import LocalizeOptions
 
+from .accept import negotiated
+from .answer_models import Answer
 from .authorize import CallerDep
 from .caller import Caller
 from .localize import check_maps, check_media_type, to_json
-from .parts import PartsDep
+from .parts import Parts, PartsDep
 
 router = APIRouter(tags=["localize"])
 MAP_PARAMETER = "map"
+JSON = "application/json"
 _OPTION_TEXT = {
     "gravity": "direction of gravity in the sensor frame, `x,y,z`, or the sensor's `roll_deg,pitch_deg`",
     "prior": "where the sensor is known to be in the map: `x,y,z,radius_m`, and it may be "
@@ -54,36 +60,48 @@ def _openapi() -> dict[str, Any]:
             "required": True,
             "content": {name: {"schema": {"type": "string", "format": "binary"}} for name in MEDIA_TYPES},
         },
-        "responses": {
-            "200": {"description": "the answer, also when the scan was not localized"},
-        },
     }
 
 
-@router.post("/localize", openapi_extra=_openapi())
+_ANSWERS: dict[int | str, dict[str, Any]] = {
+    200: {
+        "model": Answer,
+        "description": "the answer, also when the scan was not localized: that is `application/json` "
+        "whatever was asked for, as there is no pose",
+        "content": {GEOPOSE: {"schema": {"$ref": "#/components/schemas/GeoPose"}}},
+        "headers": {"Server-Timing": {"description": "milliseconds by stage", "schema": {"type": "string"}}},
+    }
+}
+
+
+@router.post("/localize", response_class=Response, responses=_ANSWERS, openapi_extra=_openapi())
 async def localize(request: Request, parts: PartsDep, caller: CallerDep) -> Response:
-    """The pose of a scan in a map, or why there is none."""
+    """The pose of a scan in a map, or why there is none. `Accept: application/geopose+json` asks for the
+    geographic pose, which takes a map with a georeference (else 406)."""
     arrived = time.monotonic()
     try:
-        answer = await _localize(request, parts, caller, arrived)
+        form = negotiated(request.headers.get("accept"), (JSON, GEOPOSE))
+        answer = await _localize(request, parts, caller, arrived, form)
+        body, media_type = await _written(parts, answer, form)
     except Exception as error:
         parts.use_case.count("http", error)
         raise
     parts.use_case.count("http", answer)
-    return Response(
-        to_json(answer),
-        media_type="application/json",
-        headers={"Server-Timing": server_timing(answer), "Cache-Control": "no-store"},
-    )
+    headers = {"Server-Timing": server_timing(answer), "Cache-Control": "no-store", "Vary": "Accept"}
+    return Response(body, media_type=media_type, headers=headers)
 
 
-async def _localize(request: Request, parts: PartsDep, caller: Caller, arrived: float) -> Localization:
+async def _localize(
+    request: Request, parts: Parts, caller: Caller, arrived: float, form: str
+) -> Localization:
     options = single_values(request)
     map_id = options.pop(MAP_PARAMETER, "")
     check_maps(map_id, caller)
     LocalizeOptions.from_strings(options)  # what can be refused is refused before the body is read
     media_type = request.headers.get("content-type", "")
     check_media_type(media_type)
+    if form == GEOPOSE and map_id and "," not in map_id:  # of several it is known once one has answered
+        await asyncio.to_thread(parts.georeference_cache.of, map_id)
     parts.pool.check_room()
     body = await parts.bodies.read(request)
     try:
@@ -98,6 +116,16 @@ async def _localize(request: Request, parts: PartsDep, caller: Caller, arrived: 
         )
     finally:
         parts.bodies.release(body)
+
+
+async def _written(parts: Parts, answer: Localization, form: str) -> tuple[bytes, str]:
+    """The answer's body and media type: the geographic pose of the robot if its mount is known, else of
+    the sensor. Without a pose it is JSON, which says why."""
+    if form == JSON or answer.T_map_sensor is None:
+        return to_json(answer), JSON
+    georeference = await asyncio.to_thread(parts.georeference_cache.of, answer.map_id)
+    T_map_body = answer.T_map_sensor if answer.T_map_base is None else answer.T_map_base
+    return json.dumps(georeference.geopose(T_map_body)).encode(), GEOPOSE
 
 
 def single_values(request: Request) -> dict[str, str]:

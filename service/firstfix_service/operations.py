@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from fastapi import APIRouter, Request, Response
 
 import firstfix
 from firstfix.errors import Overloaded
 
+from .api_models import Health, Readiness
 from .metrics import Metrics
 from .parts import PartsDep
 
@@ -16,19 +15,21 @@ router = APIRouter(tags=["operations"])
 
 
 @router.get("/healthz")
-async def healthz() -> dict[str, str]:
+async def healthz() -> Health:
     """The process answers."""
-    return {"status": "ok", "version": firstfix.__version__}
+    return Health(status="ok", version=firstfix.__version__)
 
 
 @router.get("/readyz")
-async def readyz(parts: PartsDep) -> dict[str, Any]:
+async def readyz(parts: PartsDep) -> Readiness:
     """Send queries here: the catalog was read and what fits is loaded. Stays so when the store fails
     later, as what is loaded goes on answering."""
     why_not = parts.health.why_not_ready()
     if why_not is not None:
         raise Overloaded(why_not)
-    return {"status": "ready", "maps": len(parts.maps.map_ids), **parts.health.details()}
+    return Readiness.model_validate(
+        {"status": "ready", "maps": len(parts.maps.map_ids), **parts.health.details()}
+    )
 
 
 @router.get("/metrics", include_in_schema=False)

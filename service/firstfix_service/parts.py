@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import dataclass
 from typing import Annotated
 
 from fastapi import Depends, Request
 
 from firstfix.catalog import Catalog
+from firstfix.georeferences import Georeferences
+from firstfix.uploads import Uploads
 
 from .access import Access
 from .build_queue import BuildQueue
+from .georeference_cache import GeoreferenceCache
 from .health import Health
 from .localize import LocalizeUseCase
 from .map_cache import MapCache
 from .metrics import Metrics
+from .places import Places
 from .pool import QueryPool
 from .request_body import BodyReader
 from .settings import Settings
@@ -24,6 +29,7 @@ from .settings import Settings
 class Parts:
     """Attributes:
     builds: None when this process records builds and another one runs them.
+    closing: set when the service begins to stop: what would go on for long ends then.
     """
 
     settings: Settings
@@ -36,6 +42,12 @@ class Parts:
     builds: BuildQueue | None
     health: Health
     access: Access
+    uploads: Uploads
+    upload_streams: Places
+    event_streams: Places
+    georeferences: Georeferences
+    georeference_cache: GeoreferenceCache
+    closing: asyncio.Event
 
 
 async def parts_of(request: Request) -> Parts:

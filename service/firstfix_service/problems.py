@@ -27,12 +27,17 @@ STATUS: dict[type[FirstfixError], int] = {
     errors.UnsupportedFormat: 415,
     errors.MalformedData: 400,
     errors.TooLarge: 413,
+    errors.ChecksumMismatch: 460,
+    errors.NotAcceptable: 406,
+    errors.PreconditionFailed: 412,
     errors.NotFound: 404,
     errors.Conflict: 409,
     errors.ReadOnly: 403,
+    errors.IdempotencyConflict: 409,
     errors.StoreError: 502,
     errors.StoreUnavailable: 503,
     errors.StoreUnsafe: 502,
+    errors.OutOfSpace: 507,
     errors.VersionError: 503,
     errors.CorruptVersion: 503,
     errors.IncompatibleVersion: 503,
@@ -46,6 +51,7 @@ STATUS: dict[type[FirstfixError], int] = {
     errors.Overloaded: 503,
     errors.DeadlineExceeded: 504,
 }
+TITLES = {460: "Checksum Mismatch"}  # of the tus protocol; not registered
 # What the response says besides: when trying again helps; that the rest of a large body is not read.
 HEADERS: dict[type[FirstfixError], dict[str, str]] = {
     errors.Unauthorized: {"WWW-Authenticate": 'Bearer realm="firstfix"'},
@@ -74,7 +80,7 @@ class Problem:
         return json.dumps(
             {
                 "type": f"urn:firstfix:error:{self.code}",
-                "title": HTTPStatus(self.status).phrase,
+                "title": TITLES.get(self.status) or HTTPStatus(self.status).phrase,
                 "status": self.status,
                 "detail": self.detail,
                 "code": self.code,

@@ -50,15 +50,25 @@ class BodyReader:
         self.inflight_bytes -= len(body)
 
 
+def declared_length(request: Request) -> int | None:
+    """Content-Length; None: the body is sent without saying how long it is.
+
+    Raises:
+        InputError: it is no number.
+    """
+    declared = request.headers.get("content-length")
+    if declared is None:
+        return None
+    if not (declared.isascii() and declared.isdecimal()) or len(declared) > 18:
+        raise InputError("Content-Length is no number")
+    return int(declared)
+
+
 def check_declared_length(request: Request, max_bytes: int) -> None:
     """
     Raises:
         TooLarge: Content-Length says so: nothing of the body is read.
     """
-    declared = request.headers.get("content-length")
-    if declared is None:
-        return
-    if not declared.isdecimal():
-        raise InputError("Content-Length is no number")
-    if int(declared) > max_bytes:
+    declared = declared_length(request)
+    if declared is not None and declared > max_bytes:
         raise TooLarge(f"the body has {declared} bytes, the limit is {max_bytes}")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import socket
+
 import uvicorn
 from fastapi import FastAPI
 
@@ -31,6 +33,18 @@ def uvicorn_config(app: FastAPI, settings: Settings) -> uvicorn.Config:
     )
 
 
+class Server(uvicorn.Server):
+    """The server of an app: it ends streams of events before it waits for what else is under way."""
+
+    def __init__(self, app: FastAPI, settings: Settings) -> None:
+        super().__init__(uvicorn_config(app, settings))
+        self._app = app
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        self._app.state.closing.set()
+        await super().shutdown(sockets)
+
+
 def serve(settings: Settings) -> None:
     """Serves until SIGINT or SIGTERM.
 
@@ -38,4 +52,4 @@ def serve(settings: Settings) -> None:
         SystemExit: it could not start; the log says why.
     """
     set_up_logging(settings.log_level, as_json=settings.log_json)
-    uvicorn.Server(uvicorn_config(create_app(settings), settings)).run()
+    Server(create_app(settings), settings).run()

@@ -85,6 +85,18 @@ class Settings(BaseSettings):
         None, description="PEM file of certificate and key that this process shows to NATS"
     )
 
+    max_open_uploads: int = Field(32, ge=0, description="begun at /uploads and not yet removed, in the store")
+    max_upload_streams: int = Field(
+        8, ge=1, description="uploads that this process takes at the same time, 32 MiB of memory each"
+    )
+    min_free_bytes: int = Field(
+        GIB, ge=0, description="left free by uploads on the disks of the work directory and of a file store"
+    )
+    max_event_streams: int = Field(64, ge=0, description="streams of build events at the same time")
+    georeference_ttl_s: float = Field(
+        5.0, ge=0, description="within which a changed georeference counts on every replica"
+    )
+
     zenoh: bool = Field(False, description="answer over zenoh too")
     zenoh_config: Path | None = Field(None, description="zenoh config file (TLS, users, ACL); implies zenoh")
     zenoh_listen: tuple[str, ...] = Field(

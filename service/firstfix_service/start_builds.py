@@ -54,13 +54,19 @@ def start_builds(
 
 def build_command(settings: Settings) -> BuildCommand:
     return BuildCommand(
-        settings.build_command,
+        (*settings.build_command, *_source_url_options(settings)),
         settings.store,
         settings.build_niceness,
         settings.stages_are_shared,
         settings.build_max_memory_bytes,
         {"FIRSTFIX_LOG_LEVEL": settings.log_level, "FIRSTFIX_LOG_JSON": str(settings.log_json).lower()},
     )
+
+
+def _source_url_options(settings: Settings) -> list[str]:
+    """The worker asks for itself which servers it may fetch from: what is on record does not say."""
+    allowed = [url for url in settings.source_urls if url.startswith(("http://", "https://"))]
+    return [option for url in allowed for option in ("--source-url", url)]
 
 
 def run_with(stack: AsyncExitStack, work: Coroutine[Any, Any, None], name: str) -> None:

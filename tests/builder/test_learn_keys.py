@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from benchmarks.retrieval.projections import whitening
+from firstfix.build_config import BuildConfig
 from firstfix.key_projection import FILE, load_projection
 from firstfix.localizer import Localizer
 from firstfix.map_index import MapIndex
 from firstfix.transform import pose_error
-from firstfix_builder.config import BuildConfig
 from firstfix_builder.learn_keys import discriminants
 from firstfix_builder.pipeline import build_version
 from small_world import CONFIG

@@ -7,17 +7,17 @@ from pathlib import Path
 
 import pytest
 
+from firstfix.build_config import BuildConfig
 from firstfix.errors import BuildCancelled, InvalidOption, MalformedData
 from firstfix.shared_stages import SharedStages
 from firstfix.store import Store
-from firstfix_builder.config import BuildConfig
 from firstfix_builder.pipeline import STAGES, build_version
 from small_world import CONFIG
 
 BUILD_AND_DIE = """
 import json, os, sys
 from pathlib import Path
-from firstfix_builder.config import BuildConfig
+from firstfix.build_config import BuildConfig
 from firstfix_builder.pipeline import build_version
 
 def main():

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from firstfix.build_config import CleanConfig, ReconstructConfig
 from firstfix.errors import BuildCancelled, BuildFailed
 from firstfix.transform import make_transform
-from firstfix_builder.clean_cloud import CleanConfig, clean_cloud
+from firstfix_builder.clean_cloud import clean_cloud
 from firstfix_builder.mesh import Mesh
-from firstfix_builder.reconstruct_mesh import ReconstructConfig, reconstruct_mesh
+from firstfix_builder.reconstruct_mesh import reconstruct_mesh
 from firstfix_builder.simulate import Simulator
 
 sys.path.insert(0, str(Path(__file__).parent))

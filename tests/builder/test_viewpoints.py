@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from firstfix.build_config import ViewpointConfig
 from firstfix.errors import BuildFailed
 from firstfix.transform import make_transform
 from firstfix_builder.mesh import Mesh
 from firstfix_builder.simulate import Simulator
-from firstfix_builder.viewpoints import ViewpointConfig, Viewpoints, sample_viewpoints
+from firstfix_builder.viewpoints import Viewpoints, sample_viewpoints
 
 sys.path.insert(0, str(Path(__file__).parent))
 from box_scenes import box, floor, quad, walls

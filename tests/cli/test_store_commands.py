@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 
 import pytest
 import yaml
@@ -79,6 +80,28 @@ def test_a_store_rolls_back(versions, tmp_path, capsys):
     version, directory = fetch_active_version(str(tmp_path / "store"), "hall", versions[1])
     assert version == versions[1]
     assert (directory / "points.bin").read_text() == "two"
+
+
+def test_a_store_retires_rolls_back_and_is_cleaned(versions, tmp_path, capsys):
+    store = ["--store", tmp_path / "store"]
+    assert ended(["maps", "rollback", "hall", *store]) == 0
+    assert f"version {versions[0]} is active" in capsys.readouterr().out
+    assert ended(["maps", "retire", "hall", versions[0][:10], *store]) != 0
+    assert "is active" in capsys.readouterr().err
+    assert ended(["maps", "retire", "hall", versions[1][:10], *store]) == 0
+    assert ended(["maps", "rollback", "hall", *store]) != 0
+    orphan = tmp_path / "store/maps/hall/versions" / ("0" * 64) / "a.bin"
+    orphan.parent.mkdir()
+    orphan.write_bytes(b"of a publish that was killed")
+    os.utime(orphan, (0, 0))
+    capsys.readouterr()
+    assert ended(["maps", "gc", "--dry-run", *store, "--json"]) == 0
+    would = json.loads(capsys.readouterr().out)
+    assert (would["dry_run"], would["objects"]["versions"]) == (True, 1)
+    assert orphan.exists()
+    assert ended(["maps", "gc", "hall", *store]) == 0
+    assert "versions" in capsys.readouterr().out
+    assert not orphan.exists()
 
 
 @pytest.mark.parametrize("command", [["show", "yard"], ["versions", "yard"], ["activate", "yard", "a" * 64]])

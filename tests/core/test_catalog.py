@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from firstfix.catalog import Catalog
-from firstfix.errors import Conflict, CorruptVersion, IncompatibleVersion, InvalidOption, NotFound
+from firstfix.errors import Conflict, CorruptVersion, IncompatibleVersion, InvalidOption, NotFound, TooLarge
 from firstfix.manifest import Manifest
 from firstfix.map_log import Event
 from firstfix.store import Store
@@ -340,3 +340,38 @@ def test_an_id_of_another_form_is_refused(map_id: str, tmp_path: Path) -> None:
             call()
     with pytest.raises(InvalidOption):
         catalog.manifest("hall", "ABC")
+
+
+def test_rolling_back_serves_the_version_before(catalog: Catalog, tmp_path: Path) -> None:
+    first, second = (
+        catalog.publish("hall", tmp_path / name, make_version(tmp_path / name, name.encode()))
+        for name in ("first", "second")
+    )
+    assert catalog.roll_back("hall") == first == catalog.active_version("hall")
+    assert catalog.roll_back("hall") == second, "twice comes back"
+    catalog.retire("hall", first)
+    with pytest.raises(Conflict, match="active before"):
+        catalog.roll_back("hall")
+    with pytest.raises(NotFound):
+        catalog.roll_back("attic")
+    assert catalog.active_version("hall") == second
+
+
+def test_a_file_of_a_version_is_checked(catalog: Catalog, tmp_path: Path) -> None:
+    manifest = make_version(tmp_path / "v")
+    version = catalog.publish("hall", tmp_path / "v", manifest)
+    name, entry = next(iter(manifest.files.items()))
+    assert (
+        catalog.read_file("hall", version, name, max_bytes=entry.bytes)
+        == (tmp_path / "v" / name).read_bytes()
+    )
+    with pytest.raises(TooLarge):
+        catalog.read_file("hall", version, name, max_bytes=entry.bytes - 1)
+    with pytest.raises(NotFound):
+        catalog.read_file("hall", version, "manifest.json", max_bytes=100)
+    catalog.store.put(f"maps/hall/versions/{version}/{name}", b"x")
+    with pytest.raises(CorruptVersion, match="altered"):
+        catalog.read_file("hall", version, name, max_bytes=entry.bytes)
+    catalog.store.delete(f"maps/hall/versions/{version}/{name}")
+    with pytest.raises(CorruptVersion, match="lost"):
+        catalog.read_file("hall", version, name, max_bytes=entry.bytes)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import threading
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -265,3 +266,32 @@ def test_what_killed_processes_left_is_removed_and_nothing_else(tmp_path: Path):
     assert store.remove_leftovers(older_than_s=60) == [], "they may be under way"
     assert store.remove_leftovers(older_than_s=0) == ["probe/left", "maps/hall/b#1"]
     assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["a"]
+
+
+def test_a_file_store_keeps_no_empty_folders(tmp_path: Path) -> None:
+    store = Store.open(str(tmp_path))
+    store.put("builds/b1/parts/1", b"x")
+    store.put("builds/b2/status.json", b"x")
+    store.delete("builds/b1/parts/1")
+    store.delete("builds/b1/parts/1")
+    assert store.folders("builds") == ["b2"]
+    store.delete("builds/b2/status.json")
+    assert (tmp_path / "builds").is_dir()
+    assert store.put_new("builds/b1/parts/1", b"y")
+
+
+def test_an_object_of_pieces_is_there_whole_or_not_at_all(any_store_url: str) -> None:
+    store = Store.open(any_store_url)
+    store.put("first", b"first")
+
+    def pieces(fails: bool) -> Iterator[bytes]:
+        for n in range(12):
+            if fails and n == 11:
+                raise ValueError("no more")
+            yield store.get("first") + bytes([n]) * (2 << 20)  # its maker may ask the store
+
+    with pytest.raises(ValueError, match="no more"):
+        store.put_pieces("whole", pieces(True))
+    assert not store.exists("whole")
+    store.put_pieces("whole", pieces(False))
+    assert store.get("whole") == b"".join(pieces(False))

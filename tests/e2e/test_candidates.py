@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from firstfix.build_config import DisturbConfig
 from firstfix.candidates import A_SPOT, SPOT_DEG, SPOT_M, search
 from firstfix.localization import Verdict
 from firstfix.localizer import Localizer
@@ -14,7 +15,7 @@ from firstfix.preprocess import preprocess
 from firstfix.scan_sequence import ScanSequence
 from firstfix.sensor import SensorModel
 from firstfix.transform import pose_error
-from firstfix_builder.disturb import DisturbConfig, disturbed_scans, elsewhere
+from firstfix_builder.disturb import disturbed_scans, elsewhere
 from firstfix_builder.simulate import Simulator
 from small_world import SENSOR
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from firstfix.build_config import BuildConfig
 from firstfix.errors import InvalidOption
 from firstfix.localization import Verdict
 from firstfix.localizer import Localizer, localize_among
@@ -10,7 +11,6 @@ from firstfix.map_index import MapIndex
 from firstfix.options import LocalizeOptions
 from firstfix.prior import Prior
 from firstfix.transform import pose_error
-from firstfix_builder.config import BuildConfig
 from firstfix_builder.pipeline import build_version
 from small_world import CONFIG, SmallWorld
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from firstfix.build_config import DisturbConfig
 from firstfix.errors import CorruptVersion
 from firstfix.localization import Localization, Reason, Verdict
 from firstfix.localizer import Localizer
@@ -15,7 +16,7 @@ from firstfix.options import LocalizeOptions
 from firstfix.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import inverse, make_transform, pose_error, rotation_z
-from firstfix_builder.disturb import DisturbConfig, disturbed_scans, elsewhere
+from firstfix_builder.disturb import disturbed_scans, elsewhere
 from firstfix_builder.simulate import Simulator
 from small_world import SENSOR
 

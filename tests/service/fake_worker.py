@@ -1,4 +1,4 @@
-"""Stands in for firstfix_builder.worker: does what the request's config says, over the real store."""
+"""Stands in for firstfix_builder.worker: does what its config's sensor is called, over the real store."""
 
 from __future__ import annotations
 
@@ -20,13 +20,15 @@ def main() -> int:
         parser.add_argument(name, required=True)
     for name in ("--tied-to-stdin", "--share-stages"):
         parser.add_argument(name, action="store_true")
+    parser.add_argument("--source-url", action="append", default=[])
     chosen = parser.parse_args()
     catalog = Catalog(Store.open(chosen.store))
     request = catalog.build_request(chosen.build)
-    map_id, do = request["map_id"], request["config"].get("do", "succeed")
+    map_id, do = request["map_id"], request["config"].get("sensor", {}).get("name", "succeed")
     work = Path(chosen.work)
     with (work / "order.txt").open("a") as file:
         file.write(f"{map_id} {os.getpriority(os.PRIO_PROCESS, 0)} {os.getpid()}\n")
+    (work / "source_urls.txt").write_text(" ".join(chosen.source_url))
     catalog.set_build_status(
         chosen.build, new_status("running", map_id=map_id, stage="describe", progress=0.5)
     )

@@ -14,7 +14,6 @@ from typing import Any
 
 import httpx
 import numpy as np
-import uvicorn
 import zenoh
 from fastapi import FastAPI
 
@@ -26,7 +25,7 @@ from firstfix.options import LocalizeOptions
 from firstfix.scan import Scan
 from firstfix.store import Store
 from firstfix_service.app import create_app
-from firstfix_service.server import uvicorn_config
+from firstfix_service.server import Server
 from firstfix_service.settings import Settings
 
 XYZ = "application/vnd.firstfix.xyz"
@@ -162,6 +161,7 @@ def running_service(directory: Path, **changes: Any) -> Iterator[Service]:
             "poll_interval_s": 0.1,
             "run_builds": False,
             "workers": 2,
+            "min_free_bytes": 0,
             "zenoh": True,
             "zenoh_listen": (f"tcp/127.0.0.1:{free_port()}",),
             "replica": "r1",
@@ -170,7 +170,7 @@ def running_service(directory: Path, **changes: Any) -> Iterator[Service]:
     )
     endpoint = settings.zenoh_listen[0]
     app = create_app(settings, load=behaviour.load)
-    server = uvicorn.Server(uvicorn_config(app, settings))
+    server = Server(app, settings)
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()
     wait_for(lambda: server.started or not thread.is_alive())

@@ -23,7 +23,9 @@ def building_service(directory: Path, **changes: Any):
     return running_service(directory, **values)
 
 
-def upload(service: Service, map_id: str = "hall", **config: Any) -> httpx.Response:
+def upload(service: Service, map_id: str = "hall", do: str = "succeed", **config: Any) -> httpx.Response:
+    """Hands in a map whose build, by the fake worker, does what its sensor is called."""
+    config = {"sensor": {"preset": "vlp-16", "name": do}, **config}
     return service.http.post(
         "/maps",
         data={"map_id": map_id, "config": json.dumps(config)},
@@ -50,14 +52,14 @@ def recorder(tmp_path: Path) -> Iterator[Service]:
 
 
 def test_an_upload_is_durable_before_it_is_answered(recorder: Service):
-    response = upload(recorder, spacing_m=1)
+    response = upload(recorder, level=False)
     assert response.status_code == 202
     assert int(response.headers["retry-after"]) >= 1
     build_id = response.headers["location"].removeprefix("/builds/")
     assert response.json()["build_id"] == build_id
     request = recorder.catalog.build_request(build_id)
     assert request["file_name"] == "hall_map.xyz", "no path, no space"
-    assert request["config"] == {"spacing_m": 1}
+    assert request["config"]["level"] is False
     assert request["source"]["key"].endswith(hashlib.sha256(CLOUD).hexdigest())
     assert recorder.catalog.store.get(request["source"]["key"]) == CLOUD
     assert recorder.catalog.store.get(request["trajectory"]["key"]).startswith(b"0 0 0")
@@ -165,7 +167,7 @@ def test_queries_are_answered_while_a_build_runs(tmp_path: Path):
 
 
 def test_a_url_has_to_be_allowed(tmp_path: Path):
-    body = {"map_id": "hall", "source": {"url": "s3://maps/hall.laz"}, "config": {"spacing_m": 1}}
+    body = {"map_id": "hall", "source": {"url": "s3://maps/hall.laz"}, "config": {"level": False}}
     with running_service(tmp_path / "a", zenoh=False) as service:
         response = service.http.post("/maps", json=body)
         assert (response.status_code, response.json()["code"]) == (400, "invalid_option")
@@ -178,8 +180,15 @@ def test_a_url_has_to_be_allowed(tmp_path: Path):
             "source": {"url": "s3://maps/hall.laz"},
             "file_name": "hall.laz",
             "trajectory": {"url": "s3://maps/tracks/t.txt", "file_name": "t.txt"},
-            "config": {"spacing_m": 1},
+            "config": {"level": False},
         }
+
+
+def test_the_worker_is_told_which_servers_it_may_fetch_from(tmp_path: Path):
+    allowed = ("s3://maps/", "https://files.example.org/maps/")
+    with building_service(tmp_path, source_urls=allowed) as service:
+        assert wait_until_ended(service, upload(service))["state"] == "succeeded"
+    assert (tmp_path / "work/source_urls.txt").read_text() == "https://files.example.org/maps/"
 
 
 @pytest.mark.parametrize(

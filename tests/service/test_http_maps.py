@@ -6,7 +6,10 @@ from service_world import Service, publish, wait_for
 def test_maps_and_versions_are_listed(service: Service):
     first = service.catalog.active_version("hall")
     second = publish(service.catalog, "hall", "2", service.scratch)
-    assert service.http.get("/maps").json() == {"maps": [{"map_id": "hall", "active_version": second}]}
+    assert service.http.get("/maps").json() == {
+        "maps": [{"map_id": "hall", "active_version": second}],
+        "next": None,
+    }
     described = service.http.get("/maps/hall").json()
     assert (described["map_id"], described["active_version"], described["versions"]) == ("hall", second, 2)
     assert described["manifest"]["files"]["label.txt"]["bytes"] == 1

@@ -8,7 +8,7 @@ import pytest
 from service_world import Service
 
 from firstfix.errors import FirstfixError, Overloaded, StoreUnavailable, all_errors
-from firstfix_service.problems import STATUS, problem_of
+from firstfix_service.problems import STATUS, TITLES, problem_of
 
 
 def test_every_error_class_has_its_own_row():
@@ -22,7 +22,8 @@ def test_the_document_is_complete(error: type[FirstfixError]):
     assert set(body) == {"type", "title", "status", "detail", "code"}
     assert body["code"] == error.code
     assert body["status"] == problem.status
-    assert 400 <= HTTPStatus(problem.status) < 600
+    assert 400 <= problem.status < 600
+    assert body["title"] == TITLES.get(problem.status) or HTTPStatus(problem.status).phrase
 
 
 def test_where_trying_again_helps_it_says_when():

@@ -73,8 +73,8 @@ def _config(path: Path | None, sensor: str | None, axis: Axis | None) -> Any:
     """The build's config: the file, with what the command line says put over it."""
     import yaml
 
+    from firstfix.build_config import BuildConfig
     from firstfix.errors import InvalidOption, NotFound
-    from firstfix_builder.config import BuildConfig
 
     try:
         base = BuildConfig() if path is None else BuildConfig.from_file(path)

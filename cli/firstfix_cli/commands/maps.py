@@ -13,6 +13,7 @@ from ..self_test_lines import self_test_lines
 app = typer.Typer(help="List, inspect and switch maps, of a service or of a store.", no_args_is_help=True)
 
 MapArgument = Annotated[str, typer.Argument(metavar="MAP", help="Id of the map.")]
+VersionArgument = Annotated[str, typer.Argument(help="Version, or at least its first 8 characters.")]
 
 
 @app.command("ls")
@@ -60,7 +61,7 @@ def versions(map_id: MapArgument, url: Url = None, store: Store = None, as_json:
 @app.command()
 def activate(
     map_id: MapArgument,
-    version: Annotated[str, typer.Argument(help="Version, or at least its first 8 characters.")],
+    version: VersionArgument,
     url: Url = None,
     store: Store = None,
 ) -> None:
@@ -72,6 +73,53 @@ def activate(
         chosen = full_version(version, (entry["version"] for entry in admin.versions(map_id)))
         admin.activate(map_id, chosen)
     typer.echo(f"{map_id}: version {chosen} is active")
+
+
+@app.command()
+def rollback(map_id: MapArgument, url: Url = None, store: Store = None) -> None:
+    """Let the version answer that was active before; twice comes back."""
+    from ..map_admin import map_admin
+
+    with map_admin(url, store) as admin:
+        typer.echo(f"{map_id}: version {admin.roll_back(map_id)} is active")
+
+
+@app.command()
+def retire(
+    map_id: MapArgument,
+    version: VersionArgument,
+    force: Annotated[bool, typer.Option("--force", help="Also if it is the active one.")] = False,
+    url: Url = None,
+    store: Store = None,
+) -> None:
+    """Take a version out of service; gc removes its files a day later."""
+    from ..map_admin import map_admin
+    from ..versions import full_version
+
+    with map_admin(url, store) as admin:
+        chosen = full_version(version, (entry["version"] for entry in admin.versions(map_id)))
+        admin.retire(map_id, chosen, force=force)
+    typer.echo(f"{map_id}: version {chosen} is retired")
+
+
+@app.command("gc")
+def collect_garbage(
+    map_id: Annotated[str | None, typer.Argument(metavar="[MAP]", help="One map; default: all.")] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be removed.")] = False,
+    url: Url = None,
+    store: Store = None,
+    as_json: AsJson = False,
+) -> None:
+    """Remove what nothing references: retired versions, unused sources, abandoned uploads, old records."""
+    from ..map_admin import map_admin
+
+    with map_admin(url, store) as admin:
+        found = admin.collect_garbage(map_id, dry_run=dry_run)
+    if as_json:
+        typer.echo(json.dumps({"dry_run": dry_run, **found}))
+        return
+    for kind, count in found["objects"].items():
+        typer.echo(f"{kind:12} {count:8,} {'objects to remove' if dry_run else 'objects removed'}")
 
 
 def _lines(details: dict[str, Any]) -> list[str]:

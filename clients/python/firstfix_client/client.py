@@ -2,31 +2,25 @@
 
 from __future__ import annotations
 
-import json
-import time
-from collections.abc import Callable, Mapping
-from contextlib import ExitStack
-from pathlib import Path
+from collections.abc import Mapping
 from types import TracebackType
-from typing import Any
 
 import httpx
 
-from firstfix.errors import BuildCancelled, BuildFailed, FirstfixError, InvalidOption, NotFound
+from firstfix.errors import InvalidOption
 from firstfix.localization import Localization
 from firstfix.options import LocalizeOptions
 from firstfix.scan_sequence import ScanSequence
 
+from .build_calls import BuildCalls
 from .credential import credential
-from .records import BuildStatus, MapInfo, VersionInfo
+from .map_calls import MapCalls
 from .retry import Deadline, RetryPolicy
 from .retrying_http import RetryingHttp, parsed
 from .scan_body import ScanLike, encoded
 
-POLL_S = 1.0
 
-
-class Client:
+class Client(MapCalls, BuildCalls):
     """Asks a firstfix service over HTTP. Thread-safe; close it, or use it in a ``with``.
 
     Every call ends within its timeout, retries included: connections that fail and services that say
@@ -138,120 +132,3 @@ class Client:
 
         answer = self._http.send(request, Deadline(self._timeout_s))
         return parsed(answer, Localization.from_mapping)
-
-    def maps(self) -> list[MapInfo]:
-        """Every map that the service can localize in."""
-        answer = self._call("GET", "maps")
-        return parsed(answer, lambda data: [MapInfo.from_mapping(item) for item in data["maps"]])
-
-    def show_map(self, map_id: str) -> MapInfo:
-        """
-        Raises:
-            NotFound: no such map.
-        """
-        return parsed(self._call("GET", "maps", map_id), MapInfo.from_mapping)
-
-    def versions(self, map_id: str) -> list[VersionInfo]:
-        """Versions of a map, newest first.
-
-        Raises:
-            NotFound: no such map.
-        """
-        answer = self._call("GET", "maps", map_id, "versions")
-        return parsed(answer, lambda data: [VersionInfo.from_mapping(item) for item in data["versions"]])
-
-    def activate(self, map_id: str, version: str) -> None:
-        """Lets a published version answer from now on: back or forward.
-
-        Raises:
-            NotFound: no such map or version.
-        """
-        self._call("POST", "maps", map_id, "versions", version, "activate")
-
-    def build_map(
-        self,
-        path: Path | str,
-        map_id: str,
-        *,
-        config: Mapping[str, Any] | None = None,
-        trajectory: Path | str | None = None,
-        upload_timeout_s: float = 3600.0,
-    ) -> BuildStatus:
-        """Uploads a map file and starts its build; ``wait_for_build`` follows it.
-
-        Args:
-            config: of the build, as its YAML file would say it; None: the service's defaults.
-
-        Raises:
-            NotFound: no such file.
-            InputError: the service cannot use the file or the config.
-        """
-        fields = {"map_id": map_id} | ({} if config is None else {"config": json.dumps(config)})
-        paths = {"source": Path(path)} | ({} if trajectory is None else {"trajectory": Path(trajectory)})
-        for wanted in paths.values():
-            if not wanted.is_file():
-                raise NotFound(f"{wanted}: no such file")
-        with ExitStack() as opened:
-            streams = {name: opened.enter_context(file.open("rb")) for name, file in paths.items()}
-
-            def request(left_s: float) -> httpx.Request:
-                for stream in streams.values():
-                    stream.seek(0)
-                files = {name: (file.name, streams[name]) for name, file in paths.items()}
-                return self._http.request("POST", "maps", left_s=left_s, data=fields, files=files)
-
-            # every upload that arrives is a build: not repeated on a connection that broke half-way
-            answer = self._http.send(request, Deadline(upload_timeout_s), repeatable=False)
-        build_id = answer.headers.get("Location", "").rstrip("/").rpartition("/")[2]
-        if not build_id:
-            raise FirstfixError("the service accepted the map but did not say which build it started")
-        return self.build_status(build_id)
-
-    def build_status(self, build_id: str) -> BuildStatus:
-        """
-        Raises:
-            NotFound: no such build.
-        """
-        answer = self._call("GET", "builds", build_id)
-        return parsed(answer, lambda data: BuildStatus.from_mapping(build_id, data))
-
-    def wait_for_build(
-        self,
-        build_id: str,
-        *,
-        progress: Callable[[BuildStatus], None] = lambda status: None,
-        timeout_s: float = 24 * 3600.0,
-    ) -> BuildStatus:
-        """Waits for the build's version, telling ``progress`` about once a second.
-
-        Raises:
-            BuildFailed, BuildCancelled: it ended without a version.
-            DeadlineExceeded: it is not done yet; it goes on all the same.
-        """
-        deadline = Deadline(timeout_s)
-        while True:
-            status = self.build_status(build_id)
-            progress(status)
-            if status.state == "succeeded":
-                return status
-            if status.state == "cancelled":
-                raise BuildCancelled(f"build {build_id} was cancelled")
-            if status.state == "failed":
-                raise BuildFailed(status.error_detail or f"build {build_id} failed")
-            time.sleep(min(POLL_S, deadline.remaining_s()))
-
-    def cancel_build(self, build_id: str) -> None:
-        """Asks a build to stop; it does so at its next tick.
-
-        Raises:
-            NotFound: no such build.
-            Conflict: it has ended.
-        """
-        self._call("DELETE", "builds", build_id, repeatable=False)
-
-    def _call(self, method: str, *path: str, repeatable: bool = True) -> httpx.Response:
-        return self._http.send(
-            lambda left_s: self._http.request(method, *path, left_s=left_s),
-            Deadline(self._timeout_s),
-            repeatable=repeatable,
-        )

@@ -32,13 +32,19 @@ class RetryingHttp:
         self._http.close()
 
     def send(
-        self, request: Callable[[float], httpx.Request], deadline: Deadline, *, repeatable: bool = True
+        self,
+        request: Callable[[float], httpx.Request],
+        deadline: Deadline,
+        *,
+        repeatable: bool = True,
+        stream: bool = False,
     ) -> httpx.Response:
         """A successful answer, or the last failure when another try is not worth it or not safe.
 
         Args:
             request: makes the request of one attempt, from the seconds that are left.
             repeatable: it may be sent again although the service may have acted on it.
+            stream: a successful answer's body is the caller's to read, and to close.
 
         Raises:
             FirstfixError: what the service's problem document stands for.
@@ -51,7 +57,9 @@ class RetryingHttp:
             asked_wait_s: float | None = None
             failure: Exception
             try:
-                answer = self._http.send(request(deadline.remaining_s()))
+                answer = self._http.send(request(deadline.remaining_s()), stream=stream)
+                if stream and not answer.is_success:
+                    answer.read()
             except (httpx.ConnectError, httpx.ConnectTimeout) as error:
                 failure, again = self._unreachable(error), True
             except httpx.TimeoutException:

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from urllib.parse import SplitResult, unquote, urlsplit
 
-from firstfix.errors import InvalidOption
+from .errors import InvalidOption
 
 MAX_URL_CHARS = 2000
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from firstfix.errors import InvalidOption
-from firstfix_service.source_policy import check_source_url
+from firstfix.source_policy import check_source_url
 
 ALLOWED = ("s3://bucket/maps/", "https://files.example.org", "https://other.example.org/a")
 

@@ -1,0 +1,177 @@
+"""What nobody can see or ask for any more, over a whole store.
+
+    versions      files of retired versions, and of publishes that never ended
+    builds        records of builds that ended long ago and made no version that is still there
+    sources       uploaded files that no build on record names
+    uploads       files that were begun and abandoned
+    idempotency   keys of requests that nobody repeats any more
+    probe         what a start that was killed left of its look at the store
+    leftovers     the same of puts that were killed, which no listing shows: not in a dry run
+
+A source is kept as long as the record of a build names it, and the record as long as the version that
+came out can be served: so what is served can always be built again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from datetime import datetime, timedelta, timezone
+
+from .build_records import FINAL_STATES
+from .catalog import Catalog
+from .errors import NotFound
+from .idempotency import FOLDER as IDEMPOTENCY
+from .ids import check_map_id, is_name
+from .store import StoredObject
+
+DAY_S = 86400.0
+
+
+@dataclass(frozen=True)
+class Ages:
+    """How old a thing has to be, in seconds, before it can be garbage.
+
+    Attributes:
+        things_s: of any kind: a publish, an upload or a repeated request may be under way.
+        builds_s: since a build's last word.
+    """
+
+    things_s: float = DAY_S
+    builds_s: float = 30 * DAY_S
+
+
+@dataclass
+class Garbage:
+    """What was removed, or would be: kind to keys."""
+
+    keys: dict[str, list[str]] = field(default_factory=dict)
+
+    @property
+    def count(self) -> int:
+        return sum(map(len, self.keys.values()))
+
+
+def collect_garbage(
+    catalog: Catalog, *, map_id: str | None = None, ages: Ages | None = None, dry_run: bool = False
+) -> Garbage:
+    """Removes what is garbage, of the whole store or of one map.
+
+    Raises:
+        InvalidOption: the map id is none.
+        StoreError: the store failed; what was removed by then stays removed.
+    """
+    ages = ages or Ages()
+    now = datetime.now(timezone.utc)
+    cutoff = now - timedelta(seconds=ages.things_s)
+    if map_id is not None:
+        map_ids = [check_map_id(map_id)]
+    else:
+        map_ids = [name for name in catalog.store.folders("maps") if is_name(name)]
+    found = Garbage()
+    found.keys["versions"] = [
+        key
+        for name in map_ids
+        for key in catalog.collect_garbage(name, older_than_s=ages.things_s, dry_run=dry_run)
+    ]
+    if map_id is None:
+        found.keys["builds"] = _builds(catalog, now - timedelta(seconds=ages.builds_s))
+        found.keys["uploads"] = _by_folder(catalog, "uploads", cutoff)
+        for kind in (IDEMPOTENCY, "probe"):
+            found.keys[kind] = _older(catalog, kind, cutoff)
+        if not dry_run:
+            for kind in ("builds", "uploads", IDEMPOTENCY, "probe"):
+                _remove(catalog, found.keys[kind])
+            found.keys["leftovers"] = catalog.store.remove_leftovers(older_than_s=ages.things_s)
+    # Sources last, and against builds that are read after them: one that was asked for meanwhile counts.
+    old = [key for name in map_ids for key in _older(catalog, f"maps/{name}/sources", cutoff)]
+    gone = {key.split("/")[1] for key in found.keys.get("builds", ())}
+    found.keys["sources"] = _unnamed(catalog, old, gone)
+    if not dry_run:
+        _remove(catalog, found.keys["sources"])
+    return found
+
+
+def remove_abandoned(catalog: Catalog, *, older_than_s: float = DAY_S) -> Garbage:
+    """The part that a service does by itself: uploads and keys that nobody came back to.
+
+    Raises:
+        StoreError: the store failed.
+    """
+    cutoff = datetime.now(timezone.utc) - timedelta(seconds=older_than_s)
+    found = Garbage()
+    found.keys["uploads"] = _by_folder(catalog, "uploads", cutoff)
+    found.keys[IDEMPOTENCY] = _older(catalog, IDEMPOTENCY, cutoff)
+    for keys in found.keys.values():
+        _remove(catalog, keys)
+    return found
+
+
+def _older(catalog: Catalog, folder: str, cutoff: datetime) -> list[str]:
+    return [item.key for item in catalog.store.scan(folder) if item.last_modified < cutoff]
+
+
+def _by_folder(
+    catalog: Catalog,
+    folder: str,
+    cutoff: datetime,
+    doomed: Callable[[str], bool] = lambda name: True,
+) -> list[str]:
+    """Keys of the folder's own folders in which nothing happened since, and which are doomed."""
+    items: dict[str, list[StoredObject]] = {}
+    for item in catalog.store.scan(folder):
+        items.setdefault(item.key.split("/")[1], []).append(item)
+    return [
+        item.key
+        for name, inside in items.items()
+        if max(item.last_modified for item in inside) < cutoff and doomed(name)
+        # what makes the thing exist goes first: a kill half-way leaves nothing that seems whole
+        for item in sorted(inside, key=lambda item: not item.key.endswith(("/upload.json", "/request.json")))
+    ]
+
+
+def _builds(catalog: Catalog, cutoff: datetime) -> list[str]:
+    published: dict[str, tuple[str, ...]] = {}
+
+    def doomed(build_id: str) -> bool:
+        if not is_name(build_id):
+            return False
+        try:
+            status = catalog.build_status(build_id)
+        except NotFound:  # what a removal that was killed left behind
+            return True
+        if status["state"] not in FINAL_STATES:
+            return False
+        map_id = str(status.get("map_id", ""))
+        if status.get("version") is None or not is_name(map_id):
+            return True
+        if map_id not in published:
+            published[map_id] = catalog.state(map_id).published
+        return status["version"] not in published[map_id]
+
+    return _by_folder(catalog, "builds", cutoff, doomed)
+
+
+def _unnamed(catalog: Catalog, keys: list[str], gone: set[str]) -> list[str]:
+    """Those of the sources that no build names but the ones that are gone."""
+    if not keys:
+        return []
+    named: set[str] = set()
+    for build_id in catalog.build_ids():
+        if build_id not in gone:
+            named.update(_sources_of(catalog, build_id))
+    return [key for key in keys if key not in named]
+
+
+def _sources_of(catalog: Catalog, build_id: str) -> list[str]:
+    try:
+        request = catalog.build_request(build_id)
+    except NotFound:
+        return []
+    named = (request.get(role) for role in ("source", "trajectory"))
+    return [str(one["key"]) for one in named if isinstance(one, dict) and "key" in one]
+
+
+def _remove(catalog: Catalog, keys: Iterable[str]) -> None:
+    for key in keys:
+        catalog.store.delete(key)

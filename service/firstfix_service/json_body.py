@@ -1,0 +1,74 @@
+"""JSON objects from outside: of bounded size, and of numbers that JSON has."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any, NoReturn, TypeVar
+
+from fastapi import Request
+from pydantic import BaseModel, ValidationError
+
+from firstfix.errors import InvalidOption, MalformedData
+
+from .request_body import BodyReader
+
+MAX_JSON_BYTES = 1 << 20
+TIMEOUT_S = 30.0
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+async def read_object(request: Request) -> dict[str, Any]:
+    """The JSON object in a request's body.
+
+    Raises:
+        TooLarge: over a mebibyte.
+        DeadlineExceeded: it did not arrive.
+        MalformedData: as ``parse_object``.
+    """
+    body = await BodyReader(MAX_JSON_BYTES, MAX_JSON_BYTES, TIMEOUT_S).read(request)
+    return parse_object(body, "the body")
+
+
+async def read_model(request: Request, model: type[Model]) -> Model:
+    """The body as a model.
+
+    Raises:
+        InvalidOption: names every field that is wrong, and why.
+        TooLarge, DeadlineExceeded, MalformedData: as ``read_object``.
+    """
+    data = await read_object(request)
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        problems = (
+            f"{'.'.join(str(part) for part in problem['loc']) or 'the body'}: {problem['msg']}"
+            for problem in error.errors()
+        )
+        raise InvalidOption("; ".join(problems)) from None
+
+
+def parse_object(data: bytes, what: str) -> dict[str, Any]:
+    """
+    Raises:
+        MalformedData: not JSON, not an object, or with numbers that JSON does not have.
+    """
+    try:
+        value = json.loads(data, parse_constant=_refuse, parse_float=_finite)
+    except (ValueError, RecursionError):
+        raise MalformedData(f"{what} is not JSON") from None
+    if not isinstance(value, dict):
+        raise MalformedData(f"{what} is no JSON object")
+    return value
+
+
+def _refuse(name: str) -> NoReturn:
+    raise ValueError(f"{name} is not JSON")
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text[:40]} is out of range")
+    return value

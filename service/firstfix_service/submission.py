@@ -1,0 +1,171 @@
+"""What POST /maps hands in: read and checked in whole before anything is kept or built."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fastapi import Request
+
+from firstfix.build_config import BuildConfig
+from firstfix.catalog import source_key
+from firstfix.errors import InvalidOption
+from firstfix.ids import check_map_id, check_upload_id
+from firstfix.manifest import sha256_of
+from firstfix.source_policy import check_source_url
+
+from .disk_space import check_free_disk
+from .json_body import parse_object, read_object
+from .parts import Parts
+from .request_body import declared_length
+from .upload import UploadedFile, harmless_name, receive_form
+
+_TEXTS, _FILES = {"map_id", "config"}, {"source", "trajectory"}
+
+
+@dataclass(frozen=True)
+class NamedUrl:
+    """A file elsewhere, which whoever builds the map fetches."""
+
+    url: str
+
+    @property
+    def file_name(self) -> str:
+        return harmless_name(self.url.split("?", 1)[0])
+
+
+@dataclass(frozen=True)
+class NamedUpload:
+    """A file that came by /uploads."""
+
+    upload_id: str
+
+
+Source = UploadedFile | NamedUrl | NamedUpload
+
+
+@dataclass(frozen=True)
+class Submission:
+    """A map to be built. Attributes: config: of the build, as it was given; it has been checked."""
+
+    map_id: str
+    source: Source
+    trajectory: Source | None
+    config: Mapping[str, Any]
+
+    def fingerprint(self) -> str:
+        """Equal for equal submissions: of files in the body the content counts."""
+        described = [self.map_id, _identity(self.source), _identity(self.trajectory), self.config]
+        return hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()
+
+    def keep(self, parts: Parts) -> dict[str, Any]:
+        """The build's record, once the files are in the store. Again does no harm, and brings back what a
+        garbage collection took in between.
+
+        Raises:
+            NotFound: no such upload.
+            Conflict: an upload is not complete.
+            StoreError: the store failed.
+        """
+        source, file_name = _kept(parts, self.map_id, self.source)
+        trajectory = None
+        if self.trajectory is not None:
+            named, name = _kept(parts, self.map_id, self.trajectory)
+            trajectory = {**named, "file_name": name}
+        return {
+            "map_id": self.map_id,
+            "source": source,
+            "file_name": file_name,
+            "trajectory": trajectory,
+            "config": self.config,
+        }
+
+
+def is_kept(parts: Parts, record: Mapping[str, Any]) -> bool:
+    """Whether the files that a build's record names are in the store."""
+    named = (record[role] for role in ("source", "trajectory"))
+    return all(parts.catalog.store.exists(one["key"]) for one in named if one and "key" in one)
+
+
+async def from_form(request: Request, parts: Parts, directory: Path) -> Submission:
+    """The submission of a multipart form, its files in the directory.
+
+    Raises:
+        InvalidOption, MalformedData, TooLarge: the form cannot be used.
+        OutOfSpace: this disk has no room for it.
+    """
+    check_free_disk(directory, declared_length(request) or 0, parts.settings.min_free_bytes)
+    form = await receive_form(
+        request, directory, text_fields=_TEXTS, file_fields=_FILES, max_bytes=parts.settings.max_upload_bytes
+    )
+    if "source" not in form.files:
+        raise InvalidOption("the form has no file 'source'")
+    return Submission(
+        check_map_id(form.texts.get("map_id", "")),
+        form.files["source"],
+        form.files.get("trajectory"),
+        _checked_config(parse_object((form.texts.get("config") or "{}").encode(), "config")),
+    )
+
+
+async def from_json(request: Request, parts: Parts) -> Submission:
+    """The submission of a body that names URLs or uploads.
+
+    Raises:
+        InvalidOption, MalformedData, TooLarge: the body cannot be used, or the operator forbids a URL.
+    """
+    body = await read_object(request)
+    unknown = set(body) - {"map_id", "source", "trajectory", "config"}
+    if unknown:
+        raise InvalidOption(f"no field {', '.join(sorted(unknown))[:200]}")
+    config = body.get("config") or {}
+    if not isinstance(config, dict):
+        raise InvalidOption("config is a JSON object")
+    trajectory = body.get("trajectory")
+    return Submission(
+        check_map_id(str(body.get("map_id", ""))),
+        _named(parts, body.get("source"), "source"),
+        None if trajectory is None else _named(parts, trajectory, "trajectory"),
+        _checked_config(config),
+    )
+
+
+def _checked_config(config: dict[str, Any]) -> dict[str, Any]:
+    BuildConfig.parse(config)
+    return config
+
+
+def _named(parts: Parts, named: Any, role: str) -> NamedUrl | NamedUpload:
+    if isinstance(named, dict) and len(named) == 1:
+        ((kind, value),) = named.items()
+        if kind == "url" and isinstance(value, str):
+            return NamedUrl(check_source_url(value, parts.settings.source_urls))
+        if kind == "upload" and isinstance(value, str):
+            return NamedUpload(check_upload_id(value))
+    raise InvalidOption(f'{role} is {{"url": "..."}} or {{"upload": "..."}}')
+
+
+def _identity(source: Source | None) -> list[str] | None:
+    if source is None:
+        return None
+    if isinstance(source, UploadedFile):
+        return ["file", source.file_name, sha256_of(source.path)]
+    if isinstance(source, NamedUrl):
+        return ["url", source.url]
+    return ["upload", source.upload_id]
+
+
+def _kept(parts: Parts, map_id: str, source: Source) -> tuple[dict[str, str], str]:
+    """How the record names the source, and the name by whose ending it is read."""
+    if isinstance(source, NamedUrl):
+        return {"url": source.url}, source.file_name
+    if isinstance(source, UploadedFile):
+        sha256 = parts.catalog.put_source(map_id, source.path)
+        return {"key": source_key(map_id, sha256)}, source.file_name
+    upload = parts.uploads.get(source.upload_id)
+    sha256 = parts.uploads.keep_as_source(upload, map_id)
+    return {"key": source_key(map_id, sha256)}, upload.file_name

@@ -1,0 +1,164 @@
+"""The client's newer calls against the real service; only its localizer is a fake one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+from service_world import Service, publish, running_service
+
+from firstfix.build_records import new_status
+from firstfix.errors import ChecksumMismatch, Conflict, DeadlineExceeded, NotFound
+from firstfix_client import Client, RetryPolicy, build_calls, resumable_upload
+
+DATA = bytes(range(256)) * 200
+QUICK = RetryPolicy(attempts=6, first_wait_s=0.01, max_wait_s=0.05)
+
+
+@pytest.fixture
+def service(tmp_path: Path) -> Iterator[Service]:
+    with running_service(tmp_path, zenoh=False) as running:
+        publish(running.catalog, "hall", "1", running.scratch)
+        yield running
+
+
+class Breaks(httpx.HTTPTransport):
+    """A network that loses what the test says: a request before it is sent, or its answer after."""
+
+    def __init__(self, loses: Callable[[int, httpx.Request], str | None]) -> None:
+        super().__init__()
+        self.loses, self.count, self.sent = loses, 0, 0
+
+    def handle_request(self, request: httpx.Request) -> httpx.Response:
+        self.count += 1
+        what = self.loses(self.count, request)
+        if what == "request":
+            raise httpx.ConnectError("lost")
+        if request.method == "PATCH":
+            self.sent += int(request.headers["content-length"])
+        response = super().handle_request(request)
+        if what == "answer":
+            response.close()
+            raise httpx.ReadError("lost")
+        return response
+
+
+@pytest.fixture
+def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(resumable_upload, "PART_BYTES", 5000)
+    monkeypatch.setattr(build_calls, "IN_PARTS_FROM_BYTES", 10_000)
+
+
+def file_of(tmp_path: Path, data: bytes = DATA) -> Path:
+    path = tmp_path / "hall.xyz"
+    path.write_bytes(data)
+    return path
+
+
+@pytest.mark.usefixtures("small_parts")
+def test_a_large_file_goes_in_parts_over_a_bad_line(service: Service, tmp_path: Path):
+    network = Breaks(lambda n, request: {0: "request", 1: "answer"}.get(n % 4))
+    with Client(service.url, retry=QUICK, transport=network) as client:
+        status = client.build_map(file_of(tmp_path), "hall", config={"level": False})
+    request = service.catalog.build_request(status.build_id)
+    assert service.catalog.store.get(request["source"]["key"]) == DATA
+    assert request["file_name"] == "hall.xyz"
+    assert request["config"] == {"level": False}
+    assert len(service.catalog.build_ids()) == 1
+    assert network.sent < 2 * len(DATA), "no part that arrived is sent again more than once"
+
+
+@pytest.mark.usefixtures("small_parts")
+def test_what_a_map_was_made_of_does_not_stay(service: Service, tmp_path: Path):
+    with Client(service.url, retry=QUICK) as client:
+        client.build_map(file_of(tmp_path), "hall", trajectory=file_of(tmp_path))
+    assert service.catalog.store.list("uploads") == []
+
+
+@pytest.mark.usefixtures("small_parts")
+def test_a_file_that_changes_while_it_is_read_is_no_map(
+    service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(resumable_upload, "_sha256", lambda path: "0" * 64)
+    with Client(service.url, retry=QUICK) as client, pytest.raises(ChecksumMismatch):
+        client.build_map(file_of(tmp_path), "hall")
+    assert service.catalog.build_ids() == []
+
+
+def test_a_small_file_is_one_build_however_often_it_is_sent(service: Service, tmp_path: Path):
+    network = Breaks(lambda n, request: "answer" if n <= 3 else None)
+    with Client(service.url, retry=QUICK, transport=network) as client:
+        client.build_map(file_of(tmp_path), "hall")
+    assert len(service.catalog.build_ids()) == 1
+
+
+def test_a_build_tells_how_far_it_is(service: Service):
+    service.catalog.put_build("b1", {"map_id": "hall"})
+    service.catalog.put_build("b2", {"map_id": "attic"})
+    with Client(service.url) as client:
+        assert [build.build_id for build in client.builds()] == ["b2", "b1"]
+        assert [build.build_id for build in client.builds(map_id="hall", state="queued")] == ["b1"]
+        seen = []
+        for status in client.build_events("b1"):
+            seen.append(status.state)
+            following = "running" if status.state == "queued" else "succeeded"
+            service.catalog.set_build_status("b1", new_status(following, map_id="hall"))
+        assert seen == ["queued", "running", "succeeded"]
+        with pytest.raises(NotFound):
+            next(client.build_events("none"))
+        with pytest.raises(DeadlineExceeded):
+            list(client.build_events("b2", timeout_s=0.3))
+
+
+def test_lists_longer_than_a_page(service: Service, monkeypatch: pytest.MonkeyPatch):
+    for n in range(4):
+        publish(service.catalog, f"m{n}", "1", service.scratch)
+        publish(service.catalog, "hall", str(n + 2), service.scratch)
+
+    class TwoAPage(httpx.HTTPTransport):
+        def handle_request(self, request: httpx.Request) -> httpx.Response:
+            request.url = request.url.copy_set_param("limit", "2")
+            return super().handle_request(request)
+
+    with Client(service.url, transport=TwoAPage()) as client:
+        assert [info.map_id for info in client.maps()] == ["hall", "m0", "m1", "m2", "m3"]
+        assert len(client.versions("hall")) == 5
+
+
+def test_versions_are_rolled_back_and_retired(service: Service):
+    first = service.catalog.active_version("hall")
+    second = publish(service.catalog, "hall", "2", service.scratch)
+    with Client(service.url) as client:
+        assert client.roll_back("hall") == first
+        with pytest.raises(Conflict):
+            client.retire("hall", first)
+        client.retire("hall", second)
+        assert [info.version for info in client.versions("hall")] == [first]
+        client.retire("hall", first, force=True)
+        assert client.versions("hall") == []
+        assert client.collect_garbage(dry_run=True)["objects"]["versions"] == 0
+        assert client.collect_garbage("hall")["dry_run"] is False
+        with pytest.raises(NotFound):
+            client.report("hall", first)
+
+
+def test_a_map_is_given_its_place(service: Service):
+    with Client(service.url) as client:
+        with pytest.raises(NotFound):
+            client.georeference("hall")
+        client.set_georeference("hall", latitude_deg=48, longitude_deg=11, height_m=500, x_axis_deg=90)
+        assert client.georeference("hall")["x_axis_deg"] == pytest.approx(90)
+        client.set_georeference(
+            "hall",
+            latitude_deg=48,
+            longitude_deg=11,
+            height_m=500,
+            quaternion=(0, 0, 0, 1),
+            anchor_m=(1, 2, 3),
+        )
+        assert client.georeference("hall")["anchor_m"] == [1, 2, 3]
+        client.delete_georeference("hall")
+        with pytest.raises(NotFound):
+            client.delete_georeference("hall")
