@@ -19,6 +19,7 @@
     |  |- BuildFailed             a stage could not do its work
     |  `- BuildCancelled          somebody asked for it
     |- Overloaded                 the queue is full: try again later
+    |- WorkerLost                 the process that worked on it died: try again
     `- DeadlineExceeded           the answer would have come too late
 
 The code, not the class name, is the protocol: clients match on it, so it never changes.
@@ -102,7 +103,19 @@ class BuildCancelled(BuildError):
 
 
 class Overloaded(FirstfixError):
+    """Attributes:
+    retry_after_s: when there should be room, as far as that can be told.
+    """
+
     code = "overloaded"
+
+    def __init__(self, message: str = "", *, retry_after_s: float = 1.0) -> None:
+        super().__init__(message)
+        self.retry_after_s = retry_after_s
+
+
+class WorkerLost(FirstfixError):
+    code = "worker_lost"
 
 
 class DeadlineExceeded(FirstfixError):

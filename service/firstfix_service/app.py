@@ -20,15 +20,18 @@ from firstfix.store import Store
 from . import http_builds, http_localize, http_maps, operations, problems
 from .build_queue import BuildQueue, builder_is_installed
 from .localize import LocalizeUseCase
-from .map_cache import LocalizesScans, MapCache, load_localizer
+from .map_cache import MapCache
 from .map_poller import MapPoller
 from .metrics import Metrics
 from .parts import Parts
 from .pool import QueryPool
+from .process_workers import ProcessWorkers
+from .query import LocalizesScans, load_localizer
 from .request_body import BodyReader
 from .request_log import RequestLog
 from .settings import Settings
 from .start_failure import StartFailure
+from .workers import LocalWorkers, Workers
 
 _log = structlog.get_logger(__name__)
 ABANDONED_UPLOAD_S = 86400.0
@@ -52,11 +55,11 @@ _PROBLEM = {
 }
 
 
-def create_app(settings: Settings, *, load: Callable[[Path], LocalizesScans] = load_localizer) -> FastAPI:
+def create_app(settings: Settings, *, load: Callable[[Path], LocalizesScans] | None = None) -> FastAPI:
     """The app for these settings.
 
     Args:
-        load: a version's folder to what answers from it.
+        load: a version's folder to what answers from it, in threads of this process whatever the settings.
     """
     metrics = Metrics()
 
@@ -85,31 +88,51 @@ def create_app(settings: Settings, *, load: Callable[[Path], LocalizesScans] = l
 
 
 async def _start(
-    settings: Settings, metrics: Metrics, load: Callable[[Path], LocalizesScans], stack: AsyncExitStack
+    settings: Settings,
+    metrics: Metrics,
+    load: Callable[[Path], LocalizesScans] | None,
+    stack: AsyncExitStack,
 ) -> Parts:
     """Starts everything in order; the stack stops it in the reverse order."""
     store = await asyncio.to_thread(_open_store, settings.store)
     catalog = Catalog(store)
     await asyncio.to_thread(_remove_abandoned_uploads, settings.work_dir / "uploads")
+    workers = _workers(settings, metrics, load)
+    stack.push_async_callback(asyncio.to_thread, workers.close)
     maps = MapCache(
         catalog,
         settings.cache_dir,
+        workers,
         metrics,
         max_versions=settings.cache_max_versions,
         max_bytes=settings.cache_max_bytes,
-        load=load,
+        max_disk_bytes=settings.cache_max_disk_bytes,
+        pinned=settings.pinned_maps,
+        poll_interval_s=settings.poll_interval_s,
+        sweep_interval_s=settings.sweep_interval_s,
     )
+    stack.push_async_callback(asyncio.to_thread, maps.close)
     pool = QueryPool(settings.workers, settings.queue_size)
-    stack.push_async_callback(asyncio.to_thread, pool.close)
+    stack.push_async_callback(pool.close)
     metrics.watch("firstfix_queries_admitted", "Queries that wait or run", lambda: pool.admitted)
     bodies = BodyReader(settings.max_body_bytes, settings.max_inflight_bytes, settings.body_timeout_s)
     metrics.watch("firstfix_body_bytes", "Bytes of query bodies held", lambda: bodies.inflight_bytes)
-    use_case = LocalizeUseCase(maps, pool, metrics, max_decoded_bytes=settings.max_decoded_bytes)
+    use_case = LocalizeUseCase(maps, pool, workers, metrics, max_decoded_bytes=settings.max_decoded_bytes)
     builds = _start_builds(settings, catalog, metrics, stack)
     poller = await _start_poller(settings, maps, use_case, pool, stack)
     poller.start()
     stack.push_async_callback(asyncio.to_thread, poller.close)
     return Parts(settings, metrics, catalog, maps, pool, use_case, bodies, builds)
+
+
+def _workers(settings: Settings, metrics: Metrics, load: Callable[[Path], LocalizesScans] | None) -> Workers:
+    if load is None and settings.worker_processes:
+        return ProcessWorkers(
+            settings.workers,
+            query_timeout_s=settings.query_timeout_s,
+            on_death=metrics.worker_deaths.inc,
+        )
+    return LocalWorkers(load or load_localizer)
 
 
 def _open_store(url: str) -> Store:

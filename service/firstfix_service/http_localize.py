@@ -7,12 +7,14 @@ from collections import Counter
 from typing import Any
 
 from fastapi import APIRouter, Request, Response
+from starlette.requests import ClientDisconnect
 
 from firstfix.decode import MEDIA_TYPES
 from firstfix.errors import InvalidOption
 from firstfix.localization import Localization
 from firstfix.options import LocalizeOptions
 
+from .client_gone import unless_client_leaves
 from .localize import check_media_type, to_json
 from .parts import PartsDep
 
@@ -64,6 +66,9 @@ async def localize(request: Request, parts: PartsDep) -> Response:
     arrived = time.monotonic()
     try:
         answer = await _localize(request, parts, arrived)
+    except ClientDisconnect:
+        parts.metrics.failures.labels("http", "client_gone").inc()
+        raise
     except Exception as error:
         parts.use_case.count("http", error)
         raise
@@ -81,11 +86,13 @@ async def _localize(request: Request, parts: PartsDep, arrived: float) -> Locali
     LocalizeOptions.from_strings(options)  # what can be refused is refused before the body is read
     media_type = request.headers.get("content-type", "")
     check_media_type(media_type)
-    parts.pool.check_room()
+    parts.use_case.check_room(map_id)
     body = await parts.bodies.read(request)
     try:
-        return await parts.use_case.localize(
-            body, media_type, request.headers.get("content-encoding"), map_id, options, arrived=arrived
+        content_encoding = request.headers.get("content-encoding")
+        return await unless_client_leaves(
+            request,
+            parts.use_case.localize(body, media_type, content_encoding, map_id, options, arrived=arrived),
         )
     finally:
         parts.bodies.release(body)

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future
 from dataclasses import replace
 
-from firstfix.decode import MEDIA_TYPES, decode_query, undo_content_encoding
+from firstfix.decode import MEDIA_TYPES
 from firstfix.errors import InvalidOption, NotFound, UnsupportedFormat
 from firstfix.localization import Localization
-from firstfix.localizer import localize_among
 from firstfix.options import LocalizeOptions
-from firstfix.stopwatch import Stopwatch
 
-from .map_cache import MapCache
+from .map_cache import Leases, MapCache
 from .metrics import Metrics
 from .pool import QueryPool
 from .problems import problem_of
+from .query import Query
+from .workers import Workers
 
 MAX_MAPS = 16  # that one query is compared with
 
@@ -25,9 +26,12 @@ MAX_MAPS = 16  # that one query is compared with
 class LocalizeUseCase:
     """Answers queries over the maps that are served."""
 
-    def __init__(self, maps: MapCache, pool: QueryPool, metrics: Metrics, *, max_decoded_bytes: int) -> None:
+    def __init__(
+        self, maps: MapCache, pool: QueryPool, workers: Workers, metrics: Metrics, *, max_decoded_bytes: int
+    ) -> None:
         self._maps = maps
         self._pool = pool
+        self._workers = workers
         self._metrics = metrics
         self._max_decoded_bytes = max_decoded_bytes
 
@@ -53,49 +57,40 @@ class LocalizeUseCase:
             NotFound: no such map or version.
             VersionError, StoreError: the version cannot be served.
             Overloaded, DeadlineExceeded: as ``QueryPool.run``.
+            WorkerLost: as ``Workers.answer``.
         """
         start = time.monotonic() if arrived is None else arrived
         wanted = LocalizeOptions.from_strings(options)
         check_media_type(media_type)
         deadline = None if wanted.deadline_ms is None else start + wanted.deadline_ms / 1e3
-        queued = time.perf_counter()
+        names = self._named(map_id)
+        admitted = time.monotonic()
 
-        def work() -> Localization:
-            waited_ms = (time.perf_counter() - queued) * 1e3
-            return self._answer(body, media_type, content_encoding, map_id, wanted, waited_ms)
+        def work(leases: Leases, waited_s: float) -> Localization:
+            map_s = time.monotonic() - admitted - waited_s
+            query = Query(
+                body, media_type, content_encoding or "", wanted, leases.served, self._max_decoded_bytes
+            )
+            answer = self._workers.answer(query)
+            waits_ms = {"queue": waited_s * 1e3, "map": map_s * 1e3}
+            return replace(answer, timings_ms={**waits_ms, **answer.timings_ms})
 
-        return await self._pool.run(work, deadline)
+        def prepare() -> Future[Leases]:
+            return self._maps.lease(names, wanted.version)
 
-    def _answer(
-        self,
-        body: bytes,
-        media_type: str,
-        content_encoding: str | None,
-        map_id: str,
-        options: LocalizeOptions,
-        waited_ms: float,
-    ) -> Localization:
-        watch = Stopwatch()
-        watch.ms["queue"] = waited_ms
-        with watch.stage("map"):
-            served = {name: self._maps.get(name, options.version) for name in self._named(map_id)}
-        with watch.stage("decode"):
-            plain = undo_content_encoding(body, content_encoding or "", self._max_decoded_bytes)
-            scan = decode_query(plain, media_type)
-        if len(served) == 1:
-            (answered,) = served.values()
-            answer = answered.localizer.localize(scan, options)
-        else:
-            answer = localize_among({name: one.localizer for name, one in served.items()}, scan, options)
-            # where none is sure, the map of the best place, if there is a place at all
-            best = answer.hypotheses[0].map_id if answer.hypotheses else next(iter(served))
-            answered = served[best]
-        return replace(
-            answer,
-            map_id=answered.map_id,
-            map_version=answered.version,
-            timings_ms={**watch.ms, **answer.timings_ms},
-        )
+        return await self._pool.run(group_of(names), prepare, work, deadline)
+
+    def check_room(self, map_id: str) -> None:
+        """For a caller that has not read the body yet.
+
+        Args:
+            map_id: as for ``localize``.
+
+        Raises:
+            NotFound, InvalidOption: the maps cannot be had.
+            Overloaded: there would be no place for the query now.
+        """
+        self._pool.check_room(group_of(self._named(map_id)))
 
     def _named(self, map_id: str) -> list[str]:
         names = list(dict.fromkeys(map_id.split(","))) if map_id else list(self._maps.map_ids)
@@ -113,6 +108,11 @@ class LocalizeUseCase:
                 self._metrics.stage_seconds.labels(stage).observe(ms / 1e3)
         else:
             self._metrics.failures.labels(transport, problem_of(outcome).code).inc()
+
+
+def group_of(map_ids: Sequence[str]) -> str:
+    """Whose turn a query takes in the pool: its map's, or that of all queries over several maps."""
+    return map_ids[0] if len(map_ids) == 1 else "*"
 
 
 def check_media_type(media_type: str) -> None:

@@ -60,6 +60,11 @@ class Metrics:
             "Maps that answer from another version than the active one, as that one was refused",
             registry=registry,
         )
+        self.worker_deaths = Counter(
+            "firstfix_worker_deaths",
+            "Worker processes that died and were replaced",
+            registry=registry,
+        )
         self.builds = Counter("firstfix_builds", "Builds ended here, by state", ["state"], registry=registry)
         self.builds_waiting = Gauge("firstfix_builds_waiting", "Builds not ended yet", registry=registry)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass, field
 from http import HTTPStatus
 
@@ -35,11 +36,12 @@ STATUS: dict[type[FirstfixError], int] = {
     errors.BuildFailed: 500,
     errors.BuildCancelled: 409,
     errors.Overloaded: 503,
+    errors.WorkerLost: 503,
     errors.DeadlineExceeded: 504,
 }
 # What the response says besides: when trying again helps; that the rest of a large body is not read.
 HEADERS: dict[type[FirstfixError], dict[str, str]] = {
-    errors.Overloaded: {"Retry-After": "1"},
+    errors.WorkerLost: {"Retry-After": "1"},
     errors.StoreUnavailable: {"Retry-After": "5"},
     errors.TooLarge: {"Connection": "close"},
 }
@@ -81,7 +83,10 @@ def problem_of(error: BaseException) -> Problem:
     if not isinstance(error, FirstfixError):
         return Problem(FirstfixError.code, 500, "an unexpected error: it was logged with the request's id")
     mapped = next(cls for cls in type(error).__mro__ if cls in STATUS)
-    return Problem(error.code, STATUS[mapped], str(error), HEADERS.get(mapped, {}))
+    headers = HEADERS.get(mapped, {})
+    if isinstance(error, errors.Overloaded):
+        headers = {"Retry-After": str(max(1, math.ceil(error.retry_after_s)))}
+    return Problem(error.code, STATUS[mapped], str(error), headers)
 
 
 def add_handlers(app: FastAPI) -> None:
