@@ -47,9 +47,9 @@ class LocalWorkers:
 
     def __init__(self, load: Callable[[Path], LocalizesScans]) -> None:
         self._load_files = load
-        self._localizers: dict[Path, LocalizesScans] = {}
+        self._localizers: dict[ServedVersion, LocalizesScans] = {}
         self._lock = threading.Lock()
-        self._loads: dict[Path, threading.Lock] = {}
+        self._loads: dict[ServedVersion, threading.Lock] = {}
 
     def load(self, version: ServedVersion) -> int:
         localizer = self._localizer(version)
@@ -59,8 +59,8 @@ class LocalWorkers:
 
     def drop(self, version: ServedVersion) -> None:
         with self._lock:
-            self._localizers.pop(version.directory, None)
-            self._loads.pop(version.directory, None)
+            self._localizers.pop(version, None)
+            self._loads.pop(version, None)
 
     def answer(self, query: Query) -> Localization:
         return answer_query(query, [self._localizer(version) for version in query.versions])
@@ -70,21 +70,20 @@ class LocalWorkers:
             self._localizers.clear()
 
     def _localizer(self, version: ServedVersion) -> LocalizesScans:
-        directory = version.directory
         with self._lock:
-            if directory in self._localizers:
-                return self._localizers[directory]
-            load_lock = self._loads.setdefault(directory, threading.Lock())
+            if version in self._localizers:
+                return self._localizers[version]
+            load_lock = self._loads.setdefault(version, threading.Lock())
         with load_lock:  # whoever else wants it waits for this load instead of doing it again
             with self._lock:
-                if directory in self._localizers:
-                    return self._localizers[directory]
+                if version in self._localizers:
+                    return self._localizers[version]
             try:
-                localizer = self._load_files(directory)
+                localizer = self._load_files(version.directory)
             except FirstfixError:
                 raise
             except Exception as error:  # whatever it is, the version before must go on serving
                 raise VersionError(f"version {version.version} cannot be loaded: {error!r}") from error
             with self._lock:
-                self._localizers[directory] = localizer
+                self._localizers[version] = localizer
             return localizer

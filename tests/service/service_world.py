@@ -151,6 +151,7 @@ class Reply:
 @contextmanager
 def running_service(directory: Path, **changes: Any) -> Iterator[Service]:
     behaviour = changes.pop("behaviour", None) or Behaviour()
+    load = changes.pop("load", behaviour.load)
     settings = Settings(
         **{
             "store": str(directory / "store"),
@@ -167,7 +168,7 @@ def running_service(directory: Path, **changes: Any) -> Iterator[Service]:
         }
     )
     endpoint = settings.zenoh_listen[0]
-    server = uvicorn.Server(uvicorn_config(create_app(settings, load=behaviour.load), settings))
+    server = uvicorn.Server(uvicorn_config(create_app(settings, load=load), settings))
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()
     wait_for(lambda: server.started or not thread.is_alive())
