@@ -34,7 +34,7 @@ class Parts:
     builds: BuildQueue | None
 
 
-def parts_of(request: Request) -> Parts:
+async def parts_of(request: Request) -> Parts:  # async: FastAPI calls any other in a thread of its own
     parts: Parts = request.app.state.parts
     return parts
 
