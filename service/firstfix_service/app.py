@@ -98,7 +98,6 @@ async def _start(
     catalog = Catalog(store)
     await asyncio.to_thread(_remove_abandoned_uploads, settings.work_dir / "uploads")
     workers = _workers(settings, metrics, load)
-    stack.push_async_callback(asyncio.to_thread, workers.close)
     maps = MapCache(
         catalog,
         settings.cache_dir,
@@ -112,6 +111,7 @@ async def _start(
         sweep_interval_s=settings.sweep_interval_s,
     )
     stack.push_async_callback(asyncio.to_thread, maps.close)
+    stack.push_async_callback(asyncio.to_thread, workers.close)  # first: it ends the loads under way
     pool = QueryPool(settings.workers, settings.queue_size)
     stack.push_async_callback(pool.close)
     metrics.watch("firstfix_queries_admitted", "Queries that wait or run", lambda: pool.admitted)

@@ -53,7 +53,9 @@ class Metrics:
         )
         self.versions_loaded = Gauge("firstfix_versions_loaded", "Map versions in memory", registry=registry)
         self.version_bytes = Gauge(
-            "firstfix_version_bytes", "Bytes of the files of the map versions in memory", registry=registry
+            "firstfix_version_bytes",
+            "Bytes of the map versions in memory: their files, and what the workers hold besides",
+            registry=registry,
         )
         self.maps_behind = Gauge(
             "firstfix_maps_behind",

@@ -72,7 +72,9 @@ class ProcessWorkers:
         tried: list[WorkerHandle] = []
         for _ in range(ATTEMPTS):
             with self._lock:
-                self._born.wait_for(lambda: self._living.keys() - set(tried), FREE_WITHIN_S)
+                self._born.wait_for(
+                    lambda: self._closing.is_set() or self._living.keys() - set(tried), FREE_WITHIN_S
+                )
                 untried = [worker for worker in self._living if worker not in tried]
             if not untried:
                 break
@@ -110,8 +112,9 @@ class ProcessWorkers:
 
     def close(self) -> None:
         """Ends the processes; call it when no query runs."""
-        self._closing.set()
         with self._lock:
+            self._closing.set()
+            self._born.notify_all()
             living = list(self._living)
         for worker in living:
             worker.kill()

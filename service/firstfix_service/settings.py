@@ -54,7 +54,11 @@ class Settings(BaseSettings):
         description="map versions fetched from a store that is no directory",
     )
     cache_max_versions: int = Field(16, ge=1, description="map versions kept loaded")
-    cache_max_bytes: int = Field(8 * GIB, ge=1, description="of the files of the versions kept loaded")
+    cache_max_bytes: int = Field(
+        8 * GIB,
+        ge=1,
+        description="of the versions kept loaded: their files, and what the workers hold besides",
+    )
     poll_interval_s: float = Field(2.0, gt=0, description="between looks for newly activated versions")
 
     work_dir: Path = Field(
