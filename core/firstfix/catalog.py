@@ -4,6 +4,7 @@
     maps/<map_id>/versions/<digest>/...             files of a version
     maps/<map_id>/versions/<digest>/manifest.json   written last
     maps/<map_id>/log/000001.json, ...              see ``firstfix.map_log``
+    changes/00000001.json, ...                      see ``firstfix.change_log``
     builds/<build_id>/...                           see ``firstfix.build_records``
 
 A version without a manifest does not exist, and one without a ``published`` entry in the log is not
@@ -13,18 +14,24 @@ seen: so a publish that dies at any point has either published or not, and can b
 from __future__ import annotations
 
 import hashlib
+import logging
 import threading
+from collections import OrderedDict
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 from .build_records import BuildRecords
-from .errors import Conflict, CorruptVersion, NotFound, TooLarge
+from .change_log import ChangeLog
+from .errors import Conflict, CorruptVersion, NotFound, StoreError, TooLarge
 from .ids import check_map_id, check_version, is_name
 from .manifest import FILE_NAME, MAX_BYTES, Manifest, sha256_of
 from .map_log import Event, LogEntry, MapLog, MapState
 from .store import Store
 from .version_cache import fetch_version_files
+
+_log = logging.getLogger(__name__)
+_MANIFESTS_KEPT = 256  # each may be some 100 kB
 
 
 @dataclass(frozen=True)
@@ -49,20 +56,29 @@ class Catalog(BuildRecords):
 
     def __init__(self, store: Store) -> None:
         super().__init__(store)
-        self._logs: dict[str, MapLog] = {}
-        self._manifests: dict[tuple[str, str], Manifest] = {}
+        self.changes = ChangeLog(store)
+        self._logs: dict[str, MapLog] = {}  # of maps that there are: ids that were made up leave no trace
+        self._manifests: OrderedDict[tuple[str, str], Manifest] = OrderedDict()
         self._lock = threading.Lock()
 
     # Maps and versions
 
     def map_ids(self) -> list[str]:
         """Maps that have a version to serve."""
-        names = [name for name in self.store.folders("maps") if is_name(name)]
-        return [name for name in names if self.state(name).published]
+        return [name for name in self.folder_names() if self.state(name).published]
+
+    def folder_names(self) -> list[str]:
+        """Ids that something is stored under, whether or not there is a version yet. One listing."""
+        return [name for name in self.store.folders("maps") if is_name(name)]
 
     def state(self, map_id: str) -> MapState:
         """What the map's log adds up to; of a map that does not exist: nothing."""
-        return self._map_log(map_id).state()
+        log = self._map_log(map_id)
+        state = log.state()
+        with self._lock:
+            if state.last_seq:
+                self._logs.setdefault(map_id, log)
+        return state
 
     def known_state(self, map_id: str) -> MapState:
         """As ``state``, as of the last time that it was read: the store is not asked."""
@@ -101,8 +117,9 @@ class Catalog(BuildRecords):
             raise NotFound(f"map {map_id} has no version {version}")
         with self._lock:
             known = self._manifests.get((map_id, version))
-        if known is not None:
-            return known
+            if known is not None:
+                self._manifests.move_to_end((map_id, version))
+                return known
         key = f"{_version_folder(map_id, version)}/{FILE_NAME}"
         try:
             size = self.store.size(key)
@@ -115,6 +132,8 @@ class Catalog(BuildRecords):
             raise CorruptVersion(f"the manifest of version {version} of map {map_id} was altered")
         with self._lock:
             self._manifests[(map_id, version)] = manifest
+            while len(self._manifests) > _MANIFESTS_KEPT:
+                self._manifests.popitem(last=False)
         return manifest
 
     def fetch_version(self, map_id: str, version: str, directory: Path) -> Path:
@@ -180,13 +199,13 @@ class Catalog(BuildRecords):
                 (e.event, e.version, e.build_id) == (event, version, build_id) for e in state.entries
             )
 
-        log.append(
+        published = log.append(
             Event.PUBLISHED,
             version,
             build_id=build_id,
             needed=lambda state: version not in state.published and not done(Event.PUBLISHED, state),
         )
-        log.append(
+        activated = log.append(
             Event.ACTIVATED,
             version,
             build_id=build_id,
@@ -194,6 +213,8 @@ class Catalog(BuildRecords):
                 version in state.published and version != state.active and not done(Event.ACTIVATED, state)
             ),
         )
+        if published is not None or activated is not None:
+            self._note(map_id)
         return version
 
     def activate(self, map_id: str, version: str) -> None:
@@ -210,7 +231,8 @@ class Catalog(BuildRecords):
                 raise NotFound(f"map {map_id} has no version {version}")
             return state.active != version
 
-        self._map_log(map_id).append(Event.ACTIVATED, version, needed=needed)
+        if self._map_log(map_id).append(Event.ACTIVATED, version, needed=needed) is not None:
+            self._note(map_id)
 
     def roll_back(self, map_id: str) -> str:
         """Serves the version that was active before the active one; doing it twice comes back.
@@ -257,6 +279,7 @@ class Catalog(BuildRecords):
             return True
 
         self._map_log(map_id).append(Event.RETIRED, version, needed=needed)
+        self._note(map_id)
 
     def collect_garbage(
         self, map_id: str, *, older_than_s: float = 86400.0, dry_run: bool = False
@@ -298,7 +321,14 @@ class Catalog(BuildRecords):
     def _map_log(self, map_id: str) -> MapLog:
         check_map_id(map_id)
         with self._lock:
-            return self._logs.setdefault(map_id, MapLog(self.store, f"maps/{map_id}/log"))
+            return self._logs.get(map_id) or MapLog(self.store, f"maps/{map_id}/log")
+
+    def _note(self, map_id: str) -> None:
+        """After the entry, which is what holds: without a notice readers only see it later."""
+        try:
+            self.changes.note(map_id)
+        except StoreError as error:
+            _log.warning("no notice of the change of map %s: %s", map_id, error)
 
     # Sources
 

@@ -29,6 +29,7 @@
     |- Forbidden                  the credential does not allow this
     |- RateLimited                too many requests of one caller: try again later
     |- Overloaded                 the queue is full: try again later
+    |- WorkerLost                 the process that worked on it died: try again
     `- DeadlineExceeded           the answer would have come too late
 
 The code, not the class name, is the protocol: clients match on it, so it never changes.
@@ -161,7 +162,19 @@ class RateLimited(FirstfixError):
 
 
 class Overloaded(FirstfixError):
+    """Attributes:
+    retry_after_s: when there should be room, as far as that can be told.
+    """
+
     code = "overloaded"
+
+    def __init__(self, message: str = "", *, retry_after_s: float = 1.0) -> None:
+        super().__init__(message)
+        self.retry_after_s = retry_after_s
+
+
+class WorkerLost(FirstfixError):
+    code = "worker_lost"
 
 
 class DeadlineExceeded(FirstfixError):

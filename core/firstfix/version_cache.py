@@ -3,9 +3,11 @@
     <directory>/<version>/             the files, once every one of them is verified
     <directory>/.<version>.part/       a download under way, or the rest of one that was killed
     <directory>/.<version>.lock        held while fetching: one download, however many ask
-    <directory>/.<version>.verified    size and time of change of every file when it was verified
+    <directory>/.<version>.verified    size and time of change of every file when it was verified; its own
+                                       time is that of the last use
 
-A file store's version is not copied: its files are verified and mapped where they are.
+A file store's version is not copied: its files are verified and mapped where they are. What makes room:
+``firstfix.version_prune``.
 """
 
 from __future__ import annotations
@@ -38,15 +40,17 @@ def fetch_version_files(store: Store, folder: str, version: str, manifest: Manif
     """
     directory.mkdir(parents=True, exist_ok=True)
     marker = directory / f".{version}.verified"
-    with _locked(directory / f".{version}.lock"):
+    with locked(directory / f".{version}.lock"):
         in_place = _folder_in_place(store, folder, manifest)
         if in_place is not None:
             if not _is_verified(marker, manifest, in_place):
                 manifest.verify_directory(in_place)
                 _mark_verified(marker, manifest, in_place)
+            _touch(marker)
             return in_place
         target = directory / version
         if _is_verified(marker, manifest, target):
+            _touch(marker)
             return target
         part = directory / f".{version}.part"
         part.mkdir(exist_ok=True)
@@ -104,12 +108,57 @@ def _mark_verified(marker: Path, manifest: Manifest, folder: Path) -> None:
     part.replace(marker)
 
 
+def _touch(marker: Path) -> None:
+    with suppress(OSError):  # somebody else's, or a disk that cannot be written to
+        os.utime(marker)
+
+
 @contextmanager
-def _locked(path: Path) -> Iterator[None]:
-    """An exclusive lock that dies with its process, so that a kill leaves nothing to clean up."""
-    handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+def locked(path: Path, *, wait: bool = True) -> Iterator[None]:
+    """An exclusive lock that dies with its process, so that a kill leaves nothing to clean up.
+
+    Raises:
+        BlockingIOError: somebody has it, and not ``wait``.
+    """
+    while True:
+        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+            if not _is_at(handle, path):  # it was removed while we waited: others lock a newer one
+                continue
+            yield
+            return
+        finally:
+            os.close(handle)
+
+
+class HeldFolder:
+    """A version's folder that no process takes off the disk until it is closed, or its holder dies."""
+
+    def __init__(self, path: Path) -> None:
+        """
+        Raises:
+            FileNotFoundError: it was taken off just now: fetch it again.
+        """
+        self.path = path
+        self._handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            fcntl.flock(self._handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            if not _is_at(self._handle, path):
+                raise FileNotFoundError(path)
+        except OSError as error:
+            os.close(self._handle)
+            if isinstance(error, BlockingIOError):  # whoever prunes has it
+                raise FileNotFoundError(path) from None
+            raise
+
+    def close(self) -> None:
+        os.close(self._handle)
+
+
+def _is_at(handle: int, path: Path) -> bool:
+    """Whether an open file is still the one at its path."""
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(handle)
+        return os.path.samestat(os.fstat(handle), path.stat())
+    except FileNotFoundError:
+        return False

@@ -25,9 +25,9 @@ from . import (
 )
 from .assemble import assemble
 from .authorize import authorize
-from .map_cache import LocalizesScans, load_localizer
 from .metrics import Metrics
 from .openapi import DocumentedApp
+from .query import LocalizesScans
 from .read_only import refuse_changes
 from .request_log import RequestLog
 from .request_scope import Requests
@@ -64,11 +64,11 @@ _PROBLEM = {
 }
 
 
-def create_app(settings: Settings, *, load: Callable[[Path], LocalizesScans] = load_localizer) -> FastAPI:
+def create_app(settings: Settings, *, load: Callable[[Path], LocalizesScans] | None = None) -> FastAPI:
     """The app for these settings.
 
     Args:
-        load: a version's folder to what answers from it.
+        load: a version's folder to what answers from it, in threads of this process whatever the settings.
     """
     metrics, requests = Metrics(), Requests()
 

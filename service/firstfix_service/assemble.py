@@ -26,13 +26,15 @@ from .georeference_cache import GeoreferenceCache
 from .health import Health
 from .janitor import keep_clean
 from .localize import LocalizeUseCase
-from .map_cache import LocalizesScans, MapCache
+from .map_cache import MapCache
 from .map_poller import MapPoller
 from .metered_store import metered
 from .metrics import Metrics
 from .parts import Parts
 from .places import Places
 from .pool import QueryPool
+from .process_workers import ProcessWorkers
+from .query import LocalizesScans, load_localizer
 from .query_recorder import QueryRecorder
 from .request_body import BodyReader
 from .request_scope import Requests
@@ -41,6 +43,7 @@ from .settings import Settings
 from .settings_summary import settings_summary
 from .start_builds import run_with, start_builds
 from .tracing import start_tracing
+from .workers import LocalWorkers, Workers
 
 _log = structlog.get_logger(__name__)
 ABANDONED_UPLOAD_S = 86400.0
@@ -50,7 +53,7 @@ async def assemble(
     settings: Settings,
     metrics: Metrics,
     requests: Requests,
-    load: Callable[[Path], LocalizesScans],
+    load: Callable[[Path], LocalizesScans] | None,
     closing: asyncio.Event,
     stack: AsyncExitStack,
 ) -> Parts:
@@ -62,22 +65,30 @@ async def assemble(
     access = await stack.enter_async_context(open_access(settings, store, metrics))
     catalog = Catalog(store)
     await asyncio.to_thread(_remove_abandoned_uploads, settings.work_dir / "uploads")
+    workers = _workers(settings, metrics, load)
     maps = MapCache(
         catalog,
         settings.cache_dir,
+        workers,
         metrics,
         max_versions=settings.cache_max_versions,
         max_bytes=settings.cache_max_bytes,
-        load=load,
+        max_disk_bytes=settings.cache_max_disk_bytes,
+        pinned=settings.pinned_maps,
+        poll_interval_s=settings.poll_interval_s,
+        sweep_interval_s=settings.sweep_interval_s,
     )
+    stack.push_async_callback(asyncio.to_thread, maps.close)
+    stack.push_async_callback(asyncio.to_thread, workers.close)  # first: it ends the loads under way
     pool = QueryPool(settings.workers, settings.queue_size)
-    stack.push_async_callback(asyncio.to_thread, pool.close)
+    stack.push_async_callback(pool.close)
     metrics.queries_admitted.set_function(lambda: pool.admitted)
     bodies = BodyReader(settings.max_body_bytes, settings.max_inflight_bytes, settings.body_timeout_s)
     metrics.body_bytes.set_function(lambda: bodies.inflight_bytes)
     samples = await _start_samples(settings, store, metrics, stack)
     recorder = QueryRecorder(metrics, requests, samples)
-    use_case = LocalizeUseCase(maps, pool, recorder, max_decoded_bytes=settings.max_decoded_bytes)
+    limit = settings.max_decoded_bytes
+    use_case = LocalizeUseCase(maps, pool, workers, recorder, max_decoded_bytes=limit)
     health = Health(maps, pool, metrics)
     builds = start_builds(settings, catalog, metrics, stack)
     if not settings.read_only:
@@ -118,6 +129,16 @@ async def assemble(
         settings=settings_summary(settings),
     )
     return parts
+
+
+def _workers(settings: Settings, metrics: Metrics, load: Callable[[Path], LocalizesScans] | None) -> Workers:
+    if load is None and settings.worker_processes:
+        return ProcessWorkers(
+            settings.workers,
+            query_timeout_s=settings.query_timeout_s,
+            on_death=metrics.worker_deaths.inc,
+        )
+    return LocalWorkers(load or load_localizer)
 
 
 def _open_store(settings: Settings) -> Store:

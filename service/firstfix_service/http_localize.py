@@ -9,6 +9,7 @@ from collections import Counter
 from typing import Any
 
 from fastapi import APIRouter, Request, Response
+from starlette.requests import ClientDisconnect
 
 from firstfix.decode import MEDIA_TYPES
 from firstfix.errors import InvalidOption
@@ -20,6 +21,7 @@ from .accept import negotiated
 from .answer_models import Answer
 from .authorize import CallerDep
 from .caller import Caller
+from .client_gone import unless_client_leaves
 from .localize import check_maps, check_media_type, to_json
 from .parts import Parts, PartsDep
 
@@ -83,6 +85,9 @@ async def localize(request: Request, parts: PartsDep, caller: CallerDep) -> Resp
         form = negotiated(request.headers.get("accept"), (JSON, GEOPOSE))
         answer = await _localize(request, parts, caller, arrived, form)
         body, media_type = await _written(parts, answer, form)
+    except ClientDisconnect:
+        parts.metrics.failures.labels("http", "client_gone").inc()
+        raise
     except Exception as error:
         parts.use_case.count("http", error)
         raise
@@ -102,18 +107,14 @@ async def _localize(
     check_media_type(media_type)
     if form == GEOPOSE and map_id and "," not in map_id:  # of several it is known once one has answered
         await asyncio.to_thread(parts.georeference_cache.of, map_id)
-    parts.pool.check_room()
+    parts.use_case.check_room(map_id, caller)
     body = await parts.bodies.read(request)
     try:
-        return await parts.use_case.localize(
-            body,
-            media_type,
-            request.headers.get("content-encoding"),
-            map_id,
-            options,
-            arrived=arrived,
-            caller=caller,
+        content_encoding = request.headers.get("content-encoding")
+        work = parts.use_case.localize(
+            body, media_type, content_encoding, map_id, options, arrived=arrived, caller=caller
         )
+        return await unless_client_leaves(request, work)
     finally:
         parts.bodies.release(body)
 

@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future
 from dataclasses import replace
 
-from firstfix.decode import MEDIA_TYPES, decode_query, undo_content_encoding
+from firstfix.decode import MEDIA_TYPES
 from firstfix.errors import InvalidOption, NotFound, UnsupportedFormat
 from firstfix.grant import Scope
 from firstfix.ids import check_map_id
 from firstfix.localization import Localization
-from firstfix.localizer import localize_among
 from firstfix.options import LocalizeOptions
-from firstfix.stopwatch import Stopwatch
 
 from .caller import NOBODY_ASKED, Caller
-from .map_cache import MapCache
+from .map_cache import Leases, MapCache
 from .pool import QueryPool
+from .query import Query
 from .query_recorder import QueryRecorder, RawQuery
 from .request_scope import in_this_context
+from .workers import Workers
 
 MAX_MAPS = 16  # that one query is compared with
 
@@ -29,10 +30,17 @@ class LocalizeUseCase:
     """Answers queries over the maps that are served."""
 
     def __init__(
-        self, maps: MapCache, pool: QueryPool, recorder: QueryRecorder, *, max_decoded_bytes: int
+        self,
+        maps: MapCache,
+        pool: QueryPool,
+        workers: Workers,
+        recorder: QueryRecorder,
+        *,
+        max_decoded_bytes: int,
     ) -> None:
         self._maps = maps
         self._pool = pool
+        self._workers = workers
         self._recorder = recorder
         self._max_decoded_bytes = max_decoded_bytes
 
@@ -61,54 +69,43 @@ class LocalizeUseCase:
             NotFound: no such map or version.
             VersionError, StoreError: the version cannot be served.
             Overloaded, DeadlineExceeded: as ``QueryPool.run``.
+            WorkerLost: as ``Workers.answer``.
         """
         start = time.monotonic() if arrived is None else arrived
         wanted = LocalizeOptions.from_strings(options)
         check_maps(map_id, caller)
         check_media_type(media_type)
         deadline = None if wanted.deadline_ms is None else start + wanted.deadline_ms / 1e3
-        queued = time.monotonic()
+        names = self._named(map_id, caller)
+        admitted = time.monotonic()
 
-        def work() -> Localization:
-            waited_ms = (time.monotonic() - queued) * 1e3
-            return self._answer(body, media_type, content_encoding, map_id, caller, wanted, waited_ms)
+        def work(leases: Leases, waited_s: float) -> Localization:
+            map_s = time.monotonic() - admitted - waited_s
+            query = Query(
+                body, media_type, content_encoding or "", wanted, leases.served, self._max_decoded_bytes
+            )
+            answer = self._workers.answer(query)
+            waits_ms = {"queue": waited_s * 1e3, "map": map_s * 1e3}
+            return replace(answer, timings_ms={**waits_ms, **answer.timings_ms})
 
-        answer = await self._pool.run(in_this_context(work), deadline)
-        self._recorder.record(RawQuery(body, media_type, content_encoding, map_id, options), answer, queued)
+        def prepare() -> Future[Leases]:
+            return self._maps.lease(names, wanted.version)
+
+        answer = await self._pool.run(group_of(names), prepare, in_this_context(work), deadline)
+        self._recorder.record(RawQuery(body, media_type, content_encoding, map_id, options), answer, admitted)
         return answer
 
-    def _answer(
-        self,
-        body: bytes,
-        media_type: str,
-        content_encoding: str | None,
-        map_id: str,
-        caller: Caller,
-        options: LocalizeOptions,
-        waited_ms: float,
-    ) -> Localization:
-        watch = Stopwatch()
-        watch.ms["queue"] = waited_ms
-        with watch.stage("map"):
-            served = {name: self._maps.get(name, options.version) for name in self._named(map_id, caller)}
-        with watch.stage("decode"):
-            plain = undo_content_encoding(body, content_encoding or "", self._max_decoded_bytes)
-            scan = decode_query(plain, media_type)
-        self._recorder.note_scan(scan)
-        if len(served) == 1:
-            (answered,) = served.values()
-            answer = answered.localizer.localize(scan, options)
-        else:
-            answer = localize_among({name: one.localizer for name, one in served.items()}, scan, options)
-            # where none is sure, the map of the best place, if there is a place at all
-            best = answer.hypotheses[0].map_id if answer.hypotheses else next(iter(served))
-            answered = served[best]
-        return replace(
-            answer,
-            map_id=answered.map_id,
-            map_version=answered.version,
-            timings_ms={**watch.ms, **answer.timings_ms},
-        )
+    def check_room(self, map_id: str, caller: Caller) -> None:
+        """For a caller that has not read the body yet.
+
+        Args:
+            map_id: as for ``localize``.
+
+        Raises:
+            NotFound, InvalidOption: the maps cannot be had.
+            Overloaded: there would be no place for the query now.
+        """
+        self._pool.check_room(group_of(self._named(map_id, caller)))
 
     def _named(self, map_id: str, caller: Caller) -> list[str]:
         served = (name for name in self._maps.map_ids if caller.sees(name))
@@ -132,6 +129,11 @@ def check_maps(map_id: str, caller: Caller) -> None:
     caller.check(Scope.LOCALIZE)
     for name in map_id.split(",") if map_id else ():
         caller.check(Scope.LOCALIZE, check_map_id(name))
+
+
+def group_of(map_ids: Sequence[str]) -> str:
+    """Whose turn a query takes in the pool: its map's, or that of all queries over several maps."""
+    return map_ids[0] if len(map_ids) == 1 else "*"
 
 
 def check_media_type(media_type: str) -> None:

@@ -1,133 +1,196 @@
-"""The map versions in memory: loaded on demand, swapped when another is activated, never for a bad one."""
+"""Which version of each map answers: loaded on demand, swapped when another is activated, never a bad one."""
 
 from __future__ import annotations
 
-import shutil
 import threading
-import time
-from collections import OrderedDict
-from collections.abc import Callable
-from contextlib import suppress
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Protocol
 
 import structlog
 
 from firstfix.catalog import Catalog
 from firstfix.errors import FirstfixError, NotFound, VersionError
 from firstfix.ids import check_map_id, check_version
-from firstfix.localization import Localization
-from firstfix.localizer import FindsPlaces, Localizer
-from firstfix.map_index import MapIndex
-from firstfix.options import LocalizeOptions
-from firstfix.scan import Scan
-from firstfix.scan_sequence import ScanSequence
+from firstfix.map_log import MapState
 
+from .catalog_watch import CatalogWatch
 from .metrics import Metrics
+from .query import ServedVersion
+from .request_scope import in_this_context
+from .resident import Key, Lease, ResidentVersions
+from .version_loader import VersionLoader
+from .workers import Workers
 
 _log = structlog.get_logger(__name__)
-REFUSED_FOR_S = 60.0  # a version that was found bad is read again after this: somebody may have mended it
+LOADERS = 8  # versions fetched and loaded at the same time: one slow one does not hold up the others
+READERS = 16  # map logs read at the same time when the service starts
 
 
-class LocalizesScans(FindsPlaces, Protocol):
-    def localize(self, scan: Scan | ScanSequence, options: LocalizeOptions | None = None) -> Localization: ...
+class Leases:
+    """The versions that one query needs."""
 
+    def __init__(self, leases: Sequence[Lease]) -> None:
+        self._leases = leases
+        self.served = tuple(lease.served for lease in leases)
 
-@dataclass(frozen=True)
-class ServedVersion:
-    """One version, ready to answer."""
-
-    map_id: str
-    version: str
-    localizer: LocalizesScans
-    directory: Path
-    file_bytes: int
-
-
-@dataclass(frozen=True)
-class _Refusal:
-    error: VersionError
-    until: float
-
-
-_Key = tuple[str, str]  # map id, version
-
-
-def load_localizer(directory: Path) -> LocalizesScans:
-    return Localizer(MapIndex.load(directory))
+    def close(self) -> None:
+        for lease in self._leases:
+            lease.close()
 
 
 class MapCache:
-    """Versions by map, least recently used out first. Thread-safe.
+    """Thread-safe.
 
-    A query holds its ``ServedVersion`` by reference, so a version that is swapped or put out still answers
-    the queries that it began.
+    Args:
+        pinned: maps whose serving version is loaded at the start and never put out.
     """
 
     def __init__(
         self,
         catalog: Catalog,
         directory: Path,
+        workers: Workers,
         metrics: Metrics,
         *,
         max_versions: int,
         max_bytes: int,
-        load: Callable[[Path], LocalizesScans] = load_localizer,
+        max_disk_bytes: int,
+        pinned: Iterable[str] = (),
+        poll_interval_s: float = 2.0,
+        sweep_interval_s: float = 60.0,
     ) -> None:
         self._catalog = catalog
-        self._directory = directory
         self._metrics = metrics
-        self._max_versions, self._max_bytes = max_versions, max_bytes
-        self._load_files = load
+        self._pinned = frozenset(pinned)
+        self._resident = ResidentVersions(
+            workers, metrics, max_versions=max_versions, max_bytes=max_bytes, stays=self._stays
+        )
+        self._loader = VersionLoader(
+            catalog, self._resident, metrics, directory, max_disk_bytes=max_disk_bytes
+        )
+        self._watch = CatalogWatch(catalog, interval_s=poll_interval_s, sweep_s=sweep_interval_s)
         self._lock = threading.Lock()
-        self._loaded: OrderedDict[_Key, ServedVersion] = OrderedDict()
         self._serving: dict[str, str] = {}  # map id -> version that answers when none is named
         self._behind: set[str] = set()  # maps whose active version was refused
         self._tried: set[str] = set()  # maps that the poll has loaded ahead of their first query, or not
-        self._load_locks: dict[_Key, threading.Lock] = {}
-        self._refused: dict[_Key, _Refusal] = {}
-        self.map_ids: tuple[str, ...] = ()  # of the last poll
+        self._published: set[str] = set()  # maps with a version
+        self._waiting: dict[tuple[str, str | None], list[Future[Lease]]] = {}
+        self._threads = ThreadPoolExecutor(LOADERS, thread_name_prefix="map-loader")
+        self.map_ids: tuple[str, ...] = ()  # maps with a version, as of the last poll
         self.polled = False
 
     @property
     def serving(self) -> dict[str, str]:
-        """Map id to the version that answers when none is named, of the maps that were loaded."""
+        """Map id to the version that answers when none is named, of maps asked for or loaded so far."""
         with self._lock:
             return dict(self._serving)
 
-    def get(self, map_id: str, version: str | None = None) -> ServedVersion:
-        """A version to answer from: the named one, else the map's active one. Loads it if need be.
+    def lease(self, map_ids: Sequence[str], version: str | None = None) -> Future[Leases]:
+        """The versions to answer a query from, of one map or several: the named one, else the active ones.
+        Done at once where they are in memory; else a load goes on elsewhere, one however many ask.
 
         Raises:
+            InvalidOption: an id or version that is none.
+
+        The future raises:
             NotFound: no such map or version.
             VersionError: it cannot be served, nor can one that was active before.
             StoreError: the store failed.
         """
-        check_map_id(map_id)
+        for map_id in map_ids:
+            check_map_id(map_id)
         if version is not None:
             check_version(version)
-            with self._lock:
-                loaded = (map_id, version) in self._loaded
-            self._metrics.cache_lookups.labels("hit" if loaded else "miss").inc()
-            return self._load(map_id, version)
-        with self._lock:
-            key = (map_id, self._serving.get(map_id, ""))
-            if key in self._loaded:
-                self._loaded.move_to_end(key)
-                self._metrics.cache_lookups.labels("hit").inc()
-                return self._loaded[key]
-        self._metrics.cache_lookups.labels("miss").inc()
-        return self.refresh(map_id)
+        if len(map_ids) == 1:
+            return _together([self._lease(map_ids[0], version)])
+        self._resident.begin_hurry()
+        gathered = _together([self._lease(map_id, version) for map_id in map_ids])
+        gathered.add_done_callback(lambda _: self._resident.end_hurry())
+        return gathered
 
     def refresh(self, map_id: str) -> ServedVersion:
         """Reads the map's log and serves what it says: the active version, or when that one is refused the
         one that was active before, as a replica that never stopped would.
 
         Raises:
-            as ``get``.
+            as the future of ``lease``.
         """
-        state = self._catalog.state(map_id)
+        lease = self._follow(map_id, self._catalog.state(map_id))
+        lease.close()
+        return lease.served
+
+    def poll(self) -> None:
+        """Looks for maps and activations that are new. What cannot be read stays as it is."""
+        if not self.polled:
+            self._watch.start_again()
+        with self._lock:
+            known = set(self._published)
+        names, listed = self._watch.look()
+        states = self._states(names)
+        seen = {map_id for map_id, state in states.items() if state.published}
+        gone = states.keys() - seen
+        if listed is not None:
+            gone |= known - listed
+        for map_id in gone:
+            self._forget(map_id)
+        with self._lock:
+            self._published |= seen
+        for map_id in sorted(seen, key=lambda name: (name not in self._pinned, name)):
+            try:
+                if self._is_due(map_id, states[map_id]):
+                    self._follow(map_id, states[map_id]).close()
+            except FirstfixError as error:
+                _log.warning("cannot serve", map_id=map_id, code=error.code, error=str(error))
+        with self._lock:
+            self.map_ids = tuple(sorted(self._published))
+            missing = [] if self.polled else sorted(self._pinned - self._serving.keys())
+        for map_id in missing:
+            _log.warning("a pinned map is not served", map_id=map_id)
+        self.polled = True
+
+    def close(self) -> None:
+        """Ends the loads that have begun; others are not begun."""
+        self._threads.shutdown(cancel_futures=True)
+        self._resident.close()
+
+    def _lease(self, map_id: str, version: str | None) -> Future[Lease]:
+        future: Future[Lease] = Future()
+        with self._lock:
+            key = (map_id, version or self._serving.get(map_id, ""))
+        lease = self._resident.lease(key)
+        self._metrics.cache_lookups.labels("miss" if lease is None else "hit").inc()
+        if lease is not None:
+            future.set_result(lease)
+            return future
+        wanted = (map_id, version)
+        with self._lock:
+            waiting = self._waiting.setdefault(wanted, [])
+            waiting.append(future)
+            if len(waiting) == 1:
+                self._threads.submit(in_this_context(self._load_for), wanted)
+        return future
+
+    def _load_for(self, wanted: tuple[str, str | None]) -> None:
+        map_id, version = wanted
+        try:
+            if version is not None:
+                lease = self._loader.load(map_id, version)
+            else:
+                lease = self._follow(map_id, self._catalog.state(map_id))
+        except BaseException as error:
+            with self._lock:
+                futures = self._waiting.pop(wanted)
+            for future in futures:
+                future.set_exception(error)
+            return
+        with self._lock:
+            futures = self._waiting.pop(wanted)
+        for future in futures:
+            future.set_result(lease.again())
+        lease.close()
+
+    def _follow(self, map_id: str, state: MapState) -> Lease:
         if not state.activated:
             self._forget(map_id)
             what = f"map {map_id} has no active version" if state.published else f"no map {map_id}"
@@ -135,135 +198,95 @@ class MapCache:
         first_error: VersionError | None = None
         for version in state.activated:
             try:
-                served = self._load(map_id, version)
+                lease = self._loader.load(map_id, version)
             except VersionError as error:
                 first_error = first_error or error
                 continue
             self._serve(map_id, version, is_active=version == state.active)
-            return served
+            return lease
         assert first_error is not None
         raise first_error
 
-    def poll(self) -> None:
-        """Looks for maps and activations that are new. What cannot be read stays as it is."""
-        map_ids = self._catalog.map_ids()
-        for map_id in set(self._serving) - set(map_ids):
-            self._forget(map_id)
-        for map_id in map_ids:
-            try:
-                if self._is_due(map_id):
-                    self.refresh(map_id)
-            except FirstfixError as error:
-                _log.warning("cannot serve", map_id=map_id, code=error.code, error=str(error))
-        self.map_ids = tuple(map_ids)
-        self.polled = True
+    def _states(self, map_ids: Sequence[str]) -> dict[str, MapState]:
+        """
+        Raises:
+            StoreError: of the first look, which must see all; later a map that cannot be read has to wait.
+        """
+        if self.polled and len(map_ids) < READERS:
+            return {map_id: state for map_id in map_ids if (state := self._state(map_id)) is not None}
+        with ThreadPoolExecutor(READERS, thread_name_prefix="map-reader") as threads:
+            states = threads.map(self._state, map_ids)
+            return {name: state for name, state in zip(map_ids, states, strict=True) if state is not None}
 
-    def _is_due(self, map_id: str) -> bool:
+    def _state(self, map_id: str) -> MapState | None:
+        try:
+            return self._catalog.state(map_id)
+        except FirstfixError as error:
+            if not self.polled:
+                raise
+            _log.warning("cannot read a map's log", map_id=map_id, code=error.code, error=str(error))
+            return None
+
+    def _is_due(self, map_id: str, state: MapState) -> bool:
         """Whether the poll has to see to a map: it answers and another version is active now, or it was
         never asked for and there is room. One that was put out comes back with its next query."""
         with self._lock:
             serving = self._serving.get(map_id)
-            if serving is not None and (map_id, serving) in self._loaded:
-                behind = map_id in self._behind
-            elif map_id in self._tried:
-                return False
-            else:
-                self._tried.add(map_id)
-                return len(self._loaded) < self._max_versions and self._bytes() < self._max_bytes
-        return behind or self._catalog.active_version(map_id) != serving
+            behind = map_id in self._behind
+            tried = map_id in self._tried
+            self._tried.add(map_id)
+        if serving is not None and (map_id, serving) in self._resident:
+            return behind or state.active != serving
+        return map_id in self._pinned or (not tried and self._resident.has_room)
 
     def _serve(self, map_id: str, version: str, *, is_active: bool) -> None:
         with self._lock:
             changed = self._serving.get(map_id) != version
             self._serving[map_id] = version
+            self._published.add(map_id)
             (self._behind.discard if is_active else self._behind.add)(map_id)
             self._metrics.maps_behind.set(len(self._behind))
         if changed:
+            self._resident.trim((map_id, version))
             _log.info("serving", map_id=map_id, version=version, is_active=is_active)
 
     def _forget(self, map_id: str) -> None:
         """A map that has nothing active any more."""
         with self._lock:
+            self._published.discard(map_id)
             self._serving.pop(map_id, None)
             self._behind.discard(map_id)
             self._tried.discard(map_id)
             self._metrics.maps_behind.set(len(self._behind))
 
-    def _load(self, map_id: str, version: str) -> ServedVersion:
-        key = (map_id, version)
-        with self._lock:
-            if key in self._loaded:
-                self._loaded.move_to_end(key)
-                return self._loaded[key]
-            load_lock = self._load_locks.setdefault(key, threading.Lock())
-        with load_lock:  # whoever else wants it waits for this load instead of doing it again
-            with self._lock:
-                if key in self._loaded:
-                    return self._loaded[key]
-                refusal = self._refused.get(key)
-            if refusal is not None and time.monotonic() < refusal.until:
-                raise refusal.error
-            served = self._fetch_and_load(map_id, version)
-            with self._lock:
-                self._refused.pop(key, None)
-                self._loaded[key] = served
-                gone = self._make_room()
-        for old in gone:
-            self._remove_files(old)
-        return served
+    def _stays(self, candidate: Key, coming: Key) -> bool:
+        """What serves is not put out for its own map's next version, nor where it is pinned."""
+        map_id, version = candidate
+        serves = self._serving.get(map_id) == version
+        return serves and (map_id in self._pinned or map_id == coming[0])
 
-    def _fetch_and_load(self, map_id: str, version: str) -> ServedVersion:
-        start = time.perf_counter()
-        try:
-            manifest = self._catalog.manifest(map_id, version)
-            directory = self._catalog.fetch_version(map_id, version, self._directory)
-            localizer = self._load_files(directory)
-        except VersionError as error:
-            with self._lock:
-                self._refused[(map_id, version)] = _Refusal(error, time.monotonic() + REFUSED_FOR_S)
-            self._metrics.version_loads.labels(error.code).inc()
-            _log.error("version refused", map_id=map_id, version=version, code=error.code, error=str(error))
-            raise
-        except NotFound:  # a version that somebody made up leaves no trace
-            with self._lock:
-                self._load_locks.pop((map_id, version), None)
-            raise
-        seconds = time.perf_counter() - start
-        self._metrics.version_loads.labels("ok").inc()
-        self._metrics.load_seconds.observe(seconds)
-        _log.info("version loaded", map_id=map_id, version=version, seconds=round(seconds, 3))
-        return ServedVersion(map_id, version, localizer, directory, manifest.total_bytes)
 
-    def _make_room(self) -> list[ServedVersion]:
-        """Puts out the least recently used until the limits hold; the newest always stays."""
-        gone = []
-        while len(self._loaded) > 1 and (
-            len(self._loaded) > self._max_versions or self._bytes() > self._max_bytes
-        ):
-            gone.append(self._loaded.popitem(last=False)[1])
-            self._metrics.version_evictions.inc()
-        self._metrics.versions_loaded.set(len(self._loaded))
-        self._metrics.version_bytes.set(self._bytes())
-        return gone
+def _together(futures: Sequence[Future[Lease]]) -> Future[Leases]:
+    """All of them, or the first error when all have ended."""
+    gathered: Future[Leases] = Future()
+    left = len(futures)
+    lock = threading.Lock()
 
-    def _bytes(self) -> int:
-        return sum(served.file_bytes for served in self._loaded.values())
-
-    def _remove_files(self, old: ServedVersion) -> None:
-        """Off the disk too, or every version ever served stays there. Queries that it began keep their
-        mapped files. A file store's own files are not in the cache directory, and stay."""
-        _log.info("version put out", map_id=old.map_id, version=old.version)
-        if old.directory.parent != self._directory:
+    def ended(_: Future[Lease]) -> None:
+        nonlocal left
+        with lock:
+            left -= 1
+            if left:
+                return
+        errors = [error for future in futures if (error := future.exception()) is not None]
+        if not errors:
+            gathered.set_result(Leases([future.result() for future in futures]))
             return
-        with self._lock:
-            load_lock = self._load_locks.setdefault((old.map_id, old.version), threading.Lock())
-        if not load_lock.acquire(blocking=False):  # somebody is loading it again
-            return
-        try:
-            with self._lock:
-                if any(served.directory == old.directory for served in self._loaded.values()):
-                    return
-            with suppress(OSError):
-                shutil.rmtree(old.directory)
-        finally:
-            load_lock.release()
+        for future in futures:
+            if future.exception() is None:
+                future.result().close()
+        gathered.set_exception(errors[0])
+
+    for future in futures:
+        future.add_done_callback(ended)
+    return gathered

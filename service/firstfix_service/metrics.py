@@ -91,11 +91,18 @@ class Metrics:
         )
         self.versions_loaded = Gauge("firstfix_versions_loaded", "Map versions in memory", registry=registry)
         self.version_bytes = Gauge(
-            "firstfix_version_bytes", "Bytes of the files of the map versions in memory", registry=registry
+            "firstfix_version_bytes",
+            "Bytes of the map versions in memory: their files, and what the workers hold besides",
+            registry=registry,
         )
         self.maps_behind = Gauge(
             "firstfix_maps_behind",
             "Maps that answer from another version than the active one, as that one was refused",
+            registry=registry,
+        )
+        self.worker_deaths = Counter(
+            "firstfix_worker_deaths",
+            "Worker processes that died and were replaced",
             registry=registry,
         )
         self.builds = Counter("firstfix_builds", "Builds ended here, by state", ["state"], registry=registry)

@@ -1,102 +1,182 @@
-"""Bounded work: as many queries at a time as there are workers, a few waiting, the rest told so at once."""
+"""Bounded work, shared out fairly: as many queries at a time as there are workers, a few waiting, the rest
+told so at once.
+
+The waiting ones stand in a queue for every map, and the maps take turns. A full queue still takes in a
+query of a map that has few: the newest one of the map that has most goes out for it.
+"""
 
 from __future__ import annotations
 
 import asyncio
-import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TypeVar
+from contextlib import suppress
+from functools import partial
+from typing import Any, Protocol, TypeVar
 
-from firstfix.errors import DeadlineExceeded, Overloaded
+from firstfix.errors import DeadlineExceeded, FirstfixError, Overloaded
+
+from .pool_queue import FairQueue, Job, State
 
 T = TypeVar("T")
+MAX_RETRY_AFTER_S = 60.0
+
+
+class Held(Protocol):
+    """What a query needs while it waits for its turn and runs."""
+
+    def close(self) -> None: ...
+
+
+H = TypeVar("H", bound=Held)
 
 
 class QueryPool:
-    """Threads behind a bounded queue. Thread-safe."""
+    """Threads behind a fair, bounded queue. One event loop's, but for ``check_room`` and ``admitted``."""
 
     def __init__(self, workers: int, queue_size: int) -> None:
         self._executor = ThreadPoolExecutor(workers, thread_name_prefix="query")
+        self._workers = workers
         self._limit = workers + queue_size
-        self._admitted = 0
-        self._lock = threading.Lock()
+        self._queue = FairQueue(workers)
+        self._closed = False
 
     @property
     def admitted(self) -> int:
         """Queries that wait or run."""
-        return self._admitted
+        return self._queue.size
 
-    def check_room(self) -> None:
+    def check_room(self, group: str | None = None) -> None:
         """
+        Args:
+            group: as for ``run``; None: whichever.
+
         Raises:
             Overloaded: there would be no place for one more query now.
         """
-        if self._admitted >= self._limit:
-            raise Overloaded(f"{self._limit} queries wait or run: try again")
+        if self._closed:
+            raise Overloaded("the service is stopping")
+        if self._queue.size >= self._limit and self._queue.crowding(group) is None:
+            raise self._full()
 
-    def submit(self, work: Callable[[], T], deadline: float | None = None) -> Future[T]:
-        """Runs the work when a thread is free.
+    async def run(
+        self,
+        group: str,
+        prepare: Callable[[], Future[H]],
+        work: Callable[[H, float], T],
+        deadline: float | None = None,
+    ) -> T:
+        """The work's result. Who stops waiting for it gives up its place in the queue; a thread that has
+        begun goes on, and its place stays taken until it ends: giving it up would let dead queries pile up
+        behind it.
 
         Args:
-            deadline: of ``time.monotonic``; work that has not begun by then is not begun.
+            group: whose turn it takes: the map's id.
+            prepare: called once there is a place. No worker waits for what it promises, which is closed
+                when the query has ended, in whatever way.
+            work: gets what was prepared, and the seconds that the query then waited for its turn.
+            deadline: of ``time.monotonic``.
 
         Raises:
             Overloaded: the queue is full.
+            DeadlineExceeded: there is no result at the deadline.
+            Exception: what ``prepare`` or ``work`` raised.
         """
-        with self._lock:
-            self.check_room()
-            self._admitted += 1
-
-        def run() -> T:
-            try:
-                _check(deadline)
-                result = work()
-                _check(deadline)
-                return result
-            finally:
-                with self._lock:
-                    self._admitted -= 1
-
+        loop = asyncio.get_running_loop()
+        self.check_room(group)
+        if self._queue.size >= self._limit and (crowding := self._queue.crowding(group)) is not None:
+            self._refuse(crowding, self._full())
+        job = Job(group, work, loop.create_future(), deadline)
+        self._queue.add(job)
         try:
-            return self._executor.submit(run)
-        except RuntimeError:  # the service is stopping
-            with self._lock:
-                self._admitted -= 1
-            raise Overloaded("the service is stopping") from None
+            prepared = prepare()
+            if prepared.done():
+                self._prepared(job, prepared)
+            else:
+                prepared.add_done_callback(partial(_in, loop, self._prepared, job))
+            if deadline is not None:
+                left_s = deadline - time.monotonic()
+                job.timer = loop.call_later(max(0.0, left_s), self._refuse, job, _too_late())
+            result: T = await job.result
+            return result
+        finally:
+            if job.timer is not None:
+                job.timer.cancel()
+            self._leave(job)
 
-    async def run(self, work: Callable[[], T], deadline: float | None = None) -> T:
-        """The work's result.
+    async def close(self) -> None:
+        """Lets what runs end; what waits is refused."""
+        self._closed = True
+        for job in self._queue.waiting():
+            self._refuse(job, Overloaded("the service is stopping"))
+        await asyncio.to_thread(self._executor.shutdown)
+        await asyncio.sleep(0)  # the last ones' results
 
-        Raises:
-            Overloaded: the queue is full.
-            DeadlineExceeded: there is none at the deadline. A thread that has begun goes on, and its place
-                stays taken until it ends: giving it up would let dead queries pile up behind it.
-        """
-        future = asyncio.wrap_future(self.submit(work, deadline))
-        future.add_done_callback(_look_at)
-        left_s = None if deadline is None else max(0.0, deadline - time.monotonic())
+    def _prepared(self, job: Job, future: Future[Any]) -> None:
+        if job.state is State.GONE:
+            if future.exception() is None:
+                future.result().close()
+            return
+        error = future.exception()
+        if error is not None:
+            self._refuse(job, error)
+            return
+        job.held = future.result()
+        self._queue.make_ready(job)
+        self._dispatch()
+
+    def _dispatch(self) -> None:
+        loop = asyncio.get_running_loop()
+        while (job := self._queue.next()) is not None:
+            future = self._executor.submit(self._work, job)
+            future.add_done_callback(partial(_in, loop, self._ended, job))
+
+    @staticmethod
+    def _work(job: Job) -> Any:
+        start = time.monotonic()
         try:
-            return await asyncio.wait_for(asyncio.shield(future), left_s)
-        except asyncio.TimeoutError:
-            raise _too_late() from None
+            return job.work(job.held, start - job.ready_since)
+        finally:
+            job.seconds = time.monotonic() - start
 
-    def close(self) -> None:
-        """Lets what runs end; what waits gets ``CancelledError``."""
-        self._executor.shutdown(wait=True, cancel_futures=True)
+    def _ended(self, job: Job, future: Future[Any]) -> None:
+        self._queue.ended(job)
+        job.held.close()
+        error = future.exception()
+        if not job.result.done():
+            if error is not None:
+                job.result.set_exception(error)
+            elif job.deadline is not None and time.monotonic() > job.deadline:
+                job.result.set_exception(_too_late())
+            else:
+                job.result.set_result(future.result())
+        self._dispatch()
+
+    def _refuse(self, job: Job, error: BaseException) -> None:
+        if not job.result.done():
+            job.result.set_exception(error)
+        self._leave(job)
+
+    def _leave(self, job: Job) -> None:
+        """Takes a job that has not begun out of the queue."""
+        if job.state in (State.PREPARING, State.READY):
+            self._queue.remove(job)
+            if job.held is not None:
+                job.held.close()
+
+    def _full(self) -> Overloaded:
+        expected_s = self._queue.size * self._queue.mean_s / self._workers
+        return Overloaded(
+            f"{self._limit} queries wait or run: try again",
+            retry_after_s=min(expected_s, MAX_RETRY_AFTER_S),
+        )
 
 
-def _check(deadline: float | None) -> None:
-    if deadline is not None and time.monotonic() > deadline:
-        raise _too_late()
+def _in(loop: asyncio.AbstractEventLoop, call: Callable[..., None], *args: Any) -> None:
+    with suppress(RuntimeError):  # the loop has ended with the service
+        loop.call_soon_threadsafe(call, *args)
 
 
-def _too_late() -> DeadlineExceeded:
+def _too_late() -> FirstfixError:
     return DeadlineExceeded("the answer would have come after deadline_ms")
-
-
-def _look_at(future: asyncio.Future[T]) -> None:
-    """Takes notice of an error that nobody waits for any more, or asyncio would complain of it."""
-    if not future.cancelled():
-        future.exception()

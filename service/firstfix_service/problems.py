@@ -49,13 +49,14 @@ STATUS: dict[type[FirstfixError], int] = {
     errors.Forbidden: 403,
     errors.RateLimited: 429,
     errors.Overloaded: 503,
+    errors.WorkerLost: 503,
     errors.DeadlineExceeded: 504,
 }
 TITLES = {460: "Checksum Mismatch"}  # of the tus protocol; not registered
 # What the response says besides: when trying again helps; that the rest of a large body is not read.
 HEADERS: dict[type[FirstfixError], dict[str, str]] = {
     errors.Unauthorized: {"WWW-Authenticate": 'Bearer realm="firstfix"'},
-    errors.Overloaded: {"Retry-After": "1"},
+    errors.WorkerLost: {"Retry-After": "1"},
     errors.StoreUnavailable: {"Retry-After": "5"},
     errors.TooLarge: {"Connection": "close"},
 }
@@ -99,8 +100,8 @@ def problem_of(error: BaseException) -> Problem:
         return Problem(FirstfixError.code, 500, "an unexpected error: it was logged with the request's id")
     mapped = next(cls for cls in type(error).__mro__ if cls in STATUS)
     headers = HEADERS.get(mapped, {})
-    if isinstance(error, errors.RateLimited):
-        headers = {"Retry-After": str(math.ceil(error.retry_after_s))}
+    if isinstance(error, errors.RateLimited | errors.Overloaded):
+        headers = {"Retry-After": str(max(1, math.ceil(error.retry_after_s)))}
     return Problem(error.code, STATUS[mapped], redact(str(error)), headers)
 
 

@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from firstfix.localization import Localization
-from firstfix.scan import Scan
-from firstfix.scan_sequence import ScanSequence
 
 from .metrics import Metrics
 from .problems import problem_of
@@ -40,13 +38,6 @@ class QueryRecorder:
         self._metrics = metrics
         self._requests = requests
         self._samples = samples
-
-    def note_scan(self, scan: object) -> None:
-        """The decoded query: how large it is."""
-        if isinstance(scan, ScanSequence):
-            note(points=sum(len(one) for one in scan.scans))
-        elif isinstance(scan, Scan):
-            note(points=len(scan))
 
     def record(self, query: RawQuery, answer: Localization, queued: float) -> None:
         """One query that was answered.

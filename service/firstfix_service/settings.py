@@ -37,12 +37,30 @@ class Settings(BaseSettings):
     max_inflight_bytes: int = Field(512 * MIB, ge=1, description="of all query bodies held at the same time")
     body_timeout_s: float = Field(30.0, gt=0, description="for a query's body to arrive")
 
+    worker_processes: bool = Field(
+        True, description="answer queries in processes of their own; false: in threads of this one"
+    )
+    query_timeout_s: float = Field(
+        30.0, gt=0, description="for a query to run, then it is given up and its worker process replaced"
+    )
+    pinned_maps: tuple[str, ...] = Field((), description="maps loaded at the start and never put out")
+    cache_max_disk_bytes: int = Field(
+        64 * GIB, ge=0, description="of fetched versions on the disk; those in use stay beyond it"
+    )
+    sweep_interval_s: float = Field(
+        60.0, gt=0, description="until every map's log was read again, in case a notice of a change was lost"
+    )
+
     cache_dir: Path = Field(
         default_factory=lambda: _cache_home() / "versions",
         description="map versions fetched from a store that is no directory",
     )
     cache_max_versions: int = Field(16, ge=1, description="map versions kept loaded")
-    cache_max_bytes: int = Field(8 * GIB, ge=1, description="of the files of the versions kept loaded")
+    cache_max_bytes: int = Field(
+        8 * GIB,
+        ge=1,
+        description="of the versions kept loaded: their files, and what the workers hold besides",
+    )
     poll_interval_s: float = Field(2.0, gt=0, description="between looks for newly activated versions")
 
     work_dir: Path = Field(

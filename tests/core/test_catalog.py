@@ -10,7 +10,15 @@ from pathlib import Path
 import pytest
 
 from firstfix.catalog import Catalog
-from firstfix.errors import Conflict, CorruptVersion, IncompatibleVersion, InvalidOption, NotFound, TooLarge
+from firstfix.errors import (
+    Conflict,
+    CorruptVersion,
+    IncompatibleVersion,
+    InvalidOption,
+    NotFound,
+    StoreUnavailable,
+    TooLarge,
+)
 from firstfix.manifest import Manifest
 from firstfix.map_log import Event
 from firstfix.store import Store
@@ -84,12 +92,13 @@ def test_a_publish_killed_at_any_put_is_never_half_visible_and_can_be_resumed(
     old = make_version(tmp_path / "old", b"old")
     new = make_version(tmp_path / "new", b"new")
     puts = len(new.files) + 3  # manifest, published, activated
-    for k in range(puts + 1):
+    notice = 1
+    for k in range(puts + notice + 1):
         store = DiesAfter.open("memory://")
         assert isinstance(store, DiesAfter)
         Catalog(store).publish("hall", tmp_path / "old", old)
         store.left, store.put_first = k, put_first
-        if k < puts:
+        if k < puts + notice:
             with pytest.raises(Killed):
                 Catalog(store).publish("hall", tmp_path / "new", new)
         else:
@@ -310,6 +319,37 @@ def test_a_source_is_kept_once_by_its_content(catalog: Catalog, tmp_path: Path) 
     assert catalog.put_source("hall", tmp_path / "cloud.ply") == sha256
     assert catalog.store.list() == [f"maps/hall/sources/{sha256}"]
     assert catalog.map_ids() == []  # a map without a version is none yet
+
+
+def test_ids_that_were_made_up_leave_no_trace() -> None:
+    catalog = Catalog(Store.open("memory://"))
+    for k in range(50):
+        assert catalog.active_version(f"made-up-{k}") is None
+    assert catalog._logs == {}
+
+
+def test_every_change_leaves_a_notice(catalog: Catalog, tmp_path: Path) -> None:
+    one = catalog.publish("hall", tmp_path / "1", make_version(tmp_path / "1", b"1"))
+    catalog.publish("attic", tmp_path / "1", make_version(tmp_path / "1", b"1"))
+    two = catalog.publish("hall", tmp_path / "2", make_version(tmp_path / "2", b"2"))
+    assert catalog.changes.since(0) == (["hall", "attic"], 3)
+    catalog.activate("hall", one)
+    catalog.activate("hall", one)
+    catalog.retire("hall", two)
+    assert catalog.changes.since(3) == (["hall"], 5)
+
+
+def test_a_notice_that_cannot_be_written_does_not_undo_the_change(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    catalog = Catalog(Store.open("memory://"))
+
+    def fails(map_id: str) -> None:
+        raise StoreUnavailable("gone")
+
+    monkeypatch.setattr(catalog.changes, "note", fails)
+    version = catalog.publish("hall", tmp_path / "v", make_version(tmp_path / "v"))
+    assert catalog.active_version("hall") == version
 
 
 def test_what_is_not_there_is_not_found(tmp_path: Path) -> None:

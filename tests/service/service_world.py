@@ -152,6 +152,7 @@ class Reply:
 @contextmanager
 def running_service(directory: Path, **changes: Any) -> Iterator[Service]:
     behaviour = changes.pop("behaviour", None) or Behaviour()
+    load = changes.pop("load", behaviour.load)
     settings = Settings(
         **{
             "store": str(directory / "store"),
@@ -169,7 +170,7 @@ def running_service(directory: Path, **changes: Any) -> Iterator[Service]:
         }
     )
     endpoint = settings.zenoh_listen[0]
-    app = create_app(settings, load=behaviour.load)
+    app = create_app(settings, load=load)
     server = Server(app, settings)
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()

@@ -93,7 +93,6 @@ def test_both_transports_log_the_same_fields(service: Service, log: Log):
         "verdict": "localized",
         "probability": 0.9,
         "map_id": "hall",
-        "points": 100,
         "body_bytes": 1200,
         "trace_id": TRACE,
         "span_id": CALLER,

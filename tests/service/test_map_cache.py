@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import os
+import random
 import threading
 import time
 from collections.abc import Callable
@@ -12,10 +14,25 @@ from service_world import Behaviour, FakeLocalizer, publish, wait_for
 from firstfix.catalog import Catalog
 from firstfix.errors import CorruptVersion, NotFound, StoreUnavailable
 from firstfix.store import Store
-from firstfix_service import map_cache
-from firstfix_service.map_cache import MapCache, ServedVersion
+from firstfix_service import version_loader
+from firstfix_service.map_cache import Leases, MapCache
 from firstfix_service.map_poller import MapPoller
 from firstfix_service.metrics import Metrics
+from firstfix_service.query import ServedVersion
+from firstfix_service.workers import LocalWorkers
+
+
+class Cache(MapCache):
+    """With what a query does in one call."""
+
+    def get(self, map_id: str, version: str | None = None) -> ServedVersion:
+        leases = self.hold(map_id, version=version)
+        leases.close()
+        (served,) = leases.served
+        return served
+
+    def hold(self, *map_ids: str, version: str | None = None) -> Leases:
+        return self.lease(map_ids, version).result(20)
 
 
 class World:
@@ -28,9 +45,11 @@ class World:
         self.behaviour = Behaviour()
         self.metrics = Metrics()
 
-    def cache(self, **changes: object) -> MapCache:
-        values = {"max_versions": 8, "max_bytes": 1 << 30, "load": self.behaviour.load, **changes}
-        return MapCache(self.catalog, self.cache_dir, self.metrics, **values)  # type: ignore[arg-type]
+    def cache(self, **changes: object) -> Cache:
+        load = changes.pop("load", self.behaviour.load)
+        self.workers = LocalWorkers(load)  # type: ignore[arg-type]
+        values = {"max_versions": 8, "max_bytes": 1 << 30, "max_disk_bytes": 1 << 30, **changes}
+        return Cache(self.catalog, self.cache_dir, self.workers, self.metrics, **values)  # type: ignore[arg-type]
 
     def publish(self, map_id: str, label: str) -> str:
         return publish(self.catalog, map_id, label, self.scratch)
@@ -50,8 +69,7 @@ def remote(tmp_path: Path) -> World:
 
 
 def label(served: ServedVersion) -> float:
-    assert isinstance(served.localizer, FakeLocalizer)
-    return served.localizer.label
+    return float((served.directory / "label.txt").read_text())
 
 
 def damage(tmp_path: Path, map_id: str, version: str) -> None:
@@ -64,6 +82,7 @@ def test_the_active_version_is_served_and_loaded_once(world: World):
     cache = world.cache()
     assert cache.get("hall").version == version
     assert cache.get("hall") is cache.get("hall", version)
+    assert cache.serving == {"hall": version}
     assert world.behaviour.loads == ["1"]
 
 
@@ -75,8 +94,9 @@ def test_many_askers_cause_one_load(world: World):
         return world.behaviour.load(directory)
 
     cache = world.cache(load=slow)
-    with ThreadPoolExecutor(8) as threads:
-        served = list(threads.map(lambda _: cache.get("hall"), range(8)))
+    futures = [cache.lease(["hall"]) for _ in range(8)]
+    refreshed = cache.refresh("hall")
+    served = [refreshed, *(future.result(20).served[0] for future in futures)]
     assert world.behaviour.loads == ["1"]
     assert len({id(s) for s in served}) == 1
 
@@ -137,11 +157,13 @@ def test_a_mended_version_is_taken_after_a_while(world: World, monkeypatch: pyte
     monkeypatch.setattr(world.behaviour, "load", lambda directory: FakeLocalizer(9, world.behaviour))
     mended = world.cache()  # its loader understands it
     assert mended.get("hall").version == bad
-    cache._load_files = world.behaviour.load
+    monkeypatch.setattr(cache._loader._resident, "_workers", world.workers)
     cache.poll()
     assert cache.get("hall").version == good, "not tried again at once"
-    for refusal in list(cache._refused):
-        cache._refused[refusal] = map_cache._Refusal(CorruptVersion("x"), time.monotonic() - 1)
+    refused = cache._loader._refused
+    assert refused
+    for key in refused:
+        refused[key] = version_loader._Refusal(CorruptVersion("x"), time.monotonic() - 1)
     cache.poll()
     assert cache.get("hall").version == bad
 
@@ -202,16 +224,31 @@ def test_the_bytes_are_bounded_but_one_version_always_fits(world: World):
     assert label(world.cache(max_bytes=1).get("a")) == 12345
 
 
-def test_fetched_files_leave_the_disk_with_their_version(remote: World):
-    first = remote.publish("a", "1")
-    second = remote.publish("b", "2")
-    cache = remote.cache(max_versions=1)
-    cache.get("a")
+def test_fetched_files_stay_on_the_disk_within_its_limit(remote: World):
+    versions = [remote.publish(name, str(k)) for k, name in enumerate("abc")]
+    cache = remote.cache(max_versions=1, max_disk_bytes=2)
+    for k, name in enumerate("ab"):
+        cache.get(name)
+        marker = remote.cache_dir / f".{versions[k]}.verified"
+        os.utime(marker, (k, k))
+    assert {path.name for path in remote.cache_dir.iterdir()} >= set(versions[:2])
+    cache.get("c")
+    left = {path.name.strip(".").split(".")[0] for path in remote.cache_dir.iterdir()}
+    assert left == set(versions[1:]), "the one used longest ago went, with its marker and lock"
+    assert label(cache.get("a")) == 0, "and comes back when it is asked for"
+
+
+def test_files_in_use_never_leave_the_disk(remote: World):
+    first, _ = remote.publish("a", "1"), remote.publish("b", "2")
+    cache = remote.cache(max_versions=1, max_disk_bytes=0)
+    held = cache.hold("a")
+    asked = cache.lease(["b"])
     assert (remote.cache_dir / first).is_dir()
+    held.close()
+    asked.result(20).close()
+    cache.get("a")
     cache.get("b")
     assert not (remote.cache_dir / first).exists()
-    assert (remote.cache_dir / second).is_dir()
-    assert label(cache.get("a")) == 1, "and come back when they are asked for"
 
 
 def test_a_file_stores_own_files_are_never_removed(world: World, tmp_path: Path):
@@ -234,7 +271,7 @@ def test_what_is_loaded_goes_on_when_the_store_does_not(world: World, monkeypatc
         raise StoreUnavailable("gone")
 
     cache.poll()
-    monkeypatch.setattr(world.catalog, "map_ids", fails)
+    monkeypatch.setattr(cache._watch, "look", fails)
     poller = MapPoller(cache, 0.01)
     poller.start()
     wait_for(lambda: polls >= 3)
@@ -259,3 +296,186 @@ def test_the_poller_outlives_a_defect(world: World):
     poller.start()
     assert done.wait(10)
     poller.close()
+
+
+def test_a_version_that_a_query_uses_stays_until_it_is_given_back(world: World):
+    for name in "ab":
+        world.publish(name, "1")
+    cache = world.cache(max_versions=1)
+    held = cache.hold("a")
+    asked = cache.lease(["b"])
+    time.sleep(0.1)
+    assert not asked.done(), "the limit holds also while a query goes on"
+    assert list(world.workers._localizers) == list(held.served)
+    held.close()
+    asked.result(20).close()
+    assert len(world.workers._localizers) == 1
+
+
+def test_what_is_bid_go_is_loaded_again_for_who_asks(world: World):
+    for name in "ab":
+        world.publish(name, "1")
+    cache = world.cache(max_versions=1)
+    held = cache.hold("a")
+    first = cache.lease(["b"])
+    wait_for(lambda: ("a", held.served[0].version) not in cache._resident)
+    second = cache.lease(["a"])
+    held.close()
+    first.result(20).close()
+    second.result(20).close()
+    assert world.behaviour.loads == ["1"] * 3
+
+
+def test_a_query_over_more_maps_than_the_limit_gets_them_all(world: World):
+    for name in "abc":
+        world.publish(name, "1")
+    cache = world.cache(max_versions=1)
+    held = cache.hold("a")
+    both = cache.hold("b", "a", "c")
+    assert [served.map_id for served in both.served] == ["b", "a", "c"]
+    both.close()
+    held.close()
+    cache.get("a")
+    wait_for(lambda: len(world.workers._localizers) == 1)
+
+
+def test_one_bad_map_of_several_gives_the_others_back(world: World):
+    world.publish("good", "1")
+    world.publish("bad", "unreadable")
+    cache = world.cache(max_versions=1)
+    with pytest.raises(CorruptVersion):
+        cache.hold("good", "bad")
+    world.publish("next", "2")
+    cache.get("next")
+    assert len(world.workers._localizers) == 1, "nothing still holds the good one"
+
+
+def test_ten_maps_of_which_three_fit_are_all_answered_within_the_limit(world: World):
+    names = [f"map-{k}" for k in range(10)]
+    for k, name in enumerate(names):
+        world.publish(name, str(k))
+    most = 0
+
+    def load(directory: Path) -> FakeLocalizer:
+        nonlocal most
+        most = max(most, len(world.workers._localizers) + 1)
+        time.sleep(0.002)
+        return world.behaviour.load(directory)
+
+    cache = world.cache(max_versions=3, load=load)
+    cache.poll()
+
+    def ask(k: int) -> None:
+        leases = cache.hold(names[k])
+        assert label(leases.served[0]) == k
+        assert leases.served[0] in world.workers._localizers
+        leases.close()
+
+    rng = random.Random(1)
+    with ThreadPoolExecutor(8) as threads:
+        list(threads.map(ask, [rng.randrange(10) for _ in range(300)]))
+    assert most <= 3
+    assert len(world.behaviour.loads) > 10
+
+
+def test_a_pinned_map_is_loaded_first_and_stays(world: World):
+    versions = {name: world.publish(name, str(k)) for k, name in enumerate("abcz")}
+    cache = world.cache(max_versions=2, pinned=["z", "not-there"])
+    cache.poll()
+    assert world.behaviour.loads[0] == "3"
+    for name in "abcab":
+        cache.get(name)
+    assert world.behaviour.loads.count("3") == 1
+    new = world.publish("z", "4")
+    cache.poll()
+    for name in "abc":
+        cache.get(name)
+    assert cache.get("z").version == new
+    assert world.behaviour.loads.count("4") == 1
+    assert cache.serving["z"] != versions["z"]
+
+
+def test_the_old_version_serves_until_the_new_one_is_loaded(world: World):
+    first = world.publish("hall", "1")
+    gate = threading.Event()
+
+    def load(directory: Path) -> FakeLocalizer:
+        if (directory / "label.txt").read_text() == "2":
+            assert gate.wait(20)
+        return world.behaviour.load(directory)
+
+    cache = world.cache(max_versions=1, load=load)
+    cache.poll()
+    second = world.publish("hall", "2")
+    polling = threading.Thread(target=cache.poll)
+    polling.start()
+    time.sleep(0.05)
+    lease = cache.lease(["hall"])
+    assert lease.done(), "nobody waits for the new one"
+    assert lease.result().served[0].version == first
+    gate.set()
+    polling.join(20)
+    assert cache.get("hall").version == second
+    lease.result().close()
+    wait_for(lambda: len(world.workers._localizers) == 1)
+
+
+def test_a_slow_load_holds_up_no_other(world: World):
+    for name in ("slow", "quick"):
+        world.publish(name, "1" if name == "slow" else "2")
+    gate = threading.Event()
+
+    def load(directory: Path) -> FakeLocalizer:
+        if (directory / "label.txt").read_text() == "1":
+            assert gate.wait(20)
+        return world.behaviour.load(directory)
+
+    cache = world.cache(load=load)
+    slow = [cache.lease(["slow"]) for _ in range(30)]
+    assert label(cache.get("quick")) == 2
+    assert not any(future.done() for future in slow)
+    gate.set()
+    for future in slow:
+        future.result(20).close()
+    assert sorted(world.behaviour.loads) == ["1", "2"]
+
+
+def test_a_defect_in_loading_is_a_refusal_like_any_other(world: World):
+    good, _ = world.publish("hall", "1"), world.publish("hall", "2")
+
+    def load(directory: Path) -> FakeLocalizer:
+        if (directory / "label.txt").read_text() == "2":
+            raise MemoryError
+        return world.behaviour.load(directory)
+
+    cache = world.cache(load=load)
+    cache.poll()
+    assert cache.get("hall").version == good
+    assert world.metric("firstfix_maps_behind") == 1
+
+
+def test_a_map_is_followed_although_its_notice_was_lost(world: World, monkeypatch: pytest.MonkeyPatch):
+    world.publish("hall", "1")
+    cache = world.cache(poll_interval_s=1.0, sweep_interval_s=3.0)
+    cache.poll()
+    monkeypatch.setattr(world.catalog.changes, "note", lambda map_id: None)
+    second, other = world.publish("hall", "2"), world.publish("attic", "3")
+    for _ in range(4):
+        cache.poll()
+    assert cache.serving == {"hall": second, "attic": other}
+    assert cache.map_ids == ("attic", "hall")
+    for key in world.catalog.store.list("maps/attic"):
+        world.catalog.store.delete(key)
+    for _ in range(4):
+        cache.poll()
+    assert cache.map_ids == ("hall",)
+    assert cache.serving == {"hall": second}
+
+
+def test_ids_that_were_made_up_leave_no_trace(world: World):
+    cache = world.cache()
+    for k in range(20):
+        with pytest.raises(NotFound):
+            cache.get(f"made-up-{k}")
+    traces = (cache._waiting, cache._serving, cache._tried, cache._published)
+    assert not any((*traces, cache._loader._under_way, cache._loader._refused))

@@ -1,0 +1,237 @@
+"""The versions in memory, within limits: least recently used out first, never one that a query uses."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict, deque
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import structlog
+
+from firstfix.version_cache import HeldFolder
+
+from .metrics import Metrics
+from .query import ServedVersion
+from .workers import Workers
+
+_log = structlog.get_logger(__name__)
+ROOM_WITHIN_S = 30.0  # without anything having gone meanwhile: then the limit is passed rather than wait on
+Key = tuple[str, str]  # map id, version
+
+
+@dataclass(frozen=True)
+class VersionFiles:
+    """A version on this machine.
+
+    Attributes:
+        hold: keeps a fetched folder on the disk; None for one in a file store.
+    """
+
+    served: ServedVersion
+    file_bytes: int
+    hold: HeldFolder | None
+
+    @property
+    def key(self) -> Key:
+        return self.served.map_id, self.served.version
+
+
+@dataclass(eq=False)
+class _Resident:
+    """Attributes:
+    bytes: of its files, and of what the workers hold besides.
+    leases: queries that use it.
+    leaving: nobody gets it any more.
+    """
+
+    files: VersionFiles
+    bytes: int
+    leases: int = 0
+    leaving: bool = False
+
+
+class Lease:
+    """A version that stays in memory, and on the disk, until it is closed. Close it once.
+
+    Attributes:
+        again: another lease of it, for somebody else.
+    """
+
+    def __init__(self, served: ServedVersion, close: Callable[[], None], again: Callable[[], Lease]) -> None:
+        self.served = served
+        self.close = close
+        self.again = again
+
+
+class ResidentVersions:
+    """Thread-safe. The limits hold for what is in memory, what is on its way in and what is on its way out.
+
+    Args:
+        stays: whether the first version must not be put out for the second.
+    """
+
+    def __init__(
+        self,
+        workers: Workers,
+        metrics: Metrics,
+        *,
+        max_versions: int,
+        max_bytes: int,
+        stays: Callable[[Key, Key], bool],
+    ) -> None:
+        self._workers = workers
+        self._metrics = metrics
+        self._max_versions, self._max_bytes = max_versions, max_bytes
+        self._stays = stays
+        self._changed = threading.Condition()
+        self._residents: OrderedDict[Key, _Resident] = OrderedDict()
+        self._leaving: set[_Resident] = set()
+        self._coming: dict[Key, int] = {}  # bytes of those being loaded
+        self._line: deque[Key] = deque()  # of loads that wait for room
+        self._hurries = 0
+        self._dropper = ThreadPoolExecutor(1, thread_name_prefix="map-dropper")
+
+    @property
+    def has_room(self) -> bool:
+        """For one more version, as far as can be told without knowing it."""
+        with self._changed:
+            versions, size = self._taken()
+            return versions < self._max_versions and size < self._max_bytes
+
+    def __contains__(self, key: Key) -> bool:
+        with self._changed:
+            return key in self._residents
+
+    def lease(self, key: Key) -> Lease | None:
+        """None: it is not in memory."""
+        with self._changed:
+            resident = self._residents.get(key)
+            if resident is None:
+                return None
+            self._residents.move_to_end(key)
+            return self._lease(resident)
+
+    def load(self, files: VersionFiles) -> Lease:
+        """Loads a version that is not in memory; one thread for each.
+
+        Raises:
+            VersionError: as ``Workers.load``.
+        """
+        key = files.key
+        with self._changed:
+            self._wait_for_room(key, files.file_bytes)
+            self._coming[key] = files.file_bytes
+        try:
+            private = self._workers.load(files.served)
+        except BaseException:
+            with self._changed:
+                del self._coming[key]
+                self._changed.notify_all()
+            raise
+        with self._changed:
+            del self._coming[key]
+            resident = self._residents[key] = _Resident(files, files.file_bytes + private)
+            lease = self._lease(resident)
+            self._bid_go_for(key)  # it may take more than its files
+            self._changed.notify_all()
+            self._show()
+        return lease
+
+    def trim(self, key: Key) -> None:
+        """Makes what is over the limit go, now that this version serves and the one before need not."""
+        with self._changed:
+            self._bid_go_for(key)
+            self._show()
+
+    def begin_hurry(self) -> None:
+        """While a query gathers several versions the limit is passed: the query may itself hold what would
+        have to go for the next of them."""
+        with self._changed:
+            self._hurries += 1
+            self._changed.notify_all()
+
+    def end_hurry(self) -> None:
+        with self._changed:
+            self._hurries -= 1
+
+    def close(self) -> None:
+        self._dropper.shutdown()
+
+    def _lease(self, resident: _Resident) -> Lease:
+        resident.leases += 1
+        return Lease(
+            resident.files.served, lambda: self._give_back(resident), lambda: self._lease_again(resident)
+        )
+
+    def _lease_again(self, resident: _Resident) -> Lease:
+        with self._changed:
+            return self._lease(resident)
+
+    def _give_back(self, resident: _Resident) -> None:
+        with self._changed:
+            resident.leases -= 1
+            if resident.leaving and not resident.leases:
+                self._dropper.submit(self._drop, resident)
+
+    def _wait_for_room(self, key: Key, need: int) -> None:
+        """Under the lock. In the order of asking; begins anyway when there is nothing left to wait for."""
+        self._line.append(key)
+        try:
+            while True:
+                if self._line[0] == key:
+                    self._bid_go_for(key, need)
+                    versions, size = self._taken()
+                    fits = versions + 1 <= self._max_versions and size + need <= self._max_bytes
+                    if fits or not (self._leaving or self._coming):
+                        return
+                if self._hurries:
+                    return
+                if not self._changed.wait(ROOM_WITHIN_S):
+                    _log.warning("versions that are still used pass the cache's limit", map_id=key[0])
+                    return
+        finally:
+            self._line.remove(key)
+            self._changed.notify_all()
+
+    def _bid_go_for(self, key: Key, need: int | None = None) -> None:
+        """Under the lock. The least recently used go, as soon as no query uses them, until the rest is within
+        the limits, and so is one more of ``need`` bytes."""
+        for candidate in list(self._residents):
+            versions = len(self._residents) + len(self._coming) + (need is not None)
+            size = self._bytes() + sum(self._coming.values()) + (need or 0)
+            if versions <= self._max_versions and size <= self._max_bytes:
+                return
+            if candidate != key and not self._stays(candidate, key):
+                resident = self._residents.pop(candidate)
+                resident.leaving = True
+                self._leaving.add(resident)
+                if not resident.leases:
+                    self._dropper.submit(self._drop, resident)
+
+    def _drop(self, resident: _Resident) -> None:
+        served = resident.files.served
+        try:
+            self._workers.drop(served)
+        finally:
+            if resident.files.hold is not None:
+                resident.files.hold.close()
+            with self._changed:
+                self._leaving.discard(resident)
+                self._changed.notify_all()
+        self._metrics.version_evictions.inc()
+        _log.info("version put out", map_id=served.map_id, version=served.version)
+
+    def _taken(self) -> tuple[int, int]:
+        """Versions and bytes, of what comes and goes too."""
+        versions = len(self._residents) + len(self._coming) + len(self._leaving)
+        going = sum(one.bytes for one in self._leaving)
+        return versions, self._bytes() + sum(self._coming.values()) + going
+
+    def _bytes(self) -> int:
+        return sum(one.bytes for one in self._residents.values())
+
+    def _show(self) -> None:
+        self._metrics.versions_loaded.set(len(self._residents))
+        self._metrics.version_bytes.set(self._bytes())

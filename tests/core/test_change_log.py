@@ -1,0 +1,83 @@
+"""Notices of changes: numbered without gaps, found with few calls, hints and no more."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from firstfix.change_log import ChangeLog
+from firstfix.store import Store
+
+
+class Counts(Store):
+    calls = 0
+
+    def get(self, key: str) -> bytes:
+        self.calls += 1
+        return super().get(key)
+
+    def exists(self, key: str) -> bool:
+        self.calls += 1
+        return super().exists(key)
+
+
+def test_notices_are_read_in_order_and_each_map_once(any_store_url: str) -> None:
+    store = Store.open(any_store_url)
+    log, reader = ChangeLog(store), ChangeLog(store)
+    assert reader.since(0) == ([], 0)
+    for map_id in ("b", "a", "b"):
+        log.note(map_id)
+    assert reader.end() == 3
+    assert reader.since(0) == (["b", "a"], 3)
+    assert reader.since(3) == ([], 3)
+    ChangeLog(store).note("c")
+    assert reader.since(3) == (["c"], 4)
+
+
+def test_racing_writers_leave_no_gap(any_store_url: str) -> None:
+    store = Store.open(any_store_url)
+    with ThreadPoolExecutor(6) as threads:
+        list(threads.map(lambda k: ChangeLog(store).note(f"map-{k}"), range(18)))
+    names, last = ChangeLog(store).since(0)
+    assert last == 18
+    assert sorted(names) == sorted(f"map-{k}" for k in range(18))
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 3, 7, 8, 100])
+def test_the_end_is_found_with_few_calls(count: int) -> None:
+    store = Counts.open("memory://")
+    assert isinstance(store, Counts)
+    writer = ChangeLog(store)
+    for _ in range(count):
+        writer.note("hall")
+    store.calls = 0
+    reader = ChangeLog(store)
+    assert reader.end() == count
+    assert store.calls <= 16
+    store.calls = 0
+    assert reader.since(count) == ([], count)
+    assert store.calls == 1, "nothing new costs one call"
+
+
+def test_what_cannot_be_read_is_passed_over() -> None:
+    store = Store.open("memory://")
+    log = ChangeLog(store)
+    log.note("a")
+    store.put_new("changes/00000002.json", b"\xff no notice")
+    store.put_new("changes/00000003.json", b'{"map_id": "../../etc"}')
+    store.put_new("changes/00000004.json", b"[]")
+    log.note("b")
+    assert ChangeLog(store).since(0) == (["a", "b"], 5)
+
+
+def test_notices_that_somebody_removed_do_not_lead_astray() -> None:
+    store = Store.open("memory://")
+    log = ChangeLog(store)
+    for name in ("a", "b", "c"):
+        log.note(name)
+    for key in store.list("changes"):
+        store.delete(key)
+    assert log.end() == 0
+    log.note("d")
+    assert ChangeLog(store).since(0) == (["d"], 1)

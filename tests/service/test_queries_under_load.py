@@ -1,0 +1,206 @@
+"""The service with real worker processes and real versions, while things happen to it."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+from service_world import Service, running_service, wait_for
+
+from firstfix.localization import Localization
+from firstfix.localizer import Localizer
+from firstfix.manifest import Manifest
+from firstfix.map_index import ENGINE_FILE, MapIndex
+from firstfix.transform import pose_error
+from firstfix.wire import MEDIA_TYPE, encode_scan
+
+SHIFT_M = 100.0  # by which the versions of different maps, and of different age, lie apart
+pytestmark = pytest.mark.slow
+
+
+class Yards:
+    """Real versions that differ by where they say the yard lies."""
+
+    def __init__(self, small_version, small_scans, folder: Path) -> None:
+        self._source = small_version.directory
+        self._folder = folder
+        localizer = Localizer(MapIndex.load(self._source))
+        self.asked = []  # (body, T_map_sensor in the yard) of scans that are found
+        for scan, truth in small_scans:
+            answer = localizer.localize(scan)
+            if answer.hypotheses and pose_error(truth, answer.hypotheses[0].T_map_sensor)[0] < 0.2:
+                self.asked.append((encode_scan(scan), answer.hypotheses[0].T_map_sensor))
+        assert len(self.asked) >= 10
+
+    def publish(self, service: Service, map_id: str, k: int) -> str:
+        directory = self._folder / f"shifted-{k}"
+        if not directory.exists():
+            shutil.copytree(self._source, directory)
+            engine = json.loads((directory / ENGINE_FILE).read_text())
+            engine["T_map_level"][3] += SHIFT_M * k
+            (directory / ENGINE_FILE).write_text(json.dumps(engine))
+        return service.catalog.publish(map_id, directory, Manifest.for_directory(directory))
+
+    def shift_of(self, answer: Localization, query: int) -> int:
+        """Which version answered, by where it puts the scan."""
+        _, T = self.asked[query % len(self.asked)]
+        found = answer.hypotheses[0].T_map_sensor
+        k = round((found[0, 3] - T[0, 3]) / SHIFT_M)
+        moved = T.copy()
+        moved[0, 3] += SHIFT_M * k
+        assert pose_error(moved, found)[0] < 0.05
+        return k
+
+    def ask(self, service: Service, map_id: str, query: int) -> httpx.Response:
+        body, _ = self.asked[query % len(self.asked)]
+        headers = {"Content-Type": MEDIA_TYPE}
+        return service.http.post("/localize", params={"map": map_id}, content=body, headers=headers)
+
+
+@pytest.fixture(scope="module")
+def yards(small_version, small_scans, tmp_path_factory) -> Yards:
+    return Yards(small_version, small_scans, tmp_path_factory.mktemp("yards"))
+
+
+@pytest.fixture
+def service(tmp_path: Path) -> Iterator[Service]:
+    with running_service(tmp_path, zenoh=False, load=None, cache_max_versions=3, queue_size=64) as running:
+        yield running
+
+
+def worker_pids() -> list[int]:
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                command = (entry / "cmdline").read_bytes()
+                parent = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1])
+            except (OSError, IndexError):
+                continue
+            if parent == os.getpid() and b"firstfix_service.worker_process" in command:
+                found.append(int(entry.name))
+    return sorted(found)
+
+
+def mapped_versions(pid: int) -> set[str]:
+    """Digests of the versions whose files a process has mapped."""
+    return set(re.findall(r"/versions/([0-9a-f]{64})/", Path(f"/proc/{pid}/maps").read_text()))
+
+
+def rss_mib(pid: int) -> float:
+    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
+def test_ten_maps_of_which_three_fit(service: Service, yards: Yards):
+    names = {f"yard-{k}": k for k in range(10)}
+    for name, k in names.items():
+        yards.publish(service, name, k)
+    mapped: list[int] = []
+
+    def ask(query: int) -> None:
+        name = f"yard-{query % 10}" if query < 20 else f"yard-{rng.integers(10)}"
+        response = yards.ask(service, name, query)
+        assert response.status_code == 200, response.text
+        answer = Localization.from_mapping(response.json())
+        assert answer.map_id == name
+        assert yards.shift_of(answer, query) == names[name]
+        mapped.extend(len(mapped_versions(pid)) for pid in worker_pids())
+
+    rng = np.random.default_rng(2)
+    for query in range(20):
+        ask(query)
+    before = [rss_mib(pid) for pid in worker_pids()]
+    with ThreadPoolExecutor(4) as threads:
+        list(threads.map(ask, range(20, 80)))
+    assert max(mapped) == 3, "no worker process holds more"
+    after = [rss_mib(pid) for pid in worker_pids()]
+    assert len(after) == len(before) == 2
+    assert max(after) < max(before) + 100, "it does not grow with every load"
+
+
+def test_a_version_is_swapped_under_queries_without_an_error(service: Service, yards: Yards):
+    yards.publish(service, "yard", 0)
+    end = threading.Event()
+
+    def ask(first: int) -> list[int]:
+        versions = []
+        query = first
+        while not end.is_set():
+            response = yards.ask(service, "yard", query)
+            assert response.status_code == 200, response.text
+            versions.append(yards.shift_of(Localization.from_mapping(response.json()), query))
+            query += 1
+        return versions
+
+    with ThreadPoolExecutor(4) as threads:
+        asking = [threads.submit(ask, k) for k in range(4)]
+        try:
+            wait_for(lambda: service.http.get("/readyz").is_success, 60)
+            wanted = 0
+            for wanted in (1, 2):
+                time.sleep(1)
+                version = yards.publish(service, "yard", wanted)
+                wait_for(lambda v=version: _serves(service, yards, v), 60)
+        finally:
+            end.set()
+        for asked in asking:
+            versions = asked.result(60)
+            assert versions == sorted(versions), "nobody sees the old one after the new one"
+            assert versions[-1] == wanted
+
+
+def _serves(service: Service, yards: Yards, version: str) -> bool:
+    return bool(yards.ask(service, "yard", 0).json()["map_version"] == version)
+
+
+def test_workers_are_killed_under_queries(service: Service, yards: Yards):
+    yards.publish(service, "yard", 1)
+    assert yards.ask(service, "yard", 0).status_code == 200
+    end = threading.Event()
+    outcomes: list[str] = []
+
+    def ask(first: int) -> None:
+        query = first
+        while not end.is_set():
+            response = yards.ask(service, "yard", query)
+            if response.status_code == 200:
+                assert yards.shift_of(Localization.from_mapping(response.json()), query) == 1
+                outcomes.append("ok")
+            else:
+                outcomes.append(response.json()["code"])
+                assert "retry-after" in response.headers
+            query += 1
+
+    with ThreadPoolExecutor(4) as threads:
+        asking = [threads.submit(ask, k) for k in range(4)]
+        try:
+            for _ in range(4):
+                wait_for(lambda: len(worker_pids()) == 2, 60)
+                os.kill(worker_pids()[0], signal.SIGKILL)
+                answered = outcomes.count("ok")
+                wait_for(lambda n=answered: outcomes.count("ok") >= n + 5, 60)
+        finally:
+            end.set()
+        for asked in asking:
+            asked.result(120)
+    assert set(outcomes) <= {"ok", "worker_lost"}
+    wait_for(lambda: "firstfix_worker_deaths_total 4.0" in service.http.get("/metrics").text)
+
+
+def test_no_worker_outlives_the_service(tmp_path: Path, yards: Yards):
+    with running_service(tmp_path, zenoh=False, load=None) as service:
+        yards.publish(service, "yard", 0)
+        assert yards.ask(service, "yard", 0).status_code == 200
+        assert len(worker_pids()) == 2
+    assert worker_pids() == []
