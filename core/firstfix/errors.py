@@ -6,7 +6,8 @@
     |  |- InvalidOption           an option or a config value is out of its range
     |  |- UnsupportedFormat       no reader for this media type or file ending
     |  |- MalformedData           the bytes contradict their own format
-    |  `- TooLarge                over a byte, point or expansion limit
+    |  |- TooLarge                over a byte, point or expansion limit
+    |  `- DescriptorMismatch      the query was described otherwise than the map
     |- NotFound                   no such map, version or build
     |- Conflict                   it exists already, or its state forbids this
     |- StoreError                 the object store failed
@@ -55,6 +56,10 @@ class MalformedData(InputError):
 
 class TooLarge(InputError):
     code = "too_large"
+
+
+class DescriptorMismatch(InputError):
+    code = "descriptor_mismatch"
 
 
 class NotFound(FirstfixError):

@@ -14,6 +14,7 @@ from typing import Protocol
 
 import structlog
 
+from firstfix.any_scan import AnyScan
 from firstfix.catalog import Catalog
 from firstfix.errors import FirstfixError, NotFound, VersionError
 from firstfix.ids import check_map_id, check_version
@@ -21,8 +22,6 @@ from firstfix.localization import Localization
 from firstfix.localizer import FindsPlaces, Localizer
 from firstfix.map_index import MapIndex
 from firstfix.options import LocalizeOptions
-from firstfix.scan import Scan
-from firstfix.scan_sequence import ScanSequence
 
 from .metrics import Metrics
 
@@ -31,7 +30,7 @@ REFUSED_FOR_S = 60.0  # a version that was found bad is read again after this: s
 
 
 class LocalizesScans(FindsPlaces, Protocol):
-    def localize(self, scan: Scan | ScanSequence, options: LocalizeOptions | None = None) -> Localization: ...
+    def localize(self, scan: AnyScan, options: LocalizeOptions | None = None) -> Localization: ...
 
 
 @dataclass(frozen=True)

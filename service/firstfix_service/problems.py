@@ -23,6 +23,7 @@ STATUS: dict[type[FirstfixError], int] = {
     errors.UnsupportedFormat: 415,
     errors.MalformedData: 400,
     errors.TooLarge: 413,
+    errors.DescriptorMismatch: 409,
     errors.NotFound: 404,
     errors.Conflict: 409,
     errors.StoreError: 502,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..arguments import MapId, TimeoutS, Url, Zenoh
+from ..arguments import MapId, SentAs, TimeoutS, Url, Zenoh
 
 if TYPE_CHECKING:
     from firstfix.scan import Scan
@@ -36,6 +36,7 @@ def evaluate(
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
     details: Annotated[Path | None, typer.Option(help="Write one CSV row a scan here.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw map, truth and answers into this PNG.")] = None,
+    encoding: SentAs = "scan",
     timeout_s: TimeoutS = 30.0,
 ) -> None:
     """Measure success, false accepts and time over scans with known poses."""
@@ -45,7 +46,7 @@ def evaluate(
 
     rows = read_poses_csv(poses)
     asked = None if url or zenoh else store
-    with answerer(map_id, url=url, zenoh=zenoh, store=asked, timeout_s=timeout_s) as ask:
+    with answerer(map_id, url=url, zenoh=zenoh, store=asked, timeout_s=timeout_s, encoding=encoding) as ask:
         outcomes, scans = _outcomes(rows, ask, random_yaw)
     report = report_of(outcomes)
     typer.echo("\n".join(_lines(report, outcomes)))

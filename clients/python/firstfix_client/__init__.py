@@ -13,6 +13,7 @@
 from firstfix.localization import Localization, Verdict
 from firstfix.options import LocalizeOptions
 from firstfix.prior import Prior
+from firstfix.query_parameters import QueryParameters
 from firstfix.scan import Scan
 from firstfix.scan_sequence import ScanSequence
 
@@ -29,6 +30,7 @@ __all__ = [
     "LocalizeOptions",
     "MapInfo",
     "Prior",
+    "QueryParameters",
     "RetryPolicy",
     "Scan",
     "ScanSequence",

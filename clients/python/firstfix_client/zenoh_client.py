@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import random
 import time
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -13,12 +14,13 @@ from firstfix.errors import FirstfixError, InvalidOption
 from firstfix.ids import check_map_id
 from firstfix.localization import Localization
 from firstfix.options import LocalizeOptions
+from firstfix.query_parameters import QueryParameters
 from firstfix.scan_sequence import ScanSequence
 
 from .errors import PASSING, ServiceUnreachable, error_of_problem
 from .live_replicas import LiveReplicas
 from .retry import Deadline, RetryPolicy
-from .scan_body import ScanLike, encoded
+from .scan_body import BodyForm, Encoding, ScanLike, encoded
 
 MAX_MESSAGE_BYTES = 16 << 20
 
@@ -54,7 +56,7 @@ class ZenohClient:
     ) -> None:
         self._timeout_s = timeout_s
         self._retry = retry or RetryPolicy()
-        self._resolution_m, self._voxel_m = resolution_m, voxel_m
+        self._form = BodyForm(resolution_m=resolution_m, voxel_m=voxel_m)
         self._zenoh = _zenoh()
         settings = self._settings(endpoint, config)
         try:
@@ -75,9 +77,16 @@ class ZenohClient:
         self._session.close()
 
     def localize(
-        self, scan: ScanLike | ScanSequence, *, map_id: str, options: LocalizeOptions | None = None
+        self,
+        scan: ScanLike | ScanSequence,
+        *,
+        map_id: str,
+        options: LocalizeOptions | None = None,
+        encoding: Encoding = "scan",
+        parameters: QueryParameters | None = None,
     ) -> Localization:
-        """As ``Client.localize``, in one named map.
+        """As ``Client.localize``, in one named map. A descriptor needs its parameters given here: the
+        replicas serve no manifests over zenoh.
 
         Raises:
             InputError: the scan or an option cannot be used.
@@ -85,8 +94,12 @@ class ZenohClient:
             ServiceUnreachable: no replica of this map answered.
         """
         check_map_id(map_id)  # a key expression with wildcards would ask every map
-        media_type, body = encoded(scan, resolution_m=self._resolution_m, voxel_m=self._voxel_m)
-        parameters = (options or LocalizeOptions()).to_strings()
+        wanted, form = (
+            options or LocalizeOptions(),
+            replace(self._form, encoding=encoding, parameters=parameters),
+        )
+        media_type, body = encoded(scan, form, wanted.gravity)
+        told = wanted.to_strings()
         deadline = Deadline(self._timeout_s)
         tried: set[str] = set()
         attempt = 0
@@ -96,7 +109,7 @@ class ZenohClient:
             tried.add(key)
             left_s = deadline.remaining_s()
             # a replica that hangs must leave time for another one
-            reply = self._ask(key, media_type, body, parameters, left_s / 2 if others else left_s)
+            reply = self._ask(key, media_type, body, told, left_s / 2 if others else left_s)
             if isinstance(reply, Localization):
                 return reply
             wait_s = self._retry.wait_s(attempt)
