@@ -7,12 +7,14 @@ import json
 from pathlib import Path
 
 from . import real
+from .encodings import suite as encodings
 from .paper import suite as paper
 from .peers import suite as peers
 from .retrieval import suite as retrieval
 from .robust import suite as robust
 
 SUITES = {
+    "encodings": encodings.run,
     "paper": paper.run,
     "peers": peers.run,
     "real": real.run,
