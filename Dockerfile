@@ -4,6 +4,8 @@
 #
 #   docker build --target builder -t firstfix-builder .
 #
+# They listen beyond the container, so they start only with -e FIRSTFIX_AUTH=on, or off where nobody else gets there.
+#
 # A machine with a package index of its own gives it with --build-arg PIP_INDEX_URL=...
 FROM debian:bookworm-slim AS python
 RUN apt-get update \

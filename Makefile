@@ -28,7 +28,7 @@ test-servers: setup  ## an S3 server for the storage tests, where Go is there to
 	@scripts/test-servers.sh
 
 bench: setup  ## the suites of benchmarks/ (ARGS="real --quick")
-	@$(bin)/python -m benchmarks.run $(ARGS)
+	@PATH="$(CURDIR)/$(bin):$$PATH" $(bin)/python -m benchmarks.run $(ARGS)
 
 lock: setup  ## resolve deploy/locks anew (LOCK_ARGS=--upgrade for newer releases)
 	@scripts/lock.sh $(LOCK_ARGS)

@@ -28,7 +28,17 @@ class PeakMemory:
 
     def _watch(self) -> None:
         while not self._stop.wait(POLL_S):
-            self.peak_bytes = max(self.peak_bytes, sum(map(_pss_bytes, _descendants(os.getpid()))))
+            self.peak_bytes = max(self.peak_bytes, memory_of_children())
+
+
+def memory_of_children() -> int:
+    """Bytes of all descendants of this process, what they share counted once (Linux)."""
+    return sum(map(_pss_bytes, _descendants(os.getpid())))
+
+
+def pss_of_family(pid: int) -> int:
+    """Bytes of a process and all that it started."""
+    return sum(map(_pss_bytes, [pid, *_descendants(pid)]))
 
 
 def _descendants(pid: int) -> list[int]:

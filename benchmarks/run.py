@@ -12,6 +12,7 @@ from .paper import suite as paper
 from .peers import suite as peers
 from .retrieval import suite as retrieval
 from .robust import suite as robust
+from .service import suite as service
 
 SUITES = {
     "encodings": encodings.run,
@@ -20,6 +21,7 @@ SUITES = {
     "real": real.run,
     "retrieval": retrieval.run,
     "robust": robust.run,
+    "service": service.run,
 }
 
 

@@ -1,8 +1,8 @@
 """What a running build tells the world, and hears from it, beside its work.
 
 One thread writes the status at most twice a second, looks once a second whether the build is to be
-cancelled, and hears the signals that stop the process: also while the main thread is deep in a long
-native call, where a Python signal handler would not run.
+cancelled, and hears the signals that stop the process, or that whoever started it is gone: also while
+the main thread is deep in a long native call, where a Python signal handler would not run.
 """
 
 from __future__ import annotations
@@ -40,6 +40,8 @@ class BuildReporter:
         own_process: SIGTERM and SIGINT put the status back to queued and end the process with
             ``EXIT_TRY_AGAIN``; a cancel that the stages ignore ends it as well. Only for the main
             thread of a process that runs nothing else.
+        tied_to_stdin: the end of standard input does what SIGTERM does: its writer, who sees to the
+            build, was killed, and will be or was started again.
     """
 
     def __init__(
@@ -50,6 +52,7 @@ class BuildReporter:
         stages: Sequence[str],
         *,
         own_process: bool = False,
+        tied_to_stdin: bool = False,
     ) -> None:
         self._catalog = catalog
         self._build_id = build_id
@@ -62,6 +65,7 @@ class BuildReporter:
         self._cancelled = threading.Event()
         self._ended = False
         self._wake_read, self._wake_write = os.pipe()
+        self._heard_from = [self._wake_read, *([0] if tied_to_stdin else [])]
         os.set_blocking(self._wake_write, False)
         self._thread = threading.Thread(target=self._watch, daemon=True, name="build-reporter")
 
@@ -101,14 +105,14 @@ class BuildReporter:
     def _watch(self) -> None:
         next_look, forced_at = time.monotonic(), math.inf
         while True:
-            readable, _, _ = select.select([self._wake_read], [], [], STATUS_PERIOD_S)
-            if readable:
-                numbers = os.read(self._wake_read, 64)
-                if any(numbers):  # a signal's; the end of the context is a zero
-                    # Every stage and the publish bear a kill at any moment: nothing is wound up.
-                    self._end_process("queued", EXIT_TRY_AGAIN)
-                if self._ended:
-                    return
+            readable, _, _ = select.select(self._heard_from, [], [], STATUS_PERIOD_S)
+            # A signal's number, while the end of the context is a zero; or standard input has ended.
+            stopped = self._wake_read in readable and any(os.read(self._wake_read, 64))
+            if stopped or (0 in readable and not os.read(0, 64)):
+                # Every stage and the publish bear a kill at any moment: nothing is wound up.
+                self._end_process("queued", EXIT_TRY_AGAIN)
+            if self._ended:
+                return
             now = time.monotonic()
             try:
                 self._write_status()

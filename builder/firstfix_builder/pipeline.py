@@ -17,6 +17,7 @@ from threadpoolctl import threadpool_limits
 from firstfix.clusters import Clusters
 from firstfix.manifest import Manifest
 from firstfix.map_index import ENGINE_FILE, MAP_FILE
+from firstfix.shared_stages import SharedStages
 
 from .build_stages import BuildStages, Progress, engine_of, link
 from .config import BuildConfig
@@ -52,12 +53,14 @@ def build_version(
     trajectory: Path | None = None,
     progress: Progress = lambda stage, fraction: None,
     cancelled: Callable[[], bool] = lambda: False,
+    shared: SharedStages | None = None,
 ) -> BuiltVersion:
     """Runs every stage that the cache under ``work`` does not hold yet.
 
     Args:
         source: a map file or folder, as ``read_map`` takes it.
         trajectory: poses of the mapping run, if they are not in the source.
+        shared: where other machines' finished stages are.
 
     Raises:
         InputError: the source or the trajectory cannot be read.
@@ -72,7 +75,7 @@ def build_version(
             workers, mp_context=get_context("spawn"), initializer=die_with_parent
         ) as processes,
     ):
-        build = BuildStages(config, StageCache(work), threads, processes, progress, cancelled)
+        build = BuildStages(config, StageCache(work, shared=shared), threads, processes, progress, cancelled)
         read = build.read_map(source, trajectory)
         mesh = build.reconstruct_mesh(read)
         viewpoints = build.sample_viewpoints(read, mesh)

@@ -8,6 +8,9 @@ what is done.
 The key is the sha256 of the stage's name, the code's version, its inputs' hashes and its own config.
 A stage is made in a folder of its own and renamed when it is whole, so that a kill at any moment
 leaves either a stage or rubbish, and rubbish is known by its lock having died with its owner.
+
+With ``firstfix.shared_stages`` behind it, a stage that is not here is fetched when another machine has
+made it, and one that is made here is shared.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ import hashlib
 import json
 import os
 import shutil
+import time
 import uuid
 import weakref
 from collections.abc import Callable, Mapping
@@ -30,8 +34,12 @@ from pydantic import BaseModel
 
 import firstfix
 from firstfix.manifest import sha256_of
+from firstfix.shared_stages import SharedStages
+
+from .build_trace import mark_cached
 
 DEFAULT_MAX_BYTES = 50_000_000_000
+DEFAULT_MAX_AGE_S = 30 * 86400.0
 
 
 @dataclass(frozen=True)
@@ -55,16 +63,26 @@ class StageCache:
     Args:
         root: made if missing.
         max_bytes: the longest unused stages go when all together are larger.
+        max_age_s: stages that were not used for so long go in any case.
+        shared: where stages come from and go to besides.
         code_version: of everything that makes a stage; by default the hash of the source files of
             builder and core, so that a changed program never meets its predecessor's results.
     """
 
     def __init__(
-        self, root: Path, *, max_bytes: int = DEFAULT_MAX_BYTES, code_version: str | None = None
+        self,
+        root: Path,
+        *,
+        max_bytes: int = DEFAULT_MAX_BYTES,
+        max_age_s: float = DEFAULT_MAX_AGE_S,
+        shared: SharedStages | None = None,
+        code_version: str | None = None,
     ) -> None:
         self._folder = root / "stages"
         self._folder.mkdir(parents=True, exist_ok=True)
         self._max_bytes = max_bytes
+        self._max_age_s = max_age_s
+        self._shared = shared
         self._code_version = _source_hash() if code_version is None else code_version
         self._in_use: list[int] = []  # shared locks on the stages that were handed out
         weakref.finalize(self, _close_all, self._in_use)
@@ -77,7 +95,7 @@ class StageCache:
         config: BaseModel | Mapping[str, Any],
         produce: Callable[[Path], None],
     ) -> StageResult:
-        """The stage's result: from the cache, or made now.
+        """The stage's result: from the cache, shared by another machine, or made now.
 
         Args:
             inputs: name to sha256 of what the stage reads.
@@ -92,11 +110,16 @@ class StageCache:
         key = hashlib.sha256(json.dumps(recipe, sort_keys=True).encode()).hexdigest()
         found = self._find(key)
         if found is not None:
+            mark_cached(name)
             return found
         part, lock = self._new_part()
         try:
             (part / "files").mkdir()
-            produce(part / "files")
+            fetched = self._shared is not None and self._shared.fetch(key, part / "files")
+            if fetched:
+                mark_cached(name)
+            else:
+                produce(part / "files")
             record = {"stage": name, "files": _hashes(part / "files")}
             (part / "stage.json").write_text(json.dumps(record, sort_keys=True))
             self._move_in(part, key)
@@ -106,16 +129,20 @@ class StageCache:
         found = self._find(key)
         if found is None:
             raise OSError(f"stage {name} vanished from {self._folder} as it was written")
+        if self._shared is not None and not fetched:
+            self._shared.put(key, name, found.directory)
         self.prune()
         return found
 
     def prune(self) -> None:
-        """Removes the longest unused stages until the rest is within ``max_bytes``."""
+        """Removes the stages that were unused for too long, and of the others the longest unused ones
+        until the rest is within ``max_bytes``."""
         stages = [path for path in self._folder.iterdir() if not path.name.startswith(".")]
         sizes = {path: _size_bytes(path) for path in stages}
         total = sum(sizes.values())
+        oldest = time.time() - self._max_age_s
         for path in sorted(stages, key=_last_use):
-            if total <= self._max_bytes:
+            if total <= self._max_bytes and _last_use(path) >= oldest:
                 return
             if self._remove(path):
                 total -= sizes[path]

@@ -17,6 +17,8 @@ import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 from urllib.parse import urlsplit
@@ -33,13 +35,18 @@ from firstfix.errors import (
     StoreUnavailable,
 )
 from firstfix.manifest import Manifest
+from firstfix.shared_stages import SharedStages
 from firstfix.store import Store
 
+from .build_log import set_up_build_log
 from .build_reporter import EXIT_CANCELLED, EXIT_TRY_AGAIN, BuildReporter
+from .build_trace import BuildTrace
 from .fetch_source import DEFAULT_MAX_BYTES, SourcePolicy, fetch_source
 
 EXIT_SUCCEEDED, EXIT_FAILED, EXIT_USAGE = 0, 1, 2
 _EXIT_OF_STATE = {"succeeded": EXIT_SUCCEEDED, "failed": EXIT_FAILED, "cancelled": EXIT_CANCELLED}
+# The service that runs a worker sets them; they are its own settings' names.
+LOG_LEVEL_VARIABLE, LOG_JSON_VARIABLE = "FIRSTFIX_LOG_LEVEL", "FIRSTFIX_LOG_JSON"
 _log = logging.getLogger(__name__)
 
 
@@ -77,13 +84,14 @@ def run_build(
     *,
     policy: SourcePolicy | None = None,
     own_process: bool = False,
+    tied_to_stdin: bool = False,
 ) -> int:
     """Runs the build to its end and records how it ended; a build that has ended is left alone.
 
     Args:
         work: holds sources and the stage cache; builds that share it run one after the other.
         stages: names that ``build_version`` reports.
-        own_process: see ``BuildReporter``.
+        own_process, tied_to_stdin: see ``BuildReporter``.
 
     Returns:
         the process's exit code.
@@ -95,12 +103,20 @@ def run_build(
     catalog = Catalog(Store.open(store_url))
     request = catalog.build_request(build_id)
     map_id = str(request.get("map_id", ""))
-    with _alone_in(work):
+    with _alone_in(work), BuildTrace(build_id, map_id, request.get("traceparent")) as trace:
         state = catalog.build_status(build_id)["state"]
         if state in _EXIT_OF_STATE:
             return _EXIT_OF_STATE[state]
         all_stages = ("fetch_source", *stages, "publish")
-        with BuildReporter(catalog, build_id, map_id, all_stages, own_process=own_process) as reporter:
+        with BuildReporter(
+            catalog, build_id, map_id, all_stages, own_process=own_process, tied_to_stdin=tied_to_stdin
+        ) as reporter:
+
+            def tick(stage: str, fraction: float) -> None:
+                reporter.tick(stage, fraction)
+                trace.tick(stage)
+
+            tick(all_stages[0], 0.0)
             try:
                 catalog.store.probe()
                 sources = _fetch_all(store_url, catalog, map_id, request, work / "sources", policy)
@@ -109,12 +125,12 @@ def run_build(
                     _mapping(request, "config"),
                     work,
                     trajectory=sources.get("trajectory"),
-                    progress=reporter.tick,
+                    progress=tick,
                     cancelled=reporter.is_cancelled,
                 )
                 if reporter.is_cancelled():
                     raise BuildCancelled("cancelled before it was published")
-                reporter.tick("publish", 0.0)
+                tick("publish", 0.0)
                 version = catalog.publish(map_id, built.directory, built.manifest, build_id=build_id)
                 status = new_status(
                     "succeeded", map_id=map_id, stage="publish", progress=1.0, version=version
@@ -130,6 +146,8 @@ def run_build(
                 status = new_status(
                     "failed", map_id=map_id, stage=reporter.stage, error=_described(error, work)
                 )
+        trace.end(status["state"], (status["error"] or {}).get("code"))
+        catalog.set_build_stages(build_id, [asdict(stage) for stage in trace.stages])
         catalog.set_build_status(build_id, status)
         shutil.rmtree(work / "sources", ignore_errors=True)
         return _EXIT_OF_STATE[status["state"]]
@@ -189,11 +207,13 @@ def _alone_in(work: Path) -> Iterator[None]:
         os.close(handle)
 
 
-def _build_by_pipeline(source: Path, config: dict[str, Any], work: Path, **hooks: Any) -> Built:
+def _build_by_pipeline(
+    source: Path, config: dict[str, Any], work: Path, *, shared: SharedStages | None, **hooks: Any
+) -> Built:
     from .config import BuildConfig
     from .pipeline import build_version
 
-    return build_version(source, BuildConfig.parse(config), work, **hooks)
+    return build_version(source, BuildConfig.parse(config), work, shared=shared, **hooks)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -212,20 +232,34 @@ def main(arguments: Sequence[str] | None = None) -> int:
         metavar="DIR",
         help="sources may be file:// URLs below it; may be repeated",
     )
+    parser.add_argument(
+        "--share-stages",
+        action="store_true",
+        help="finished stages are fetched from the store, and put there",
+    )
+    parser.add_argument(
+        "--tied-to-stdin", action="store_true", help="stop as on SIGTERM when standard input ends"
+    )
     chosen = parser.parse_args(arguments)
-    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s %(message)s")
+    set_up_build_log(
+        chosen.build,
+        level=os.environ.get(LOG_LEVEL_VARIABLE, "info"),
+        as_json=os.environ.get(LOG_JSON_VARIABLE) == "true",
+    )
     # Here, not above: it takes seconds, and a stop meanwhile leaves the build queued.
     from .pipeline import STAGES
 
     try:
+        shared = SharedStages(Store.open(chosen.store)) if chosen.share_stages else None
         return run_build(
             chosen.store,
             chosen.build,
             chosen.work,
-            _build_by_pipeline,
+            partial(_build_by_pipeline, shared=shared),
             STAGES,
             policy=SourcePolicy(chosen.max_source_bytes, tuple(chosen.source_root)),
             own_process=True,
+            tied_to_stdin=chosen.tied_to_stdin,
         )
     except StoreUnavailable as error:
         _log.error("build %s: %s", chosen.build, error)

@@ -10,8 +10,9 @@ import sys
 import typer
 
 from firstfix.errors import FirstfixError
+from firstfix.redact import redact
 
-from .commands import build, evaluate, localize, maps, serve, world
+from .commands import build, evaluate, keys, localize, maps, samples, serve, worker, world
 
 ERROR_EXIT_CODE = 2
 
@@ -26,9 +27,12 @@ app = typer.Typer(
 app.command()(world.world)
 app.command()(build.build)
 app.command()(serve.serve)
+app.command()(worker.worker)
 app.command()(localize.localize)
 app.command()(evaluate.evaluate)
 app.add_typer(maps.app, name="maps")
+app.add_typer(samples.app, name="samples")
+app.add_typer(keys.app, name="keys")
 
 
 def run(arguments: list[str] | None = None) -> None:
@@ -41,7 +45,7 @@ def run(arguments: list[str] | None = None) -> None:
         app(arguments)
     # ConnectionError: no service; ModuleNotFoundError: an extra that is not installed
     except (FirstfixError, ConnectionError, ModuleNotFoundError) as error:
-        print(f"firstfix: {error}", file=sys.stderr)
+        print(f"firstfix: {redact(str(error))}", file=sys.stderr)
         raise SystemExit(ERROR_EXIT_CODE) from None
 
 

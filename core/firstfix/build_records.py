@@ -3,19 +3,22 @@
     builds/<build_id>/request.json   created once
     builds/<build_id>/status.json    replaced by whoever runs the build
     builds/<build_id>/cancel         there: stop
+    builds/<build_id>/stages.json    how long each stage of the last run took, once it has ended
+    builds/<build_id>/attempts/...   see ``firstfix.build_attempts``
 
-One process at a time runs a build (the queue or the service sees to that), so the status needs no
-precondition: what the last run wrote is true.
+One process at a time runs a build (its attempts see to that), so the status needs no precondition: what
+the last run wrote is true.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from .errors import Conflict, NotFound, StoreError
 from .ids import check_build_id, is_name
+from .redact import redact
 from .store import Store
 
 STATES = ("queued", "running", "succeeded", "failed", "cancelled")
@@ -67,6 +70,19 @@ class BuildRecords:
     def set_build_status(self, build_id: str, status: Mapping[str, Any]) -> None:
         self.store.put(_key(build_id, "status.json"), _to_json(status))
 
+    def build_stages(self, build_id: str) -> list[dict[str, Any]]:
+        """``stage``, ``seconds`` and ``cached`` of each stage of the last run that ended, if any."""
+        try:
+            stages = _from_json(self.store.get(_key(build_id, "stages.json")), build_id)["stages"]
+            return [dict(stage) for stage in stages]
+        except NotFound:
+            return []
+        except (KeyError, TypeError, ValueError):
+            raise StoreError(f"the stages of build {build_id} cannot be read") from None
+
+    def set_build_stages(self, build_id: str, stages: Sequence[Mapping[str, Any]]) -> None:
+        self.store.put(_key(build_id, "stages.json"), _to_json({"stages": [dict(stage) for stage in stages]}))
+
     def request_cancel(self, build_id: str) -> None:
         """Asks the build to stop; the worker looks for it once a second.
 
@@ -99,7 +115,7 @@ def new_status(
         "state": state,
         "stage": stage,
         "progress": round(min(max(progress, 0.0), 1.0), 4),
-        "error": None if error is None else dict(error),
+        "error": None if error is None else {name: redact(text) for name, text in error.items()},
         "version": version,
         "map_id": map_id,
     }

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import zlib
+from typing import Any
 
 import zstandard
 
 from .errors import MalformedData, TooLarge, UnsupportedFormat
 
-# A zstd block of 4 bytes can become 128 KiB: small slices bound what one step can add to 32 MiB.
+# What one step can add is bounded by small slices: a zstd block of 4 bytes can become 128 KiB, so to 32 MiB;
+# deflate gives at most 1032 bytes for one, so to 8 MiB.
 _ZSTD_SLICE_BYTES = 1024
+_GZIP_SLICE_BYTES = 8192
 _ZSTD_MAX_WINDOW_BYTES = 1 << 23  # what RFC 8878 asks every decoder to support
 
 
@@ -40,41 +43,35 @@ def undo_content_encoding(body: bytes, encoding: str, max_bytes: int) -> bytes:
 def _gunzip(body: bytes, max_bytes: int) -> bytes:
     stream = zlib.decompressobj(wbits=zlib.MAX_WBITS | 16)  # 16: a gzip header
     try:
-        plain = stream.decompress(body, max_bytes + 1)
+        return _expanded("gzip", stream, body, _GZIP_SLICE_BYTES, max_bytes)
     except zlib.error as error:
         raise MalformedData(f"gzip: {error}") from error
-    _check_size("gzip", len(plain), max_bytes)
-    _check_end("gzip", stream.eof, stream.unused_data)
-    return plain
 
 
 def _unzstd(body: bytes, max_bytes: int) -> bytes:
     try:
         declared = zstandard.frame_content_size(body)  # -1: not declared
         _check_size("zstd", declared, max_bytes)
-        decompressor = zstandard.ZstdDecompressor(max_window_size=_ZSTD_MAX_WINDOW_BYTES)
-        stream = decompressor.decompressobj()
-        parts, size = [], 0
-        for start in range(0, len(body), _ZSTD_SLICE_BYTES):
-            parts.append(stream.decompress(body[start : start + _ZSTD_SLICE_BYTES]))
-            size += len(parts[-1])
-            _check_size("zstd", size, max_bytes)
-            if stream.eof:
-                trailing = body[start + _ZSTD_SLICE_BYTES :] or stream.unused_data
-                _check_end("zstd", True, trailing)
-                return b"".join(parts)
+        stream = zstandard.ZstdDecompressor(max_window_size=_ZSTD_MAX_WINDOW_BYTES).decompressobj()
+        return _expanded("zstd", stream, body, _ZSTD_SLICE_BYTES, max_bytes)
     except zstandard.ZstdError as error:
         raise MalformedData(f"zstd: {error}") from error
-    raise MalformedData("zstd: the data is cut off")
+
+
+def _expanded(name: str, stream: Any, body: bytes, slice_bytes: int, max_bytes: int) -> bytes:
+    """All that a decompressor of zlib's form gives, checked slice after slice."""
+    parts, size = [], 0
+    for start in range(0, len(body), slice_bytes):
+        parts.append(stream.decompress(body[start : start + slice_bytes]))
+        size += len(parts[-1])
+        _check_size(name, size, max_bytes)
+        if stream.eof:
+            if stream.unused_data or start + slice_bytes < len(body):
+                raise MalformedData(f"{name}: other bytes follow the compressed data")
+            return b"".join(parts)
+    raise MalformedData(f"{name}: the data is cut off")
 
 
 def _check_size(name: str, size: int, max_bytes: int) -> None:
     if size > max_bytes:
         raise TooLarge(f"{name}: the body expands to over {max_bytes} bytes")
-
-
-def _check_end(name: str, at_end: bool, trailing: bytes) -> None:
-    if not at_end:
-        raise MalformedData(f"{name}: the data is cut off")
-    if trailing:
-        raise MalformedData(f"{name}: other bytes follow the compressed data")

@@ -18,7 +18,11 @@
     |  `- IncompatibleVersion     made by a format this reader does not know
     |- BuildError                 a build ended without a version
     |  |- BuildFailed             a stage could not do its work
+    |  |- BuildAttemptsExceeded   its worker died time after time
     |  `- BuildCancelled          somebody asked for it
+    |- Unauthorized               no credential, or none that is worth anything
+    |- Forbidden                  the credential does not allow this
+    |- RateLimited                too many requests of one caller: try again later
     |- Overloaded                 the queue is full: try again later
     `- DeadlineExceeded           the answer would have come too late
 
@@ -102,8 +106,33 @@ class BuildFailed(BuildError):
     code = "build_failed"
 
 
+class BuildAttemptsExceeded(BuildError):
+    code = "build_attempts_exceeded"
+
+
 class BuildCancelled(BuildError):
     code = "build_cancelled"
+
+
+class Unauthorized(FirstfixError):
+    code = "unauthorized"
+
+
+class Forbidden(FirstfixError):
+    code = "forbidden"
+
+
+class RateLimited(FirstfixError):
+    """
+    Attributes:
+        retry_after_s: seconds until another request is let through.
+    """
+
+    code = "rate_limited"
+
+    def __init__(self, message: str, retry_after_s: float = 1.0) -> None:
+        super().__init__(message)
+        self.retry_after_s = retry_after_s
 
 
 class Overloaded(FirstfixError):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -16,6 +15,7 @@ from .errors import InvalidOption
 from .prior import Prior
 
 MAX_CANDIDATES = 100
+MAX_NUMBER = 1e9  # metres or degrees that mean something; from 1e154 on squares are infinite
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class LocalizeOptions:
         """
         unknown = set(values) - set(cls.__dataclass_fields__)
         if unknown:
-            raise InvalidOption(f"no option {', '.join(sorted(unknown))}")
+            raise InvalidOption(f"no option {', '.join(sorted(unknown))[:200]}")
         options: dict[str, Any] = {}
         if "gravity" in values:
             options["gravity"] = _gravity(_numbers("gravity", values["gravity"], (2, 3)))
@@ -98,7 +98,7 @@ def _numbers(name: str, text: str, counts: tuple[int, ...]) -> list[float]:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
         numbers = []
-    if len(numbers) not in counts or not all(math.isfinite(v) for v in numbers):
+    if len(numbers) not in counts or not all(abs(v) <= MAX_NUMBER for v in numbers):  # NaN neither
         wanted = " or ".join(str(count) for count in counts)
         raise InvalidOption(f"{name} is {wanted} numbers separated by commas, not {text[:80]!r}")
     return numbers

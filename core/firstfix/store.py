@@ -15,7 +15,7 @@ import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,7 @@ _RETRY = {
 }
 CHUNK_BYTES = 16 << 20
 _SEGMENT = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,199}")
+_PART = re.compile(r".+#\d+")  # obstore's own name for a file that is being written; no key has a '#'
 _MAX_KEY_CHARS = 900  # S3 allows 1024 with the prefix
 
 
@@ -267,6 +268,26 @@ class Store:
         finally:
             with suppress(StoreError):
                 self.delete(key)
+
+    def remove_leftovers(self, *, older_than_s: float = 86400.0) -> builtins.list[str]:
+        """Removes what killed processes left: probes, and in a directory the parts of puts that never
+        ended, which no listing shows. A cloud drops unfinished uploads by a rule of the bucket's own.
+
+        Returns:
+            their names.
+        """
+        cutoff = datetime.now(timezone.utc) - timedelta(seconds=older_than_s)
+        removed = [found.key for found in self.scan("probe") if found.last_modified <= cutoff]
+        for key in removed:
+            self.delete(key)
+        if self._root is None:
+            return removed
+        for path in self._root.rglob("*#*"):
+            with suppress(FileNotFoundError):
+                if _PART.fullmatch(path.name) and path.stat().st_mtime <= cutoff.timestamp():
+                    path.unlink()
+                    removed.append(path.relative_to(self._root).as_posix())
+        return removed
 
     def _sync(self, key: str) -> None:
         """Brings an object of a file store to disk, and the entries of the folders that lead to it."""

@@ -7,28 +7,39 @@ import shutil
 import time
 import uuid
 from collections.abc import AsyncIterator, Callable
-from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 
 import structlog
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 
 import firstfix
 from firstfix.catalog import Catalog
+from firstfix.query_samples import QuerySamples
 from firstfix.store import Store
 
 from . import http_builds, http_localize, http_maps, operations, problems
-from .build_queue import BuildQueue, builder_is_installed
+from .access import Access, open_access
+from .authorize import authorize
+from .exposure import check_exposure
+from .health import Health
 from .localize import LocalizeUseCase
 from .map_cache import LocalizesScans, MapCache, load_localizer
 from .map_poller import MapPoller
+from .metered_store import metered
 from .metrics import Metrics
 from .parts import Parts
 from .pool import QueryPool
+from .query_recorder import QueryRecorder
 from .request_body import BodyReader
 from .request_log import RequestLog
+from .request_scope import Requests
+from .sample_keeper import SampleKeeper, SamplePolicy
 from .settings import Settings
+from .settings_summary import settings_summary
+from .start_builds import start_builds
 from .start_failure import StartFailure
+from .tracing import start_tracing
 
 _log = structlog.get_logger(__name__)
 ABANDONED_UPLOAD_S = 86400.0
@@ -58,13 +69,18 @@ def create_app(settings: Settings, *, load: Callable[[Path], LocalizesScans] = l
     Args:
         load: a version's folder to what answers from it.
     """
-    metrics = Metrics()
+    metrics, requests = Metrics(), Requests()
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         async with AsyncExitStack() as stack:
-            app.state.parts = await _start(settings, metrics, load, stack)
-            _log.info("ready to take requests", store=settings.store)
+            app.state.parts = await _start(settings, metrics, requests, load, stack)
+            _log.info(
+                "ready to take requests",
+                version=firstfix.__version__,
+                tracing=requests.tracing is not None,
+                settings=settings_summary(settings),
+            )
             yield
 
     app = FastAPI(
@@ -74,21 +90,31 @@ def create_app(settings: Settings, *, load: Callable[[Path], LocalizesScans] = l
         lifespan=lifespan,
         docs_url=None,  # pages that load scripts from elsewhere
         redoc_url=None,
+        redirect_slashes=False,  # the Host header would say where to
+        dependencies=[Depends(authorize)],
         responses={"default": _PROBLEM},
     )
     for module in (http_localize, http_maps, http_builds, operations):
         app.include_router(module.router)
     problems.add_handlers(app)
-    app.add_middleware(RequestLog, metrics=metrics)
+    app.add_middleware(RequestLog, metrics=metrics, requests=requests)
     app.add_middleware(StartFailure)
     return app
 
 
 async def _start(
-    settings: Settings, metrics: Metrics, load: Callable[[Path], LocalizesScans], stack: AsyncExitStack
+    settings: Settings,
+    metrics: Metrics,
+    requests: Requests,
+    load: Callable[[Path], LocalizesScans],
+    stack: AsyncExitStack,
 ) -> Parts:
     """Starts everything in order; the stack stops it in the reverse order."""
-    store = await asyncio.to_thread(_open_store, settings.store)
+    check_exposure(settings)
+    replica = settings.replica or uuid.uuid4().hex[:12]
+    await _start_tracing(requests, replica, stack)
+    store = metered(await asyncio.to_thread(_open_store, settings.store), metrics)
+    access = await stack.enter_async_context(open_access(settings, store, metrics))
     catalog = Catalog(store)
     await asyncio.to_thread(_remove_abandoned_uploads, settings.work_dir / "uploads")
     maps = MapCache(
@@ -104,12 +130,46 @@ async def _start(
     metrics.watch("firstfix_queries_admitted", "Queries that wait or run", lambda: pool.admitted)
     bodies = BodyReader(settings.max_body_bytes, settings.max_inflight_bytes, settings.body_timeout_s)
     metrics.watch("firstfix_body_bytes", "Bytes of query bodies held", lambda: bodies.inflight_bytes)
-    use_case = LocalizeUseCase(maps, pool, metrics, max_decoded_bytes=settings.max_decoded_bytes)
-    builds = _start_builds(settings, catalog, metrics, stack)
-    poller = await _start_poller(settings, maps, use_case, pool, stack)
+    samples = await _start_samples(settings, store, metrics, stack)
+    recorder = QueryRecorder(metrics, requests, samples)
+    use_case = LocalizeUseCase(maps, pool, recorder, max_decoded_bytes=settings.max_decoded_bytes)
+    builds = start_builds(settings, catalog, metrics, stack)
+    health = Health(maps, pool, metrics)
+    show_maps = None
+    if settings.zenoh_enabled:
+        show_maps = await _start_zenoh(
+            settings, replica, maps, use_case, pool, access, metrics, requests, stack
+        )
+
+    def polled() -> None:
+        health.catalog_read()
+        if show_maps is not None:
+            show_maps()
+
+    poller = MapPoller(maps, settings.poll_interval_s, polled, health.catalog_failed)
     poller.start()
     stack.push_async_callback(asyncio.to_thread, poller.close)
-    return Parts(settings, metrics, catalog, maps, pool, use_case, bodies, builds)
+    return Parts(settings, metrics, catalog, maps, pool, use_case, bodies, builds, health, access)
+
+
+async def _start_tracing(requests: Requests, replica: str, stack: AsyncExitStack) -> None:
+    requests.tracing = await asyncio.to_thread(start_tracing, replica)
+    if requests.tracing is not None:
+        stack.push_async_callback(asyncio.to_thread, requests.tracing.close)
+
+
+async def _start_samples(
+    settings: Settings, store: Store, metrics: Metrics, stack: AsyncExitStack
+) -> SampleKeeper | None:
+    policy = SamplePolicy.of(settings)
+    if not policy.is_on:
+        return None
+    if settings.samples_store is not None:
+        store = metered(await asyncio.to_thread(Store.open, settings.samples_store), metrics)
+    keeper = SampleKeeper(QuerySamples(store), policy, metrics)
+    keeper.start()
+    stack.push_async_callback(asyncio.to_thread, keeper.close)
+    return keeper
 
 
 def _open_store(url: str) -> Store:
@@ -118,46 +178,28 @@ def _open_store(url: str) -> Store:
     return store
 
 
-def _start_builds(
-    settings: Settings, catalog: Catalog, metrics: Metrics, stack: AsyncExitStack
-) -> BuildQueue | None:
-    wanted = builder_is_installed() if settings.run_builds is None else settings.run_builds
-    if not wanted:
-        return None
-    builds = BuildQueue(
-        catalog,
-        metrics,
-        store_url=settings.store,
-        command=settings.build_command,
-        work_dir=settings.work_dir,
-        niceness=settings.build_niceness,
-    )
-    task = asyncio.create_task(builds.run(), name="build-queue")
-
-    async def stop() -> None:
-        task.cancel()
-        with suppress(asyncio.CancelledError):
-            await task
-
-    stack.push_async_callback(stop)
-    return builds
-
-
-async def _start_poller(
-    settings: Settings, maps: MapCache, use_case: LocalizeUseCase, pool: QueryPool, stack: AsyncExitStack
-) -> MapPoller:
-    """The poller, not yet running; with zenoh it keeps the liveliness tokens in step."""
-    if not settings.zenoh_enabled:
-        return MapPoller(maps, settings.poll_interval_s)
+async def _start_zenoh(
+    settings: Settings,
+    replica: str,
+    maps: MapCache,
+    use_case: LocalizeUseCase,
+    pool: QueryPool,
+    access: Access,
+    metrics: Metrics,
+    requests: Requests,
+    stack: AsyncExitStack,
+) -> Callable[[], None]:
+    """Answers over zenoh. What it gives keeps the liveliness tokens in step, after every poll."""
     from .zenoh_endpoint import ZenohEndpoint
 
-    replica = settings.replica or uuid.uuid4().hex[:12]
     endpoint = await asyncio.to_thread(
-        ZenohEndpoint, settings, replica, use_case, pool, asyncio.get_running_loop()
+        ZenohEndpoint, settings, replica, use_case, pool, access, asyncio.get_running_loop(), requests
     )
     stack.push_async_callback(asyncio.to_thread, endpoint.close)
+    metrics.zenoh_connections.set_function(lambda: endpoint.connections)
+    metrics.zenoh_maps.set_function(lambda: endpoint.maps_shown)
     _log.info("answering over zenoh", replica=replica)
-    return MapPoller(maps, settings.poll_interval_s, after=lambda: endpoint.show_maps(maps.map_ids))
+    return lambda: endpoint.show_maps(maps.map_ids)
 
 
 def _remove_abandoned_uploads(directory: Path) -> None:

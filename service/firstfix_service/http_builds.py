@@ -6,8 +6,9 @@ from typing import Any
 
 from fastapi import APIRouter, Response
 
-from firstfix.build_records import FINAL_STATES, new_status
+from firstfix.build_records import FINAL_STATES
 
+from .cancel_build import cancel_build as cancel_build_anywhere
 from .parts import PartsDep
 
 router = APIRouter(prefix="/builds", tags=["builds"])
@@ -25,13 +26,6 @@ def get_build(build_id: str, parts: PartsDep, response: Response) -> dict[str, A
 
 @router.delete("/{build_id}", status_code=202)
 def cancel_build(build_id: str, parts: PartsDep) -> dict[str, Any]:
-    """Asks the build to stop. One that waits in this process's queue is cancelled at once, a running
-    one within seconds: its status says when."""
-    parts.catalog.request_cancel(build_id)
-    status = parts.catalog.build_status(build_id)
-    if parts.builds is not None:
-        if status["state"] == "queued" and parts.builds.running != build_id:
-            status = new_status("cancelled", map_id=status["map_id"])
-            parts.catalog.set_build_status(build_id, status)
-        parts.builds.cancelled(build_id)
-    return {"build_id": build_id, **status}
+    """Asks the build to stop. One that waits is cancelled at once, a running one within seconds: its
+    status says when."""
+    return {"build_id": build_id, **cancel_build_anywhere(parts.catalog, build_id)}

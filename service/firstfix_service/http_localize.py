@@ -13,7 +13,9 @@ from firstfix.errors import InvalidOption
 from firstfix.localization import Localization
 from firstfix.options import LocalizeOptions
 
-from .localize import check_media_type, to_json
+from .authorize import CallerDep
+from .caller import Caller
+from .localize import check_maps, check_media_type, to_json
 from .parts import PartsDep
 
 router = APIRouter(tags=["localize"])
@@ -59,11 +61,11 @@ def _openapi() -> dict[str, Any]:
 
 
 @router.post("/localize", openapi_extra=_openapi())
-async def localize(request: Request, parts: PartsDep) -> Response:
+async def localize(request: Request, parts: PartsDep, caller: CallerDep) -> Response:
     """The pose of a scan in a map, or why there is none."""
     arrived = time.monotonic()
     try:
-        answer = await _localize(request, parts, arrived)
+        answer = await _localize(request, parts, caller, arrived)
     except Exception as error:
         parts.use_case.count("http", error)
         raise
@@ -75,9 +77,10 @@ async def localize(request: Request, parts: PartsDep) -> Response:
     )
 
 
-async def _localize(request: Request, parts: PartsDep, arrived: float) -> Localization:
+async def _localize(request: Request, parts: PartsDep, caller: Caller, arrived: float) -> Localization:
     options = single_values(request)
     map_id = options.pop(MAP_PARAMETER, "")
+    check_maps(map_id, caller)
     LocalizeOptions.from_strings(options)  # what can be refused is refused before the body is read
     media_type = request.headers.get("content-type", "")
     check_media_type(media_type)
@@ -85,7 +88,13 @@ async def _localize(request: Request, parts: PartsDep, arrived: float) -> Locali
     body = await parts.bodies.read(request)
     try:
         return await parts.use_case.localize(
-            body, media_type, request.headers.get("content-encoding"), map_id, options, arrived=arrived
+            body,
+            media_type,
+            request.headers.get("content-encoding"),
+            map_id,
+            options,
+            arrived=arrived,
+            caller=caller,
         )
     finally:
         parts.bodies.release(body)

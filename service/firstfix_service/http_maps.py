@@ -15,10 +15,14 @@ from fastapi.responses import JSONResponse
 from firstfix.build_records import new_status
 from firstfix.catalog import source_key
 from firstfix.errors import InvalidOption, MalformedData, NotFound, UnsupportedFormat
+from firstfix.grant import Scope
 from firstfix.ids import check_map_id
 
+from .authorize import CallerDep
+from .caller import Caller
 from .parts import Parts, PartsDep
 from .request_body import BodyReader
+from .request_scope import with_traceparent
 from .source_policy import check_source_url
 from .upload import MAX_TEXT_BYTES, UploadedFile, harmless_name, receive_form
 
@@ -61,29 +65,29 @@ _BODY: dict[str, Any] = {
 
 
 @router.post("", status_code=202, openapi_extra=_BODY)
-async def post_map(request: Request, parts: PartsDep) -> Response:
+async def post_map(request: Request, parts: PartsDep, caller: CallerDep) -> Response:
     """Hands in a map: it is built into a new version, which then becomes the active one."""
     media_type = request.headers.get("content-type", "").split(";", 1)[0].strip().lower()
     if media_type == "multipart/form-data":
-        record = await _from_form(request, parts)
+        record = await _from_form(request, parts, caller)
     elif media_type == "application/json":
-        record = await _from_json(request, parts)
+        record = await _from_json(request, parts, caller)
     else:
         raise UnsupportedFormat("POST /maps takes multipart/form-data or application/json")
     # The time first, so that builds sort by age.
     build_id = f"{datetime.now(timezone.utc):%Y%m%dt%H%M%S%f}-{uuid.uuid4().hex[:8]}"
-    await asyncio.to_thread(parts.catalog.put_build, build_id, record)
+    await asyncio.to_thread(parts.catalog.put_build, build_id, with_traceparent(record))
     if parts.builds is not None:
-        parts.builds.wake()
+        await parts.builds.submit(build_id)
     status = new_status("queued", map_id=record["map_id"])
     headers = {"Location": f"/builds/{build_id}", "Retry-After": str(RETRY_AFTER_S)}
     return JSONResponse({"build_id": build_id, **status}, 202, headers)
 
 
 @router.get("")
-def get_maps(parts: PartsDep) -> dict[str, Any]:
-    """The maps that have a version to serve."""
-    ids = parts.catalog.map_ids()
+def get_maps(parts: PartsDep, caller: CallerDep) -> dict[str, Any]:
+    """The caller's maps that have a version to serve."""
+    ids = [map_id for map_id in parts.catalog.map_ids() if caller.sees(map_id)]
     return {
         "maps": [{"map_id": map_id, "active_version": parts.catalog.active_version(map_id)} for map_id in ids]
     }
@@ -126,7 +130,7 @@ def activate(map_id: str, version: str, parts: PartsDep) -> dict[str, Any]:
     return {"map_id": map_id, "active_version": version, "serving_version": serving}
 
 
-async def _from_form(request: Request, parts: Parts) -> dict[str, Any]:
+async def _from_form(request: Request, parts: Parts, caller: Caller) -> dict[str, Any]:
     """The build request of an upload, its files in the store."""
     directory = parts.settings.work_dir / "uploads" / uuid.uuid4().hex
     directory.mkdir(parents=True)
@@ -139,6 +143,7 @@ async def _from_form(request: Request, parts: Parts) -> dict[str, Any]:
             max_bytes=parts.settings.max_upload_bytes,
         )
         map_id = check_map_id(form.texts.get("map_id", ""))
+        caller.check(Scope.BUILD, map_id)
         config = _config(form.texts.get("config") or "{}")
         if "source" not in form.files:
             raise InvalidOption("the form has no file 'source'")
@@ -161,12 +166,14 @@ async def _keep(parts: Parts, map_id: str, file: UploadedFile) -> str:
     return source_key(map_id, sha256)
 
 
-async def _from_json(request: Request, parts: Parts) -> dict[str, Any]:
+async def _from_json(request: Request, parts: Parts, caller: Caller) -> dict[str, Any]:
     """The build request of a body that names URLs."""
     body = _object(await BodyReader(MAX_TEXT_BYTES, MAX_TEXT_BYTES, JSON_TIMEOUT_S).read(request), "the body")
     unknown = set(body) - {"map_id", "source", "trajectory", "config"}
     if unknown:
         raise InvalidOption(f"no field {', '.join(sorted(unknown))[:200]}")
+    map_id = check_map_id(str(body.get("map_id", "")))
+    caller.check(Scope.BUILD, map_id)
     source = _url(parts, body.get("source"), "source")
     trajectory = None
     if body.get("trajectory") is not None:
@@ -176,7 +183,7 @@ async def _from_json(request: Request, parts: Parts) -> dict[str, Any]:
     if not isinstance(config, dict):
         raise InvalidOption("config is a JSON object")
     return {
-        "map_id": check_map_id(str(body.get("map_id", ""))),
+        "map_id": map_id,
         "source": {"url": source},
         "file_name": _ending(source),
         "trajectory": trajectory,

@@ -9,15 +9,18 @@ from dataclasses import replace
 
 from firstfix.decode import MEDIA_TYPES, decode_query, undo_content_encoding
 from firstfix.errors import InvalidOption, NotFound, UnsupportedFormat
+from firstfix.grant import Scope
+from firstfix.ids import check_map_id
 from firstfix.localization import Localization
 from firstfix.localizer import localize_among
 from firstfix.options import LocalizeOptions
 from firstfix.stopwatch import Stopwatch
 
+from .caller import NOBODY_ASKED, Caller
 from .map_cache import MapCache
-from .metrics import Metrics
 from .pool import QueryPool
-from .problems import problem_of
+from .query_recorder import QueryRecorder, RawQuery
+from .request_scope import in_this_context
 
 MAX_MAPS = 16  # that one query is compared with
 
@@ -25,10 +28,12 @@ MAX_MAPS = 16  # that one query is compared with
 class LocalizeUseCase:
     """Answers queries over the maps that are served."""
 
-    def __init__(self, maps: MapCache, pool: QueryPool, metrics: Metrics, *, max_decoded_bytes: int) -> None:
+    def __init__(
+        self, maps: MapCache, pool: QueryPool, recorder: QueryRecorder, *, max_decoded_bytes: int
+    ) -> None:
         self._maps = maps
         self._pool = pool
-        self._metrics = metrics
+        self._recorder = recorder
         self._max_decoded_bytes = max_decoded_bytes
 
     async def localize(
@@ -40,6 +45,7 @@ class LocalizeUseCase:
         options: Mapping[str, str],
         *,
         arrived: float | None = None,
+        caller: Caller = NOBODY_ASKED,
     ) -> Localization:
         """The answer to one query, worked out in the bounded pool.
 
@@ -47,8 +53,10 @@ class LocalizeUseCase:
             map_id: one map, several separated by commas, or nothing: all that are served. Where there
                 are several, their places compete.
             arrived: ``time.monotonic`` when the query came, from which its deadline counts; default: now.
+            caller: whose maps compete when none is named.
 
         Raises:
+            Forbidden: a map is named that is not one of the caller's.
             InputError: the body or an option cannot be used.
             NotFound: no such map or version.
             VersionError, StoreError: the version cannot be served.
@@ -56,15 +64,18 @@ class LocalizeUseCase:
         """
         start = time.monotonic() if arrived is None else arrived
         wanted = LocalizeOptions.from_strings(options)
+        check_maps(map_id, caller)
         check_media_type(media_type)
         deadline = None if wanted.deadline_ms is None else start + wanted.deadline_ms / 1e3
-        queued = time.perf_counter()
+        queued = time.monotonic()
 
         def work() -> Localization:
-            waited_ms = (time.perf_counter() - queued) * 1e3
-            return self._answer(body, media_type, content_encoding, map_id, wanted, waited_ms)
+            waited_ms = (time.monotonic() - queued) * 1e3
+            return self._answer(body, media_type, content_encoding, map_id, caller, wanted, waited_ms)
 
-        return await self._pool.run(work, deadline)
+        answer = await self._pool.run(in_this_context(work), deadline)
+        self._recorder.record(RawQuery(body, media_type, content_encoding, map_id, options), answer, queued)
+        return answer
 
     def _answer(
         self,
@@ -72,16 +83,18 @@ class LocalizeUseCase:
         media_type: str,
         content_encoding: str | None,
         map_id: str,
+        caller: Caller,
         options: LocalizeOptions,
         waited_ms: float,
     ) -> Localization:
         watch = Stopwatch()
         watch.ms["queue"] = waited_ms
         with watch.stage("map"):
-            served = {name: self._maps.get(name, options.version) for name in self._named(map_id)}
+            served = {name: self._maps.get(name, options.version) for name in self._named(map_id, caller)}
         with watch.stage("decode"):
             plain = undo_content_encoding(body, content_encoding or "", self._max_decoded_bytes)
             scan = decode_query(plain, media_type)
+        self._recorder.note_scan(scan)
         if len(served) == 1:
             (answered,) = served.values()
             answer = answered.localizer.localize(scan, options)
@@ -97,8 +110,9 @@ class LocalizeUseCase:
             timings_ms={**watch.ms, **answer.timings_ms},
         )
 
-    def _named(self, map_id: str) -> list[str]:
-        names = list(dict.fromkeys(map_id.split(","))) if map_id else list(self._maps.map_ids)
+    def _named(self, map_id: str, caller: Caller) -> list[str]:
+        served = (name for name in self._maps.map_ids if caller.sees(name))
+        names = list(dict.fromkeys(map_id.split(","))) if map_id else list(served)
         if not names:
             raise NotFound("no map is served yet")
         if len(names) > MAX_MAPS:
@@ -106,13 +120,18 @@ class LocalizeUseCase:
         return names
 
     def count(self, transport: str, outcome: Localization | BaseException) -> None:
-        """Counts one query's end, for the metrics."""
-        if isinstance(outcome, Localization):
-            self._metrics.verdicts.labels(transport, outcome.verdict.value).inc()
-            for stage, ms in outcome.timings_ms.items():
-                self._metrics.stage_seconds.labels(stage).observe(ms / 1e3)
-        else:
-            self._metrics.failures.labels(transport, problem_of(outcome).code).inc()
+        """Tells of one query's end: the metrics, the log and the trace."""
+        self._recorder.count(transport, outcome)
+
+
+def check_maps(map_id: str, caller: Caller) -> None:
+    """
+    Raises:
+        Forbidden: a map is named that is not one of the caller's. Known before the body is read.
+    """
+    caller.check(Scope.LOCALIZE)
+    for name in map_id.split(",") if map_id else ():
+        caller.check(Scope.LOCALIZE, check_map_id(name))
 
 
 def check_media_type(media_type: str) -> None:

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import logging
 import sys
+from typing import Any
 
 import structlog
+
+from firstfix.redact import redactor
 
 
 def set_up_logging(level: str, *, as_json: bool) -> None:
@@ -26,15 +29,28 @@ def set_up_logging(level: str, *, as_json: bool) -> None:
     last: list[structlog.typing.Processor] = (
         [structlog.processors.format_exc_info, structlog.processors.JSONRenderer()]
         if as_json
-        else [structlog.dev.ConsoleRenderer()]
+        # a traceback without its variables: they hold requests, and those hold secrets
+        else [
+            structlog.dev.ConsoleRenderer(exception_formatter=structlog.dev.plain_traceback),
+        ]
     )
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(
         structlog.stdlib.ProcessorFormatter(
             foreign_pre_chain=shared,
-            processors=[structlog.stdlib.ProcessorFormatter.remove_processors_meta, *last],
+            processors=[structlog.stdlib.ProcessorFormatter.remove_processors_meta, *last, hiding_secrets()],
         )
     )
     root = logging.getLogger()
     root.handlers = [handler]
     root.setLevel(level.upper())
+
+
+def hiding_secrets() -> structlog.typing.Processor:
+    """A last processor: keys, tokens and passwords out of the finished line, wherever in it they stand."""
+    redact = redactor()
+
+    def hide(logger: Any, name: str, line: Any) -> str:
+        return redact(str(line))
+
+    return hide

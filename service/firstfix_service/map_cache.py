@@ -99,12 +99,18 @@ class MapCache:
         """
         check_map_id(map_id)
         if version is not None:
-            return self._load(map_id, check_version(version))
+            check_version(version)
+            with self._lock:
+                loaded = (map_id, version) in self._loaded
+            self._metrics.cache_lookups.labels("hit" if loaded else "miss").inc()
+            return self._load(map_id, version)
         with self._lock:
             key = (map_id, self._serving.get(map_id, ""))
             if key in self._loaded:
                 self._loaded.move_to_end(key)
+                self._metrics.cache_lookups.labels("hit").inc()
                 return self._loaded[key]
+        self._metrics.cache_lookups.labels("miss").inc()
         return self.refresh(map_id)
 
     def refresh(self, map_id: str) -> ServedVersion:
@@ -228,6 +234,7 @@ class MapCache:
             len(self._loaded) > self._max_versions or self._bytes() > self._max_bytes
         ):
             gone.append(self._loaded.popitem(last=False)[1])
+            self._metrics.version_evictions.inc()
         self._metrics.versions_loaded.set(len(self._loaded))
         self._metrics.version_bytes.set(self._bytes())
         return gone

@@ -19,12 +19,20 @@ class MapPoller:
 
     Args:
         after: called after every poll that succeeded.
+        failed: called with the error of every other one.
     """
 
-    def __init__(self, maps: MapCache, interval_s: float, after: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self,
+        maps: MapCache,
+        interval_s: float,
+        after: Callable[[], None] = lambda: None,
+        failed: Callable[[Exception], None] = lambda error: None,
+    ) -> None:
         self._maps = maps
         self._interval_s = interval_s
         self._after = after
+        self._failed = failed
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="map-poller", daemon=True)
 
@@ -41,7 +49,9 @@ class MapPoller:
                 self._maps.poll()
                 self._after()
             except FirstfixError as error:  # what is loaded goes on answering
+                self._failed(error)
                 _log.warning("cannot read the catalog", code=error.code, error=str(error))
-            except Exception:  # the poller must outlive a defect: without it nothing new is served
+            except Exception as error:  # the poller must outlive a defect: without it nothing new is served
+                self._failed(error)
                 _log.exception("the poll failed")
             self._stop.wait(self._interval_s)

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+import platform
 from collections.abc import Callable
 
-from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Info, ProcessCollector
+from prometheus_client.exposition import choose_encoder
 
+import firstfix
+from firstfix.build_records import FINAL_STATES
+from firstfix.errors import DeadlineExceeded, FirstfixError, Overloaded
+from firstfix.localization import Reason, Verdict
+
+TRANSPORTS = ("http", "zenoh")
 _SECONDS = (0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0)
 _LOAD_SECONDS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
-MEDIA_TYPE = "text/plain; version=0.0.4; charset=utf-8"
+_STORE_SECONDS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
+_BUILD_SECONDS = (0.1, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10_000.0, 30_000.0)
+_PROBABILITIES = (0.01, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, 0.999)
 
 
 class Metrics:
@@ -35,12 +45,41 @@ class Metrics:
             ["transport", "code"],
             registry=registry,
         )
+        self.localize_seconds = Histogram(
+            "firstfix_localize_seconds",
+            "Time from a query's arrival to its answer or error",
+            ["transport"],
+            buckets=_SECONDS,
+            registry=registry,
+        )
+        self.reasons = Counter(
+            "firstfix_reasons",
+            "Why answers were not localized: one answer may have several",
+            ["reason"],
+            registry=registry,
+        )
+        self.probability = Histogram(
+            "firstfix_probability",
+            "Probability of the best place",
+            ["verdict"],
+            buckets=_PROBABILITIES,
+            registry=registry,
+        )
         self.stage_seconds = Histogram(
             "firstfix_stage_seconds",
-            "Time in a stage of a query",
+            "Time in a stage of a query; queue: waiting for a worker",
             ["stage"],
             buckets=_SECONDS,
             registry=registry,
+        )
+        self.cache_lookups = Counter(
+            "firstfix_cache_lookups",
+            "Versions that queries asked for: in memory or not",
+            ["result"],
+            registry=registry,
+        )
+        self.version_evictions = Counter(
+            "firstfix_version_evictions", "Map versions put out of memory to make room", registry=registry
         )
         self.version_loads = Counter(
             "firstfix_version_loads", "Map versions loaded, or why not", ["result"], registry=registry
@@ -62,11 +101,71 @@ class Metrics:
         )
         self.builds = Counter("firstfix_builds", "Builds ended here, by state", ["state"], registry=registry)
         self.builds_waiting = Gauge("firstfix_builds_waiting", "Builds not ended yet", registry=registry)
+        self.build_stage_seconds = Histogram(
+            "firstfix_build_stage_seconds",
+            "Time in a stage of a build that ended here; cached: it was done before",
+            ["stage", "cached"],
+            buckets=_BUILD_SECONDS,
+            registry=registry,
+        )
+        self.store_seconds = Histogram(
+            "firstfix_store_seconds",
+            "Time of an operation on the object store",
+            ["operation"],
+            buckets=_STORE_SECONDS,
+            registry=registry,
+        )
+        self.catalog_age = Gauge(
+            "firstfix_catalog_age_seconds",
+            "Time since the catalog was last read: more than a few seconds, and the store does not answer",
+            registry=registry,
+        )
+        self.store_errors = Counter(
+            "firstfix_store_errors",
+            "Operations that the object store failed or refused",
+            ["operation", "code"],
+            registry=registry,
+        )
+        self.zenoh_connections = Gauge(
+            "firstfix_zenoh_connections", "zenoh routers, peers and clients connected with", registry=registry
+        )
+        self.zenoh_maps = Gauge(
+            "firstfix_zenoh_maps", "Maps that this replica shows in zenoh by a token", registry=registry
+        )
+        self.samples = Counter(
+            "firstfix_samples",
+            "Queries chosen to be kept, and what became of them",
+            ["result"],
+            registry=registry,
+        )
+        self.sample_bytes = Gauge(
+            "firstfix_sample_bytes",
+            "Bytes of kept queries in the store, when last counted",
+            registry=registry,
+        )
+        self.info = Info("firstfix", "This service's version", registry=registry)
+        self.info.info({"version": firstfix.__version__, "python": platform.python_version()})
+        ProcessCollector(registry=registry)  # process_resident_memory_bytes, process_cpu_seconds_total, ...
+        self._begin_at_zero()
+
+    def _begin_at_zero(self) -> None:
+        """What alerts count: the first failed build would not be a rise if its series began with it."""
+        for transport in TRANSPORTS:
+            for verdict in Verdict:
+                self.verdicts.labels(transport, verdict.value)
+            for error in (Overloaded, DeadlineExceeded, FirstfixError):
+                self.failures.labels(transport, error.code)
+        for reason in Reason:
+            self.reasons.labels(reason.value)
+        for state in FINAL_STATES:
+            self.builds.labels(state)
 
     def watch(self, name: str, text: str, value: Callable[[], float]) -> None:
         """A gauge that is read when somebody asks."""
         Gauge(name, text, registry=self.registry).set_function(value)
 
-    def exposition(self) -> bytes:
-        """The body of /metrics."""
-        return generate_latest(self.registry)
+    def exposition(self, accept: str = "") -> tuple[bytes, str]:
+        """The body of /metrics and its media type: Prometheus text, or OpenMetrics, which has exemplars, for
+        those whose Accept header asks for it."""
+        encode, media_type = choose_encoder(accept)
+        return encode(self.registry), media_type

@@ -9,7 +9,9 @@ from fastapi import Depends, Request
 
 from firstfix.catalog import Catalog
 
+from .access import Access
 from .build_queue import BuildQueue
+from .health import Health
 from .localize import LocalizeUseCase
 from .map_cache import MapCache
 from .metrics import Metrics
@@ -32,9 +34,11 @@ class Parts:
     use_case: LocalizeUseCase
     bodies: BodyReader
     builds: BuildQueue | None
+    health: Health
+    access: Access
 
 
-def parts_of(request: Request) -> Parts:
+async def parts_of(request: Request) -> Parts:
     parts: Parts = request.app.state.parts
     return parts
 

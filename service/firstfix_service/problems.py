@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass, field
 from http import HTTPStatus
 
@@ -12,6 +13,9 @@ from starlette.exceptions import HTTPException
 
 from firstfix import errors
 from firstfix.errors import FirstfixError
+from firstfix.redact import redact
+
+from .request_scope import note
 
 MEDIA_TYPE = "application/problem+json"
 
@@ -34,12 +38,17 @@ STATUS: dict[type[FirstfixError], int] = {
     errors.IncompatibleVersion: 503,
     errors.BuildError: 500,
     errors.BuildFailed: 500,
+    errors.BuildAttemptsExceeded: 500,
     errors.BuildCancelled: 409,
+    errors.Unauthorized: 401,
+    errors.Forbidden: 403,
+    errors.RateLimited: 429,
     errors.Overloaded: 503,
     errors.DeadlineExceeded: 504,
 }
 # What the response says besides: when trying again helps; that the rest of a large body is not read.
 HEADERS: dict[type[FirstfixError], dict[str, str]] = {
+    errors.Unauthorized: {"WWW-Authenticate": 'Bearer realm="firstfix"'},
     errors.Overloaded: {"Retry-After": "1"},
     errors.StoreUnavailable: {"Retry-After": "5"},
     errors.TooLarge: {"Connection": "close"},
@@ -74,6 +83,7 @@ class Problem:
         ).encode()
 
     def response(self) -> Response:
+        note(code=self.code)
         return Response(self.body, self.status, self.headers, MEDIA_TYPE)
 
 
@@ -82,7 +92,10 @@ def problem_of(error: BaseException) -> Problem:
     if not isinstance(error, FirstfixError):
         return Problem(FirstfixError.code, 500, "an unexpected error: it was logged with the request's id")
     mapped = next(cls for cls in type(error).__mro__ if cls in STATUS)
-    return Problem(error.code, STATUS[mapped], str(error), HEADERS.get(mapped, {}))
+    headers = HEADERS.get(mapped, {})
+    if isinstance(error, errors.RateLimited):
+        headers = {"Retry-After": str(math.ceil(error.retry_after_s))}
+    return Problem(error.code, STATUS[mapped], redact(str(error)), headers)
 
 
 def add_handlers(app: FastAPI) -> None:

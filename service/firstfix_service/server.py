@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import ipaddress
-
-import structlog
 import uvicorn
 from fastapi import FastAPI
 
 from .app import create_app
+from .http_protocol import LimitedHttpProtocol
 from .log_setup import set_up_logging
 from .settings import Settings
 
-_log = structlog.get_logger(__name__)
 STOP_WITHIN_S = 20  # for requests under way, then they are broken off
 
 
@@ -21,15 +18,15 @@ def uvicorn_config(app: FastAPI, settings: Settings) -> uvicorn.Config:
         app,
         host=settings.host,
         port=settings.port,
-        loop="auto",  # uvloop and httptools where they are installed
-        http="auto",
+        loop="auto",  # uvloop where it is installed
+        http=LimitedHttpProtocol,
+        ws="none",
         access_log=False,  # RequestLog writes one line a request
         log_config=None,
         server_header=False,
         proxy_headers=False,
         timeout_keep_alive=30,
         timeout_graceful_shutdown=STOP_WITHIN_S,
-        h11_max_incomplete_event_size=64 << 10,
         lifespan="on",
     )
 
@@ -41,13 +38,4 @@ def serve(settings: Settings) -> None:
         SystemExit: it could not start; the log says why.
     """
     set_up_logging(settings.log_level, as_json=settings.log_json)
-    if not is_loopback(settings.host):
-        _log.warning("listening beyond this machine without authentication", host=settings.host)
     uvicorn.Server(uvicorn_config(create_app(settings), settings)).run()
-
-
-def is_loopback(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import sys
+from ipaddress import IPv4Network, IPv6Network
 from pathlib import Path
+from typing import Literal
 
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
@@ -31,7 +33,7 @@ class Settings(BaseSettings):
     workers: int = Field(os.cpu_count() or 1, ge=1, le=256, description="queries answered at the same time")
     queue_size: int = Field(32, ge=0, description="queries that may wait; more are answered 503")
     max_body_bytes: int = Field(64 * MIB, ge=1, description="of a query's body as it arrives")
-    max_decoded_bytes: int = Field(256 * MIB, ge=1, description="of a query's body without Content-Encoding")
+    max_decoded_bytes: int = Field(64 * MIB, ge=1, description="of a query's body without Content-Encoding")
     max_inflight_bytes: int = Field(512 * MIB, ge=1, description="of all query bodies held at the same time")
     body_timeout_s: float = Field(30.0, gt=0, description="for a query's body to arrive")
 
@@ -58,6 +60,31 @@ class Settings(BaseSettings):
     )
     build_niceness: int = Field(10, ge=0, le=19, description="how far builds stand back behind queries")
 
+    build_queue: str = Field(
+        "embedded",
+        pattern=r"^(embedded|(nats|tls)://[^@\s]+)$",
+        description="embedded, or the NATS server whose workers build: nats://host:4222, tls://host:4222/name",
+    )
+    build_attempts: int = Field(3, ge=1, description="of a build whose worker dies in the same stage")
+    build_lease_s: float = Field(
+        30.0, gt=0, description="without a sign of life from a worker until its build is another's"
+    )
+    build_max_memory_bytes: int | None = Field(
+        None, ge=1, description="of one build's processes: a build that takes more fails; default: no limit"
+    )
+    share_stages: bool | None = Field(
+        None, description="keep builds' finished stages in the store for other workers; default: with NATS"
+    )
+    shared_stages_days: float = Field(7.0, gt=0, description="that finished stages are kept in the store")
+    shared_stages_max_bytes: int = Field(100 * GIB, ge=1, description="of all finished stages in the store")
+    nats_credentials: Path | None = Field(
+        None, description="file for NATS: user:password, a token, or a .creds file"
+    )
+    nats_ca: Path | None = Field(None, description="PEM file of the authorities that NATS may be signed by")
+    nats_certificate: Path | None = Field(
+        None, description="PEM file of certificate and key that this process shows to NATS"
+    )
+
     zenoh: bool = Field(False, description="answer over zenoh too")
     zenoh_config: Path | None = Field(None, description="zenoh config file (TLS, users, ACL); implies zenoh")
     zenoh_listen: tuple[str, ...] = Field(
@@ -70,6 +97,71 @@ class Settings(BaseSettings):
     replica: str | None = Field(
         None, pattern="^[a-z0-9][a-z0-9_-]{0,62}$", description="name of this replica; default: a random one"
     )
+
+    samples_share: float = Field(
+        0.0, ge=0, le=1, description="of the queries that were not localized, kept with their bodies; 0: none"
+    )
+    samples_share_localized: float = Field(
+        0.0,
+        ge=0,
+        le=1,
+        description="of the localized queries below `samples_below_probability`, kept as well",
+    )
+    samples_below_probability: float = Field(
+        1.0, ge=0, le=1, description="localized queries that are as probable are never kept"
+    )
+    samples_per_minute: int = Field(10, ge=1, le=6000, description="queries kept at most by this process")
+    samples_max_body_bytes: int = Field(8 * MIB, ge=1, description="queries with larger bodies are not kept")
+    samples_max_bytes: int = Field(GIB, ge=1, description="of all kept queries; the oldest go")
+    samples_days: float = Field(14.0, gt=0, le=3650, description="after which kept queries are removed")
+    samples_store: str | None = Field(
+        None, description="store URL or directory for kept queries, below `samples/`; default: the store"
+    )
+
+    auth: str | None = Field(
+        None,
+        pattern="^(on|off)$",
+        description="on: callers need a key or token; off: nobody is asked; unset: off, only on loopback",
+    )
+    keys_refresh_s: float = Field(5.0, gt=0, description="between looks for new and revoked API keys")
+    keys_max_age_s: float = Field(
+        3600.0, gt=0, description="known API keys go on working while the store cannot be read"
+    )
+    jwt_jwks: str | None = Field(None, description="keys of the tokens' issuer: an https URL, or a JWKS file")
+    jwt_issuer: str | None = Field(None, description="`iss` of a token")
+    jwt_audience: str | None = Field(None, description="`aud` of a token, or one of them")
+    jwt_algorithms: tuple[Literal["RS256", "RS384", "RS512", "ES256", "ES384", "EdDSA"], ...] = Field(
+        ("RS256", "ES256", "EdDSA"), min_length=1, description="signatures of tokens that are accepted"
+    )
+    jwt_leeway_s: float = Field(30.0, ge=0, le=600, description="how far the issuer's clock may be off")
+    jwt_scope_prefix: str = Field("", description="before the names of scopes in a token, such as firstfix:")
+    jwt_maps_claim: str | None = Field(
+        None, description="claim with the patterns of map ids; none: a token is for every map"
+    )
+    metrics_public: bool = Field(False, description="/metrics needs no key")
+    zenoh_trusted: bool = Field(
+        False, description="zenoh queries need no key: zenoh's own access rules are enough"
+    )
+    trusted_proxies: tuple[IPv4Network | IPv6Network, ...] = Field(
+        (), description="networks of proxies whose X-Forwarded-For is believed"
+    )
+    localize_per_s: float | None = Field(
+        None, ge=0, description="queries of one caller; 0: any number; default: 50, on loopback any number"
+    )
+    builds_per_hour: float | None = Field(
+        None, ge=0, description="maps that one caller hands in; 0 and default as above, 60"
+    )
+    auth_failures_per_min: float = Field(
+        60.0, ge=0, description="of one address until it is answered 429; 0: any number"
+    )
+
+    @property
+    def nats_enabled(self) -> bool:
+        return self.build_queue != "embedded"
+
+    @property
+    def stages_are_shared(self) -> bool:
+        return self.nats_enabled if self.share_stages is None else self.share_stages
 
     @property
     def zenoh_enabled(self) -> bool:

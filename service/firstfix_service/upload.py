@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 MAX_TEXT_BYTES = 1 << 20
 MAX_HEADER_BYTES = 16 << 10
+MAX_BOUNDARY_BYTES = 70  # RFC 2046; the parser's work grows with it
 _BATCH_BYTES = 1 << 20  # written by one hand-over to a thread
 
 
@@ -58,8 +59,8 @@ async def receive_form(
     check_declared_length(request, max_bytes)
     _, parameters = parse_options_header(request.headers.get("content-type"))
     boundary = parameters.get(b"boundary")
-    if not boundary:
-        raise MalformedData("the multipart form has no boundary")
+    if not boundary or len(boundary) > MAX_BOUNDARY_BYTES:
+        raise MalformedData(f"the multipart form has no boundary of 1 to {MAX_BOUNDARY_BYTES} characters")
     writer = _FormWriter(directory, text_fields, file_fields)
     try:
         parser = MultipartParser(boundary, writer.callbacks())

@@ -4,8 +4,8 @@
     firstfix/{map_id}/localize/{replica}   this replica alone; a liveliness token for each map
 
 The options are selector parameters, the payload the same bytes as the HTTP body, its encoding the media
-type. A parameter ``content_encoding`` stands for HTTP's header. Errors are replied as the same problem
-documents.
+type. Parameters ``content_encoding``, ``request_id`` and ``traceparent`` stand for HTTP's headers. Errors
+are replied as the same problem documents.
 """
 
 from __future__ import annotations
@@ -24,19 +24,25 @@ from typing import Any
 import structlog
 import zenoh
 
-from firstfix.errors import FirstfixError, InvalidOption, TooLarge
+from firstfix.errors import FirstfixError, InvalidOption, TooLarge, Unauthorized
+from firstfix.grant import Scope
 from firstfix.ids import check_map_id
 from firstfix.localization import Localization
 
 from . import problems
+from .access import Access
+from .caller import Caller
 from .localize import LocalizeUseCase, to_json
 from .pool import QueryPool
 from .problems import problem_of
+from .request_scope import Requests, note
 from .settings import Settings
+from .zenoh_log import PARAMETERS, TRANSPORT, logged_query
 
 _log = structlog.get_logger(__name__)
 CONTENT_ENCODING = "content_encoding"
-TRANSPORT = "zenoh"
+TRUSTED = "zenoh"  # name of whoever got through zenoh's own access rules
+MAX_CREDENTIAL_BYTES = 16 << 10
 DRAIN_S = 10.0  # for queries under way when the service stops
 
 
@@ -59,7 +65,9 @@ class ZenohEndpoint:
         replica: str,
         use_case: LocalizeUseCase,
         pool: QueryPool,
+        access: Access,
         loop: asyncio.AbstractEventLoop,
+        requests: Requests,
     ) -> None:
         """Blocks until the session is open.
 
@@ -69,7 +77,10 @@ class ZenohEndpoint:
         self.replica = replica
         self._use_case = use_case
         self._pool = pool
+        self._access = access
+        self._trusted = settings.zenoh_trusted
         self._loop = loop
+        self._requests = requests
         self._max_body_bytes = settings.max_body_bytes
         self._tokens: dict[str, Any] = {}
         self._tokens_lock = threading.Lock()
@@ -96,6 +107,16 @@ class ZenohEndpoint:
             for map_id in self._tokens.keys() - wanted:
                 self._tokens.pop(map_id).undeclare()
 
+    @property
+    def connections(self) -> int:
+        """Routers, peers and clients that this session is connected with."""
+        return 0 if self._closed else len(self._session.info.transports())
+
+    @property
+    def maps_shown(self) -> int:
+        """Maps with a liveliness token."""
+        return len(self._tokens)
+
     def close(self) -> None:
         """Takes the tokens and keys back first, so that nobody new comes; answers who is there; closes."""
         with self._tokens_lock:
@@ -114,8 +135,8 @@ class ZenohEndpoint:
         try:
             self._pool.check_room()
         except FirstfixError as error:  # before its payload is copied
-            self._use_case.count(TRANSPORT, error)
-            with query:
+            with query, logged_query(self._requests, query, arrived):
+                self._use_case.count(TRANSPORT, error)
                 _reply_error(query, error)
             return
         try:
@@ -128,15 +149,19 @@ class ZenohEndpoint:
         future.add_done_callback(_log_defect)
 
     async def _answer(self, query: Any, arrived: float) -> None:
-        with query:
+        with query, logged_query(self._requests, query, arrived):
             try:
                 asked = read_query(query)
-                answer = await self._localize(query, asked, arrived)
+                caller = await self._caller(query, asked)
+                note(caller=caller.name)
+                answer = await self._localize(query, asked, caller, arrived)
             except Exception as error:
                 if not isinstance(error, FirstfixError):
                     _log.exception("unexpected error", key=str(query.key_expr))
                 self._use_case.count(TRANSPORT, error)
                 _reply_error(query, error)
+                # its frames hold the body, in a ring that only the collector would find, some time
+                error.__traceback__ = None
                 return
             self._use_case.count(TRANSPORT, answer)
             # The key has to be one that the query's own covers: it may ask for every replica.
@@ -145,7 +170,18 @@ class ZenohEndpoint:
             to_this_replica = query.key_expr.intersects(zenoh.KeyExpr(own))
             query.reply(own if to_this_replica else key, to_json(answer), encoding="application/json")
 
-    async def _localize(self, query: Any, asked: _Asked, arrived: float) -> Localization:
+    async def _caller(self, query: Any, asked: _Asked) -> Caller:
+        """
+        Raises:
+            Unauthorized, Forbidden, RateLimited: as ``Access`` says.
+        """
+        if self._trusted:
+            return Caller(TRUSTED)
+        caller = await self._access.check(credential_of(query), Scope.LOCALIZE, asked.map_id)
+        self._access.take("localize", caller)
+        return caller
+
+    async def _localize(self, query: Any, asked: _Asked, caller: Caller, arrived: float) -> Localization:
         payload = query.payload  # None: an empty body, as over HTTP
         size = 0 if payload is None else len(payload)
         if size > self._max_body_bytes:
@@ -157,7 +193,22 @@ class ZenohEndpoint:
             asked.map_id,
             asked.options,
             arrived=arrived,
+            caller=caller,
         )
+
+
+def credential_of(query: Any) -> str | None:
+    """The API key or token that stands in a query's attachment.
+
+    Raises:
+        Unauthorized: the attachment is none.
+    """
+    attachment = query.attachment
+    if attachment is None:
+        return None
+    if len(attachment) > MAX_CREDENTIAL_BYTES:
+        raise Unauthorized(f"an attachment holds a credential of up to {MAX_CREDENTIAL_BYTES} bytes")
+    return attachment.to_bytes().decode("ascii", "replace")
 
 
 def read_query(query: Any) -> _Asked:
@@ -172,7 +223,7 @@ def read_query(query: Any) -> _Asked:
     if twice:
         raise InvalidOption(f"given more than once: {', '.join(twice)}")
     # Names that begin with an underscore are zenoh's own.
-    options = {name: value for name, value in pairs if not name.startswith("_")}
+    options = {name: value for name, value in pairs if not name.startswith("_") and name not in PARAMETERS}
     content_encoding = options.pop(CONTENT_ENCODING, None)
     media_type = "" if query.encoding is None else str(query.encoding)
     return _Asked(map_id, media_type, content_encoding, options)

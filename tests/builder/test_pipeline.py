@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 from firstfix.errors import BuildCancelled, InvalidOption, MalformedData
+from firstfix.shared_stages import SharedStages
+from firstfix.store import Store
 from firstfix_builder.config import BuildConfig
 from firstfix_builder.pipeline import STAGES, build_version
 from small_world import CONFIG
@@ -63,6 +65,32 @@ def test_finished_stages_are_not_done_again(small_map, small_version, small_work
         monkeypatch.setattr(stages, stage, never)
     again = build_version(small_map, BuildConfig.parse(CONFIG), small_work)
     assert again.manifest.digest == small_version.manifest.digest
+
+
+def test_a_build_goes_on_at_another_machine_from_the_last_finished_stage(
+    small_map, small_version, tmp_path, monkeypatch
+):
+    import firstfix_builder.build_stages as stages
+
+    shared = SharedStages(Store.open(f"file://{tmp_path / 'store'}"))
+    reached: list[str] = []
+    with pytest.raises(BuildCancelled):
+        build_version(
+            small_map,
+            BuildConfig.parse(CONFIG),
+            tmp_path / "first",
+            progress=lambda stage, fraction: reached.append(stage),
+            cancelled=lambda: reached[-1:] == ["learn_keys"],
+            shared=shared,
+        )
+
+    def never(*arguments: object, **more: object) -> None:
+        raise AssertionError("done again")
+
+    for name in ("read_map", "sample_fitting_viewpoints", "make_templates", "cluster_templates"):
+        monkeypatch.setattr(stages, name, never)
+    built = build_version(small_map, BuildConfig.parse(CONFIG), tmp_path / "second", shared=shared)
+    assert built.manifest.digest == small_version.manifest.digest
 
 
 def test_another_config_is_another_version(small_map, small_version, small_work):

@@ -15,6 +15,8 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
+from firstfix.shared_stages import SharedStages
+from firstfix.store import Store
 from firstfix_builder.stage_cache import StageCache
 
 X, Y = "1" * 64, "2" * 64
@@ -176,6 +178,41 @@ def test_the_longest_unused_stages_go_first(tmp_path: Path) -> None:
     cache.run("one", {}, {}, big)  # used now: not the next to go
     cache.run("four", {}, {}, big)
     assert [one.exists(), three.exists()] == [True, False]
+
+
+def test_what_was_unused_for_long_goes_whatever_its_size(tmp_path: Path) -> None:
+    cache = StageCache(tmp_path)
+    old, young = (cache.run(name, {}, {}, Stage()).directory.parent for name in ("old", "young"))
+    os.utime(old / "stage.json", (time.time() - 100,) * 2)
+    del cache
+    StageCache(tmp_path, max_age_s=50).prune()
+    assert [old.exists(), young.exists()] == [False, True]
+
+
+def test_another_machines_stage_is_not_made_again(tmp_path: Path) -> None:
+    stage, shared = Stage(), SharedStages(Store.open(f"file://{tmp_path / 'store'}"))
+    here = StageCache(tmp_path / "here", shared=shared).run("mesh", {"map": X}, Recipe(), stage)
+    there = StageCache(tmp_path / "there", shared=shared).run("mesh", {"map": X}, Recipe(), stage)
+    assert stage.made == 1
+    assert there.digest == here.digest
+    assert there.directory.is_relative_to(tmp_path / "there")
+    assert (there.directory / "sub" / "b.bin").read_bytes() == b"b"
+    StageCache(tmp_path / "there", shared=shared).run("mesh", {"map": Y}, Recipe(), stage)
+    StageCache(tmp_path / "alone").run("mesh", {"map": X}, Recipe(), stage)
+    assert stage.made == 3
+
+
+def test_a_stage_that_cannot_be_had_is_made_and_shared_again(tmp_path: Path) -> None:
+    stage, store = Stage(), Store.open(f"file://{tmp_path / 'store'}")
+    shared = SharedStages(store)
+    StageCache(tmp_path / "one", shared=shared).run("mesh", {}, {}, stage)
+    (largest,) = (item.key for item in store.scan("stages") if item.size_bytes == len(stage.content))
+    store.put(largest, b"Content")
+    StageCache(tmp_path / "two", shared=shared).run("mesh", {}, {}, stage)
+    assert stage.made == 2
+    again = StageCache(tmp_path / "three", shared=shared).run("mesh", {}, {}, stage)
+    assert stage.made == 2
+    assert (again.directory / "a.bin").read_bytes() == b"content"
 
 
 def test_a_stage_in_use_is_never_pruned(tmp_path: Path) -> None:

@@ -59,8 +59,9 @@ def build_version(source, config, work, *, trajectory, progress, cancelled):
 
 if __name__ == "__main__":
     build_reporter.CANCEL_GRACE_S = 0.5
-    url, work = sys.argv[1:]
-    raise SystemExit(run_build(url, "b1", Path(work), build_version, ("one", "two"), own_process=True))
+    url, work, *tied = sys.argv[1:]
+    stages, hooks = ("one", "two"), {"own_process": True, "tied_to_stdin": tied == ["tied"]}
+    raise SystemExit(run_build(url, "b1", Path(work), build_version, stages, **hooks))
 """
 
 
@@ -91,15 +92,15 @@ class Place:
             "b1", {"map_id": "hall", "source": {"key": key}, "file_name": "a.ply", "config": config}
         )
 
-    def start(self) -> subprocess.Popen[bytes]:
-        return subprocess.Popen(
-            [sys.executable, str(self.program), self.url, str(self.work)], start_new_session=True
-        )
+    def start(self, *options: str) -> subprocess.Popen[bytes]:
+        command = [sys.executable, str(self.program), self.url, str(self.work), *options]
+        stdin = subprocess.PIPE if options else None
+        return subprocess.Popen(command, stdin=stdin, start_new_session=True)
 
     @contextmanager
-    def hanging(self) -> Iterator[subprocess.Popen[bytes]]:
+    def hanging(self, *options: str) -> Iterator[subprocess.Popen[bytes]]:
         """A worker in the midst of its second stage, its status on record."""
-        with self.start() as worker:
+        with self.start(*options) as worker:
             try:
                 _wait_for((self.work / "hangs").exists)
                 _wait_for(lambda: self.catalog.build_status("b1")["stage"] == "two")
@@ -153,6 +154,16 @@ def test_a_killed_worker_is_gone_on_with(place: Place) -> None:
         worker.send_signal(signal.SIGKILL)
         worker.wait(5)
     _wait_for(lambda: not _is_alive(place.pool_pid()), 5)  # the pool does not outlive it
+    place.finish()
+
+
+def test_a_worker_stops_when_whoever_started_it_is_gone(place: Place) -> None:
+    with place.hanging("tied") as worker:
+        assert worker.stdin is not None
+        worker.stdin.close()
+        assert worker.wait(5) == 75
+    assert place.catalog.build_status("b1")["state"] == "queued"
+    _wait_for(lambda: not _is_alive(place.pool_pid()), 5)
     place.finish()
 
 

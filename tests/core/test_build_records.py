@@ -57,3 +57,9 @@ def test_a_status_of_another_form_is_a_mistake() -> None:
     with pytest.raises(ValueError, match="state"):
         new_status("done", map_id="hall")
     assert new_status("running", map_id="hall", progress=1.5)["progress"] == 1.0
+
+
+def test_what_went_wrong_is_told_without_secrets():
+    why = {"code": "build_failed", "detail": "cannot read https://user:hunter2@host/a?X-Amz-Signature=abc123"}
+    error = new_status("failed", map_id="hall", error=why)["error"]
+    assert error == {"code": "build_failed", "detail": "cannot read https://***@host/a?X-Amz-Signature=***"}

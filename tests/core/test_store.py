@@ -254,3 +254,13 @@ def test_every_cloud_opens_by_its_url(monkeypatch: pytest.MonkeyPatch) -> None:
     assert StoreUrl.parse("s3a://b/p/q/").prefix == "p/q"
     assert StoreUrl.parse("file:///a%20b").prefix == "/a b"
     assert StoreUrl.parse("relative").prefix == str(Path.cwd() / "relative")
+
+
+def test_what_killed_processes_left_is_removed_and_nothing_else(tmp_path: Path):
+    store = Store.open(f"file://{tmp_path}")
+    store.put("maps/hall/a", b"a")
+    store.put("probe/left", b"first")
+    (tmp_path / "maps" / "hall" / "b#1").write_bytes(b"half of b")
+    assert store.remove_leftovers(older_than_s=60) == [], "they may be under way"
+    assert store.remove_leftovers(older_than_s=0) == ["probe/left", "maps/hall/b#1"]
+    assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["a"]

@@ -18,6 +18,8 @@ def main() -> int:
     parser = argparse.ArgumentParser()
     for name in ("--store", "--build", "--work"):
         parser.add_argument(name, required=True)
+    for name in ("--tied-to-stdin", "--share-stages"):
+        parser.add_argument(name, action="store_true")
     chosen = parser.parse_args()
     catalog = Catalog(Store.open(chosen.store))
     request = catalog.build_request(chosen.build)
@@ -33,11 +35,21 @@ def main() -> int:
         return 1
     if do == "killed":
         os.kill(os.getpid(), signal.SIGKILL)
+    if do == "killed_once" and not (work / "was_killed").exists():
+        (work / "was_killed").touch()
+        os.kill(os.getpid(), signal.SIGKILL)
     if do == "again" and not (work / "came_again").exists():
         (work / "came_again").touch()
         return 75
     if do == "hang_once" and not (work / "hung").exists():
         (work / "hung").touch()
+        time.sleep(60)
+    if do == "hang_until_orphaned":
+        sys.stdin.read()
+        return 75
+    if do == "allocate":
+        data = bytearray(request["config"]["mib"] << 20)
+        data[::4096] = b"x" * len(data[::4096])
         time.sleep(60)
     if do == "until_cancelled":
         while not catalog.is_cancel_requested(chosen.build):

@@ -16,6 +16,7 @@ import httpx
 import numpy as np
 import uvicorn
 import zenoh
+from fastapi import FastAPI
 
 from firstfix.catalog import Catalog
 from firstfix.errors import CorruptVersion
@@ -93,6 +94,7 @@ class Service:
     behaviour: Behaviour
     settings: Settings
     scratch: Path
+    app: FastAPI
     stop: Callable[[], None]
 
     def ask(self, transport: str, **query: Any) -> Reply:
@@ -167,7 +169,8 @@ def running_service(directory: Path, **changes: Any) -> Iterator[Service]:
         }
     )
     endpoint = settings.zenoh_listen[0]
-    server = uvicorn.Server(uvicorn_config(create_app(settings, load=behaviour.load), settings))
+    app = create_app(settings, load=behaviour.load)
+    server = uvicorn.Server(uvicorn_config(app, settings))
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()
     wait_for(lambda: server.started or not thread.is_alive())
@@ -185,7 +188,7 @@ def running_service(directory: Path, **changes: Any) -> Iterator[Service]:
         with httpx.Client(base_url=url, timeout=30) as http:
             catalog = Catalog(Store.open(settings.store))
             made = directory / "made"
-            yield Service(url, endpoint, http, session, catalog, behaviour, settings, made, stop)
+            yield Service(url, endpoint, http, session, catalog, behaviour, settings, made, app, stop)
     finally:
         if behaviour.gate is not None:
             behaviour.gate.set()

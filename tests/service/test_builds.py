@@ -78,17 +78,28 @@ def test_the_worker_runs_at_low_priority_and_says_how_it_ended(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("config", "detail"), [({"do": "die"}, "the reason it died"), ({"do": "killed"}, "SIGKILL")]
+    ("do", "code", "detail"),
+    [
+        ("die", "build_failed", "the reason it died"),
+        ("killed", "build_attempts_exceeded", "3 attempts died in the stage describe; the last one: the"),
+        ("killed", "build_attempts_exceeded", "SIGKILL (out of memory?)"),
+    ],
 )
-def test_a_worker_that_dies_fails_its_build_and_no_other(tmp_path: Path, config: dict[str, str], detail: str):
+def test_a_worker_that_dies_fails_its_build_and_no_other(tmp_path: Path, do: str, code: str, detail: str):
     with building_service(tmp_path) as service:
-        died, after = upload(service, **config), upload(service, "next")
+        died, after = upload(service, do=do), upload(service, "next")
         ended = wait_until_ended(service, died)
         assert ended["state"] == "failed"
-        assert ended["error"]["code"] == "build_failed"
+        assert ended["error"]["code"] == code
         assert detail in ended["error"]["detail"]
         assert ended["stage"] == "describe", "as far as it came"
         assert wait_until_ended(service, after)["state"] == "succeeded"
+
+
+def test_a_worker_that_was_killed_once_is_run_again(tmp_path: Path):
+    with building_service(tmp_path) as service:
+        assert wait_until_ended(service, upload(service, do="killed_once"))["state"] == "succeeded"
+    assert len((tmp_path / "work/order.txt").read_text().splitlines()) == 2
 
 
 def test_a_missing_worker_fails_the_build(tmp_path: Path):

@@ -8,19 +8,23 @@ import pytest
 from pydantic import ValidationError
 from service_world import Behaviour, Service, publish, running_service, wait_for
 
+import firstfix
 from firstfix.decode import MEDIA_TYPES
 from firstfix.errors import StoreUnavailable
 from firstfix.options import LocalizeOptions
 from firstfix.store import Store
 from firstfix_service.app import create_app
-from firstfix_service.server import is_loopback
 from firstfix_service.settings import Settings
 
 
 def test_alive_and_ready(service: Service):
-    assert service.http.get("/healthz").json() == {"status": "ok"}
+    assert service.http.get("/healthz").json() == {"status": "ok", "version": firstfix.__version__}
     wait_for(lambda: service.http.get("/readyz").status_code == 200)
     wait_for(lambda: service.http.get("/readyz").json()["maps"] == 1)
+    details = service.http.get("/readyz").json()
+    assert details["catalog"]["error"] is None
+    assert details["catalog"]["age_s"] < 20
+    assert details["queries"] == 0
 
 
 def test_not_ready_until_the_maps_were_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -33,6 +37,12 @@ def test_not_ready_until_the_maps_were_read(tmp_path: Path, monkeypatch: pytest.
         response = service.http.get("/readyz")
         assert response.status_code == 503
         assert "retry-after" in response.headers
+        wait_for(
+            lambda: (
+                service.http.get("/readyz").json()["detail"]
+                == "the catalog cannot be read: store_unavailable"
+            )
+        )
         monkeypatch.undo()
         wait_for(lambda: service.http.get("/readyz").is_success)
 
@@ -68,7 +78,9 @@ def test_two_apps_in_one_process_do_not_mix(tmp_path: Path):
     ):
         publish(first.catalog, "hall", "1", first.scratch)
         assert first.ask("http").ok
-        assert 'verdict="localized"' not in second.http.get("/metrics").text
+        line = 'firstfix_localizations_total{transport="http",verdict="localized"}'
+        assert f"{line} 1.0" in first.http.get("/metrics").text
+        assert f"{line} 0.0" in second.http.get("/metrics").text
 
 
 def test_request_ids_are_given_back(service: Service):
@@ -116,11 +128,6 @@ def test_settings_come_from_the_environment(monkeypatch: pytest.MonkeyPatch):
 def test_every_setting_is_described():
     for name, info in Settings.model_fields.items():
         assert info.description, name
-
-
-@pytest.mark.parametrize(("host", "loopback"), [("127.0.0.1", True), ("::1", True), ("0.0.0.0", False)])
-def test_loopback_is_known(host: str, loopback: bool):
-    assert is_loopback(host) is loopback
 
 
 def test_a_started_service_has_no_mesh_tool_in_it(tmp_path: Path):

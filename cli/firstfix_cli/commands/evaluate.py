@@ -23,8 +23,16 @@ PICTURED_SCANS = 60  # kept for the picture: a few of them are laid over the map
 
 
 def evaluate(
-    poses: Annotated[Path, typer.Argument(metavar="POSES.csv", help="scan,tx,ty,tz,qx,qy,qz,qw.")],
     map_id: MapId,
+    poses: Annotated[
+        Path | None, typer.Argument(metavar="POSES.csv", help="scan,tx,ty,tz,qx,qy,qz,qw.")
+    ] = None,
+    samples: Annotated[
+        str | None,
+        typer.Option(
+            metavar="STORE", help="Instead of POSES.csv: ask queries again that a service kept in this store."
+        ),
+    ] = None,
     url: Url = None,
     zenoh: Zenoh = None,
     store: Annotated[
@@ -36,18 +44,34 @@ def evaluate(
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
     details: Annotated[Path | None, typer.Option(help="Write one CSV row a scan here.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw map, truth and answers into this PNG.")] = None,
+    version: Annotated[
+        str | None, typer.Option(help="Map version, 64 characters [default: the active one].")
+    ] = None,
     encoding: SentAs = "scan",
     timeout_s: TimeoutS = 30.0,
 ) -> None:
-    """Measure success, false accepts and time over scans with known poses."""
+    """Measure success, false accepts and time over scans with known poses.
+
+    With --samples: what has changed since a service answered the queries that it kept.
+    """
+    from firstfix.errors import InvalidOption
+
     from ..answerer import answerer
     from ..evaluate import report_of
     from ..poses_csv import read_poses_csv
 
+    if (poses is None) == (samples is None):
+        raise InvalidOption("give either POSES.csv or --samples")
+    if samples is not None:
+        if zenoh or details or plot or random_yaw is not None or encoding != "scan":
+            raise InvalidOption("--samples goes with --url or --store, --version and --json alone")
+        _replay(samples, map_id, url, store, version, timeout_s, json_file)
+        return
+    assert poses is not None
     rows = read_poses_csv(poses)
     asked = None if url or zenoh else store
     with answerer(map_id, url=url, zenoh=zenoh, store=asked, timeout_s=timeout_s, encoding=encoding) as ask:
-        outcomes, scans = _outcomes(rows, ask, random_yaw)
+        outcomes, scans = _outcomes(rows, ask, random_yaw, version)
     report = report_of(outcomes)
     typer.echo("\n".join(_lines(report, outcomes)))
     if json_file is not None:
@@ -58,8 +82,32 @@ def evaluate(
         _draw(plot, map_id, store, outcomes, scans, report)
 
 
+def _replay(
+    samples: str,
+    map_id: str,
+    url: str | None,
+    store: str | None,
+    version: str | None,
+    timeout_s: float,
+    json_file: Path | None,
+) -> None:
+    from firstfix.errors import InvalidOption
+    from firstfix.query_samples import QuerySamples
+    from firstfix.store import Store
+
+    from ..replay import body_answerer, lines_of, replay, report_of
+
+    if url and store:
+        raise InvalidOption("give one of --url and --store")
+    with body_answerer(map_id, url=url, store=store, timeout_s=timeout_s) as ask:
+        replayed = list(replay(QuerySamples(Store.open(samples)), map_id, ask, version))
+    typer.echo("\n".join(lines_of(replayed)))
+    if json_file is not None:
+        json_file.write_text(json.dumps(report_of(replayed), indent=1) + "\n")
+
+
 def _outcomes(
-    rows: list[PosedScan], ask: Answerer, seed: int | None
+    rows: list[PosedScan], ask: Answerer, seed: int | None, version: str | None
 ) -> tuple[list[Outcome], dict[str, Scan]]:
     """Every query's outcome, and the scans that a picture may need."""
     from rich.console import Console
@@ -79,7 +127,7 @@ def _outcomes(
     for row, yaw in steps:
         scan, T_map_sensor = turned(read_scan_file(row.path), row.T_map_sensor, float(yaw))
         started = time.perf_counter()
-        answer = ask(scan, LocalizeOptions())
+        answer = ask(scan, LocalizeOptions(version=version))
         ms = (time.perf_counter() - started) * 1000
         outcomes.append(outcome_of(str(row.path), T_map_sensor, answer, ms))
         if len(scans) < PICTURED_SCANS:

@@ -38,11 +38,13 @@ def serve(
 def settings_of(
     *,
     store: str | None,
-    host: str | None,
-    port: int | None,
-    zenoh: Path | None,
-    zenoh_listen: list[str] | None,
-    work: Path | None,
+    host: str | None = None,
+    port: int | None = None,
+    zenoh: Path | None = None,
+    zenoh_listen: list[str] | None = None,
+    work: Path | None = None,
+    build_queue: str | None = None,
+    share_stages: bool | None = None,
 ) -> Any:
     """The service's settings: the command line over the environment.
 
@@ -60,6 +62,8 @@ def settings_of(
         "port": port,
         "zenoh_config": zenoh,
         "work_dir": work,
+        "build_queue": build_queue,
+        "share_stages": share_stages,
     }
     if zenoh_listen:
         given |= {"zenoh": True, "zenoh_listen": tuple(zenoh_listen)}

@@ -26,6 +26,7 @@ from firstfix.options import LocalizeOptions
 from firstfix.query_parameters import QueryParameters
 from firstfix.scan_sequence import ScanSequence
 
+from .credential import credential
 from .records import BuildStatus, MapInfo, VersionInfo
 from .retry import Deadline, RetryPolicy
 from .retrying_http import RetryingHttp, parsed
@@ -48,6 +49,8 @@ class Client:
         retry: when to try again.
         resolution_m, voxel_m: how scans are sent, see ``firstfix.wire.encode_scan``. The default is what
             the sensor saw, to 1 cm; ``voxel_m=0.25`` saves most of the bytes on a thin link.
+        api_key: an API key or a token of the service's issuer; None: FIRSTFIX_API_KEY of the environment, if
+            it is there. Redirects are never followed, so nobody but the service gets it.
         headers: sent with every request.
         transport: in place of the network, for tests.
     """
@@ -60,6 +63,7 @@ class Client:
         retry: RetryPolicy | None = None,
         resolution_m: float = 0.01,
         voxel_m: float | None = None,
+        api_key: str | None = None,
         headers: Mapping[str, str] | None = None,
         transport: httpx.BaseTransport | None = None,
     ) -> None:
@@ -72,7 +76,9 @@ class Client:
             raise InvalidOption(f"no URL {url!r}: {error}") from None
         if address.scheme not in ("http", "https") or not address.host:
             raise InvalidOption(f"the service's URL is of the form http://HOST:PORT, not {url!r}")
-        http = httpx.Client(base_url=address, headers=headers, transport=transport)
+        key = credential(api_key)
+        sent = {**({} if key is None else {"Authorization": f"Bearer {key}"}), **(headers or {})}
+        http = httpx.Client(base_url=address, headers=sent, transport=transport, follow_redirects=False)
         self._http = RetryingHttp(http, retry or RetryPolicy())
 
     def __enter__(self) -> Client:
@@ -143,9 +149,31 @@ class Client:
     def _localize(
         self, scan: ScanLike | ScanSequence, map_id: str, options: LocalizeOptions | None, form: BodyForm
     ) -> Localization:
-        wanted = options or LocalizeOptions()
-        media_type, body = encoded(scan, form, wanted.gravity)
-        params = {"map": map_id, **wanted.to_strings()}
+        media_type, body = encoded(scan, form, None if options is None else options.gravity)
+        return self.localize_body(body, media_type, map_id=map_id, options=options)
+
+    def localize_body(
+        self,
+        body: bytes,
+        media_type: str,
+        *,
+        map_id: str,
+        options: LocalizeOptions | None = None,
+        content_encoding: str | None = None,
+        request_id: str | None = None,
+    ) -> Localization:
+        """As ``localize``, of a query that is encoded already: the service gets these very bytes.
+
+        Args:
+            media_type, content_encoding: what the bytes are, as clients/PROTOCOL.md says.
+            request_id: to find the query by in the service's log.
+        """
+        params = {"map": map_id, **(options or LocalizeOptions()).to_strings()}
+        headers = {"Content-Type": media_type}
+        if content_encoding:
+            headers["Content-Encoding"] = content_encoding
+        if request_id:
+            headers["X-Request-Id"] = request_id
 
         def request(left_s: float) -> httpx.Request:
             return self._http.request(
@@ -154,7 +182,7 @@ class Client:
                 left_s=left_s,
                 params={"deadline_ms": str(max(1, int(left_s * 1000))), **params},
                 content=body,
-                headers={"Content-Type": media_type},
+                headers=headers,
             )
 
         answer = self._http.send(request, Deadline(self._timeout_s))

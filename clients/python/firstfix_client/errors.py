@@ -10,9 +10,9 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from firstfix.errors import FirstfixError, Overloaded, StoreUnavailable, all_errors
+from firstfix.errors import FirstfixError, Overloaded, RateLimited, StoreUnavailable, all_errors
 
-PASSING = (Overloaded, StoreUnavailable)  # what a service says of a moment: worth asking again
+PASSING = (Overloaded, RateLimited, StoreUnavailable)  # what a service says of a moment: worth asking again
 _BY_CODE = {cls.code: cls for cls in all_errors()}
 
 

@@ -17,6 +17,7 @@ from firstfix.options import LocalizeOptions
 from firstfix.query_parameters import QueryParameters
 from firstfix.scan_sequence import ScanSequence
 
+from .credential import credential
 from .errors import PASSING, ServiceUnreachable, error_of_problem
 from .live_replicas import LiveReplicas
 from .retry import Deadline, RetryPolicy
@@ -36,6 +37,7 @@ class ZenohClient:
         endpoint: of a router or replica, such as ``tcp/localhost:7447``; None: multicast scouting, or
             what the config says.
         config: a zenoh configuration file (JSON5), for TLS, users and so on.
+        api_key: as in ``Client``; it travels as the query's attachment.
         timeout_s, retry, resolution_m, voxel_m: as in ``Client``.
 
     Raises:
@@ -53,8 +55,10 @@ class ZenohClient:
         retry: RetryPolicy | None = None,
         resolution_m: float = 0.01,
         voxel_m: float | None = None,
+        api_key: str | None = None,
     ) -> None:
         self._timeout_s = timeout_s
+        self._api_key = credential(api_key)
         self._retry = retry or RetryPolicy()
         self._form = BodyForm(resolution_m=resolution_m, voxel_m=voxel_m)
         self._zenoh = _zenoh()
@@ -135,7 +139,11 @@ class ZenohClient:
     ) -> Localization | FirstfixError | ServiceUnreachable:
         told = {"deadline_ms": str(max(1, int(timeout_s * 1000))), **parameters}
         replies = self._session.get(
-            self._zenoh.Selector(key, told), payload=body, encoding=media_type, timeout=timeout_s
+            self._zenoh.Selector(key, told),
+            payload=body,
+            encoding=media_type,
+            attachment=self._api_key,
+            timeout=timeout_s,
         )
         for reply in replies:
             if reply.ok is None:

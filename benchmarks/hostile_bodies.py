@@ -1,0 +1,254 @@
+"""Query bodies of strangers: good ones of every encoding, the same damaged in every way, and some that are
+well-formed and ask for trouble."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import struct
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import zstandard
+from numpy.typing import NDArray
+
+from firstfix import wire, wire_sequence
+from firstfix.scan import Scan
+
+_NUMBERS = [
+    b"-1",
+    b"0",
+    b"99999999999999999999",
+    b"1e308",
+    b"-1e-400",
+    b"nan",
+    b"inf",
+    b"0x10",
+    b"\x00",
+    b"\xff",
+]
+_WORDS = [b"list", b"double", b"DATA", b"end_header", b"\n", b"\r\n", b" ", b"binary_compressed", b"ascii"]
+_EXTREMES = [0, 1, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 2**63, 2**64 - 1]
+_FLOATS = [np.nan, np.inf, -np.inf, 1e30, -1e30, 1e-45, 3.4e38, 0.0]
+
+
+@dataclass(frozen=True)
+class Body:
+    """One query's body.
+
+    Attributes:
+        statuses: HTTP statuses that are right for it; empty: any that blames no defect of the service.
+    """
+
+    name: str
+    data: bytes
+    media_type: str
+    content_encoding: str | None = None
+    statuses: frozenset[int] = frozenset()
+
+
+def good_bodies(points: int = 60, seed: int = 0) -> list[Body]:
+    """One or more of every media type and content encoding."""
+    rng = np.random.default_rng(seed)
+    xyz = rng.uniform(-20, 20, (points, 3)).astype("<f4")
+    levels = rng.uniform(0, 255, (points, 1)).astype("<f4")
+    xyzi = np.hstack([xyz, levels])
+    scan = Scan(xyz, levels[:, 0])
+    sequence = wire_sequence.encode_scans([scan] * 3, [np.eye(4)] * 3)
+    raw = "application/vnd.firstfix.xyz"
+    ok = frozenset({200})
+    return [
+        Body("scan", wire.encode_scan(scan), wire.MEDIA_TYPE, statuses=ok),
+        Body("scans", sequence, wire_sequence.MEDIA_TYPE, statuses=ok),
+        Body("xyz", xyz.tobytes(), raw, statuses=ok),
+        Body("xyzi", xyzi.tobytes(), "application/vnd.firstfix.xyzi", statuses=ok),
+        Body("pcd ascii", _pcd(xyz, "ascii"), "application/x-pcd", statuses=ok),
+        Body("pcd binary", _pcd(xyz, "binary"), "application/x-pcd", statuses=ok),
+        Body("pcd compressed", _pcd(xyz, "binary_compressed"), "model/vnd.pcd", statuses=ok),
+        Body("ply ascii", _ply(xyz, "ascii"), "application/ply", statuses=ok),
+        Body("ply binary", _ply(xyz, "binary_little_endian"), "model/ply", statuses=ok),
+        Body("gzip", gzip.compress(xyz.tobytes()), raw, "gzip", ok),
+        Body("zstd", zstandard.ZstdCompressor().compress(xyz.tobytes()), raw, "zstd", ok),
+    ]
+
+
+def damaged(body: Body, rng: np.random.Generator) -> Body:
+    """The body with one to six random wounds."""
+    data = bytearray(body.data)
+    for _ in range(rng.integers(1, 7)):
+        wound = _WOUNDS[rng.integers(len(_WOUNDS))]
+        data = wound(data, rng) or bytearray(b"x")
+    return Body(f"damaged {body.name}", bytes(data), body.media_type, body.content_encoding)
+
+
+def crafted_bodies() -> Iterator[Body]:
+    """Well-formed, or nearly, and of a kind that has hurt others: made one by one, as some are large."""
+    raw = "application/vnd.firstfix.xyz"
+    bad, large, fine = frozenset({400, 422}), frozenset({413}), frozenset({200, 422})
+    rng = np.random.default_rng(7)
+    for value in _FLOATS:
+        mixed = rng.uniform(-20, 20, (1000, 3)).astype("<f4")
+        mixed[::7, rng.integers(3)] = value
+        yield Body(f"some {value}", mixed.tobytes(), raw, statuses=fine)
+        yield Body(f"all {value}", np.full((1000, 3), value, "<f4").tobytes(), raw, statuses=fine)
+        text = f"{value} {value} {value}\n" * 10
+        yield Body(
+            f"ascii {value}", _pcd_header(10, "ascii") + text.encode(), "application/x-pcd", statuses=fine
+        )
+    for count in (0, 1, 2, 100_000, 300_000):
+        cloud = rng.uniform(-40, 40, (count, 3)).astype("<f4")
+        yield Body(f"{count} points", cloud.tobytes(), raw, statuses=fine | bad)
+        scan = wire.encode_scan(Scan(cloud))
+        yield Body(f"{count} points encoded", scan, wire.MEDIA_TYPE, statuses=fine | bad)
+        yield Body(f"{count} points in PCD", _pcd(cloud, "binary"), "application/x-pcd", statuses=fine | bad)
+    yield Body("one point many times", np.full((200_000, 3), 3.0, "<f4").tobytes(), raw, statuses=fine)
+    yield Body("too many points", bytes(2_000_001 * 12), raw, statuses=large)
+    promise = _pcd_header(4_000_000_000, "binary") + bytes(100)
+    yield Body("a PCD that promises", promise, "application/x-pcd", statuses=bad | large)
+    promise = _ply_header(4_000_000_000, "binary_little_endian") + bytes(100)
+    yield Body("a PLY that promises", promise, "application/ply", statuses=bad | large)
+    sizes = struct.pack("<II", 20, 1_999_999 * 12)
+    packed = _pcd_header(1_999_999, "binary_compressed") + sizes + bytes(20)
+    yield Body("an LZF bomb", packed, "application/x-pcd", statuses=bad | large)
+    yield from _bombs(raw, bad, large)
+
+
+def _bombs(raw: str, bad: frozenset[int], large: frozenset[int]) -> Iterator[Body]:
+    zeros = bytes(1 << 20)
+    buffer = io.BytesIO()
+    with gzip.GzipFile(fileobj=buffer, mode="wb") as file:
+        for _ in range(1024):
+            file.write(zeros)
+    bomb = buffer.getvalue()
+    yield Body("a gzip bomb", bomb, raw, "gzip", large)
+    yield Body("a gzip bomb in gzip", gzip.compress(bomb), raw, "gzip", bad)
+    small = gzip.compress(bytes(1200))
+    yield Body("two gzip members", small + small, raw, "gzip", bad)
+    yield Body("a gzip that lies of its size", small[:-4] + struct.pack("<I", 12), raw, "gzip", bad)
+    silent = zstandard.ZstdCompressor(level=3, write_content_size=False).compressobj()
+    stream = b"".join(silent.compress(zeros) for _ in range(1024)) + silent.flush()
+    yield Body("a zstd bomb", stream, raw, "zstd", large)
+    honest = zstandard.ZstdCompressor().compress(bytes(1200))
+    yield Body("two zstd frames", honest + honest, raw, "zstd", bad)
+    skippable = struct.pack("<II", 0x184D2A50, 1 << 31)
+    yield Body("a zstd frame to skip", skippable + honest, raw, "zstd", bad | large)
+    # a frame header: one segment, a content size of 8 bytes
+    lie = b"\x28\xb5\x2f\xfd\xe0" + struct.pack("<Q", 1 << 62) + b"\x01\x00\x00"
+    yield Body("a zstd frame that claims exabytes", lie, raw, "zstd", large)
+    lie = b"\x28\xb5\x2f\xfd\xe0" + struct.pack("<Q", 12) + honest[9:]
+    yield Body("a zstd frame that lies of its size", lie, raw, "zstd", bad)
+    window = b"\x28\xb5\x2f\xfd\x00\xf8" + b"\x01\x00\x00"  # a window of terabytes
+    yield Body("a zstd frame with a huge window", window, raw, "zstd", bad)
+    count = 2_000_000
+    frame = zstandard.ZstdCompressor().compress(bytes(6 * count))
+    scan = wire.encode_scan(Scan(np.zeros((1, 3), np.float32)))
+    head = scan[:8] + struct.pack("<I", count) + scan[12:64]
+    yield Body("a scan that is a bomb", head + frame, wire.MEDIA_TYPE, statuses=frozenset({200, 422}))
+    entry = struct.pack("<7dI", 0, 0, 0, 0, 0, 0, 1, len(head + frame)) + head + frame
+    bombs = struct.pack("<4sBBH", b"FFSS", 1, 16, 0) + entry * 16
+    yield Body("sixteen scans that are bombs", bombs, wire_sequence.MEDIA_TYPE, statuses=large)
+
+
+def _pcd_header(points: int, encoding: str) -> bytes:
+    return (
+        f"VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {points}\nHEIGHT 1\n"
+        f"POINTS {points}\nDATA {encoding}\n"
+    ).encode()
+
+
+def _pcd(xyz: NDArray[np.float32], encoding: str) -> bytes:
+    header = _pcd_header(len(xyz), encoding)
+    if encoding == "ascii":
+        return header + _rows(xyz)
+    if encoding == "binary":
+        return header + xyz.tobytes()
+    plain = np.ascontiguousarray(xyz.T).tobytes()
+    # LZF without a match: runs of up to 32 bytes, each behind its length less one
+    runs = [plain[start : start + 32] for start in range(0, len(plain), 32)]
+    packed = b"".join(bytes([len(run) - 1]) + run for run in runs)
+    return header + struct.pack("<II", len(packed), len(plain)) + packed
+
+
+def _ply_header(points: int, encoding: str) -> bytes:
+    lines = ["ply", f"format {encoding} 1.0", f"element vertex {points}"]
+    lines += [f"property float {axis}" for axis in "xyz"]
+    return "\n".join([*lines, "end_header", ""]).encode()
+
+
+def _ply(xyz: NDArray[np.float32], encoding: str) -> bytes:
+    return _ply_header(len(xyz), encoding) + (_rows(xyz) if encoding == "ascii" else xyz.tobytes())
+
+
+def _rows(xyz: NDArray[np.float32]) -> bytes:
+    return "".join(f"{x!r} {y!r} {z!r}\n" for x, y, z in xyz.tolist()).encode()
+
+
+def _flip(data: bytearray, rng: np.random.Generator) -> bytearray:
+    data[rng.integers(len(data))] ^= int(rng.integers(1, 256))
+    return data
+
+
+def _flip_early(data: bytearray, rng: np.random.Generator) -> bytearray:
+    data[rng.integers(min(len(data), 80))] ^= int(rng.integers(1, 256))
+    return data
+
+
+def _insert(data: bytearray, rng: np.random.Generator) -> bytearray:
+    place = int(rng.integers(len(data) + 1))
+    data[place:place] = rng.bytes(int(rng.integers(1, 40)))
+    return data
+
+
+def _remove(data: bytearray, rng: np.random.Generator) -> bytearray:
+    place = int(rng.integers(len(data)))
+    del data[place : place + int(rng.integers(1, 40))]
+    return data
+
+
+def _cut(data: bytearray, rng: np.random.Generator) -> bytearray:
+    return data[: int(rng.integers(len(data) + 1))]
+
+
+def _repeat(data: bytearray, rng: np.random.Generator) -> bytearray:
+    start, end = sorted(int(place) for place in rng.integers(len(data) + 1, size=2))
+    return data[:end] + data[start:end] * int(rng.integers(1, 20)) + data[end:]
+
+
+def _word(data: bytearray, rng: np.random.Generator) -> bytearray:
+    words = _NUMBERS + _WORDS
+    place = int(rng.integers(len(data)))
+    data[place : place + int(rng.integers(0, 4))] = words[rng.integers(len(words))]
+    return data
+
+
+def _number(data: bytearray, rng: np.random.Generator) -> bytearray:
+    """One of the numbers of a text, replaced."""
+    digits = [place for place, byte in enumerate(data) if 48 <= byte <= 57]
+    if not digits:
+        return data
+    start = digits[rng.integers(len(digits))]
+    end = start
+    while end < len(data) and 48 <= data[end] <= 57:
+        end += 1
+    return data[:start] + _NUMBERS[rng.integers(len(_NUMBERS))] + data[end:]
+
+
+def _extreme(data: bytearray, rng: np.random.Generator) -> bytearray:
+    """A binary number of 1, 2, 4 or 8 bytes, replaced by one at the end of a range."""
+    size = int(2 ** rng.integers(0, 4))
+    place = int(rng.integers(len(data)))
+    value = _EXTREMES[rng.integers(len(_EXTREMES))] % 2 ** (8 * size)
+    data[place : place + size] = value.to_bytes(size, "little")
+    return data
+
+
+def _float(data: bytearray, rng: np.random.Generator) -> bytearray:
+    place = int(rng.integers(len(data))) // 4 * 4
+    data[place : place + 4] = struct.pack("<f", _FLOATS[rng.integers(len(_FLOATS))])
+    return data
+
+
+_WOUNDS: list[Callable[[bytearray, np.random.Generator], bytearray]] = [
+    _flip, _flip_early, _insert, _remove, _cut, _repeat, _word, _number, _extreme, _float,
+]  # fmt: skip

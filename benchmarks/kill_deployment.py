@@ -1,0 +1,106 @@
+"""A service and its workers as processes to be killed: what ``benchmarks.kill_builds`` kills."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import httpx
+
+LEASE_S = 2.0
+STAGE_S = 0.1
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@dataclass
+class Member:
+    """One process of the deployment, that is started again when it was killed."""
+
+    name: str
+    command: list[str]
+    environment: dict[str, str]
+    log: Path
+    process: subprocess.Popen[bytes] | None = None
+
+    def start(self) -> None:
+        with self.log.open("ab") as log:
+            self.process = subprocess.Popen(
+                self.command, env=self.environment, stdout=log, stderr=log, start_new_session=True
+            )
+
+    def kill(self) -> None:
+        if self.process is not None:
+            self.process.kill()
+            self.process.wait()
+
+    def build_pids(self) -> list[int]:
+        """The builds that it runs."""
+        assert self.process is not None
+        found = []
+        for folder in Path("/proc").glob("[0-9]*"):
+            with suppress(OSError, IndexError):  # ended meanwhile
+                # After the name, which may hold anything: state, parent.
+                fields = (folder / "stat").read_text().rpartition(")")[2].split()
+                if int(fields[1]) == self.process.pid and fields[0] != "Z":
+                    found.append(int(folder.name))
+        return found
+
+
+@dataclass
+class Deployment:
+    folder: Path
+    nats_url: str | None
+    members: list[Member] = field(default_factory=list)
+    port: int = field(default_factory=_free_port)
+
+    @property
+    def store_url(self) -> str:
+        return f"file://{self.folder / 'store'}"
+
+    def start(self) -> None:
+        environment = {
+            **os.environ,
+            "FIRSTFIX_STORE": self.store_url,
+            "FIRSTFIX_PORT": str(self.port),
+            "FIRSTFIX_BUILD_QUEUE": self.nats_url or "embedded",
+            "FIRSTFIX_RUN_BUILDS": "true",
+            "FIRSTFIX_BUILD_COMMAND": json.dumps([sys.executable, "-m", "benchmarks.tiny_worker"]),
+            "FIRSTFIX_BUILD_LEASE_S": str(LEASE_S),
+            "FIRSTFIX_BUILD_ATTEMPTS": "1000",  # the kills are ours, not the builds'
+            "FIRSTFIX_CACHE_DIR": str(self.folder / "cache"),
+        }
+        roles = ["serve", *(["worker", "worker"] if self.nats_url else [])]
+        for i, role in enumerate(roles):
+            work = self.folder / f"work{i}"
+            command = [sys.executable, "-m", "firstfix_cli.main", role, "--work", str(work)]
+            self.members.append(Member(role, command, environment, self.folder / f"{role}{i}.log"))
+        for member in self.members:
+            member.start()
+
+    def stop(self) -> None:
+        for member in self.members:
+            member.kill()
+
+    def post(self, map_id: str, seed: int) -> str | None:
+        """The id of a build that the service took; None when it was not there to take it."""
+        try:
+            response = httpx.post(
+                f"http://127.0.0.1:{self.port}/maps",
+                data={"map_id": map_id, "config": json.dumps({"seed": seed, "stage_s": STAGE_S})},
+                files={"source": ("a.xyz", b"0 0 0\n" * 1000 + str(seed).encode())},
+                timeout=30,
+            )
+        except httpx.HTTPError:
+            return None
+        return str(response.json()["build_id"]) if response.status_code == 202 else None

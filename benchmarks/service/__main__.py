@@ -1,0 +1,31 @@
+"""Parts of the suite over a version that is there: ``python -m benchmarks.service --help``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from firstfix.scan import Scan
+
+from .place import Place
+from .suite import PARTS, measure
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="benchmarks.service", description=__doc__)
+    parser.add_argument("--version", type=Path, required=True, metavar="DIR", help="files of a version")
+    parser.add_argument("--scans", type=Path, required=True, metavar="NPZ", help="(n, 3) arrays of points")
+    parser.add_argument("--part", action="append", choices=PARTS, help="only this; may be repeated")
+    parser.add_argument("--quick", action="store_true")
+    chosen = parser.parse_args()
+    scans = [Scan(points) for points in np.load(chosen.scans).values()]
+    templates = len(np.load(chosen.version / "template_position_m.npy", mmap_mode="r"))
+    place = Place(chosen.version.name, chosen.version, templates, scans)
+    json.dump(measure(place, chosen.part or PARTS, quick=chosen.quick), sys.stdout, indent=1)
+
+
+main()

@@ -1,0 +1,67 @@
+"""How long a version takes from the store to its first answer, and what a change of versions costs."""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import httpx
+
+from .load import Body, Crowd, ask_over_http
+from .place import Place
+from .programs import replica
+
+MAP = "place"
+POLL_S = 0.5
+SWAPS = 6
+
+
+def cold_load(place: Place, body: Body, directory: Path) -> dict[str, float]:
+    """Seconds of the first query for a version that the replica has never seen, its cache empty, and of
+    the next one. The poll is off, so that the query itself fetches, verifies and loads."""
+    store = str(directory / "store")
+    with replica(directory / "replica", store=store, poll_interval_s=3600, run_builds=False) as one:
+        place.publish(store, MAP, directory)
+        seconds = []
+        with httpx.Client(base_url=one.url, timeout=120) as http:
+            for _ in range(2):
+                begin = time.perf_counter()
+                http.post(
+                    "/localize",
+                    params={"map": MAP},
+                    content=body.content,
+                    headers={"Content-Type": body.media_type},
+                ).raise_for_status()
+                seconds.append(time.perf_counter() - begin)
+    return {"first_query_s": round(seconds[0], 3), "second_query_s": round(seconds[1], 3)}
+
+
+def hot_swap(place: Place, bodies: list[Body], directory: Path, clients: int = 2) -> dict[str, Any]:
+    """Two versions activated in turn while clients ask: how long until the other one answers, and what
+    the clients saw."""
+    store = str(directory / "store")
+    versions = [place.publish(store, MAP, directory, mark) for mark in ("one", "two")]
+    delays = []
+    with (
+        replica(directory / "replica", store=store, poll_interval_s=POLL_S, run_builds=False) as one,
+        httpx.Client(base_url=one.url, timeout=60) as http,
+        Crowd(partial(ask_over_http, one.url, MAP), bodies, clients) as crowd,
+    ):
+        for turn in range(SWAPS):
+            time.sleep(2.0)
+            wanted = versions[turn % 2]
+            begin = time.perf_counter()
+            http.post(f"/maps/{MAP}/versions/{wanted}/activate").raise_for_status()
+            while _answering(http, bodies[0]) != wanted:
+                time.sleep(0.02)
+            delays.append(round(time.perf_counter() - begin, 3))
+    return {"activation_to_answer_s": delays, **crowd.asked.figures()}
+
+
+def _answering(http: httpx.Client, body: Body) -> str:
+    answer = http.post(
+        "/localize", params={"map": MAP}, content=body.content, headers={"Content-Type": body.media_type}
+    )
+    return str(answer.raise_for_status().json()["map_version"])

@@ -1,0 +1,68 @@
+"""A built version, and scans taken in its map, as the suite asks for them."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from zlib import crc32
+
+import numpy as np
+
+from firstfix.catalog import Catalog
+from firstfix.localizer import Localizer
+from firstfix.manifest import Manifest
+from firstfix.map_index import MapIndex
+from firstfix.scan import Scan
+from firstfix.store import Store
+from firstfix_builder.stage_cache import StageCache
+
+from ..robust.cases import CASES
+from ..robust.queries import queries_of
+from ..robust.versions import Versions
+from ..worlds import BenchWorld
+
+SEED = 5
+CASE = next(case for case in CASES if case.name == "all at once")
+
+
+@dataclass(frozen=True)
+class Place:
+    """Attributes:
+    version: folder of a version's files, without a manifest.
+    """
+
+    name: str
+    version: Path
+    templates: int
+    scans: list[Scan]
+
+    def localizer(self) -> Localizer:
+        return Localizer(MapIndex.load(self.version))
+
+    def publish(self, store_url: str, map_id: str, scratch: Path, mark: str = "") -> str:
+        """Its digest.
+
+        Args:
+            mark: written into the version, so that another mark makes another version, of other files.
+        """
+        folder = scratch / f"{map_id}-{mark}"
+        shutil.copytree(self.version, folder)
+        (folder / "manifest.json").unlink(missing_ok=True)
+        (folder / "mark.txt").write_text(mark)
+        made = Manifest.for_directory(folder)
+        version = Catalog(Store.open(store_url)).publish(map_id, folder, made)
+        shutil.rmtree(folder)
+        return version
+
+
+def make_place(world: BenchWorld, work: Path, count: int) -> Place:
+    """Builds the world's map, and takes scans in it with everything disturbed at once."""
+    files = world.make(StageCache(work))
+    versions = Versions(world, files.map, work / world.name)
+    index = versions.localizer(None).index
+    rng = np.random.default_rng([SEED, crc32(world.name.encode())])
+    taken = queries_of(CASE, index, versions.sensor(None), files, (), count, rng)
+    sensor = versions.sensor(None).name
+    folder = work / world.name / sensor / "version"
+    return Place(world.name, folder, versions.templates[sensor], [scan for scan, _ in taken])

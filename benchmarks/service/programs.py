@@ -1,0 +1,181 @@
+"""The processes of a deployment on this machine, each for as long as a block lasts."""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import httpx
+
+START_S = 120.0
+BUCKET = "maps"
+
+
+def missing(*programs: str) -> str | None:
+    """What a suite cannot do without, in words; None: all is there."""
+    absent = [name for name in programs if shutil.which(name) is None]
+    return f"no {', '.join(absent)} here (`make test-servers`)" if absent else None
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@contextmanager
+def program(command: list[str], log: Path, environment: Mapping[str, str] | None = None) -> Iterator[None]:
+    with log.open("ab") as out:
+        process = subprocess.Popen(command, stdout=out, stderr=out, env={**os.environ, **(environment or {})})
+        try:
+            yield
+        finally:
+            process.kill()
+            process.wait()
+
+
+def wait_for_port(port: int, log: Path) -> None:
+    deadline = time.monotonic() + START_S
+    while time.monotonic() < deadline:
+        try:
+            socket.create_connection(("127.0.0.1", port), timeout=1).close()
+            return
+        except OSError:
+            time.sleep(0.05)
+    raise RuntimeError(f"nothing listens on {port}: see {log}")
+
+
+@contextmanager
+def s3_server(directory: Path) -> Iterator[tuple[int, dict[str, str]]]:
+    """Its port, and the environment that its clients need. It has one empty bucket, ``BUCKET``."""
+    (directory / "objects" / BUCKET).mkdir(parents=True)
+    port, access, secret = free_port(), secrets.token_hex(8), secrets.token_hex(16)
+    command = ["versitygw", "--port", f"127.0.0.1:{port}", "--quiet", "posix", str(directory / "objects")]
+    own = {"ROOT_ACCESS_KEY": access, "ROOT_SECRET_KEY": secret}
+    with program(command, directory / "s3.log", own):
+        wait_for_port(port, directory / "s3.log")
+        yield port, {"AWS_ACCESS_KEY_ID": access, "AWS_SECRET_ACCESS_KEY": secret}
+
+
+class Cable:
+    """A TCP connection that can be cut: a proxy of toxiproxy."""
+
+    def __init__(self, api: str, port: int) -> None:
+        self._api = api
+        self.port = port
+
+    def cut(self) -> None:
+        httpx.post(f"{self._api}/proxies/cable", json={"enabled": False}).raise_for_status()
+
+    def mend(self) -> None:
+        httpx.post(f"{self._api}/proxies/cable", json={"enabled": True}).raise_for_status()
+
+
+@contextmanager
+def cable_to(port: int, directory: Path) -> Iterator[Cable]:
+    control, own = free_port(), free_port()
+    log = directory / "toxiproxy.log"
+    with program(["toxiproxy-server", "-host", "127.0.0.1", "-port", str(control)], log):
+        wait_for_port(control, log)
+        api = f"http://127.0.0.1:{control}"
+        described = {"name": "cable", "listen": f"127.0.0.1:{own}", "upstream": f"127.0.0.1:{port}"}
+        httpx.post(f"{api}/proxies", json=described).raise_for_status()
+        yield Cable(api, own)
+
+
+class Replica:
+    """One ``firstfix serve``, stopped and started at will."""
+
+    def __init__(self, directory: Path, settings: Mapping[str, object]) -> None:
+        directory.mkdir(parents=True, exist_ok=True)
+        self.port = free_port()
+        self.url = f"http://127.0.0.1:{self.port}"
+        self.log = directory / "service.log"
+        given = {"port": self.port, "work_dir": directory / "work", "cache_dir": directory / "cache"}
+        named = {f"FIRSTFIX_{name.upper()}": _text(value) for name, value in {**given, **settings}.items()}
+        self._environment = {**os.environ, **named}
+        self._process: subprocess.Popen[bytes] | None = None
+
+    @property
+    def pid(self) -> int:
+        assert self._process is not None
+        return self._process.pid
+
+    def start(self) -> Replica:
+        command = [sys.executable, "-m", "firstfix_cli.main", "serve"]
+        with self.log.open("ab") as out:
+            self._process = subprocess.Popen(command, stdout=out, stderr=out, env=self._environment)
+        return self
+
+    def wait_until_ready(self) -> None:
+        deadline = time.monotonic() + START_S
+        while time.monotonic() < deadline:
+            try:
+                if httpx.get(f"{self.url}/readyz", timeout=2.0).is_success:
+                    return
+            except httpx.TransportError:
+                pass
+            time.sleep(0.1)
+        raise RuntimeError(f"the service did not start: see {self.log}")
+
+    def end(self, number: signal.Signals = signal.SIGTERM) -> None:
+        if self._process is not None:
+            self._process.send_signal(number)
+            try:
+                self._process.wait(40)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+            self._process = None
+
+
+@contextmanager
+def replica(directory: Path, **settings: object) -> Iterator[Replica]:
+    one = Replica(directory, settings).start()
+    try:
+        one.wait_until_ready()
+        yield one
+    finally:
+        one.end()
+
+
+def _text(value: object) -> str:
+    return json.dumps(value) if isinstance(value, (list, tuple, bool)) else str(value)
+
+
+@contextmanager
+def balancer(replicas: list[Replica], directory: Path) -> Iterator[str]:
+    """The URL of a haproxy before them: each query to the least busy, to another where one fails."""
+    port, config = free_port(), directory / "haproxy.cfg"
+    servers = [f"  server r{i} 127.0.0.1:{one.port} check" for i, one in enumerate(replicas)]
+    lines = [
+        "global",
+        "  tune.bufsize 4194304",  # a query that fails is sent again only if all of it is still here
+        "defaults",
+        "  mode http",
+        "  timeout connect 1s",
+        "  timeout client 60s",
+        "  timeout server 30s",
+        "  retries 3",
+        "  option redispatch 1",
+        "  option http-buffer-request",
+        "  retry-on conn-failure empty-response response-timeout 503",
+        "  default-server inter 500ms fall 1 rise 1 on-marked-down shutdown-sessions",
+        f"listen firstfix\n  bind 127.0.0.1:{port}\n  balance leastconn\n  option httpchk GET /readyz",
+        *servers,
+    ]
+    config.write_text("\n".join(lines) + "\n")
+    log = directory / "haproxy.log"
+    with program(["haproxy", "-db", "-f", str(config)], log):
+        wait_for_port(port, log)
+        yield f"http://127.0.0.1:{port}"

@@ -1,0 +1,120 @@
+"""Four replicas behind a balancer, over an object store on a cable: queries go on while a version is
+activated, a replica is killed and comes back, and the cable is cut."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import httpx
+
+from .load import Asked, Body, Crowd, ask_over_http
+from .place import Place
+from .programs import BUCKET, Replica, balancer, cable_to, missing, s3_server
+
+MAP = "place"
+CLIENTS = 4
+
+
+def replicas_suite(
+    place: Place, bodies: list[Body], directory: Path, count: int = 4, cut_s: float = 60.0
+) -> dict[str, Any]:
+    """What the clients saw in each part. They speak plain HTTP and try nothing again by themselves."""
+    reason = missing("versitygw", "toxiproxy-server", "haproxy")
+    if reason is not None:
+        return {"skipped": reason}
+    directory.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as stack:
+        port, credentials = stack.enter_context(s3_server(directory))
+        cable = stack.enter_context(cable_to(port, directory))
+        os.environ.update(credentials)  # for this process, which publishes, and the replicas
+        query = f"endpoint=http://127.0.0.1:{cable.port}&region=us-east-1&allow_http=true"
+        store = f"s3://{BUCKET}?{query}"
+        first, second = (place.publish(store, MAP, directory, mark) for mark in ("one", "two"))
+        replicas = [
+            Replica(
+                directory / f"r{i}",
+                {"store": store, "poll_interval_s": 1.0, "run_builds": False, "workers": 1},
+            )
+            for i in range(count)
+        ]
+        for one in replicas:
+            stack.callback(one.end)
+            one.start()
+        for one in replicas:
+            one.wait_until_ready()
+        url = stack.enter_context(balancer(replicas, directory))
+        time.sleep(2.0)  # for the balancer to see them
+        connect = partial(ask_over_http, url, MAP)
+        figures: dict[str, Any] = {"replicas": count}
+        assert _serving(replicas) == {second}
+
+        with Crowd(connect, bodies, CLIENTS) as crowd:
+            begin = time.perf_counter()
+            httpx.post(
+                f"{replicas[0].url}/maps/{MAP}/versions/{first}/activate", timeout=60
+            ).raise_for_status()
+            while _serving(replicas) != {first}:
+                time.sleep(0.2)
+            took_s = time.perf_counter() - begin
+            time.sleep(2.0)
+        figures["activation"] = {"everywhere_after_s": round(took_s, 2), **_seen(crowd.asked)}
+
+        with Crowd(connect, bodies, CLIENTS) as crowd:
+            time.sleep(2.0)
+            replicas[1].end(signal.SIGKILL)
+            time.sleep(5.0)
+            replicas[1].start().wait_until_ready()
+            time.sleep(3.0)
+        figures["killed_and_restarted"] = _seen(crowd.asked)
+
+        with Crowd(connect, bodies, CLIENTS) as crowd:
+            cable.cut()
+            time.sleep(cut_s)
+            cable.mend()
+            time.sleep(3.0)
+        figures["store_cut"] = {"seconds": cut_s, **_seen(crowd.asked)}
+
+        begin = time.perf_counter()
+        _activate(replicas[0], second)
+        while _serving(replicas) != {second}:
+            time.sleep(0.2)
+        figures["after_the_cut"] = {"activation_everywhere_after_s": round(time.perf_counter() - begin, 2)}
+
+        with Crowd(connect, bodies, CLIENTS) as crowd:
+            for one in replicas:
+                one.end(signal.SIGTERM)
+                one.start().wait_until_ready()
+                time.sleep(1.5)
+        figures["rolling_restart"] = _seen(crowd.asked)
+    return figures
+
+
+def _activate(one: Replica, version: str) -> None:
+    httpx.post(f"{one.url}/maps/{MAP}/versions/{version}/activate", timeout=60).raise_for_status()
+
+
+def _serving(replicas: list[Replica]) -> set[str]:
+    """The versions that the replicas answer from."""
+    body = b"\0" * 12  # one point: too few to be anywhere, but answered by the map's version
+    found = set()
+    for one in replicas:
+        answer = httpx.post(
+            f"{one.url}/localize",
+            params={"map": MAP},
+            content=body,
+            headers={"Content-Type": "application/vnd.firstfix.xyz"},
+            timeout=60,
+        )
+        found.add(str(answer.raise_for_status().json()["map_version"]))
+    return found
+
+
+def _seen(asked: Asked) -> dict[str, Any]:
+    failed = sum(count for outcome, count in asked.outcomes.items() if outcome != "ok")
+    return {"failed": failed, **asked.figures()}

@@ -1,0 +1,101 @@
+"""A build worker with everything of the real one but its work: stages that sleep, and a small version.
+
+    FIRSTFIX_BUILD_COMMAND='["python", "-m", "benchmarks.tiny_worker"]'
+
+What it does stands in the build's config: ``stage_s`` seconds a stage, ``hang_in`` a stage until the file
+``until`` exists, ``die_in`` a stage. Each stage that is made leaves a line in ``made.txt`` of the work
+folder.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from firstfix.errors import BuildCancelled, StoreUnavailable
+from firstfix.manifest import Manifest
+from firstfix.shared_stages import SharedStages
+from firstfix.store import Store
+from firstfix_builder.stage_cache import StageCache
+from firstfix_builder.worker import run_build
+
+STAGES = ("read", "mesh", "describe", "cluster", "index")
+FILES = 4
+FILE_BYTES = 1_000_000
+
+
+@dataclass(frozen=True)
+class Built:
+    directory: Path
+    manifest: Manifest
+
+
+def build_version(
+    source: Path,
+    config: dict[str, Any],
+    work: Path,
+    *,
+    trajectory: Path | None,
+    progress: Callable[[str, float], None],
+    cancelled: Callable[[], bool],
+    shared: SharedStages | None = None,
+) -> Built:
+    """A version whose bytes follow from the source and the config."""
+    seed = hashlib.sha256(source.read_bytes() + str(config.get("seed")).encode()).hexdigest()
+    cache = StageCache(work, shared=shared, code_version="tiny")
+
+    def make(stage: str, out: Path) -> None:
+        with (work / "made.txt").open("a") as file:
+            file.write(f"{stage}\n")
+        end = time.monotonic() + float(config.get("stage_s", 0.0))
+        while time.monotonic() < end or (
+            config.get("hang_in") == stage and not Path(config["until"]).exists()
+        ):
+            if cancelled():
+                raise BuildCancelled("seen")
+            time.sleep(0.02)
+        if config.get("die_in") == stage:
+            os.kill(os.getpid(), signal.SIGKILL)
+        for i in range(FILES):
+            block = hashlib.sha256(f"{seed}{stage}{i}".encode()).digest()
+            (out / f"{stage}{i}.bin").write_bytes(block * (FILE_BYTES // len(block)))
+
+    result = None
+    for stage in STAGES:
+        progress(stage, 0.0)
+        result = cache.run(stage, {"seed": seed}, {}, lambda out, stage=stage: make(stage, out))
+    assert result is not None
+    return Built(result.directory, Manifest.for_directory(result.directory, config={"seed": seed}))
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="benchmarks.tiny_worker")
+    for name in ("--store", "--build", "--work"):
+        parser.add_argument(name, required=True)
+    for name in ("--tied-to-stdin", "--share-stages"):
+        parser.add_argument(name, action="store_true")
+    chosen = parser.parse_args()
+    shared = SharedStages(Store.open(chosen.store)) if chosen.share_stages else None
+    try:
+        return run_build(
+            chosen.store,
+            chosen.build,
+            Path(chosen.work),
+            lambda *arguments, **hooks: build_version(*arguments, **hooks, shared=shared),
+            STAGES,
+            own_process=True,
+            tied_to_stdin=chosen.tied_to_stdin,
+        )
+    except StoreUnavailable:
+        return 75
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,187 @@
+"""How long each stage of a build took: for the build's record, and as OpenTelemetry spans.
+
+The spans go on in the trace of the request that asked for the build (``traceparent`` in its record). They
+are made when OpenTelemetry's variables name a collector; else its SDK is never imported.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import firstfix
+from firstfix.trace_context import TraceContext, is_tracing_wanted
+
+if TYPE_CHECKING:
+    from opentelemetry.sdk.trace import TracerProvider
+
+SERVICE_NAME = "firstfix-builder"
+
+
+@dataclass(frozen=True)
+class StageTime:
+    """One stage that has ended.
+
+    Attributes:
+        seconds: from its first tick to the next stage's.
+        cached: an earlier run had done it.
+    """
+
+    stage: str
+    seconds: float
+    cached: bool
+
+
+class BuildTrace:
+    """Follows one build while it is used as a context. ``tick`` is cheap, and safe from any thread.
+
+    Nothing begins before the first tick.
+
+    Args:
+        traceparent: of the build's record.
+    """
+
+    def __init__(
+        self,
+        build_id: str,
+        map_id: str,
+        traceparent: str | None,
+        environ: Mapping[str, str] = os.environ,
+    ) -> None:
+        self.stages: list[StageTime] = []
+        self.trace = TraceContext.parse(traceparent)
+        self._about = {"firstfix.build_id": build_id, "firstfix.map_id": map_id}
+        self._environ = environ
+        self._lock = threading.Lock()
+        self._stage = ""
+        self._since_ns = 0
+        self._cached: set[str] = set()
+        self._outcome: tuple[str, str | None] | None = None
+        self._spans: _Spans | None = None
+
+    def __enter__(self) -> BuildTrace:
+        _under_way.append(self)
+        return self
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        """Sends the spans."""
+        _under_way.remove(self)
+        self.end("interrupted", getattr(error, "code", None))
+        if self._spans is not None and self._outcome is not None:
+            self._spans.end(*self._outcome)
+
+    @property
+    def stage(self) -> str:
+        return self._stage
+
+    def tick(self, stage: str) -> None:
+        """The stage is under way; the one before has ended."""
+        with self._lock:
+            if self._outcome is not None or stage == self._stage:
+                return
+            if self._stage:
+                self._end_stage()
+            else:
+                self._begin()
+            self._stage = stage
+
+    def mark_cached(self, stage: str) -> None:
+        """What the stage was to make was there already."""
+        with self._lock:
+            self._cached.add(stage)
+
+    def end(self, state: str, error_code: str | None = None) -> None:
+        """The build is over; the first call counts."""
+        with self._lock:
+            if self._outcome is None:
+                if self._stage:
+                    self._end_stage(error_code)
+                self._outcome = state, error_code
+
+    def _begin(self) -> None:
+        self._since_ns = time.time_ns()
+        if is_tracing_wanted(self._environ):
+            self._spans = _Spans(self._about, self.trace, self._since_ns, self._environ)
+            self.trace = self._spans.trace
+
+    def _end_stage(self, error_code: str | None = None) -> None:
+        now_ns = time.time_ns()
+        cached = self._stage in self._cached
+        self.stages.append(StageTime(self._stage, round((now_ns - self._since_ns) / 1e9, 3), cached))
+        if self._spans is not None:
+            self._spans.stage(self._stage, self._since_ns, now_ns, cached, error_code)
+        self._since_ns = now_ns
+
+
+_under_way: list[BuildTrace] = []  # of this process, which runs one at a time; its threads all work for it
+
+
+def current_build() -> BuildTrace | None:
+    """The build that this process is at."""
+    return _under_way[-1] if _under_way else None
+
+
+def mark_cached(stage: str) -> None:
+    """Tells the build that is under way, if any, that a stage needed no work."""
+    build = current_build()
+    if build is not None:
+        build.mark_cached(stage)
+
+
+class _Spans:
+    """The build's span and its stages'."""
+
+    def __init__(
+        self, about: Mapping[str, str], parent: TraceContext | None, start_ns: int, environ: Mapping[str, str]
+    ) -> None:
+        from opentelemetry import trace
+        from opentelemetry.context import Context
+        from opentelemetry.trace.propagation.tracecontext import TraceContextTextMapPropagator
+
+        carrier = {} if parent is None else {"traceparent": parent.traceparent}
+        self._trace = trace
+        self._provider = _provider(environ)
+        self._tracer = self._provider.get_tracer("firstfix", firstfix.__version__)
+        self._build = self._tracer.start_span(
+            "build",
+            TraceContextTextMapPropagator().extract(carrier, Context()),
+            trace.SpanKind.CONSUMER,
+            attributes=dict(about),
+            start_time=start_ns,
+        )
+        self.trace = TraceContext.of(self._build)
+
+    def stage(self, stage: str, start_ns: int, end_ns: int, cached: bool, error_code: str | None) -> None:
+        span = self._tracer.start_span(
+            stage,
+            self._trace.set_span_in_context(self._build),
+            attributes={"firstfix.cached": cached},
+            start_time=start_ns,
+        )
+        if error_code is not None:
+            span.set_status(self._trace.Status(self._trace.StatusCode.ERROR, error_code))
+        span.end(end_ns)
+
+    def end(self, state: str, error_code: str | None) -> None:
+        self._build.set_attribute("firstfix.state", state)
+        if error_code is not None:
+            self._build.set_attribute("firstfix.code", error_code)
+            self._build.set_status(self._trace.Status(self._trace.StatusCode.ERROR, error_code))
+        self._build.end()
+        self._provider.shutdown()
+
+
+def _provider(environ: Mapping[str, str]) -> TracerProvider:
+    from opentelemetry.exporter.otlp.proto.http.trace_exporter import OTLPSpanExporter
+    from opentelemetry.sdk.resources import Resource
+    from opentelemetry.sdk.trace import TracerProvider
+    from opentelemetry.sdk.trace.export import BatchSpanProcessor
+
+    named = {} if environ.get("OTEL_SERVICE_NAME") else {"service.name": SERVICE_NAME}
+    provider = TracerProvider(resource=Resource.create({"service.version": firstfix.__version__, **named}))
+    provider.add_span_processor(BatchSpanProcessor(OTLPSpanExporter()))
+    return provider

@@ -1,0 +1,117 @@
+"""``firstfix keys``: who may use a service."""
+
+from __future__ import annotations
+
+import json
+import re
+from datetime import datetime, timedelta, timezone
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from firstfix.errors import InvalidOption
+
+from ..arguments import AsJson
+
+if TYPE_CHECKING:
+    from firstfix.api_keys import ApiKey, ApiKeys
+
+app = typer.Typer(help="Give out, list and take back the API keys of a store.", no_args_is_help=True)
+
+Store = Annotated[
+    str,
+    typer.Option(
+        envvar="FIRSTFIX_STORE", help="Object store of the service: a directory, s3://..., gs://..."
+    ),
+]
+_DURATION = re.compile(r"(\d{1,5})([hd])")
+
+
+@app.command()
+def create(
+    store: Store,
+    name: Annotated[str, typer.Option(help="Whose it is, for people.")],
+    scope: Annotated[
+        list[str], typer.Option(help="localize, build (includes localize), metrics or admin; repeatable.")
+    ],
+    map_pattern: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--map", metavar="PATTERN", help="Maps it is good for, such as 'hall-*' [default: all]."
+        ),
+    ] = None,
+    expires: Annotated[
+        str | None,
+        typer.Option(help="After such a time (90d, 12h) or at a date (2030-01-31) [default: never]."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Make a key and print it: it is never shown again."""
+    from firstfix.grant import ALL_MAPS, Grant
+
+    grant = Grant.parse(scope, map_pattern or ALL_MAPS)
+    key, token = _keys(store).create(name, grant, None if expires is None else _time(expires))
+    if as_json:
+        typer.echo(json.dumps({**key.to_mapping(), "key": token}))
+        return
+    typer.echo(token)
+    typer.echo(f"{_line(key)}\nKeep it: the store has only its hash.", err=True)
+
+
+@app.command("ls")
+def list_keys(store: Store, as_json: AsJson = False) -> None:
+    """List the keys, oldest first. Their secrets are not known here."""
+    found, bad = _keys(store).all()
+    if as_json:
+        typer.echo(json.dumps({"keys": [key.to_mapping() for key in found], "unreadable": bad}))
+        return
+    for key in found:
+        typer.echo(_line(key))
+    for key_id in bad:
+        typer.echo(f"{key_id}  cannot be read: it lets nobody in")
+
+
+@app.command()
+def revoke(
+    key_id: Annotated[str, typer.Argument(metavar="KEY_ID", help="As 'firstfix keys ls' shows it.")],
+    store: Store,
+) -> None:
+    """Take a key back, for good. Services follow within FIRSTFIX_KEYS_REFRESH_S (5 s)."""
+    _keys(store).revoke(key_id)
+    typer.echo(f"key {key_id} is revoked")
+
+
+def _keys(store: str) -> ApiKeys:
+    from firstfix.api_keys import ApiKeys
+    from firstfix.store import Store
+
+    return ApiKeys(Store.open(store))
+
+
+def _line(key: ApiKey) -> str:
+    scopes = ",".join(sorted(scope.value for scope in key.grant.scopes))
+    if key.revoked:
+        state = "revoked"
+    elif key.is_expired(datetime.now(timezone.utc)):
+        state = "expired"
+    else:
+        state = "never expires" if key.expires_time is None else f"until {key.expires_time}"
+    return f"{key.key_id}  {key.name}  {scopes} on {','.join(key.grant.maps)}  {state}"
+
+
+def _time(text: str) -> datetime:
+    """
+    Raises:
+        InvalidOption: neither a duration nor a date.
+    """
+    if (match := _DURATION.fullmatch(text)) is not None:
+        count = int(match[1])
+        span = timedelta(hours=count) if match[2] == "h" else timedelta(days=count)
+        return datetime.now(timezone.utc) + span
+    try:
+        time = datetime.fromisoformat(text)
+    except ValueError:
+        raise InvalidOption(
+            f"a key expires after a time (90d, 12h) or at a date, not {text[:40]!r}"
+        ) from None
+    return time if time.tzinfo is not None else time.replace(tzinfo=timezone.utc)

@@ -1,0 +1,115 @@
+"""``firstfix samples``: queries that a service has kept, to look at and to ask again."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..arguments import AsJson
+
+if TYPE_CHECKING:
+    from firstfix.query_samples import QuerySample, QuerySamples
+
+app = typer.Typer(
+    help="List, show, fetch and remove queries that a service has kept (FIRSTFIX_SAMPLES_SHARE).",
+    no_args_is_help=True,
+)
+
+SamplesStore = Annotated[
+    str, typer.Option("--store", help="Where they are kept: the service's object store, or a directory.")
+]
+SampleArgument = Annotated[str, typer.Argument(metavar="SAMPLE", help="Id of the kept query.")]
+
+
+@app.command("ls")
+def list_samples(
+    store: SamplesStore,
+    map_id: Annotated[str | None, typer.Option("--map", help="Only those about this map.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """List the kept queries, oldest first."""
+    kept = _samples(store)
+    found = [sample for sample in map(kept.get, kept.ids()) if map_id is None or sample.is_about(map_id)]
+    if as_json:
+        typer.echo(json.dumps({"samples": [asdict(sample) for sample in found]}))
+        return
+    for sample in found:
+        typer.echo(_line(sample))
+
+
+@app.command()
+def show(sample_id: SampleArgument, store: SamplesStore) -> None:
+    """Show what was asked and answered, as JSON."""
+    typer.echo(json.dumps(asdict(_samples(store).get(sample_id)), indent=1))
+
+
+@app.command()
+def fetch(
+    store: SamplesStore,
+    sample_id: Annotated[str | None, typer.Argument(metavar="SAMPLE", help="Id [default: all].")] = None,
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder to write to.")] = Path(),
+) -> None:
+    """Write kept queries as files: SAMPLE.json beside the body, which ``firstfix localize`` reads."""
+    kept = _samples(store)
+    out.mkdir(parents=True, exist_ok=True)
+    for one in kept.ids() if sample_id is None else [sample_id]:
+        sample = kept.get(one)
+        body = _plain_body(kept, sample)
+        path = out / f"{one}{_suffix(sample.media_type)}"
+        path.write_bytes(body)
+        (out / f"{one}.json").write_text(json.dumps(asdict(sample), indent=1) + "\n")
+        typer.echo(path)
+
+
+@app.command("rm")
+def remove(
+    store: SamplesStore,
+    sample_ids: Annotated[list[str] | None, typer.Argument(metavar="SAMPLE...", help="Ids.")] = None,
+    everything: Annotated[bool, typer.Option("--all", help="Remove all of them.")] = False,
+) -> None:
+    """Remove kept queries for good."""
+    from firstfix.errors import InvalidOption
+
+    if everything == bool(sample_ids):
+        raise InvalidOption("name kept queries, or say --all")
+    kept = _samples(store)
+    doomed = kept.ids() if everything else [kept.get(one).sample_id for one in sample_ids or ()]
+    for one in doomed:
+        kept.delete(one)
+    typer.echo(f"{len(doomed)} removed")
+
+
+def _samples(store: str) -> QuerySamples:
+    from firstfix.query_samples import QuerySamples
+    from firstfix.store import Store
+
+    return QuerySamples(Store.open(store))
+
+
+def _plain_body(kept: QuerySamples, sample: QuerySample) -> bytes:
+    from firstfix.decode import undo_content_encoding
+
+    from ..replay import MAX_DECODED_BYTES
+
+    return undo_content_encoding(kept.body(sample.sample_id), sample.content_encoding, MAX_DECODED_BYTES)
+
+
+def _suffix(media_type: str) -> str:
+    """Of a file with such a body; ``.body`` where no reader goes by an ending."""
+    from firstfix.decode import SUFFIXES
+
+    name = media_type.split(";", 1)[0].strip().lower()
+    return next((suffix for suffix, known in SUFFIXES.items() if known == name), ".body")
+
+
+def _line(sample: QuerySample) -> str:
+    answer = sample.answer
+    why = ",".join(answer["reasons"])
+    return (
+        f"{sample.sample_id}  {sample.map_id or '(any map)':20}  {answer['verdict']:9} "
+        f"{answer['probability']:.3f}  {sample.body_bytes / 1e3:9.1f} kB  {why}"
+    ).rstrip()

@@ -1,0 +1,91 @@
+"""The one gate of the HTTP routes: who asks, whether that caller may, and how often.
+
+What is not in the table needs ``admin``: a route that somebody forgets to enter is shut, not open.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Annotated
+
+from fastapi import Depends, Request
+
+from firstfix.errors import NotFound, Unauthorized
+from firstfix.grant import Scope
+
+from .caller import Caller
+from .client_address import client_address
+from .parts import Parts, PartsDep
+from .request_scope import note
+
+PUBLIC = None
+# By the name of a route, which is that of its function.
+SCOPES: dict[str, Scope | None] = {
+    "healthz": PUBLIC,
+    "readyz": PUBLIC,
+    "openapi": PUBLIC,
+    "metrics": Scope.METRICS,
+    "localize": Scope.LOCALIZE,
+    "get_maps": Scope.LOCALIZE,
+    "get_map": Scope.LOCALIZE,
+    "get_versions": Scope.LOCALIZE,
+    "post_map": Scope.BUILD,
+    "activate": Scope.BUILD,
+    "get_build": Scope.BUILD,
+    "cancel_build": Scope.BUILD,
+}
+# Routes whose requests are counted, as what.
+LIMITED = {"localize": "localize", "post_map": "build"}
+
+
+async def authorize(request: Request, parts: PartsDep) -> None:
+    """A dependency of every route. Leaves the ``Caller`` in ``request.state.caller``; where a map id stands
+    in the path, or that of a build, the caller may go there. The map in a body or query is the route's to
+    check.
+
+    Raises:
+        Unauthorized, Forbidden, RateLimited: as they say.
+        NotFound: a build of a map that the caller may not see is like one that does not exist.
+    """
+    name = getattr(request.scope.get("route"), "name", "")
+    scope = SCOPES.get(name, Scope.ADMIN)
+    if scope is PUBLIC or (name == "metrics" and parts.settings.metrics_public):
+        return
+    caller = await parts.access.caller(_credential(request), _address(request, parts))
+    request.state.caller = caller
+    note(caller=caller.name)
+    caller.check(scope, request.path_params.get("map_id"))
+    if (build_id := request.path_params.get("build_id")) is not None and not caller.sees_every_map:
+        status = await asyncio.to_thread(parts.catalog.build_status, build_id)
+        if not caller.sees(status["map_id"]):
+            raise NotFound(f"no build {build_id}")
+    if name in LIMITED:
+        parts.access.take(LIMITED[name], caller)
+
+
+async def caller_of(request: Request) -> Caller:
+    caller: Caller = request.state.caller
+    return caller
+
+
+CallerDep = Annotated[Caller, Depends(caller_of)]
+
+
+def _credential(request: Request) -> str | None:
+    """
+    Raises:
+        Unauthorized: the header is of another form. A credential in the URL is none: URLs end up in logs.
+    """
+    given = request.headers.getlist("authorization")
+    if not given:
+        return None
+    scheme, _, credential = given[0].partition(" ")
+    if len(given) > 1 or scheme.lower() != "bearer" or not credential.strip():
+        raise Unauthorized("a credential comes in one header Authorization, after the word Bearer")
+    return credential.strip()
+
+
+def _address(request: Request, parts: Parts) -> str:
+    peer = None if request.client is None else request.client.host
+    forwarded = request.headers.getlist("x-forwarded-for")
+    return client_address(peer, forwarded, parts.settings.trusted_proxies)

@@ -1,0 +1,92 @@
+"""The embedded build queue: one build at a time, each in a process of its own, at low priority.
+
+The queue is the store itself: a build is durable before its caller hears of it, and whatever has not
+ended when the service starts is run again. The process picks up what it had done, by its stage cache.
+Several services with this queue on one store share the builds: each build is one's at a time.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import suppress
+from pathlib import Path
+
+import structlog
+
+from firstfix.catalog import Catalog
+from firstfix.errors import FirstfixError
+
+from .build_process import BuildCommand
+from .build_runner import BuildRunner, Turn
+from .metrics import Metrics
+from .unfinished_builds import UnfinishedBuilds
+from .work_folder import WorkFolder
+
+_log = structlog.get_logger(__name__)
+
+
+class EmbeddedBuildQueue:
+    """Runs the builds on record: a ``BuildQueue``. One event loop's."""
+
+    def __init__(
+        self,
+        catalog: Catalog,
+        metrics: Metrics,
+        *,
+        command: BuildCommand,
+        work_dir: Path,
+        lease_s: float,
+        max_attempts: int,
+        poll_interval_s: float = 5.0,
+    ) -> None:
+        self._catalog = catalog
+        self._metrics = metrics
+        self._command = command
+        self._work_dir = work_dir
+        self._lease_s = lease_s
+        self._max_attempts = max_attempts
+        self._poll_interval_s = poll_interval_s
+        self._unfinished = UnfinishedBuilds(catalog, metrics)
+        self._wake = asyncio.Event()
+        self._runner: BuildRunner | None = None
+
+    @property
+    def running(self) -> str | None:
+        return None if self._runner is None else self._runner.running
+
+    async def submit(self, build_id: str) -> None:
+        self._wake.set()
+
+    async def run(self) -> None:
+        folder = await WorkFolder.wait_for(self._work_dir)
+        self._runner = runner = BuildRunner(
+            self._catalog,
+            self._metrics,
+            folder,
+            self._command,
+            lease_s=self._lease_s,
+            max_attempts=self._max_attempts,
+        )
+        try:
+            while True:
+                self._wake.clear()
+                pause = True
+                try:
+                    pause = not await self._run_one(runner)
+                except FirstfixError as error:
+                    _log.warning("the build queue cannot go on yet", code=error.code, error=str(error))
+                except Exception:  # one odd build must not end the queue
+                    _log.exception("the build queue stumbled")
+                if pause:
+                    with suppress(TimeoutError):
+                        await asyncio.wait_for(self._wake.wait(), self._poll_interval_s)
+        finally:
+            folder.release()
+
+    async def _run_one(self, runner: BuildRunner) -> bool:
+        """Runs the oldest build that nobody else runs. False when there is none, or it is to wait."""
+        for build_id in await asyncio.to_thread(self._unfinished.find):
+            turn = await runner.run(build_id)
+            if turn is not Turn.HELD:
+                return turn is not Turn.PUT_BACK
+        return False

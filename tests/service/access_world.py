@@ -1,0 +1,34 @@
+"""Callers with and without a key, over both transports."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import httpx
+import zenoh
+from service_world import SCAN_BODY, XYZ, Reply, Service
+
+from firstfix.api_keys import ApiKeys
+from firstfix.grant import Grant
+
+HEADERS = {"Content-Type": XYZ}
+
+
+def give(service: Service, *scopes: str, maps: tuple[str, ...] = ("*",), **more: Any) -> str:
+    return ApiKeys(service.catalog.store).create("test", Grant.parse(scopes, maps), **more)[1]
+
+
+def localize(service: Service, key: str | None, query: str = "?map=hall") -> httpx.Response:
+    headers = HEADERS if key is None else {**HEADERS, "Authorization": f"Bearer {key}"}
+    return service.http.post(f"/localize{query}", content=SCAN_BODY, headers=headers)
+
+
+def get(service: Service, path: str, key: str | None) -> httpx.Response:
+    return service.http.get(path, headers={} if key is None else {"Authorization": f"Bearer {key}"})
+
+
+def ask_zenoh(service: Service, key: str | None, map_id: str = "hall") -> Reply:
+    selector = zenoh.Selector(f"firstfix/{map_id}/localize", {})
+    (reply,) = service.session.get(selector, payload=SCAN_BODY, encoding=XYZ, attachment=key, timeout=20)
+    sample = reply.ok or reply.err
+    return Reply(reply.ok is not None, sample.payload.to_bytes(), str(sample.encoding))

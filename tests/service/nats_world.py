@@ -1,0 +1,148 @@
+"""Builds over a real NATS server: workers as processes, a store, and the service's side of the queue."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from service_world import free_port, wait_for
+
+from benchmarks.nats_server import NatsServer
+from firstfix.build_records import FINAL_STATES
+from firstfix.catalog import Catalog
+from firstfix.store import Store
+
+TINY_WORKER = (sys.executable, "-m", "benchmarks.tiny_worker")
+FAKE_WORKER = (sys.executable, str(Path(__file__).with_name("fake_worker.py")))
+LEASE_S = 2.0
+
+
+@dataclass
+class Worker:
+    """A ``firstfix worker`` process."""
+
+    process: subprocess.Popen[bytes]
+    work: Path
+    health_port: int
+
+    def kill(self) -> None:
+        """As a power cut does: itself, and what it runs with it by and by."""
+        self.process.kill()
+        self.process.wait()
+
+    def stop(self) -> int:
+        self.process.send_signal(signal.SIGTERM)
+        return self.process.wait(30)
+
+    def made(self) -> list[str]:
+        """Stages that were made here, in order."""
+        path = self.work / "slot-0" / "made.txt"
+        return path.read_text().split() if path.exists() else []
+
+
+@dataclass
+class NatsWorld:
+    folder: Path
+    server: NatsServer
+    catalog: Catalog
+    environment: dict[str, str] = field(default_factory=dict)
+    workers: list[Worker] = field(default_factory=list)
+    count: int = 0
+
+    @property
+    def store_url(self) -> str:
+        return f"file://{self.folder / 'store'}"
+
+    def record(self, map_id: str = "hall", **config: Any) -> str:
+        """A build on record, as POST /maps leaves it; nobody was told."""
+        self.count += 1
+        (self.folder / "upload").write_bytes(b"a cloud")
+        key = f"maps/{map_id}/sources/{self.catalog.put_source(map_id, self.folder / 'upload')}"
+        build_id = f"b{self.count:03d}"
+        self.catalog.put_build(
+            build_id,
+            {
+                "map_id": map_id,
+                "source": {"key": key},
+                "file_name": "a.ply",
+                "config": {"seed": build_id, **config},
+            },
+        )
+        return build_id
+
+    def start_worker(
+        self, name: str, *options: str, command: tuple[str, ...] = TINY_WORKER, **environment: str
+    ) -> Worker:
+        work, port = self.folder / name, free_port()
+        arguments = ["worker", "--work", str(work), "--health-port", str(port), *options]
+        with (self.folder / f"{name}.log").open("ab") as log:
+            process = subprocess.Popen(
+                [sys.executable, "-m", "firstfix_cli.main", *arguments],
+                env={
+                    **os.environ,
+                    "FIRSTFIX_STORE": self.store_url,
+                    "FIRSTFIX_BUILD_QUEUE": self.server.url,
+                    "FIRSTFIX_BUILD_COMMAND": json.dumps(command),
+                    "FIRSTFIX_BUILD_LEASE_S": str(LEASE_S),
+                    **self.environment,
+                    **environment,
+                },
+                stdout=log,
+                stderr=log,
+                start_new_session=True,
+            )
+        worker = Worker(process, work, port)
+        self.workers.append(worker)
+        return worker
+
+    def state(self, build_id: str) -> str:
+        return str(self.catalog.build_status(build_id)["state"])
+
+    def wait_until_in(self, build_id: str, stage: str) -> None:
+        def there() -> bool:
+            status = self.catalog.build_status(build_id)
+            return (status["state"], status["stage"]) == ("running", stage)
+
+        wait_for(there, 40)
+
+    def wait_until_ended(self, build_id: str, timeout_s: float = 40) -> dict[str, Any]:
+        wait_for(lambda: self.state(build_id) in FINAL_STATES, timeout_s)
+        return self.catalog.build_status(build_id)
+
+    def in_stream(self, stream: str = "FIRSTFIX_BUILDS") -> list[str]:
+        """Ids of the builds in a stream."""
+
+        async def ask() -> list[str]:
+            import nats
+
+            client = await nats.connect(self.server.url)
+            try:
+                jetstream = client.jetstream()
+                info = await jetstream.stream_info(stream, subjects_filter=">")
+                return sorted(subject.rsplit(".", 1)[-1] for subject in info.state.subjects or {})
+            finally:
+                await client.close()
+
+        return asyncio.run(ask())
+
+
+@contextmanager
+def nats_world(folder: Path, **options: Any) -> Iterator[NatsWorld]:
+    server = NatsServer(folder / "nats", **options)
+    server.start()
+    world = NatsWorld(folder, server, Catalog(Store.open(f"file://{folder / 'store'}")))
+    try:
+        yield world
+    finally:
+        for worker in world.workers:
+            worker.kill()
+        server.stop(signal.SIGKILL)

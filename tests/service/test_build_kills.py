@@ -1,0 +1,23 @@
+"""kill -9 at random moments, a few of them: ``python -m benchmarks.kill_builds`` does 50."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks.kill_builds import kill_builds
+from benchmarks.nats_server import nats_server_program
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("queue", ["embedded", "nats"])
+def test_kills_lose_no_build_and_leave_nothing_half_done(tmp_path: Path, queue: str):
+    if queue == "nats" and nats_server_program() is None:
+        pytest.skip("no nats-server on this machine")
+    figures = kill_builds(tmp_path, kills=6, queue=queue, seed=1)
+    assert sum(figures["kills"].values()) == 6
+    assert figures["builds_taken"] > 0
+    assert figures["versions_verified"] > 0
+    for name in ("not_succeeded", "broken", "published_twice", "orphans"):
+        assert not figures[name], name

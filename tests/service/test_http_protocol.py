@@ -1,0 +1,160 @@
+"""The service's socket as a stranger sees it: raw bytes, not a client that behaves."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from service_world import SCAN_BODY, XYZ, Service, publish, running_service, wait_for
+
+from firstfix_service import http_protocol
+
+HEAD = b"POST /localize?map=hall HTTP/1.1\r\nHost: x\r\nContent-Type: " + XYZ.encode() + b"\r\n"
+GET = b"GET /healthz HTTP/1.1\r\nHost: x\r\n"
+FLOOD_BYTES = 64 << 20
+
+
+@pytest.fixture
+def service(tmp_path: Path) -> Iterator[Service]:
+    with running_service(tmp_path, zenoh=False, body_timeout_s=1.0) as running:
+        publish(running.catalog, "hall", "1", running.scratch)
+        yield running
+
+
+def connect(service: Service) -> socket.socket:
+    port = int(service.url.rpartition(":")[2])
+    return socket.create_connection(("127.0.0.1", port), timeout=20)
+
+
+def all_of(connection: socket.socket) -> bytes:
+    """Until the service closes."""
+    found = b""
+    try:
+        while piece := connection.recv(1 << 16):
+            found += piece
+    except ConnectionError:  # closed while there was more of ours on the way
+        pass
+    return found
+
+
+def exchange(service: Service, *pieces: bytes) -> bytes:
+    with connect(service) as connection:
+        for piece in pieces:
+            connection.sendall(piece)
+        connection.shutdown(socket.SHUT_WR)
+        return all_of(connection)
+
+
+def flood(service: Service, start: bytes, piece: bytes) -> tuple[int, bytes]:
+    """Bytes that were taken of a flood, and what came back."""
+    sent = 0
+    with connect(service) as connection:
+        try:
+            connection.sendall(start)
+            while sent < FLOOD_BYTES:
+                connection.sendall(piece)
+                sent += len(piece)
+        except ConnectionError:
+            pass
+        return sent, all_of(connection)
+
+
+FLOODS = {
+    "many headers": (GET, b"X-A: b\r\n" * 8192),
+    "one long header": (GET + b"X-A: ", b"b" * 65536),
+    "one long name": (GET, b"b" * 65536),
+    "a long path": (b"GET /", b"b" * 65536),
+    "a long method": (b"", b"G" * 65536),
+    "empty lines": (b"", b"\r\n" * 32768),
+    "trailers": (HEAD + b"Transfer-Encoding: chunked\r\n\r\n1\r\nx\r\n0\r\n", b"X-A: b\r\n" * 8192),
+    "one long trailer": (HEAD + b"Transfer-Encoding: chunked\r\n\r\n0\r\nX-A: ", b"b" * 65536),
+    "a chunk extension": (HEAD + b"Transfer-Encoding: chunked\r\n\r\n1;a=", b"b" * 65536),
+    "a chunk size": (HEAD + b"Transfer-Encoding: chunked\r\n\r\n", b"0" * 65536),
+}
+
+
+@pytest.mark.parametrize("kind", FLOODS)
+def test_a_flood_that_is_no_body_is_cut_off(service: Service, kind: str):
+    sent, answer = flood(service, *FLOODS[kind])
+    assert sent < FLOOD_BYTES, "the rest was not taken"
+    assert b" 200 " not in answer.split(b"\r\n")[0]
+    assert service.http.get("/healthz").is_success
+
+
+def test_a_head_of_fair_size_is_taken(service: Service):
+    padding = b"X-A: " + b"b" * 30_000 + b"\r\n"
+    assert exchange(service, GET + padding + b"Connection: close\r\n\r\n").startswith(b"HTTP/1.1 200")
+
+
+AMBIGUOUS = {
+    "two lengths": HEAD + b"Content-Length: 12\r\nContent-Length: 13\r\n\r\n" + bytes(13),
+    "two equal lengths": HEAD + b"Content-Length: 12\r\nContent-Length: 12\r\n\r\n" + bytes(12),
+    "length and chunks": HEAD + b"Content-Length: 5\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n",
+    "a length that is none": HEAD + b"Content-Length: 0x10\r\n\r\n" + bytes(16),
+    "a negative length": HEAD + b"Content-Length: -1\r\n\r\n",
+    "a length beyond numbers": HEAD + b"Content-Length: " + b"9" * 40 + b"\r\n\r\n",
+    "a chunk size that is none": HEAD + b"Transfer-Encoding: chunked\r\n\r\nzz\r\n",
+    "a chunk beyond numbers": HEAD + b"Transfer-Encoding: chunked\r\n\r\n" + b"f" * 20 + b"\r\n",
+    "a space in a header's name": GET + b"X A: b\r\n\r\n",
+    "a null in a header": GET + b"X-A: b\x00c\r\n\r\n",
+    "not HTTP": b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" + bytes(500),
+    "a path beyond ASCII": b"GET /\xff\xfe HTTP/1.1\r\nHost: x\r\n\r\n",
+}
+
+
+@pytest.mark.parametrize("kind", AMBIGUOUS)
+def test_what_two_readers_could_read_differently_is_refused(service: Service, kind: str):
+    answer = exchange(service, AMBIGUOUS[kind])
+    assert answer.startswith(b"HTTP/1.1 4") or answer == b""
+    assert b"HTTP/1.1 200" not in answer
+    assert service.http.get("/healthz").is_success
+
+
+def test_headers_that_never_end_are_given_up(service: Service, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(http_protocol, "HEAD_TIMEOUT_S", 0.3)
+    with connect(service) as silent, connect(service) as slow:
+        slow.sendall(GET)
+        assert all_of(silent) == b""
+        assert all_of(slow) == b""
+
+
+def test_the_next_request_has_its_own_time(service: Service, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(http_protocol, "HEAD_TIMEOUT_S", 0.3)
+    with connect(service) as connection:
+        connection.sendall(GET + b"\r\n")
+        assert connection.recv(1 << 16).startswith(b"HTTP/1.1 200")
+        connection.sendall(GET)
+        assert all_of(connection) == b""
+
+
+def test_a_body_that_drips_is_given_up(service: Service):
+    with connect(service) as connection:
+        connection.sendall(HEAD + b"Content-Length: 1200\r\n\r\n" + SCAN_BODY[:12])
+        answer = connection.recv(1 << 16)
+    assert answer.startswith(b"HTTP/1.1 504")
+
+
+def test_a_caller_that_leaves_is_forgotten(service: Service):
+    for _ in range(20):
+        with connect(service) as connection:
+            connection.sendall(HEAD + b"Content-Length: 1200\r\n\r\n" + SCAN_BODY[:600])
+    wait_for(lambda: "firstfix_body_bytes 0.0" in service.http.get("/metrics").text)
+
+
+def test_many_requests_down_one_line_are_answered_in_order(service: Service):
+    one = GET + b"X-Request-Id: n%d\r\n\r\n"
+    with connect(service) as connection:
+        connection.sendall(b"".join(one % n for n in range(50)) + GET + b"Connection: close\r\n\r\n")
+        answer = all_of(connection)
+    ids = [line for line in answer.split(b"\r\n") if line.startswith(b"x-request-id: n")]
+    assert ids == [b"x-request-id: n%d" % n for n in range(50)]
+
+
+@pytest.mark.parametrize("upgrade", [b"websocket", b"h2c", b"nonsense"])
+def test_there_is_nothing_to_upgrade_to(service: Service, upgrade: bytes):
+    key = b"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+    head = b"GET /maps HTTP/1.1\r\nHost: x\r\nConnection: Upgrade\r\nUpgrade: " + upgrade + b"\r\n" + key
+    assert b"HTTP/1.1 101" not in exchange(service, head + b"\r\n")
+    assert service.http.get("/healthz").is_success
