@@ -38,7 +38,7 @@ from .forms import DESCRIPTOR, FORMS, QUICK, Form
 
 WORK = Path(__file__).parents[2] / "build" / "bench" / "encodings"
 SEED = 6
-YAWS = (1, 2, 3)  # seeds: every real scan is asked at so many headings
+YAWS = tuple(range(1, 9))  # seeds: every real scan is asked at so many headings
 WORLD, WORLD_CASES, WORLD_QUERIES = "office", ("all at once", "mid-360 asks, all at once"), 100
 PLACE_M, PLACE_DEG = 2.0, 20.0  # a candidate so near is the right place
 Query = tuple[Scan, Matrix | None]
