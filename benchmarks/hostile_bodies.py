@@ -13,7 +13,10 @@ import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
-from firstfix import wire, wire_sequence
+from firstfix import wire, wire_query, wire_sequence
+from firstfix.condense import condense
+from firstfix.descriptor import LayeredOccupancy, PolarGrid
+from firstfix.query_parameters import QueryParameters
 from firstfix.scan import Scan
 
 _NUMBERS = [
@@ -56,11 +59,13 @@ def good_bodies(points: int = 60, seed: int = 0) -> list[Body]:
     xyzi = np.hstack([xyz, levels])
     scan = Scan(xyz, levels[:, 0])
     sequence = wire_sequence.encode_scans([scan] * 3, [np.eye(4)] * 3)
+    compact = condense(scan, QueryParameters(descriptor=LayeredOccupancy(PolarGrid())))
     raw = "application/vnd.firstfix.xyz"
     ok = frozenset({200})
     return [
         Body("scan", wire.encode_scan(scan), wire.MEDIA_TYPE, statuses=ok),
         Body("scans", sequence, wire_sequence.MEDIA_TYPE, statuses=ok),
+        Body("query", wire_query.encode_query(compact), wire_query.MEDIA_TYPE, statuses=ok),
         Body("xyz", xyz.tobytes(), raw, statuses=ok),
         Body("xyzi", xyzi.tobytes(), "application/vnd.firstfix.xyzi", statuses=ok),
         Body("pcd ascii", _pcd(xyz, "ascii"), "application/x-pcd", statuses=ok),

@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 
 from . import real
+from .encodings import suite as encodings
 from .paper import suite as paper
 from .peers import suite as peers
 from .retrieval import suite as retrieval
@@ -14,6 +15,7 @@ from .robust import suite as robust
 from .service import suite as service
 
 SUITES = {
+    "encodings": encodings.run,
     "paper": paper.run,
     "peers": peers.run,
     "real": real.run,

@@ -77,7 +77,8 @@ class _Outcome:
 
     @property
     def evidence(self) -> Evidence | None:
-        return evidence([h.fit for h in self.answer.hypotheses]) if self.answer.hypotheses else None
+        fits = [h.fit for h in self.answer.hypotheses if h.fit is not None]
+        return evidence(fits) if fits else None
 
     def accepted_by(self, calibration: Calibration) -> bool:
         """Whether the calibrated localizer would call this localized."""
@@ -95,7 +96,9 @@ class _Outcome:
             return None
         here = self.answer.hypotheses[0].T_map_sensor
         elsewhere = [
-            h.fit for h in self.answer.hypotheses[1:] if pose_error(here, h.T_map_sensor)[0] > ABSENT_BEYOND_M
+            h.fit
+            for h in self.answer.hypotheses[1:]
+            if h.fit is not None and pose_error(here, h.T_map_sensor)[0] > ABSENT_BEYOND_M
         ]
         return evidence(elsewhere) if len(elsewhere) > 1 else None  # of one alone the margin is not known
 

@@ -6,7 +6,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from firstfix.any_scan import AnyScan
 from firstfix.errors import InvalidOption, NotFound
 from firstfix.localization import Localization
 from firstfix.options import LocalizeOptions
@@ -14,14 +16,26 @@ from firstfix.scan import Scan
 
 from .arguments import cache_directory, client_of
 
+if TYPE_CHECKING:
+    from firstfix_client.scan_body import Encoding
+
 Answerer = Callable[[Scan, LocalizeOptions], Localization]
 
 
 @contextmanager
 def answerer(
-    map_id: str, *, url: str | None, zenoh: str | None, store: str | None, timeout_s: float
+    map_id: str,
+    *,
+    url: str | None,
+    zenoh: str | None,
+    store: str | None,
+    timeout_s: float,
+    encoding: Encoding = "scan",
 ) -> Iterator[Answerer]:
     """A function from scan and options to the answer, by whichever of the three is given.
+
+    Args:
+        encoding: how scans are sent; in this process too they become those bytes, and come back.
 
     Raises:
         InvalidOption: more than one is given.
@@ -30,15 +44,19 @@ def answerer(
     if sum(way is not None for way in (url, zenoh, store)) > 1:
         raise InvalidOption("give one of --url, --zenoh and --store")
     if store is not None:
-        yield _in_process(map_id, store)
+        yield _in_process(map_id, store, encoding)
     elif zenoh is not None:
         from firstfix_client import ZenohClient
 
         with ZenohClient(zenoh, timeout_s=timeout_s) as zenoh_client:
-            yield lambda scan, options: zenoh_client.localize(scan, map_id=map_id, options=options)
+            yield lambda scan, options: zenoh_client.localize(
+                scan, map_id=map_id, options=options, encoding=encoding
+            )
     else:
         with client_of(url, timeout_s) as client:
-            yield lambda scan, options: client.localize(scan, map_id=map_id, options=options)
+            yield lambda scan, options: client.localize(
+                scan, map_id=map_id, options=options, encoding=encoding
+            )
 
 
 def fetch_active_version(store: str, map_id: str, version: str | None = None) -> tuple[str, Path]:
@@ -57,9 +75,12 @@ def fetch_active_version(store: str, map_id: str, version: str | None = None) ->
     return chosen, catalog.fetch_version(map_id, chosen, cache_directory("versions"))
 
 
-def _in_process(map_id: str, store: str) -> Answerer:
+def _in_process(map_id: str, store: str, encoding: Encoding) -> Answerer:
+    from firstfix.decode import decode_query
     from firstfix.localizer import Localizer
     from firstfix.map_index import MapIndex
+    from firstfix.query_parameters import QueryParameters
+    from firstfix_client.scan_body import BodyForm, encoded
 
     loaded: dict[str | None, tuple[str, Localizer]] = {}
 
@@ -68,6 +89,13 @@ def _in_process(map_id: str, store: str) -> Answerer:
             version, directory = fetch_active_version(store, map_id, options.version)
             loaded[options.version] = version, Localizer(MapIndex.load(directory))
         version, localizer = loaded[options.version]
-        return replace(localizer.localize(scan, options), map_id=map_id, map_version=version)
+        query: AnyScan = scan
+        if encoding != "scan":
+            described = encoding == "descriptor"
+            engine = localizer.index.config.model_dump()
+            form = BodyForm(encoding, QueryParameters.from_engine(engine) if described else None)
+            media_type, body = encoded(scan, form, options.gravity)
+            query = decode_query(body, media_type)
+        return replace(localizer.localize(query, options), map_id=map_id, map_version=version)
 
     return answer

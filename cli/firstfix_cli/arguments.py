@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -23,6 +23,14 @@ Store = Annotated[
 ]
 MapId = Annotated[str, typer.Option("--map", help="Id of the map.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
+SentAs = Annotated[
+    Literal["scan", "compact", "descriptor"],
+    typer.Option(
+        "--encoding",
+        help="What is sent: the scan; a compact query, under 10 KB; or its descriptor, under 1.5 KB, "
+        "which gives candidates only.",
+    ),
+]
 TimeoutS = Annotated[float, typer.Option("--timeout", help="Seconds that one answer may take.", min=0.1)]
 
 

@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .cascade import Matches
 from .descriptor import Described
 from .map_index import MapIndex
 from .options import LocalizeOptions
-from .preprocess import PreparedQuery, PreparedScan
 from .prior import Prior
 from .transform import Matrix, inverse, make_transform, rotation_z, transform_points
 
@@ -21,6 +22,17 @@ A_SPOT = 3  # templates beside each other lead to one place: more of them would 
 SPOT_M, SPOT_DEG = 2.0, 20.0
 _SPOT_COS = math.cos(math.radians(SPOT_DEG))
 YAW_SLACK_DEG = 10.0  # a candidate's heading is as coarse as the descriptor's sectors
+
+
+class Levelled(Protocol):
+    """What the search needs of a scan beside its descriptor; see ``PreparedScan``."""
+
+    @property
+    def T_last_scan(self) -> Matrix: ...
+    @property
+    def R_level_sensor(self) -> NDArray[np.float64]: ...
+    @property
+    def height_m(self) -> float: ...
 
 
 @dataclass(frozen=True)
@@ -40,7 +52,7 @@ class Candidate:
 def search(
     index: MapIndex,
     described: Sequence[Described],
-    prepared: PreparedQuery,
+    scans: Sequence[Levelled],
     options: LocalizeOptions,
     effort: int = 1,
 ) -> list[Candidate]:
@@ -54,14 +66,14 @@ def search(
     each = max(LEAST_A_SCAN, 2 * count // len(described)) if len(described) > 1 else count
     found = [
         candidate
-        for scan, one in zip(prepared.scans, described, strict=True)
+        for scan, one in zip(scans, described, strict=True)
         for candidate in _of_scan(index, one, scan, options.prior, each, effort)
     ]
     return sorted(found, key=lambda candidate: -candidate.score)
 
 
 def _of_scan(
-    index: MapIndex, described: Described, scan: PreparedScan, prior: Prior | None, count: int, effort: int
+    index: MapIndex, described: Described, scan: Levelled, prior: Prior | None, count: int, effort: int
 ) -> Iterator[Candidate]:
     templates, T_scan_last = index.cascade.templates, inverse(scan.T_last_scan)
     matches = _matches(index, described, scan, prior, effort)
@@ -91,7 +103,7 @@ def _leads_to_one_place(one: tuple[float, ...], other: tuple[float, ...]) -> boo
 
 
 def _matches(
-    index: MapIndex, described: Described, scan: PreparedScan, prior: Prior | None, effort: int
+    index: MapIndex, described: Described, scan: Levelled, prior: Prior | None, effort: int
 ) -> Matches:
     clusters = effort * index.config.search.clusters
     if prior is None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .any_scan import AnyScan
 from .content_encoding import undo_content_encoding
 from .errors import InputError, MalformedData, NotFound, TooLarge, UnsupportedFormat
 from .formats.npy import read_npy
@@ -36,6 +37,12 @@ def _decode_sequence(body: bytes) -> ScanSequence:
     return wire_sequence.decode_scans(body)
 
 
+def _decode_compact(body: bytes) -> AnyScan:
+    from . import wire_query
+
+    return wire_query.decode_query(body)
+
+
 def _by(decode: Callable[[bytes, Limits], PointCloud]) -> Callable[[bytes], Scan]:
     return lambda body: _scan_of(decode(body, SCAN_LIMITS))
 
@@ -54,8 +61,9 @@ _SCAN_TYPES: dict[str, Callable[[bytes], Scan]] = {
     "application/ply": _by(decode_ply),
     "model/ply": _by(decode_ply),
 }
-MEDIA_TYPES: dict[str, Callable[[bytes], Scan | ScanSequence]] = {
+MEDIA_TYPES: dict[str, Callable[[bytes], AnyScan]] = {
     **_SCAN_TYPES,
+    "application/vnd.firstfix.query": _decode_compact,
     "application/vnd.firstfix.scans": _decode_sequence,
 }
 # The file endings whose bytes can be sent as they are.
@@ -67,8 +75,8 @@ SUFFIXES: dict[str, str] = {
 }
 
 
-def decode_query(body: bytes, media_type: str) -> Scan | ScanSequence:
-    """A request body to a scan or several. Safe with bytes from strangers.
+def decode_query(body: bytes, media_type: str) -> AnyScan:
+    """A request body to what it asks about. Safe with bytes from strangers.
 
     Args:
         media_type: of MEDIA_TYPES, in any case; parameters behind a semicolon are ignored.

@@ -9,7 +9,8 @@
     |  |- TooLarge                over a byte, point or expansion limit
     |  |- ChecksumMismatch        the bytes are not those that their sender hashed
     |  |- NotAcceptable           the answer has no form that the caller takes
-    |  `- PreconditionFailed      the caller speaks another version of a protocol
+    |  |- PreconditionFailed      the caller speaks another version of a protocol
+    |  `- DescriptorMismatch      the query was described otherwise than the map
     |- NotFound                   no such map, version or build
     |- Conflict                   it exists already, or its state forbids this
     |- ReadOnly                   this service or store was told to change nothing
@@ -78,6 +79,10 @@ class NotAcceptable(InputError):
 
 class PreconditionFailed(InputError):
     code = "precondition_failed"
+
+
+class DescriptorMismatch(InputError):
+    code = "descriptor_mismatch"
 
 
 class NotFound(FirstfixError):

@@ -29,22 +29,23 @@ class Reason(str, Enum):
     FREE_SPACE_VIOLATION = "free_space_violation"
     LOW_PROBABILITY = "low_probability"
     SEVERAL_PLACES = "several_places"
+    NOT_REGISTERED = "not_registered"  # the query had no points: these are candidates
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One place that the registration settled on.
+    """One place that the registration settled on, or of a query without points, where it may be.
 
     Attributes:
         T_map_sensor: (4, 4).
-        fit: how the scan lies on the map there.
+        fit: how the scan lies on the map there; None: it had no points to lay.
         probability: 0..1, calibrated: of being right.
         template: row of the template it started from.
         map_id: whose frame T_map_sensor is in, where several maps were asked.
     """
 
     T_map_sensor: NDArray[np.float64]
-    fit: Fit
+    fit: Fit | None
     probability: float
     template: int
     map_id: str = ""
@@ -90,9 +91,9 @@ class Localization:
             "hypotheses": [
                 {
                     "T_map_sensor": _pose_to_mapping(h.T_map_sensor),
-                    "overlap": h.fit.overlap,
-                    "closeness": h.fit.closeness,
-                    "seen_through": h.fit.seen_through,
+                    "overlap": None if h.fit is None else h.fit.overlap,
+                    "closeness": None if h.fit is None else h.fit.closeness,
+                    "seen_through": None if h.fit is None else h.fit.seen_through,
                     "probability": h.probability,
                     "template": h.template,
                     "map_id": h.map_id,
@@ -118,7 +119,7 @@ class Localization:
             hypotheses=tuple(
                 Hypothesis(
                     transform.from_quaternion(h["T_map_sensor"]["position"], h["T_map_sensor"]["quaternion"]),
-                    Fit(float(h["overlap"]), float(h["closeness"]), float(h["seen_through"])),
+                    _fit_from_mapping(h),
                     float(h["probability"]),
                     int(h["template"]),
                     str(h.get("map_id", "")),
@@ -142,3 +143,9 @@ def _pose_to_mapping(T: NDArray[np.float64] | None) -> dict[str, list[float]] | 
 
 def _pose_from_mapping(data: Mapping[str, Any] | None) -> NDArray[np.float64] | None:
     return None if data is None else transform.from_quaternion(data["position"], data["quaternion"])
+
+
+def _fit_from_mapping(data: Mapping[str, Any]) -> Fit | None:
+    if data["overlap"] is None:
+        return None
+    return Fit(float(data["overlap"]), float(data["closeness"]), float(data["seen_through"]))

@@ -6,7 +6,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Protocol
 
+from .any_scan import AnyScan
 from .candidates import search
+from .compact_scan import CompactScan, ScanDescriptor
 from .covariance import pose_covariance
 from .errors import InvalidOption
 from .evidence import evidence
@@ -19,6 +21,7 @@ from .scan import Scan
 from .scan_sequence import ScanSequence
 from .stopwatch import Stopwatch
 from .transform import inverse
+from .unregistered import Proposal, answer_unregistered, propose
 from .verdict import Claim, judge
 
 
@@ -29,6 +32,10 @@ class FindsPlaces(Protocol):
         self, sequence: ScanSequence, options: LocalizeOptions, watch: Stopwatch, map_id: str = ""
     ) -> list[Claim] | None: ...
 
+    def proposals(
+        self, scan: ScanDescriptor, options: LocalizeOptions, watch: Stopwatch, map_id: str = ""
+    ) -> list[Proposal]: ...
+
 
 class Localizer:
     """Answers queries against one version. Thread-safe."""
@@ -36,7 +43,7 @@ class Localizer:
     def __init__(self, index: MapIndex) -> None:
         self.index = index
 
-    def localize(self, scan: Scan | ScanSequence, options: LocalizeOptions | None = None) -> Localization:
+    def localize(self, scan: AnyScan, options: LocalizeOptions | None = None) -> Localization:
         """The pose in the map where a scan, or the last of several, was taken; or why there is none."""
         return localize_among({"": self}, scan, options)
 
@@ -50,16 +57,23 @@ class Localizer:
         if prepared is None:
             return None
         with watch.stage("describe"):
-            described = [index.cascade.descriptor.describe(one.batch) for one in prepared.scans]
+            described = [one.described_by(index.cascade.descriptor) for one in prepared.scans]
         places: list[Place] = []
         for effort in _efforts(index, options):
             with watch.stage("search"):
-                candidates = search(index, described, prepared, options, effort)
+                candidates = search(index, described, prepared.scans, options, effort)
             with watch.stage("register"):
                 places = find_places(index, prepared, candidates, options.prior)
             if places and index.calibration.accepts(evidence([place.fit for place in places])):
                 break
         return [Claim(place, index, map_id) for place in places]
+
+    def proposals(
+        self, scan: ScanDescriptor, options: LocalizeOptions, watch: Stopwatch, map_id: str = ""
+    ) -> list[Proposal]:
+        """Where a scan may have been taken of which there is but the descriptor."""
+        with watch.stage("search"):
+            return propose(self.index, scan, options, map_id)
 
 
 def _efforts(index: MapIndex, options: LocalizeOptions) -> Iterable[int]:
@@ -69,7 +83,7 @@ def _efforts(index: MapIndex, options: LocalizeOptions) -> Iterable[int]:
 
 
 def localize_among(
-    maps: Mapping[str, FindsPlaces], scan: Scan | ScanSequence, options: LocalizeOptions | None = None
+    maps: Mapping[str, FindsPlaces], scan: AnyScan, options: LocalizeOptions | None = None
 ) -> Localization:
     """As ``Localizer.localize``, with the places of several maps competing on equal terms.
 
@@ -78,11 +92,15 @@ def localize_among(
 
     Raises:
         InvalidOption: a prior or a version with several maps: they are one map's.
+        DescriptorMismatch: a descriptor alone that is not that of every map.
     """
-    sequence = ScanSequence.single(scan) if isinstance(scan, Scan) else scan
     options, watch = options or LocalizeOptions(), Stopwatch()
     if len(maps) > 1 and (options.prior is not None or options.version is not None):
         raise InvalidOption("a prior and a version belong to one map: name it")
+    if isinstance(scan, ScanDescriptor):
+        each = [localizer.proposals(scan, options, watch, map_id) for map_id, localizer in maps.items()]
+        return replace(answer_unregistered([one for of_map in each for one in of_map]), timings_ms=watch.ms)
+    sequence = ScanSequence.single(scan) if isinstance(scan, (Scan, CompactScan)) else scan
     found = [localizer.claims(sequence, options, watch, map_id) for map_id, localizer in maps.items()]
     if all(claims is None for claims in found):
         return Localization(Verdict.REJECTED, (Reason.TOO_FEW_POINTS,), timings_ms=watch.ms)

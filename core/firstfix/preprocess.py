@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from small_gicp import voxelgrid_sampling
 
-from .descriptor import ScanBatch
+from .compact_scan import CompactScan, ScanDescriptor
+from .descriptor import Described, Descriptor, ScanBatch
 from .engine_config import PreprocessConfig
-from .levelling import estimate_up, floor_height
-from .map_view import ScanView
+from .levelling import Level, estimate_up, floor_height
 from .scan import Scan
 from .scan_sequence import ScanSequence
+from .scan_view import ScanView, directions
 from .surface import Surface
 from .transform import Matrix, rotation_between
+
+_Float = TypeVar("_Float", bound=np.floating)
 
 _SPARSE_POINTS = 400
 _DENSE_POINTS = 6000
@@ -31,6 +35,7 @@ class PreparedScan:
         T_last_scan: (4, 4) its pose in the frame of the query's last scan.
         R_level_sensor: (3, 3).
         batch: all points within range, levelled: for the descriptor.
+        described: by the robot already, if so; then ``batch`` may be coarser than what it described.
         view: what the sensor saw: for free space.
         thinned: points in the sensor frame, one a voxel.
     """
@@ -38,6 +43,7 @@ class PreparedScan:
     T_last_scan: Matrix
     R_level_sensor: NDArray[np.float64]
     batch: ScanBatch
+    described: ScanDescriptor | None
     view: ScanView
     thinned: Surface
 
@@ -45,6 +51,12 @@ class PreparedScan:
     def height_m(self) -> float:
         """Of the sensor above the floor."""
         return float(self.batch.height_m[0])
+
+    def described_by(self, descriptor: Descriptor) -> Described:
+        """As the robot did it where that is the same descriptor: it had all the points."""
+        if self.described is not None and self.described.agrees_with(descriptor):
+            return self.described.rows
+        return descriptor.describe(self.batch)
 
 
 @dataclass(frozen=True)
@@ -68,7 +80,7 @@ def preprocess(
 
     Args:
         gravity: (3,) direction of gravity in the last scan's sensor frame; None: estimated from the
-            surfaces, for every scan.
+            surfaces, for every scan. A scan that the robot has levelled stays as it is.
     """
     scans = []
     for scan, T_last_scan in zip(sequence.scans, sequence.T_last_scan, strict=True):
@@ -82,31 +94,67 @@ def preprocess(
     return PreparedQuery(tuple(scans), together.at_most(_DENSE_POINTS), together.at_most(_SPARSE_POINTS))
 
 
+@dataclass(frozen=True)
+class _Returns:
+    """A scan within range, whichever way it came, sensor frame.
+
+    Attributes:
+        seen: (p, 3) float32 as many points as there are: for the descriptor.
+        voxels: (v, 3) float64, some thousand, evenly.
+    """
+
+    seen: NDArray[np.float32]
+    voxels: NDArray[np.float64]
+    view: ScanView
+
+    @classmethod
+    def of(cls, scan: Scan | CompactScan, config: PreprocessConfig) -> _Returns:
+        points = scan.points[_within_range(scan.points, config)]
+        if isinstance(scan, CompactScan):
+            return cls._of_compact(points, scan.nearest_m, config)
+        some = _at_most(points, _VOXELLED).astype(np.float64)
+        voxels = voxelgrid_sampling(some, config.voxel_m).points()[:, :3]
+        return cls(points, _at_most(voxels, _DENSE_POINTS), ScanView.of(_at_most(points, _RETURNS)))
+
+    @classmethod
+    def _of_compact(
+        cls, points: NDArray[np.float32], nearest_m: NDArray[np.float32], config: PreprocessConfig
+    ) -> _Returns:
+        near = (nearest_m > config.min_range_m) & (nearest_m < config.max_range_m)
+        nearest_m = np.where(near, nearest_m, np.float32(np.inf))
+        # what lies nearest in every direction fills the descriptor's cells that the voxels leave empty
+        seen = np.concatenate([points, directions()[near] * nearest_m[near, None]])
+        voxels = _at_most(points, _DENSE_POINTS).astype(np.float64)
+        return cls(seen, voxels, ScanView.of_nearest(nearest_m))
+
+
 def _prepare(
-    scan: Scan, T_last_scan: Matrix, gravity: NDArray[np.float64] | None, config: PreprocessConfig
+    scan: Scan | CompactScan, T_last_scan: Matrix, down: NDArray[np.float64] | None, config: PreprocessConfig
 ) -> PreparedScan | None:
-    range2 = np.einsum("ij,ij->i", scan.points, scan.points)
-    near, far = config.min_range_m**2, config.max_range_m**2
-    points = scan.points[(range2 > near) & (range2 < far)]
-    if len(points) < config.min_points:
+    returns = _Returns.of(scan, config)
+    if len(returns.voxels) < config.min_points:
         return None
-    some = points[:: -(-len(points) // _VOXELLED)].astype(np.float64)
-    voxels = voxelgrid_sampling(some, config.voxel_m).points()[:, :3]
-    if len(voxels) < config.min_points:
-        return None
-    voxels = voxels[:: -(-len(voxels) // _DENSE_POINTS)]
-    thinned = Surface.around(voxels, -voxels)
-    normals = thinned.normals
-    up = estimate_up(normals) if gravity is None else -gravity
-    R_level_sensor = rotation_between(up, [0.0, 0.0, 1.0])
-    levelled = thinned.points @ R_level_sensor.T
-    height = floor_height(levelled, normals @ R_level_sensor.T)
-    if height is None:
-        height = config.default_height_m
-    return PreparedScan(
-        T_last_scan,
-        R_level_sensor,
-        ScanBatch.single(points @ R_level_sensor.T.astype(np.float32), height),
-        ScanView.of(points[:: -(-len(points) // _RETURNS)]),
-        thinned,
-    )
+    thinned = Surface.around(returns.voxels, -returns.voxels)
+    described = scan.described if isinstance(scan, CompactScan) else None
+    level = _level_of(thinned, down) if described is None else Level(described.up, described.height_m)
+    R_level_sensor = rotation_between(level.up, [0.0, 0.0, 1.0])
+    height_m = config.default_height_m if level.height_m is None else level.height_m
+    levelled = returns.seen @ R_level_sensor.T.astype(np.float32)
+    batch = ScanBatch.single(levelled, height_m)
+    return PreparedScan(T_last_scan, R_level_sensor, batch, described, returns.view, thinned)
+
+
+def _level_of(surface: Surface, down: NDArray[np.float64] | None) -> Level:
+    up = estimate_up(surface.normals) if down is None else -down
+    R = rotation_between(up, [0.0, 0.0, 1.0])
+    return Level(up, floor_height(surface.points @ R.T, surface.normals @ R.T))
+
+
+def _within_range(points: NDArray[np.float32], config: PreprocessConfig) -> NDArray[np.bool_]:
+    range2 = np.einsum("ij,ij->i", points, points)
+    return (range2 > config.min_range_m**2) & (range2 < config.max_range_m**2)
+
+
+def _at_most(points: NDArray[_Float], count: int) -> NDArray[_Float]:
+    """An even part."""
+    return points[:: max(1, -(-len(points) // count))]

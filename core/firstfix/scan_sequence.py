@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .compact_scan import CompactScan
 from .errors import InvalidScan, TooLarge
 from .scan import MAX_POINTS, Scan
 from .transform import Matrix, inverse
@@ -25,15 +26,17 @@ class ScanSequence:
         T_last_scan: (4, 4) for each: its sensor's pose in the last one's frame, by odometry.
     """
 
-    scans: tuple[Scan, ...]
+    scans: tuple[Scan | CompactScan, ...]
     T_last_scan: tuple[Matrix, ...]
 
     @classmethod
-    def single(cls, scan: Scan) -> ScanSequence:
+    def single(cls, scan: Scan | CompactScan) -> ScanSequence:
         return cls((scan,), (np.eye(4),))
 
     @classmethod
-    def along(cls, scans: Sequence[Scan], T_odom_sensor: Sequence[NDArray[np.floating]]) -> ScanSequence:
+    def along(
+        cls, scans: Sequence[Scan | CompactScan], T_odom_sensor: Sequence[NDArray[np.floating]]
+    ) -> ScanSequence:
         """From the sensor's poses in any one frame that does not move: the odometry's, say.
 
         Raises:

@@ -12,7 +12,8 @@ then n times, in the order in which the scans were taken::
 
          0  7 f64  T_odom_sensor: position x, y, z in metres, quaternion x, y, z, w
         56  u32    length of the scan
-        60  bytes  the scan, as application/vnd.firstfix.scan
+        60  bytes  the scan, as application/vnd.firstfix.scan, or as application/vnd.firstfix.query
+                   with points: its magic tells
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from . import transform, wire
+from . import transform, wire, wire_query
+from .compact_scan import CompactScan
 from .errors import InvalidScan, MalformedData, TooLarge, UnsupportedFormat
 from .scan import MAX_POINTS, Scan
 from .scan_sequence import MAX_SCANS, ScanSequence
@@ -37,7 +39,7 @@ _ENTRY = struct.Struct("<7dI")
 
 
 def encode_scans(
-    scans: Sequence[Scan],
+    scans: Sequence[Scan | CompactScan],
     T_odom_sensor: Sequence[NDArray[np.floating]],
     *,
     resolution_m: float = 0.01,
@@ -46,14 +48,17 @@ def encode_scans(
     """The bytes of scans in the order in which they were taken, with their sensor's poses by odometry.
 
     Raises:
-        InvalidScan, TooLarge: as ``ScanSequence.along`` and ``wire.encode_scan``.
-        InvalidOption: as ``wire.encode_scan``.
+        InvalidScan, TooLarge: as ``ScanSequence.along`` and the encoders of one scan.
+        InvalidOption: as ``wire.encode_scan``, of the scans that are not compact.
     """
     poses = [np.asarray(T, np.float64) for T in T_odom_sensor]
     ScanSequence.along(scans, poses)
     parts = [_HEADER.pack(MAGIC, VERSION, len(scans), 0)]
     for scan, T in zip(scans, poses, strict=True):
-        body = wire.encode_scan(scan, resolution_m=resolution_m, voxel_m=voxel_m)
+        if isinstance(scan, CompactScan):
+            body = wire_query.encode_query(scan)
+        else:
+            body = wire.encode_scan(scan, resolution_m=resolution_m, voxel_m=voxel_m)
         parts += [_ENTRY.pack(*T[:3, 3], *transform.quaternion_of(T), len(body)), body]
     return b"".join(parts)
 
@@ -84,7 +89,7 @@ def decode_scans(body: bytes) -> ScanSequence:
         at += _ENTRY.size
         if len(body) - at < length:
             raise MalformedData(f"scan {number} has {len(body) - at} bytes, its header says {length}")
-        scan = wire.decode_scan(body[at : at + length])
+        scan = _decode_one(body[at : at + length], number)
         points += len(scan)
         if points > MAX_POINTS:
             raise TooLarge(f"the scans have over {MAX_POINTS} points together")
@@ -94,6 +99,15 @@ def decode_scans(body: bytes) -> ScanSequence:
     if at != len(body):
         raise MalformedData(f"{len(body) - at} bytes follow the last scan")
     return ScanSequence.along(scans, poses)
+
+
+def _decode_one(body: bytes, number: int) -> Scan | CompactScan:
+    if not body.startswith(wire_query.MAGIC):
+        return wire.decode_scan(body)
+    scan = wire_query.decode_query(body)
+    if not isinstance(scan, CompactScan):
+        raise MalformedData(f"scan {number} of the sequence is a descriptor without points")
+    return scan
 
 
 def _pose(seven: list[float], number: int) -> NDArray[np.float64]:

@@ -30,6 +30,7 @@ STATUS: dict[type[FirstfixError], int] = {
     errors.ChecksumMismatch: 460,
     errors.NotAcceptable: 406,
     errors.PreconditionFailed: 412,
+    errors.DescriptorMismatch: 409,
     errors.NotFound: 404,
     errors.Conflict: 409,
     errors.ReadOnly: 403,

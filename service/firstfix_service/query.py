@@ -7,18 +7,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
+from firstfix.any_scan import AnyScan
 from firstfix.decode import decode_query, undo_content_encoding
 from firstfix.localization import Localization
 from firstfix.localizer import FindsPlaces, Localizer, localize_among
 from firstfix.map_index import MapIndex
 from firstfix.options import LocalizeOptions
-from firstfix.scan import Scan
-from firstfix.scan_sequence import ScanSequence
 from firstfix.stopwatch import Stopwatch
 
 
 class LocalizesScans(FindsPlaces, Protocol):
-    def localize(self, scan: Scan | ScanSequence, options: LocalizeOptions | None = None) -> Localization: ...
+    def localize(self, scan: AnyScan, options: LocalizeOptions | None = None) -> Localization: ...
 
 
 @dataclass(frozen=True)

@@ -1,20 +1,27 @@
 """What the clients put on the wire for one scan and for several."""
 
 import numpy as np
+import pytest
 
-from firstfix import wire, wire_sequence
+from firstfix import wire, wire_query, wire_sequence
+from firstfix.compact_scan import CompactScan, ScanDescriptor
+from firstfix.condense import condense
 from firstfix.decode import decode_query
+from firstfix.descriptor import LayeredOccupancy, PolarGrid
+from firstfix.errors import InvalidOption
+from firstfix.query_parameters import QueryParameters
 from firstfix.scan import Scan
 from firstfix.scan_sequence import ScanSequence
 from firstfix.transform import make_transform, rotation_z
-from firstfix_client.scan_body import encoded
+from firstfix_client.scan_body import MAX_COMPACT_BYTES, BodyForm, encoded
 
 POINTS = np.random.default_rng(0).uniform(-9, 9, (40, 3)).astype(np.float32)
+PARAMETERS = QueryParameters(descriptor=LayeredOccupancy(PolarGrid(20, 60, 25.0)))
 SCAN = Scan(POINTS, np.arange(40, dtype=np.float32))
 
 
 def test_one_scan_goes_without_its_intensity():
-    media_type, body = encoded(SCAN, resolution_m=0.01, voxel_m=None)
+    media_type, body = encoded(SCAN, BodyForm())
     assert media_type == wire.MEDIA_TYPE
     scan = decode_query(body, media_type)
     assert scan.intensity is None
@@ -24,8 +31,51 @@ def test_one_scan_goes_without_its_intensity():
 def test_several_go_with_the_way_between_them():
     way = [make_transform(rotation_z(0.1 * n), [n, 0, 0]) for n in range(3)]
     sequence = ScanSequence.along([SCAN] * 3, way)
-    media_type, body = encoded(sequence, resolution_m=0.01, voxel_m=None)
+    media_type, body = encoded(sequence, BodyForm())
     assert media_type == wire_sequence.MEDIA_TYPE
     received = decode_query(body, media_type)
     assert [scan.intensity for scan in received.scans] == [None] * 3
     assert np.allclose(received.T_last_scan, sequence.T_last_scan)
+
+
+def test_a_compact_query_stays_under_its_limit():
+    """A band of directions, every range at random: hardly anything compresses."""
+    rng = np.random.default_rng(2)
+    azimuth, elevation = rng.uniform(-np.pi, np.pi, 100_000), rng.uniform(-0.35, 0.35, 100_000)
+    across = rng.uniform(1, 50, 100_000) * np.cos(elevation)
+    band = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), across * np.tan(elevation)], axis=1)
+    scan = Scan.from_points(band)
+    as_it_is = condense(scan)
+    assert len(wire_query.encode_query(as_it_is)) > MAX_COMPACT_BYTES
+    media_type, body = encoded(scan, BodyForm("compact"))
+    assert media_type == wire_query.MEDIA_TYPE
+    query = decode_query(body, media_type)
+    assert isinstance(query, CompactScan)
+    assert len(body) < MAX_COMPACT_BYTES
+    assert 500 < len(query) < len(as_it_is)
+
+
+def test_gravity_levels_the_descriptor():
+    down = np.array([0.0, 0.6, -0.8])
+    media_type, body = encoded(SCAN, BodyForm("descriptor", PARAMETERS), down)
+    descriptor = decode_query(body, media_type)
+    assert isinstance(descriptor, ScanDescriptor)
+    assert np.allclose(descriptor.up, -down)
+
+
+def test_several_go_compact():
+    sequence = ScanSequence.along([SCAN] * 3, [np.eye(4)] * 3)
+    media_type, body = encoded(sequence, BodyForm("compact"))
+    assert media_type == wire_sequence.MEDIA_TYPE
+    assert all(isinstance(scan, CompactScan) for scan in decode_query(body, media_type).scans)
+
+
+def test_what_cannot_be_sent_is_refused():
+    sequence = ScanSequence.along([SCAN] * 2, [np.eye(4)] * 2)
+    for scan, form in (
+        (SCAN, BodyForm("descriptor")),
+        (sequence, BodyForm("descriptor", PARAMETERS)),
+        (SCAN, BodyForm("smoke")),
+    ):
+        with pytest.raises(InvalidOption):
+            encoded(scan, form)

@@ -14,10 +14,13 @@ import numpy as np
 import pytest
 from fake_answers import SCAN, T_MAP_SENSOR, answer_bytes, problem_bytes
 
-from firstfix import wire
+from firstfix import wire, wire_query
+from firstfix.compact_scan import CompactScan, ScanDescriptor
+from firstfix.descriptor import LayeredOccupancy, PolarGrid
 from firstfix.errors import FirstfixError, InvalidOption, NotFound, Overloaded
 from firstfix.localization import Verdict
 from firstfix.options import LocalizeOptions
+from firstfix.query_parameters import QueryParameters
 from firstfix_client import RetryPolicy, ServiceUnreachable, ZenohClient
 
 zenoh = pytest.importorskip("zenoh")
@@ -109,6 +112,18 @@ def test_a_fix_is_a_typed_answer(replica, client):
     assert parameters == {"max_candidates": "5"}
     assert encoding == wire.MEDIA_TYPE
     assert np.abs(wire.decode_scan(body).points - SCAN.points).max() < 0.0051
+
+
+def test_it_sends_what_the_http_client_sends(replica, client):
+    only = replica("r1")
+    parameters = QueryParameters(descriptor=LayeredOccupancy(PolarGrid(20, 60, 25.0)))
+    client.localize(SCAN, map_id="hall", encoding="compact")
+    client.localize(SCAN, map_id="hall", encoding="descriptor", parameters=parameters)
+    with pytest.raises(InvalidOption, match="parameters"):
+        client.localize(SCAN, map_id="hall", encoding="descriptor")
+    assert [encoding for *_, encoding, _ in only.queries] == [wire_query.MEDIA_TYPE] * 2
+    sent = [type(wire_query.decode_query(body)) for *_, body in only.queries]
+    assert sent == [CompactScan, ScanDescriptor]
 
 
 def test_the_load_is_spread_over_live_replicas(replica, client):

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from firstfix.map_view import MapView, ScanView
+from firstfix.map_view import MapView
+from firstfix.scan_view import ScanView
 from firstfix.transform import make_transform, rotation_z
 
 

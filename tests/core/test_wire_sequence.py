@@ -6,10 +6,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from firstfix.compact_scan import CompactScan, ScanDescriptor
+from firstfix.descriptor import LayeredOccupancy, PolarGrid
 from firstfix.errors import InputError, InvalidScan, MalformedData, TooLarge, UnsupportedFormat
 from firstfix.scan import Scan
 from firstfix.scan_sequence import ScanSequence
 from firstfix.transform import make_transform, rotation_z
+from firstfix.wire_query import encode_query
 from firstfix.wire_sequence import decode_scans, encode_scans
 
 RNG = np.random.default_rng(0)
@@ -59,3 +62,20 @@ def test_damaged_bytes_are_an_input_error_or_a_sequence(data):
             body[data.draw(st.integers(0, len(body) - 1))] = data.draw(st.integers(0, 255))
     with suppress(InputError):
         assert 1 <= len(decode_scans(bytes(body))) <= 16
+
+
+def test_compact_scans_go_between_whole_ones():
+    compact = CompactScan(SCANS[0].points[:40], np.full(16_200, np.inf, np.float32))
+    back = decode_scans(encode_scans([SCANS[0], compact], [np.eye(4)] * 2)).scans
+    assert [type(scan) for scan in back] == [Scan, CompactScan]
+    assert len(back[1]) == 40
+
+
+def test_a_descriptor_is_no_part_of_a_sequence():
+    body = encode_scans([SCANS[0]], [np.eye(4)])
+    descriptor = LayeredOccupancy(PolarGrid())
+    bits = np.zeros(descriptor.rows * 60 // 8, np.uint8)
+    alone = encode_query(ScanDescriptor(descriptor, bits, np.array([0.0, 0, 1]), 1.0))
+    length = struct.pack("<I", len(alone))
+    with pytest.raises(MalformedData, match="descriptor"):
+        decode_scans(body[: 8 + 56] + length + alone)

@@ -35,8 +35,8 @@ def foreign_scan():
 
 def proposed(index, scan, effort=1, options=None):
     prepared = preprocess(ScanSequence.single(scan), None, index.config.preprocess)
-    described = [index.cascade.descriptor.describe(one.batch) for one in prepared.scans]
-    return search(index, described, prepared, options or LocalizeOptions(), effort)
+    described = [one.described_by(index.cascade.descriptor) for one in prepared.scans]
+    return search(index, described, prepared.scans, options or LocalizeOptions(), effort)
 
 
 def test_no_spot_crowds_out_the_others(index, small_scans):

@@ -12,10 +12,12 @@ import pytest
 import zstandard
 from service_world import SCAN_BODY, XYZ, Behaviour, Service, publish, running_service, wait_for
 
-from firstfix import wire_sequence
+from firstfix import wire_query, wire_sequence
+from firstfix.compact_scan import CompactScan
 from firstfix.errors import FirstfixError, all_errors
 from firstfix.localization import Localization, Verdict
 from firstfix.scan import Scan
+from firstfix.scan_view import COLUMNS, ROWS
 
 both = pytest.mark.parametrize("transport", ["http", "zenoh"])
 
@@ -40,6 +42,16 @@ def test_several_scans_are_one_query(service: Service, transport: str):
     body = wire_sequence.encode_scans([scan] * 3, [np.eye(4)] * 3)
     reply = service.ask(transport, body=body, media_type=wire_sequence.MEDIA_TYPE)
     assert reply.json["T_map_sensor"]["position"][1] == 3  # the fake's y is the sequence's length
+
+
+@both
+def test_a_compact_query_is_one(service: Service, transport: str):
+    nearest_m = np.full(ROWS * COLUMNS, np.inf, np.float32)
+    body = wire_query.encode_query(CompactScan(np.ones((7, 3), np.float32), nearest_m))
+    reply = service.ask(transport, body=body, media_type=wire_query.MEDIA_TYPE)
+    assert reply.json["T_map_sensor"]["position"][1] == 7  # the fake's y is the query's points
+    refused = service.ask(transport, body=body[:-1], media_type=wire_query.MEDIA_TYPE)
+    assert refused.json["code"] == "malformed_data"
 
 
 def test_the_transports_give_the_same_answer(service: Service):

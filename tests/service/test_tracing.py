@@ -66,7 +66,6 @@ def test_a_query_is_one_span_with_its_stages_below(service: Service, collector: 
         "firstfix.map_version": service.catalog.active_version("hall"),
         "firstfix.verdict": "localized",
         "firstfix.probability": 0.9,
-        "firstfix.points": 100,
         "firstfix.body_bytes": 1200,
         "firstfix.status": 200,
     }

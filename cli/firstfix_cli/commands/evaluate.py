@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..arguments import MapId, TimeoutS, Url, Zenoh
+from ..arguments import MapId, SentAs, TimeoutS, Url, Zenoh
 
 if TYPE_CHECKING:
     from firstfix.scan import Scan
@@ -47,6 +47,7 @@ def evaluate(
     version: Annotated[
         str | None, typer.Option(help="Map version, 64 characters [default: the active one].")
     ] = None,
+    encoding: SentAs = "scan",
     timeout_s: TimeoutS = 30.0,
 ) -> None:
     """Measure success, false accepts and time over scans with known poses.
@@ -62,14 +63,14 @@ def evaluate(
     if (poses is None) == (samples is None):
         raise InvalidOption("give either POSES.csv or --samples")
     if samples is not None:
-        if zenoh or details or plot or random_yaw is not None:
+        if zenoh or details or plot or random_yaw is not None or encoding != "scan":
             raise InvalidOption("--samples goes with --url or --store, --version and --json alone")
         _replay(samples, map_id, url, store, version, timeout_s, json_file)
         return
     assert poses is not None
     rows = read_poses_csv(poses)
     asked = None if url or zenoh else store
-    with answerer(map_id, url=url, zenoh=zenoh, store=asked, timeout_s=timeout_s) as ask:
+    with answerer(map_id, url=url, zenoh=zenoh, store=asked, timeout_s=timeout_s, encoding=encoding) as ask:
         outcomes, scans = _outcomes(rows, ask, random_yaw, version)
     report = report_of(outcomes)
     typer.echo("\n".join(_lines(report, outcomes)))

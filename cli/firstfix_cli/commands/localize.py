@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..arguments import AsJson, MapId, Store, TimeoutS, Url, Zenoh
+from ..arguments import AsJson, MapId, SentAs, Store, TimeoutS, Url, Zenoh
 
 if TYPE_CHECKING:
     from firstfix.localization import Localization
@@ -37,6 +37,7 @@ def localize(
     version: Annotated[
         str | None, typer.Option(help="Map version, 64 characters [default: the active one].")
     ] = None,
+    encoding: SentAs = "scan",
     timeout_s: TimeoutS = 30.0,
     as_json: AsJson = False,
 ) -> None:
@@ -56,7 +57,7 @@ def localize(
     }
     options = LocalizeOptions.from_strings({k: str(v) for k, v in given.items() if v is not None})
     query = read_scan_file(scan)
-    with answerer(map_id, url=url, zenoh=zenoh, store=store, timeout_s=timeout_s) as ask:
+    with answerer(map_id, url=url, zenoh=zenoh, store=store, timeout_s=timeout_s, encoding=encoding) as ask:
         answer = ask(query, options)
     if as_json:
         typer.echo(json.dumps(answer.to_mapping()))

@@ -13,6 +13,7 @@
 from firstfix.localization import Localization, Verdict
 from firstfix.options import LocalizeOptions
 from firstfix.prior import Prior
+from firstfix.query_parameters import QueryParameters
 from firstfix.scan import Scan
 from firstfix.scan_sequence import ScanSequence
 
@@ -32,6 +33,7 @@ __all__ = [
     "MapInfo",
     "Prior",
     "ReplicaInfo",
+    "QueryParameters",
     "RetryPolicy",
     "Scan",
     "ScanSequence",

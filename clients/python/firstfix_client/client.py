@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from types import TracebackType
 
 import httpx
 
-from firstfix.errors import InvalidOption
+from firstfix.errors import DescriptorMismatch, InvalidOption, NotFound
 from firstfix.localization import Localization
 from firstfix.options import LocalizeOptions
+from firstfix.query_parameters import QueryParameters
 from firstfix.scan_sequence import ScanSequence
 
 from .build_calls import BuildCalls
@@ -17,7 +19,7 @@ from .credential import credential
 from .map_calls import MapCalls
 from .retry import Deadline, RetryPolicy
 from .retrying_http import RetryingHttp, parsed
-from .scan_body import ScanLike, encoded
+from .scan_body import BodyForm, Encoding, ScanLike, encoded
 
 
 class Client(MapCalls, BuildCalls):
@@ -53,7 +55,8 @@ class Client(MapCalls, BuildCalls):
         transport: httpx.BaseTransport | None = None,
     ) -> None:
         self._timeout_s = timeout_s
-        self._resolution_m, self._voxel_m = resolution_m, voxel_m
+        self._form = BodyForm(resolution_m=resolution_m, voxel_m=voxel_m)
+        self._parameters: dict[str, QueryParameters] = {}  # of maps that were asked with a descriptor
         try:
             address = httpx.URL(url)
         except httpx.InvalidURL as error:
@@ -82,6 +85,8 @@ class Client(MapCalls, BuildCalls):
         *,
         map_id: str,
         options: LocalizeOptions | None = None,
+        encoding: Encoding = "scan",
+        parameters: QueryParameters | None = None,
     ) -> Localization:
         """The pose of a scan in a map, or why there is none: "not localized" is an answer, not an error.
 
@@ -89,12 +94,49 @@ class Client(MapCalls, BuildCalls):
             scan: a Scan, (n, 3) points in metres in the sensor frame, the path of a scan file, or several
                 scans with the way between them: the answer is then the pose of the last.
             options: without a ``deadline_ms`` the service is told how long this client waits.
+            encoding: ``compact`` sends under 10 KB and is answered as well as the whole scan;
+                ``descriptor`` sends under 1.5 KB and is answered with candidates, never ``localized``.
+            parameters: of the map, for both of these. A descriptor needs those of its one map: where
+                they are not given, the service is asked for them once, and again when the map changes.
 
         Raises:
             NotFound: no such map or version, or no such file.
             InputError: the scan or an option cannot be used.
         """
-        media_type, body = encoded(scan, resolution_m=self._resolution_m, voxel_m=self._voxel_m)
+        if encoding != "descriptor" or parameters is not None:
+            return self._localize(
+                scan, map_id, options, replace(self._form, encoding=encoding, parameters=parameters)
+            )
+        known = map_id in self._parameters
+        try:
+            return self._localize(scan, map_id, options, self._described(map_id))
+        except DescriptorMismatch:
+            if not known:
+                raise
+            del self._parameters[map_id]  # another version is active by now
+            return self._localize(scan, map_id, options, self._described(map_id))
+
+    def query_parameters(self, map_id: str) -> QueryParameters:
+        """How scans for the map's active version are described.
+
+        Raises:
+            NotFound: no such map, or no version of it is active.
+            UnsupportedFormat: robots cannot describe scans for it.
+        """
+        manifest = self.show_map(map_id).details.get("manifest")
+        if not isinstance(manifest, Mapping):
+            raise NotFound(f"no version of map {map_id} is active")
+        return QueryParameters.from_engine(manifest.get("engine", {}))
+
+    def _described(self, map_id: str) -> BodyForm:
+        if map_id not in self._parameters:
+            self._parameters[map_id] = self.query_parameters(map_id)
+        return replace(self._form, encoding="descriptor", parameters=self._parameters[map_id])
+
+    def _localize(
+        self, scan: ScanLike | ScanSequence, map_id: str, options: LocalizeOptions | None, form: BodyForm
+    ) -> Localization:
+        media_type, body = encoded(scan, form, None if options is None else options.gravity)
         return self.localize_body(body, media_type, map_id=map_id, options=options)
 
     def localize_body(

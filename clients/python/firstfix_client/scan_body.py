@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 import os
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Union
+from typing import Literal, Union
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from firstfix import wire, wire_sequence
+from firstfix import wire, wire_query, wire_sequence
+from firstfix.compact_scan import CompactScan
+from firstfix.condense import condense, describe
 from firstfix.decode import read_scan_file
+from firstfix.errors import InvalidOption
+from firstfix.query_parameters import QueryParameters
 from firstfix.scan import Scan
 from firstfix.scan_sequence import ScanSequence
+from firstfix.voxel_filter import even_rows
 
 ScanLike = Union[Scan, ArrayLike, "str | os.PathLike[str]"]
+Encoding = Literal["scan", "compact", "descriptor"]
+MAX_COMPACT_BYTES = 10_000
+FEWEST_POINTS = 500
 
 
 def scan_of(scan: ScanLike) -> Scan:
@@ -33,14 +42,64 @@ def scan_of(scan: ScanLike) -> Scan:
     return Scan.from_points(scan)
 
 
+@dataclass(frozen=True)
+class BodyForm:
+    """How scans are sent.
+
+    Attributes:
+        encoding: the whole scan, a compact query (under MAX_COMPACT_BYTES, answered as well), or the
+            descriptor alone (under 1.5 KB, answered with candidates only).
+        parameters: of the map that is asked. A descriptor needs them; a compact query does without.
+        resolution_m, voxel_m: of whole scans, see ``firstfix.wire.encode_scan``.
+    """
+
+    encoding: Encoding = "scan"
+    parameters: QueryParameters | None = None
+    resolution_m: float = 0.01
+    voxel_m: float | None = None
+
+
 def encoded(
-    scan: ScanLike | ScanSequence, *, resolution_m: float, voxel_m: float | None
+    scan: ScanLike | ScanSequence, form: BodyForm, gravity: NDArray[np.float64] | None = None
 ) -> tuple[str, bytes]:
-    """Media type and body to send. Localization does not use the intensity, so it stays at home."""
+    """Media type and body to send. Localization does not use the intensity, so it stays at home.
+
+    Raises:
+        InvalidOption: no such encoding; a descriptor without parameters, or of several scans.
+        InputError, NotFound: as ``scan_of``.
+    """
+    if form.encoding not in ("scan", "compact", "descriptor"):
+        raise InvalidOption(f"a scan is sent as scan, compact or descriptor, not {form.encoding!r}")
     if isinstance(scan, ScanSequence):
-        scans = [replace(one, intensity=None) for one in scan.scans]
+        if form.encoding == "descriptor":
+            raise InvalidOption("several scans are not sent as descriptors: nothing would register them")
+        scans = [_part(one, form) for one in scan.scans]
         return wire_sequence.MEDIA_TYPE, wire_sequence.encode_scans(
-            scans, scan.T_last_scan, resolution_m=resolution_m, voxel_m=voxel_m
+            scans, scan.T_last_scan, resolution_m=form.resolution_m, voxel_m=form.voxel_m
         )
-    one = replace(scan_of(scan), intensity=None)
-    return wire.MEDIA_TYPE, wire.encode_scan(one, resolution_m=resolution_m, voxel_m=voxel_m)
+    one = scan_of(scan)
+    if form.encoding == "compact":
+        return wire_query.MEDIA_TYPE, _compact_body(condense(one, form.parameters, gravity))
+    if form.encoding == "descriptor":
+        if form.parameters is None:
+            raise InvalidOption("a descriptor needs the parameters of the map: QueryParameters.from_engine")
+        return wire_query.MEDIA_TYPE, wire_query.encode_query(describe(one, form.parameters, gravity))
+    plain = replace(one, intensity=None)
+    return wire.MEDIA_TYPE, wire.encode_scan(plain, resolution_m=form.resolution_m, voxel_m=form.voxel_m)
+
+
+def _part(scan: Scan | CompactScan, form: BodyForm) -> Scan | CompactScan:
+    """One of several scans."""
+    if isinstance(scan, CompactScan):
+        return scan
+    return condense(scan, form.parameters) if form.encoding == "compact" else replace(scan, intensity=None)
+
+
+def _compact_body(scan: CompactScan) -> bytes:
+    """With fewer points where a scan so rich takes too many bytes, down to where they still suffice."""
+    body = wire_query.encode_query(scan)
+    while len(body) >= MAX_COMPACT_BYTES and len(scan) > FEWEST_POINTS:
+        kept = even_rows(len(scan), len(scan) * 9 // 10)
+        scan = replace(scan, points=scan.points[kept])
+        body = wire_query.encode_query(scan)
+    return body

@@ -6,6 +6,7 @@ import json
 import random
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, TypeVar
@@ -14,6 +15,7 @@ from firstfix.errors import FirstfixError, InvalidOption
 from firstfix.ids import check_map_id
 from firstfix.localization import Localization
 from firstfix.options import LocalizeOptions
+from firstfix.query_parameters import QueryParameters
 from firstfix.scan_sequence import ScanSequence
 
 from .credential import credential
@@ -22,7 +24,7 @@ from .live_replicas import LiveReplicas
 from .records import MapInfo
 from .replica_info import ReplicaInfo
 from .retry import Deadline, RetryPolicy
-from .scan_body import ScanLike, encoded
+from .scan_body import BodyForm, Encoding, ScanLike, encoded
 from .version_watch import VersionWatch
 
 T = TypeVar("T")
@@ -65,7 +67,7 @@ class ZenohClient:
         self._timeout_s = timeout_s
         self._api_key = credential(api_key)
         self._retry = retry or RetryPolicy()
-        self._resolution_m, self._voxel_m = resolution_m, voxel_m
+        self._form = BodyForm(resolution_m=resolution_m, voxel_m=voxel_m)
         self._zenoh = _zenoh()
         settings = self._settings(endpoint, config)
         try:
@@ -86,9 +88,16 @@ class ZenohClient:
         self._session.close()
 
     def localize(
-        self, scan: ScanLike | ScanSequence, *, map_id: str, options: LocalizeOptions | None = None
+        self,
+        scan: ScanLike | ScanSequence,
+        *,
+        map_id: str,
+        options: LocalizeOptions | None = None,
+        encoding: Encoding = "scan",
+        parameters: QueryParameters | None = None,
     ) -> Localization:
-        """As ``Client.localize``.
+        """As ``Client.localize``. A descriptor needs its parameters given here: the replicas serve no
+        manifests over zenoh.
 
         Args:
             map_id: one map, several separated by commas, or empty: all that are served. Where there are
@@ -101,13 +110,13 @@ class ZenohClient:
         """
         names = [check_map_id(name) for name in map_id.split(",")] if map_id else []
         shared = f"firstfix/{names[0] if len(names) == 1 else '@any'}/localize"
-        media_type, body = encoded(scan, resolution_m=self._resolution_m, voxel_m=self._voxel_m)
-        parameters = (options or LocalizeOptions()).to_strings()
-        if len(names) > 1:
-            parameters["map"] = ",".join(names)
+        wanted = options or LocalizeOptions()
+        form = replace(self._form, encoding=encoding, parameters=parameters)
+        media_type, body = encoded(scan, form, wanted.gravity)
+        asked = wanted.to_strings() | ({"map": ",".join(names)} if len(names) > 1 else {})
 
         def ask(key: str, left_s: float) -> Any:
-            told = {"deadline_ms": str(max(1, int(left_s * 1000))), **parameters}
+            told = {"deadline_ms": str(max(1, int(left_s * 1000))), **asked}
             return self._first_answer(key, left_s, told, payload=body, encoding=media_type)
 
         def choose(tried: set[str]) -> str:

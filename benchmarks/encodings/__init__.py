@@ -1,0 +1,1 @@
+"""How well a scan is answered by how it is sent: ``python -m benchmarks.run encodings``."""
