@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,8 @@ import numpy as np
 from firstfix.catalog import Catalog
 from firstfix.localizer import Localizer
 from firstfix.manifest import Manifest
-from firstfix.map_index import MapIndex
+from firstfix.map_index import ENGINE_FILE, MapIndex
+from firstfix.query_parameters import QueryParameters
 from firstfix.scan import Scan
 from firstfix.store import Store
 from firstfix_builder.stage_cache import StageCache
@@ -39,6 +41,10 @@ class Place:
 
     def localizer(self) -> Localizer:
         return Localizer(MapIndex.load(self.version))
+
+    def parameters(self) -> QueryParameters:
+        """How a robot describes scans for it."""
+        return QueryParameters.from_engine(json.loads((self.version / ENGINE_FILE).read_text()))
 
     def publish(self, store_url: str, map_id: str, scratch: Path, mark: str = "") -> str:
         """Its digest.

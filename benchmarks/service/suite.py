@@ -18,7 +18,7 @@ from .many_maps import many_maps
 from .place import Place, make_place
 from .programs import free_port, replica
 from .replicas import replicas_suite
-from .throughput import ENCODINGS, overhead, throughput
+from .throughput import body_of, overhead, throughput
 
 WORK = Path(__file__).parents[2] / "build" / "bench" / "service"
 SCANS = 60
@@ -39,7 +39,7 @@ def measure(place: Place, parts: Iterable[str], *, quick: bool = False) -> dict[
         "place": place.name,
         "templates": place.templates,
     }
-    bodies = [ENCODINGS["scan"](scan) for scan in place.scans]
+    bodies = [body_of(place, scan) for scan in place.scans]
     for part in parts:
         with tempfile.TemporaryDirectory(prefix="firstfix-bench-") as folder:
             directory = Path(folder)
@@ -65,6 +65,6 @@ def _with_service(part: str, place: Place, directory: Path, quick: bool) -> Any:
     settings = {"store": store, "run_builds": False, "queue_size": 128}  # so that 64 clients may wait
     with replica(directory / "replica", zenoh=True, zenoh_listen=[endpoint], **settings) as one:
         if part == "overhead":
-            return overhead(one.url, "place", place.scans, place.localizer())
+            return overhead(one.url, "place", place)
         clients, seconds = ((1, 4), 2.0) if quick else ((1, 4, 16, 64), 10.0)
-        return throughput(one.url, endpoint, "place", place.scans, clients, seconds)
+        return throughput(one.url, endpoint, "place", place, clients, seconds)

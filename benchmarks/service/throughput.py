@@ -7,25 +7,28 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 import httpx
 import numpy as np
 
-from firstfix.localizer import Localizer
 from firstfix.scan import Scan
-from firstfix.wire import MEDIA_TYPE, encode_scan
+from firstfix_client.scan_body import BodyForm, Encoding, encoded
 
 from .load import Ask, Body, ask_over_http, ask_over_zenoh, asked_for
+from .place import Place
 
-ENCODINGS: dict[str, Callable[[Scan], Body]] = {
-    "raw": lambda scan: Body("application/vnd.firstfix.xyz", scan.points.tobytes()),
-    "scan": lambda scan: Body(MEDIA_TYPE, encode_scan(Scan(scan.points))),
-}
+ENCODINGS: tuple[Encoding | Literal["raw"], ...] = ("raw", "scan", "compact", "descriptor")
+
+
+def body_of(place: Place, scan: Scan, encoding: Encoding | Literal["raw"] = "scan") -> Body:
+    if encoding == "raw":
+        return Body("application/vnd.firstfix.xyz", scan.points.tobytes())
+    return Body(*encoded(scan, BodyForm(encoding, place.parameters())))
 
 
 def throughput(
-    url: str, endpoint: str, map_id: str, scans: list[Scan], clients: tuple[int, ...], seconds: float
+    url: str, endpoint: str, map_id: str, place: Place, clients: tuple[int, ...], seconds: float
 ) -> list[dict[str, Any]]:
     """A row for every combination.
 
@@ -45,8 +48,8 @@ def throughput(
             "http": partial(ask_over_http, url, map_id),
             "zenoh": partial(ask_over_zenoh, session, map_id),
         }
-        for encoding, encode in ENCODINGS.items():
-            bodies = [encode(scan) for scan in scans]
+        for encoding in ENCODINGS:
+            bodies = [body_of(place, scan, encoding) for scan in place.scans]
             size = int(np.mean([len(body.content) for body in bodies]))
             for transport, connect in transports.items():
                 for number in clients:
@@ -66,17 +69,17 @@ def throughput(
     return rows
 
 
-def overhead(url: str, map_id: str, scans: list[Scan], localizer: Localizer) -> dict[str, float]:
+def overhead(url: str, map_id: str, place: Place) -> dict[str, float]:
     """What HTTP adds: the same scans asked in turn over HTTP and in this process, medians in ms.
 
     The answer's own stages are the service's localizer; what is left of the round trip is decoding,
     the queue, the way there and back.
     """
-    bodies = [ENCODINGS["scan"](scan) for scan in scans]
+    localizer, bodies = place.localizer(), [body_of(place, scan) for scan in place.scans]
     bare, around, inside = [], [], []
     with httpx.Client(base_url=url, timeout=30) as http:
         for turn in range(2):  # the first loads what is loaded late
-            for scan, body in zip(scans, bodies, strict=True):
+            for scan, body in zip(place.scans, bodies, strict=True):
                 begin = time.perf_counter()
                 localizer.localize(scan)
                 middle = time.perf_counter()
