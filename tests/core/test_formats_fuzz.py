@@ -10,6 +10,7 @@ import pytest
 from cloud_files import pcd, ply, random_cloud, text_rows
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from ros_samples import cdr, cloud
 
 from firstfix.decode import decode_query
 from firstfix.errors import InputError
@@ -27,6 +28,8 @@ BODIES = {
     "ply little": (ply(CLOUD, "binary_little_endian"), "application/ply"),
     "ply big": (ply(CLOUD, "binary_big_endian"), "application/ply"),
     "xyz": (np.zeros((12, 3), "<f4").tobytes(), "application/vnd.firstfix.xyz"),
+    "cdr": (cdr(cloud(CLOUD)), "application/vnd.ros2.cdr"),
+    "cdr big": (cdr(cloud(CLOUD), little_endian=False), "application/cdr"),
     "xyzi": (np.zeros((12, 4), "<f4").tobytes(), "application/vnd.firstfix.xyzi"),
 }
 SPECIAL_WORDS = [
