@@ -12,9 +12,11 @@ from firstfix.decode import MEDIA_TYPES
 from firstfix.errors import InvalidOption
 from firstfix.localization import Localization
 from firstfix.options import LocalizeOptions
+from firstfix.ros.media_types import POSE
 
-from .localize import check_media_type, to_json
+from .localize import check_media_type
 from .parts import PartsDep
+from .pose_reply import PARAMETERS, PoseReply, form_of
 
 router = APIRouter(tags=["localize"])
 MAP_PARAMETER = "map"
@@ -32,10 +34,11 @@ _OPTION_TEXT = {
 
 def _openapi() -> dict[str, Any]:
     """The options are read by the core, so they are described here, not declared as parameters."""
-    names = [MAP_PARAMETER, *LocalizeOptions.__dataclass_fields__]
+    names = [MAP_PARAMETER, *LocalizeOptions.__dataclass_fields__, *PARAMETERS]
     texts = {
         MAP_PARAMETER: "id of the map, or several separated by commas; without it all maps compete",
         **_OPTION_TEXT,
+        **PARAMETERS,
     }
     return {
         "parameters": [
@@ -53,7 +56,10 @@ def _openapi() -> dict[str, Any]:
             "content": {name: {"schema": {"type": "string", "format": "binary"}} for name in MEDIA_TYPES},
         },
         "responses": {
-            "200": {"description": "the answer, also when the scan was not localized"},
+            "200": {
+                "description": "the answer, also when the scan was not localized: then it is always JSON",
+                "content": {POSE: {"schema": {"type": "string", "format": "binary"}}},
+            },
         },
     }
 
@@ -63,30 +69,36 @@ async def localize(request: Request, parts: PartsDep) -> Response:
     """The pose of a scan in a map, or why there is none."""
     arrived = time.monotonic()
     try:
-        answer = await _localize(request, parts, arrived)
+        answer, (content, form) = await _localize(request, parts, arrived)
     except Exception as error:
         parts.use_case.count("http", error)
         raise
     parts.use_case.count("http", answer)
     return Response(
-        to_json(answer),
-        media_type="application/json",
-        headers={"Server-Timing": server_timing(answer), "Cache-Control": "no-store"},
+        content,
+        media_type=form,
+        headers={"Server-Timing": server_timing(answer), "Cache-Control": "no-store", "Vary": "Accept"},
     )
 
 
-async def _localize(request: Request, parts: PartsDep, arrived: float) -> Localization:
+async def _localize(
+    request: Request, parts: PartsDep, arrived: float
+) -> tuple[Localization, tuple[bytes, str]]:
+    """The answer, and the form in which it was asked for."""
     options = single_values(request)
+    pose = PoseReply.wanted(request.headers.get("accept", ""), options)
     map_id = options.pop(MAP_PARAMETER, "")
     LocalizeOptions.from_strings(options)  # what can be refused is refused before the body is read
     media_type = request.headers.get("content-type", "")
     check_media_type(media_type)
     parts.pool.check_room()
     body = await parts.bodies.read(request)
+    content_encoding = request.headers.get("content-encoding")
     try:
-        return await parts.use_case.localize(
-            body, media_type, request.headers.get("content-encoding"), map_id, options, arrived=arrived
+        answer = await parts.use_case.localize(
+            body, media_type, content_encoding, map_id, options, arrived=arrived
         )
+        return answer, form_of(answer, pose, body, media_type, content_encoding)
     finally:
         parts.bodies.release(body)
 

@@ -4,8 +4,8 @@
     firstfix/{map_id}/localize/{replica}   this replica alone; a liveliness token for each map
 
 The options are selector parameters, the payload the same bytes as the HTTP body, its encoding the media
-type. A parameter ``content_encoding`` stands for HTTP's header. Errors are replied as the same problem
-documents.
+type. The parameters ``content_encoding`` and ``accept`` stand for HTTP's headers. Errors are replied as
+the same problem documents.
 """
 
 from __future__ import annotations
@@ -29,13 +29,15 @@ from firstfix.ids import check_map_id
 from firstfix.localization import Localization
 
 from . import problems
-from .localize import LocalizeUseCase, to_json
+from .localize import LocalizeUseCase
 from .pool import QueryPool
+from .pose_reply import PoseReply, form_of
 from .problems import problem_of
 from .settings import Settings
 
 _log = structlog.get_logger(__name__)
 CONTENT_ENCODING = "content_encoding"
+ACCEPT = "accept"
 TRANSPORT = "zenoh"
 DRAIN_S = 10.0  # for queries under way when the service stops
 
@@ -48,6 +50,7 @@ class _Asked:
     media_type: str
     content_encoding: str | None
     options: dict[str, str]
+    pose: PoseReply | None
 
 
 class ZenohEndpoint:
@@ -131,7 +134,7 @@ class ZenohEndpoint:
         with query:
             try:
                 asked = read_query(query)
-                answer = await self._localize(query, asked, arrived)
+                answer, (content, form) = await self._localize(query, asked, arrived)
             except Exception as error:
                 if not isinstance(error, FirstfixError):
                     _log.exception("unexpected error", key=str(query.key_expr))
@@ -143,27 +146,27 @@ class ZenohEndpoint:
             key = f"firstfix/{asked.map_id}/localize"
             own = f"{key}/{self.replica}"
             to_this_replica = query.key_expr.intersects(zenoh.KeyExpr(own))
-            query.reply(own if to_this_replica else key, to_json(answer), encoding="application/json")
+            query.reply(own if to_this_replica else key, content, encoding=form)
 
-    async def _localize(self, query: Any, asked: _Asked, arrived: float) -> Localization:
+    async def _localize(
+        self, query: Any, asked: _Asked, arrived: float
+    ) -> tuple[Localization, tuple[bytes, str]]:
         payload = query.payload  # None: an empty body, as over HTTP
         size = 0 if payload is None else len(payload)
         if size > self._max_body_bytes:
             raise TooLarge(f"the body has {size} bytes, the limit is {self._max_body_bytes}")
-        return await self._use_case.localize(
-            b"" if payload is None else payload.to_bytes(),
-            asked.media_type,
-            asked.content_encoding,
-            asked.map_id,
-            asked.options,
-            arrived=arrived,
+        body = b"" if payload is None else payload.to_bytes()
+        answer = await self._use_case.localize(
+            body, asked.media_type, asked.content_encoding, asked.map_id, asked.options, arrived=arrived
         )
+        return answer, form_of(answer, asked.pose, body, asked.media_type, asked.content_encoding)
 
 
 def read_query(query: Any) -> _Asked:
     """
     Raises:
-        InvalidOption: its key names no single map, or a parameter stands twice.
+        InvalidOption: its key names no single map, a parameter stands twice, or one of the reply's form
+            cannot be used.
     """
     parts = str(query.key_expr).split("/")
     map_id = check_map_id(parts[1] if len(parts) > 1 else "")
@@ -174,8 +177,9 @@ def read_query(query: Any) -> _Asked:
     # Names that begin with an underscore are zenoh's own.
     options = {name: value for name, value in pairs if not name.startswith("_")}
     content_encoding = options.pop(CONTENT_ENCODING, None)
+    pose = PoseReply.wanted(options.pop(ACCEPT, ""), options)
     media_type = "" if query.encoding is None else str(query.encoding)
-    return _Asked(map_id, media_type, content_encoding, options)
+    return _Asked(map_id, media_type, content_encoding, options, pose)
 
 
 def session_config(settings: Settings) -> Any:

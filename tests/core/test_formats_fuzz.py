@@ -10,7 +10,6 @@ import pytest
 from cloud_files import pcd, ply, random_cloud, text_rows
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from ros_samples import cdr, cloud
 
 from firstfix.decode import decode_query
 from firstfix.errors import InputError
@@ -18,6 +17,7 @@ from firstfix.formats.point_cloud import SCAN_LIMITS
 from firstfix.formats.scanner_bin import decode_scanner_bin
 from firstfix.formats.text import decode_text
 from firstfix.scan import Scan
+from ros_samples import cdr, cloud
 
 CLOUD = random_cloud(12)
 BODIES = {

@@ -1,4 +1,7 @@
-"""Bags without ROS: ROS 1 files, ROS 2 folders, sqlite3 and mcap files, one message in memory at a time."""
+"""Bags without ROS: ROS 1 files, ROS 2 folders, sqlite3 and mcap files, one message in memory at a time.
+
+For the command line: rosbags believes the sizes that a bag declares, so bags from strangers are not opened.
+"""
 
 from __future__ import annotations
 
@@ -131,7 +134,7 @@ def _damage_named(path: Path) -> Iterator[None]:
     """A damaged bag makes rosbags raise whatever its parser stumbles over: all of it means one thing."""
     try:
         yield
-    except (FirstfixError, OSError, MemoryError):
+    except FirstfixError:
         raise
-    except Exception as error:
+    except Exception as error:  # MemoryError among them: a damaged size may ask for exabytes
         raise MalformedData(f"{path}: the bag cannot be read: {error or type(error).__name__}") from error

@@ -60,12 +60,21 @@ def read_header(reader: MessageReader) -> Header:
     Raises:
         MalformedData: not a header's bytes.
     """
+    return Header(read_stamp(reader), reader.text())
+
+
+def read_stamp(reader: MessageReader) -> Stamp:
+    """The first part of a header.
+
+    Raises:
+        MalformedData: not a stamp's bytes.
+    """
     if reader.ros1:
         reader.number("I")  # the sequence number, which ROS 2 has given up
     sec, nanosec = reader.number("I" if reader.ros1 else "i"), reader.number("I")
     if sec < 0 or nanosec >= _NS:
         reader.fail(f"no stamp has {sec} s and {nanosec} ns")
-    return Header(Stamp(sec, nanosec), reader.text())
+    return Stamp(sec, nanosec)
 
 
 def write_header(writer: CdrWriter, header: Header) -> None:
