@@ -108,6 +108,8 @@ def _print_replay(answers: Iterable[Replayed], tum: Path | None, as_json: bool) 
     from ..replay import write_tum
 
     verdicts = set()
+    if tum is not None:
+        tum.parent.mkdir(parents=True, exist_ok=True)
     with nullcontext() if tum is None else tum.open("w") as trajectory:
         for one in answers:
             stamp, answer = one.header.stamp, one.answer
