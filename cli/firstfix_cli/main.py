@@ -11,7 +11,7 @@ import typer
 
 from firstfix.errors import FirstfixError
 
-from .commands import build, evaluate, localize, maps, serve, world
+from .commands import build, evaluate, localize, maps, ros_gateway, serve, world
 
 ERROR_EXIT_CODE = 2
 
@@ -28,6 +28,7 @@ app.command()(build.build)
 app.command()(serve.serve)
 app.command()(localize.localize)
 app.command()(evaluate.evaluate)
+app.command("ros-gateway")(ros_gateway.ros_gateway)
 app.add_typer(maps.app, name="maps")
 
 
