@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -67,3 +70,14 @@ def test_the_order_is_x_y_z_then_turns_about_x_y_z():
 def test_there_is_no_message_without_a_pose():
     with pytest.raises(ValueError, match="only a localized answer"):
         to_pose_cdr(Localization(Verdict.REJECTED, (Reason.LOW_OVERLAP,)), Stamp())
+
+
+def test_the_golden_bytes_of_the_protocols_page():
+    page = (Path(__file__).resolve().parents[2] / "clients" / "PROTOCOL-ros.md").read_text()
+    example = page[page.index("A golden pose") :]
+    stated = "".join(re.findall(r"\b(?:[0-9a-f]{8}|[0-9a-f]{16})\b", example.partition("36 times")[0]))
+    T = make_transform(np.eye(3), [1, 2, 3])
+    answer = Localization(Verdict.LOCALIZED, (), T, None, np.zeros((6, 6)), 1.0)
+    body = to_pose_cdr(answer, Stamp(5, 7))
+    assert body == bytes.fromhex(stated) + bytes(36 * 8)
+    assert f"{len(body)} bytes" in example
