@@ -12,7 +12,7 @@ import typer
 from firstfix.errors import FirstfixError
 from firstfix.redact import redact
 
-from .commands import build, evaluate, keys, localize, maps, samples, serve, worker, world
+from .commands import build, evaluate, keys, localize, maps, ros_gateway, samples, serve, worker, world
 
 ERROR_EXIT_CODE = 2
 
@@ -30,6 +30,7 @@ app.command()(serve.serve)
 app.command()(worker.worker)
 app.command()(localize.localize)
 app.command()(evaluate.evaluate)
+app.command("ros-gateway")(ros_gateway.ros_gateway)
 app.add_typer(maps.app, name="maps")
 app.add_typer(samples.app, name="samples")
 app.add_typer(keys.app, name="keys")

@@ -40,6 +40,18 @@ def undo_content_encoding(body: bytes, encoding: str, max_bytes: int) -> bytes:
     raise UnsupportedFormat(f"no Content-Encoding {encoding[:40]!r}; there are gzip, zstd and identity")
 
 
+def first_bytes(body: bytes, encoding: str, count: int) -> bytes:
+    """The first bytes of a body that ``undo_content_encoding`` has accepted, without undoing all of it."""
+    name = encoding.strip().lower()
+    if name in ("gzip", "x-gzip"):
+        return zlib.decompressobj(wbits=zlib.MAX_WBITS | 16).decompress(body, count)
+    if name == "zstd":
+        decompressor = zstandard.ZstdDecompressor(max_window_size=_ZSTD_MAX_WINDOW_BYTES)
+        with decompressor.stream_reader(body) as stream:
+            return stream.read(count)
+    return body[:count]
+
+
 def _gunzip(body: bytes, max_bytes: int) -> bytes:
     stream = zlib.decompressobj(wbits=zlib.MAX_WBITS | 16)  # 16: a gzip header
     try:

@@ -17,6 +17,8 @@ from .formats.point_cloud import SCAN_LIMITS, Limits, PointCloud
 from .formats.raw_xyz import decode_xyz, decode_xyzi
 from .formats.scanner_bin import decode_scanner_bin
 from .formats.text import decode_text
+from .ros.media_types import CDR, ZENOH_CDR, check_cloud_type
+from .ros.point_cloud2 import decode_point_cloud2
 from .scan import Scan
 from .scan_sequence import ScanSequence
 
@@ -43,6 +45,10 @@ def _decode_compact(body: bytes) -> AnyScan:
     return wire_query.decode_query(body)
 
 
+def _decode_cdr(body: bytes) -> Scan:
+    return decode_point_cloud2(body, SCAN_LIMITS).scan()
+
+
 def _by(decode: Callable[[bytes, Limits], PointCloud]) -> Callable[[bytes], Scan]:
     return lambda body: _scan_of(decode(body, SCAN_LIMITS))
 
@@ -60,6 +66,8 @@ _SCAN_TYPES: dict[str, Callable[[bytes], Scan]] = {
     "model/vnd.pcd": _by(decode_pcd),
     "application/ply": _by(decode_ply),
     "model/ply": _by(decode_ply),
+    CDR: _decode_cdr,
+    ZENOH_CDR: _decode_cdr,
 }
 MEDIA_TYPES: dict[str, Callable[[bytes], AnyScan]] = {
     **_SCAN_TYPES,
@@ -79,10 +87,11 @@ def decode_query(body: bytes, media_type: str) -> AnyScan:
     """A request body to what it asks about. Safe with bytes from strangers.
 
     Args:
-        media_type: of MEDIA_TYPES, in any case; parameters behind a semicolon are ignored.
+        media_type: of MEDIA_TYPES, in any case; of the parameters behind a semicolon only the message type
+            of CDR counts.
 
     Raises:
-        UnsupportedFormat: no such media type.
+        UnsupportedFormat: no such media type, or another ROS message than a PointCloud2.
         MalformedData, TooLarge, InvalidScan: as its decoder says.
     """
     name = media_type.split(";", 1)[0].strip().lower()
@@ -91,6 +100,8 @@ def decode_query(body: bytes, media_type: str) -> AnyScan:
         raise UnsupportedFormat(
             f"no scan has the media type {name[:80]!r}; there are {', '.join(MEDIA_TYPES)}"
         )
+    if decoder is _decode_cdr:
+        check_cloud_type(media_type)
     return decoder(body)
 
 

@@ -16,18 +16,19 @@ from firstfix.errors import InvalidOption
 from firstfix.geopose import MEDIA_TYPE as GEOPOSE
 from firstfix.localization import Localization
 from firstfix.options import LocalizeOptions
+from firstfix.ros.media_types import POSE
 
 from .accept import negotiated
 from .answer_models import Answer
 from .authorize import CallerDep
 from .caller import Caller
 from .client_gone import unless_client_leaves
-from .localize import check_maps, check_media_type, to_json
+from .localize import check_maps, check_media_type
 from .parts import Parts, PartsDep
+from .pose_reply import JSON, PARAMETERS, PoseReply, form_of
 
 router = APIRouter(tags=["localize"])
 MAP_PARAMETER = "map"
-JSON = "application/json"
 _OPTION_TEXT = {
     "gravity": "direction of gravity in the sensor frame, `x,y,z`, or the sensor's `roll_deg,pitch_deg`",
     "prior": "where the sensor is known to be in the map: `x,y,z,radius_m`, and it may be "
@@ -42,10 +43,11 @@ _OPTION_TEXT = {
 
 def _openapi() -> dict[str, Any]:
     """The options are read by the core, so they are described here, not declared as parameters."""
-    names = [MAP_PARAMETER, *LocalizeOptions.__dataclass_fields__]
+    names = [MAP_PARAMETER, *LocalizeOptions.__dataclass_fields__, *PARAMETERS]
     texts = {
         MAP_PARAMETER: "id of the map, or several separated by commas; without it all maps compete",
         **_OPTION_TEXT,
+        **PARAMETERS,
     }
     return {
         "parameters": [
@@ -70,7 +72,10 @@ _ANSWERS: dict[int | str, dict[str, Any]] = {
         "model": Answer,
         "description": "the answer, also when the scan was not localized: that is `application/json` "
         "whatever was asked for, as there is no pose",
-        "content": {GEOPOSE: {"schema": {"$ref": "#/components/schemas/GeoPose"}}},
+        "content": {
+            GEOPOSE: {"schema": {"$ref": "#/components/schemas/GeoPose"}},
+            POSE: {"schema": {"type": "string", "format": "binary"}},
+        },
         "headers": {"Server-Timing": {"description": "milliseconds by stage", "schema": {"type": "string"}}},
     }
 }
@@ -79,12 +84,11 @@ _ANSWERS: dict[int | str, dict[str, Any]] = {
 @router.post("/localize", response_class=Response, responses=_ANSWERS, openapi_extra=_openapi())
 async def localize(request: Request, parts: PartsDep, caller: CallerDep) -> Response:
     """The pose of a scan in a map, or why there is none. `Accept: application/geopose+json` asks for the
-    geographic pose, which takes a map with a georeference (else 406)."""
+    geographic pose, which takes a map with a georeference (else 406), and that of a ROS pose message for
+    one."""
     arrived = time.monotonic()
     try:
-        form = negotiated(request.headers.get("accept"), (JSON, GEOPOSE))
-        answer = await _localize(request, parts, caller, arrived, form)
-        body, media_type = await _written(parts, answer, form)
+        answer, (content, media_type) = await _localize(request, parts, caller, arrived)
     except ClientDisconnect:
         parts.metrics.failures.labels("http", "client_gone").inc()
         raise
@@ -93,19 +97,22 @@ async def localize(request: Request, parts: PartsDep, caller: CallerDep) -> Resp
         raise
     parts.use_case.count("http", answer)
     headers = {"Server-Timing": server_timing(answer), "Cache-Control": "no-store", "Vary": "Accept"}
-    return Response(body, media_type=media_type, headers=headers)
+    return Response(content, media_type=media_type, headers=headers)
 
 
 async def _localize(
-    request: Request, parts: Parts, caller: Caller, arrived: float, form: str
-) -> Localization:
-    options = single_values(request)
+    request: Request, parts: Parts, caller: Caller, arrived: float
+) -> tuple[Localization, tuple[bytes, str]]:
+    """The answer, and the form in which it was asked for."""
+    options, accept = single_values(request), request.headers.get("accept", "")
+    pose = PoseReply.wanted(accept, options)
+    is_geographic = pose is None and negotiated(accept, (JSON, GEOPOSE)) == GEOPOSE
     map_id = options.pop(MAP_PARAMETER, "")
     check_maps(map_id, caller)
     LocalizeOptions.from_strings(options)  # what can be refused is refused before the body is read
     media_type = request.headers.get("content-type", "")
     check_media_type(media_type)
-    if form == GEOPOSE and map_id and "," not in map_id:  # of several it is known once one has answered
+    if is_geographic and map_id and "," not in map_id:  # of several it is known once one has answered
         await asyncio.to_thread(parts.georeference_cache.of, map_id)
     parts.use_case.check_room(map_id, caller)
     body = await parts.bodies.read(request)
@@ -114,19 +121,20 @@ async def _localize(
         work = parts.use_case.localize(
             body, media_type, content_encoding, map_id, options, arrived=arrived, caller=caller
         )
-        return await unless_client_leaves(request, work)
+        answer = await unless_client_leaves(request, work)
+        if is_geographic and answer.T_map_sensor is not None:
+            return answer, (await _geographic(parts, answer), GEOPOSE)
+        return answer, form_of(answer, pose, body, media_type, content_encoding)
     finally:
         parts.bodies.release(body)
 
 
-async def _written(parts: Parts, answer: Localization, form: str) -> tuple[bytes, str]:
-    """The answer's body and media type: the geographic pose of the robot if its mount is known, else of
-    the sensor. Without a pose it is JSON, which says why."""
-    if form == JSON or answer.T_map_sensor is None:
-        return to_json(answer), JSON
+async def _geographic(parts: Parts, answer: Localization) -> bytes:
+    """The geographic pose of the robot if its mount is known, else of the sensor."""
+    assert answer.T_map_sensor is not None
     georeference = await asyncio.to_thread(parts.georeference_cache.of, answer.map_id)
     T_map_body = answer.T_map_sensor if answer.T_map_base is None else answer.T_map_base
-    return json.dumps(georeference.geopose(T_map_body)).encode(), GEOPOSE
+    return json.dumps(georeference.geopose(T_map_body)).encode()
 
 
 def single_values(request: Request) -> dict[str, str]:

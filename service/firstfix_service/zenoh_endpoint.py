@@ -7,8 +7,8 @@
 
 No map can have the name ``@any``, and no wildcard meets it. The options are selector parameters, the
 payload the same bytes as the HTTP body, its encoding the media type. Parameters ``content_encoding``,
-``request_id`` and ``traceparent`` stand for HTTP's headers, the attachment for the credential of its header
-Authorization, without the word Bearer. Errors are replied as the same problem documents.
+``accept``, ``request_id`` and ``traceparent`` stand for HTTP's headers, the attachment for the credential
+of its header Authorization, without the word Bearer. Errors are replied as the same problem documents.
 """
 
 from __future__ import annotations
@@ -32,8 +32,9 @@ from firstfix.localization import Localization
 from . import problems
 from .access import Access
 from .caller import Caller
-from .localize import LocalizeUseCase, to_json
+from .localize import LocalizeUseCase
 from .pool import QueryPool
+from .pose_reply import form_of
 from .problems import problem_of
 from .request_scope import Requests, note
 from .settings import Settings
@@ -176,7 +177,7 @@ class ZenohEndpoint:
                 asked = read_query(query)
                 caller = await self._caller(query)
                 note(caller=caller.name)
-                answer = await self._localize(query, asked, caller, arrived)
+                answer, (content, form) = await self._localize(query, asked, caller, arrived)
             except Exception as error:
                 if not isinstance(error, FirstfixError):
                     _log.exception("unexpected error", key=str(query.key_expr))
@@ -189,7 +190,7 @@ class ZenohEndpoint:
             # The key has to be one that the query's own covers: it may ask for every replica.
             own = f"{asked.key}/{self.replica}"
             key = own if query.key_expr.intersects(zenoh.KeyExpr(own)) else asked.key
-            await self._reply(query, partial(query.reply, key, to_json(answer), encoding="application/json"))
+            await self._reply(query, partial(query.reply, key, content, encoding=form))
 
     async def _reply(self, query: Any, send: Callable[[], None]) -> None:
         def reply() -> None:
@@ -210,10 +211,14 @@ class ZenohEndpoint:
         self._access.take("localize", caller)
         return caller
 
-    async def _localize(self, query: Any, asked: ZenohQuery, caller: Caller, arrived: float) -> Localization:
+    async def _localize(
+        self, query: Any, asked: ZenohQuery, caller: Caller, arrived: float
+    ) -> tuple[Localization, tuple[bytes, str]]:
+        """The answer, and the form in which it was asked for."""
         payload = query.payload  # None: an empty body, as over HTTP
-        return await self._use_case.localize(
-            b"" if payload is None else payload.to_bytes(),
+        body = b"" if payload is None else payload.to_bytes()
+        answer = await self._use_case.localize(
+            body,
             asked.media_type,
             asked.content_encoding,
             asked.map_id,
@@ -221,6 +226,7 @@ class ZenohEndpoint:
             arrived=arrived,
             caller=caller,
         )
+        return answer, form_of(answer, asked.pose, body, asked.media_type, asked.content_encoding)
 
 
 def _reply_error(query: Any, error: BaseException) -> None:

@@ -9,9 +9,11 @@ from typing import Any
 from firstfix.errors import InvalidOption, Unauthorized
 from firstfix.ids import check_map_id
 
+from .pose_reply import PoseReply
 from .zenoh_log import PARAMETERS
 
 CONTENT_ENCODING = "content_encoding"
+ACCEPT = "accept"
 MAP_PARAMETER = "map"
 ANY_MAP = "@any"
 MAX_CREDENTIAL_BYTES = 16 << 10
@@ -31,6 +33,7 @@ class ZenohQuery:
     media_type: str
     content_encoding: str | None
     options: dict[str, str]
+    pose: PoseReply | None
 
 
 def credential_of(query: Any) -> str | None:
@@ -50,7 +53,8 @@ def credential_of(query: Any) -> str | None:
 def read_query(query: Any) -> ZenohQuery:
     """
     Raises:
-        InvalidOption: its key names no single map, or a parameter stands twice.
+        InvalidOption: its key names no single map, a parameter stands twice, or one of the reply's form
+            cannot be used.
     """
     pairs = list(query.parameters)
     twice = sorted(name for name, count in Counter(name for name, _ in pairs).items() if count > 1)
@@ -62,8 +66,9 @@ def read_query(query: Any) -> ZenohQuery:
     named = parts[1] if len(parts) > 1 else ""
     map_id = options.pop(MAP_PARAMETER, "") if named == ANY_MAP else check_map_id(named)
     content_encoding = options.pop(CONTENT_ENCODING, None)
+    pose = PoseReply.wanted(options.pop(ACCEPT, ""), options)
     media_type = "" if query.encoding is None else str(query.encoding)
-    return ZenohQuery(key_of(named), map_id, media_type, content_encoding, options)
+    return ZenohQuery(key_of(named), map_id, media_type, content_encoding, options, pose)
 
 
 def key_of(map_id: str) -> str:

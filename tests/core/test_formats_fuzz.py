@@ -17,6 +17,7 @@ from firstfix.formats.point_cloud import SCAN_LIMITS
 from firstfix.formats.scanner_bin import decode_scanner_bin
 from firstfix.formats.text import decode_text
 from firstfix.scan import Scan
+from ros_samples import cdr, cloud
 
 CLOUD = random_cloud(12)
 BODIES = {
@@ -27,6 +28,8 @@ BODIES = {
     "ply little": (ply(CLOUD, "binary_little_endian"), "application/ply"),
     "ply big": (ply(CLOUD, "binary_big_endian"), "application/ply"),
     "xyz": (np.zeros((12, 3), "<f4").tobytes(), "application/vnd.firstfix.xyz"),
+    "cdr": (cdr(cloud(CLOUD)), "application/vnd.ros2.cdr"),
+    "cdr big": (cdr(cloud(CLOUD), little_endian=False), "application/cdr"),
     "xyzi": (np.zeros((12, 4), "<f4").tobytes(), "application/vnd.firstfix.xyzi"),
 }
 SPECIAL_WORDS = [

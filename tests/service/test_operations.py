@@ -14,6 +14,7 @@ from firstfix.errors import StoreUnavailable
 from firstfix.options import LocalizeOptions
 from firstfix.store import Store
 from firstfix_service.app import create_app
+from firstfix_service.pose_reply import PARAMETERS
 from firstfix_service.settings import Settings
 
 
@@ -93,7 +94,7 @@ def test_the_document_describes_every_option_and_encoding(service: Service):
     document = service.http.get("/openapi.json").json()
     localize = document["paths"]["/localize"]["post"]
     names = {parameter["name"] for parameter in localize["parameters"]}
-    assert names == {"map", *LocalizeOptions.__dataclass_fields__}
+    assert names == {"map", *LocalizeOptions.__dataclass_fields__, *PARAMETERS}
     assert set(localize["requestBody"]["content"]) == set(MEDIA_TYPES)
     assert set(document["paths"]["/maps"]["post"]["requestBody"]["content"]) == {
         "multipart/form-data",

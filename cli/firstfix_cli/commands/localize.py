@@ -1,8 +1,10 @@
-"""``firstfix localize``: one fix."""
+"""``firstfix localize``: one fix, or one for every cloud of a bag."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,13 +14,18 @@ from ..arguments import AsJson, MapId, SentAs, Store, TimeoutS, Url, Zenoh
 
 if TYPE_CHECKING:
     from firstfix.localization import Localization
+    from firstfix.transform import Matrix
+
+    from ..bag_replay import Replayed
 
 EXIT_CODES = {"localized": 0, "ambiguous": 3, "rejected": 4}
 
 
 def localize(
-    scan: Annotated[Path, typer.Argument(help="Scan file: .pcd, .ply, .bin, .npy, .xyz, .laz, .ffscan ...")],
     map_id: MapId,
+    scan: Annotated[
+        Path | None, typer.Argument(help="Scan file: .pcd, .ply, .bin, .npy, .xyz, .laz, .ffscan ...")
+    ] = None,
     url: Url = None,
     zenoh: Zenoh = None,
     store: Store = None,
@@ -40,12 +47,41 @@ def localize(
     encoding: SentAs = "scan",
     timeout_s: TimeoutS = 30.0,
     as_json: AsJson = False,
+    bag: Annotated[
+        Path | None,
+        typer.Option(help="In place of SCAN: a ROS 1 .bag, a ROS 2 .mcap or .db3, or a ROS 2 bag's folder."),
+    ] = None,
+    topic: Annotated[
+        str | None, typer.Option(help="Of the bag's PointCloud2 [default: the only one].")
+    ] = None,
+    every: Annotated[int, typer.Option(help="Ask for one cloud in so many.", min=1)] = 1,
+    start: Annotated[float, typer.Option(help="Seconds after the bag's beginning.", min=0)] = 0.0,
+    count: Annotated[int | None, typer.Option(help="Clouds to ask for at most.", min=1)] = None,
+    imu_topic: Annotated[str | None, typer.Option(help="Of the bag's Imu: gravity is taken from it.")] = None,
+    base_frame: Annotated[
+        str | None,
+        typer.Option(help="The robot's frame: the bag's /tf_static says how the sensor is mounted."),
+    ] = None,
+    tum: Annotated[Path | None, typer.Option(help="Write the bag's fixes there as a TUM trajectory.")] = None,
 ) -> None:
-    """Find the pose of a scan in a map. Exit code 0: localized, 3: ambiguous, 4: rejected."""
+    """Find the pose of a scan, or of every cloud of a bag, in a map.
+
+    Exit code 0: localized, 3: ambiguous, 4: rejected. For a bag: the best of its clouds.
+    """
     from firstfix.decode import read_scan_file
+    from firstfix.errors import InvalidOption
     from firstfix.options import LocalizeOptions
 
     from ..answerer import answerer
+    from ..bag_replay import Replay, replay
+
+    if (scan is None) == (bag is None):
+        raise InvalidOption("give a scan file or --bag, one of them")
+    of_a_bag = Replay(bag or Path(), topic, every, start, count, imu_topic, base_frame)
+    if bag is None and (of_a_bag != Replay(Path()) or tum is not None):
+        raise InvalidOption(
+            "--topic, --every, --start, --count, --imu-topic, --base-frame and --tum need --bag"
+        )
 
     given = {
         "gravity": gravity,
@@ -56,9 +92,11 @@ def localize(
         "version": version,
     }
     options = LocalizeOptions.from_strings({k: str(v) for k, v in given.items() if v is not None})
-    query = read_scan_file(scan)
     with answerer(map_id, url=url, zenoh=zenoh, store=store, timeout_s=timeout_s, encoding=encoding) as ask:
-        answer = ask(query, options)
+        if scan is None:
+            verdicts = _print_replay(replay(of_a_bag, ask, options), tum, as_json)
+            raise typer.Exit(min(EXIT_CODES[verdict] for verdict in verdicts))
+        answer = ask(read_scan_file(scan), options)
     if as_json:
         typer.echo(json.dumps(answer.to_mapping()))
     else:
@@ -66,30 +104,62 @@ def localize(
     raise typer.Exit(EXIT_CODES[answer.verdict.value])
 
 
+def _print_replay(answers: Iterable[Replayed], tum: Path | None, as_json: bool) -> set[str]:
+    """A line for every cloud as soon as it is answered; the verdicts that there were."""
+    from ..bag_replay import write_tum
+
+    verdicts = set()
+    if tum is not None:
+        tum.parent.mkdir(parents=True, exist_ok=True)
+    with nullcontext() if tum is None else tum.open("w") as trajectory:
+        for one in answers:
+            stamp, answer = one.header.stamp, one.answer
+            verdicts.add(answer.verdict.value)
+            if trajectory is not None:
+                write_tum(trajectory, one)
+            if as_json:
+                said = {
+                    "stamp": {"sec": stamp.sec, "nanosec": stamp.nanosec},
+                    "frame_id": one.header.frame_id,
+                }
+                typer.echo(json.dumps(said | answer.to_mapping()))
+            else:
+                T = answer.T_map_sensor if answer.T_map_base is None else answer.T_map_base
+                typer.echo(f"{stamp}  {_verdict_of(answer)}" + ("" if T is None else f"  {_place(T)}"))
+    return verdicts
+
+
 def lines_of(answer: Localization) -> list[str]:
     """The answer for people."""
     import numpy as np
 
-    from firstfix.transform import Matrix, yaw_of
-
-    def place(T: Matrix) -> str:
-        x, y, z = T[:3, 3]
-        return f"x {x:.3f}  y {y:.3f}  z {z:.3f} m  yaw {np.degrees(yaw_of(T)):.2f} deg"
-
-    why = f" ({', '.join(reason.value for reason in answer.reasons)})" if answer.reasons else ""
-    lines = [f"{answer.verdict.value}{why}, probability {answer.probability:.3f}"]
+    lines = [_verdict_of(answer)]
     if answer.T_map_sensor is not None:
-        lines.append(f"  sensor  {place(answer.T_map_sensor)}")
+        lines.append(f"  sensor  {_place(answer.T_map_sensor)}")
     if answer.T_map_base is not None:
-        lines.append(f"  base    {place(answer.T_map_base)}")
+        lines.append(f"  base    {_place(answer.T_map_base)}")
     if answer.covariance is not None:
         sigma = np.sqrt(np.diag(answer.covariance))
         lines.append(f"  sigma   {sigma[:3].max() * 1000:.1f} mm, {np.degrees(sigma[3:]).max():.3f} deg")
     if answer.T_map_sensor is None:
         for h in answer.hypotheses[:3]:
-            lines.append(f"  maybe   {place(h.T_map_sensor)}  probability {h.probability:.2f}")
+            lines.append(f"  maybe   {_place(h.T_map_sensor)}  probability {h.probability:.2f}")
     lines.append(f"  map     {answer.map_id or '?'}, version {answer.map_version[:12] or '?'}")
     if answer.timings_ms:
         stages = ", ".join(f"{stage} {ms:.1f}" for stage, ms in answer.timings_ms.items())
         lines.append(f"  ms      {stages}")
     return lines
+
+
+def _verdict_of(answer: Localization) -> str:
+    why = f" ({', '.join(reason.value for reason in answer.reasons)})" if answer.reasons else ""
+    return f"{answer.verdict.value}{why}, probability {answer.probability:.3f}"
+
+
+def _place(T: Matrix) -> str:
+    from math import degrees
+
+    from firstfix.transform import yaw_of
+
+    x, y, z = T[:3, 3]
+    return f"x {x:.3f}  y {y:.3f}  z {z:.3f} m  yaw {degrees(yaw_of(T)):.2f} deg"

@@ -15,7 +15,7 @@ from ..scan import MAX_POINTS
 Body = bytes | memoryview
 Column = NDArray[Any]
 
-_INTENSITY_NAMES = ("intensity", "scalar_intensity", "reflectivity", "reflectance", "i")
+INTENSITY_NAMES = ("intensity", "scalar_intensity", "reflectivity", "reflectance", "i")
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class PointCloud:
     def intensity(self) -> Column | None:
         """(n,) under the names that drivers and CloudCompare give it, or None."""
         by_name = {name.lower(): column for name, column in self.columns.items()}
-        return next((by_name[name] for name in _INTENSITY_NAMES if name in by_name), None)
+        return next((by_name[name] for name in INTENSITY_NAMES if name in by_name), None)
 
 
 def require_xyz(format_name: str, names: set[str]) -> None:

@@ -1,0 +1,140 @@
+"""A bag's clouds, one after the other, to a service."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TextIO
+
+from firstfix.errors import InvalidOption, MalformedData, NotFound
+from firstfix.formats.point_cloud import SCAN_LIMITS
+from firstfix.localization import Localization
+from firstfix.options import LocalizeOptions
+from firstfix.ros import imu, static_transforms
+from firstfix.ros.bag import Bag, RawMessage, open_bag
+from firstfix.ros.header import Header
+from firstfix.ros.imu import GravityWindow, decode_imu
+from firstfix.ros.point_cloud2 import StampedCloud, decode_point_cloud2
+from firstfix.ros.static_transforms import StaticTransforms, decode_transforms
+from firstfix.transform import quaternion_of
+
+from .answerer import Answerer
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What of a bag is asked, and how.
+
+    Attributes:
+        topic: of the clouds; None: the bag's only one.
+        every: one cloud in so many is asked.
+        start_s: seconds after the bag's beginning.
+        count: clouds that are asked at most; None: all.
+        imu_topic: gravity is taken from it; None: from the scan, or the options.
+        base_frame: the robot's, to which /tf_static leads from the sensor's; None: as the options say.
+    """
+
+    path: Path
+    topic: str | None = None
+    every: int = 1
+    start_s: float = 0.0
+    count: int | None = None
+    imu_topic: str | None = None
+    base_frame: str | None = None
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """One cloud and its answer."""
+
+    header: Header
+    answer: Localization
+
+
+def replay(wanted: Replay, ask: Answerer, options: LocalizeOptions) -> Iterator[Replayed]:
+    """Asks cloud by cloud, holding one in memory.
+
+    Raises:
+        InvalidOption: gravity or the mounting is asked from the bag and given in the options too; or several
+            topics hold clouds and none is named.
+        NotFound: no such file, topic or static transform, or no cloud is left to ask.
+        MalformedData: the bag or a message in it is damaged.
+    """
+    if wanted.imu_topic is not None and options.gravity is not None:
+        raise InvalidOption("give gravity or an IMU's topic, not both")
+    if wanted.base_frame is not None and options.T_base_sensor is not None:
+        raise InvalidOption("give T_base_sensor or a base frame, not both")
+    with open_bag(wanted.path) as bag:
+        topic = bag.cloud_topic(wanted.topic)
+        if wanted.imu_topic is not None:
+            bag.check_topic(wanted.imu_topic, imu.TYPE)
+        if wanted.every < 1 or wanted.start_s < 0:
+            raise InvalidOption("one scan in 1 or more is asked, from 0 s or later")
+        number = -1
+        for number, replayed in enumerate(_answers(bag, topic, wanted, ask, options)):  # noqa: B007
+            yield replayed
+        if number < 0:
+            raise NotFound(f"{wanted.path}: {topic} holds no cloud {wanted.start_s:g} s after the beginning")
+
+
+def _answers(
+    bag: Bag, topic: str, wanted: Replay, ask: Answerer, options: LocalizeOptions
+) -> Iterator[Replayed]:
+    frames = _static_transforms(bag) if wanted.imu_topic or wanted.base_frame else StaticTransforms()
+    window = GravityWindow()
+    topics = [topic, *([wanted.imu_topic] if wanted.imu_topic else [])]
+    seen = 0
+    for message in bag.messages(topics, bag.start_ns + round(wanted.start_s * 1e9)):
+        if message.topic != topic:
+            window.add(decode_imu(message.body, ros1=bag.ros1))
+            continue
+        seen += 1
+        if (seen - 1) % wanted.every:
+            continue
+        stamped = _decoded(bag, message)
+        asked = _with_what_is_known(options, stamped.header, window, frames, wanted.base_frame)
+        yield Replayed(stamped.header, ask(stamped.scan(), asked))
+        if wanted.count is not None and (seen - 1) // wanted.every + 1 >= wanted.count:
+            return
+
+
+def _decoded(bag: Bag, message: RawMessage) -> StampedCloud:
+    try:
+        return decode_point_cloud2(message.body, SCAN_LIMITS, ros1=bag.ros1)
+    except MalformedData as error:
+        raise MalformedData(f"{bag.path}: the message recorded at {message.time_ns} ns: {error}") from error
+
+
+def _with_what_is_known(
+    options: LocalizeOptions,
+    header: Header,
+    window: GravityWindow,
+    frames: StaticTransforms,
+    base_frame: str | None,
+) -> LocalizeOptions:
+    down = window.down(header.stamp)
+    if down is not None:
+        same = window.frame_id == header.frame_id
+        gravity = down if same else frames.between(header.frame_id, window.frame_id)[:3, :3] @ down
+        options = replace(options, gravity=gravity)
+    if base_frame is not None:
+        options = replace(options, T_base_sensor=frames.between(base_frame, header.frame_id))
+    return options
+
+
+def _static_transforms(bag: Bag) -> StaticTransforms:
+    frames = StaticTransforms()
+    topics = [t for t in bag.topics(static_transforms.TYPE) if t.rpartition("/")[2] == "tf_static"]
+    for message in bag.messages(topics):
+        frames.add(decode_transforms(message.body, ros1=bag.ros1))
+    return frames
+
+
+def write_tum(file: TextIO, replayed: Replayed) -> None:
+    """One line ``stamp x y z qx qy qz qw``: the robot's pose where it is known, else the sensor's."""
+    answer = replayed.answer
+    T = answer.T_map_sensor if answer.T_map_base is None else answer.T_map_base
+    if T is not None:
+        numbers = " ".join(f"{v:.9f}" for v in (*T[:3, 3], *quaternion_of(T)))
+        file.write(f"{replayed.header.stamp} {numbers}\n")

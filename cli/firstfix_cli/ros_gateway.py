@@ -1,0 +1,238 @@
+"""One process that finds the first fix of every robot of a fleet that speaks rmw_zenoh.
+
+A robot is a namespace in which somebody publishes clouds: it shows by the publisher's liveliness token. Its
+clouds are subscribed to only while a fix is wanted, so a robot that has one costs no traffic.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import queue
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any
+
+import zenoh
+
+from firstfix.errors import FirstfixError, InvalidOption
+from firstfix.localization import Localization
+from firstfix.ros import point_cloud2, pose_message
+from firstfix.ros.cdr import CdrWriter
+from firstfix.ros.rmw_zenoh import (
+    PUBLISHER,
+    RELIABLE_QOS,
+    SENSOR_QOS,
+    SERVICE,
+    SUBSCRIPTION,
+    TRIGGER,
+    Attachment,
+    Endpoint,
+    Node,
+    endpoint,
+    parse_token,
+    publishers_pattern,
+)
+from firstfix_client.errors import ServiceUnreachable
+from firstfix_client.first_fix import Ask, FirstFix, State, Wishes
+
+NODE_NAME = "firstfix_gateway"
+LOCATE = "first_fix/locate"
+_LOOK_S = 0.1  # how often wishes are looked at, and tokens waited for
+Tell = Callable[[str, str], None]  # a robot's namespace and a line about it
+
+
+class Graph:
+    """Our node in the ROS graph: declares endpoints with their tokens."""
+
+    def __init__(self, session: Any, domain: int) -> None:
+        self.session = session
+        self.domain = domain
+        self._node = Node(domain, str(session.info.zid()), NODE_NAME)
+        self._numbers = itertools.count(1)
+        self._node_token = session.liveliness().declare_token(self._node.token)
+
+    def close(self) -> None:
+        self._node_token.undeclare()
+
+    def token(self, of: Endpoint, qos: str) -> Any:
+        return self.session.liveliness().declare_token(
+            self._node.endpoint_token(next(self._numbers), of, qos)
+        )
+
+
+class Robot:
+    """One robot: listens to its clouds while a fix is wanted, publishes the pose, answers its service."""
+
+    def __init__(
+        self,
+        graph: Graph,
+        clouds: Endpoint,
+        namespace: str,
+        pose_topic: str,
+        ask: Ask,
+        wishes: Wishes,
+        tell: Tell,
+    ) -> None:
+        self.publishers: set[str] = set()  # their tokens
+        self._graph, self._clouds, self._namespace, self._tell = graph, clouds, namespace, tell
+        self._pose = endpoint(
+            graph.domain, PUBLISHER, f"{namespace}/{pose_topic}", pose_message.TYPE, humble=clouds.is_humble
+        )
+        locate = endpoint(graph.domain, SERVICE, f"{namespace}/{LOCATE}", TRIGGER, humble=clouds.is_humble)
+        self._sequence, self._gid = itertools.count(1), os.urandom(16)
+        self._listening: tuple[Any, Any] | None = None
+        self._said: tuple[State, str] | None = None
+        self.fix = FirstFix(ask, self._publish, wishes)
+        self._declared = [
+            graph.token(self._pose, RELIABLE_QOS),
+            graph.session.declare_queryable(locate.key, self._on_locate, complete=True),
+            graph.token(locate, RELIABLE_QOS),
+        ]
+
+    def look(self) -> None:
+        """Subscribes, or no longer, as the wish is; tells what has changed."""
+        wanted = self.fix.wanted
+        if wanted and self._listening is None:
+            of = replace(self._clouds, kind=SUBSCRIPTION)
+            subscriber = self._graph.session.declare_subscriber(
+                self._clouds.key, lambda sample: self.fix.on_cloud(sample.payload.to_bytes())
+            )
+            self._listening = subscriber, self._graph.token(of, SENSOR_QOS)
+        elif not wanted:
+            self._rest()
+        status = self.fix.status
+        if (status.state, status.error) != self._said and status.state is not State.ASKING:
+            self._said = status.state, status.error
+            self._tell(self._namespace, status.state.value + (f": {status.error}" if status.error else ""))
+
+    def close(self) -> None:
+        self._rest()
+        for declared in self._declared:
+            declared.undeclare()
+        self.fix.close()
+
+    def _rest(self) -> None:
+        if self._listening is not None:
+            for declared in self._listening:
+                declared.undeclare()
+            self._listening = None
+
+    def _publish(self, pose: bytes, answer: Localization) -> None:
+        attachment = Attachment(next(self._sequence), time.time_ns(), self._gid)
+        self._graph.session.put(
+            self._pose.key,
+            pose,
+            attachment=attachment.to_bytes(),
+            congestion_control=zenoh.CongestionControl.BLOCK,  # there is only this one
+        )
+
+    def _on_locate(self, query: Any) -> None:
+        with query:
+            raw = query.attachment
+            try:
+                asked = Attachment.from_bytes(b"" if raw is None else raw.to_bytes())
+            except FirstfixError:
+                return  # nobody that waits for an answer of ours
+            self.fix.want()
+            writer = CdrWriter()
+            writer.numbers("B", [True])
+            writer.text("looking for a fix; it is published when there is one")
+            attachment = Attachment(asked.sequence, time.time_ns(), asked.gid)
+            query.reply(query.key_expr, writer.bytes(), attachment=attachment.to_bytes())
+
+
+class RosGateway:
+    """Follows robots as they come and go, until it is told to stop.
+
+    Args:
+        session: where the robots are.
+        points, pose_topic: names below a robot's namespace, without a first slash.
+        at_start: every robot that shows gets a first fix without asking.
+    """
+
+    def __init__(
+        self,
+        session: Any,
+        ask: Ask,
+        wishes: Wishes,
+        *,
+        domain: int = 0,
+        points: str = "points",
+        pose_topic: str = "initialpose",
+        at_start: bool = True,
+        tell: Tell = lambda namespace, line: None,
+    ) -> None:
+        self.robots: dict[str, Robot] = {}
+        self._graph = Graph(session, domain)
+        self._ask, self._wishes, self._tell = ask, wishes, tell
+        self._suffix, self._pose_topic = "/" + points.strip("/"), pose_topic.strip("/")
+        self._at_start = at_start
+        self._tokens: queue.SimpleQueue[tuple[bool, str]] = queue.SimpleQueue()
+
+    def run(self, stop: threading.Event) -> None:
+        """Blocks until ``stop`` is set. All that is declared is taken back."""
+        subscriber = self._graph.session.liveliness().declare_subscriber(
+            publishers_pattern(self._graph.domain, point_cloud2.TYPE), self._on_token, history=True
+        )
+        try:
+            while not stop.is_set():
+                with suppress(queue.Empty):
+                    self._follow(*self._tokens.get(timeout=_LOOK_S))
+                for robot in self.robots.values():
+                    robot.look()
+        finally:
+            subscriber.undeclare()
+            for robot in self.robots.values():
+                robot.close()
+            self.robots.clear()
+            self._graph.close()
+
+    def _on_token(self, sample: Any) -> None:
+        self._tokens.put((sample.kind != zenoh.SampleKind.DELETE, str(sample.key_expr)))
+
+    def _follow(self, came: bool, token: str) -> None:
+        clouds = parse_token(token)
+        if clouds is None or not clouds.topic.endswith(self._suffix):
+            return
+        namespace = clouds.topic.removesuffix(self._suffix)
+        if came:
+            self._robot(namespace, clouds).publishers.add(token)
+        elif (robot := self.robots.get(namespace)) is not None:
+            robot.publishers.discard(token)
+            if not robot.publishers:
+                self.robots.pop(namespace).close()
+                self._tell(namespace, "gone")
+
+    def _robot(self, namespace: str, clouds: Endpoint) -> Robot:
+        if namespace not in self.robots:
+            self.robots[namespace] = robot = Robot(
+                self._graph, clouds, namespace, self._pose_topic, self._ask, self._wishes, self._tell
+            )
+            if self._at_start:
+                robot.fix.want()
+        return self.robots[namespace]
+
+
+def open_session(endpoint_address: str) -> Any:
+    """A client of the robots' router.
+
+    Raises:
+        InvalidOption: no such form of an endpoint.
+        ServiceUnreachable: nothing listens there.
+    """
+    config = zenoh.Config()
+    try:
+        config.insert_json5("mode", '"client"')
+        config.insert_json5("connect/endpoints", json.dumps([endpoint_address]))
+        config.insert_json5("scouting/multicast/enabled", "false")
+    except zenoh.ZError as error:
+        raise InvalidOption(f"no zenoh endpoint {endpoint_address!r}: {error}") from None
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        raise ServiceUnreachable(f"no zenoh at {endpoint_address}: {error}") from None

@@ -1,0 +1,62 @@
+"""What the node can be told, checked; no ROS in here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+from firstfix.errors import InvalidOption
+from firstfix.ids import check_map_id
+from firstfix.ros.header import check_frame
+from firstfix_client import Client, ZenohClient
+from firstfix_client.first_fix import Ask, Wishes
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """The node's parameters with their defaults; ``config/first_fix.yaml`` says what they mean."""
+
+    map_id: str = ""
+    url: str = "http://localhost:8080"
+    zenoh: str = ""
+    map_frame: str = "map"
+    base_frame: str = "base_link"
+    imu: bool = True
+    at_start: bool = True
+    retry_s: float = 1.0
+    timeout_s: float = 10.0
+    voxel_m: float = 0.25
+
+    @classmethod
+    def defaults(cls) -> dict[str, Any]:
+        return {field.name: field.default for field in fields(cls)}
+
+    @classmethod
+    def checked(cls, values: Mapping[str, Any]) -> Parameters:
+        """
+        Raises:
+            InvalidOption: one has a value that it cannot have.
+        """
+        parameters = cls(**values)
+        check_map_id(parameters.map_id)
+        check_frame(parameters.map_frame)
+        if not (parameters.retry_s >= 0 and parameters.timeout_s > 0 and parameters.voxel_m >= 0):
+            raise InvalidOption("retry_s, timeout_s and voxel_m are no negative numbers, timeout_s is not 0")
+        return parameters
+
+    def wishes(self) -> Wishes:
+        return Wishes(map_frame=self.map_frame, base_frame=self.base_frame, retry_s=self.retry_s)
+
+    def client(self) -> Client | ZenohClient:
+        """
+        Raises:
+            InvalidOption, ServiceUnreachable, ModuleNotFoundError: as the clients' own.
+        """
+        voxel_m = self.voxel_m or None
+        if self.zenoh:
+            return ZenohClient(self.zenoh, timeout_s=self.timeout_s, voxel_m=voxel_m)
+        return Client(self.url, timeout_s=self.timeout_s, voxel_m=voxel_m)
+
+    def ask(self, client: Client | ZenohClient) -> Ask:
+        return lambda scan, options: client.localize(scan, map_id=self.map_id, options=options)

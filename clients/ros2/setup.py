@@ -1,0 +1,20 @@
+from setuptools import setup
+
+NAME = "firstfix_ros"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    packages=[NAME],
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/launch", ["launch/first_fix.launch.py"]),
+        (f"share/{NAME}/config", ["config/first_fix.yaml"]),
+    ],
+    install_requires=["setuptools"],
+    zip_safe=True,
+    description="The first fix of a robot with a LiDAR, asked of a firstfix service.",
+    license="Apache-2.0",
+    entry_points={"console_scripts": [f"first_fix = {NAME}.node:main"]},
+)

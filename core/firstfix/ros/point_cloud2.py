@@ -1,0 +1,113 @@
+"""sensor_msgs/PointCloud2 to columns, by NumPy views into the message."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import UnsupportedFormat
+from ..formats.point_cloud import INTENSITY_NAMES, Body, Column, Limits, PointCloud, require_xyz
+from ..scan import Scan
+from .cdr import MessageReader
+from .header import Header, read_header
+
+TYPE = "sensor_msgs/msg/PointCloud2"
+_NAME = "PointCloud2"
+_MAX_FIELDS = 256
+_MAX_POINT_STEP = 65_535
+_FLOAT_CODES = {7: "f4", 8: "f8"}
+_CODES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", **_FLOAT_CODES}
+
+
+@dataclass(frozen=True)
+class StampedCloud:
+    """A message's points, with when and in which frame they were seen."""
+
+    header: Header
+    cloud: PointCloud
+
+    def scan(self) -> Scan:
+        """Returns that are not finite are dropped, whatever ``is_dense`` says.
+
+        Raises:
+            InvalidScan, TooLarge: as ``Scan.from_points``.
+        """
+        with np.errstate(invalid="ignore", over="ignore"):  # an intensity need not be a sane float32
+            return Scan.from_points(self.cloud.xyz, self.cloud.intensity, self.header.stamp.seconds)
+
+
+@dataclass(frozen=True)
+class _Field:
+    name: str
+    offset: int
+    datatype: int
+    count: int
+
+
+def decode_point_cloud2(body: Body, limits: Limits, *, ros1: bool = False) -> StampedCloud:
+    """A serialised message to its x, y, z and intensity, in the message's own number types.
+
+    Fields may stand in any order, with gaps; rows may have padding (``row_step``); the numbers may be
+    big-endian (``is_bigendian``, which has nothing to do with the byte order of the CDR around them).
+
+    Args:
+        ros1: the packed form of a ROS 1 bag in place of CDR.
+
+    Raises:
+        MalformedData: the sizes contradict each other or the body, or it is cut off.
+        TooLarge: over the limits.
+        UnsupportedFormat: no plain CDR, or x, y, z are no FLOAT32 or FLOAT64.
+    """
+    reader = MessageReader(_NAME, body, ros1=ros1)
+    header = read_header(reader)
+    height, width = reader.number("I"), reader.number("I")
+    fields = [_read_field(reader) for _ in range(reader.count(_MAX_FIELDS, "fields"))]
+    big_endian = reader.flag()
+    point_step, row_step = reader.number("I"), reader.number("I")
+    limits.check(_NAME, width * height, point_step)
+    data = reader.octets()
+    reader.flag()  # is_dense: points that are not finite are looked for anyway
+    reader.end()
+    if len(data) != height * row_step or row_step < width * point_step or point_step > _MAX_POINT_STEP:
+        reader.fail(
+            f"{height} rows of {row_step} bytes with {width} points of {point_step} bytes do not make up "
+            f"{len(data)} bytes"
+        )
+    record = _record(reader, fields, point_step, ">" if big_endian else "<")
+    rows = np.ndarray((height, width), record, data, strides=(row_step, point_step))
+    return StampedCloud(header, PointCloud({name: _column(rows, name) for name in record.names or ()}))
+
+
+def _read_field(reader: MessageReader) -> _Field:
+    return _Field(reader.text(), reader.number("I"), reader.number("B"), reader.number("I"))
+
+
+def _record(reader: MessageReader, fields: list[_Field], point_step: int, order: str) -> np.dtype[np.void]:
+    """Where the columns lie in a point; of two fields with one name the first counts."""
+    single: dict[str, _Field] = {}
+    for field in fields:
+        wanted = field.name in ("x", "y", "z") or field.name.lower() in INTENSITY_NAMES
+        if wanted and field.count == 1 and field.datatype in _CODES:
+            single.setdefault(field.name, field)
+    require_xyz(_NAME, set(single))
+    for axis in "xyz":
+        if single[axis].datatype not in _FLOAT_CODES:
+            raise UnsupportedFormat(f"{_NAME}: {axis} is no FLOAT32 or FLOAT64")
+    for field in single.values():
+        if field.offset + np.dtype(_CODES[field.datatype]).itemsize > point_step:
+            reader.fail(f"the field {field.name!r} lies outside a point's {point_step} bytes")
+    return np.dtype(
+        {
+            "names": list(single),
+            "formats": [order + _CODES[field.datatype] for field in single.values()],
+            "offsets": [field.offset for field in single.values()],
+            "itemsize": point_step,
+        }
+    )
+
+
+def _column(rows: np.ndarray[tuple[int, int], np.dtype[np.void]], name: str) -> Column:
+    """(n,): a view where the rows have no padding."""
+    column: Column = rows[name].reshape(-1)
+    return column

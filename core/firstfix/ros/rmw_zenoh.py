@@ -1,0 +1,135 @@
+"""How rmw_zenoh_cpp lays ROS 2 out on zenoh: keys, liveliness tokens and attachments. No zenoh in here.
+
+After docs/design.md, liveliness_utils.cpp and attachment_helpers.cpp of ros2/rmw_zenoh. Jazzy's releases
+up to 0.2.3 wrote other attachments and are not spoken to.
+
+    topic  <domain>/<name without its first slash>/<DDS type>/<type hash>
+    token  @ros2_lv/<domain>/<session>/<node id>/<id>/<kind>/<enclave>/<namespace>/<node>
+           and for endpoints /<name>/<DDS type>/<type hash>/<QoS>, each part with % for its slashes
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+from ..errors import MalformedData
+from . import point_cloud2, pose_message
+
+TRIGGER = "std_srvs/srv/Trigger"
+NO_HASH = "TypeHashNotSupported"  # Humble
+# RIHS01, REP-2016: the same in every distribution, as these messages have not changed
+_HASHES = {
+    point_cloud2.TYPE: "RIHS01_9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5",
+    pose_message.TYPE: "RIHS01_26432f9803e43727d3c8f668d1fdb3c630f548af631e2f4e31382371bfea3b6e",
+    TRIGGER: "RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f",
+}
+NODE, PUBLISHER, SUBSCRIPTION, SERVICE = "NN", "MP", "MS", "SS"
+# What differs from rmw_zenoh's defaults (reliable, volatile, the last 42): here the depth
+RELIABLE_QOS = "::,10:,:,:,,"
+SENSOR_QOS = "2::,5:,:,:,,"  # best effort
+_ADMIN = "@ros2_lv"
+_ATTACHMENT = struct.Struct("<qqB16s")
+_GID_BYTES = 16
+
+
+@dataclass(frozen=True)
+class Endpoint:
+    """A publisher, subscription or service as its token describes it."""
+
+    domain: int
+    kind: str
+    topic: str
+    dds_type: str
+    type_hash: str
+
+    @property
+    def key(self) -> str:
+        """Where its messages are put."""
+        return f"{self.domain}/{self.topic.strip('/')}/{self.dds_type}/{self.type_hash}"
+
+    @property
+    def is_humble(self) -> bool:
+        return self.type_hash == NO_HASH
+
+
+def endpoint(domain: int, kind: str, topic: str, ros_type: str, *, humble: bool = False) -> Endpoint:
+    """One of ours.
+
+    Args:
+        topic: fully qualified, with its first slash.
+        ros_type: of the types that have a hash here.
+    """
+    return Endpoint(domain, kind, topic, dds_type(ros_type), NO_HASH if humble else _HASHES[ros_type])
+
+
+def dds_type(ros_type: str) -> str:
+    """``pkg/msg/Type`` as DDS names it."""
+    package, kind, name = ros_type.split("/")
+    return f"{package}::{kind}::dds_::{name}_"
+
+
+def publishers_pattern(domain: int, ros_type: str) -> str:
+    """Matches the tokens of every publisher of a type. The last part: QoS, and what rolling puts after it."""
+    return f"{_ADMIN}/{domain}/*/*/*/{PUBLISHER}/*/*/*/*/{dds_type(ros_type)}/**"
+
+
+def parse_token(key: str) -> Endpoint | None:
+    """None where the key is no endpoint's token."""
+    parts = key.split("/")
+    if len(parts) < 13 or parts[0] != _ADMIN or not parts[1].isdigit() or not parts[9].startswith("%"):
+        return None
+    return Endpoint(int(parts[1]), parts[5], parts[9].replace("%", "/"), parts[10], parts[11])
+
+
+@dataclass(frozen=True)
+class Node:
+    """A node without namespace or enclave, with number 0 in its session."""
+
+    domain: int
+    session: str
+    name: str
+
+    @property
+    def token(self) -> str:
+        return self._token(0, NODE)
+
+    def endpoint_token(self, number: int, of: Endpoint, qos: str) -> str:
+        """
+        Args:
+            number: of the endpoint in its session, from 1.
+        """
+        mangled = of.topic.replace("/", "%")
+        return f"{self._token(number, of.kind)}/{mangled}/{of.dds_type}/{of.type_hash}/{qos}"
+
+    def _token(self, number: int, kind: str) -> str:
+        return f"{_ADMIN}/{self.domain}/{self.session}/0/{number}/{kind}/%/%/{self.name}"
+
+
+@dataclass(frozen=True)
+class Attachment:
+    """Goes with every message; rmw_zenoh drops those without one.
+
+    Attributes:
+        sequence: of the publisher, from 1; of a reply: the request's.
+        stamp_ns: when it was sent, since the epoch.
+        gid: 16 bytes that tell the sender from others; of a reply: the asker's.
+    """
+
+    sequence: int
+    stamp_ns: int
+    gid: bytes
+
+    def to_bytes(self) -> bytes:
+        return _ATTACHMENT.pack(self.sequence, self.stamp_ns, _GID_BYTES, self.gid)
+
+    @classmethod
+    def from_bytes(cls, raw: bytes) -> Attachment:
+        """
+        Raises:
+            MalformedData: another layout.
+        """
+        if len(raw) != _ATTACHMENT.size or raw[16] != _GID_BYTES:
+            raise MalformedData(f"{len(raw)} bytes are no attachment of rmw_zenoh")
+        sequence, stamp_ns, _, gid = _ATTACHMENT.unpack(raw)
+        return cls(sequence, stamp_ns, gid)

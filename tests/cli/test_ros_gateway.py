@@ -1,0 +1,248 @@
+"""The gateway among plain zenoh sessions that speak rmw_zenoh's layout as robots do."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+import zenoh
+
+from fake_service import FakeService
+from firstfix.localization import Localization, Reason, Verdict
+from firstfix.options import LocalizeOptions
+from firstfix.ros import point_cloud2, pose_message
+from firstfix.ros.cdr import MessageReader
+from firstfix.ros.rmw_zenoh import (
+    PUBLISHER,
+    SENSOR_QOS,
+    SERVICE,
+    TRIGGER,
+    Attachment,
+    Node,
+    endpoint,
+    parse_token,
+)
+from firstfix.scan import Scan
+from firstfix.transform import make_transform, rotation_z
+from firstfix_cli.ros_gateway import RosGateway, open_session
+from firstfix_client.first_fix import Wishes
+from ros_samples import ROS2, cdr, cloud_of_points
+
+POSE = make_transform(rotation_z(0.5), [12.0, -4.0, 1.5])
+FOUND = Localization(Verdict.LOCALIZED, (), POSE, None, np.eye(6), 0.99)
+REJECTED = Localization(Verdict.REJECTED, (Reason.LOW_OVERLAP,))
+GID = bytes(range(16))
+
+
+def wait_for(condition: Callable[[], object]) -> None:
+    end = time.monotonic() + 20
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.02)
+
+
+@pytest.fixture
+def router() -> Iterator[str]:
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        address = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    config = zenoh.Config()
+    config.insert_json5("mode", '"router"')
+    config.insert_json5("listen/endpoints", json.dumps([address]))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    with zenoh.open(config):
+        yield address
+
+
+class Robot:
+    """Publishes clouds when told, keeps the poses, calls the service: as a node of rmw_zenoh would."""
+
+    def __init__(self, router: str, namespace: str, *, domain: int = 0, humble: bool = False) -> None:
+        self.session = open_session(router)
+        node = Node(domain, str(self.session.info.zid()), "lidar_driver")
+        self.clouds = endpoint(domain, PUBLISHER, f"{namespace}/points", point_cloud2.TYPE, humble=humble)
+        pose = endpoint(domain, PUBLISHER, f"{namespace}/initialpose", pose_message.TYPE, humble=humble)
+        self.locate = endpoint(domain, SERVICE, f"{namespace}/first_fix/locate", TRIGGER, humble=humble)
+        self.poses: list[tuple[Any, Attachment]] = []
+        self.session.declare_subscriber(pose.key, self._on_pose)
+        self.publisher = self.session.declare_publisher(self.clouds.key)
+        self.token = self.session.liveliness().declare_token(node.endpoint_token(1, self.clouds, SENSOR_QOS))
+        self._sequence = itertools.count(1)
+
+    def _on_pose(self, sample: Any) -> None:
+        message = ROS2.deserialize_cdr(sample.payload.to_bytes(), pose_message.TYPE)
+        self.poses.append((message, Attachment.from_bytes(sample.attachment.to_bytes())))
+
+    def publish(self, points: int) -> None:
+        body = cdr(cloud_of_points(np.ones((points, 3)), stamp_ns=7 * 10**9))
+        attachment = Attachment(next(self._sequence), time.time_ns(), GID)
+        self.publisher.put(body, attachment=attachment.to_bytes())
+
+    @property
+    def is_heard(self) -> bool:
+        return bool(self.publisher.matching_status.matching)
+
+    def call(self) -> tuple[bool, str, Attachment]:
+        attachment = Attachment(41, time.time_ns(), GID).to_bytes()
+        replies = self.session.get(
+            self.locate.key,
+            payload=b"\0\1\0\0\0",
+            attachment=attachment,
+            target=zenoh.QueryTarget.ALL_COMPLETE,
+        )
+        (reply,) = (reply.ok for reply in replies)
+        read = MessageReader("Trigger", reply.payload.to_bytes())
+        answer = read.flag(), read.text()
+        read.end()
+        return *answer, Attachment.from_bytes(reply.attachment.to_bytes())
+
+
+class Gateway:
+    """One that runs, over answers by point count."""
+
+    def __init__(self, router: str, **options: Any) -> None:
+        self.asked: list[int] = []
+        self.told: list[tuple[str, str]] = []
+        self.session = open_session(router)
+        self.gateway = RosGateway(
+            self.session, self._ask, Wishes(retry_s=0.0), tell=lambda *line: self.told.append(line), **options
+        )
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self.gateway.run, args=[self._stop], daemon=True)
+
+    def _ask(self, scan: Scan, options: LocalizeOptions) -> Localization:
+        self.asked.append(len(scan))
+        return FOUND if len(scan) == 100 else REJECTED
+
+    def __enter__(self) -> Gateway:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join(20)
+        assert not self._thread.is_alive()
+        self.session.close()
+
+
+@pytest.mark.parametrize("namespace", ["", "/fleet/robot1"])
+@pytest.mark.parametrize("humble", [False, True])
+def test_a_robot_gets_its_first_fix_and_then_rest(router: str, namespace: str, humble: bool):
+    robot = Robot(router, namespace, humble=humble)
+    with Gateway(router) as gateway:
+        wait_for(lambda: robot.is_heard)
+        robot.publish(50)
+        wait_for(lambda: (namespace, "not localized") in gateway.told)
+        robot.publish(100)
+        wait_for(lambda: robot.poses)
+        wait_for(lambda: not robot.is_heard)
+    ((message, attachment),) = robot.poses
+    assert (message.header.frame_id, message.header.stamp.sec) == ("map", 7)
+    assert message.pose.pose.position.x == 12
+    assert attachment.sequence == 1
+    assert abs(attachment.stamp_ns - time.time_ns()) < 60e9
+    assert gateway.asked == [50, 100]
+    robot.session.close()
+
+
+def test_the_service_asks_for_another(router: str):
+    robot = Robot(router, "/robot1")
+    with Gateway(router, at_start=False) as gateway:
+        wait_for(lambda: ("/robot1", "idle") in gateway.told)
+        assert not robot.is_heard
+        for number in (1, 2):
+            success, message, attachment = robot.call()
+            assert success
+            assert "looking" in message
+            assert (attachment.sequence, attachment.gid) == (41, GID)
+            wait_for(lambda: robot.is_heard)
+            robot.publish(100)
+            wait_for(lambda number=number: len(robot.poses) == number)
+            wait_for(lambda: not robot.is_heard)
+    assert [attachment.sequence for _, attachment in robot.poses] == [1, 2]
+    assert len({attachment.gid for _, attachment in robot.poses}) == 1
+    robot.session.close()
+
+
+def test_each_robot_gets_its_own(router: str):
+    robots = [Robot(router, f"/robot{number}") for number in range(3)]
+    stranger = Robot(router, "/robot9", domain=7)
+    with Gateway(router) as gateway:
+        wait_for(lambda: all(robot.is_heard for robot in robots))
+        for robot in robots[1:]:
+            robot.publish(100)
+        wait_for(lambda: all(robot.poses for robot in robots[1:]))
+        assert not robots[0].poses
+        robots[1].token.undeclare()
+        wait_for(lambda: ("/robot1", "gone") in gateway.told)
+        assert sorted(gateway.gateway.robots) == ["/robot0", "/robot2"]
+        assert not stranger.is_heard
+    for robot in (*robots, stranger):
+        robot.session.close()
+
+
+def test_it_shows_in_the_graph_and_leaves_nothing_behind(router: str):
+    robot = Robot(router, "/robot1")
+    watcher = open_session(router)
+
+    def ours() -> set[tuple[str, str]]:
+        replies = watcher.liveliness().get("@ros2_lv/0/**", timeout=5)
+        keys = [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+        found = [parse_token(key) for key in keys if "/firstfix_gateway" in key]
+        return {("", "NN") if one is None else (one.topic, one.kind) for one in found}
+
+    with Gateway(router):
+        wait_for(
+            lambda: (
+                ours()
+                == {
+                    ("", "NN"),
+                    ("/robot1/points", "MS"),
+                    ("/robot1/initialpose", "MP"),
+                    ("/robot1/first_fix/locate", "SS"),
+                }
+            )
+        )
+    wait_for(lambda: not ours())
+    watcher.close()
+    robot.session.close()
+
+
+def test_a_call_without_an_attachment_is_nobodys(router: str):
+    robot = Robot(router, "/robot1")
+    with Gateway(router, at_start=False) as gateway:
+        wait_for(lambda: ("/robot1", "idle") in gateway.told)
+        assert list(robot.session.get(robot.locate.key, timeout=5)) == []
+        assert not gateway.gateway.robots["/robot1"].fix.wanted
+    robot.session.close()
+
+
+def test_the_command(router: str):
+    service = FakeService({100: FOUND})
+    robot = Robot(router, "/robot1")
+    arguments = ["ros-gateway", "--map", "hall", "--connect", router, "--url", service.url]
+    program = subprocess.Popen(
+        [sys.executable, "-u", "-m", "firstfix_cli.main", *arguments], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        wait_for(lambda: robot.is_heard)
+        robot.publish(100)
+        wait_for(lambda: robot.poses)
+        program.send_signal(signal.SIGTERM)
+        out, _ = program.communicate(timeout=20)
+    finally:
+        program.kill()
+        service.stop()
+    assert program.returncode == 0
+    assert out.splitlines()[0].startswith("looking for robots at tcp/127.0.0.1")
+    assert "/robot1  localized" in out
+    robot.session.close()

@@ -1,0 +1,116 @@
+"""Bags of every kind, made by rosbags."""
+
+from __future__ import annotations
+
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ros_samples
+from firstfix.errors import InvalidOption, MalformedData, NotFound, UnsupportedFormat
+from firstfix.formats.point_cloud import SCAN_LIMITS
+from firstfix.ros.bag import open_bag
+from firstfix.ros.point_cloud2 import decode_point_cloud2
+from ros_samples import BAG_KINDS, IMU, cloud_of_points, stores_of, write_bag
+
+S = 10**9
+POINTS = [np.full((10 + number, 3), float(number)) for number in range(5)]
+every_kind = pytest.mark.parametrize("kind", BAG_KINDS)
+
+
+def clouds(kind: str, topic: str = "/points") -> list[tuple[str, int, object]]:
+    stores = stores_of(kind)
+    return [
+        (topic, (100 + number) * S, cloud_of_points(points, stores=stores, stamp_ns=(99 + number) * S))
+        for number, points in enumerate(POINTS)
+    ]
+
+
+@every_kind
+def test_clouds_come_in_order_and_whole(tmp_path: Path, kind: str):
+    path = write_bag(tmp_path, kind, clouds(kind))
+    with open_bag(path) as bag:
+        assert bag.cloud_topic(None) == bag.cloud_topic("/points") == "/points"
+        assert bag.start_ns == 100 * S
+        read = list(bag.messages(["/points"]))
+        assert [message.time_ns for message in read] == [(100 + number) * S for number in range(5)]
+        for message, points in zip(read, POINTS, strict=True):
+            stamped = decode_point_cloud2(message.body, SCAN_LIMITS, ros1=bag.ros1)
+            np.testing.assert_array_equal(stamped.cloud.xyz, points)
+            assert stamped.header.stamp.ns == message.time_ns - S
+        assert [m.time_ns // S for m in bag.messages(["/points"], 103 * S)] == [103, 104]
+        assert list(bag.messages(["/other"])) == list(bag.messages([])) == []
+
+
+@every_kind
+def test_topics_are_told_apart_by_type(tmp_path: Path, kind: str):
+    imu = ros_samples.imu([0, 0, 9.81], stores=stores_of(kind))
+    path = write_bag(tmp_path, kind, [("/imu", 99 * S, imu), *clouds(kind, "/b"), *clouds(kind, "/a")])
+    with open_bag(path) as bag:
+        assert bag.topics(IMU) == ["/imu"]
+        with pytest.raises(InvalidOption, match="name one: /a, /b"):
+            bag.cloud_topic(None)
+        with pytest.raises(NotFound, match="those that do: /a, /b"):
+            bag.cloud_topic("/imu")
+        with pytest.raises(NotFound, match="those that do: /imu"):
+            bag.check_topic("/a", IMU)
+
+
+def test_a_bag_without_clouds(tmp_path: Path):
+    path = write_bag(tmp_path, "sqlite3", [("/imu", S, ros_samples.imu([0, 0, 9.81]))])
+    with open_bag(path) as bag, pytest.raises(NotFound, match="no topic holds"):
+        bag.cloud_topic(None)
+
+
+def test_what_is_no_bag(tmp_path: Path):
+    (tmp_path / "scan.pcd").write_bytes(b"x")
+    (tmp_path / "folder").mkdir()
+    for name in ("a.bag", "a.mcap", "a.db3"):
+        (tmp_path / name).write_bytes(b"")
+        (tmp_path / f"b{name}").write_bytes(b"nonsense" * 100)
+    for name, error in {
+        "absent.bag": NotFound,
+        "scan.pcd": UnsupportedFormat,
+        "folder": MalformedData,
+        **{f"{prefix}a.{end}": MalformedData for prefix in ("", "b") for end in ("bag", "mcap", "db3")},
+    }.items():
+        with pytest.raises(error, match=name), open_bag(tmp_path / name):
+            pass
+
+
+@every_kind
+def test_a_damaged_bag_is_one_error(tmp_path: Path, kind: str):
+    path = write_bag(tmp_path, kind, clouds(kind))
+    file = path if path.is_file() else next(p for p in path.iterdir() if p.suffix in (".db3", ".mcap"))
+    good, rng = file.read_bytes(), np.random.default_rng(8)
+    refused = 0
+    for trial in range(60):
+        damaged = bytearray(good)
+        if trial % 2:
+            damaged = damaged[: rng.integers(len(good))]
+        else:
+            for place in rng.integers(0, len(good), 40):
+                damaged[place] ^= rng.integers(1, 256)
+        file.write_bytes(damaged)
+        try:
+            with open_bag(path) as bag:
+                for _ in bag.messages(bag.topics("sensor_msgs/msg/PointCloud2")):
+                    pass
+        except (MalformedData, UnsupportedFormat):
+            refused += 1
+    assert refused > 10
+
+
+@every_kind
+def test_one_message_is_in_memory_at_a_time(tmp_path: Path, kind: str):
+    stores, points = stores_of(kind), np.random.default_rng(1).normal(size=(50_000, 3))
+    made = (("/points", n * S, cloud_of_points(points, stores=stores)) for n in range(1, 21))  # 600 kB each
+    path = write_bag(tmp_path, kind, made)
+    tracemalloc.start()
+    with open_bag(path) as bag:
+        assert sum(1 for _ in bag.messages(["/points"])) == 20
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 8_000_000, "20 of them are 12 MB; a chunk of a bag holds a few"

@@ -1,0 +1,72 @@
+"""Gravity out of an IMU: against rosbags' bytes, and only from one at rest."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import ros_samples
+from firstfix.errors import InputError, MalformedData
+from firstfix.ros.header import Header, Stamp
+from firstfix.ros.imu import GravityWindow, ImuSample, decode_imu, down_of
+from ros_samples import ROS1, cdr
+
+UP = np.array([0.2, -0.1, 0.97]) / np.linalg.norm([0.2, -0.1, 0.97])
+S = 10**9
+
+
+def sample(stamp_ns: int, acceleration: np.ndarray, frame_id: str = "imu") -> ImuSample:
+    return ImuSample(Header(Stamp.of_ns(stamp_ns), frame_id), acceleration)
+
+
+@pytest.mark.parametrize("ros1", [False, True])
+@pytest.mark.parametrize("little_endian", [True, False])
+def test_the_bytes_of_rosbags(ros1, little_endian):
+    if ros1:
+        body = ros_samples.ros1(ros_samples.imu([1.5, -2.5, 9.0], stores=ROS1, stamp_ns=7))
+    else:
+        body = cdr(ros_samples.imu([1.5, -2.5, 9.0], stamp_ns=7), little_endian=little_endian)
+    read = decode_imu(body, ros1=ros1)
+    assert read.acceleration.tolist() == [1.5, -2.5, 9.0]
+    assert read.header == Header(Stamp(0, 7), "imu")
+    for end in range(len(body)):
+        with pytest.raises(InputError):
+            decode_imu(body[:end], ros1=ros1)
+    with pytest.raises(MalformedData):
+        decode_imu(body + bytes(4), ros1=ros1)
+
+
+@pytest.mark.parametrize("unit", [9.80665, 1.0])
+def test_at_rest_it_points_against_the_specific_force(unit):
+    noise = np.random.default_rng(1).normal(0, 0.02 * unit, (100, 3))
+    down = down_of(UP * unit + noise)
+    np.testing.assert_allclose(down, -UP, atol=0.01)
+    assert np.linalg.norm(down) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("acceleration", [UP * 12.0, UP * 5.0, UP * 0.0, UP * np.nan])
+def test_no_gravity_from_one_that_accelerates_or_is_broken(acceleration):
+    assert down_of([acceleration] * 10) is None
+
+
+def test_no_gravity_without_samples():
+    assert down_of([]) is None
+    assert GravityWindow().down(Stamp(5)) is None
+    assert GravityWindow().frame_id == ""
+
+
+def test_only_samples_near_the_scan_count():
+    window = GravityWindow()
+    for number in range(40):  # 4 s, the last one of which lean
+        window.add(sample(number * S // 10, 9.81 * (UP if number >= 30 else np.array([0, 0, 1.0]))))
+    np.testing.assert_allclose(window.down(Stamp(3, 600_000_000)), -UP, atol=1e-9)
+    assert window.down(Stamp(1)) is None, "forgotten"
+    assert window.down(Stamp(60)) is None, "long ago"
+    assert window.frame_id == "imu"
+
+
+def test_a_clock_that_is_set_back_begins_anew():
+    window = GravityWindow()
+    window.add(sample(100 * S, 9.81 * np.array([0, 0, 1.0])))
+    window.add(sample(5 * S, 9.81 * UP))
+    np.testing.assert_allclose(window.down(Stamp(5)), -UP)

@@ -1,0 +1,181 @@
+"""PointCloud2: every layout that drivers send, against rosbags' serialiser."""
+
+from __future__ import annotations
+
+import struct
+import tracemalloc
+
+import numpy as np
+import pytest
+
+import ros_samples
+from firstfix.errors import InputError, MalformedData, TooLarge, UnsupportedFormat
+from firstfix.formats.point_cloud import SCAN_LIMITS, Limits
+from firstfix.ros.header import Stamp
+from firstfix.ros.point_cloud2 import decode_point_cloud2
+from ros_samples import ROS1, cdr, cloud, cloud_of_points
+
+OUSTER = [
+    ("x", "f4"),
+    ("y", "f4"),
+    ("z", "f4"),
+    ("_", "f4"),
+    ("intensity", "f4"),
+    ("t", "u4"),
+    ("ring", "u1"),
+]
+LAYOUTS = {
+    "xyz": {"names": ["x", "y", "z"], "formats": ["f4"] * 3},
+    "any order": {"names": ["z", "intensity", "x", "y"], "formats": ["f4", "u2", "f4", "f4"]},
+    "float64": {"names": ["x", "y", "z"], "formats": ["f8"] * 3},
+    "mixed floats": {"names": ["x", "y", "z"], "formats": ["f4", "f8", "f4"]},
+    "with gaps": {
+        "names": ["x", "y", "z", "intensity", "ring"],
+        "formats": ["f4", "f4", "f4", "f4", "u2"],
+        "offsets": [0, 4, 8, 16, 20],
+        "itemsize": 32,
+    },
+    "reflectivity": {"names": ["x", "y", "z", "reflectivity"], "formats": ["f4", "f4", "f4", "u1"]},
+}
+
+
+def records(layout: object, shape: tuple[int, ...] = (50,), order: str = "<") -> np.ndarray:
+    made = np.zeros(shape, np.dtype(layout).newbyteorder(order))
+    rng = np.random.default_rng(3)
+    for name in made.dtype.names:
+        made[name] = rng.uniform(0, 100, shape)
+    return made
+
+
+def xyz_of(rows: np.ndarray) -> np.ndarray:
+    flat = rows.reshape(-1)
+    return np.stack([flat[axis].astype(np.float64) for axis in "xyz"], axis=1)
+
+
+@pytest.mark.parametrize("little_endian", [True, False], ids=["CDR LE", "CDR BE"])
+@pytest.mark.parametrize("order", ["<", ">"], ids=["points LE", "points BE"])
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_every_layout_in_both_byte_orders(layout, order, little_endian):
+    rows = records(LAYOUTS[layout], order=order)
+    stamped = decode_point_cloud2(cdr(cloud(rows), little_endian=little_endian), SCAN_LIMITS)
+    np.testing.assert_array_equal(stamped.cloud.xyz, xyz_of(rows))
+    assert stamped.header.stamp == Stamp(1_700_000_000, 250_000_001)
+    assert stamped.header.frame_id == "os_sensor"
+    name = next((name for name in ("intensity", "reflectivity") if name in rows.dtype.names), None)
+    if name is None:
+        assert stamped.cloud.intensity is None
+    else:
+        np.testing.assert_array_equal(stamped.cloud.intensity, rows[name])
+
+
+@pytest.mark.parametrize("padding", [0, 13])
+def test_an_organised_cloud_with_padded_rows(padding):
+    rows = records(OUSTER, (16, 32))
+    stamped = decode_point_cloud2(cdr(cloud(rows, row_padding=padding)), SCAN_LIMITS)
+    np.testing.assert_array_equal(stamped.cloud.xyz, xyz_of(rows))
+    np.testing.assert_array_equal(stamped.cloud.intensity, rows["intensity"].ravel())
+
+
+def test_ros1_says_the_same():
+    rows = records(OUSTER)
+    body = ros_samples.ros1(cloud(rows, stores=ROS1))
+    stamped = decode_point_cloud2(body, SCAN_LIMITS, ros1=True)
+    np.testing.assert_array_equal(stamped.cloud.xyz, xyz_of(rows))
+    assert (str(stamped.header.stamp), stamped.header.frame_id) == ("1700000000.250000001", "os_sensor")
+
+
+@pytest.mark.parametrize("is_dense", [True, False])
+def test_returns_that_are_not_finite_are_dropped_even_where_it_says_dense(is_dense):
+    rows = records(LAYOUTS["with gaps"])
+    rows["y"][:7], rows["z"][7] = np.nan, np.inf
+    scan = decode_point_cloud2(cdr(cloud(rows, is_dense=is_dense)), SCAN_LIMITS).scan()
+    np.testing.assert_array_equal(scan.points, xyz_of(rows)[8:].astype(np.float32))
+    np.testing.assert_array_equal(scan.intensity, rows["intensity"][8:])
+    assert scan.stamp_s == pytest.approx(1_700_000_000.25, abs=1e-6)
+
+
+def test_a_stamp_of_zero_is_none():
+    assert (
+        decode_point_cloud2(cdr(cloud_of_points(np.ones((1, 3)), stamp_ns=0)), SCAN_LIMITS).scan().stamp_s
+        is None
+    )
+
+
+@pytest.mark.parametrize("shape", [(0,), (4, 0)])
+def test_a_cloud_without_points_is_one(shape):
+    assert len(decode_point_cloud2(cdr(cloud(records(OUSTER, shape))), SCAN_LIMITS).cloud) == 0
+
+
+def field(name: str, offset: int, datatype: int = 7, count: int = 1) -> object:
+    return ros_samples.ROS2.types["sensor_msgs/msg/PointField"](name, offset, datatype, count)
+
+
+XYZ = [field("x", 0), field("y", 4), field("z", 8)]
+EMPTY = np.zeros(0, np.uint8)
+BAD = {
+    "no z": ({"fields": XYZ[:2]}, MalformedData, "no field z"),
+    "z of two numbers": ({"fields": [*XYZ[:2], field("z", 8, count=2)]}, MalformedData, "no field z"),
+    "z is an integer": ({"fields": [*XYZ[:2], field("z", 8, 5)]}, UnsupportedFormat, "z is no FLOAT32"),
+    "z behind the point": ({"fields": [*XYZ[:2], field("z", 9)]}, MalformedData, "'z' lies outside"),
+    "z far behind": ({"fields": [*XYZ[:2], field("z", 2**32 - 1)]}, MalformedData, "'z' lies outside"),
+    "intensity behind": ({"fields": [*XYZ, field("i", 12)]}, MalformedData, "'i' lies outside"),
+    "rows too short": ({"row_step": 599}, MalformedData, "do not make up"),
+    "fewer bytes than rows": ({"data": np.zeros(599, np.uint8)}, MalformedData, "do not make up"),
+    "more bytes than rows": ({"data": np.zeros(601, np.uint8)}, MalformedData, "do not make up"),
+    "more rows": ({"height": 2}, MalformedData, "do not make up"),
+    "more points": ({"width": 51}, MalformedData, "do not make up"),
+    "points without bytes": ({"point_step": 0}, MalformedData, "lies outside"),
+    "huge points": ({"point_step": 70_000, "width": 0, "height": 0, "data": EMPTY}, MalformedData, "70000"),
+    "millions of points": ({"width": 2**32 - 1, "height": 2**32 - 1}, TooLarge, "the limit"),
+    "gigabytes of points": ({"point_step": 2**32 - 1}, TooLarge, "the limit"),
+    "too many fields": ({"fields": XYZ * 100}, MalformedData, "300 fields"),
+    "a name without end": ({"fields": [field("n" * 2000, 0), *XYZ]}, MalformedData, "a text of 2001 bytes"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_sizes_that_contradict_each_other(case):
+    replaced, error, says = BAD[case]
+    body = cdr(cloud_of_points(np.ones((50, 3)), **replaced))
+    with pytest.raises(error, match=says):
+        decode_point_cloud2(body, SCAN_LIMITS)
+
+
+@pytest.mark.parametrize(("sec", "nanosec"), [(-1, 0), (0, 10**9)])
+def test_a_stamp_that_is_no_time(sec, nanosec):
+    body = bytearray(cdr(cloud_of_points(np.ones((2, 3)))))
+    body[4:12] = struct.pack("<iI", sec, nanosec)
+    with pytest.raises(MalformedData, match="stamp"):
+        decode_point_cloud2(bytes(body), SCAN_LIMITS)
+
+
+def test_the_limits_come_before_the_memory():
+    body = cdr(cloud_of_points(np.ones((50, 3))))
+    with pytest.raises(TooLarge):
+        decode_point_cloud2(body, Limits(max_points=49, max_decoded_bytes=10**9))
+    with pytest.raises(TooLarge):
+        decode_point_cloud2(body, Limits(max_points=10**9, max_decoded_bytes=599))
+
+
+def test_what_is_promised_takes_no_memory():
+    good = cdr(cloud_of_points(np.ones((50, 3))))
+    tracemalloc.start()
+    for place in range(4, len(good) - 600, 1):
+        damaged = bytearray(good)
+        damaged[place : place + 4] = b"\xff\xff\xff\x7f"
+        try:
+            decode_point_cloud2(bytes(damaged), SCAN_LIMITS)
+        except InputError:
+            continue
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1_000_000
+
+
+def test_the_columns_are_views():
+    body = cdr(cloud(records(OUSTER, (100_000,))))
+    tracemalloc.start()
+    decode_point_cloud2(body, SCAN_LIMITS)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < len(body) / 10

@@ -1,0 +1,73 @@
+"""Fixed frames: against rosbags' bytes, along every way through the tree."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import ros_samples
+from firstfix.errors import InputError, MalformedData, NotFound
+from firstfix.ros.static_transforms import StaticTransforms, decode_transforms
+from firstfix.transform import from_quaternion, inverse
+from ros_samples import ROS1, ROS2, cdr
+
+BASE_MAST = from_quaternion([0.1, 0.2, 1.0], [0, 0, 0.3, 0.9])
+MAST_LIDAR = from_quaternion([0.0, 0.0, 0.4], [0.1, 0, 0, 0.9])
+BASE_IMU = from_quaternion([-0.3, 0.0, 0.2], [0, 0.7, 0, 0.7])
+TREE = [("base_link", "mast", BASE_MAST), ("mast", "lidar", MAST_LIDAR), ("base_link", "imu", BASE_IMU)]
+
+
+@pytest.fixture
+def frames() -> StaticTransforms:
+    known = StaticTransforms()
+    for one in TREE:  # as several nodes send them
+        known.add(decode_transforms(cdr(ros_samples.transforms([one]))))
+    return known
+
+
+def test_every_way_through_the_tree(frames):
+    np.testing.assert_allclose(frames.between("base_link", "lidar"), BASE_MAST @ MAST_LIDAR, atol=1e-12)
+    np.testing.assert_allclose(
+        frames.between("lidar", "imu"), inverse(BASE_MAST @ MAST_LIDAR) @ BASE_IMU, atol=1e-12
+    )
+    np.testing.assert_array_equal(frames.between("lidar", "lidar"), np.eye(4))
+    np.testing.assert_array_equal(frames.between("/imu", "imu"), np.eye(4))
+
+
+def test_frames_that_nothing_joins_are_named(frames):
+    with pytest.raises(NotFound, match="'base_link' and 'camera'"):
+        frames.between("base_link", "camera")
+
+
+def test_a_loop_ends():
+    known = StaticTransforms()
+    known.add({"a": ("b", np.eye(4)), "b": ("a", np.eye(4))})
+    with pytest.raises(NotFound):
+        known.between("c", "a")
+
+
+def test_ros1_says_the_same():
+    body = ros_samples.ros1(ros_samples.transforms(TREE, stores=ROS1))
+    parent, T = decode_transforms(body, ros1=True)["lidar"]
+    assert parent == "mast"
+    np.testing.assert_allclose(T, MAST_LIDAR, atol=1e-12)
+
+
+def test_bytes_that_are_none():
+    body = cdr(ros_samples.transforms(TREE))
+    for end in range(len(body)):
+        with pytest.raises(InputError):
+            decode_transforms(body[:end])
+    with pytest.raises(MalformedData, match="the limit is 1000"):
+        decode_transforms(body[:4] + b"\xff\xff\xff\xff" + body[8:])
+
+
+def test_a_rotation_without_direction_is_refused():
+    message = ros_samples.transforms(TREE[:1])
+    message.transforms[0].transform.rotation = ROS2.types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 0.0)
+    with pytest.raises(MalformedData, match="no direction"):
+        decode_transforms(cdr(message))
+    message = ros_samples.transforms(TREE[:1])
+    message.transforms[0].transform.translation.x = np.nan
+    with pytest.raises(MalformedData, match="not finite"):
+        decode_transforms(cdr(message))

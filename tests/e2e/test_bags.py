@@ -1,0 +1,88 @@
+"""Bags in, fixes out, by the real engine: recorded in the small world, and the real hall's if it is there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ros_samples
+from benchmarks.datasets import HALL, SHARED
+from firstfix.localization import Verdict
+from firstfix.localizer import Localizer
+from firstfix.map_index import MapIndex
+from firstfix.options import LocalizeOptions
+from firstfix.transform import from_quaternion, inverse, pose_error
+from firstfix_cli.bag_replay import Replay, replay
+from ros_samples import BAG_KINDS, cloud_of_points, stores_of, write_bag
+
+S = 10**9
+BASE_LIDAR = from_quaternion([0.2, 0.0, 0.7], [0, 0, 0.6, 0.8])
+
+
+@pytest.mark.parametrize("kind", BAG_KINDS)
+def test_a_drive_in_the_small_world(small_version, small_scans, tmp_path: Path, kind: str):
+    stores, localizer = stores_of(kind), Localizer(MapIndex.load(small_version.directory))
+    mounted = ros_samples.transforms([("base_link", "lidar", BASE_LIDAR)], stores=stores)
+    messages: list[tuple[str, int, object]] = [("/tf_static", S, mounted)]
+    for number, (scan, T_map_sensor) in enumerate(small_scans[:6]):
+        up = 9.81 * T_map_sensor[2, :3]
+        resting = ros_samples.imu(up, stores=stores, stamp_ns=(2 + number) * S, frame_id="lidar")
+        messages.append(("/imu", (2 + number) * S, resting))
+        cloud = cloud_of_points(scan.points, stores=stores, stamp_ns=(2 + number) * S, frame_id="lidar")
+        messages.append(("/points", (2 + number) * S, cloud))
+    wanted = Replay(write_bag(tmp_path, kind, messages), imu_topic="/imu", base_frame="base_link")
+    asked: list[LocalizeOptions] = []
+
+    def ask(scan, options):
+        asked.append(options)
+        return localizer.localize(scan, options)
+
+    answers = [one.answer for one in replay(wanted, ask, LocalizeOptions())]
+    assert all(options.gravity is not None for options in asked)
+    localized = 0
+    for answer, (_, T_map_sensor) in zip(answers, small_scans[:6], strict=True):
+        if answer.verdict is Verdict.LOCALIZED:
+            localized += 1
+            off_m, off_deg = pose_error(T_map_sensor @ inverse(BASE_LIDAR), answer.T_map_base)
+            assert off_m < 0.1
+            assert off_deg < 1
+    assert localized >= 4
+
+
+@pytest.fixture(scope="module")
+def hall_localizer(tmp_path_factory: pytest.TempPathFactory) -> Localizer:
+    from firstfix_builder.config import BuildConfig
+
+    from firstfix_builder.pipeline import build_version
+
+    if not HALL.available:
+        pytest.skip("the real hall is not beside this checkout")
+    work = tmp_path_factory.mktemp("hall")
+    trajectory = HALL.write_trajectory(work / "trajectory.csv")
+    built = build_version(HALL.map_path, BuildConfig.parse(HALL.config), work, trajectory=trajectory)
+    return Localizer(MapIndex.load(built.directory))
+
+
+# The pose of the bags' three scans, 60 to 62 of the mapping run, refined against its neighbours
+HALL_POSES = np.array(
+    [
+        [-1.081196, 8.302844, -0.009475, 0.049651, -0.026023, 0.915869, -0.397545],
+        [-1.296923, 8.203516, -0.085394, 0.000150, -0.031477, 0.925317, -0.377886],
+        [-1.371599, 8.185352, -0.112743, -0.022898, -0.021734, 0.935970, -0.350661],
+    ]
+)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("ending", ["ros1.bag", "ros2_mcap", "ros2_sqlite3"])
+def test_the_real_bags_localize_in_the_hall(hall_localizer: Localizer, ending: str):
+    path = SHARED / "formats" / "converted" / f"hall_3scans_pointcloud2.{ending}"
+    answers = [one.answer for one in replay(Replay(path), hall_localizer.localize, LocalizeOptions())]
+    assert [answer.verdict for answer in answers] == [Verdict.LOCALIZED] * 3
+    for answer, reference in zip(answers, HALL_POSES, strict=True):
+        off_m, off_deg = pose_error(from_quaternion(reference[:3], reference[3:]), answer.T_map_sensor)
+        assert off_m < 0.05
+        assert off_deg < 0.5

@@ -1,0 +1,101 @@
+"""Stand-ins for the few classes of rclpy, tf2_ros and message packages that the node touches."""
+
+from __future__ import annotations
+
+import sys
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+KINDS = ["DiagnosticArray", "DiagnosticStatus", "KeyValue", "PoseWithCovarianceStamped"]
+KINDS += ["Imu", "PointCloud2", "Trigger"]
+
+
+class Message:
+    """Any message: what it is built with becomes its attributes."""
+
+    def __init__(self, **values: Any) -> None:
+        self.header = SimpleNamespace(stamp=None)
+        self.__dict__.update(values)
+
+
+class TransformException(Exception):
+    pass
+
+
+class Graph:
+    """All that nodes declare, in place of a middleware."""
+
+    def __init__(self) -> None:
+        self.parameters: dict[str, Any] = {}
+        self.subscriptions: dict[str, tuple[type, Any, bool]] = {}
+        self.published: dict[str, list[Any]] = {}
+        self.services: dict[str, Any] = {}
+        self.timers: list[Any] = []
+        self.frames: dict[tuple[str, str], Any] = {}
+        self.log: list[str] = []
+
+
+def install(monkeypatch: Any, graph: Graph) -> None:
+    """Puts the stand-ins where ``import rclpy`` and the rest find them."""
+
+    class Node:
+        def __init__(self, name: str) -> None:
+            self.name = name
+
+        def declare_parameter(self, name: str, value: Any) -> None:
+            graph.parameters.setdefault(name, value)
+
+        def get_parameter(self, name: str) -> Any:
+            return SimpleNamespace(value=graph.parameters[name])
+
+        def create_publisher(self, kind: type, topic: str, depth: int) -> Any:
+            return SimpleNamespace(publish=graph.published.setdefault(topic, []).append)
+
+        def create_subscription(self, kind: type, topic: str, callback: Any, qos: Any, *, raw: bool) -> None:
+            graph.subscriptions[topic] = (kind, callback, raw)
+
+        def create_service(self, kind: type, name: str, callback: Any) -> None:
+            graph.services[name] = callback
+
+        def create_timer(self, period_s: float, callback: Any) -> None:
+            graph.timers.append(callback)
+
+        def get_clock(self) -> Any:
+            return SimpleNamespace(now=lambda: SimpleNamespace(to_msg=lambda: "now"))
+
+        def get_logger(self) -> Any:
+            def say(text: str, **_: Any) -> None:
+                graph.log.append(text)
+
+            return SimpleNamespace(info=say, warning=say)
+
+        def destroy_node(self) -> None:
+            graph.log.append("destroyed")
+
+    class Buffer:
+        def lookup_transform(self, target: str, source: str, time: Any) -> Any:
+            if (target, source) not in graph.frames:
+                raise TransformException(f"{target} {source}")
+            return SimpleNamespace(transform=graph.frames[target, source])
+
+    kinds = {name: type(name, (Message,), {}) for name in KINDS}
+    modules: dict[str, dict[str, Any]] = {
+        "rclpy": {"init": lambda: None},
+        "rclpy.executors": {"ExternalShutdownException": type("ExternalShutdownException", (Exception,), {})},
+        "rclpy.logging": {"get_logger": lambda name: SimpleNamespace(fatal=graph.log.append)},
+        "rclpy.node": {"Node": Node},
+        "rclpy.qos": {"qos_profile_sensor_data": "sensor data"},
+        "rclpy.time": {"Time": SimpleNamespace},
+        "tf2_ros": {
+            "Buffer": Buffer,
+            "TransformException": TransformException,
+            "TransformListener": lambda buffer, node: None,
+        },
+        **{f"{package}.msg": kinds for package in ("diagnostic_msgs", "geometry_msgs", "sensor_msgs")},
+        "std_srvs.srv": kinds,
+        **{package: {} for package in ("diagnostic_msgs", "geometry_msgs", "sensor_msgs", "std_srvs")},
+    }
+    for name, values in modules.items():
+        module = ModuleType(name)
+        module.__dict__.update(values)
+        monkeypatch.setitem(sys.modules, name, module)

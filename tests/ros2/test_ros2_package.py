@@ -1,0 +1,81 @@
+"""The ament package: what its files name is there, and its parameters agree with each other."""
+
+from __future__ import annotations
+
+import ast
+import py_compile
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import yaml
+
+from firstfix.errors import InvalidOption
+from firstfix.localization import Localization, Reason, Verdict
+from firstfix_client.first_fix import State, Status
+
+PACKAGE = Path(__file__).resolve().parents[2] / "clients" / "ros2"
+
+
+def test_the_files_that_setup_names_are_there():
+    for node in ast.walk(ast.parse((PACKAGE / "setup.py").read_text())):
+        if isinstance(node, ast.Constant) and str(node.value).startswith(("config/", "launch/")):
+            assert (PACKAGE / node.value).is_file()
+    assert (PACKAGE / "resource" / "firstfix_ros").is_file()
+
+
+def test_the_manifest_names_what_the_node_imports():
+    manifest = ElementTree.parse(PACKAGE / "package.xml").getroot()
+    depends = {element.text for element in manifest.findall("exec_depend")}
+    imported = {
+        (node.module or "").partition(".")[0]
+        for node in ast.walk(ast.parse((PACKAGE / "firstfix_ros" / "node.py").read_text()))
+        if isinstance(node, ast.ImportFrom) and node.level == 0
+    }
+    messages = {name for name in imported if name.endswith(("_msgs", "_srvs"))}
+    assert messages <= depends
+    assert {"rclpy", "tf2_ros_py"} <= depends
+    assert manifest.findtext("name") == "firstfix_ros"
+    assert manifest.findtext("export/build_type") == "ament_python"
+
+
+@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda path: path.name)
+def test_every_file_compiles(path, tmp_path):
+    py_compile.compile(str(path), cfile=str(tmp_path / "compiled"), doraise=True)
+
+
+def test_the_sample_parameters_are_the_defaults():
+    from firstfix_ros.parameters import Parameters
+
+    sample = yaml.safe_load((PACKAGE / "config" / "first_fix.yaml").read_text())
+    values = sample["first_fix"]["ros__parameters"]
+    assert values == {**Parameters.defaults(), "map_id": "hall"}
+    assert Parameters.checked(values).wishes().base_frame == "base_link"
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"map_id": ""}, {"map_id": "a/b"}, {"map_frame": ""}, {"timeout_s": 0.0}, {"retry_s": -1.0}]
+)
+def test_parameters_that_cannot_be(wrong):
+    from firstfix_ros.parameters import Parameters
+
+    with pytest.raises(InvalidOption):
+        Parameters.checked({"map_id": "hall", **wrong})
+
+
+def test_diagnoses():
+    from firstfix_ros.diagnosis import ERROR, OK, WARN, diagnosis_of
+
+    localized = Localization(
+        Verdict.LOCALIZED, (), np.eye(4), None, np.eye(6), 0.99, map_id="hall", map_version="ab"
+    )
+    assert diagnosis_of(Status()).level == OK
+    failed = diagnosis_of(Status(State.FAILED, 3, None, "nobody is there"))
+    assert (failed.level, failed.message) == (ERROR, "failed: nobody is there")
+    rejected = Localization(Verdict.REJECTED, (Reason.LOW_OVERLAP,))
+    refused = diagnosis_of(Status(State.NOT_LOCALIZED, 1, rejected))
+    assert (refused.level, refused.values["reasons"]) == (WARN, "low_overlap")
+    found = diagnosis_of(Status(State.LOCALIZED, 2, localized, took_s=0.25))
+    assert found.level == OK
+    assert [found.values[key] for key in ("map_id", "probability", "took_s")] == ["hall", "0.990", "0.250"]
