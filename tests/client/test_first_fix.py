@@ -134,6 +134,22 @@ def test_only_the_newest_cloud_is_asked_for():
     assert [len(scan) for scan, _ in asked.queries] == [1, 4]
 
 
+def test_a_cloud_that_came_while_it_asked_is_forgotten_with_the_fix():
+    asked = Asked(localized)
+    asked.gate.clear()
+    with first_fix(asked) as fix:
+        fix.want()
+        fix.on_cloud(cloud(1))
+        wait_for(lambda: asked.queries)
+        fix.on_cloud(cloud(2))
+        asked.gate.set()
+        wait_for(lambda: fix.status.state is State.LOCALIZED)
+        fix.want()
+        fix.on_cloud(cloud(3))
+        wait_for(lambda: len(asked.poses) == 2)
+    assert [len(scan) for scan, _ in asked.queries] == [1, 3]
+
+
 def test_who_asks_anew_while_it_asks_gets_a_newer_fix():
     asked = Asked(localized)
     asked.gate.clear()

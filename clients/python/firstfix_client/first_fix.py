@@ -169,6 +169,8 @@ class FirstFix:
                 if self._status is wish:  # nobody has asked anew meanwhile
                     self._status = status
                     self._wanted = status.state is not State.LOCALIZED
+                    if not self._wanted:
+                        self._cloud = None  # came while it asked
                 self._changed.wait_for(lambda: self._closed, self._wishes.retry_s if self._wanted else 0)
 
     def _try(self, cloud: bytes, status: Status) -> Status:
