@@ -13,6 +13,8 @@ from pathlib import Path
 
 import httpx
 
+from .tiny_worker import config_telling
+
 LEASE_S = 2.0
 STAGE_S = 0.1
 
@@ -97,7 +99,7 @@ class Deployment:
         try:
             response = httpx.post(
                 f"http://127.0.0.1:{self.port}/maps",
-                data={"map_id": map_id, "config": json.dumps({"seed": seed, "stage_s": STAGE_S})},
+                data={"map_id": map_id, "config": json.dumps(config_telling(seed=seed, stage_s=STAGE_S))},
                 files={"source": ("a.xyz", b"0 0 0\n" * 1000 + str(seed).encode())},
                 timeout=30,
             )

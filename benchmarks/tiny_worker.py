@@ -2,8 +2,8 @@
 
     FIRSTFIX_BUILD_COMMAND='["python", "-m", "benchmarks.tiny_worker"]'
 
-What it does stands in the build's config: ``stage_s`` seconds a stage, ``hang_in`` a stage until the file
-``until`` exists, ``die_in`` a stage. Each stage that is made leaves a line in ``made.txt`` of the work
+What it does is what ``config_telling`` was told: ``stage_s`` seconds a stage, ``hang_in`` a stage until the
+file ``until`` exists, ``die_in`` a stage. Each stage that is made leaves a line in ``made.txt`` of the work
 folder.
 """
 
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import json
 import os
 import signal
 import time
@@ -31,6 +32,11 @@ FILES = 4
 FILE_BYTES = 1_000_000
 
 
+def config_telling(**told: Any) -> dict[str, Any]:
+    """A build config that the service takes for a real one: what is told stands in the sensor's name."""
+    return {"sensor": {"preset": "vlp-16", "name": json.dumps(told)}}
+
+
 @dataclass(frozen=True)
 class Built:
     directory: Path
@@ -48,20 +54,19 @@ def build_version(
     shared: SharedStages | None = None,
 ) -> Built:
     """A version whose bytes follow from the source and the config."""
-    seed = hashlib.sha256(source.read_bytes() + str(config.get("seed")).encode()).hexdigest()
+    told = json.loads(config["sensor"]["name"]) if config else {}
+    seed = hashlib.sha256(source.read_bytes() + str(told.get("seed")).encode()).hexdigest()
     cache = StageCache(work, shared=shared, code_version="tiny")
 
     def make(stage: str, out: Path) -> None:
         with (work / "made.txt").open("a") as file:
             file.write(f"{stage}\n")
-        end = time.monotonic() + float(config.get("stage_s", 0.0))
-        while time.monotonic() < end or (
-            config.get("hang_in") == stage and not Path(config["until"]).exists()
-        ):
+        end = time.monotonic() + float(told.get("stage_s", 0.0))
+        while time.monotonic() < end or (told.get("hang_in") == stage and not Path(told["until"]).exists()):
             if cancelled():
                 raise BuildCancelled("seen")
             time.sleep(0.02)
-        if config.get("die_in") == stage:
+        if told.get("die_in") == stage:
             os.kill(os.getpid(), signal.SIGKILL)
         for i in range(FILES):
             block = hashlib.sha256(f"{seed}{stage}{i}".encode()).digest()

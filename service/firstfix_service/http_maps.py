@@ -14,12 +14,12 @@ from fastapi import APIRouter, Header, Request, Response
 from fastapi.responses import JSONResponse
 
 from firstfix.errors import Conflict, NotFound, UnsupportedFormat
-from firstfix.grant import Scope
 from firstfix.idempotency import claim_build
 from firstfix.ids import is_name
 
 from .api_models import Build, MapDetails, MapPage
 from .authorize import CallerDep
+from .caller import Caller
 from .maps_request import BODY, IDEMPOTENCY_KEY_TEXT
 from .paging import DEFAULT_LIMIT, After, Limit
 from .parts import Parts, PartsDep
@@ -52,8 +52,7 @@ async def post_map(
     """Hands in a map: it is built into a new version, which then becomes the active one."""
     # The time first, so that builds sort by age.
     build_id = f"{datetime.now(timezone.utc):%Y%m%dt%H%M%S%f}-{uuid.uuid4().hex[:8]}"
-    async with _received(request, parts) as submission:
-        caller.check(Scope.BUILD, submission.map_id)
+    async with _received(request, parts, caller) as submission:
         if idempotency_key is not None:
             fingerprint = await asyncio.to_thread(submission.fingerprint)
             build_id = await asyncio.to_thread(
@@ -101,16 +100,16 @@ def get_map(map_id: MapId, parts: PartsDep) -> dict[str, Any]:
 
 
 @asynccontextmanager
-async def _received(request: Request, parts: Parts) -> AsyncIterator[Submission]:
+async def _received(request: Request, parts: Parts, caller: Caller) -> AsyncIterator[Submission]:
     """What the request hands in; files of a form are on this disk meanwhile."""
     media_type = request.headers.get("content-type", "").split(";", 1)[0].strip().lower()
     if media_type == "application/json":
-        yield await from_json(request, parts)
+        yield await from_json(request, parts, caller)
     elif media_type == "multipart/form-data":
         directory = parts.settings.work_dir / "uploads" / uuid.uuid4().hex
         directory.mkdir(parents=True)
         try:
-            yield await from_form(request, parts, directory)
+            yield await from_form(request, parts, caller, directory)
         finally:
             await asyncio.to_thread(shutil.rmtree, directory, ignore_errors=True)
     else:

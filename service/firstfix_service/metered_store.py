@@ -14,7 +14,10 @@ from firstfix.store import Store
 from .metrics import Metrics
 
 # Store's calls that ask something of the store; the others are made of these.
-OPERATIONS = ("put_new", "put", "upload", "get", "get_range", "download", "size", "scan", "folders", "delete")
+OPERATIONS = (
+    *("put_new", "put", "put_pieces", "upload"),
+    *("get", "get_range", "download", "size", "scan", "folders", "delete"),
+)
 
 
 def metered(store: Store, metrics: Metrics) -> Store:

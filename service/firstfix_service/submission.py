@@ -14,10 +14,12 @@ from fastapi import Request
 from firstfix.build_config import BuildConfig
 from firstfix.catalog import source_key
 from firstfix.errors import InvalidOption
+from firstfix.grant import Scope
 from firstfix.ids import check_map_id, check_upload_id
 from firstfix.manifest import sha256_of
 from firstfix.source_policy import check_source_url
 
+from .caller import Caller
 from .disk_space import check_free_disk
 from .json_body import parse_object, read_object
 from .parts import Parts
@@ -91,12 +93,13 @@ def is_kept(parts: Parts, record: Mapping[str, Any]) -> bool:
     return all(parts.catalog.store.exists(one["key"]) for one in named if one and "key" in one)
 
 
-async def from_form(request: Request, parts: Parts, directory: Path) -> Submission:
+async def from_form(request: Request, parts: Parts, caller: Caller, directory: Path) -> Submission:
     """The submission of a multipart form, its files in the directory.
 
     Raises:
         InvalidOption, MalformedData, TooLarge: the form cannot be used.
         OutOfSpace: this disk has no room for it.
+        Forbidden: the caller may not build this map.
     """
     check_free_disk(directory, declared_length(request) or 0, parts.settings.min_free_bytes)
     form = await receive_form(
@@ -105,18 +108,19 @@ async def from_form(request: Request, parts: Parts, directory: Path) -> Submissi
     if "source" not in form.files:
         raise InvalidOption("the form has no file 'source'")
     return Submission(
-        check_map_id(form.texts.get("map_id", "")),
+        _map_id(caller, form.texts.get("map_id", "")),
         form.files["source"],
         form.files.get("trajectory"),
         _checked_config(parse_object((form.texts.get("config") or "{}").encode(), "config")),
     )
 
 
-async def from_json(request: Request, parts: Parts) -> Submission:
+async def from_json(request: Request, parts: Parts, caller: Caller) -> Submission:
     """The submission of a body that names URLs or uploads.
 
     Raises:
         InvalidOption, MalformedData, TooLarge: the body cannot be used, or the operator forbids a URL.
+        Forbidden: the caller may not build this map.
     """
     body = await read_object(request)
     unknown = set(body) - {"map_id", "source", "trajectory", "config"}
@@ -127,11 +131,17 @@ async def from_json(request: Request, parts: Parts) -> Submission:
         raise InvalidOption("config is a JSON object")
     trajectory = body.get("trajectory")
     return Submission(
-        check_map_id(str(body.get("map_id", ""))),
+        _map_id(caller, str(body.get("map_id", ""))),
         _named(parts, body.get("source"), "source"),
         None if trajectory is None else _named(parts, trajectory, "trajectory"),
         _checked_config(config),
     )
+
+
+def _map_id(caller: Caller, given: str) -> str:
+    map_id = check_map_id(given)
+    caller.check(Scope.BUILD, map_id)
+    return map_id
 
 
 def _checked_config(config: dict[str, Any]) -> dict[str, Any]:

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fake_service import VERSIONS, FakeService
 
+from fake_service import VERSIONS, FakeService
 from firstfix.evidence import Fit
 from firstfix.localization import Hypothesis, Localization, Reason, Verdict
 from firstfix.transform import make_transform, quaternion_of, rotation_z

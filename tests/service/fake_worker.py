@@ -49,8 +49,8 @@ def main() -> int:
     if do == "hang_until_orphaned":
         sys.stdin.read()
         return 75
-    if do == "allocate":
-        data = bytearray(request["config"]["mib"] << 20)
+    if do == "allocate_600_mib":
+        data = bytearray(600 << 20)
         data[::4096] = b"x" * len(data[::4096])
         time.sleep(60)
     if do == "until_cancelled":

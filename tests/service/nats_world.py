@@ -17,6 +17,7 @@ from typing import Any
 from service_world import free_port, wait_for
 
 from benchmarks.nats_server import NatsServer
+from benchmarks.tiny_worker import config_telling
 from firstfix.build_records import FINAL_STATES
 from firstfix.catalog import Catalog
 from firstfix.store import Store
@@ -62,8 +63,8 @@ class NatsWorld:
     def store_url(self) -> str:
         return f"file://{self.folder / 'store'}"
 
-    def record(self, map_id: str = "hall", **config: Any) -> str:
-        """A build on record, as POST /maps leaves it; nobody was told."""
+    def record(self, map_id: str = "hall", *, config: dict[str, Any] | None = None, **told: Any) -> str:
+        """A build on record, as POST /maps leaves it: with the config, or one telling the tiny worker so."""
         self.count += 1
         (self.folder / "upload").write_bytes(b"a cloud")
         key = f"maps/{map_id}/sources/{self.catalog.put_source(map_id, self.folder / 'upload')}"
@@ -74,7 +75,7 @@ class NatsWorld:
                 "map_id": map_id,
                 "source": {"key": key},
                 "file_name": "a.ply",
-                "config": {"seed": build_id, **config},
+                "config": config or config_telling(seed=build_id, **told),
             },
         )
         return build_id

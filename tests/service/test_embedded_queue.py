@@ -111,7 +111,7 @@ def test_a_second_process_waits_for_the_work_folder(tmp_path: Path):
 
 def test_a_build_that_takes_too_much_memory_fails_at_once(tmp_path: Path):
     with building_service(tmp_path, build_max_memory_bytes=300 << 20) as service:
-        modest, greedy = upload(service, "modest"), upload(service, "greedy", do="allocate", mib=600)
+        modest, greedy = upload(service, "modest"), upload(service, "greedy", do="allocate_600_mib")
         ended = wait_until_ended(service, greedy)
         assert (ended["state"], ended["error"]["code"]) == ("failed", "build_failed")
         assert f"more than the {300 << 20} bytes of memory" in ended["error"]["detail"]

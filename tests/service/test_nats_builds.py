@@ -15,7 +15,7 @@ from typing import Any
 import httpx
 import pytest
 from nats_world import FAKE_WORKER, LEASE_S, NatsWorld, nats_world
-from service_world import running_service, wait_for
+from service_world import Service, running_service, wait_for
 from test_builds import status_of, upload
 
 from benchmarks.nats_server import nats_server_program
@@ -36,12 +36,16 @@ def world(tmp_path: Path) -> Iterator[NatsWorld]:
 
 
 def hanging(world: NatsWorld, stage: str = "cluster") -> dict[str, Any]:
-    """Config of a build that waits in a stage until ``let_go``."""
+    """What to tell a build that is to wait in a stage until ``let_go``."""
     return {"hang_in": stage, "until": str(world.folder / "go")}
 
 
 def let_go(world: NatsWorld) -> None:
     (world.folder / "go").touch()
+
+
+def post(service: Service, map_id: str = "hall", **told: Any) -> httpx.Response:
+    return upload(service, map_id, do=json.dumps(told))
 
 
 def submit(world: NatsWorld, *build_ids: str) -> list[bool]:
@@ -81,7 +85,7 @@ def test_a_stream_of_another_release_is_brought_up_to_date(world: NatsWorld):
 
 def test_a_posted_map_is_built_by_a_worker_elsewhere(world: NatsWorld):
     with running_service(world.folder, zenoh=False, build_queue=world.server.url) as service:
-        response = upload(service)
+        response = post(service)
         worker = world.start_worker("w1")
         build_id = response.json()["build_id"]
         status = world.wait_until_ended(build_id)
@@ -145,7 +149,7 @@ def test_stages_are_not_shared_where_that_is_not_wanted(world: NatsWorld):
 
 def test_the_build_does_not_outlive_its_worker(world: NatsWorld):
     worker = world.start_worker("w1", command=FAKE_WORKER)
-    build_id = world.record(do="hang_until_orphaned")
+    build_id = world.record(config={"sensor": {"preset": "vlp-16", "name": "hang_until_orphaned"}})
     world.wait_until_in(build_id, "describe")
     pid = int((worker.work / "slot-0" / "order.txt").read_text().split()[-1])
     worker.kill()
@@ -184,7 +188,7 @@ def test_stops_in_good_order_are_not_held_against_a_build(world: NatsWorld):
 def test_a_waiting_and_a_running_build_are_cancelled(world: NatsWorld):
     with running_service(world.folder, zenoh=False, build_queue=world.server.url) as service:
         world.start_worker("w1")
-        running, waiting = upload(service, **hanging(world)), upload(service, "office")
+        running, waiting = post(service, **hanging(world)), post(service, "office")
         world.wait_until_in(running.json()["build_id"], "cluster")
         cancelled = service.http.delete(waiting.headers["location"])
         assert (cancelled.status_code, cancelled.json()["state"]) == (202, "cancelled")
@@ -200,10 +204,10 @@ def test_a_map_that_is_posted_while_nats_is_away_is_built_later(
 ):
     monkeypatch.setattr(nats_queue, "RECONCILE_S", 0.5)
     with running_service(world.folder, zenoh=False, build_queue=world.server.url) as service:
-        first = upload(service, "before")
+        first = post(service, "before")
         wait_for(lambda: world.in_stream() == [first.json()["build_id"]])
         world.server.stop()
-        response = upload(service, "while")
+        response = post(service, "while")
         assert response.status_code == 202
         assert status_of(service, response)["state"] == "queued"
         world.server.start()
@@ -216,7 +220,7 @@ def test_a_service_starts_without_nats(tmp_path: Path):
     with nats_world(tmp_path) as world:
         world.server.stop()
         with running_service(world.folder, zenoh=False, build_queue=world.server.url) as service:
-            response = upload(service)
+            response = post(service)
             assert response.status_code == 202
             world.server.start()
             world.start_worker("w1")

@@ -30,7 +30,7 @@ def test_a_store_that_is_cut_off_is_waited_for(broken_s3, tmp_path: Path):
             assert "retry-after" in response.headers
         link.mend()
         wait_for(lambda: service.http.get("/readyz").is_success)
-        assert service.http.get("/maps").json() == {"maps": []}
+        assert service.http.get("/maps").json() == {"maps": [], "next": None}
 
 
 def test_a_store_that_hangs_does_not_keep_the_process_from_listening(broken_s3, tmp_path: Path):
