@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from firstfix_builder.config import BuildConfig
 
+from firstfix.build_config import BuildConfig
 from firstfix.decode import decode_query, read_scan_file
 from firstfix.localization import Localization
 from firstfix.localizer import Localizer

@@ -5,8 +5,7 @@
     sources       uploaded files that no build on record names
     uploads       files that were begun and abandoned
     idempotency   keys of requests that nobody repeats any more
-    probe         what a start that was killed left of its look at the store
-    leftovers     the same of puts that were killed, which no listing shows: not in a dry run
+    leftovers     what processes that were killed left of a look at the store, or of a put
 
 A source is kept as long as the record of a build names it, and the record as long as the version that
 came out can be served: so what is served can always be built again.
@@ -77,12 +76,11 @@ def collect_garbage(
     if map_id is None:
         found.keys["builds"] = _builds(catalog, now - timedelta(seconds=ages.builds_s))
         found.keys["uploads"] = _by_folder(catalog, "uploads", cutoff)
-        for kind in (IDEMPOTENCY, "probe"):
-            found.keys[kind] = _older(catalog, kind, cutoff)
+        found.keys[IDEMPOTENCY] = _older(catalog, IDEMPOTENCY, cutoff)
         if not dry_run:
-            for kind in ("builds", "uploads", IDEMPOTENCY, "probe"):
+            for kind in ("builds", "uploads", IDEMPOTENCY):
                 _remove(catalog, found.keys[kind])
-            found.keys["leftovers"] = catalog.store.remove_leftovers(older_than_s=ages.things_s)
+        found.keys["leftovers"] = catalog.store.remove_leftovers(older_than_s=ages.things_s, dry_run=dry_run)
     # Sources last, and against builds that are read after them: one that was asked for meanwhile counts.
     old = [key for name in map_ids for key in _older(catalog, f"maps/{name}/sources", cutoff)]
     gone = {key.split("/")[1] for key in found.keys.get("builds", ())}

@@ -38,13 +38,14 @@ class LastingFiles:
                 self._lasting_folders.discard(folder)
                 folder = folder.parent
 
-    def remove_parts(self, before: datetime) -> list[str]:
+    def remove_parts(self, before: datetime, *, dry_run: bool = False) -> list[str]:
         """Removes what puts left that were killed before that time: files that no listing shows."""
         removed = []
         for path in self._root.rglob("*#*"):
             with suppress(FileNotFoundError):
                 if _PART.fullmatch(path.name) and path.stat().st_mtime <= before.timestamp():
-                    path.unlink()
+                    if not dry_run:
+                        path.unlink()
                     removed.append(path.relative_to(self._root).as_posix())
         return removed
 

@@ -263,18 +263,19 @@ class Store:
             with suppress(StoreError):
                 self.delete(key)
 
-    def remove_leftovers(self, *, older_than_s: float = 86400.0) -> builtins.list[str]:
+    def remove_leftovers(self, *, older_than_s: float = 86400.0, dry_run: bool = False) -> builtins.list[str]:
         """Removes what killed processes left: probes, and in a directory the parts of puts that never
         ended, which no listing shows. A cloud drops unfinished uploads by a rule of the bucket's own.
 
         Returns:
-            their names.
+            their names, of a dry run too, which leaves them.
         """
         cutoff = datetime.now(timezone.utc) - timedelta(seconds=older_than_s)
-        removed = [found.key for found in self.scan("probe") if found.last_modified <= cutoff]
-        for key in removed:
-            self.delete(key)
-        return removed if self._files is None else removed + self._files.remove_parts(cutoff)
+        probes = [found.key for found in self.scan("probe") if found.last_modified <= cutoff]
+        if not dry_run:
+            for key in probes:
+                self.delete(key)
+        return probes if self._files is None else probes + self._files.remove_parts(cutoff, dry_run=dry_run)
 
     def _writing(self, key: str) -> None:
         check_key(key)

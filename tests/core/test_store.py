@@ -264,6 +264,7 @@ def test_what_killed_processes_left_is_removed_and_nothing_else(tmp_path: Path):
     store.put("probe/left", b"first")
     (tmp_path / "maps" / "hall" / "b#1").write_bytes(b"half of b")
     assert store.remove_leftovers(older_than_s=60) == [], "they may be under way"
+    assert store.remove_leftovers(older_than_s=0, dry_run=True) == ["probe/left", "maps/hall/b#1"]
     assert store.remove_leftovers(older_than_s=0) == ["probe/left", "maps/hall/b#1"]
     assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["a"]
 

@@ -53,8 +53,7 @@ def test_a_drive_in_the_small_world(small_version, small_scans, tmp_path: Path, 
 
 @pytest.fixture(scope="module")
 def hall_localizer(tmp_path_factory: pytest.TempPathFactory) -> Localizer:
-    from firstfix_builder.config import BuildConfig
-
+    from firstfix.build_config import BuildConfig
     from firstfix_builder.pipeline import build_version
 
     if not HALL.available:
