@@ -8,18 +8,20 @@ measures of fit in the mean as all of them, so probabilities stay comparable; la
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from .compact_scan import MAX_COMPACT_POINTS, CompactScan, ScanDescriptor
 from .descriptor import LayeredOccupancy, ScanBatch
 from .errors import InvalidOption
-from .levelling import estimate_up, floor_height
+from .levelling import estimate_up, floor_height, levelling_rotation, turned
 from .query_parameters import QueryParameters
 from .scan import Scan
 from .scan_view import nearest_by_direction
-from .transform import rotation_between
-from .voxel_filter import even_rows, voxel_means
+from .symmetric import smallest_axes
+from .voxel_filter import at_most, even_rows, voxel_means, within_range
 
 POINTS = 2500
 _RETURNS = 20_000  # looked at by direction
@@ -49,11 +51,11 @@ def condense(
     if not 1 <= points <= MAX_COMPACT_POINTS:
         raise InvalidOption(f"a compact query has 1 to {MAX_COMPACT_POINTS} points, not {points}")
     used = parameters or QueryParameters()
-    near = _within_range(scan, used)
-    means = voxel_means(_at_most(near, _VOXELLED), used.voxel_m)
+    near = within_range(scan.points, used.min_range_m, used.max_range_m)
+    means = voxel_means(at_most(near, _VOXELLED), used.voxel_m)
     described = None if used.descriptor is None else _describe(near, means, used, used.descriptor, gravity)
     chosen = means[even_rows(len(means), points)].astype(np.float32)
-    return CompactScan(chosen, nearest_by_direction(_at_most(near, _RETURNS)), described)
+    return CompactScan(chosen, nearest_by_direction(at_most(near, _RETURNS)), described)
 
 
 def describe(
@@ -66,14 +68,9 @@ def describe(
     """
     if parameters.descriptor is None:
         raise InvalidOption("a descriptor needs the map's parameters: QueryParameters.from_engine")
-    near = _within_range(scan, parameters)
-    means = voxel_means(_at_most(near, _VOXELLED), parameters.voxel_m)
+    near = within_range(scan.points, parameters.min_range_m, parameters.max_range_m)
+    means = voxel_means(at_most(near, _VOXELLED), parameters.voxel_m)
     return _describe(near, means, parameters, parameters.descriptor, gravity)
-
-
-def _within_range(scan: Scan, parameters: QueryParameters) -> NDArray[np.float32]:
-    range2 = np.einsum("ij,ij->i", scan.points, scan.points)
-    return scan.points[(range2 > parameters.min_range_m**2) & (range2 < parameters.max_range_m**2)]
 
 
 def _describe(
@@ -84,14 +81,20 @@ def _describe(
     gravity: NDArray[np.float64] | None,
 ) -> ScanDescriptor:
     patches, normals = _patches(means, _PATCH_VOXELS * parameters.voxel_m)
-    up = estimate_up(normals) if gravity is None else -gravity / np.linalg.norm(gravity)
-    R_level_sensor = rotation_between(up, [0.0, 0.0, 1.0])
-    height_m = floor_height(patches @ R_level_sensor.T, normals @ R_level_sensor.T)
+    up = estimate_up(normals) if gravity is None else _against(gravity)
+    up = up.astype(np.float32).astype(np.float64)  # as it is sent: nothing depends on its last digits
+    R_level_sensor = levelling_rotation(up)
+    height_m = floor_height(turned(patches, R_level_sensor), turned(normals, R_level_sensor))
     if height_m is None:
         height_m = parameters.default_height_m
-    levelled = near @ R_level_sensor.T.astype(np.float32)
-    occupancy = descriptor.describe(ScanBatch.single(levelled, height_m))["occupancy"][0]
+    levelled = ScanBatch.single(turned(near, R_level_sensor), height_m)
+    occupancy = descriptor.describe(levelled)["occupancy"][0]
     return ScanDescriptor(descriptor, occupancy, up, height_m)
+
+
+def _against(gravity: NDArray[np.float64]) -> NDArray[np.float64]:
+    x, y, z = (float(v) for v in gravity)
+    return -gravity / math.sqrt(x * x + y * y + z * z)
 
 
 def _patches(means: NDArray[np.float64], side_m: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -116,11 +119,10 @@ def _patches(means: NDArray[np.float64], side_m: float) -> tuple[NDArray[np.floa
     for a in range(3):
         for b in range(a, 3):
             scatter[:, a, b] = scatter[:, b, a] = sums(off[:, a] * off[:, b])
-    variance, axes = np.linalg.eigh(scatter)
-    flat = (count >= _PATCH_POINTS) & (variance[:, 1] > _FLAT * variance[:, 0])
-    known = flat[number]
-    return means[known], axes[number[known], :, 0]
-
-
-def _at_most(points: NDArray[np.float32], count: int) -> NDArray[np.float32]:
-    return points[:: max(1, -(-len(points) // count))]
+    filled = np.flatnonzero(count >= _PATCH_POINTS)
+    variance, axes = smallest_axes(scatter[filled])
+    flat = variance[:, 1] > _FLAT * variance[:, 0]
+    normal = np.zeros((len(count), 3))
+    normal[filled[flat]] = axes[flat]
+    known = np.isin(number, filled[flat])
+    return means[known], normal[number[known]]

@@ -8,11 +8,15 @@ be seen.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cache
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+_Float = TypeVar("_Float", bound=np.floating)
 
 MAX_TILT_DEG = 35.0
 LEVEL_WEIGHT = 0.1  # of a level surface against an upright one: walls are plumb, floors and roads may slope
@@ -20,6 +24,8 @@ _COARSE_STEP_DEG = 4.0
 _VOTERS = 2000  # normals enough: all 10,000 of a scan give the same up to 0.1 degrees
 _FLOOR_RADIUS_M = 12.0
 _FLOOR_BIN_M = 0.1
+_LEVEL_COSINE = 0.9659258262890683  # of 15 degrees
+_UPSIDE_DOWN = -1 + 1e-12
 
 
 @dataclass(frozen=True)
@@ -58,6 +64,33 @@ def estimate_up(normals: NDArray[np.floating]) -> NDArray[np.float64]:
     return up
 
 
+def levelling_rotation(up: NDArray[np.float64]) -> NDArray[np.float64]:
+    """R_level_sensor (3, 3), the smallest turn that brings up to z, in a fixed order of steps.
+
+    Args:
+        up: (3,) of any length but zero.
+    """
+    x, y, z = (float(v) for v in up)
+    length = math.sqrt(x * x + y * y + z * z)
+    x, y, z = x / length, y / length, z / length
+    if z < _UPSIDE_DOWN:  # every axis at right angles serves
+        return np.diag([-1.0, 1.0, -1.0])
+    k = 1 + z
+    return np.array([[1 - x * x / k, -(x * y) / k, -x], [-(x * y) / k, 1 - y * y / k, -y], [x, y, z]])
+
+
+def turned(points: NDArray[_Float], R: NDArray[np.float64]) -> NDArray[_Float]:
+    """(n, 3) points after the rotation R, in their own precision and a fixed order of steps, which a
+    matrix product has not."""
+    x, y, z = np.ascontiguousarray(points.T)
+    out = np.empty((3, len(points)), points.dtype)
+    for row, (a, b, c) in zip(out, R.astype(points.dtype), strict=True):
+        np.multiply(x, a, out=row)
+        row += y * b
+        row += z * c
+    return out.T
+
+
 def floor_height(
     points: NDArray[np.floating], normals: NDArray[np.floating], max_height_m: float = 4.0
 ) -> float | None:
@@ -68,14 +101,17 @@ def floor_height(
     Args:
         points, normals: (n, 3) in the levelled sensor frame.
     """
-    near = np.hypot(points[:, 0], points[:, 1]) < _FLOOR_RADIUS_M
-    z = points[near & (np.abs(normals[:, 2]) > np.cos(np.radians(15))), 2]
+    x, y, z = points.T
+    near = x * x + y * y < _FLOOR_RADIUS_M * _FLOOR_RADIUS_M
+    z = z[near & (np.abs(normals[:, 2]) > _LEVEL_COSINE)]
     z = z[(z < -0.05) & (z > -max_height_m)]
     if len(z) < 20:
         return None
     bins = np.floor(-z / _FLOOR_BIN_M).astype(int)
-    counts = np.bincount(bins).astype(float)
-    smooth = np.convolve(counts, [1, 1, 1], mode="same")
+    counts = np.bincount(bins)
+    smooth = counts.copy()  # with the bins above and below
+    smooth[1:] += counts[:-1]
+    smooth[:-1] += counts[1:]
     strong = np.flatnonzero(smooth >= 0.35 * smooth.max())
     deepest = strong[-1]
     while deepest > 0 and smooth[deepest - 1] > smooth[deepest]:  # climb to the top of that hump

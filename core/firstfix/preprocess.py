@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,14 +11,13 @@ from small_gicp import voxelgrid_sampling
 from .compact_scan import CompactScan, ScanDescriptor
 from .descriptor import Described, Descriptor, ScanBatch
 from .engine_config import PreprocessConfig
-from .levelling import Level, estimate_up, floor_height
+from .levelling import Level, estimate_up, floor_height, levelling_rotation, turned
 from .scan import Scan
 from .scan_sequence import ScanSequence
 from .scan_view import ScanView, directions
 from .surface import Surface
-from .transform import Matrix, rotation_between
-
-_Float = TypeVar("_Float", bound=np.floating)
+from .transform import Matrix
+from .voxel_filter import at_most, within_range
 
 _SPARSE_POINTS = 400
 _DENSE_POINTS = 6000
@@ -109,12 +107,12 @@ class _Returns:
 
     @classmethod
     def of(cls, scan: Scan | CompactScan, config: PreprocessConfig) -> _Returns:
-        points = scan.points[_within_range(scan.points, config)]
+        points = within_range(scan.points, config.min_range_m, config.max_range_m)
         if isinstance(scan, CompactScan):
             return cls._of_compact(points, scan.nearest_m, config)
-        some = _at_most(points, _VOXELLED).astype(np.float64)
+        some = at_most(points, _VOXELLED).astype(np.float64)
         voxels = voxelgrid_sampling(some, config.voxel_m).points()[:, :3]
-        return cls(points, _at_most(voxels, _DENSE_POINTS), ScanView.of(_at_most(points, _RETURNS)))
+        return cls(points, at_most(voxels, _DENSE_POINTS), ScanView.of(at_most(points, _RETURNS)))
 
     @classmethod
     def _of_compact(
@@ -124,7 +122,7 @@ class _Returns:
         nearest_m = np.where(near, nearest_m, np.float32(np.inf))
         # what lies nearest in every direction fills the descriptor's cells that the voxels leave empty
         seen = np.concatenate([points, directions()[near] * nearest_m[near, None]])
-        voxels = _at_most(points, _DENSE_POINTS).astype(np.float64)
+        voxels = at_most(points, _DENSE_POINTS).astype(np.float64)
         return cls(seen, voxels, ScanView.of_nearest(nearest_m))
 
 
@@ -137,24 +135,13 @@ def _prepare(
     thinned = Surface.around(returns.voxels, -returns.voxels)
     described = scan.described if isinstance(scan, CompactScan) else None
     level = _level_of(thinned, down) if described is None else Level(described.up, described.height_m)
-    R_level_sensor = rotation_between(level.up, [0.0, 0.0, 1.0])
+    R_level_sensor = levelling_rotation(level.up)
     height_m = config.default_height_m if level.height_m is None else level.height_m
-    levelled = returns.seen @ R_level_sensor.T.astype(np.float32)
-    batch = ScanBatch.single(levelled, height_m)
+    batch = ScanBatch.single(turned(returns.seen, R_level_sensor), height_m)
     return PreparedScan(T_last_scan, R_level_sensor, batch, described, returns.view, thinned)
 
 
 def _level_of(surface: Surface, down: NDArray[np.float64] | None) -> Level:
     up = estimate_up(surface.normals) if down is None else -down
-    R = rotation_between(up, [0.0, 0.0, 1.0])
-    return Level(up, floor_height(surface.points @ R.T, surface.normals @ R.T))
-
-
-def _within_range(points: NDArray[np.float32], config: PreprocessConfig) -> NDArray[np.bool_]:
-    range2 = np.einsum("ij,ij->i", points, points)
-    return (range2 > config.min_range_m**2) & (range2 < config.max_range_m**2)
-
-
-def _at_most(points: NDArray[_Float], count: int) -> NDArray[_Float]:
-    """An even part."""
-    return points[:: max(1, -(-len(points) // count))]
+    R = levelling_rotation(up)
+    return Level(up, floor_height(turned(surface.points, R), turned(surface.normals, R)))

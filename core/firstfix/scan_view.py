@@ -7,12 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .turns import turns
+
 CELL_DEG = 2.0
 COLUMNS = round(360 / CELL_DEG)
 ROWS = round(180 / CELL_DEG)
 NEAREST_M = 0.3
 
-_CELLS_A_RADIAN = np.float32(COLUMNS / (2 * np.pi))
+_RADIANS_A_CELL = 2 * np.pi / COLUMNS
 
 
 @dataclass(frozen=True)
@@ -47,8 +49,8 @@ def nearest_by_direction(points: NDArray[np.float32]) -> NDArray[np.float32]:
     x, y, z = np.ascontiguousarray(points.T)
     across2 = x * x + y * y
     distance = np.sqrt(across2 + z * z)
-    column = ((np.arctan2(y, x) + np.float32(np.pi)) * _CELLS_A_RADIAN).astype(np.int32)
-    row = ((np.arctan2(z, np.sqrt(across2)) + np.float32(np.pi / 2)) * _CELLS_A_RADIAN).astype(np.int32)
+    column = ((turns(y, x) + np.float32(0.5)) * np.float32(COLUMNS)).astype(np.int32)
+    row = ((turns(z, np.sqrt(across2)) + np.float32(0.25)) * np.float32(COLUMNS)).astype(np.int32)
     cell = np.minimum(row, ROWS - 1) * COLUMNS + column % COLUMNS
     image = np.full(ROWS * COLUMNS, np.inf, np.float32)
     far = distance > NEAREST_M
@@ -58,8 +60,8 @@ def nearest_by_direction(points: NDArray[np.float32]) -> NDArray[np.float32]:
 
 def directions() -> NDArray[np.float32]:
     """(cells, 3) unit vectors through the middles of the cells that ``nearest_by_direction`` numbers."""
-    azimuth = (np.arange(COLUMNS) + 0.5) / _CELLS_A_RADIAN - np.pi
-    elevation = ((np.arange(ROWS) + 0.5) / _CELLS_A_RADIAN - np.pi / 2)[:, None]
+    azimuth = (np.arange(COLUMNS) + 0.5) * _RADIANS_A_CELL - np.pi
+    elevation = ((np.arange(ROWS) + 0.5) * _RADIANS_A_CELL - np.pi / 2)[:, None]
     x, y = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth)
     z = np.broadcast_to(np.sin(elevation), x.shape)
     return np.stack([x, y, z], axis=-1).reshape(-1, 3).astype(np.float32)

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from .candidates import Candidate, search
 from .compact_scan import ScanDescriptor
 from .errors import DescriptorMismatch
+from .levelling import levelling_rotation
 from .localization import Hypothesis, Localization, Reason, Verdict
 from .map_index import MapIndex
 from .options import LocalizeOptions
-from .transform import Matrix, pose_error, rotation_between
+from .transform import Matrix, pose_error
 
 APART_M, APART_DEG = 3.0, 30.0  # nearer candidates are one place: templates stand a metre apart
 HYPOTHESES = 10
@@ -55,7 +56,7 @@ def propose(
             f"map {map_id or 'asked'} has other descriptor parameters than the query's {sent.descriptor}: "
             "take them from engine in the map's manifest, or send points too"
         )
-    scan = _LevelledScan(rotation_between(sent.up, [0.0, 0.0, 1.0]), sent.height_m)
+    scan = _LevelledScan(levelling_rotation(sent.up), sent.height_m)
     found = search(index, [sent.rows], [scan], options, index.config.search.widened)
     return [
         Proposal(index.T_map_level @ candidate.T_level_sensor, candidate.score, candidate.template, map_id)

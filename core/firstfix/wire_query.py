@@ -73,7 +73,9 @@ _COMPACT = struct.Struct("<fH3h3HHH")
 _DESCRIPTOR = struct.Struct("<BBHHHf3ff")
 _OCCUPANCY = 1
 _CELL = 16  # steps
-_NEAR_M, _LEVEL = 5.0, 0.012
+# A range by its level, and where a level ends: rounded to float32, so that no library's last digit shows.
+_LEVELS_M = np.array([5 * math.expm1(0.012 * level) for level in range(256)], np.float32)
+_LEVEL_EDGES_M = np.array([5 * math.expm1(0.012 * (level + 0.5)) for level in range(1, 255)], np.float32)
 _DIRECTIONS = ROWS * COLUMNS
 _MASK_BYTES = -(-_DIRECTIONS // 8)
 _MAX_LAYERS, _MAX_RINGS, _MAX_SECTORS = 16, 200, 720
@@ -150,8 +152,7 @@ def _range_bytes(nearest_m: NDArray[np.float32]) -> bytes:
     returned = np.isfinite(nearest_m)
     if nearest_m.shape != (_DIRECTIONS,) or bool((nearest_m < 0).any()) or bool(np.isnan(nearest_m).any()):
         raise InvalidScan(f"a compact scan has {_DIRECTIONS} ranges, not {nearest_m.shape}, and none below 0")
-    levels = np.rint(np.log1p(nearest_m[returned] / np.float32(_NEAR_M)) / np.float32(_LEVEL))
-    levels = np.clip(levels, 1, 255).astype(np.uint8)
+    levels = (1 + np.searchsorted(_LEVEL_EDGES_M, nearest_m[returned], side="right")).astype(np.uint8)
     return np.packbits(returned).tobytes() + np.diff(levels, prepend=np.uint8(0)).tobytes()
 
 
@@ -201,7 +202,7 @@ def _read_ranges(content: bytes) -> NDArray[np.float32]:
         raise MalformedData(f"{len(differences)} ranges for {returned.sum()} directions")
     levels = np.cumsum(differences, dtype=np.uint8)  # the sum wraps on purpose
     nearest_m = np.full(_DIRECTIONS, np.inf, np.float32)
-    nearest_m[returned] = _NEAR_M * np.expm1(np.float32(_LEVEL) * levels)
+    nearest_m[returned] = _LEVELS_M[levels]
     return nearest_m
 
 

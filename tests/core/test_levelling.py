@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from firstfix.levelling import estimate_up, floor_height
+from firstfix.levelling import estimate_up, floor_height, levelling_rotation, turned
+from firstfix.transform import rotation_between
 
 
 def surfaces(seed: int, floor: int = 400, walls: int = 600, clutter: int = 300) -> np.ndarray:
@@ -62,3 +63,24 @@ def test_no_floor_in_sight_is_none():
     rng = np.random.default_rng(0)
     points = rng.uniform([-8, -8, 0], [8, 8, 3], (500, 3))
     assert floor_height(points, np.tile([1.0, 0, 0], (500, 1))) is None
+
+
+@pytest.mark.parametrize(
+    "up", [[0, 0, 2], [0.1, -0.3, 0.9], [-1, 0, 0], [0, 0.5, -0.9], [1e-7, 0, -1], [0, 0, -1]]
+)
+def test_the_levelling_rotation_is_the_smallest(up):
+    R = levelling_rotation(np.array(up, np.float64))
+    np.testing.assert_allclose(R, rotation_between(up, [0, 0, 1]), atol=1e-7)
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-7)
+
+
+def test_turned_is_the_matrix_product():
+    points = np.random.default_rng(3).normal(size=(50, 3)).astype(np.float32)
+    R = levelling_rotation(np.array([0.2, 0.1, 0.9]))
+    assert turned(points, R).dtype == np.float32
+    np.testing.assert_allclose(turned(points, R), points @ R.T, atol=1e-5)
+
+
+def test_a_floor_just_below_the_sensor_is_found():
+    points = np.column_stack([np.tile([1.0, 2.0], 20), np.zeros(40), np.full(40, -0.07)])
+    assert floor_height(points, np.tile([0.0, 0.0, 1.0], (40, 1))) == pytest.approx(0.07)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..turns import turns
+
 
 @dataclass(frozen=True)
 class PolarGrid:
@@ -40,10 +42,10 @@ class PolarGrid:
         radius *= np.float32(self.rings / self.max_range_m)
         ring = radius.astype(np.int32)
         np.minimum(ring, self.rings - 1, out=ring)  # a radius a hair below the end may round up
-        turn = np.arctan2(y, x)
-        turn *= np.float32(self.sectors / (2 * np.pi))
+        turn = turns(y, x)
+        turn *= np.float32(self.sectors)
         sector = np.floor(turn, out=turn).astype(np.int32)
-        sector += (sector < 0) * np.int32(self.sectors)  # -pi..pi: the cell before 0 is the last
+        sector += (sector < 0) * np.int32(self.sectors)  # -0.5..0.5: the cell before 0 is the last
         np.minimum(sector, self.sectors - 1, out=sector)
         ring *= self.sectors
         ring += sector

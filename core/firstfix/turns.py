@@ -1,0 +1,52 @@
+"""Angles as fractions of a turn, the same on every machine and in every language.
+
+Library arctangents differ in their last bits from one processor to the next, and a point on the edge
+between two cells then falls into either. This one is float32 arithmetic in a fixed order, every step of
+which IEEE 754 rounds in one way: a robot's client in another language gets the same cells
+(clients/protocol/on-the-robot.md). It is within 5e-7 rad of the true angle.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+# atan(t) / (2 pi t) over t squared, fitted for the smallest largest error over 0..1; highest power last
+COEFFICIENTS = (
+    0.15915492,
+    -0.053049516,
+    0.03178285,
+    -0.022312926,
+    0.015779652,
+    -0.0094682965,
+    0.003860388,
+    -0.0007470915,
+)
+_TINY = np.float32(1e-30)
+_BLOCK = 65_536  # points whose intermediate arrays stay in the cache
+
+
+def turns(y: NDArray[np.float32], x: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(n,) angle of every (x, y) from the x axis, -0.5 to 0.5 of a turn, with the sign of y; 0 for the
+    origin."""
+    angle = np.empty(len(x), np.float32)
+    for start in range(0, len(x), _BLOCK):
+        block = slice(start, start + _BLOCK)
+        _turns(np.asarray(y[block], np.float32), np.asarray(x[block], np.float32), angle[block])
+    return angle
+
+
+def _turns(y: NDArray[np.float32], x: NDArray[np.float32], out: NDArray[np.float32]) -> None:
+    across, along = np.abs(y), np.abs(x)
+    t = np.minimum(across, along)
+    t /= np.maximum(np.maximum(across, along), _TINY)
+    square = t * t
+    out[:] = np.float32(COEFFICIENTS[-1])
+    for coefficient in COEFFICIENTS[-2::-1]:
+        out *= square
+        out += np.float32(coefficient)
+    out *= t  # of the first octant
+    # masks times a number, not masked operations: those are ten times as slow
+    np.abs((across > along) * np.float32(0.25) - out, out=out)
+    np.abs((x < 0) * np.float32(0.5) - out, out=out)
+    np.copysign(out, y, out=out)
