@@ -1,0 +1,168 @@
+"""The vectors of the encodings: which scan goes through which function with which parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import scenes
+
+Vector = dict[str, Any]
+
+ENGINE: Vector = {
+    "descriptor": {
+        "kind": "occupancy",
+        "rings": 20,
+        "sectors": 60,
+        "max_range_m": 60.0,
+        "layer_edges_m": [0.3, 1.0, 1.8, 3.0, 6.0, 25.0],
+        "coefficients": 8,
+    },
+    "preprocess": {
+        "min_range_m": 0.5,
+        "max_range_m": 100.0,
+        "voxel_m": 0.25,
+        "min_points": 200,
+        "default_height_m": 1.0,
+    },
+}
+# No number divides another, and the bits end within a byte
+ODD_ENGINE: Vector = {
+    "descriptor": {
+        "kind": "occupancy",
+        "rings": 7,
+        "sectors": 37,
+        "max_range_m": 23.7,
+        "layer_edges_m": [-0.1, 0.45, 2.1, 9.0],
+        "coefficients": 8,
+    },
+    "preprocess": {
+        "min_range_m": 0.3,
+        "max_range_m": 31.3,
+        "voxel_m": 0.1,
+        "min_points": 200,
+        "default_height_m": 0.7,
+    },
+}
+
+
+def inputs() -> dict[str, bytes]:
+    """Files of float32, little-endian."""
+    edges = scenes.edges()
+    rng = np.random.default_rng(9)
+    unusual = (rng.random(len(edges)) * 3 - 1).astype(np.float32)
+    unusual[:4] = np.nan, np.inf, -np.inf, 1e30
+    arrays: dict[str, NDArray[np.floating]] = {
+        "room": scenes.room(),
+        "street": scenes.street(),
+        "edges": edges,
+        "near-edges": scenes.near_edges(),
+        "far": scenes.far(),
+        "across": scenes.across(),
+        "none": np.zeros((0, 3)),
+        "reflectivity-8-bit": np.floor(rng.random(len(edges)) * 256),
+        "reflectivity-16-bit": np.floor(rng.random(len(edges)) * 65_536),
+        "reflectivity-real": np.rint(rng.random(len(edges)) * 4096) / 4096,
+        "reflectivity-unusual": unusual,
+        "not-finite": np.array([[1.0, np.nan, 2.0]]),
+        "too-far": np.array([[1.0, 2.0, 1001.0]]),
+    }
+    return {f"inputs/{name}.f32": array.astype("<f4").tobytes() for name, array in arrays.items()}
+
+
+def scans() -> Iterator[Vector]:
+    """Of ``encode_scan``."""
+    yield _scan("scan-room", "room", stamp_s=1_700_000_000.25)
+    yield _scan("scan-street-coarse", "street", resolution_m=0.02)
+    yield _scan("scan-street-thinned", "street", voxel_m=0.5)
+    yield _scan("scan-room-fine-and-thinned", "room", resolution_m=0.001, voxel_m=0.25)
+    yield _scan("scan-edges", "edges")
+    for name in ("8-bit", "16-bit", "real", "unusual"):
+        yield _scan(f"scan-reflectivity-{name}", "edges", intensity=f"inputs/reflectivity-{name}.f32")
+    yield _scan("scan-thinned-reflectivity", "edges", intensity="inputs/reflectivity-real.f32", voxel_m=5.0)
+    yield _scan("scan-moved-origin", "far")
+    yield _scan("scan-four-bytes", "across")
+    yield _scan("scan-without-points", "none", stamp_s=0.0)
+    for name, error, changes in (
+        ("resolution-too-fine", "invalid_option", {"resolution_m": 0.00001}),
+        ("voxel-too-large", "invalid_option", {"voxel_m": 10.5}),
+    ):
+        yield {**_scan(f"scan-{name}", "edges", **changes), "expected": {"error": error}}
+    for name in ("not-finite", "too-far"):
+        yield {**_scan(f"scan-{name}", name), "expected": {"error": "invalid_scan"}}
+
+
+def sequences() -> Iterator[Vector]:
+    """Of ``encode_scans``. The quaternions are such that nobody's arithmetic rounds them."""
+    poses = [
+        {"position": [0.0, 0.0, 0.0], "quaternion": [0.0, 0.0, 0.0, 1.0]},
+        {"position": [1.5, -0.25, 0.125], "quaternion": [0.5, 0.5, 0.5, 0.5]},
+        {"position": [-2.0, 300.0, 0.1], "quaternion": [0.0, 0.0, 1.0, 0.0]},
+    ]
+    far, edges = {"points": "inputs/far.f32"}, {"points": "inputs/near-edges.f32"}
+    yield _sequence("scans-three", [far, {**edges, "stamp_s": 12.5}, far], poses)
+    yield _sequence("scans-one-compact", [{**edges, "compact": True}, edges], poses[:2], voxel_m=0.5)
+    yield {**_sequence("scans-none", [], []), "expected": {"error": "invalid_scan"}}
+    yield {**_sequence("scans-a-pose-missing", [far, far], poses[:1]), "expected": {"error": "invalid_scan"}}
+    yield {**_sequence("scans-too-many", [edges] * 17, poses[:1] * 17), "expected": {"error": "too_large"}}
+
+
+def queries() -> Iterator[Vector]:
+    """Of ``compact_query`` and ``descriptor_query``."""
+    for scene in ("room", "street"):
+        yield _query("compact_query", f"compact-{scene}", scene)
+    yield _query("compact_query", "compact-few-points", "room", points=501, resolution_m=0.05)
+    yield _query("compact_query", "compact-many-points", "room", repeat=12, engine=ODD_ENGINE)
+    yield _query("compact_query", "compact-edges", "near-edges")
+    yield _query("compact_query", "compact-without-points", "none")
+    yield _query(
+        "compact_query", "compact-described", "room", points=600, engine=ENGINE, gravity=[0, 0, -9.81]
+    )
+    yield _query("descriptor_query", "descriptor-edges", "near-edges", engine=ENGINE, gravity=[0, 0, -1])
+    for scene in ("room", "street"):
+        for name, engine in (("usual", ENGINE), ("odd", ODD_ENGINE)):
+            yield _query("descriptor_query", f"descriptor-{scene}-{name}", scene, engine=engine)
+    for name, gravity in (
+        ("tilted", [0.9, -0.4, -9.7]),
+        ("on-its-side", [9.8, 0, 0.1]),
+        ("hanging", [0, 0, 9.81]),
+    ):
+        vector = _query("descriptor_query", f"descriptor-{name}", "room", engine=ENGINE, gravity=gravity)
+        yield vector
+    yield _query("descriptor_query", "descriptor-many-points", "street", repeat=11, engine=ENGINE)
+    yield _query("descriptor_query", "descriptor-without-points", "none", engine=ENGINE)
+    refused = {"expected": {"error": "invalid_option"}}
+    yield {**_query("compact_query", "compact-no-points-wanted", "room", points=0), **refused}
+    yield {**_query("compact_query", "compact-resolution-too-fine", "room", resolution_m=0.001), **refused}
+    yield {**_query("descriptor_query", "descriptor-of-no-map", "room"), **refused}
+
+
+def parameters() -> Iterator[Vector]:
+    """Of ``query_parameters``: from a map's manifest."""
+    for name, engine in (("usual", ENGINE), ("odd", ODD_ENGINE)):
+        yield {"name": f"parameters-{name}", "function": "query_parameters", "input": {"engine": engine}}
+    other = {**ENGINE, "descriptor": {**ENGINE["descriptor"], "kind": "pca_sc"}}
+    unusable = {"expected": {"error": "unsupported_format"}}
+    yield {"name": "parameters-paper", "function": "query_parameters", "input": {"engine": other}, **unusable}
+    yield {"name": "parameters-none", "function": "query_parameters", "input": {"engine": {}}, **unusable}
+
+
+def _scan(name: str, scene: str, **more: Any) -> Vector:
+    given: Vector = {key: more.pop(key) for key in ("stamp_s", "intensity") if key in more}
+    given = {"points": f"inputs/{scene}.f32", **given}
+    return {"name": name, "function": "encode_scan", "input": given, "parameters": more}
+
+
+def _sequence(name: str, scans: list[Vector], poses: list[Vector], **parameters: Any) -> Vector:
+    given = {"scans": scans, "poses": poses}
+    return {"name": name, "function": "encode_scans", "input": given, "parameters": parameters}
+
+
+def _query(function: str, name: str, scene: str, **more: Any) -> Vector:
+    given: Vector = {"points": f"inputs/{scene}.f32"}
+    if "repeat" in more:
+        given["repeat"] = more.pop("repeat")
+    return {"name": name, "function": function, "input": given, "parameters": more}

@@ -1,0 +1,101 @@
+"""Writes ``vectors/``: run ``python -m clients.conformance.generate`` in the repository's root.
+
+The expected results are what the Python client gives; a change of theirs is a change of the protocol. What
+a client reads back (``decode_...``) is checked by encoding it again.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import zstandard
+
+from . import cases, damage, documents
+from .python_client import run
+
+FOLDER = Path(__file__).resolve().parent / "vectors"
+
+Vector = dict[str, Any]
+
+
+def write(folder: Path) -> None:
+    """All vectors and their index, into an empty or missing folder."""
+    _store(folder, {**cases.inputs(), **documents.documents()})
+    encoded = [*cases.scans(), *cases.sequences(), *cases.queries()]
+    index = [_expecting_body(folder, vector) for vector in encoded]
+    index += [_read_back(vector) for vector in index if _can_be_read_back(vector)]
+    index += _damaged(folder)
+    for vector in (*cases.parameters(), *documents.vectors()):
+        index.append(
+            vector if "expected" in vector else {**vector, "expected": {"value": run(folder, vector)}}
+        )
+    zstd = ".".join(map(str, zstandard.ZSTD_VERSION))
+    listing = {"format": 1, "made_with": {"libzstd": zstd}, "vectors": index}
+    _store(folder, {"index.json": json.dumps(listing, indent=1).encode() + b"\n"})
+
+
+def _expecting_body(folder: Path, vector: Vector) -> Vector:
+    if "expected" in vector:
+        return vector
+    path = f"bodies/{vector['name']}.bin"
+    _store(folder, {path: run(folder, vector)})
+    return {**vector, "expected": {"body": path}}
+
+
+def _can_be_read_back(vector: Vector) -> bool:
+    """Without the last digits of a resolution or an intensity between."""
+    given = vector["input"]
+    if "body" not in vector["expected"] or given.get("intensity", "").endswith(("real.f32", "unusual.f32")):
+        return False
+    return vector["function"] != "encode_scans"
+
+
+def _read_back(vector: Vector) -> Vector:
+    function = "decode_scan" if vector["function"] == "encode_scan" else "decode_query"
+    resolution = vector.get("parameters", {}).get("resolution_m")
+    return {
+        "name": f"back-{vector['name']}",
+        "function": function,
+        "input": {"body": vector["expected"]["body"]},
+        "parameters": {} if resolution is None else {"resolution_m": resolution},
+        "expected": vector["expected"],
+    }
+
+
+def _damaged(folder: Path) -> list[Vector]:
+    scan, compact, described, sequence = (
+        (folder / f"bodies/{name}.bin").read_bytes()
+        for name in ("scan-edges", "compact-edges", "descriptor-edges", "scans-three")
+    )
+    index: list[Vector] = []
+    for kind, bodies in (
+        ("scan", damage.damaged_scans(scan)),
+        ("query", damage.damaged_queries(compact, described)),
+        ("scans", damage.damaged_sequences(sequence, described)),
+    ):
+        vectors, files = damage.vectors(kind, bodies)
+        _store(folder, files)
+        index += vectors
+    return index
+
+
+def _store(folder: Path, files: dict[str, bytes]) -> None:
+    for name, content in files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+
+
+def main() -> None:
+    with TemporaryDirectory() as made:
+        write(Path(made) / "vectors")
+        shutil.rmtree(FOLDER, ignore_errors=True)
+        shutil.copytree(Path(made) / "vectors", FOLDER)
+
+
+if __name__ == "__main__":
+    main()

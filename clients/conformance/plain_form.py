@@ -1,0 +1,47 @@
+"""A body without its compression: two zstd libraries may pack the same content in other bytes.
+
+The plain form is the body in which every zstd frame is replaced by its content, and every field that says
+how long a frame is by 0 (README.md beside this file).
+"""
+
+from __future__ import annotations
+
+import struct
+
+import zstandard
+
+
+def plain_form(body: bytes) -> bytes:
+    """Of a valid ``FFSC``, ``FFQY`` or ``FFSS`` body."""
+    return {b"FFSC": _scan, b"FFQY": _query, b"FFSS": _scans}[body[:4]](body)
+
+
+def _scan(body: bytes) -> bytes:
+    return body[:64] + zstandard.decompress(body[64:])
+
+
+def _query(body: bytes) -> bytes:
+    plain, at = body[:8], 8
+    if body[5] & 1:
+        count, first, second = (struct.unpack_from("<H", body, at + offset)[0] for offset in (4, 18, 20))
+        low_bytes = 3 * -(-count // 2)
+        plain += body[at : at + 18] + bytes(4)
+        at += 22
+        for length in (first, second):
+            plain += zstandard.decompress(body[at : at + length])
+            at += length
+        plain += body[at : at + low_bytes]
+        at += low_bytes
+    if body[5] & 2:
+        end = at + 32 + 4 * body[at + 1]
+        plain += body[at : at + 6] + bytes(2) + body[at + 8 : end] + zstandard.decompress(body[end:])
+    return plain
+
+
+def _scans(body: bytes) -> bytes:
+    plain, at = body[:8], 8
+    for _ in range(body[5]):
+        length = struct.unpack_from("<I", body, at + 56)[0]
+        plain += body[at : at + 56] + bytes(4) + plain_form(body[at + 60 : at + 60 + length])
+        at += 60 + length
+    return plain

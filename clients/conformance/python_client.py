@@ -1,0 +1,144 @@
+"""The functions that vectors name, as the Python client has them. One of these is what a client in another
+language writes; README.md says what each takes and gives."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from firstfix import wire, wire_query, wire_sequence
+from firstfix.condense import POINTS, condense, describe
+from firstfix.localization import Localization
+from firstfix.options import LocalizeOptions
+from firstfix.prior import Prior
+from firstfix.query_parameters import QueryParameters
+from firstfix.scan import Scan
+from firstfix.transform import from_quaternion
+from firstfix_client.errors import error_of_problem
+
+Vector = Mapping[str, Any]
+
+
+def run(folder: Path, vector: Vector) -> Any:
+    """What the vector's function gives: bytes, or what JSON can say.
+
+    Raises:
+        Exception: of the client; its ``code`` is compared where an error is expected.
+    """
+    return _FUNCTIONS[vector["function"]](folder, vector["input"], vector.get("parameters", {}))
+
+
+def scan_of(folder: Path, given: Vector) -> Scan:
+    points = np.fromfile(folder / given["points"], "<f4").reshape(-1, 3)
+    points = np.tile(points, (given.get("repeat", 1), 1))
+    intensity = None if "intensity" not in given else np.fromfile(folder / given["intensity"], "<f4")
+    return Scan(points, intensity, given.get("stamp_s"))
+
+
+def _encode_scan(folder: Path, given: Vector, parameters: Vector) -> bytes:
+    return wire.encode_scan(scan_of(folder, given), **parameters)
+
+
+def _decode_scan(folder: Path, given: Vector, parameters: Vector) -> bytes:
+    return wire.encode_scan(wire.decode_scan((folder / given["body"]).read_bytes()), **parameters)
+
+
+def _encode_scans(folder: Path, given: Vector, parameters: Vector) -> bytes:
+    scans = [
+        condense(scan_of(folder, one)) if one.get("compact") else scan_of(folder, one)
+        for one in given["scans"]
+    ]
+    poses = [from_quaternion(one["position"], one["quaternion"]) for one in given["poses"]]
+    return wire_sequence.encode_scans(scans, poses, **parameters)
+
+
+def _decode_scans(folder: Path, given: Vector, parameters: Vector) -> int:
+    return len(wire_sequence.decode_scans((folder / given["body"]).read_bytes()).scans)
+
+
+def _compact_query(folder: Path, given: Vector, parameters: Vector) -> bytes:
+    scan = condense(scan_of(folder, given), *_levelling(parameters), points=parameters.get("points", POINTS))
+    return wire_query.encode_query(scan, resolution_m=parameters.get("resolution_m", 0.02))
+
+
+def _descriptor_query(folder: Path, given: Vector, parameters: Vector) -> bytes:
+    known, gravity = _levelling(parameters)
+    return wire_query.encode_query(describe(scan_of(folder, given), known or QueryParameters(), gravity))
+
+
+def _decode_query(folder: Path, given: Vector, parameters: Vector) -> bytes:
+    return wire_query.encode_query(
+        wire_query.decode_query((folder / given["body"]).read_bytes()), **parameters
+    )
+
+
+def _levelling(parameters: Vector) -> tuple[QueryParameters | None, Any]:
+    engine, gravity = parameters.get("engine"), parameters.get("gravity")
+    return (
+        None if engine is None else QueryParameters.from_engine(engine),
+        None if gravity is None else np.array(gravity, np.float64),
+    )
+
+
+def _query_parameters(folder: Path, given: Vector, parameters: Vector) -> dict[str, Any]:
+    known = QueryParameters.from_engine(given["engine"])
+    assert known.descriptor is not None
+    return {
+        "min_range_m": known.min_range_m,
+        "max_range_m": known.max_range_m,
+        "voxel_m": known.voxel_m,
+        "default_height_m": known.default_height_m,
+        "rings": known.descriptor.grid.rings,
+        "sectors": known.descriptor.grid.sectors,
+        "descriptor_max_range_m": known.descriptor.grid.max_range_m,
+        "layer_edges_m": list(known.descriptor.edges_m),
+    }
+
+
+def _options(folder: Path, given: Vector, parameters: Vector) -> dict[str, str]:
+    values: dict[str, Any] = dict(given)
+    if "gravity" in values:
+        values["gravity"] = np.array(values["gravity"], np.float64)
+    if "prior" in values:
+        values["prior"] = Prior.from_numbers(values["prior"])
+    if "T_base_sensor" in values:
+        pose = values["T_base_sensor"]
+        values["T_base_sensor"] = from_quaternion(pose["position"], pose["quaternion"])
+    return LocalizeOptions(**values).to_strings()
+
+
+def _answer(folder: Path, given: Vector, parameters: Vector) -> dict[str, Any]:
+    return Localization.from_mapping(json.loads((folder / given["document"]).read_bytes())).to_mapping()
+
+
+def _geopose(folder: Path, given: Vector, parameters: Vector) -> dict[str, Any]:
+    document = json.loads((folder / given["document"]).read_bytes())
+    return {
+        "position": {name: float(document["position"][name]) for name in ("lat", "lon", "h")},
+        "quaternion": {name: float(document["quaternion"][name]) for name in ("x", "y", "z", "w")},
+    }
+
+
+def _problem(folder: Path, given: Vector, parameters: Vector) -> dict[str, Any] | None:
+    error = error_of_problem((folder / given["document"]).read_bytes(), given["status"])
+    return None if error is None else {"code": error.code, "detail": str(error)}
+
+
+_FUNCTIONS: dict[str, Callable[[Path, Vector, Vector], Any]] = {
+    "encode_scan": _encode_scan,
+    "decode_scan": _decode_scan,
+    "encode_scans": _encode_scans,
+    "decode_scans": _decode_scans,
+    "compact_query": _compact_query,
+    "descriptor_query": _descriptor_query,
+    "decode_query": _decode_query,
+    "query_parameters": _query_parameters,
+    "options": _options,
+    "answer": _answer,
+    "geopose": _geopose,
+    "problem": _problem,
+}
