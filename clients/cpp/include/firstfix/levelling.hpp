@@ -1,0 +1,142 @@
+// Which way is up and how far down is the floor: docs/method.md, section 6.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <optional>
+#include <vector>
+
+#include "scan.hpp"
+#include "symmetric.hpp"
+#include "voxel_filter.hpp"
+
+namespace firstfix::detail {
+
+constexpr double kPi = 3.14159265358979323846;
+
+inline double dot(const Vector3& a, const Vector3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+// R_level_sensor, the smallest turn that brings `up` (of any length but zero) to z.
+inline Matrix3 levelling_rotation(const Vector3& up) {
+  const double length = std::sqrt(dot(up, up));
+  const double x = up[0] / length, y = up[1] / length, z = up[2] / length;
+  if (z < -1 + 1e-12) return {{{-1, 0, 0}, {0, 1, 0}, {0, 0, -1}}};
+  const double k = 1 + z;
+  return {{{1 - x * x / k, -(x * y) / k, -x}, {-(x * y) / k, 1 - y * y / k, -y}, {x, y, z}}};
+}
+
+inline Vector3 turned(const Vector3& p, const Matrix3& R) { return {dot(R[0], p), dot(R[1], p), dot(R[2], p)}; }
+
+// In float, as the descriptor's points are.
+inline Point turned(const Point& p, const Matrix3& R) {
+  const auto along = [&p](const Vector3& row) {
+    return p.x * static_cast<float>(row[0]) + p.y * static_cast<float>(row[1]) + p.z * static_cast<float>(row[2]);
+  };
+  return {along(R[0]), along(R[1]), along(R[2])};
+}
+
+// Directions within 35 degrees of z, about four degrees apart.
+inline std::vector<Vector3> cone() {
+  std::vector<Vector3> directions{{0, 0, 1}};
+  for (int tilt_deg = 4; tilt_deg <= 35; tilt_deg += 4) {
+    const double tilt = tilt_deg * (kPi / 180);
+    const double around = std::max(6.0, std::nearbyint(2 * kPi * std::sin(tilt) / (4.0 * (kPi / 180))));
+    for (int k = 0; k < static_cast<int>(around); ++k) {
+      const double azimuth = k * (2 * kPi / around);
+      directions.push_back(
+          {std::sin(tilt) * std::cos(azimuth), std::sin(tilt) * std::sin(azimuth), std::cos(tilt)});
+    }
+  }
+  return directions;
+}
+
+inline double votes(const std::vector<Vector3>& normals, const Vector3& direction) {
+  const double width = 5.0 * (kPi / 180);
+  const auto scale = static_cast<float>(-1 / (2 * width * width));
+  const auto x = static_cast<float>(direction[0]), y = static_cast<float>(direction[1]),
+             z = static_cast<float>(direction[2]);
+  double sum = 0;
+  for (const Vector3& n : normals) {
+    const float along = static_cast<float>(n[0]) * x + static_cast<float>(n[1]) * y + static_cast<float>(n[2]) * z;
+    const float along2 = along * along;
+    sum += static_cast<double>(std::exp(along2 * scale) + std::exp((1 - along2) * scale));
+  }
+  const double tilt_deg = std::acos(std::clamp(direction[2], -1.0, 1.0)) * (180 / kPi);
+  return sum * (1 - 0.15 * tilt_deg / 35.0);
+}
+
+// Of unit surface normals of either sign: the direction that the most of them confirm as up.
+inline Vector3 estimate_up(const std::vector<Vector3>& all_normals) {
+  constexpr std::size_t kVoters = 2000;
+  std::vector<Vector3> normals;
+  const std::size_t step = std::max<std::size_t>(1, all_normals.size() / kVoters);
+  for (std::size_t i = 0; i < all_normals.size(); i += step) normals.push_back(all_normals[i]);
+  Vector3 up{0, 0, 1};
+  double most = -1;
+  for (const Vector3& direction : cone()) {
+    const double won = votes(normals, direction);
+    if (won > most) {
+      most = won;
+      up = direction;
+    }
+  }
+  for (const double width_deg : {5.0, 2.5, 1.5}) {
+    const double width = width_deg * (kPi / 180), scale = 2 * width * width;
+    Matrix3 scatter{};
+    for (const Vector3& n : normals) {
+      const double along = dot(n, up);
+      const double weight = std::exp(-(along * along) / scale) - 0.1 * std::exp(-(1 - along * along) / scale);
+      for (std::size_t i = 0; i < 3; ++i) {
+        for (std::size_t j = 0; j < 3; ++j) scatter[i][j] += n[i] * weight * n[j];
+      }
+    }
+    Vector3 refined = smallest_axis(scatter).axis;
+    double agrees = dot(refined, up);
+    if (!(agrees > 0)) {
+      for (double& v : refined) v = -v;
+      agrees = -agrees;
+    }
+    if (agrees < std::cos(6.0 * (kPi / 180))) break;  // nothing to hold on to in one direction: keep the vote
+    up = refined;
+  }
+  return up;
+}
+
+// Height of the sensor above the floor around it: the lowest well-filled height among level surfaces.
+inline std::optional<double> floor_height(const std::vector<Vector3>& points, const std::vector<Vector3>& normals) {
+  std::vector<double> heights;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const auto& [x, y, z] = points[i];
+    if (x * x + y * y < 144.0 && std::fabs(normals[i][2]) > 0.9659258262890683 && z < -0.05 && z > -4.0) {
+      heights.push_back(z);
+    }
+  }
+  if (heights.size() < 20) return std::nullopt;
+  const auto bin_of = [](double z) { return static_cast<std::ptrdiff_t>(std::floor(-z / 0.1)); };
+  std::vector<std::ptrdiff_t> counts;
+  for (const double z : heights) {
+    const auto bin = static_cast<std::size_t>(bin_of(z));
+    if (counts.size() <= bin) counts.resize(bin + 1);
+    ++counts[bin];
+  }
+  std::vector<std::ptrdiff_t> smooth = counts;  // with the bins above and below
+  for (std::size_t i = 0; i + 1 < counts.size(); ++i) {
+    smooth[i + 1] += counts[i];
+    smooth[i] += counts[i + 1];
+  }
+  const auto largest = static_cast<double>(*std::max_element(smooth.begin(), smooth.end()));
+  std::size_t deepest = smooth.size() - 1;
+  while (static_cast<double>(smooth[deepest]) < 0.35 * largest) --deepest;
+  while (deepest > 0 && smooth[deepest - 1] > smooth[deepest]) --deepest;
+  std::vector<double> members;
+  for (const double z : heights) {
+    if (std::abs(bin_of(z) - static_cast<std::ptrdiff_t>(deepest)) <= 1) members.push_back(z);
+  }
+  if (members.empty()) return std::nullopt;
+  std::sort(members.begin(), members.end());
+  const std::size_t half = members.size() / 2;
+  return -(members.size() % 2 == 1 ? members[half] : (members[half - 1] + members[half]) / 2);
+}
+
+}  // namespace firstfix::detail

@@ -1,0 +1,53 @@
+// One LiDAR scan: points in metres in the sensor frame, x forward, y left, z up (REP-103).
+#pragma once
+
+#include <cfloat>
+#include <cmath>
+#include <cstddef>
+#include <optional>
+#include <vector>
+
+#include "errors.hpp"
+
+#if defined(__FAST_MATH__)
+#error "firstfix needs IEEE arithmetic to make the same bytes as other clients: do not use -ffast-math"
+#endif
+static_assert(FLT_EVAL_METHOD == 0, "float arithmetic must be done in float: not on the x87 unit");
+
+namespace firstfix {
+
+constexpr std::size_t kMaxPoints = 2'000'000;
+constexpr double kMaxAbsCoordinate = 1000.0;  // m
+
+struct Point {
+  float x = 0, y = 0, z = 0;
+};
+
+struct Scan {
+  std::vector<Point> points;
+  std::optional<std::vector<float>> intensity;  // one a point
+  std::optional<double> stamp_s;                // since the epoch
+};
+
+inline bool usable(const Point& p) {
+  const auto within = [](float v) { return std::fabs(static_cast<double>(v)) <= kMaxAbsCoordinate; };  // NaN is not
+  return within(p.x) && within(p.y) && within(p.z);
+}
+
+// Without what drivers deliver for "no return": points that are not finite or absurdly far.
+inline Scan cleaned(const Scan& scan) {
+  if (scan.intensity && scan.intensity->size() != scan.points.size()) {
+    throw Error("invalid_scan", "there is not one intensity for every point");
+  }
+  Scan kept{{}, std::nullopt, scan.stamp_s};
+  kept.points.reserve(scan.points.size());
+  if (scan.intensity) kept.intensity.emplace();
+  for (std::size_t i = 0; i < scan.points.size(); ++i) {
+    if (!usable(scan.points[i])) continue;
+    kept.points.push_back(scan.points[i]);
+    if (scan.intensity) kept.intensity->push_back((*scan.intensity)[i]);
+  }
+  return kept;
+}
+
+}  // namespace firstfix

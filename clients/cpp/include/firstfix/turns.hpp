@@ -1,0 +1,27 @@
+// Angles as fractions of a turn: float arithmetic in a fixed order, equal to firstfix.turns to the last bit.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+
+namespace firstfix::detail {
+
+// Angle of (x, y) from the x axis, -0.5 to 0.5 of a turn, with the sign of y; 0 for the origin.
+inline float turns(float y, float x) {
+  constexpr float kCoefficients[] = {0.15915492F,  -0.053049516F,  0.03178285F,  -0.022312926F,
+                                     0.015779652F, -0.0094682965F, 0.003860388F, -0.0007470915F};
+  const float across = std::fabs(y), along = std::fabs(x);
+  const float t = std::min(across, along) / std::max(std::max(across, along), 1e-30F);
+  const float square = t * t;
+  float angle = kCoefficients[7];
+  for (int power = 6; power >= 0; --power) {
+    angle *= square;
+    angle += kCoefficients[power];
+  }
+  angle *= t;  // of the first octant
+  angle = std::fabs((across > along ? 0.25F : 0.0F) - angle);
+  angle = std::fabs((x < 0 ? 0.5F : 0.0F) - angle);
+  return std::copysign(angle, y);
+}
+
+}  // namespace firstfix::detail

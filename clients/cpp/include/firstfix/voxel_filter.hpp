@@ -1,0 +1,121 @@
+// Thinning a cloud: by range, evenly, to one point a cell. Defined to the last bit (clients/protocol/on-the-robot.md).
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <unordered_set>
+#include <utility>
+#include <vector>
+
+#include "scan.hpp"
+
+namespace firstfix::detail {
+
+using Vector3 = std::array<double, 3>;
+using Cell = std::array<std::int64_t, 3>;
+
+inline Cell cell_of(const Vector3& p, double side) {
+  return {static_cast<std::int64_t>(std::floor(p[0] / side)), static_cast<std::int64_t>(std::floor(p[1] / side)),
+          static_cast<std::int64_t>(std::floor(p[2] / side))};
+}
+
+inline Vector3 vector_of(const Point& p) {
+  return {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)};
+}
+
+struct CellBox {
+  Cell lowest{}, size{1, 1, 1};
+
+  static CellBox around(const std::vector<Cell>& cells) {
+    CellBox box;
+    if (cells.empty()) return box;
+    Cell highest = box.lowest = cells.front();
+    for (const Cell& cell : cells) {
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        box.lowest[axis] = std::min(box.lowest[axis], cell[axis]);
+        highest[axis] = std::max(highest[axis], cell[axis]);
+      }
+    }
+    for (std::size_t axis = 0; axis < 3; ++axis) box.size[axis] = highest[axis] - box.lowest[axis] + 1;
+    return box;
+  }
+
+  // z before y before x
+  std::int64_t number(const Cell& cell) const {
+    return ((cell[2] - lowest[2]) * size[1] + (cell[1] - lowest[1])) * size[0] + (cell[0] - lowest[0]);
+  }
+};
+
+// Those between the two distances from the origin; points that are not usable are not.
+inline std::vector<Point> within_range(const std::vector<Point>& points, double min_range_m, double max_range_m) {
+  const auto least = static_cast<float>(min_range_m * min_range_m);
+  const auto most = static_cast<float>(max_range_m * max_range_m);
+  std::vector<Point> kept;
+  kept.reserve(points.size());
+  for (const Point& p : points) {
+    if (!usable(p)) continue;
+    const float range2 = p.x * p.x + p.y * p.y + p.z * p.z;
+    if (range2 > least && range2 < most) kept.push_back(p);
+  }
+  return kept;
+}
+
+// Every second, third, ... so that no more than `count` are left.
+inline std::vector<Point> at_most(const std::vector<Point>& points, std::size_t count) {
+  const std::size_t step = std::max<std::size_t>(1, (points.size() + count - 1) / count);
+  std::vector<Point> kept;
+  kept.reserve(points.size() / step + 1);
+  for (std::size_t i = 0; i < points.size(); i += step) kept.push_back(points[i]);
+  return kept;
+}
+
+// Rows, ascending, that take an even part of `count`.
+inline std::vector<std::size_t> even_rows(std::size_t count, std::size_t at_most) {
+  std::vector<std::size_t> rows(std::min(count, at_most));
+  for (std::size_t k = 0; k < rows.size(); ++k) rows[k] = k * count / rows.size();
+  return rows;
+}
+
+// Rows, ascending, of the first point in every cube.
+inline std::vector<std::size_t> first_in_voxel(const std::vector<Point>& points, double voxel_m) {
+  std::vector<Cell> cells(points.size());
+  for (std::size_t i = 0; i < points.size(); ++i) cells[i] = cell_of(vector_of(points[i]), voxel_m);
+  const CellBox box = CellBox::around(cells);
+  std::unordered_set<std::int64_t> seen;
+  std::vector<std::size_t> rows;
+  for (std::size_t i = 0; i < cells.size(); ++i) {
+    if (seen.insert(box.number(cells[i])).second) rows.push_back(i);
+  }
+  return rows;
+}
+
+// The mean of the points in every cube, ordered by the cubes' z, then y, then x; of coordinates in steps of
+// 2^-20 m, so that their sums are exact in whatever order.
+inline std::vector<Vector3> voxel_means(const std::vector<Point>& points, double voxel_m) {
+  constexpr double kStepsAMetre = 1048576.0;
+  std::vector<Cell> cells(points.size());
+  for (std::size_t i = 0; i < points.size(); ++i) cells[i] = cell_of(vector_of(points[i]), voxel_m);
+  const CellBox box = CellBox::around(cells);
+  std::vector<std::pair<std::int64_t, std::size_t>> order(points.size());
+  for (std::size_t i = 0; i < points.size(); ++i) order[i] = {box.number(cells[i]), i};
+  std::sort(order.begin(), order.end());
+  std::vector<Vector3> means;
+  for (std::size_t start = 0; start < order.size();) {
+    Vector3 sum{};
+    std::size_t end = start;
+    for (; end < order.size() && order[end].first == order[start].first; ++end) {
+      const Vector3 p = vector_of(points[order[end].second]);
+      for (std::size_t axis = 0; axis < 3; ++axis) sum[axis] += std::nearbyint(p[axis] * kStepsAMetre);
+    }
+    const double steps = static_cast<double>(end - start) * kStepsAMetre;
+    means.push_back({sum[0] / steps, sum[1] / steps, sum[2] / steps});
+    start = end;
+  }
+  return means;
+}
+
+}  // namespace firstfix::detail

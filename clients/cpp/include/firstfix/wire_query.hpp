@@ -1,0 +1,263 @@
+// The encoding application/vnd.firstfix.query: clients/protocol/query.md has every byte.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "bytes.hpp"
+#include "compact_scan.hpp"
+#include "errors.hpp"
+#include "scan_view.hpp"
+#include "voxel_filter.hpp"
+#include "zstd_frame.hpp"
+
+namespace firstfix {
+
+inline constexpr const char* kQueryMediaType = "application/vnd.firstfix.query";
+
+namespace detail {
+
+constexpr std::size_t kMaskBytes = kDirections / 8;
+static_assert(kDirections % 8 == 0);
+constexpr int kQueryLevel = 12;  // of zstd
+constexpr std::uint8_t kCompactPart = 1, kDescriptorPart = 2;
+
+inline float range_of_level(double level) { return static_cast<float>(5 * std::expm1(0.012 * level)); }
+
+// Where the levels 1 to 254 end.
+inline const std::array<float, 254>& level_edges() {
+  static const std::array<float, 254> edges = [] {
+    std::array<float, 254> made{};
+    for (std::size_t i = 0; i < made.size(); ++i) made[i] = range_of_level(static_cast<double>(i) + 1.5);
+    return made;
+  }();
+  return edges;
+}
+
+inline Bytes view_content(const std::vector<float>& nearest_m) {
+  if (nearest_m.size() != kDirections) throw Error("invalid_scan", "a compact scan has 16,200 ranges");
+  Bytes content(kMaskBytes);
+  std::uint8_t before = 0;
+  for (std::size_t i = 0; i < kDirections; ++i) {
+    const float range = nearest_m[i];
+    if (!(range >= 0)) throw Error("invalid_scan", "a range is below 0");
+    if (std::isinf(range)) continue;
+    content[i / 8] = static_cast<std::uint8_t>(content[i / 8] | (0x80U >> (i % 8)));
+    const auto& edges = level_edges();
+    const auto level = static_cast<std::uint8_t>(1 + (std::upper_bound(edges.begin(), edges.end(), range) - edges.begin()));
+    content.push_back(static_cast<std::uint8_t>(level - before));
+    before = level;
+  }
+  return content;
+}
+
+inline std::uint16_t frame_length(const Bytes& frame) {
+  if (frame.size() > 65'535) throw Error("too_large", "a frame of the query has over 65,535 bytes");
+  return static_cast<std::uint16_t>(frame.size());
+}
+
+inline void put_compact(Bytes& body, const CompactScan& scan, double wanted_resolution_m) {
+  const std::size_t n = scan.points.size();
+  if (n > kMaxCompactPoints) throw Error("too_large", "the query has over 10,000 points");
+  const auto resolution = static_cast<float>(wanted_resolution_m);
+  const auto resolution_m = static_cast<double>(resolution);  // as the header says it
+  std::vector<Cell> cells(n), steps(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    if (!usable(scan.points[i])) throw Error("invalid_scan", "a coordinate is not finite, or beyond 1000 m");
+    const Vector3 p = vector_of(scan.points[i]);
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      steps[i][axis] = static_cast<std::int64_t>(std::nearbyint(p[axis] / resolution_m));
+      cells[i][axis] = static_cast<std::int64_t>(std::floor(static_cast<double>(steps[i][axis]) / 16.0));
+    }
+  }
+  const CellBox box = CellBox::around(cells);
+  std::uint64_t product = 1;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const bool reached = std::abs(box.lowest[axis]) <= 32'767 && box.size[axis] <= 65'535;
+    product *= reached ? static_cast<std::uint64_t>(box.size[axis]) : 0;
+    if (!reached || product > std::uint64_t{1} << 32) {
+      throw Error("invalid_scan", "the points reach too far for the resolution");
+    }
+  }
+  std::vector<std::size_t> order(n);
+  for (std::size_t i = 0; i < n; ++i) order[i] = i;
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t i, std::size_t j) { return box.number(cells[i]) < box.number(cells[j]); });
+  std::vector<std::uint32_t> apart(n);
+  std::vector<std::uint8_t> low;
+  std::int64_t before = 0;
+  for (std::size_t k = 0; k < n; ++k) {
+    const std::int64_t number = box.number(cells[order[k]]);
+    apart[k] = static_cast<std::uint32_t>(number - before);
+    before = number;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      low.push_back(static_cast<std::uint8_t>(steps[order[k]][axis] - 16 * cells[order[k]][axis]));
+    }
+  }
+  if (n % 2 == 1) low.insert(low.end(), 3, 0);
+  Bytes planes;
+  for (std::size_t plane = 0; plane < 4; ++plane) {
+    for (const std::uint32_t value : apart) planes.push_back(static_cast<std::uint8_t>(value >> (8 * plane)));
+  }
+  const Bytes first = compressed(planes, kQueryLevel, false);
+  const Bytes second = compressed(view_content(scan.nearest_m), kQueryLevel, false);
+  put(body, resolution);
+  put(body, static_cast<std::uint16_t>(n));
+  for (const std::int64_t v : box.lowest) put(body, static_cast<std::int16_t>(v));
+  for (const std::int64_t v : box.size) put(body, static_cast<std::uint16_t>(v));
+  put(body, frame_length(first));
+  put(body, frame_length(second));
+  append(body, first);
+  append(body, second);
+  for (std::size_t i = 0; i < low.size(); i += 2) {
+    body.push_back(static_cast<std::uint8_t>((low[i] << 4) | low[i + 1]));
+  }
+}
+
+inline void put_descriptor(Bytes& body, const ScanDescriptor& described) {
+  const DescriptorParameters& grid = described.parameters;
+  if (!usable(grid) || described.occupancy.size() != grid.bytes()) {
+    throw Error("invalid_scan", "the descriptor is not of its parameters' form");
+  }
+  const Bytes frame = compressed(described.occupancy, kQueryLevel, false);
+  put(body, std::uint8_t{1});
+  put(body, static_cast<std::uint8_t>(grid.layers()));
+  put(body, static_cast<std::uint16_t>(grid.rings));
+  put(body, static_cast<std::uint16_t>(grid.sectors));
+  put(body, frame_length(frame));
+  put(body, static_cast<float>(grid.max_range_m));
+  for (const double v : described.up) put(body, static_cast<float>(v));
+  put(body, static_cast<float>(described.height_m));
+  for (const double edge : grid.layer_edges_m) put(body, static_cast<float>(edge));
+  append(body, frame);
+}
+
+inline std::vector<float> read_view(const Bytes& content) {
+  std::vector<float> nearest_m(kDirections, std::numeric_limits<float>::infinity());
+  std::size_t at = kMaskBytes;
+  std::uint8_t level = 0;
+  for (std::size_t i = 0; i < kDirections; ++i) {
+    if ((content[i / 8] & (0x80U >> (i % 8))) == 0) continue;
+    if (at == content.size()) throw Error("malformed_data", "there are fewer ranges than directions");
+    level = static_cast<std::uint8_t>(level + content[at++]);
+    nearest_m[i] = range_of_level(level);
+  }
+  if (at != content.size()) throw Error("malformed_data", "there are more ranges than directions");
+  return nearest_m;
+}
+
+inline CompactScan read_compact(Reader& rest) {
+  const auto resolution_m = static_cast<double>(rest.get<float>());
+  const std::size_t n = rest.get<std::uint16_t>();
+  Cell lowest{}, size{};
+  for (std::int64_t& v : lowest) v = rest.get<std::int16_t>();
+  for (std::int64_t& v : size) v = rest.get<std::uint16_t>();
+  const std::size_t first = rest.get<std::uint16_t>(), second = rest.get<std::uint16_t>();
+  if (n > kMaxCompactPoints) throw Error("too_large", "the query has over 10,000 points");
+  const std::int64_t cells = size[0] * size[1] * size[2];
+  if (!(resolution_m >= 0.005 * 0.999 && resolution_m <= 0.1 * 1.001) || cells < 1 || cells > std::int64_t{1} << 32) {
+    throw Error("malformed_data", "the resolution or the cells of the query are out of range");
+  }
+  const Bytes planes = decompressed(rest.take(first), 4 * n, 4 * n);
+  CompactScan scan;
+  scan.nearest_m = read_view(decompressed(rest.take(second), kMaskBytes, kMaskBytes + kDirections));
+  const Span low = rest.take(3 * ((n + 1) / 2));
+  std::int64_t number = 0;
+  for (std::size_t k = 0; k < n; ++k) {
+    for (std::size_t plane = 0; plane < 4; ++plane) {
+      number += static_cast<std::int64_t>(planes[plane * n + k]) << (8 * plane);
+    }
+    if (number >= cells) throw Error("malformed_data", "a point of the query lies beyond its cells");
+    const Cell cell{number % size[0], number / size[0] % size[1], number / (size[0] * size[1])};
+    std::array<float, 3> metres{};
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const std::size_t half = 3 * k + axis;
+      const auto place = (low.data[half / 2] >> (half % 2 == 0 ? 4 : 0)) & 15;
+      const auto step = static_cast<double>((cell[axis] + lowest[axis]) * 16 + place);
+      if (!(std::fabs(step * resolution_m) <= kMaxAbsCoordinate * 1.001)) {
+        throw Error("malformed_data", "the query has coordinates beyond 1000 m");
+      }
+      metres[axis] = static_cast<float>(step * resolution_m);
+    }
+    scan.points.push_back({metres[0], metres[1], metres[2]});
+  }
+  return scan;
+}
+
+inline ScanDescriptor read_descriptor(Reader& rest) {
+  const auto kind = rest.get<std::uint8_t>(), layers = rest.get<std::uint8_t>();
+  ScanDescriptor described;
+  DescriptorParameters& grid = described.parameters;
+  grid.rings = rest.get<std::uint16_t>();
+  grid.sectors = rest.get<std::uint16_t>();
+  const std::size_t frame = rest.get<std::uint16_t>();
+  grid.max_range_m = static_cast<double>(rest.get<float>());
+  for (double& v : described.up) v = static_cast<double>(rest.get<float>());
+  described.height_m = static_cast<double>(rest.get<float>());
+  if (kind != 1) throw Error("unsupported_format", "this reads descriptors of kind 1");
+  const double length = std::hypot(described.up[0], described.up[1], described.up[2]);
+  if (layers < 1 || layers > 16 || !(std::fabs(length - 1) < 1e-3) || !(std::fabs(described.height_m) <= 100)) {
+    throw Error("malformed_data", "a field of the descriptor is out of range");
+  }
+  grid.layer_edges_m.clear();
+  for (std::size_t i = 0; i <= layers; ++i) grid.layer_edges_m.push_back(static_cast<double>(rest.get<float>()));
+  if (!usable(grid)) throw Error("malformed_data", "the descriptor's grid is out of range");
+  for (double& v : described.up) v /= length;
+  described.occupancy = decompressed(rest.take(frame), grid.bytes(), grid.bytes());
+  return described;
+}
+
+}  // namespace detail
+
+// Throws "invalid_option" (a resolution outside 0.005 to 0.1 m), "invalid_scan", "too_large".
+inline Bytes encode_query(const CompactScan& scan, double resolution_m = 0.02) {
+  if (!(resolution_m >= 0.005 && resolution_m <= 0.1)) {
+    throw Error("invalid_option", "a compact query's resolution lies in [0.005, 0.1] m");
+  }
+  const std::uint8_t parts = scan.described ? detail::kCompactPart | detail::kDescriptorPart : detail::kCompactPart;
+  Bytes body{'F', 'F', 'Q', 'Y', 1, parts, 0, 0};
+  detail::put_compact(body, scan, resolution_m);
+  if (scan.described) detail::put_descriptor(body, *scan.described);
+  return body;
+}
+
+inline Bytes encode_query(const ScanDescriptor& described) {
+  Bytes body{'F', 'F', 'Q', 'Y', 1, detail::kDescriptorPart, 0, 0};
+  detail::put_descriptor(body, described);
+  return body;
+}
+
+using Query = std::variant<CompactScan, ScanDescriptor>;
+
+// What encode_query was given. Throws "malformed_data", "unsupported_format", "too_large"; every size is checked
+// before memory is taken for it.
+inline Query decode_query(const std::uint8_t* data, std::size_t size) {
+  detail::Reader rest(data, size, kQueryMediaType);
+  rest.magic("FFQY");
+  const auto version = rest.get<std::uint8_t>(), parts = rest.get<std::uint8_t>();
+  if (rest.get<std::uint16_t>() != 0) throw Error("malformed_data", "a reserved field of the query is set");
+  if (version != 1 || parts < 1 || parts > 3) {
+    throw Error("unsupported_format", "this reads version 1 with the parts 1 to 3");
+  }
+  Query query;
+  if ((parts & detail::kCompactPart) != 0) {
+    CompactScan scan = detail::read_compact(rest);
+    if ((parts & detail::kDescriptorPart) != 0) scan.described = detail::read_descriptor(rest);
+    query = std::move(scan);
+  } else {
+    query = detail::read_descriptor(rest);
+  }
+  rest.end();
+  return query;
+}
+
+inline Query decode_query(const Bytes& body) { return decode_query(body.data(), body.size()); }
+
+}  // namespace firstfix

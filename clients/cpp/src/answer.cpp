@@ -1,0 +1,208 @@
+// Documents of the service, read with every field checked.
+#include "firstfix/answer.hpp"
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+namespace firstfix {
+namespace {
+
+using Json = nlohmann::json;
+
+[[noreturn]] void unreadable(const std::string& what) {
+  throw Error("unreadable", "this is no answer of a firstfix service: " + what);
+}
+
+Json parsed(std::string_view document) {
+  Json data = Json::parse(document.begin(), document.end(), nullptr, false);
+  if (!data.is_object()) unreadable("it is no JSON object");
+  return data;
+}
+
+// Null and missing are the same.
+const Json* member(const Json& object, const char* name) {
+  if (!object.is_object()) return nullptr;
+  const auto found = object.find(name);
+  return found == object.end() || found->is_null() ? nullptr : &*found;
+}
+
+double number(const Json* value, const char* name) {
+  if (value == nullptr || !value->is_number()) unreadable(std::string(name) + " is no number");
+  return value->get<double>();
+}
+
+double number(const Json& object, const char* name) { return number(member(object, name), name); }
+
+std::string text(const Json& object, const char* name) {
+  const Json* value = member(object, name);
+  if (value == nullptr) return {};
+  if (!value->is_string()) unreadable(std::string(name) + " is no text");
+  return value->get<std::string>();
+}
+
+template <std::size_t Count>
+std::array<double, Count> numbers(const Json& object, const char* name) {
+  const Json* list = member(object, name);
+  if (list == nullptr || !list->is_array() || list->size() != Count) unreadable(std::string(name) + " is no list of its length");
+  std::array<double, Count> values{};
+  for (std::size_t i = 0; i < Count; ++i) values[i] = number(&(*list)[i], name);
+  return values;
+}
+
+const Json::array_t& list_of(const Json& object, const char* name) {
+  static const Json::array_t nothing;
+  const Json* value = member(object, name);
+  if (value == nullptr) return nothing;
+  if (!value->is_array()) unreadable(std::string(name) + " is no list");
+  return value->get_ref<const Json::array_t&>();
+}
+
+Pose pose_of(const Json& data) {
+  const Pose pose{numbers<3>(data, "position"), numbers<4>(data, "quaternion")};
+  if (!detail::usable(pose)) unreadable("a quaternion has no direction");
+  return detail::normalised(pose);
+}
+
+std::optional<Pose> optional_pose(const Json& data, const char* name) {
+  const Json* value = member(data, name);
+  if (value == nullptr) return std::nullopt;
+  return pose_of(*value);
+}
+
+Hypothesis hypothesis_of(const Json& data) {
+  const Json* pose = member(data, "T_map_sensor");
+  if (pose == nullptr) unreadable("a hypothesis has no pose");
+  Hypothesis made{pose_of(*pose), std::nullopt, number(data, "probability"), 0, text(data, "map_id")};
+  if (member(data, "overlap") != nullptr) {
+    made.fit = Fit{number(data, "overlap"), number(data, "closeness"), number(data, "seen_through")};
+  }
+  const Json* row = member(data, "template");
+  if (row == nullptr || !row->is_number_integer()) unreadable("a hypothesis names no template");
+  made.template_row = row->get<long long>();
+  return made;
+}
+
+Verdict verdict_of(const std::string& name) {
+  for (const Verdict verdict : {Verdict::localized, Verdict::ambiguous, Verdict::rejected}) {
+    if (name == text_of(verdict)) return verdict;
+  }
+  unreadable("its verdict is none");
+}
+
+std::size_t whole(const Json& object, const char* name) {
+  const double value = number(object, name);
+  if (!(value >= 0 && value <= 1e6 && value == std::floor(value))) unreadable(std::string(name) + " is no count");
+  return static_cast<std::size_t>(value);
+}
+
+QueryParameters parameters_of(const Json& engine) {
+  const Json* described = member(engine, "descriptor");
+  const Json* used = member(engine, "preprocess");
+  if (described == nullptr || used == nullptr) throw Error("unsupported_format", "this is no map's engine");
+  if (text(*described, "kind") != "occupancy") {
+    throw Error("unsupported_format", "robots cannot compute the map's descriptor");
+  }
+  QueryParameters made;
+  made.min_range_m = number(*used, "min_range_m");
+  made.max_range_m = number(*used, "max_range_m");
+  made.voxel_m = number(*used, "voxel_m");
+  made.default_height_m = number(*used, "default_height_m");
+  DescriptorParameters grid;
+  grid.rings = whole(*described, "rings");
+  grid.sectors = whole(*described, "sectors");
+  grid.max_range_m = number(*described, "max_range_m");
+  grid.layer_edges_m.clear();
+  for (const Json& edge : list_of(*described, "layer_edges_m")) {
+    grid.layer_edges_m.push_back(number(&edge, "layer_edges_m"));
+  }
+  made.descriptor = grid;
+  detail::check(made);
+  return made;
+}
+
+// What is wrong with a map's engine is a format that this client does not know.
+QueryParameters usable_parameters(const Json& engine) {
+  try {
+    return parameters_of(engine);
+  } catch (const Error& error) {
+    throw Error("unsupported_format", error.detail());
+  }
+}
+
+}  // namespace
+
+const char* text_of(Verdict verdict) {
+  switch (verdict) {
+    case Verdict::localized: return "localized";
+    case Verdict::ambiguous: return "ambiguous";
+    case Verdict::rejected: return "rejected";
+  }
+  return "";
+}
+
+Localization parse_localization(std::string_view document) {
+  const Json data = parsed(document);
+  Localization made;
+  made.verdict = verdict_of(text(data, "verdict"));
+  for (const Json& reason : list_of(data, "reasons")) {
+    if (!reason.is_string()) unreadable("a reason is no text");
+    made.reasons.push_back(reason.get<std::string>());
+  }
+  made.T_map_sensor = optional_pose(data, "T_map_sensor");
+  made.T_map_base = optional_pose(data, "T_map_base");
+  if (made.T_map_sensor.has_value() != (made.verdict == Verdict::localized)) {
+    unreadable("exactly a localized answer has a pose");
+  }
+  if (member(data, "covariance") != nullptr) made.covariance = numbers<36>(data, "covariance");
+  if (const Json* value = member(data, "probability")) made.probability = number(value, "probability");
+  for (const Json& one : list_of(data, "hypotheses")) made.hypotheses.push_back(hypothesis_of(one));
+  made.map_id = text(data, "map_id");
+  made.map_version = text(data, "map_version");
+  if (const Json* timings = member(data, "timings_ms")) {
+    if (!timings->is_object()) unreadable("timings_ms is no object");
+    for (const auto& [stage, ms] : timings->items()) made.timings_ms[stage] = number(&ms, "a timing");
+  }
+  return made;
+}
+
+GeoPose parse_geopose(std::string_view document) {
+  const Json data = parsed(document);
+  const Json* position = member(data, "position");
+  const Json* turn = member(data, "quaternion");
+  if (position == nullptr || turn == nullptr) unreadable("it has no position or no quaternion");
+  return {number(*position, "lat"),
+          number(*position, "lon"),
+          number(*position, "h"),
+          {number(*turn, "x"), number(*turn, "y"), number(*turn, "z"), number(*turn, "w")}};
+}
+
+QueryParameters parse_engine(std::string_view engine) {
+  const Json data = Json::parse(engine.begin(), engine.end(), nullptr, false);
+  return usable_parameters(data);
+}
+
+QueryParameters parse_query_parameters(std::string_view map_record) {
+  const Json data = parsed(map_record);
+  const Json* manifest = member(data, "manifest");
+  if (manifest == nullptr) throw Error("not_found", "no version of the map is active");
+  const Json* engine = member(*manifest, "engine");
+  return usable_parameters(engine == nullptr ? Json() : *engine);
+}
+
+std::optional<Error> parse_problem(std::string_view document, long status) {
+  const Json data = Json::parse(document.begin(), document.end(), nullptr, false);
+  const Json* code = member(data, "code");
+  if (code != nullptr && code->is_string()) {
+    for (const char* name : {"detail", "title"}) {
+      const Json* said = member(data, name);
+      if (said != nullptr && said->is_string() && !said->get_ref<const std::string&>().empty()) {
+        return Error(code->get<std::string>(), said->get<std::string>());
+      }
+    }
+    return Error(code->get<std::string>(), code->get<std::string>());
+  }
+  if (status == 503) return Error("overloaded", "the service, or a proxy before it, answered 503");
+  return std::nullopt;
+}
+
+}  // namespace firstfix

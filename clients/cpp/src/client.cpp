@@ -1,0 +1,143 @@
+#include "firstfix/client.hpp"
+
+#include <map>
+#include <mutex>
+#include <nlohmann/json.hpp>
+
+#include "http.hpp"
+
+namespace firstfix {
+namespace {
+
+constexpr std::size_t kMaxCompactBytes = 10'000, kFewestPoints = 500;
+
+Request localize_request(const Bytes& body, const std::string& media_type, const std::string& map_id,
+                         const LocalizeOptions& options) {
+  Request request{"localize", {{"map", map_id}}, {"Content-Type: " + media_type}, &body, true};
+  for (auto& one : strings_of(options)) request.query.push_back(std::move(one));
+  return request;
+}
+
+Scan sent(const Scan& scan) {
+  Scan clean = cleaned(scan);
+  clean.intensity.reset();  // localization does not use it
+  return clean;
+}
+
+}  // namespace
+
+// Of maps that were asked with a descriptor.
+struct Client::Parameters {
+  std::mutex mutex;
+  std::map<std::string, QueryParameters> by_map;
+};
+
+Client::Client(const std::string& url, Settings settings)
+    : settings_(std::move(settings)),
+      http_(std::make_unique<Http>(url, settings_)),
+      parameters_(std::make_unique<Parameters>()) {}
+
+Client::~Client() = default;
+
+Localization Client::localize(const Scan& scan, const std::string& map_id, const LocalizeOptions& options,
+                              Encoding encoding) {
+  if (encoding == Encoding::compact) {
+    return localize_body(compact_body(condense(scan)), kQueryMediaType, map_id, options);
+  }
+  if (encoding == Encoding::scan) {
+    const Bytes body = encode_scan(sent(scan), settings_.resolution_m, settings_.voxel_m);
+    return localize_body(body, kScanMediaType, map_id, options);
+  }
+  bool known = false;
+  try {
+    return localize_described(scan, map_id, options, &known);
+  } catch (const Error& error) {
+    if (!known || error.code() != "descriptor_mismatch") throw;
+  }
+  {
+    const std::lock_guard<std::mutex> lock(parameters_->mutex);
+    parameters_->by_map.erase(map_id);  // another version is active by now
+  }
+  return localize_described(scan, map_id, options, &known);
+}
+
+Localization Client::localize_described(const Scan& scan, const std::string& map_id, const LocalizeOptions& options,
+                                        bool* known) {
+  QueryParameters parameters;
+  {
+    const std::lock_guard<std::mutex> lock(parameters_->mutex);
+    const auto found = parameters_->by_map.find(map_id);
+    *known = found != parameters_->by_map.end();
+    if (*known) parameters = found->second;
+  }
+  if (!*known) {
+    parameters = query_parameters(map_id);
+    const std::lock_guard<std::mutex> lock(parameters_->mutex);
+    parameters_->by_map[map_id] = parameters;
+  }
+  const Bytes body = encode_query(describe(scan, parameters, options.gravity));
+  return localize_body(body, kQueryMediaType, map_id, options);
+}
+
+Localization Client::localize(const ScanSequence& sequence, const std::string& map_id,
+                              const LocalizeOptions& options) {
+  ScanSequence plain = sequence;
+  for (AnyScan& scan : plain.scans) {
+    if (auto* whole = std::get_if<Scan>(&scan)) *whole = sent(*whole);
+  }
+  const Bytes body = encode_scans(plain, settings_.resolution_m, settings_.voxel_m);
+  return localize_body(body, kScansMediaType, map_id, options);
+}
+
+Localization Client::localize_body(const Bytes& body, const std::string& media_type, const std::string& map_id,
+                                   const LocalizeOptions& options) {
+  const Deadline deadline(settings_.timeout_s);
+  return parse_localization(http_->send(localize_request(body, media_type, map_id, options), deadline).body);
+}
+
+GeoAnswer Client::geopose(const Scan& scan, const std::string& map_id, const LocalizeOptions& options) {
+  const Bytes body = encode_scan(sent(scan), settings_.resolution_m, settings_.voxel_m);
+  Request request = localize_request(body, kScanMediaType, map_id, options);
+  request.headers.emplace_back("Accept: application/geopose+json");
+  const Reply reply = http_->send(request, Deadline(settings_.timeout_s));
+  if (reply.media_type.rfind("application/geopose+json", 0) == 0) return {parse_geopose(reply.body), std::nullopt};
+  return {std::nullopt, parse_localization(reply.body)};
+}
+
+QueryParameters Client::query_parameters(const std::string& map_id) {
+  const Request request{"maps/" + Http::escaped(map_id), {}, {}, nullptr, false};
+  return parse_query_parameters(http_->send(request, Deadline(settings_.timeout_s)).body);
+}
+
+std::vector<MapInfo> Client::maps() {
+  std::vector<MapInfo> found;
+  Strings query;
+  for (;;) {  // page after page, each with the whole timeout
+    const Reply reply = http_->send({"maps", query, {}, nullptr, false}, Deadline(settings_.timeout_s));
+    const auto data = nlohmann::json::parse(reply.body, nullptr, false);
+    try {
+      for (const auto& one : data.at("maps")) {
+        const auto& active = one.at("active_version");
+        found.push_back({one.at("map_id").get<std::string>(), std::nullopt});
+        if (!active.is_null()) found.back().active_version = active.get<std::string>();
+      }
+      if (!data.contains("next") || data.at("next").is_null()) return found;
+      query = {{"after", data.at("next").get<std::string>()}};
+    } catch (const nlohmann::json::exception&) {
+      throw Error("unreadable", "this is no firstfix service's list of maps");
+    }
+  }
+}
+
+Bytes compact_body(CompactScan scan) {
+  Bytes body = encode_query(scan);
+  while (body.size() >= kMaxCompactBytes && scan.points.size() > kFewestPoints) {
+    const auto rows = detail::even_rows(scan.points.size(), scan.points.size() * 9 / 10);
+    for (std::size_t k = 0; k < rows.size(); ++k) scan.points[k] = scan.points[rows[k]];
+    scan.points.resize(rows.size());
+    body = encode_query(scan);
+  }
+  return body;
+}
+
+}  // namespace firstfix

@@ -1,0 +1,260 @@
+// firstfix_conformance FOLDER: this client against the golden vectors (clients/conformance). Prints what fails; the
+// last line counts the vectors, and the bodies whose very zstd frames are the golden ones.
+#include <cmath>
+#include <cstdio>
+#include <exception>
+#include <functional>
+#include <map>
+#include <sstream>
+
+#include "vectors.hpp"
+
+namespace firstfix::test {
+namespace {
+
+struct Result {
+  std::optional<Bytes> body;  // else a value
+  Json value;
+};
+
+using Function = std::function<Result(const std::string&, const Json&, const Json&)>;
+
+std::optional<double> optional_number(const Json& data, const char* name) {
+  return data.contains(name) ? std::optional<double>(data.at(name).get<double>()) : std::nullopt;
+}
+
+QueryParameters parameters_of(const Json& parameters) {
+  return parameters.contains("engine") ? parse_engine(parameters.at("engine").dump()) : QueryParameters{};
+}
+
+std::optional<Gravity> gravity_of(const Json& parameters) {
+  if (!parameters.contains("gravity")) return std::nullopt;
+  return parameters.at("gravity").get<Gravity>();
+}
+
+Result encode_scan_vector(const std::string& folder, const Json& input, const Json& parameters) {
+  const Scan scan = read_scan(folder, input);
+  return {encode_scan(scan, parameters.value("resolution_m", 0.01), optional_number(parameters, "voxel_m")), {}};
+}
+
+Result decode_scan_vector(const std::string& folder, const Json& input, const Json& parameters) {
+  const Scan scan = decode_scan(read_file(folder + input.at("body").get<std::string>()));
+  return {encode_scan(scan, parameters.value("resolution_m", 0.01)), {}};
+}
+
+Result encode_scans_vector(const std::string& folder, const Json& input, const Json& parameters) {
+  ScanSequence sequence;
+  for (const Json& one : input.at("scans")) {
+    const Scan scan = read_scan(folder, one);
+    if (one.value("compact", false)) {
+      sequence.scans.emplace_back(condense(scan));
+    } else {
+      sequence.scans.emplace_back(scan);
+    }
+  }
+  for (const Json& one : input.at("poses")) sequence.T_odom_sensor.push_back(pose_of(one));
+  return {encode_scans(sequence, parameters.value("resolution_m", 0.01), optional_number(parameters, "voxel_m")), {}};
+}
+
+Result decode_scans_vector(const std::string& folder, const Json& input, const Json&) {
+  const ScanSequence sequence = decode_scans(read_file(folder + input.at("body").get<std::string>()));
+  return {std::nullopt, sequence.scans.size()};
+}
+
+Result compact_query_vector(const std::string& folder, const Json& input, const Json& parameters) {
+  const CompactScan compact = condense(read_scan(folder, input), parameters_of(parameters), gravity_of(parameters),
+                                       parameters.value("points", std::size_t{2500}));
+  return {encode_query(compact, parameters.value("resolution_m", 0.02)), {}};
+}
+
+Result descriptor_query_vector(const std::string& folder, const Json& input, const Json& parameters) {
+  return {encode_query(describe(read_scan(folder, input), parameters_of(parameters), gravity_of(parameters))), {}};
+}
+
+Result decode_query_vector(const std::string& folder, const Json& input, const Json& parameters) {
+  const Query query = decode_query(read_file(folder + input.at("body").get<std::string>()));
+  const auto* compact = std::get_if<CompactScan>(&query);
+  if (compact == nullptr) return {encode_query(std::get<ScanDescriptor>(query)), {}};
+  return {encode_query(*compact, parameters.value("resolution_m", 0.02)), {}};
+}
+
+Result query_parameters_vector(const std::string&, const Json& input, const Json&) {
+  const QueryParameters known = parse_engine(input.at("engine").dump());
+  const DescriptorParameters& grid = known.descriptor.value();
+  return {std::nullopt,
+          {{"min_range_m", known.min_range_m},
+           {"max_range_m", known.max_range_m},
+           {"voxel_m", known.voxel_m},
+           {"default_height_m", known.default_height_m},
+           {"rings", grid.rings},
+           {"sectors", grid.sectors},
+           {"descriptor_max_range_m", grid.max_range_m},
+           {"layer_edges_m", grid.layer_edges_m}}};
+}
+
+Result options_vector(const std::string&, const Json& input, const Json&) {
+  LocalizeOptions options;
+  options.gravity = gravity_of(input);
+  if (input.contains("prior")) {
+    const auto numbers = input.at("prior").get<std::vector<double>>();
+    options.prior = Prior{{numbers[0], numbers[1], numbers[2]}, numbers[3]};
+    if (numbers.size() == 6) {
+      options.prior->yaw_deg = numbers[4];
+      options.prior->yaw_range_deg = numbers[5];
+    }
+  }
+  if (input.contains("T_base_sensor")) options.T_base_sensor = pose_of(input.at("T_base_sensor"));
+  if (input.contains("max_candidates")) options.max_candidates = input.at("max_candidates").get<int>();
+  options.min_probability = optional_number(input, "min_probability");
+  options.deadline_ms = optional_number(input, "deadline_ms");
+  if (input.contains("version")) options.version = input.at("version").get<std::string>();
+  Json value = Json::object();
+  for (const auto& [name, text] : strings_of(options)) value[name] = text;
+  return {std::nullopt, value};
+}
+
+Json json_of(const std::optional<Pose>& pose) {
+  if (!pose) return nullptr;
+  return {{"position", pose->position}, {"quaternion", pose->quaternion}};
+}
+
+Result answer_vector(const std::string& folder, const Json& input, const Json&) {
+  const Localization fix = parse_localization(read_text(folder + input.at("document").get<std::string>()));
+  Json hypotheses = Json::array();
+  for (const Hypothesis& h : fix.hypotheses) {
+    const bool laid = h.fit.has_value();
+    hypotheses.push_back({{"T_map_sensor", json_of(h.T_map_sensor)},
+                          {"overlap", laid ? Json(h.fit->overlap) : Json()},
+                          {"closeness", laid ? Json(h.fit->closeness) : Json()},
+                          {"seen_through", laid ? Json(h.fit->seen_through) : Json()},
+                          {"probability", h.probability},
+                          {"template", h.template_row},
+                          {"map_id", h.map_id}});
+  }
+  return {std::nullopt,
+          {{"verdict", text_of(fix.verdict)},
+           {"reasons", fix.reasons},
+           {"T_map_sensor", json_of(fix.T_map_sensor)},
+           {"T_map_base", json_of(fix.T_map_base)},
+           {"covariance", fix.covariance ? Json(*fix.covariance) : Json()},
+           {"probability", fix.probability},
+           {"hypotheses", hypotheses},
+           {"map_id", fix.map_id},
+           {"map_version", fix.map_version},
+           {"timings_ms", fix.timings_ms}}};
+}
+
+Result geopose_vector(const std::string& folder, const Json& input, const Json&) {
+  const GeoPose pose = parse_geopose(read_text(folder + input.at("document").get<std::string>()));
+  const auto& [x, y, z, w] = pose.quaternion;
+  return {std::nullopt,
+          {{"position", {{"lat", pose.latitude_deg}, {"lon", pose.longitude_deg}, {"h", pose.height_m}}},
+           {"quaternion", {{"x", x}, {"y", y}, {"z", z}, {"w", w}}}}};
+}
+
+Result problem_vector(const std::string& folder, const Json& input, const Json&) {
+  const auto problem = parse_problem(read_text(folder + input.at("document").get<std::string>()),
+                                     input.at("status").get<long>());
+  if (!problem) return {std::nullopt, nullptr};
+  return {std::nullopt, {{"code", problem->code()}, {"detail", problem->detail()}}};
+}
+
+const std::map<std::string, Function>& functions() {
+  static const std::map<std::string, Function> all{
+      {"encode_scan", encode_scan_vector},           {"decode_scan", decode_scan_vector},
+      {"encode_scans", encode_scans_vector},         {"decode_scans", decode_scans_vector},
+      {"compact_query", compact_query_vector},       {"descriptor_query", descriptor_query_vector},
+      {"decode_query", decode_query_vector},         {"query_parameters", query_parameters_vector},
+      {"options", options_vector},                   {"answer", answer_vector},
+      {"geopose", geopose_vector},                   {"problem", problem_vector},
+  };
+  return all;
+}
+
+std::optional<std::vector<double>> numbers_of(const std::string& text) {
+  std::vector<double> numbers;
+  std::istringstream parts(text);
+  for (std::string part; std::getline(parts, part, ',');) {
+    char* end = nullptr;
+    numbers.push_back(std::strtod(part.c_str(), &end));
+    if (end != part.c_str() + part.size()) return std::nullopt;
+  }
+  return numbers;
+}
+
+// Equal, numbers within 1e-9; texts of comma-separated numbers are compared as numbers.
+bool alike(const Json& got, const Json& wanted) {
+  if (got.is_number() && wanted.is_number()) return std::fabs(got.get<double>() - wanted.get<double>()) <= 1e-9;
+  if (got.type() != wanted.type() || got.size() != wanted.size()) return false;
+  if (wanted.is_object()) {
+    for (const auto& [key, value] : wanted.items()) {
+      if (!got.contains(key) || !alike(got.at(key), value)) return false;
+    }
+    return true;
+  }
+  if (wanted.is_array()) {
+    for (std::size_t i = 0; i < wanted.size(); ++i) {
+      if (!alike(got[i], wanted[i])) return false;
+    }
+    return true;
+  }
+  if (wanted.is_string() && got != wanted) {
+    const auto a = numbers_of(got.get<std::string>()), b = numbers_of(wanted.get<std::string>());
+    return a && b && alike(*a, *b);
+  }
+  return got == wanted;
+}
+
+struct Counts {
+  int failed = 0, passed = 0, bodies = 0, whole = 0;
+};
+
+// Empty where the vector passes, else what is wrong.
+std::string difference(const std::string& folder, const Json& vector, Counts& counts) {
+  const Json& expected = vector.at("expected");
+  const auto& function = functions().at(vector.at("function").get<std::string>());
+  Result got;
+  try {
+    got = function(folder, vector.at("input"), vector.value("parameters", Json::object()));
+  } catch (const Error& error) {
+    return error.code() == expected.value("error", "") ? "" : std::string("it throws ") + error.what();
+  }
+  if (expected.contains("error")) return "it is accepted, not refused as " + expected.at("error").get<std::string>();
+  if (expected.contains("value")) return alike(got.value, expected.at("value")) ? "" : "it gives " + got.value.dump();
+  if (!got.body) return "it gives no bytes";
+  const Bytes wanted = read_file(folder + expected.at("body").get<std::string>());
+  ++counts.bodies;
+  if (*got.body == wanted) ++counts.whole;
+  const bool same = plain_form({got.body->data(), got.body->size()}) == plain_form({wanted.data(), wanted.size()});
+  return same ? "" : "it gives other bytes";
+}
+
+int run(const std::string& folder) {
+  const Json index = Json::parse(read_text(folder + "index.json"));
+  Counts counts;
+  for (const Json& vector : index.at("vectors")) {
+    std::string wrong;
+    try {
+      wrong = difference(folder, vector, counts);
+    } catch (const std::exception& error) {
+      wrong = error.what();
+    }
+    ++(wrong.empty() ? counts.passed : counts.failed);
+    if (!wrong.empty()) std::printf("%s: %s\n", vector.at("name").get<std::string>().c_str(), wrong.c_str());
+  }
+  std::printf("%d passed, %d failed; %d of %d bodies equal to the last byte (zstd %s here, %s there)\n", counts.passed,
+              counts.failed, counts.whole, counts.bodies, ZSTD_versionString(),
+              index.at("made_with").at("libzstd").get<std::string>().c_str());
+  return counts.failed == 0 && counts.passed > 0 ? 0 : 1;
+}
+
+}  // namespace
+}  // namespace firstfix::test
+
+int main(int argc, char** argv) {
+  if (argc != 2) {
+    std::fputs("usage: firstfix_conformance FOLDER\n", stderr);
+    return 2;
+  }
+  return firstfix::test::run(std::string(argv[1]) + "/");
+}

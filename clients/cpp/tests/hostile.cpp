@@ -1,0 +1,145 @@
+// firstfix_hostile FOLDER: damaged bodies and senseless calls end in an Error, nothing else. Meant to be built with
+// -fsanitize=address,undefined; the seed is fixed.
+#include <cstdio>
+#include <limits>
+#include <random>
+
+#include "vectors.hpp"
+
+namespace firstfix::test {
+namespace {
+
+constexpr int kRounds = 300;
+
+Bytes damaged(Bytes body, std::mt19937& random) {
+  const auto below = [&random](std::size_t end) { return random() % std::max<std::size_t>(1, end); };
+  switch (random() % 4) {
+    case 0: body.resize(below(body.size())); break;
+    case 1: body.insert(body.end(), below(9), static_cast<std::uint8_t>(random())); break;
+    default: break;
+  }
+  for (std::size_t k = below(6); k > 0 && !body.empty(); --k) {
+    // mostly in the headers: what follows is zstd's own to check
+    const std::size_t at = below(random() % 3 == 0 ? body.size() : std::min<std::size_t>(body.size(), 64));
+    static constexpr std::uint8_t kValues[] = {0, 1, 0x7f, 0x80, 0xff};
+    body[at] = random() % 2 == 0 ? kValues[random() % 5] : static_cast<std::uint8_t>(random());
+  }
+  return body;
+}
+
+void read(const Bytes& body) {
+  if (body.size() < 4 || std::memcmp(body.data(), "FFQY", 4) == 0) {
+    decode_query(body);
+  } else if (std::memcmp(body.data(), "FFSS", 4) == 0) {
+    decode_scans(body);
+  } else {
+    decode_scan(body);
+  }
+}
+
+template <typename Call>
+bool refused(const Call& call) {
+  try {
+    call();
+  } catch (const Error&) {
+    return true;
+  }
+  return false;
+}
+
+int bodies(const std::string& folder, const Json& vectors) {
+  std::mt19937 random(1);
+  int tried = 0, accepted = 0;
+  for (const Json& vector : vectors) {
+    if (!vector.at("input").contains("body")) continue;
+    const Bytes body = read_file(folder + vector.at("input").at("body").get<std::string>());
+    for (int k = 0; k < kRounds; ++k, ++tried) {
+      const Bytes changed = damaged(body, random);
+      if (!refused([&changed] { read(changed); })) ++accepted;
+    }
+  }
+  std::printf("%d damaged bodies, %d of them still bodies\n", tried, accepted);
+  return tried > 0 ? 0 : 1;
+}
+
+int documents(const std::string& folder, const Json& vectors) {
+  std::mt19937 random(2);
+  int tried = 0;
+  for (const Json& vector : vectors) {
+    if (!vector.at("input").contains("document")) continue;
+    const Bytes text = read_file(folder + vector.at("input").at("document").get<std::string>());
+    for (int k = 0; k < kRounds; ++k, ++tried) {
+      const Bytes changed = damaged(text, random);
+      const std::string document(changed.begin(), changed.end());
+      refused([&document] { parse_localization(document); });
+      refused([&document] { parse_geopose(document); });
+      refused([&document] { parse_query_parameters(document); });
+      refused([&document] { parse_problem(document, 400); });
+    }
+  }
+  refused([] { parse_localization(std::string(1'000'000, '[')); });
+  std::printf("%d damaged documents\n", tried);
+  return tried > 0 ? 0 : 1;
+}
+
+int failures = 0;
+
+void check(bool passed, const char* what) {
+  if (passed) return;
+  ++failures;
+  std::printf("failed: %s\n", what);
+}
+
+void calls() {
+  constexpr float kNan = std::numeric_limits<float>::quiet_NaN(), kInf = std::numeric_limits<float>::infinity();
+  const Scan odd{{{kNan, 0, 0}, {kInf, -kInf, 0}, {3e38F, 0, 0}, {1, 2, 3}, {0, 0, 0}, {1e-40F, 0, -1e-40F}}, {}, {}};
+  check(refused([&odd] { encode_scan(odd); }), "points that are not finite are refused as they are");
+  check(cleaned(odd).points.size() == 3, "and left out by cleaned");
+  check(condense(odd).points.size() == 1, "and by condense");
+  check(!refused([&odd] { compact_body(condense(odd)); }), "what is left can be sent");
+  check(refused([] { encode_scan(Scan{std::vector<Point>(3), std::vector<float>(2), {}}); }), "an intensity is missing");
+  check(refused([] { cleaned(Scan{std::vector<Point>(3), std::vector<float>(4), {}}); }), "one intensity too many");
+  check(refused([] { encode_query(CompactScan{{}, {}, {}}); }), "a compact scan without a view");
+  for (const double bad : {0.0, -1.0, 1e-300, 1e300, std::numeric_limits<double>::quiet_NaN()}) {
+    QueryParameters parameters;
+    parameters.voxel_m = bad;
+    check(refused([&] { condense(odd, parameters); }), "a voxel of no use");
+    parameters = QueryParameters{};
+    parameters.descriptor = DescriptorParameters{20, 60, bad, {0, 1}};
+    check(refused([&] { describe(odd, parameters); }), "a descriptor's range of no use");
+    check(refused([&] { encode_scan(odd, bad); }), "a resolution of no use");
+    check(refused([&] { encode_query(condense(odd), bad); }), "a compact query's resolution of no use");
+  }
+  QueryParameters parameters;
+  parameters.descriptor = DescriptorParameters{};
+  check(refused([&] { describe(odd, parameters, Gravity{0, 0, 0}); }), "gravity without a direction");
+  check(!refused([&] { describe(Scan{}, parameters); }), "a scan without points is described");
+  parameters.descriptor->layer_edges_m = {1, 0};
+  check(refused([&] { describe(odd, parameters); }), "layers that descend");
+  parameters.descriptor->layer_edges_m.clear();
+  check(refused([&] { describe(odd, parameters); }), "no layers");
+  // richer than a scan gets: every voxel mean apart from every other, no range like its neighbour's
+  std::mt19937 random(3);
+  Scan rich;
+  for (int i = 0; i < 60'000; ++i) {
+    const auto metres = [&random] { return static_cast<float>(random() % 90'000) / 1000 - 45; };
+    rich.points.push_back({metres(), metres(), metres() / 10});
+  }
+  check(encode_query(condense(rich)).size() > 10'000, "the scan is rich");
+  check(compact_body(condense(rich)).size() < 10'000, "a rich scan is thinned until it fits");
+}
+
+}  // namespace
+}  // namespace firstfix::test
+
+int main(int argc, char** argv) {
+  using namespace firstfix::test;
+  if (argc != 2) {
+    std::fputs("usage: firstfix_hostile FOLDER\n", stderr);
+    return 2;
+  }
+  const std::string folder = std::string(argv[1]) + "/";
+  const Json vectors = Json::parse(read_text(folder + "index.json")).at("vectors");
+  calls();
+  return bodies(folder, vectors) + documents(folder, vectors) + failures == 0 ? 0 : 1;
+}

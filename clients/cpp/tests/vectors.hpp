@@ -1,0 +1,107 @@
+// The golden vectors' files (clients/conformance/README.md).
+#pragma once
+
+#include <cstdint>
+#include <cstring>
+#include <fstream>
+#include <iterator>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "firstfix/client.hpp"
+
+namespace firstfix::test {
+
+using Json = nlohmann::json;
+
+inline Bytes read_file(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  if (!in) throw std::runtime_error("no file " + path);
+  return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+}
+
+inline std::string read_text(const std::string& path) {
+  const Bytes bytes = read_file(path);
+  return {bytes.begin(), bytes.end()};
+}
+
+inline std::vector<float> read_floats(const std::string& path) {
+  const Bytes bytes = read_file(path);
+  detail::Reader rest(bytes.data(), bytes.size(), path);
+  std::vector<float> values;
+  while (rest.left() > 0) values.push_back(rest.get<float>());
+  return values;
+}
+
+inline Scan read_scan(const std::string& folder, const Json& given) {
+  const std::vector<float> values = read_floats(folder + given.at("points").get<std::string>());
+  Scan scan;
+  for (int k = given.value("repeat", 1); k > 0; --k) {
+    for (std::size_t i = 0; i + 2 < values.size(); i += 3) {
+      scan.points.push_back({values[i], values[i + 1], values[i + 2]});
+    }
+  }
+  if (given.contains("intensity")) scan.intensity = read_floats(folder + given.at("intensity").get<std::string>());
+  if (given.contains("stamp_s")) scan.stamp_s = given.at("stamp_s").get<double>();
+  return scan;
+}
+
+inline Pose pose_of(const Json& data) {
+  return {data.at("position").get<std::array<double, 3>>(), data.at("quaternion").get<std::array<double, 4>>()};
+}
+
+// A valid body with every zstd frame replaced by its content and every frame's length by 0.
+inline Bytes plain_form(detail::Span body) {
+  const auto length = [&body](std::size_t at, std::size_t bytes) {
+    std::size_t value = 0;
+    for (std::size_t i = 0; i < bytes; ++i) value |= std::size_t{body.data[at + i]} << (8 * i);
+    return value;
+  };
+  const auto copy = [&body](Bytes& into, std::size_t from, std::size_t to) {
+    into.insert(into.end(), body.data + from, body.data + to);
+  };
+  const auto content = [&body](Bytes& into, std::size_t from, std::size_t to) {
+    detail::append(into, detail::decompressed({body.data + from, to - from}, 0, 100'000'000));
+  };
+  Bytes plain;
+  if (std::memcmp(body.data, "FFSC", 4) == 0) {
+    copy(plain, 0, 64);
+    content(plain, 64, body.size);
+    return plain;
+  }
+  copy(plain, 0, 8);
+  std::size_t at = 8;
+  if (std::memcmp(body.data, "FFSS", 4) == 0) {
+    for (int left = body.data[5]; left > 0; --left) {
+      const std::size_t size = length(at + 56, 4);
+      copy(plain, at, at + 56);
+      plain.insert(plain.end(), 4, 0);
+      detail::append(plain, plain_form({body.data + at + 60, size}));
+      at += 60 + size;
+    }
+    return plain;
+  }
+  if ((body.data[5] & 1) != 0) {
+    const std::size_t count = length(at + 4, 2), first = length(at + 18, 2), second = length(at + 20, 2);
+    copy(plain, at, at + 18);
+    plain.insert(plain.end(), 4, 0);
+    at += 22;
+    content(plain, at, at + first);
+    content(plain, at + first, at + first + second);
+    at += first + second;
+    copy(plain, at, at + 3 * ((count + 1) / 2));
+    at += 3 * ((count + 1) / 2);
+  }
+  if ((body.data[5] & 2) != 0) {
+    const std::size_t end = at + 32 + 4 * std::size_t{body.data[at + 1]};
+    copy(plain, at, at + 6);
+    plain.insert(plain.end(), 2, 0);
+    copy(plain, at + 8, end);
+    content(plain, end, body.size);
+  }
+  return plain;
+}
+
+}  // namespace firstfix::test
