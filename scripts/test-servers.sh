@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Puts real servers beside the tests' Python: versitygw (S3), nats-server (JetStream), toxiproxy (broken
-# networks), haproxy (replicas), Azurite (Azure). Tests whose server cannot be had are skipped and say so.
+# networks), haproxy (replicas), Azurite (Azure); and what the C++ client is built with. Tests whose server cannot be
+# had are skipped and say so.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 bin=$PWD/.venv/bin
@@ -51,4 +52,18 @@ if ! command -v haproxy >/dev/null; then
   else
     say "haproxy is missing and this is not root, so its tests will be skipped"
   fi
+fi
+
+cpp_packages=(cmake g++ make pkg-config libzstd-dev libcurl4-openssl-dev nlohmann-json3-dev)
+have() { local name; for name in "$@"; do command -v "$name" >/dev/null || return 1; done; }
+if have cmake c++ make pkg-config && pkg-config --exists libzstd libcurl nlohmann_json; then
+  :
+elif [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
+  say "installing ${cpp_packages[*]}"
+  export DEBIAN_FRONTEND=noninteractive
+  { apt-get install -y -qq --no-install-recommends "${cpp_packages[@]}" ||
+    { apt-get update -qq && apt-get install -y -qq --no-install-recommends "${cpp_packages[@]}"; }; } >/dev/null 2>&1 ||
+    say "they could not be installed, so the C++ client's tests will be skipped"
+else
+  say "what the C++ client needs is missing and this is not root, so its tests will be skipped"
 fi

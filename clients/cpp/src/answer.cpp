@@ -176,6 +176,17 @@ GeoPose parse_geopose(std::string_view document) {
           {number(*turn, "x"), number(*turn, "y"), number(*turn, "z"), number(*turn, "w")}};
 }
 
+MapPage parse_maps(std::string_view document) {
+  const Json data = parsed(document);
+  MapPage page;
+  for (const Json& one : list_of(data, "maps")) {
+    page.maps.push_back({text(one, "map_id"), std::nullopt});
+    if (member(one, "active_version") != nullptr) page.maps.back().active_version = text(one, "active_version");
+  }
+  if (member(data, "next") != nullptr) page.next = text(data, "next");
+  return page;
+}
+
 QueryParameters parse_engine(std::string_view engine) {
   const Json data = Json::parse(engine.begin(), engine.end(), nullptr, false);
   return usable_parameters(data);

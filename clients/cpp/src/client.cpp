@@ -2,7 +2,6 @@
 
 #include <map>
 #include <mutex>
-#include <nlohmann/json.hpp>
 
 #include "http.hpp"
 
@@ -114,18 +113,10 @@ std::vector<MapInfo> Client::maps() {
   Strings query;
   for (;;) {  // page after page, each with the whole timeout
     const Reply reply = http_->send({"maps", query, {}, nullptr, false}, Deadline(settings_.timeout_s));
-    const auto data = nlohmann::json::parse(reply.body, nullptr, false);
-    try {
-      for (const auto& one : data.at("maps")) {
-        const auto& active = one.at("active_version");
-        found.push_back({one.at("map_id").get<std::string>(), std::nullopt});
-        if (!active.is_null()) found.back().active_version = active.get<std::string>();
-      }
-      if (!data.contains("next") || data.at("next").is_null()) return found;
-      query = {{"after", data.at("next").get<std::string>()}};
-    } catch (const nlohmann::json::exception&) {
-      throw Error("unreadable", "this is no firstfix service's list of maps");
-    }
+    MapPage page = parse_maps(reply.body);
+    found.insert(found.end(), page.maps.begin(), page.maps.end());
+    if (!page.next) return found;
+    query = {{"after", *page.next}};
   }
 }
 

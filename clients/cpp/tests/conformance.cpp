@@ -5,12 +5,32 @@
 #include <exception>
 #include <functional>
 #include <map>
+#include <nlohmann/json.hpp>
 #include <sstream>
 
 #include "vectors.hpp"
 
 namespace firstfix::test {
 namespace {
+
+using Json = nlohmann::json;
+
+Scan read_scan(const std::string& folder, const Json& given) {
+  const std::vector<float> values = read_floats(folder + given.at("points").get<std::string>());
+  Scan scan;
+  for (int k = given.value("repeat", 1); k > 0; --k) {
+    for (std::size_t i = 0; i + 2 < values.size(); i += 3) {
+      scan.points.push_back({values[i], values[i + 1], values[i + 2]});
+    }
+  }
+  if (given.contains("intensity")) scan.intensity = read_floats(folder + given.at("intensity").get<std::string>());
+  if (given.contains("stamp_s")) scan.stamp_s = given.at("stamp_s").get<double>();
+  return scan;
+}
+
+Pose pose_of(const Json& data) {
+  return {data.at("position").get<std::array<double, 3>>(), data.at("quaternion").get<std::array<double, 4>>()};
+}
 
 struct Result {
   std::optional<Bytes> body;  // else a value

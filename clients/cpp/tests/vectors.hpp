@@ -1,11 +1,10 @@
-// The golden vectors' files (clients/conformance/README.md).
+// Files of the golden vectors, and bodies without their compression (clients/conformance/README.md).
 #pragma once
 
 #include <cstdint>
 #include <cstring>
 #include <fstream>
 #include <iterator>
-#include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -13,8 +12,6 @@
 #include "firstfix/client.hpp"
 
 namespace firstfix::test {
-
-using Json = nlohmann::json;
 
 inline Bytes read_file(const std::string& path) {
   std::ifstream in(path, std::ios::binary);
@@ -33,23 +30,6 @@ inline std::vector<float> read_floats(const std::string& path) {
   std::vector<float> values;
   while (rest.left() > 0) values.push_back(rest.get<float>());
   return values;
-}
-
-inline Scan read_scan(const std::string& folder, const Json& given) {
-  const std::vector<float> values = read_floats(folder + given.at("points").get<std::string>());
-  Scan scan;
-  for (int k = given.value("repeat", 1); k > 0; --k) {
-    for (std::size_t i = 0; i + 2 < values.size(); i += 3) {
-      scan.points.push_back({values[i], values[i + 1], values[i + 2]});
-    }
-  }
-  if (given.contains("intensity")) scan.intensity = read_floats(folder + given.at("intensity").get<std::string>());
-  if (given.contains("stamp_s")) scan.stamp_s = given.at("stamp_s").get<double>();
-  return scan;
-}
-
-inline Pose pose_of(const Json& data) {
-  return {data.at("position").get<std::array<double, 3>>(), data.at("quaternion").get<std::array<double, 4>>()};
 }
 
 // A valid body with every zstd frame replaced by its content and every frame's length by 0.

@@ -31,7 +31,7 @@ struct Hypothesis {
 
 struct Localization {
   Verdict verdict = Verdict::rejected;
-  std::vector<std::string> reasons;  // why it is not localized: clients/protocol/README.md, Answer
+  std::vector<std::string> reasons;  // why it is not localized: clients/PROTOCOL.md, Answer
   std::optional<Pose> T_map_sensor;  // there exactly if localized
   std::optional<Pose> T_map_base;
   std::optional<std::array<double, 36>> covariance;  // row by row over x, y, z and rotations about them (m, rad)
@@ -47,9 +47,20 @@ struct GeoPose {
   std::array<double, 4> quaternion{0, 0, 0, 1};  // x, y, z, w
 };
 
+struct MapInfo {
+  std::string map_id;
+  std::optional<std::string> active_version;  // none: every version is retired
+};
+
+struct MapPage {
+  std::vector<MapInfo> maps;
+  std::optional<std::string> next;  // the option `after` of the next page
+};
+
 // Documents of the service. They throw "unreadable" for what is none.
 Localization parse_localization(std::string_view document);
 GeoPose parse_geopose(std::string_view document);
+MapPage parse_maps(std::string_view document);
 
 // Of a map's record (GET /maps/{id}), or of `engine` in its manifest alone. They throw "unsupported_format" where robots
 // cannot describe scans for the map, the first one "not_found" where no version is active.

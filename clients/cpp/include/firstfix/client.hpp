@@ -41,11 +41,6 @@ struct GeoAnswer {
   std::optional<Localization> not_localized;  // where not
 };
 
-struct MapInfo {
-  std::string map_id;
-  std::optional<std::string> active_version;
-};
-
 // Asks a firstfix service over HTTP. Thread-safe; connections are kept between calls, redirects never followed.
 //
 // Every call ends within its timeout. Besides what is said there, calls throw Error with the service's own code,

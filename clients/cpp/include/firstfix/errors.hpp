@@ -9,7 +9,7 @@ namespace firstfix {
 
 // "Not localized" is no error: it is an answer without a pose.
 //
-// code() is the protocol's (clients/protocol/README.md, Errors): of the service, or of this side where it refuses the
+// code() is the protocol's (clients/PROTOCOL.md, Errors): of the service, or of this side where it refuses the
 // input itself. Two belong to this side alone: "unreachable", no service answered, and "unreadable", what answered
 // is no firstfix service.
 class Error : public std::runtime_error {

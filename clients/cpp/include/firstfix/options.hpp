@@ -1,4 +1,4 @@
-// What a caller may ask of one localization: clients/protocol/README.md, Options.
+// What a caller may ask of one localization: clients/PROTOCOL.md, Options.
 #pragma once
 
 #include <array>

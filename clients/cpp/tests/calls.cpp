@@ -1,0 +1,74 @@
+// firstfix_calls URL CALL MAP TIMEOUT_S: one call of the client, and a line that says what came of it.
+#include <cstdio>
+#include <cstdlib>
+#include <string>
+
+#include "firstfix/client.hpp"
+
+namespace {
+
+using namespace firstfix;
+
+constexpr int kPoints = 1000;
+
+Scan helix() {
+  Scan scan;
+  for (int i = 0; i < kPoints; ++i) {
+    const auto t = static_cast<float>(i) / 20;
+    scan.points.push_back({10 * std::cos(t), 8 * std::sin(t), t / 10 - 1});
+  }
+  return scan;
+}
+
+void show(const Localization& fix) {
+  std::printf("%s", text_of(fix.verdict));
+  if (fix.T_map_sensor) std::printf(" %g %g", fix.T_map_sensor->position[0], fix.T_map_sensor->position[1]);
+  for (const std::string& reason : fix.reasons) std::printf(" %s", reason.c_str());
+  std::printf("\n");
+}
+
+void run(Client& client, const std::string& call, const std::string& map_id) {
+  LocalizeOptions options;
+  options.gravity = {0, 0, -9.81};
+  options.prior = Prior{{1, 2, 3}, 50};
+  if (call == "maps") {
+    for (const MapInfo& one : client.maps()) std::printf("%s %s\n", one.map_id.c_str(), one.active_version.value_or("-").c_str());
+  } else if (call == "parameters") {
+    std::printf("%zu\n", client.query_parameters(map_id).descriptor->rings);
+  } else if (call == "scan") {
+    show(client.localize(helix(), map_id, options));
+  } else if (call == "compact") {
+    show(client.localize(helix(), map_id, options, Encoding::compact));
+  } else if (call == "descriptor") {
+    show(client.localize(helix(), map_id, options, Encoding::descriptor));
+  } else if (call == "sequence") {
+    const Pose start{};
+    const Pose later{{0.5, 0, 0}, {0, 0, 0, 1}};
+    show(client.localize(ScanSequence{{helix(), condense(helix())}, {start, later}}, map_id, options));
+  } else if (call == "geopose") {
+    const GeoAnswer answer = client.geopose(helix(), map_id);
+    if (answer.pose) std::printf("%.5f %.5f\n", answer.pose->latitude_deg, answer.pose->longitude_deg);
+    if (answer.not_localized) show(*answer.not_localized);
+  } else {
+    std::printf("no such call\n");
+  }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc != 5) {
+    std::fputs("usage: firstfix_calls URL CALL MAP TIMEOUT_S\n", stderr);
+    return 2;
+  }
+  try {
+    Settings settings;
+    settings.timeout_s = std::atof(argv[4]);
+    Client client(argv[1], settings);
+    run(client, argv[2], argv[3]);
+  } catch (const Error& error) {
+    std::printf("error %s\n", error.code().c_str());
+    return 1;
+  }
+  return 0;
+}
