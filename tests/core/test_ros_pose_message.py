@@ -73,7 +73,7 @@ def test_there_is_no_message_without_a_pose():
 
 
 def test_the_golden_bytes_of_the_protocols_page():
-    page = (Path(__file__).resolve().parents[2] / "clients" / "PROTOCOL-ros.md").read_text()
+    page = (Path(__file__).resolve().parents[2] / "clients" / "protocol" / "ros.md").read_text()
     example = page[page.index("A golden pose") :]
     stated = "".join(re.findall(r"\b(?:[0-9a-f]{8}|[0-9a-f]{16})\b", example.partition("36 times")[0]))
     T = make_transform(np.eye(3), [1, 2, 3])

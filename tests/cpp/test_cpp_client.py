@@ -132,7 +132,7 @@ def test_errors_of_the_service_keep_their_code(sanitised: Build, tmp_path: Path)
 
 @contextmanager
 def answering(*answers: tuple[int, dict[str, str], bytes]) -> Iterator[tuple[str, list[str]]]:
-    """A server that gives these answers, the last one again and again; its URL, and the paths it was asked."""
+    """A server that gives these answers, the last one again and again; its URL, and what it was asked."""
     asked: list[str] = []
 
     class Handler(BaseHTTPRequestHandler):
@@ -146,7 +146,7 @@ def answering(*answers: tuple[int, dict[str, str], bytes]) -> Iterator[tuple[str
             self.end_headers()
             self.wfile.write(body)
 
-        def log_message(self, format: str, *arguments: object) -> None: ...
+        def log_message(self, *arguments: object) -> None: ...
 
     server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
     threading.Thread(target=server.serve_forever, daemon=True).start()
@@ -194,10 +194,10 @@ def test_what_is_worth_no_other_try(sanitised: Build, answer, code: str, times: 
 
 
 def test_nobody_there_and_nobody_in_time(sanitised: Build, service: Service, tmp_path: Path):
-    assert (
-        sanitised.run("firstfix_calls", "http://127.0.0.1:1", "scan", "hall", 5).stdout
-        == "error unreachable\n"
-    )
+    def call(url: str) -> str:
+        return sanitised.run("firstfix_calls", url, "scan", "hall", 5).stdout
+
+    assert call("http://127.0.0.1:1") == "error unreachable\n"
     gate = threading.Event()
     with running_service(tmp_path, zenoh=False, behaviour=Behaviour(gate=gate)) as running:
         publish(running.catalog, "hall", "1", running.scratch)

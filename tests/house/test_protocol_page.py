@@ -1,0 +1,44 @@
+"""The protocol's pages name what there is to name, and their links lead somewhere."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from firstfix import wire, wire_query, wire_sequence
+from firstfix.errors import all_errors
+from firstfix.localization import Reason, Verdict
+from firstfix.options import LocalizeOptions
+from firstfix.turns import COEFFICIENTS
+
+CLIENTS = Path(__file__).resolve().parents[2] / "clients"
+PAGE = (CLIENTS / "PROTOCOL.md").read_text()
+PAGES = [CLIENTS / "PROTOCOL.md", *sorted((CLIENTS / "protocol").glob("*.md"))]
+PAGES += [CLIENTS / "conformance" / "README.md", CLIENTS / "cpp" / "README.md"]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *sorted(error.code for error in all_errors()),
+        *LocalizeOptions.__dataclass_fields__,
+        *(item.value for item in (*Reason, *Verdict)),
+        *(module.MEDIA_TYPE for module in (wire, wire_query, wire_sequence)),
+    ],
+)
+def test_the_page_names_it(name: str):
+    assert f"`{name}`" in PAGE
+
+
+def test_the_arctangent_is_the_one_that_is_computed():
+    page = (CLIENTS / "protocol" / "on-the-robot.md").read_text()
+    header = (CLIENTS / "cpp" / "include" / "firstfix" / "turns.hpp").read_text()
+    for coefficient in map(str, COEFFICIENTS):
+        assert coefficient in page
+        assert f"{coefficient}F" in header
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(CLIENTS).as_posix())
+def test_links_lead_somewhere(page: Path):
+    links = [link for link in re.findall(r"\]\(([^)#]+)", page.read_text()) if "://" not in link]
+    assert not [link for link in links if not (page.parent / link).exists()]
