@@ -82,8 +82,10 @@ inline void spread(const std::vector<float>& intensity, ScanForm& form) {
 
 // Planes of n bytes, the least significant first, of n values.
 inline void put_planes(Bytes& out, const std::vector<std::uint32_t>& values, std::size_t bytes) {
+  std::size_t at = out.size();
+  out.resize(at + bytes * values.size());
   for (std::size_t plane = 0; plane < bytes; ++plane) {
-    for (const std::uint32_t value : values) out.push_back(static_cast<std::uint8_t>(value >> (8 * plane)));
+    for (const std::uint32_t value : values) out[at++] = static_cast<std::uint8_t>(value >> (8 * plane));
   }
 }
 

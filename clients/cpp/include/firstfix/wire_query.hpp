@@ -16,6 +16,7 @@
 #include "errors.hpp"
 #include "scan_view.hpp"
 #include "voxel_filter.hpp"
+#include "wire.hpp"
 #include "zstd_frame.hpp"
 
 namespace firstfix {
@@ -103,9 +104,7 @@ inline void put_compact(Bytes& body, const CompactScan& scan, double wanted_reso
   }
   if (n % 2 == 1) low.insert(low.end(), 3, 0);
   Bytes planes;
-  for (std::size_t plane = 0; plane < 4; ++plane) {
-    for (const std::uint32_t value : apart) planes.push_back(static_cast<std::uint8_t>(value >> (8 * plane)));
-  }
+  put_planes(planes, apart, 4);
   const Bytes first = compressed(planes, kQueryLevel, false);
   const Bytes second = compressed(view_content(scan.nearest_m), kQueryLevel, false);
   put(body, resolution);
