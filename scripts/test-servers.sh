@@ -31,7 +31,7 @@ if ! [ -x "$bin/azurite-blob" ] && ! command -v azurite-blob >/dev/null; then
   if command -v npm >/dev/null; then
     say "installing azurite"
     rm -rf .venv/azurite
-    if timeout 300 npm install --silent --no-audit --no-fund --prefix .venv/azurite azurite@3.35.0 >/dev/null; then
+    if timeout 300 npm install --silent --fetch-retries=1 --no-audit --no-fund --prefix .venv/azurite azurite@3.35.0 >/dev/null; then
       ln -sf ../azurite/node_modules/.bin/azurite-blob "$bin/azurite-blob"
     else
       say "azurite could not be installed, so its tests will be skipped"
