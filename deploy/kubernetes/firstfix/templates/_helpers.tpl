@@ -129,3 +129,7 @@ affinity: {{- toYaml . | nindent 2 }}
 - {name: nats, mountPath: /etc/firstfix/nats, readOnly: true}
 {{- end }}
 {{- end }}
+
+{{- define "firstfix.zenohListens" -}}
+{{- if and .Values.zenoh.enabled .Values.zenoh.listen (not .Values.zenoh.existingSecret) }}yes{{ end -}}
+{{- end }}
