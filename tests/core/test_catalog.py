@@ -337,6 +337,9 @@ def test_every_change_leaves_a_notice(catalog: Catalog, tmp_path: Path) -> None:
     catalog.activate("hall", one)
     catalog.retire("hall", two)
     assert catalog.changes.since(3) == (["hall"], 5)
+    three = catalog.publish("hall", tmp_path / "3", make_version(tmp_path / "3", b"3"))
+    assert catalog.roll_back("hall") == one != three
+    assert catalog.changes.since(6) == (["hall"], 7)
 
 
 def test_a_notice_that_cannot_be_written_does_not_undo_the_change(
