@@ -25,9 +25,9 @@ def building_service(directory: Path, **changes: Any):
     return running_service(directory, **values)
 
 
-def upload(service: Service, map_id: str = "hall", do: str = "succeed") -> httpx.Response:
+def upload(service: Service, map_id: str = "hall", do: str = "succeed", **config: Any) -> httpx.Response:
     """Hands in a map whose build, by the fake worker, does what its sensor is called."""
-    config = {"sensor": {"preset": "vlp-16", "name": do}}
+    config = {"sensor": {"preset": "vlp-16", "name": do}, **config}
     return service.http.post(
         "/maps",
         data={"map_id": map_id, "config": json.dumps(config)},
