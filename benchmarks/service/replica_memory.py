@@ -18,24 +18,19 @@ MIB = 1 << 20
 
 
 def replica_memory(place: Place, bodies: list[Body], directory: Path) -> dict[str, Any]:
-    """MiB by number of workers: with no map, and with the place's when every body was asked for twice."""
-    empty, store = str(directory / "empty"), str(directory / "store")
+    """MiB by number of workers, when every body was asked for twice."""
+    store = str(directory / "store")
     version = place.publish(store, MAP, directory)
-    figures: dict[str, Any] = {"version_mb": round(_bytes_below(Path(store), version) / 1e6, 1)}
+    mib = {}
     for workers in WORKERS:
-        mib = {}
-        for name, url in (("no_map", empty), ("after_queries", store)):
-            folder = directory / f"{name}-{workers}"
-            with replica(folder, store=url, workers=workers, run_builds=False) as one:
-                if url == store:
-                    with (
-                        contextmanager(ask_over_http)(one.url, MAP) as ask,
-                        ThreadPoolExecutor(workers) as clients,
-                    ):
-                        assert set(clients.map(ask, bodies * 2)) == {"ok"}
-                mib[name] = round(pss_of_family(one.pid) / MIB)
-        figures[f"{workers}_workers_mib"] = mib
-    return figures
+        with (
+            replica(directory / f"{workers}", store=store, workers=workers, run_builds=False) as one,
+            contextmanager(ask_over_http)(one.url, MAP) as ask,
+            ThreadPoolExecutor(workers) as clients,
+        ):
+            assert set(clients.map(ask, bodies * 2)) == {"ok"}
+            mib[workers] = round(pss_of_family(one.pid) / MIB)
+    return {"version_mb": round(_bytes_below(Path(store), version) / 1e6, 1), "mib_by_workers": mib}
 
 
 def _bytes_below(store: Path, version: str) -> int:

@@ -11,7 +11,9 @@ LINK = re.compile(r"\]\((?!https?:)([^)\s#]*)(?:#([^)\s]+))?\)")
 
 
 def pages() -> list[Path]:
-    listing = subprocess.run(["git", "ls-files", "*.md"], cwd=REPO, capture_output=True, text=True, check=False)
+    listing = subprocess.run(
+        ["git", "ls-files", "*.md"], cwd=REPO, capture_output=True, text=True, check=False
+    )
     if listing.returncode:
         pytest.skip("not a git checkout: what belongs to the repository is not known")
     return [REPO / name for name in listing.stdout.splitlines()]
