@@ -113,6 +113,14 @@ def test_numbers_and_lists_reach_the_settings(monkeypatch: pytest.MonkeyPatch):
     assert {name: getattr(settings, name) for name in given} == {**given, "pinned_maps": ("hall", "yard")}
 
 
+def test_variables_of_ones_own_reach_every_pod():
+    wanted = {"name": "AWS_REGION", "value": "eu-central-1"}
+    found = list(pod_specs(rendered(values={**STORE, **NATS, "extraEnv": [wanted]})))
+    assert len(found) == 3
+    for _, pod in found:
+        assert wanted in environment(pod)
+
+
 def test_probes_ask_routes_that_there_are(full: list[dict[str, Any]], tmp_path: Path):
     settings = Settings(store=str(tmp_path / "store"), work_dir=tmp_path / "work", run_builds=False)
     asked = {
