@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -16,6 +17,7 @@ from firstfix.errors import (
     IncompatibleVersion,
     InvalidOption,
     NotFound,
+    OutOfSpace,
     StoreUnavailable,
     TooLarge,
 )
@@ -293,6 +295,17 @@ def test_a_killed_download_is_gone_on_with(tmp_path: Path) -> None:
     store.asked = []
     Catalog(store).fetch_version("hall", version, tmp_path / "cache")
     assert store.asked == []
+
+
+def test_a_full_disk_is_said_to_be_full(tmp_path: Path) -> None:
+    class Full(Store):
+        def download(self, key: str, path: Path) -> str:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    catalog = Catalog(Full.open("memory://"))
+    version = catalog.publish("hall", tmp_path / "made", make_version(tmp_path / "made"))
+    with pytest.raises(OutOfSpace):
+        catalog.fetch_version("hall", version, tmp_path / "cache")
 
 
 def test_garbage_is_what_nobody_can_see(catalog: Catalog, tmp_path: Path) -> None:
