@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Puts real servers beside the tests' Python: versitygw (S3), nats-server (JetStream), toxiproxy (broken
-# networks), haproxy (replicas), Azurite (Azure). Tests whose server cannot be had are skipped and say so.
+# networks), haproxy (replicas), Azurite (Azure); and what renders and checks the Helm chart: helm, the schemas of
+# Kubernetes and prometheus-operator. Tests whose server or tool cannot be had are skipped and say so.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 bin=$PWD/.venv/bin
@@ -14,7 +15,7 @@ build() {
   command -v go >/dev/null || { say "no go here, so the tests with $name will be skipped"; return 0; }
   say "building $name ${package##*@}"
   made=$(mktemp -d)
-  if GOBIN=$made go install "$package"; then
+  if GOBIN=$made timeout 900 go install "$package"; then
     mv "$made"/* "$bin/$name"
   else
     say "$name could not be built, so its tests will be skipped"
@@ -25,6 +26,24 @@ build() {
 build versitygw github.com/versity/versitygw/cmd/versitygw@v1.8.0
 build nats-server github.com/nats-io/nats-server/v2@v2.10.22
 build toxiproxy-server github.com/Shopify/toxiproxy/v2/cmd/server@v2.12.0
+build helm helm.sh/helm/v3/cmd/helm@v3.19.0
+
+if ! .venv/bin/python -c 'import kubernetes_validate' 2>/dev/null; then
+  say "installing the schemas of Kubernetes"
+  timeout 300 .venv/bin/pip install --quiet --disable-pip-version-check --no-deps \
+    kubernetes-validate==1.37.0 importlib_resources==6.5.2 ||
+    say "they could not be installed, so the tests with them will be skipped"
+fi
+
+# By folder, not by program: the tests look for .venv/kubernetes-models.
+if ! [ -d .venv/kubernetes-models/node_modules ] && command -v npm >/dev/null; then
+  say "installing the schemas of prometheus-operator"
+  timeout 300 npm install --silent --no-audit --no-fund --prefix .venv/kubernetes-models \
+    @kubernetes-models/prometheus-operator@6.0.0 >/dev/null || {
+    rm -rf .venv/kubernetes-models
+    say "they could not be installed, so the tests with them will be skipped"
+  }
+fi
 
 # Azurite is a tree of npm packages: it gets a folder, and a link to its program.
 if ! [ -x "$bin/azurite-blob" ] && ! command -v azurite-blob >/dev/null; then

@@ -12,7 +12,19 @@ import typer
 from firstfix.errors import FirstfixError
 from firstfix.redact import redact
 
-from .commands import build, evaluate, keys, localize, maps, ros_gateway, samples, serve, worker, world
+from .commands import (
+    build,
+    copy_store,
+    evaluate,
+    keys,
+    localize,
+    maps,
+    ros_gateway,
+    samples,
+    serve,
+    worker,
+    world,
+)
 
 ERROR_EXIT_CODE = 2
 
@@ -31,6 +43,7 @@ app.command()(worker.worker)
 app.command()(localize.localize)
 app.command()(evaluate.evaluate)
 app.command("ros-gateway")(ros_gateway.ros_gateway)
+app.command("copy-store")(copy_store.copy_store)
 app.add_typer(maps.app, name="maps")
 app.add_typer(samples.app, name="samples")
 app.add_typer(keys.app, name="keys")

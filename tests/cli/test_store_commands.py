@@ -175,3 +175,23 @@ def test_a_world_is_made_for_trying(tmp_path, capsys):
     pytest.importorskip("open3d")
     assert ended(["world", "atlantis", "-o", tmp_path]) == 2
     assert "no world 'atlantis'" in capsys.readouterr().err
+
+
+def test_maps_are_built_again_and_stores_copied(versions, tmp_path, capsys):
+    store = Store.open(str(tmp_path / "store"))
+    catalog = Catalog(store)
+    assert ended(["maps", "rebuild", "hall", "--store", tmp_path / "store"]) == 2
+    assert "hand the map in again" in capsys.readouterr().err
+    (tmp_path / "cloud.xyz").write_text("0 0 0")
+    key = f"maps/hall/sources/{catalog.put_source('hall', tmp_path / 'cloud.xyz')}"
+    catalog.put_build("b1", {"map_id": "hall", "source": {"key": key}, "trajectory": None, "config": {}})
+    files = tmp_path / "three"
+    files.mkdir()
+    catalog.publish("hall", files, Manifest.for_directory(files), build_id="b1")
+    assert ended(["maps", "rebuild", "hall", "--store", tmp_path / "store"]) == 0
+    (build_id,) = set(catalog.build_ids()) - {"b1"}
+    assert build_id in capsys.readouterr().out
+    assert ended(["copy-store", tmp_path / "store", tmp_path / "copy", "--json"]) == 0
+    copied = json.loads(capsys.readouterr().out)
+    assert copied["damaged"] == []
+    assert Catalog(Store.open(str(tmp_path / "copy"))).build_ids() == catalog.build_ids()

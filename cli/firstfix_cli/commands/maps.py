@@ -102,6 +102,21 @@ def retire(
     typer.echo(f"{map_id}: version {chosen} is retired")
 
 
+@app.command()
+def rebuild(
+    map_ids: Annotated[list[str], typer.Argument(metavar="MAP...", help="Ids of the maps.")],
+    store: Annotated[str, typer.Option(envvar="FIRSTFIX_STORE", help="The service's object store.")],
+) -> None:
+    """Build maps again from the files and the config that their active versions were made of."""
+    from firstfix.catalog import Catalog
+    from firstfix.rebuild import rebuild as put_on_record
+    from firstfix.store import Store as ObjectStore
+
+    catalog = Catalog(ObjectStore.open(store))
+    for map_id in map_ids:
+        typer.echo(f"{map_id}: build {put_on_record(catalog, map_id)} is on record")
+
+
 @app.command("gc")
 def collect_garbage(
     map_id: Annotated[str | None, typer.Argument(metavar="[MAP]", help="One map; default: all.")] = None,
