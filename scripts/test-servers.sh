@@ -28,36 +28,24 @@ build nats-server github.com/nats-io/nats-server/v2@v2.10.22
 build toxiproxy-server github.com/Shopify/toxiproxy/v2/cmd/server@v2.12.0
 build helm helm.sh/helm/v3/cmd/helm@v3.19.0
 
-if ! .venv/bin/python -c 'import kubernetes_validate' 2>/dev/null; then
-  say "installing the schemas of Kubernetes"
-  timeout 300 .venv/bin/pip install --quiet --disable-pip-version-check --no-deps \
-    kubernetes-validate==1.37.0 importlib_resources==6.5.2 ||
-    say "they could not be installed, so the tests with them will be skipped"
-fi
-
-# By folder, not by program: the tests look for .venv/kubernetes-models.
-if ! [ -d .venv/kubernetes-models/node_modules ] && command -v npm >/dev/null; then
-  say "installing the schemas of prometheus-operator"
-  timeout 300 npm install --silent --no-audit --no-fund --prefix .venv/kubernetes-models \
-    @kubernetes-models/prometheus-operator@6.0.0 >/dev/null || {
-    rm -rf .venv/kubernetes-models
-    say "they could not be installed, so the tests with them will be skipped"
+# FOLDER PACKAGE@VERSION: npm's packages are a tree, which gets a folder of .venv. One that could not be had is
+# left empty, and not tried again before `make clean`.
+npm_tree() {
+  local folder=.venv/$1 package=$2
+  if [ -d "$folder" ]; then return 0; fi
+  command -v npm >/dev/null || { say "no npm here, so the tests with $1 will be skipped"; return 0; }
+  say "installing $package"
+  timeout 300 npm install --silent --fetch-retries=1 --no-audit --no-fund --prefix "$folder" "$package" >/dev/null || {
+    rm -rf "$folder"
+    mkdir "$folder"
+    say "$package could not be installed, so its tests will be skipped"
   }
-fi
+}
 
-# Azurite is a tree of npm packages: it gets a folder, and a link to its program.
-if ! [ -x "$bin/azurite-blob" ] && ! command -v azurite-blob >/dev/null; then
-  if command -v npm >/dev/null; then
-    say "installing azurite"
-    rm -rf .venv/azurite
-    if timeout 300 npm install --silent --fetch-retries=1 --no-audit --no-fund --prefix .venv/azurite azurite@3.35.0 >/dev/null; then
-      ln -sf ../azurite/node_modules/.bin/azurite-blob "$bin/azurite-blob"
-    else
-      say "azurite could not be installed, so its tests will be skipped"
-    fi
-  else
-    say "no npm here, so the tests with azurite will be skipped"
-  fi
+npm_tree kubernetes-models @kubernetes-models/prometheus-operator@6.0.0
+command -v azurite-blob >/dev/null || npm_tree azurite azurite@3.35.0
+if [ -x .venv/azurite/node_modules/.bin/azurite-blob ]; then
+  ln -sf ../azurite/node_modules/.bin/azurite-blob "$bin/azurite-blob"
 fi
 
 if ! command -v haproxy >/dev/null; then
