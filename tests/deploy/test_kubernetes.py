@@ -132,7 +132,8 @@ def test_probes_ask_routes_that_there_are(full: list[dict[str, Any]], tmp_path: 
     asked |= {endpoint["path"] for endpoint in of_kind(full, "ServiceMonitor")[0]["spec"]["endpoints"]}
     assert asked == {"/healthz", "/readyz", "/metrics"}
     with TestClient(create_app(settings)) as client:
-        assert {path: client.get(path).status_code for path in asked} == dict.fromkeys(asked, 200)
+        for path in asked:
+            assert client.get(path).status_code in (200, 503), path  # 503: it has not read the catalog yet
 
 
 def test_scaling_stands_on_a_metric_that_there_is(full: list[dict[str, Any]], tmp_path: Path):
