@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 from firstfix.localization import Localization
 from firstfix.options import LocalizeOptions
 from firstfix.prior import Prior
-from firstfix.query_parameters import QueryParameters
 from firstfix.scan_sequence import ScanSequence
 
 from .async_build_calls import AsyncBuildCalls
@@ -24,6 +23,8 @@ from .scan_body import BodyForm, Encoding, ScanLike
 
 if TYPE_CHECKING:
     import httpx
+
+    from firstfix.query_parameters import QueryParameters
 
 
 class AsyncClient(AsyncMapCalls, AsyncBuildCalls):

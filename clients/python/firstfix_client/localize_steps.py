@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +13,6 @@ from firstfix.errors import DescriptorMismatch
 from firstfix.localization import Localization
 from firstfix.options import LocalizeOptions
 from firstfix.prior import Prior
-from firstfix.query_parameters import QueryParameters
 from firstfix.scan_sequence import ScanSequence
 
 from .http_messages import HttpRequest
@@ -20,9 +20,13 @@ from .http_sender import HttpSender
 from .scan_body import BodyForm, ScanLike, encoded
 from .steps import Steps, work
 
+if TYPE_CHECKING:
+    from firstfix.query_parameters import QueryParameters
+
+
 # Of a body with its media type, to one map or several, with options.
 AskBody = Callable[[bytes, str, str, LocalizeOptions], Steps[Localization]]
-ParametersOf = Callable[[str], Steps[QueryParameters]]
+ParametersOf = Callable[[str], "Steps[QueryParameters]"]
 
 
 def options_of(

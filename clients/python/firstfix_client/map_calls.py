@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
-
-from firstfix.query_parameters import QueryParameters
+from typing import TYPE_CHECKING, Any
 
 from .http_calls import HttpCalls
 from .records import MapInfo, VersionInfo
+
+if TYPE_CHECKING:
+    from firstfix.query_parameters import QueryParameters
 
 
 class MapCalls(HttpCalls):

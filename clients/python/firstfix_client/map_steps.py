@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from firstfix.errors import NotFound
-from firstfix.query_parameters import QueryParameters
 
 from .http_sender import HttpSender
 from .records import MapInfo, VersionInfo
 from .steps import Steps
+
+if TYPE_CHECKING:
+    from firstfix.query_parameters import QueryParameters
 
 
 class MapSteps:
@@ -27,6 +29,8 @@ class MapSteps:
         return answer.parsed(MapInfo.from_mapping)
 
     def query_parameters(self, map_id: str) -> Steps[QueryParameters]:
+        from firstfix.query_parameters import QueryParameters
+
         manifest = (yield from self.show_map(map_id)).details.get("manifest")
         if not isinstance(manifest, Mapping):
             raise NotFound(f"no version of map {map_id} is active")

@@ -15,7 +15,6 @@ from firstfix.ids import check_map_id
 from firstfix.localization import Localization
 from firstfix.options import LocalizeOptions
 from firstfix.prior import Prior
-from firstfix.query_parameters import QueryParameters
 from firstfix.scan_sequence import ScanSequence
 
 from . import blocking
@@ -38,6 +37,8 @@ from .version_watch import VersionWatch
 from .zenoh_ask import ReplicaRoute, ZenohAsk, ZenohQuery
 
 if TYPE_CHECKING:
+    from firstfix.query_parameters import QueryParameters
+
     from .blocking_service import BlockingService
 
 MAX_MESSAGE_BYTES = 16 << 20
@@ -67,7 +68,7 @@ class ZenohClient(MapCalls, BuildCalls):
     Raises:
         InvalidOption: the config or the URL cannot be used.
         ServiceUnreachable: nothing listens at the endpoint.
-        ModuleNotFoundError: the extra ``firstfix[zenoh]`` is not installed.
+        ModuleNotFoundError: the extra ``zenoh`` is not installed.
     """
 
     def __init__(
@@ -216,6 +217,7 @@ def _zenoh() -> Any:
         import zenoh
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
-            "ZenohClient needs the extra: pip install 'firstfix[zenoh]'", name=error.name
+            "ZenohClient needs an extra: pip install 'firstfix-client[zenoh]', or 'firstfix[zenoh]'",
+            name=error.name,
         ) from None
     return zenoh
