@@ -31,18 +31,17 @@ from firstfix_client import AsyncClient, Client, ZenohClient
 from .service.programs import Replica, free_port
 
 ROBOTS = 4
-TIMEOUT_S = 30.0  # the deadline of every query; a restart takes a few seconds
 Ask = Callable[[Scan, str], Localization]
 
 
 @contextmanager
-def over_http(replica: Replica) -> Iterator[Ask]:
-    with Client(replica.url, timeout_s=TIMEOUT_S) as client:
+def over_http(replica: Replica, timeout_s: float) -> Iterator[Ask]:
+    with Client(replica.url, timeout_s=timeout_s) as client:
         yield lambda scan, map_id: client.localize(scan, map_id=map_id)
 
 
 @contextmanager
-def in_an_event_loop(replica: Replica) -> Iterator[Ask]:
+def in_an_event_loop(replica: Replica, timeout_s: float) -> Iterator[Ask]:
     loop = asyncio.new_event_loop()
     thread = threading.Thread(target=loop.run_forever, daemon=True)
     thread.start()
@@ -50,7 +49,7 @@ def in_an_event_loop(replica: Replica) -> Iterator[Ask]:
     def done(call: Any) -> Any:
         return asyncio.run_coroutine_threadsafe(call, loop).result()
 
-    client = AsyncClient(replica.url, timeout_s=TIMEOUT_S)
+    client = AsyncClient(replica.url, timeout_s=timeout_s)
     try:
         yield lambda scan, map_id: done(client.localize(scan, map_id=map_id))
     finally:
@@ -61,12 +60,12 @@ def in_an_event_loop(replica: Replica) -> Iterator[Ask]:
 
 
 @contextmanager
-def over_zenoh(replica: Replica) -> Iterator[Ask]:
-    with ZenohClient(replica.endpoint, timeout_s=TIMEOUT_S) as client:
+def over_zenoh(replica: Replica, timeout_s: float) -> Iterator[Ask]:
+    with ZenohClient(replica.endpoint, timeout_s=timeout_s) as client:
         yield lambda scan, map_id: client.localize(scan, map_id=map_id)
 
 
-CLIENTS: dict[str, Callable[[Replica], AbstractContextManager[Ask]]] = {
+CLIENTS: dict[str, Callable[[Replica, float], AbstractContextManager[Ask]]] = {
     "Client": over_http,
     "AsyncClient": in_an_event_loop,
     "ZenohClient": over_zenoh,
@@ -74,13 +73,21 @@ CLIENTS: dict[str, Callable[[Replica], AbstractContextManager[Ask]]] = {
 
 
 def restart_under_queries(
-    replica: Replica, name: str, scan: Scan, map_id: str, *, queries: int = 200, restarts: int = 2
+    replica: Replica,
+    name: str,
+    scan: Scan,
+    map_id: str,
+    *,
+    queries: int = 200,
+    restarts: int = 2,
+    timeout_s: float = 30.0,
 ) -> dict[str, Any]:
     """What became of the queries of one kind of client; ``lost`` is to be empty.
 
     Args:
         replica: a running one; it is killed when the queries have come so far, and started again.
         name: of CLIENTS.
+        timeout_s: the deadline of every query; a restart takes some seconds of it.
     """
     numbers = itertools.count()
     kills = [queries * (one + 1) // (restarts + 1) for one in range(restarts)]
@@ -99,7 +106,7 @@ def restart_under_queries(
             took_s.append(time.monotonic() - start)
 
     down_s = []
-    with CLIENTS[name](replica) as ask, ThreadPoolExecutor(ROBOTS) as pool:
+    with CLIENTS[name](replica, timeout_s) as ask, ThreadPoolExecutor(ROBOTS) as pool:
         robots = [pool.submit(robot, ask) for _ in range(ROBOTS)]
         for past, kill in itertools.pairwise([0, *kills]):
             for _ in range(kill - past):
@@ -127,6 +134,7 @@ def main() -> None:
     parser.add_argument("--scan", required=True, type=Path)
     parser.add_argument("--queries", type=int, default=200)
     parser.add_argument("--restarts", type=int, default=2)
+    parser.add_argument("--timeout", type=float, default=30.0)
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     scan = read_scan_file(given.scan)
@@ -137,7 +145,13 @@ def main() -> None:
             replica.start().wait_until_ready()
             try:
                 figures[name] = restart_under_queries(
-                    replica, name, scan, given.map, queries=given.queries, restarts=given.restarts
+                    replica,
+                    name,
+                    scan,
+                    given.map,
+                    queries=given.queries,
+                    restarts=given.restarts,
+                    timeout_s=given.timeout,
                 )
             finally:
                 replica.end()

@@ -38,7 +38,7 @@ def replica(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Replica]:
 @pytest.mark.parametrize("name", CLIENTS)
 def test_no_query_is_lost_when_the_service_restarts(name: str, replica: Replica):
     before = replica.pid
-    figures = restart_under_queries(replica, name, SCAN, "hall", queries=40, restarts=1)
+    figures = restart_under_queries(replica, name, SCAN, "hall", queries=40, restarts=1, timeout_s=100.0)
     assert figures["lost"] == {}
     assert figures["queries"] == 40
     assert replica.pid != before
