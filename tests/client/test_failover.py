@@ -6,6 +6,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from typing import Any
 
 import pytest
@@ -180,6 +181,34 @@ def test_two_that_hang_end_at_the_deadline(client: Make, silent: Silent):
     assert silent.left.wait(5)
     assert other.left.wait(5)
     other.stop()
+
+
+@pytest.mark.parametrize("hedge", [False, SOON])
+def test_an_answer_that_trickles_ends_at_the_deadline(client: Make, hedge: Any):
+    """Each byte comes in time, and the whole never does."""
+    listener = socket.create_server(("127.0.0.1", 0))
+    stopped = threading.Event()
+
+    def trickle(connection: socket.socket) -> None:
+        with connection, suppress(OSError):
+            connection.recv(65_536)
+            connection.sendall(b"HTTP/1.1 200 OK\r\ncontent-length: 1000\r\n\r\n")
+            while not stopped.wait(0.05):
+                connection.sendall(b" ")
+
+    def serve() -> None:
+        with suppress(OSError):
+            while True:
+                threading.Thread(target=trickle, args=[listener.accept()[0]], daemon=True).start()
+
+    threading.Thread(target=serve, daemon=True).start()
+    url = f"http://127.0.0.1:{listener.getsockname()[1]}"
+    begun = time.monotonic()
+    with pytest.raises(DeadlineExceeded):
+        client([url], hedge=hedge, timeout_s=0.5).localize(SCAN, map_id="hall")
+    assert time.monotonic() - begun < 20, "1000 bytes take 50 s"
+    stopped.set()
+    listener.close()
 
 
 def test_without_hedging_one_that_hangs_leaves_time(client: Make, servers, silent: Silent):

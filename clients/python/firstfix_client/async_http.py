@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import httpx
 
 from .http_messages import outcome_of_error, outcome_of_response
-from .outcome import Outcome
+from .outcome import Outcome, too_late
 from .steps import Emit, NextLine, Sleep, Steps, Try, Work, advance
 
 T = TypeVar("T")
@@ -108,22 +108,27 @@ class AsyncHttp:
         try:
             with ExitStack() as files:
                 request = step.make(step.timeout_s).build(self._http, target, step.timeout_s, files)
-                response = await self._http.send(request, stream=step.stream)
-                if step.stream and response.is_success:
+                # httpx counts every read by itself, and a connection's beginning
+                sending = self._http.send(request, stream=step.stream)
+                response = await asyncio.wait_for(sending, step.timeout_s)
+                streams = step.stream and response.is_success
+                if streams:
                     opened.push_async_callback(response.aclose)
-                elif step.stream:
-                    await response.aread()
+                body = b"" if streams else await response.aread()
+                if not streams:
                     await response.aclose()
-        except httpx.TransportError as error:
+        except asyncio.TimeoutError:
+            return too_late(target, step.timeout_s, repeatable=step.repeatable), None
+        except httpx.RequestError as error:
             return outcome_of_error(target, error, step.timeout_s, step.repeatable), None
         outcome = outcome_of_response(
             target,
             response,
+            body,
             repeatable=step.repeatable,
-            stream=step.stream,
             took_s=time.monotonic() - begun,
         )
-        return outcome, response.aiter_lines() if step.stream else None
+        return outcome, response.aiter_lines() if streams else None
 
 
 async def _next_line(lines: AsyncIterator[str] | None) -> str | None:

@@ -13,7 +13,7 @@ import httpx
 from .abortable_line import AbortableLine
 from .blocking import Asked
 from .http_messages import outcome_of_error, outcome_of_response
-from .outcome import Outcome
+from .outcome import Outcome, too_late
 from .race import race
 from .steps import Try
 
@@ -51,7 +51,8 @@ class BlockingHttp:
             return self._ask(self._http, step, step.target, opened)
         (target, after_s), until = step.rival, begun + step.timeout_s
         first = _Attempt(self, step, step.target, until)
-        outcome = race(first, _Attempt(self, step, target, until), after_s)
+        late = too_late(step.target, step.timeout_s, repeatable=step.repeatable)
+        outcome = race(first, _Attempt(self, step, target, until), after_s, late, step.timeout_s)
         return replace(outcome, took_s=time.monotonic() - begun), iter(())
 
     def ask_by(self, line: AbortableLine, step: Try, target: str) -> Outcome:
@@ -87,22 +88,20 @@ class BlockingHttp:
         try:
             with ExitStack() as files:
                 request = step.make(step.timeout_s).build(self._http, target, step.timeout_s, files)
-                response = http.send(request, stream=step.stream)
-                if step.stream and response.is_success:
-                    opened.callback(response.close)
-                elif step.stream:
-                    response.read()
-                    response.close()
-        except httpx.TransportError as error:
+                response = http.send(request, stream=True)
+                opened.callback(response.close)
+                streams = step.stream and response.is_success
+                body = b"" if streams else _body(response, begun + step.timeout_s)
+        except httpx.RequestError as error:
             return outcome_of_error(target, error, step.timeout_s, step.repeatable), iter(())
         outcome = outcome_of_response(
             target,
             response,
+            body,
             repeatable=step.repeatable,
-            stream=step.stream,
             took_s=time.monotonic() - begun,
         )
-        return outcome, _lines(response) if step.stream else iter(())
+        return outcome, _lines(response) if streams else iter(())
 
 
 class _Attempt:
@@ -150,6 +149,16 @@ class _Shared(httpx.BaseTransport):
 
 def _kept(transport: httpx.BaseTransport | None) -> httpx.BaseTransport | None:
     return None if transport is None else _Shared(transport)
+
+
+def _body(response: httpx.Response, until: float) -> bytes:
+    """All of it. httpx counts every read by itself: bytes that trickle would come for ever."""
+    pieces = []
+    for piece in response.iter_bytes():
+        pieces.append(piece)
+        if time.monotonic() > until:
+            raise httpx.ReadTimeout("the answer takes too long")
+    return b"".join(pieces)
 
 
 def _lines(response: httpx.Response) -> Iterator[str]:

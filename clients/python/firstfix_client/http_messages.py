@@ -81,16 +81,18 @@ class HttpAnswer(Answer):
 
 
 def outcome_of_response(
-    target: str, response: httpx.Response, *, repeatable: bool, stream: bool, took_s: float
+    target: str, response: httpx.Response, body: bytes, *, repeatable: bool, took_s: float
 ) -> Outcome:
-    """What a response says; its body was read, but for a stream that succeeded."""
+    """
+    Args:
+        body: empty for a stream that succeeded.
+    """
     url = str(response.url)
     if response.is_success:
-        body = b"" if stream else response.content
         return Outcome(target, HttpAnswer(url, body, response.headers), took_s=took_s)
     status = response.status_code
     wait_s = retry_after_s(response.headers.get("Retry-After"))
-    problem = error_of_problem(response.content, status)
+    problem = error_of_problem(body, status)
     if problem is not None:
         return refused(target, problem, repeatable=repeatable, asked_wait_s=wait_s)
     failure = FirstfixError(f"{url} answered {status}")
@@ -99,7 +101,7 @@ def outcome_of_response(
     return Outcome(target, failure=failure)
 
 
-def outcome_of_error(target: str, error: httpx.TransportError, timeout_s: float, repeatable: bool) -> Outcome:
+def outcome_of_error(target: str, error: httpx.RequestError, timeout_s: float, repeatable: bool) -> Outcome:
     """What it means that there was no response."""
     import httpx
 

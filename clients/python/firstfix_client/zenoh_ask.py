@@ -70,7 +70,8 @@ class ZenohAsk:
             outcome = first.run()
         else:
             target, after_s = step.rival
-            outcome = race(first, _Get(self, step, target, until), after_s)
+            late = too_late(step.target, step.timeout_s, repeatable=True)
+            outcome = race(first, _Get(self, step, target, until), after_s, late, step.timeout_s)
         return replace(outcome, took_s=time.monotonic() - begun), iter(())
 
     def token(self) -> Any:
