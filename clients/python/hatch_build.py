@@ -23,10 +23,8 @@ class RobotWheel(BuildHookInterface):  # type: ignore[misc]
     """The hook that ``pyproject.toml`` names."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        repository = HERE.parents[1]
-        core = repository / "core" / "firstfix"
+        core = HERE.parents[1] / "core" / "firstfix"
         stripped = Path(self.directory) / "stripped"
-        build_data["force_include"][str(repository / "LICENSE")] = "firstfix_client/LICENSE"
         files = import_closure({"firstfix": core, "firstfix_client": HERE / "firstfix_client"})
         for name, path in files.items():
             if name in DOCUMENTED or path.suffix != ".py":

@@ -186,6 +186,21 @@ def test_a_replica_that_is_slow_is_raced(replica, router):
     assert good.queries[-1][3] == slow.queries[0][3], "the same query"
 
 
+@pytest.mark.parametrize("token", [True, False])
+def test_a_query_that_got_lost_is_sent_again(replica, client, token):
+    held = []
+
+    def loses_the_first(query: Any) -> None:
+        if held:
+            answers(query)
+        else:
+            held.append(query)  # keeps it open
+
+    only = replica("r1", loses_the_first, token=token)
+    assert client.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
+    assert len(only.queries) == 2
+
+
 def test_a_slow_replica_is_waited_for_when_the_other_fails(replica, router):
     def late(query: Any) -> None:
         time.sleep(0.5)

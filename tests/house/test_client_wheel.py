@@ -125,7 +125,7 @@ def test_the_wheel_is_small_and_whole(wheel: Path):
     assert wheel.stat().st_size < MAX_WHEEL_BYTES
     with zipfile.ZipFile(wheel) as archive:
         held = {name for name in archive.namelist() if ".dist-info/" not in name}
-    assert held == set(closure()) | {"firstfix_client/LICENSE"}
+    assert held == set(closure())
 
 
 def modules_after(statement: str, path: list[str]) -> set[str]:

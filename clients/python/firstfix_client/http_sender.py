@@ -34,6 +34,10 @@ class HttpRoute:
             return others[0]
         return target if len(self._urls) == 1 else None
 
+    def last_resort(self, target: str, others: list[str]) -> str | None:
+        """Nobody: a connection that breaks is seen."""
+        return None
+
     def answered(self, target: str) -> None:
         with self._lock:
             place = self._urls.index(target)

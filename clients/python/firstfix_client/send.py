@@ -22,6 +22,10 @@ class Route(Protocol):
         """Whom to ask beside the target, of those that were not asked yet or the target itself."""
         ...
 
+    def last_resort(self, target: str, others: list[str]) -> str | None:
+        """Whom to ask without a rival, when half of the time has passed: a message may have got lost."""
+        ...
+
     def answered(self, target: str) -> None:
         """It works."""
         ...
@@ -65,8 +69,11 @@ def send(
             continue
         target, *others = fresh
         rival = None
-        if hedging is not None and (other := route.rival(target, others)) is not None:
-            rival = other, hedging.after_s()
+        if hedging is not None:
+            if (other := route.rival(target, others)) is not None:
+                rival = other, hedging.after_s()
+            elif (other := route.last_resort(target, others)) is not None:
+                rival = other, left_s / 2
         # those that hang must leave time for another
         spare = len(others) > (0 if rival is None else 1)
         timeout_s = left_s / 2 if spare and repeatable else left_s

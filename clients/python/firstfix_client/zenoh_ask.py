@@ -46,6 +46,11 @@ class ReplicaRoute:
         """Another replica; who gets a query of the shared key is not known."""
         return others[0] if len(others) > 1 else None
 
+    def last_resort(self, target: str, others: list[str]) -> str | None:
+        """The shared key, once more: a query that is on its way when the only replica restarts is not
+        always told to be lost."""
+        return self._shared
+
     def answered(self, target: str) -> None:
         """The next query goes to another one: load is spread."""
 
