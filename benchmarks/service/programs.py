@@ -12,7 +12,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -95,16 +95,25 @@ def cable_to(port: int, directory: Path) -> Iterator[Cable]:
 
 
 class Replica:
-    """One ``firstfix serve``, stopped and started at will."""
+    """One ``firstfix serve``, stopped and started at will.
 
-    def __init__(self, directory: Path, settings: Mapping[str, object]) -> None:
+    Args:
+        command: in its place.
+    """
+
+    def __init__(
+        self, directory: Path, settings: Mapping[str, object], command: Sequence[str] | None = None
+    ) -> None:
         directory.mkdir(parents=True, exist_ok=True)
         self.port = free_port()
         self.url = f"http://127.0.0.1:{self.port}"
+        listens = settings.get("zenoh_listen")
+        self.endpoint = str(listens[0]) if isinstance(listens, list) else ""
         self.log = directory / "service.log"
         given = {"port": self.port, "work_dir": directory / "work", "cache_dir": directory / "cache"}
         named = {f"FIRSTFIX_{name.upper()}": _text(value) for name, value in {**given, **settings}.items()}
         self._environment = {**os.environ, **named}
+        self._command = command or [sys.executable, "-m", "firstfix_cli.main", "serve"]
         self._process: subprocess.Popen[bytes] | None = None
 
     @property
@@ -113,9 +122,8 @@ class Replica:
         return self._process.pid
 
     def start(self) -> Replica:
-        command = [sys.executable, "-m", "firstfix_cli.main", "serve"]
         with self.log.open("ab") as out:
-            self._process = subprocess.Popen(command, stdout=out, stderr=out, env=self._environment)
+            self._process = subprocess.Popen(self._command, stdout=out, stderr=out, env=self._environment)
         return self
 
     def wait_until_ready(self) -> None:

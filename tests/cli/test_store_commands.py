@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import json
 import os
+from pathlib import Path
 
 import pytest
 import yaml
 
+from firstfix.build_config import BuildConfig
 from firstfix.catalog import Catalog
 from firstfix.errors import InvalidOption, NotFound
 from firstfix.manifest import Manifest
 from firstfix.store import Store
 from firstfix_cli.answerer import fetch_active_version
+from firstfix_cli.commands.build import Axis, _given
 from firstfix_cli.main import run
 
 SELF_TEST = {
@@ -140,10 +143,11 @@ def test_serve_takes_the_environment_under_the_command_line(monkeypatch, tmp_pat
         settings_of(**nothing)
 
 
-def test_the_command_line_goes_over_the_config_file(tmp_path):
-    pytest.importorskip("open3d")
-    from firstfix_cli.commands.build import Axis, _config
+def _config(path: Path | None, sensor: str | None, axis: Axis | None) -> BuildConfig:
+    return BuildConfig.parse(_given(path, sensor, axis))
 
+
+def test_the_command_line_goes_over_the_config_file(tmp_path):
     path = tmp_path / "build.yaml"
     path.write_text("sensor: vlp-16\naxis: y-up\nviewpoints: {spacing_m: 2.5}\n")
     plain = _config(path, None, None)
@@ -157,9 +161,6 @@ def test_the_command_line_goes_over_the_config_file(tmp_path):
 
 
 def test_configs_that_cannot_be_used_are_clear(tmp_path):
-    pytest.importorskip("open3d")
-    from firstfix_cli.commands.build import _config
-
     with pytest.raises(NotFound, match=r"nothere\.yaml"):
         _config(tmp_path / "nothere.yaml", None, None)
     with pytest.raises(NotFound, match=r"sensor\.yaml"):
