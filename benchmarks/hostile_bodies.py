@@ -17,7 +17,10 @@ from firstfix import wire, wire_query, wire_sequence
 from firstfix.condense import condense
 from firstfix.descriptor import LayeredOccupancy, PolarGrid
 from firstfix.query_parameters import QueryParameters
+from firstfix.ros.media_types import NAMES as POINT_CLOUDS
 from firstfix.scan import Scan
+
+from .ros_bodies import point_cloud2
 
 _NUMBERS = [
     b"-1",
@@ -73,6 +76,7 @@ def good_bodies(points: int = 60, seed: int = 0) -> list[Body]:
         Body("pcd compressed", _pcd(xyz, "binary_compressed"), "model/vnd.pcd", statuses=ok),
         Body("ply ascii", _ply(xyz, "ascii"), "application/ply", statuses=ok),
         Body("ply binary", _ply(xyz, "binary_little_endian"), "model/ply", statuses=ok),
+        *(Body(name, point_cloud2(xyz), name, statuses=ok) for name in POINT_CLOUDS),
         Body("gzip", gzip.compress(xyz.tobytes()), raw, "gzip", ok),
         Body("zstd", zstandard.ZstdCompressor().compress(xyz.tobytes()), raw, "zstd", ok),
     ]

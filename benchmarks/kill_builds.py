@@ -206,7 +206,7 @@ def _orphans(catalog: Catalog) -> list[str]:
     """Files of the store that no version, no build and no log refers to."""
     store = catalog.store
     referred = {str(catalog.build_request(b)["source"]["key"]) for b in catalog.build_ids()}
-    kept = set()
+    kept = set(store.list("changes"))
     for map_id in catalog.map_ids():
         for version in catalog.state(map_id).published:
             folder = f"maps/{map_id}/versions/{version}"

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Puts real servers beside the tests' Python: versitygw (S3), nats-server (JetStream), toxiproxy (broken
-# networks), haproxy (replicas), Azurite (Azure); and what the C++ client is built with. Tests whose server cannot be
-# had are skipped and say so.
+# networks), haproxy (replicas), Azurite (Azure); and what renders and checks the Helm chart: helm, the schemas of
+# Kubernetes and prometheus-operator; and what the C++ client is built with. Tests whose server or tool cannot be had are skipped and say so.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 bin=$PWD/.venv/bin
@@ -15,7 +15,7 @@ build() {
   command -v go >/dev/null || { say "no go here, so the tests with $name will be skipped"; return 0; }
   say "building $name ${package##*@}"
   made=$(mktemp -d)
-  if GOBIN=$made go install "$package"; then
+  if GOBIN=$made timeout 900 go install "$package"; then
     mv "$made"/* "$bin/$name"
   else
     say "$name could not be built, so its tests will be skipped"
@@ -26,20 +26,26 @@ build() {
 build versitygw github.com/versity/versitygw/cmd/versitygw@v1.8.0
 build nats-server github.com/nats-io/nats-server/v2@v2.10.22
 build toxiproxy-server github.com/Shopify/toxiproxy/v2/cmd/server@v2.12.0
+build helm helm.sh/helm/v3/cmd/helm@v3.19.0
 
-# Azurite is a tree of npm packages: it gets a folder, and a link to its program.
-if ! [ -x "$bin/azurite-blob" ] && ! command -v azurite-blob >/dev/null; then
-  if command -v npm >/dev/null; then
-    say "installing azurite"
-    rm -rf .venv/azurite
-    if timeout 300 npm install --silent --no-audit --no-fund --prefix .venv/azurite azurite@3.35.0 >/dev/null; then
-      ln -sf ../azurite/node_modules/.bin/azurite-blob "$bin/azurite-blob"
-    else
-      say "azurite could not be installed, so its tests will be skipped"
-    fi
-  else
-    say "no npm here, so the tests with azurite will be skipped"
-  fi
+# FOLDER PACKAGE@VERSION: npm's packages are a tree, which gets a folder of .venv. One that could not be had is
+# left empty, and not tried again before `make clean`.
+npm_tree() {
+  local folder=.venv/$1 package=$2
+  if [ -d "$folder" ]; then return 0; fi
+  command -v npm >/dev/null || { say "no npm here, so the tests with $1 will be skipped"; return 0; }
+  say "installing $package"
+  timeout 300 npm install --silent --fetch-retries=1 --no-audit --no-fund --prefix "$folder" "$package" >/dev/null || {
+    rm -rf "$folder"
+    mkdir "$folder"
+    say "$package could not be installed, so its tests will be skipped"
+  }
+}
+
+npm_tree kubernetes-models @kubernetes-models/prometheus-operator@6.0.0
+command -v azurite-blob >/dev/null || npm_tree azurite azurite@3.35.0
+if [ -x .venv/azurite/node_modules/.bin/azurite-blob ]; then
+  ln -sf ../azurite/node_modules/.bin/azurite-blob "$bin/azurite-blob"
 fi
 
 if ! command -v haproxy >/dev/null; then

@@ -38,7 +38,9 @@ def cold_load(place: Place, body: Body, directory: Path) -> dict[str, float]:
     return {"first_query_s": round(seconds[0], 3), "second_query_s": round(seconds[1], 3)}
 
 
-def hot_swap(place: Place, bodies: list[Body], directory: Path, clients: int = 2) -> dict[str, Any]:
+def hot_swap(
+    place: Place, bodies: list[Body], directory: Path, clients: int = 2, swaps: int = SWAPS
+) -> dict[str, Any]:
     """Two versions activated in turn while clients ask: how long until the other one answers, and what
     the clients saw."""
     store = str(directory / "store")
@@ -49,7 +51,7 @@ def hot_swap(place: Place, bodies: list[Body], directory: Path, clients: int = 2
         httpx.Client(base_url=one.url, timeout=60) as http,
         Crowd(partial(ask_over_http, one.url, MAP), bodies, clients) as crowd,
     ):
-        for turn in range(SWAPS):
+        for turn in range(swaps):
             time.sleep(2.0)
             wanted = versions[turn % 2]
             begin = time.perf_counter()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import secrets
@@ -11,7 +12,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -94,16 +95,25 @@ def cable_to(port: int, directory: Path) -> Iterator[Cable]:
 
 
 class Replica:
-    """One ``firstfix serve``, stopped and started at will."""
+    """One ``firstfix serve``, stopped and started at will.
 
-    def __init__(self, directory: Path, settings: Mapping[str, object]) -> None:
+    Args:
+        command: in its place.
+    """
+
+    def __init__(
+        self, directory: Path, settings: Mapping[str, object], command: Sequence[str] | None = None
+    ) -> None:
         directory.mkdir(parents=True, exist_ok=True)
         self.port = free_port()
         self.url = f"http://127.0.0.1:{self.port}"
+        listens = settings.get("zenoh_listen")
+        self.endpoint = str(listens[0]) if isinstance(listens, list) else ""
         self.log = directory / "service.log"
         given = {"port": self.port, "work_dir": directory / "work", "cache_dir": directory / "cache"}
         named = {f"FIRSTFIX_{name.upper()}": _text(value) for name, value in {**given, **settings}.items()}
         self._environment = {**os.environ, **named}
+        self._command = command or [sys.executable, "-m", "firstfix_cli.main", "serve"]
         self._process: subprocess.Popen[bytes] | None = None
 
     @property
@@ -112,9 +122,8 @@ class Replica:
         return self._process.pid
 
     def start(self) -> Replica:
-        command = [sys.executable, "-m", "firstfix_cli.main", "serve"]
         with self.log.open("ab") as out:
-            self._process = subprocess.Popen(command, stdout=out, stderr=out, env=self._environment)
+            self._process = subprocess.Popen(self._command, stdout=out, stderr=out, env=self._environment)
         return self
 
     def wait_until_ready(self) -> None:
@@ -153,9 +162,26 @@ def _text(value: object) -> str:
     return json.dumps(value) if isinstance(value, (list, tuple, bool)) else str(value)
 
 
+class Balancer:
+    """A haproxy before replicas: each query to the least busy, to another where one fails."""
+
+    def __init__(self, port: int) -> None:
+        self.url = f"http://127.0.0.1:{port}"
+
+    def wait_until_all_up(self) -> None:
+        """For it to know that the replicas are ready."""
+        deadline = time.monotonic() + START_S
+        while time.monotonic() < deadline:
+            table = httpx.get(f"{self.url}/balancer;csv", timeout=10.0).raise_for_status().text
+            rows = list(csv.DictReader(table.removeprefix("# ").splitlines()))
+            if all(row["status"] == "UP" for row in rows if row["svname"].startswith("r")):
+                return
+            time.sleep(0.1)
+        raise RuntimeError("the balancer does not find every replica ready")
+
+
 @contextmanager
-def balancer(replicas: list[Replica], directory: Path) -> Iterator[str]:
-    """The URL of a haproxy before them: each query to the least busy, to another where one fails."""
+def balancer(replicas: list[Replica], directory: Path) -> Iterator[Balancer]:
     port, config = free_port(), directory / "haproxy.cfg"
     servers = [f"  server r{i} 127.0.0.1:{one.port} check" for i, one in enumerate(replicas)]
     lines = [
@@ -170,12 +196,14 @@ def balancer(replicas: list[Replica], directory: Path) -> Iterator[str]:
         "  option redispatch 1",
         "  option http-buffer-request",
         "  retry-on conn-failure empty-response response-timeout 503",
+        "  timeout check 5s",
         "  default-server inter 500ms fall 1 rise 1 on-marked-down shutdown-sessions",
         f"listen firstfix\n  bind 127.0.0.1:{port}\n  balance leastconn\n  option httpchk GET /readyz",
+        "  stats enable\n  stats uri /balancer",
         *servers,
     ]
     config.write_text("\n".join(lines) + "\n")
     log = directory / "haproxy.log"
     with program(["haproxy", "-db", "-f", str(config)], log):
         wait_for_port(port, log)
-        yield f"http://127.0.0.1:{port}"
+        yield Balancer(port)

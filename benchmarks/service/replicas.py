@@ -48,9 +48,9 @@ def replicas_suite(
             one.start()
         for one in replicas:
             one.wait_until_ready()
-        url = stack.enter_context(balancer(replicas, directory))
-        time.sleep(2.0)  # for the balancer to see them
-        connect = partial(ask_over_http, url, MAP)
+        proxy = stack.enter_context(balancer(replicas, directory))
+        proxy.wait_until_all_up()
+        connect = partial(ask_over_http, proxy.url, MAP)
         figures: dict[str, Any] = {"replicas": count}
         assert _serving(replicas) == {second}
 
@@ -70,7 +70,8 @@ def replicas_suite(
             replicas[1].end(signal.SIGKILL)
             time.sleep(5.0)
             replicas[1].start().wait_until_ready()
-            time.sleep(3.0)
+            proxy.wait_until_all_up()
+            time.sleep(2.0)
         figures["killed_and_restarted"] = _seen(crowd.asked)
 
         with Crowd(connect, bodies, CLIENTS) as crowd:
@@ -90,7 +91,7 @@ def replicas_suite(
             for one in replicas:
                 one.end(signal.SIGTERM)
                 one.start().wait_until_ready()
-                time.sleep(1.5)
+                proxy.wait_until_all_up()
         figures["rolling_restart"] = _seen(crowd.asked)
     return figures
 

@@ -17,12 +17,13 @@ from .loading import cold_load, hot_swap
 from .many_maps import many_maps
 from .place import Place, make_place
 from .programs import free_port, replica
+from .replica_memory import replica_memory
 from .replicas import replicas_suite
 from .throughput import body_of, overhead, throughput
 
 WORK = Path(__file__).parents[2] / "build" / "bench" / "service"
 SCANS = 60
-PARTS = ("overhead", "throughput", "cold_load", "hot_swap", "replicas", "many_maps")
+PARTS = ("overhead", "throughput", "cold_load", "hot_swap", "replicas", "many_maps", "replica_memory")
 
 
 def run(quick: bool) -> dict[str, Any]:
@@ -53,6 +54,8 @@ def measure(place: Place, parts: Iterable[str], *, quick: bool = False) -> dict[
                 figures[part] = replicas_suite(place, bodies, directory, cut_s=5.0 if quick else 60.0)
             elif part == "many_maps":
                 figures[part] = many_maps(place, bodies, directory, rounds=1 if quick else 3)
+            elif part == "replica_memory":
+                figures[part] = replica_memory(place, bodies, directory)
             else:
                 raise ValueError(f"no part {part!r}; there are {', '.join(PARTS)}")
         print(part, figures[part], flush=True)

@@ -13,13 +13,14 @@ from firstfix.errors import InvalidOption, NotFound
 from firstfix.localization import Localization
 from firstfix.options import LocalizeOptions
 from firstfix.scan import Scan
+from firstfix.scan_sequence import ScanSequence
 
-from .arguments import cache_directory, client_of
+from .arguments import PATIENCE_S, cache_directory, client_of
 
 if TYPE_CHECKING:
     from firstfix_client.scan_body import Encoding
 
-Answerer = Callable[[Scan, LocalizeOptions], Localization]
+Answerer = Callable[[Scan | ScanSequence, LocalizeOptions], Localization]
 
 
 @contextmanager
@@ -46,9 +47,10 @@ def answerer(
     if store is not None:
         yield _in_process(map_id, store, encoding)
     elif zenoh is not None:
-        from firstfix_client import ZenohClient
+        from firstfix_client import RetryPolicy, ZenohClient
 
-        with ZenohClient(zenoh, timeout_s=timeout_s) as zenoh_client:
+        retry = RetryPolicy(patience_s=PATIENCE_S)
+        with ZenohClient(zenoh, timeout_s=timeout_s, retry=retry) as zenoh_client:
             yield lambda scan, options: zenoh_client.localize(
                 scan, map_id=map_id, options=options, encoding=encoding
             )
@@ -84,7 +86,7 @@ def _in_process(map_id: str, store: str, encoding: Encoding) -> Answerer:
 
     loaded: dict[str | None, tuple[str, Localizer]] = {}
 
-    def answer(scan: Scan, options: LocalizeOptions) -> Localization:
+    def answer(scan: Scan | ScanSequence, options: LocalizeOptions) -> Localization:
         if options.version not in loaded:
             version, directory = fetch_active_version(store, map_id, options.version)
             loaded[options.version] = version, Localizer(MapIndex.load(directory))

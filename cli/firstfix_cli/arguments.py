@@ -13,7 +13,14 @@ if TYPE_CHECKING:
 
 DEFAULT_URL = "http://127.0.0.1:8080"
 
-Url = Annotated[str | None, typer.Option(help=f"Address of the service over HTTP [default: {DEFAULT_URL}].")]
+PATIENCE_S = 5.0  # a person is told soon that nobody is there
+Url = Annotated[
+    str | None,
+    typer.Option(
+        help="Address of the service over HTTP, or of several replicas with commas between "
+        f"[default: FIRSTFIX_URL of the environment, else {DEFAULT_URL}]."
+    ),
+]
 Zenoh = Annotated[
     str | None, typer.Option(metavar="ENDPOINT", help="zenoh endpoint, such as tcp/localhost:7447.")
 ]
@@ -41,6 +48,7 @@ def cache_directory(name: str) -> Path:
 
 
 def client_of(url: str | None, timeout_s: float = 10.0) -> Client:
-    from firstfix_client import Client
+    from firstfix_client import Client, RetryPolicy
 
-    return Client(url or os.environ.get("FIRSTFIX_URL") or DEFAULT_URL, timeout_s=timeout_s)
+    asked = url or os.environ.get("FIRSTFIX_URL") or DEFAULT_URL
+    return Client(asked, timeout_s=timeout_s, retry=RetryPolicy(patience_s=PATIENCE_S))

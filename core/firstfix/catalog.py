@@ -259,6 +259,7 @@ class Catalog(BuildRecords):
             return True
 
         self._map_log(map_id).append(Event.ACTIVATED, version, needed=needed)
+        self._note(map_id)
         return version
 
     def retire(self, map_id: str, version: str, *, force: bool = False) -> None:

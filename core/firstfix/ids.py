@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import uuid
+from datetime import datetime, timezone
 
 from .errors import InvalidOption
 
@@ -26,6 +28,11 @@ def check_build_id(build_id: str) -> str:
         InvalidOption: another form.
     """
     return _checked("build id", build_id)
+
+
+def new_build_id() -> str:
+    """The time first, so that builds sort by age."""
+    return f"{datetime.now(timezone.utc):%Y%m%dt%H%M%S%f}-{uuid.uuid4().hex[:8]}"
 
 
 def check_upload_id(upload_id: str) -> str:

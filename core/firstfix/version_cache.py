@@ -12,6 +12,7 @@ A file store's version is not copied: its files are verified and mapped where th
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import json
 import os
@@ -21,7 +22,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from .errors import CorruptVersion, NotFound
+from .errors import CorruptVersion, NotFound, OutOfSpace
 from .manifest import Manifest, verify_file
 from .store import Store
 
@@ -37,10 +38,11 @@ def fetch_version_files(store: Store, folder: str, version: str, manifest: Manif
 
     Raises:
         CorruptVersion: a file is missing or differs from the manifest, in the store itself.
+        OutOfSpace: this disk is full.
     """
     directory.mkdir(parents=True, exist_ok=True)
     marker = directory / f".{version}.verified"
-    with locked(directory / f".{version}.lock"):
+    with _full_disk_told(), locked(directory / f".{version}.lock"):
         in_place = _folder_in_place(store, folder, manifest)
         if in_place is not None:
             if not _is_verified(marker, manifest, in_place):
@@ -74,6 +76,16 @@ def fetch_version_files(store: Store, folder: str, version: str, manifest: Manif
         part.rename(target)
         _mark_verified(marker, manifest, target)
         return target
+
+
+@contextmanager
+def _full_disk_told() -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        raise OutOfSpace("the disk for fetched versions is full") from None
 
 
 def _folder_in_place(store: Store, folder: str, manifest: Manifest) -> Path | None:

@@ -7,7 +7,6 @@ import shutil
 import uuid
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from datetime import datetime, timezone
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Request, Response
@@ -15,7 +14,7 @@ from fastapi.responses import JSONResponse
 
 from firstfix.errors import Conflict, NotFound, UnsupportedFormat
 from firstfix.idempotency import claim_build
-from firstfix.ids import is_name
+from firstfix.ids import is_name, new_build_id
 
 from .api_models import Build, MapDetails, MapPage
 from .authorize import CallerDep
@@ -50,8 +49,7 @@ async def post_map(
     ] = None,
 ) -> Response:
     """Hands in a map: it is built into a new version, which then becomes the active one."""
-    # The time first, so that builds sort by age.
-    build_id = f"{datetime.now(timezone.utc):%Y%m%dt%H%M%S%f}-{uuid.uuid4().hex[:8]}"
+    build_id = new_build_id()
     async with _received(request, parts, caller) as submission:
         if idempotency_key is not None:
             fingerprint = await asyncio.to_thread(submission.fingerprint)

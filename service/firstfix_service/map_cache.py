@@ -77,8 +77,13 @@ class MapCache:
         self._published: set[str] = set()  # maps with a version
         self._waiting: dict[tuple[str, str | None], list[Future[Lease]]] = {}
         self._threads = ThreadPoolExecutor(LOADERS, thread_name_prefix="map-loader")
-        self.map_ids: tuple[str, ...] = ()  # maps with a version, as of the last poll
         self.polled = False
+
+    @property
+    def map_ids(self) -> list[str]:
+        """Maps with a version, as of the last poll or a query since, in order."""
+        with self._lock:
+            return sorted(self._published)
 
     @property
     def serving(self) -> dict[str, str]:
@@ -143,7 +148,6 @@ class MapCache:
             except FirstfixError as error:
                 _log.warning("cannot serve", map_id=map_id, code=error.code, error=str(error))
         with self._lock:
-            self.map_ids = tuple(sorted(self._published))
             missing = [] if self.polled else sorted(self._pinned - self._serving.keys())
         for map_id in missing:
             _log.warning("a pinned map is not served", map_id=map_id)

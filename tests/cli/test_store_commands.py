@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import json
 import os
+from pathlib import Path
 
 import pytest
 import yaml
 
+from firstfix.build_config import BuildConfig
 from firstfix.catalog import Catalog
 from firstfix.errors import InvalidOption, NotFound
 from firstfix.manifest import Manifest
 from firstfix.store import Store
 from firstfix_cli.answerer import fetch_active_version
+from firstfix_cli.commands.build import Axis, _given
 from firstfix_cli.main import run
 
 SELF_TEST = {
@@ -140,10 +143,11 @@ def test_serve_takes_the_environment_under_the_command_line(monkeypatch, tmp_pat
         settings_of(**nothing)
 
 
-def test_the_command_line_goes_over_the_config_file(tmp_path):
-    pytest.importorskip("open3d")
-    from firstfix_cli.commands.build import Axis, _config
+def _config(path: Path | None, sensor: str | None, axis: Axis | None) -> BuildConfig:
+    return BuildConfig.parse(_given(path, sensor, axis))
 
+
+def test_the_command_line_goes_over_the_config_file(tmp_path):
     path = tmp_path / "build.yaml"
     path.write_text("sensor: vlp-16\naxis: y-up\nviewpoints: {spacing_m: 2.5}\n")
     plain = _config(path, None, None)
@@ -157,9 +161,6 @@ def test_the_command_line_goes_over_the_config_file(tmp_path):
 
 
 def test_configs_that_cannot_be_used_are_clear(tmp_path):
-    pytest.importorskip("open3d")
-    from firstfix_cli.commands.build import _config
-
     with pytest.raises(NotFound, match=r"nothere\.yaml"):
         _config(tmp_path / "nothere.yaml", None, None)
     with pytest.raises(NotFound, match=r"sensor\.yaml"):
@@ -175,3 +176,23 @@ def test_a_world_is_made_for_trying(tmp_path, capsys):
     pytest.importorskip("open3d")
     assert ended(["world", "atlantis", "-o", tmp_path]) == 2
     assert "no world 'atlantis'" in capsys.readouterr().err
+
+
+def test_maps_are_built_again_and_stores_copied(versions, tmp_path, capsys):
+    store = Store.open(str(tmp_path / "store"))
+    catalog = Catalog(store)
+    assert ended(["maps", "rebuild", "hall", "--store", tmp_path / "store"]) == 2
+    assert "hand the map in again" in capsys.readouterr().err
+    (tmp_path / "cloud.xyz").write_text("0 0 0")
+    key = f"maps/hall/sources/{catalog.put_source('hall', tmp_path / 'cloud.xyz')}"
+    catalog.put_build("b1", {"map_id": "hall", "source": {"key": key}, "trajectory": None, "config": {}})
+    files = tmp_path / "three"
+    files.mkdir()
+    catalog.publish("hall", files, Manifest.for_directory(files), build_id="b1")
+    assert ended(["maps", "rebuild", "hall", "--store", tmp_path / "store"]) == 0
+    (build_id,) = set(catalog.build_ids()) - {"b1"}
+    assert build_id in capsys.readouterr().out
+    assert ended(["copy-store", tmp_path / "store", tmp_path / "copy", "--json"]) == 0
+    copied = json.loads(capsys.readouterr().out)
+    assert copied["damaged"] == []
+    assert Catalog(Store.open(str(tmp_path / "copy"))).build_ids() == catalog.build_ids()

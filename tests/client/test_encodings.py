@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from answer_server import AnswerServer, ok, problem
 from fake_answers import SCAN, answer_bytes
-from test_http_client import Server, ok, problem
 
 from firstfix import wire_query
 from firstfix.compact_scan import CompactScan, ScanDescriptor
@@ -20,8 +20,8 @@ from firstfix_client import Client
 
 
 @pytest.fixture
-def server() -> Iterator[Server]:
-    running = Server()
+def server() -> Iterator[AnswerServer]:
+    running = AnswerServer()
     yield running
     running.stop()
 
@@ -35,7 +35,7 @@ def of_range(max_range_m: float) -> EngineConfig:
     return EngineConfig(descriptor=OccupancyConfig(max_range_m=max_range_m))
 
 
-def asked(server: Server) -> list[str]:
+def asked(server: AnswerServer) -> list[str]:
     return [f"{method} {path}" for method, path, *_ in server.requests]
 
 

@@ -5,16 +5,13 @@ from __future__ import annotations
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
-import uvicorn
-from fake_answers import LOCALIZED, REJECTED, SCAN, T_MAP_SENSOR, answer_bytes, problem_bytes
-from starlette.applications import Starlette
-from starlette.requests import Request
+from answer_server import AnswerServer, ok, problem
+from fake_answers import LOCALIZED, REJECTED, SCAN, T_MAP_SENSOR, answer_bytes
 from starlette.responses import Response
-from starlette.routing import Route
 
 from firstfix import wire
 from firstfix.errors import (
@@ -33,51 +30,11 @@ from firstfix_client import Client, RetryPolicy, ServiceUnreachable
 QUICK = RetryPolicy(attempts=4, first_wait_s=0.01, max_wait_s=0.05)
 
 
-class Server:
-    """One route for everything: answers with what the test queued, the last one again and again."""
-
-    def __init__(self) -> None:
-        self.requests: list[tuple[str, str, dict[str, str], dict[str, str], bytes]] = []
-        self.raw_paths: list[bytes] = []
-        self.answers: list[Response | Callable[[], Response]] = []
-        app = Starlette(routes=[Route("/{path:path}", self._answer, methods=["GET", "POST", "DELETE"])])
-        self.socket = socket.create_server(("127.0.0.1", 0))
-        self.url = f"http://127.0.0.1:{self.socket.getsockname()[1]}"
-        self._server = uvicorn.Server(uvicorn.Config(app, log_level="error"))
-        self._thread = threading.Thread(target=self._server.run, args=([self.socket],), daemon=True)
-        self._thread.start()
-
-    async def _answer(self, request: Request) -> Response:
-        body = await request.body()
-        self.raw_paths.append(request.scope["raw_path"])
-        query, headers = dict(request.query_params), dict(request.headers)
-        self.requests.append((request.method, request.url.path, query, headers, body))
-        answer = self.answers.pop(0) if len(self.answers) > 1 else self.answers[0]
-        if isinstance(answer, Response):
-            return answer
-        from anyio import to_thread
-
-        return await to_thread.run_sync(answer)
-
-    def stop(self) -> None:
-        self._server.should_exit = True
-        self._server.force_exit = True
-        self._thread.join(5)
-
-
 @pytest.fixture
-def server() -> Iterator[Server]:
-    running = Server()
+def server() -> Iterator[AnswerServer]:
+    running = AnswerServer()
     yield running
     running.stop()
-
-
-def ok(body: bytes = b"{}", status: int = 200, **headers: str) -> Response:
-    return Response(body, status, headers, media_type="application/json")
-
-
-def problem(code: str, status: int, **headers: str) -> Response:
-    return Response(problem_bytes(code), status, headers, media_type="application/problem+json")
 
 
 def test_a_fix_is_a_typed_answer(server):

@@ -21,7 +21,7 @@ from firstfix.errors import FirstfixError, InvalidOption, NotFound, Overloaded
 from firstfix.localization import Verdict
 from firstfix.options import LocalizeOptions
 from firstfix.query_parameters import QueryParameters
-from firstfix_client import RetryPolicy, ServiceUnreachable, ZenohClient
+from firstfix_client import HedgePolicy, RetryPolicy, ServiceUnreachable, ZenohClient
 
 zenoh = pytest.importorskip("zenoh")
 QUICK = RetryPolicy(attempts=6, first_wait_s=0.01, max_wait_s=0.05)
@@ -174,10 +174,49 @@ def test_a_replica_that_hangs_leaves_time_for_another(replica, client):
     assert good.queries
 
 
+def test_a_replica_that_is_slow_is_raced(replica, router):
+    held = []
+    slow = replica("r1", held.append)  # keeps the query open
+    good = replica("r2")
+    with ZenohClient(router, timeout_s=20.0, retry=QUICK, hedge=HedgePolicy(after_s=0.1)) as client:
+        started = time.monotonic()
+        while not slow.queries:
+            assert client.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
+        assert time.monotonic() - started < 10, "half of the timeout, and it was not waited for"
+    assert good.queries[-1][3] == slow.queries[0][3], "the same query"
+
+
+@pytest.mark.parametrize("token", [True, False])
+def test_a_query_that_got_lost_is_sent_again(replica, client, token):
+    held = []
+
+    def loses_the_first(query: Any) -> None:
+        if held:
+            answers(query)
+        else:
+            held.append(query)  # keeps it open
+
+    only = replica("r1", loses_the_first, token=token)
+    assert client.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
+    assert len(only.queries) == 2
+
+
+def test_a_slow_replica_is_waited_for_when_the_other_fails(replica, router):
+    def late(query: Any) -> None:
+        time.sleep(0.5)
+        answers(query)
+
+    slow, busy = replica("r1", late), replica("r2", complains("overloaded"))
+    with ZenohClient(router, timeout_s=20.0, retry=QUICK, hedge=HedgePolicy(after_s=0.05)) as client:
+        for _ in range(4):
+            assert client.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
+    assert slow.queries
+    assert busy.queries
+
+
 def test_a_replica_that_comes_late_is_found(replica, client):
     threading.Timer(0.3, lambda: replica("r1")).start()
-    patient = RetryPolicy(attempts=200, first_wait_s=0.05, max_wait_s=0.05)
-    client._retry = patient
+    client._retry = RetryPolicy()
     assert client.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
 
 

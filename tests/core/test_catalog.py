@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -16,6 +17,7 @@ from firstfix.errors import (
     IncompatibleVersion,
     InvalidOption,
     NotFound,
+    OutOfSpace,
     StoreUnavailable,
     TooLarge,
 )
@@ -295,6 +297,17 @@ def test_a_killed_download_is_gone_on_with(tmp_path: Path) -> None:
     assert store.asked == []
 
 
+def test_a_full_disk_is_said_to_be_full(tmp_path: Path) -> None:
+    class Full(Store):
+        def download(self, key: str, path: Path) -> str:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    catalog = Catalog(Full.open("memory://"))
+    version = catalog.publish("hall", tmp_path / "made", make_version(tmp_path / "made"))
+    with pytest.raises(OutOfSpace):
+        catalog.fetch_version("hall", version, tmp_path / "cache")
+
+
 def test_garbage_is_what_nobody_can_see(catalog: Catalog, tmp_path: Path) -> None:
     kept = catalog.publish("hall", tmp_path / "kept", make_version(tmp_path / "kept", b"kept"))
     gone = catalog.publish("hall", tmp_path / "gone", make_version(tmp_path / "gone", b"gone"))
@@ -337,6 +350,9 @@ def test_every_change_leaves_a_notice(catalog: Catalog, tmp_path: Path) -> None:
     catalog.activate("hall", one)
     catalog.retire("hall", two)
     assert catalog.changes.since(3) == (["hall"], 5)
+    three = catalog.publish("hall", tmp_path / "3", make_version(tmp_path / "3", b"3"))
+    assert catalog.roll_back("hall") == one != three
+    assert catalog.changes.since(6) == (["hall"], 7)
 
 
 def test_a_notice_that_cannot_be_written_does_not_undo_the_change(

@@ -13,6 +13,8 @@ import pytest
 from service_world import Service, running_service, wait_for
 
 from firstfix.build_records import FINAL_STATES
+from firstfix.manifest import Manifest
+from firstfix.rebuild import rebuild
 
 WORKER = (sys.executable, str(Path(__file__).with_name("fake_worker.py")))
 CLOUD = b"0 0 0\n1 1 1\n"
@@ -23,9 +25,9 @@ def building_service(directory: Path, **changes: Any):
     return running_service(directory, **values)
 
 
-def upload(service: Service, map_id: str = "hall", do: str = "succeed") -> httpx.Response:
+def upload(service: Service, map_id: str = "hall", do: str = "succeed", **config: Any) -> httpx.Response:
     """Hands in a map whose build, by the fake worker, does what its sensor is called."""
-    config = {"sensor": {"preset": "vlp-16", "name": do}}
+    config = {"sensor": {"preset": "vlp-16", "name": do}, **config}
     return service.http.post(
         "/maps",
         data={"map_id": map_id, "config": json.dumps(config)},
@@ -264,3 +266,15 @@ def test_a_file_larger_than_a_batch_arrives_whole(recorder: Service):
     request = recorder.catalog.build_request(response.json()["build_id"])
     assert recorder.catalog.store.get(request["source"]["key"]) == data
     assert request["trajectory"] is None
+
+
+def test_a_map_is_built_again_from_what_was_kept(tmp_path: Path):
+    (tmp_path / "made").mkdir()
+    manifest = Manifest.for_directory(tmp_path / "made")
+    with building_service(tmp_path) as service:
+        first = wait_until_ended(service, upload(service))
+        # the fake worker publishes nothing
+        service.catalog.publish("hall", tmp_path / "made", manifest, build_id=first["build_id"])
+        build_id = rebuild(service.catalog, "hall")
+        wait_for(lambda: service.catalog.build_status(build_id)["state"] in FINAL_STATES)
+        assert service.catalog.build_status(build_id)["state"] == "succeeded"

@@ -11,7 +11,7 @@ from service_world import Service, publish, running_service
 
 from firstfix.build_records import new_status
 from firstfix.errors import ChecksumMismatch, Conflict, DeadlineExceeded, NotFound
-from firstfix_client import Client, RetryPolicy, build_calls, resumable_upload
+from firstfix_client import Client, RetryPolicy, build_steps, upload_steps
 
 DATA = bytes(range(256)) * 200
 QUICK = RetryPolicy(attempts=6, first_wait_s=0.01, max_wait_s=0.05)
@@ -47,8 +47,8 @@ class Breaks(httpx.HTTPTransport):
 
 @pytest.fixture
 def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(resumable_upload, "PART_BYTES", 5000)
-    monkeypatch.setattr(build_calls, "IN_PARTS_FROM_BYTES", 10_000)
+    monkeypatch.setattr(upload_steps, "PART_BYTES", 5000)
+    monkeypatch.setattr(build_steps, "IN_PARTS_FROM_BYTES", 10_000)
 
 
 def file_of(tmp_path: Path, data: bytes = DATA) -> Path:
@@ -81,7 +81,7 @@ def test_what_a_map_was_made_of_does_not_stay(service: Service, tmp_path: Path):
 def test_a_file_that_changes_while_it_is_read_is_no_map(
     service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(resumable_upload, "_sha256", lambda path: "0" * 64)
+    monkeypatch.setattr(upload_steps, "_sha256", lambda path: "0" * 64)
     with Client(service.url, retry=QUICK) as client, pytest.raises(ChecksumMismatch):
         client.build_map(file_of(tmp_path), "hall")
     assert service.catalog.build_ids() == []

@@ -122,7 +122,7 @@ def test_the_poll_loads_maps_ahead_of_their_first_query(world: World):
     cache.poll()
     assert cache.polled
     assert world.behaviour.loads == ["1"]
-    assert cache.map_ids == ("hall",)
+    assert cache.map_ids == ["hall"]
 
 
 @pytest.mark.parametrize("how", ["altered file", "cannot be understood"])
@@ -463,12 +463,12 @@ def test_a_map_is_followed_although_its_notice_was_lost(world: World, monkeypatc
     for _ in range(4):
         cache.poll()
     assert cache.serving == {"hall": second, "attic": other}
-    assert cache.map_ids == ("attic", "hall")
+    assert cache.map_ids == ["attic", "hall"]
     for key in world.catalog.store.list("maps/attic"):
         world.catalog.store.delete(key)
     for _ in range(4):
         cache.poll()
-    assert cache.map_ids == ("hall",)
+    assert cache.map_ids == ["hall"]
     assert cache.serving == {"hall": second}
 
 

@@ -95,7 +95,11 @@ def worker_pids() -> list[int]:
 
 def mapped_versions(pid: int) -> set[str]:
     """Digests of the versions whose files a process has mapped."""
-    return set(re.findall(r"/versions/([0-9a-f]{64})/", Path(f"/proc/{pid}/maps").read_text()))
+
+    def seen() -> set[str]:
+        return set(re.findall(r"/versions/([0-9a-f]{64})/", Path(f"/proc/{pid}/maps").read_text()))
+
+    return seen() & seen()  # one look is no snapshot: a version may go and another come while it is read
 
 
 def rss_mib(pid: int) -> float:

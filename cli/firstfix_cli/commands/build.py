@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..arguments import AsJson, cache_directory
+from ..arguments import AsJson, Url, cache_directory
 from ..self_test_lines import self_test_lines
 
 if TYPE_CHECKING:
@@ -30,7 +30,14 @@ class ExecutorName(str, Enum):
 def build(
     source: Annotated[Path, typer.Argument(metavar="MAP", help="Cloud, mesh or SLAM folder.")],
     map_id: Annotated[str, typer.Option(help="Id that the map gets: a-z, 0-9, _ and -.")],
-    store: Annotated[str, typer.Option(help="Object store: a directory, s3://..., gs://..., az://...")],
+    store: Annotated[
+        str | None,
+        typer.Option(
+            help="Object store: a directory, s3://..., gs://..., az://... It is built here then; "
+            "without it a service builds it."
+        ),
+    ] = None,
+    url: Url = None,
     sensor: Annotated[
         str | None, typer.Option(help="LiDAR preset, or the path of a sensor YAML [default: os1-64].")
     ] = None,
@@ -43,16 +50,45 @@ def build(
         Path | None, typer.Option(help="Where finished stages are kept, so that a build resumes.")
     ] = None,
     executor: Annotated[ExecutorName, typer.Option(help="Who does the work.")] = ExecutorName.threads,
+    no_wait: Annotated[
+        bool, typer.Option("--no-wait", help="Hand the map to the service and print the build's id.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Build a map's index, test it, and publish it as the active version."""
-    from firstfix.catalog import Catalog
+    """Build a map's index, test it, and publish it as the active version: here, or by a service."""
+    from firstfix.errors import InvalidOption
     from firstfix.ids import check_map_id
+
+    check_map_id(map_id)
+    if store is None:
+        if work is not None:
+            raise InvalidOption("--work is for builds with --store, in this process")
+        from ..remote_build import remote_build
+
+        given = _given(config, sensor, axis)
+        said = remote_build(source, map_id, given, trajectory, url, _progress, wait=not no_wait)
+        typer.echo(json.dumps(said) if as_json else "\n".join(_lines(said)))
+        return
+    if url is not None or no_wait:
+        raise InvalidOption("give one of --url and --store; --no-wait goes with --url")
+    _build_here(source, map_id, store, _given(config, sensor, axis), trajectory, work, as_json)
+
+
+def _build_here(
+    source: Path,
+    map_id: str,
+    store: str,
+    given: dict[str, Any],
+    trajectory: Path | None,
+    work: Path | None,
+    as_json: bool,
+) -> None:
+    from firstfix.build_config import BuildConfig
+    from firstfix.catalog import Catalog
     from firstfix.store import Store
     from firstfix_builder.pipeline import build_version
 
-    check_map_id(map_id)
-    settings = _config(config, sensor, axis)
+    settings = BuildConfig.parse(given)
     opened = Store.open(store)
     opened.probe()  # before the work, not after it
     with _progress() as progress:
@@ -69,26 +105,31 @@ def build(
     _print(map_id, version, built.manifest, as_json)
 
 
-def _config(path: Path | None, sensor: str | None, axis: Axis | None) -> Any:
-    """The build's config: the file, with what the command line says put over it."""
+def _given(path: Path | None, sensor: str | None, axis: Axis | None) -> dict[str, Any]:
+    """The build's config as far as it is given: the file, with what the command line says put over it."""
     import yaml
 
     from firstfix.build_config import BuildConfig
     from firstfix.errors import InvalidOption, NotFound
 
+    values: dict[str, Any] = {}
+    reading: object = path
     try:
-        base = BuildConfig() if path is None else BuildConfig.from_file(path)
-        values = base.to_mapping()
+        if path is not None:
+            BuildConfig.from_file(path)  # its errors name the file
+            values = yaml.safe_load(path.read_text()) or {}
         if axis is not None:
             values["axis"] = axis.value
         if sensor is not None:
+            reading = sensor
             is_file = sensor.endswith((".yaml", ".yml", ".json"))
             values["sensor"] = yaml.safe_load(Path(sensor).read_text()) if is_file else sensor
     except FileNotFoundError as error:
         raise NotFound(f"{error.filename}: no such file") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InvalidOption(f"{sensor}: {error}") from None
-    return BuildConfig.parse(values)
+        raise InvalidOption(f"{reading}: {error}") from None
+    BuildConfig.parse(values)
+    return values
 
 
 @contextmanager
@@ -115,19 +156,24 @@ def _progress() -> Iterator[Callable[[str, float], None]]:
 
 
 def _print(map_id: str, version: str, manifest: Manifest, as_json: bool) -> None:
-    tested: dict[str, Any] = dict(manifest.self_test)
-    if as_json:
-        answer = {
-            "map_id": map_id,
-            "version": version,
-            "counts": dict(manifest.counts),
-            "bytes": manifest.total_bytes,
-            "self_test": tested,
-        }
-        typer.echo(json.dumps(answer))
-        return
-    typer.echo(f"published {map_id}, version {version}")
-    counts = ", ".join(f"{count:,} {name.replace('_', ' ')}" for name, count in manifest.counts.items())
-    typer.echo(f"  {counts}, {manifest.total_bytes / 1e6:,.0f} MB")
-    for line in self_test_lines(tested):
-        typer.echo(f"  {line}")
+    said = {
+        "map_id": map_id,
+        "version": version,
+        "counts": dict(manifest.counts),
+        "bytes": manifest.total_bytes,
+        "self_test": dict(manifest.self_test),
+    }
+    typer.echo(json.dumps(said) if as_json else "\n".join(_lines(said)))
+
+
+def _lines(said: dict[str, Any]) -> list[str]:
+    """What ``--json`` says, for people."""
+    if "version" not in said:
+        return [f"build {said['build_id']} of {said['map_id']} is {said['state']}"]
+    counts = ", ".join(f"{count:,} {name.replace('_', ' ')}" for name, count in said["counts"].items())
+    size = f", {said['bytes'] / 1e6:,.0f} MB" if "bytes" in said else ""  # a service does not say it
+    return [
+        f"published {said['map_id']}, version {said['version']}",
+        f"  {counts}{size}",
+        *(f"  {line}" for line in self_test_lines(said["self_test"])),
+    ]

@@ -41,7 +41,9 @@ def evaluate(
     random_yaw: Annotated[
         int | None, typer.Option(metavar="SEED", help="Turn every scan by a random yaw.")
     ] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", help="Write the figures here; -: print them and nothing else.")
+    ] = None,
     details: Annotated[Path | None, typer.Option(help="Write one CSV row a scan here.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw map, truth and answers into this PNG.")] = None,
     version: Annotated[
@@ -73,9 +75,7 @@ def evaluate(
     with answerer(map_id, url=url, zenoh=zenoh, store=asked, timeout_s=timeout_s, encoding=encoding) as ask:
         outcomes, scans = _outcomes(rows, ask, random_yaw, version)
     report = report_of(outcomes)
-    typer.echo("\n".join(_lines(report, outcomes)))
-    if json_file is not None:
-        json_file.write_text(json.dumps(report, indent=1) + "\n")
+    _tell(_lines(report, outcomes), report, json_file)
     if details is not None:
         _write_details(details, outcomes)
     if plot is not None:
@@ -101,9 +101,17 @@ def _replay(
         raise InvalidOption("give one of --url and --store")
     with body_answerer(map_id, url=url, store=store, timeout_s=timeout_s) as ask:
         replayed = list(replay(QuerySamples(Store.open(samples)), map_id, ask, version))
-    typer.echo("\n".join(lines_of(replayed)))
+    _tell(lines_of(replayed), report_of(replayed), json_file)
+
+
+def _tell(lines: list[str], report: dict[str, Any], json_file: Path | None) -> None:
+    text = json.dumps(report, indent=1)
+    if json_file == Path("-"):
+        typer.echo(text)
+        return
+    typer.echo("\n".join(lines))
     if json_file is not None:
-        json_file.write_text(json.dumps(report_of(replayed), indent=1) + "\n")
+        json_file.write_text(f"{text}\n")
 
 
 def _outcomes(
@@ -182,4 +190,4 @@ def _draw(
         used = next((o.answer.map_version for o in outcomes if o.answer.map_version), None)
         picture = MapPicture.load(fetch_active_version(store, map_id, used)[1])
     draw(path, map_id, picture, outcomes, scans, report)
-    typer.echo(f"  picture                      {path}")
+    typer.echo(f"  picture                      {path}", err=True)

@@ -14,6 +14,7 @@ from ..arguments import AsJson, MapId, SentAs, Store, TimeoutS, Url, Zenoh
 
 if TYPE_CHECKING:
     from firstfix.localization import Localization
+    from firstfix.scan_sequence import ScanSequence
     from firstfix.transform import Matrix
 
     from ..bag_replay import Replayed
@@ -47,6 +48,14 @@ def localize(
     encoding: SentAs = "scan",
     timeout_s: TimeoutS = 30.0,
     as_json: AsJson = False,
+    odometry: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="POSES.csv",
+            help="In place of SCAN: up to 16 scans with their poses by odometry, in evaluate's form. "
+            "The answer is the pose of the last.",
+        ),
+    ] = None,
     bag: Annotated[
         Path | None,
         typer.Option(help="In place of SCAN: a ROS 1 .bag, a ROS 2 .mcap or .db3, or a ROS 2 bag's folder."),
@@ -64,9 +73,10 @@ def localize(
     ] = None,
     tum: Annotated[Path | None, typer.Option(help="Write the bag's fixes there as a TUM trajectory.")] = None,
 ) -> None:
-    """Find the pose of a scan, or of every cloud of a bag, in a map.
+    """Find the pose of a scan, of several with odometry, or of every cloud of a bag, in a map.
 
-    Exit code 0: localized, 3: ambiguous, 4: rejected. For a bag: the best of its clouds.
+    Exit code 0: localized, 3: ambiguous, 4: rejected, for a bag the best of its clouds; 1: no answer, 2: an
+    error.
     """
     from firstfix.decode import read_scan_file
     from firstfix.errors import InvalidOption
@@ -75,8 +85,8 @@ def localize(
     from ..answerer import answerer
     from ..bag_replay import Replay, replay
 
-    if (scan is None) == (bag is None):
-        raise InvalidOption("give a scan file or --bag, one of them")
+    if sum(one is not None for one in (scan, odometry, bag)) != 1:
+        raise InvalidOption("give a scan file, --odometry or --bag, one of them")
     of_a_bag = Replay(bag or Path(), topic, every, start, count, imu_topic, base_frame)
     if bag is None and (of_a_bag != Replay(Path()) or tum is not None):
         raise InvalidOption(
@@ -93,15 +103,32 @@ def localize(
     }
     options = LocalizeOptions.from_strings({k: str(v) for k, v in given.items() if v is not None})
     with answerer(map_id, url=url, zenoh=zenoh, store=store, timeout_s=timeout_s, encoding=encoding) as ask:
-        if scan is None:
+        if bag is not None:
             verdicts = _print_replay(replay(of_a_bag, ask, options), tum, as_json)
             raise typer.Exit(min(EXIT_CODES[verdict] for verdict in verdicts))
-        answer = ask(read_scan_file(scan), options)
+        answer = ask(_sequence(odometry) if scan is None else read_scan_file(scan), options)
     if as_json:
         typer.echo(json.dumps(answer.to_mapping()))
     else:
         typer.echo("\n".join(lines_of(answer)))
     raise typer.Exit(EXIT_CODES[answer.verdict.value])
+
+
+def _sequence(path: Path | None) -> ScanSequence:
+    from firstfix.decode import read_scan_file
+    from firstfix.errors import MalformedData
+    from firstfix.scan_sequence import MAX_SCANS, ScanSequence
+
+    from ..poses_csv import read_poses_csv
+
+    assert path is not None
+    rows = read_poses_csv(path)
+    poses = [row.T_map_sensor for row in rows if row.T_map_sensor is not None]
+    if len(poses) < len(rows):
+        raise MalformedData(f"{path}: every scan needs its pose by odometry")
+    if len(rows) > MAX_SCANS:  # before they are read
+        raise MalformedData(f"{path}: a query holds up to {MAX_SCANS} scans, not {len(rows)}")
+    return ScanSequence.along([read_scan_file(row.path) for row in rows], poses)
 
 
 def _print_replay(answers: Iterable[Replayed], tum: Path | None, as_json: bool) -> set[str]:

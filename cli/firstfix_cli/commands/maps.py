@@ -64,6 +64,7 @@ def activate(
     version: VersionArgument,
     url: Url = None,
     store: Store = None,
+    as_json: AsJson = False,
 ) -> None:
     """Let another version answer from now on: back or forward."""
     from ..map_admin import map_admin
@@ -72,16 +73,17 @@ def activate(
     with map_admin(url, store) as admin:
         chosen = full_version(version, (entry["version"] for entry in admin.versions(map_id)))
         admin.activate(map_id, chosen)
-    typer.echo(f"{map_id}: version {chosen} is active")
+    _print_state(map_id, chosen, "active", as_json)
 
 
 @app.command()
-def rollback(map_id: MapArgument, url: Url = None, store: Store = None) -> None:
+def rollback(map_id: MapArgument, url: Url = None, store: Store = None, as_json: AsJson = False) -> None:
     """Let the version answer that was active before; twice comes back."""
     from ..map_admin import map_admin
 
     with map_admin(url, store) as admin:
-        typer.echo(f"{map_id}: version {admin.roll_back(map_id)} is active")
+        chosen = admin.roll_back(map_id)
+    _print_state(map_id, chosen, "active", as_json)
 
 
 @app.command()
@@ -91,6 +93,7 @@ def retire(
     force: Annotated[bool, typer.Option("--force", help="Also if it is the active one.")] = False,
     url: Url = None,
     store: Store = None,
+    as_json: AsJson = False,
 ) -> None:
     """Take a version out of service; gc removes its files a day later."""
     from ..map_admin import map_admin
@@ -99,7 +102,22 @@ def retire(
     with map_admin(url, store) as admin:
         chosen = full_version(version, (entry["version"] for entry in admin.versions(map_id)))
         admin.retire(map_id, chosen, force=force)
-    typer.echo(f"{map_id}: version {chosen} is retired")
+    _print_state(map_id, chosen, "retired", as_json)
+
+
+@app.command()
+def rebuild(
+    map_ids: Annotated[list[str], typer.Argument(metavar="MAP...", help="Ids of the maps.")],
+    store: Annotated[str, typer.Option(envvar="FIRSTFIX_STORE", help="The service's object store.")],
+) -> None:
+    """Build maps again from the files and the config that their active versions were made of."""
+    from firstfix.catalog import Catalog
+    from firstfix.rebuild import rebuild as put_on_record
+    from firstfix.store import Store as ObjectStore
+
+    catalog = Catalog(ObjectStore.open(store))
+    for map_id in map_ids:
+        typer.echo(f"{map_id}: build {put_on_record(catalog, map_id)} is on record")
 
 
 @app.command("gc")
@@ -120,6 +138,11 @@ def collect_garbage(
         return
     for kind, count in found["objects"].items():
         typer.echo(f"{kind:12} {count:8,} {'objects to remove' if dry_run else 'objects removed'}")
+
+
+def _print_state(map_id: str, version: str, state: str, as_json: bool) -> None:
+    said = {"map_id": map_id, "version": version, "state": state}
+    typer.echo(json.dumps(said) if as_json else f"{map_id}: version {version} is {state}")
 
 
 def _lines(details: dict[str, Any]) -> list[str]:

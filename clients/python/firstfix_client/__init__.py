@@ -7,33 +7,42 @@
     if fix.T_map_sensor is not None:
         ...
 
-``ZenohClient`` asks the same over zenoh (extra ``firstfix[zenoh]``).
+``AsyncClient`` does the same for asyncio, ``ZenohClient`` over zenoh (with eclipse-zenoh installed).
+The names here are loaded when they are used first: a robot's program starts no slower for what it leaves.
 """
 
-from firstfix.localization import Localization, Verdict
-from firstfix.options import LocalizeOptions
-from firstfix.prior import Prior
-from firstfix.query_parameters import QueryParameters
-from firstfix.scan import Scan
-from firstfix.scan_sequence import ScanSequence
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-from .client import Client
-from .errors import ServiceUnreachable
-from .records import BuildStatus, MapInfo, VersionInfo
-from .replica_info import ReplicaInfo
-from .retry import RetryPolicy
-from .version_watch import VersionChange, VersionWatch
-from .zenoh_client import ZenohClient
+if TYPE_CHECKING:
+    from firstfix.localization import Localization, Verdict
+    from firstfix.options import LocalizeOptions
+    from firstfix.prior import Prior
+    from firstfix.query_parameters import QueryParameters
+    from firstfix.scan import Scan
+    from firstfix.scan_sequence import ScanSequence
+
+    from .async_client import AsyncClient
+    from .client import Client
+    from .errors import ServiceUnreachable
+    from .hedge import HedgePolicy
+    from .records import BuildStatus, MapInfo, VersionInfo
+    from .replica_info import ReplicaInfo
+    from .retry import RetryPolicy
+    from .version_watch import VersionChange, VersionWatch
+    from .zenoh_client import ZenohClient
 
 __all__ = [
+    "AsyncClient",
     "BuildStatus",
     "Client",
+    "HedgePolicy",
     "Localization",
     "LocalizeOptions",
     "MapInfo",
     "Prior",
-    "ReplicaInfo",
     "QueryParameters",
+    "ReplicaInfo",
     "RetryPolicy",
     "Scan",
     "ScanSequence",
@@ -44,3 +53,36 @@ __all__ = [
     "VersionWatch",
     "ZenohClient",
 ]
+
+_HOME = {
+    "AsyncClient": ".async_client",
+    "BuildStatus": ".records",
+    "Client": ".client",
+    "HedgePolicy": ".hedge",
+    "Localization": "firstfix.localization",
+    "LocalizeOptions": "firstfix.options",
+    "MapInfo": ".records",
+    "Prior": "firstfix.prior",
+    "QueryParameters": "firstfix.query_parameters",
+    "ReplicaInfo": ".replica_info",
+    "RetryPolicy": ".retry",
+    "Scan": "firstfix.scan",
+    "ScanSequence": "firstfix.scan_sequence",
+    "ServiceUnreachable": ".errors",
+    "Verdict": "firstfix.localization",
+    "VersionChange": ".version_watch",
+    "VersionInfo": ".records",
+    "VersionWatch": ".version_watch",
+    "ZenohClient": ".zenoh_client",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = globals()[name] = getattr(import_module(_HOME[name], __name__), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -3,26 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from .calls import Calls
+from .http_calls import HttpCalls
 from .records import MapInfo, VersionInfo
-from .retrying_http import parsed
+
+if TYPE_CHECKING:
+    from firstfix.query_parameters import QueryParameters
 
 
-class MapCalls(Calls):
-    """Maps, versions, and where maps lie. Part of ``Client``."""
+class MapCalls(HttpCalls):
+    """Maps, versions, and where maps lie. Part of ``Client`` and, with a URL, of ``ZenohClient``."""
 
     def maps(self) -> list[MapInfo]:
         """Every map that the service can localize in."""
-        return list(self._pages("maps", MapInfo.from_mapping, "maps"))
+        return list(self._http.items(self._http.steps.maps.maps()))
 
     def show_map(self, map_id: str) -> MapInfo:
         """
         Raises:
             NotFound: no such map.
         """
-        return parsed(self._call("GET", "maps", map_id), MapInfo.from_mapping)
+        return self._http.run(self._http.steps.maps.show_map(map_id))
+
+    def query_parameters(self, map_id: str) -> QueryParameters:
+        """How scans for the map's active version are described.
+
+        Raises:
+            NotFound: no such map, or no version of it is active.
+            UnsupportedFormat: robots cannot describe scans for it.
+        """
+        return self._http.run(self._http.steps.maps.query_parameters(map_id))
 
     def versions(self, map_id: str) -> list[VersionInfo]:
         """Versions of a map, newest first.
@@ -30,7 +41,7 @@ class MapCalls(Calls):
         Raises:
             NotFound: no such map.
         """
-        return list(self._pages("versions", VersionInfo.from_mapping, "maps", map_id, "versions"))
+        return list(self._http.items(self._http.steps.maps.versions(map_id)))
 
     def report(self, map_id: str, version: str) -> Mapping[str, Any]:
         """What a version's build measured of itself, as the service's JSON.
@@ -38,7 +49,7 @@ class MapCalls(Calls):
         Raises:
             NotFound: no such map or version.
         """
-        return parsed(self._call("GET", "maps", map_id, "versions", version, "report"), dict)
+        return self._http.run(self._http.steps.maps.report(map_id, version))
 
     def activate(self, map_id: str, version: str) -> None:
         """Lets a published version answer from now on: back or forward.
@@ -46,7 +57,7 @@ class MapCalls(Calls):
         Raises:
             NotFound: no such map or version.
         """
-        self._call("POST", "maps", map_id, "versions", version, "activate")
+        self._http.run(self._http.steps.maps.activate(map_id, version))
 
     def roll_back(self, map_id: str) -> str:
         """Lets the version answer that was active before the active one, and returns it.
@@ -55,9 +66,7 @@ class MapCalls(Calls):
             NotFound: no such map.
             Conflict: there is none.
         """
-        # twice would come back: not repeated on a connection that broke half-way
-        answer = self._call("POST", "maps", map_id, "rollback", repeatable=False)
-        return parsed(answer, lambda data: str(data["active_version"]))
+        return self._http.run(self._http.steps.maps.roll_back(map_id))
 
     def retire(self, map_id: str, version: str, *, force: bool = False) -> None:
         """Takes a version out of service.
@@ -69,13 +78,11 @@ class MapCalls(Calls):
             NotFound: no such map or version.
             Conflict: it is the active one.
         """
-        params = {"force": "true"} if force else {}
-        self._call("DELETE", "maps", map_id, "versions", version, params=params, repeatable=False)
+        self._http.run(self._http.steps.maps.retire(map_id, version, force))
 
     def collect_garbage(self, map_id: str | None = None, *, dry_run: bool = False) -> Mapping[str, Any]:
         """Removes what nothing references, of one map or of the whole store; tells what, by kind."""
-        path = ("collect-garbage",) if map_id is None else ("maps", map_id, "collect-garbage")
-        return parsed(self._call("POST", *path, params={"dry_run": str(dry_run).lower()}), dict)
+        return self._http.run(self._http.steps.maps.collect_garbage(map_id, dry_run))
 
     def set_georeference(
         self,
@@ -100,17 +107,11 @@ class MapCalls(Calls):
             NotFound: no such map.
             InvalidOption: a value is out of its range.
         """
-        body: dict[str, Any] = {
-            "latitude_deg": latitude_deg,
-            "longitude_deg": longitude_deg,
-            "height_m": height_m,
-            "anchor_m": [float(v) for v in anchor_m],
-        }
-        if x_axis_deg is not None:
-            body["x_axis_deg"] = x_axis_deg
-        if quaternion is not None:
-            body["quaternion"] = [float(v) for v in quaternion]
-        self._call("PUT", "maps", map_id, "georeference", json=body)
+        self._http.run(
+            self._http.steps.maps.set_georeference(
+                map_id, latitude_deg, longitude_deg, height_m, x_axis_deg, quaternion, anchor_m
+            )
+        )
 
     def georeference(self, map_id: str) -> Mapping[str, Any]:
         """Where the map lies, as the service's JSON.
@@ -118,11 +119,11 @@ class MapCalls(Calls):
         Raises:
             NotFound: nobody said.
         """
-        return parsed(self._call("GET", "maps", map_id, "georeference"), dict)
+        return self._http.run(self._http.steps.maps.georeference(map_id))
 
     def delete_georeference(self, map_id: str) -> None:
         """
         Raises:
             NotFound: there is none.
         """
-        self._call("DELETE", "maps", map_id, "georeference", repeatable=False)
+        self._http.run(self._http.steps.maps.delete_georeference(map_id))

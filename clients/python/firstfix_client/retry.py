@@ -15,24 +15,27 @@ MAX_RETRY_AFTER_S = 3600.0
 class RetryPolicy:
     """
     Attributes:
-        attempts: at most, the first one included; 1 turns retries off.
-        first_wait_s: longest wait before the second attempt; it doubles from there.
+        attempts: at most, the first one included; 1 turns retries off; None: as the time allows.
+        first_wait_s: longest wait before all replicas are asked again; it doubles from there.
         max_wait_s: longest wait before any, unless the service asks for more.
+        patience_s: no try begins later than this after a request's first: what has hours, as an upload has,
+            does not wait so long for a service that is not there.
     """
 
-    attempts: int = 5
+    attempts: int | None = None
     first_wait_s: float = 0.1
-    max_wait_s: float = 2.0
+    max_wait_s: float = 1.0
+    patience_s: float = 60.0
 
     def wait_s(self, attempt: int, retry_after_s: float | None = None) -> float:
-        """Seconds to wait after attempt number ``attempt`` (from 1) failed.
+        """Seconds to wait after round number ``attempt`` (from 1) failed.
 
         Random over the whole interval ("full jitter"): a fleet that lost its service together must not
         come back together. What the service asked for is never undercut.
         """
         if retry_after_s is not None:
             return retry_after_s * random.uniform(1.0, 1.25)
-        return random.uniform(0, min(self.max_wait_s, self.first_wait_s * 2 ** (attempt - 1)))
+        return random.uniform(0, min(self.max_wait_s, self.first_wait_s * 2 ** min(attempt - 1, 30)))
 
 
 class Deadline:

@@ -5,20 +5,23 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, Union
+from typing import TYPE_CHECKING, Literal, Union
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from firstfix import wire, wire_query, wire_sequence
 from firstfix.compact_scan import CompactScan
-from firstfix.condense import condense, describe
-from firstfix.decode import read_scan_file
 from firstfix.errors import InvalidOption
-from firstfix.query_parameters import QueryParameters
 from firstfix.scan import Scan
 from firstfix.scan_sequence import ScanSequence
 from firstfix.voxel_filter import even_rows
+
+if TYPE_CHECKING:
+    from firstfix.query_parameters import QueryParameters
+
+# Readers of files and makers of compact queries are imported where they are used: most programs use neither,
+# and all of them have to start.
 
 ScanLike = Union[Scan, ArrayLike, "str | os.PathLike[str]"]
 Encoding = Literal["scan", "compact", "descriptor"]
@@ -38,6 +41,8 @@ def scan_of(scan: ScanLike) -> Scan:
     if isinstance(scan, Scan):
         return scan
     if isinstance(scan, (str, os.PathLike)):
+        from firstfix.decode import read_scan_file
+
         return read_scan_file(Path(scan))
     return Scan.from_points(scan)
 
@@ -79,8 +84,12 @@ def encoded(
         )
     one = scan_of(scan)
     if form.encoding == "compact":
+        from firstfix.condense import condense
+
         return wire_query.MEDIA_TYPE, _compact_body(condense(one, form.parameters, gravity))
     if form.encoding == "descriptor":
+        from firstfix.condense import describe
+
         if form.parameters is None:
             raise InvalidOption("a descriptor needs the parameters of the map: QueryParameters.from_engine")
         return wire_query.MEDIA_TYPE, wire_query.encode_query(describe(one, form.parameters, gravity))
@@ -92,7 +101,11 @@ def _part(scan: Scan | CompactScan, form: BodyForm) -> Scan | CompactScan:
     """One of several scans."""
     if isinstance(scan, CompactScan):
         return scan
-    return condense(scan, form.parameters) if form.encoding == "compact" else replace(scan, intensity=None)
+    if form.encoding != "compact":
+        return replace(scan, intensity=None)
+    from firstfix.condense import condense
+
+    return condense(scan, form.parameters)
 
 
 def _compact_body(scan: CompactScan) -> bytes:

@@ -1,0 +1,38 @@
+"""What a replica takes: its processes together, what they share counted once."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from ..memory import pss_of_family
+from .load import Body, ask_over_http
+from .place import Place
+from .programs import replica
+
+MAP = "place"
+WORKERS = (1, 2, 4)
+MIB = 1 << 20
+
+
+def replica_memory(place: Place, bodies: list[Body], directory: Path) -> dict[str, Any]:
+    """MiB by number of workers, when every body was asked for twice."""
+    store = str(directory / "store")
+    version = place.publish(store, MAP, directory)
+    mib = {}
+    for workers in WORKERS:
+        with (
+            replica(directory / f"{workers}", store=store, workers=workers, run_builds=False) as one,
+            contextmanager(ask_over_http)(one.url, MAP) as ask,
+            ThreadPoolExecutor(workers) as clients,
+        ):
+            assert set(clients.map(ask, bodies * 2)) == {"ok"}
+            mib[workers] = round(pss_of_family(one.pid) / MIB)
+    return {"version_mb": round(_bytes_below(Path(store), version) / 1e6, 1), "mib_by_workers": mib}
+
+
+def _bytes_below(store: Path, version: str) -> int:
+    folder = store / "maps" / MAP / "versions" / version
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())

@@ -1,0 +1,52 @@
+"""The asynchronous client's calls about builds."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from .async_calls import AsyncCalls
+from .build_calls import DAY_S
+from .records import BuildStatus
+
+
+class AsyncBuildCalls(AsyncCalls):
+    """As ``BuildCalls``: the same arguments, results and errors. Part of ``AsyncClient``."""
+
+    async def build_map(
+        self,
+        path: Path | str,
+        map_id: str,
+        *,
+        config: Mapping[str, Any] | None = None,
+        trajectory: Path | str | None = None,
+        progress: Callable[[BuildStatus], None] | None = None,
+        upload_timeout_s: float = 3600.0,
+        timeout_s: float = DAY_S,
+    ) -> BuildStatus:
+        steps = self._steps.builds.build_map(
+            path, map_id, config, trajectory, progress, upload_timeout_s, timeout_s
+        )
+        return await self._http.run(steps)
+
+    def builds(self, *, map_id: str | None = None, state: str | None = None) -> AsyncIterator[BuildStatus]:
+        return self._http.iterate(self._steps.builds.builds(map_id, state))
+
+    async def build_status(self, build_id: str) -> BuildStatus:
+        return await self._http.run(self._steps.builds.build_status(build_id))
+
+    def build_events(self, build_id: str, *, timeout_s: float = DAY_S) -> AsyncIterator[BuildStatus]:
+        return self._http.iterate(self._steps.builds.build_events(build_id, timeout_s))
+
+    async def wait_for_build(
+        self,
+        build_id: str,
+        *,
+        progress: Callable[[BuildStatus], None] = lambda status: None,
+        timeout_s: float = DAY_S,
+    ) -> BuildStatus:
+        return await self._http.run(self._steps.builds.wait_for_build(build_id, progress, timeout_s))
+
+    async def cancel_build(self, build_id: str) -> None:
+        await self._http.run(self._steps.builds.cancel_build(build_id))

@@ -1,0 +1,102 @@
+"""The HTTP client for asyncio."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+from numpy.typing import ArrayLike
+
+from firstfix.localization import Localization
+from firstfix.options import LocalizeOptions
+from firstfix.prior import Prior
+from firstfix.scan_sequence import ScanSequence
+
+from .async_build_calls import AsyncBuildCalls
+from .async_map_calls import AsyncMapCalls
+from .hedge import HedgePolicy
+from .http_steps import HttpSteps, sent_headers
+from .localize_steps import options_of
+from .retry import RetryPolicy
+from .scan_body import BodyForm, Encoding, ScanLike
+
+if TYPE_CHECKING:
+    import httpx
+
+    from firstfix.query_parameters import QueryParameters
+
+
+class AsyncClient(AsyncMapCalls, AsyncBuildCalls):
+    """As ``Client``, for asyncio: the same arguments, results and errors, and every call is awaited.
+
+    Use it in one event loop, in an ``async with``, or await ``close``. A call that is cancelled hangs up, and
+    the service stops working for it. Scans are encoded in a thread.
+
+    Args:
+        transport: in place of the network, for tests.
+    """
+
+    def __init__(
+        self,
+        url: str | Sequence[str],
+        *,
+        timeout_s: float = 10.0,
+        retry: RetryPolicy | None = None,
+        hedge: HedgePolicy | bool | None = None,
+        resolution_m: float = 0.01,
+        voxel_m: float | None = None,
+        api_key: str | None = None,
+        headers: Mapping[str, str] | None = None,
+        transport: httpx.AsyncBaseTransport | None = None,
+    ) -> None:
+        from .async_http import AsyncHttp  # httpx takes as long as all of the rest
+
+        form = BodyForm(resolution_m=resolution_m, voxel_m=voxel_m)
+        self._steps = HttpSteps(url, timeout_s, retry, hedge, form)
+        self._http = AsyncHttp(sent_headers(api_key, headers), transport)
+
+    async def __aenter__(self) -> AsyncClient:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.close()
+
+    async def close(self) -> None:
+        await self._http.close()
+
+    async def localize(
+        self,
+        scan: ScanLike | ScanSequence,
+        *,
+        map_id: str,
+        prior: Prior | None = None,
+        gravity: ArrayLike | None = None,
+        options: LocalizeOptions | None = None,
+        encoding: Encoding = "scan",
+        parameters: QueryParameters | None = None,
+    ) -> Localization:
+        """As ``Client.localize``."""
+        form = BodyForm(encoding, parameters)
+        return await self._http.run(
+            self._steps.fixes.localize(scan, map_id, options_of(options, prior, gravity), form)
+        )
+
+    async def localize_body(
+        self,
+        body: bytes,
+        media_type: str,
+        *,
+        map_id: str,
+        options: LocalizeOptions | None = None,
+        content_encoding: str | None = None,
+        request_id: str | None = None,
+    ) -> Localization:
+        """As ``Client.localize_body``."""
+        return await self._http.run(
+            self._steps.ask(
+                body, media_type, map_id, options or LocalizeOptions(), content_encoding, request_id
+            )
+        )

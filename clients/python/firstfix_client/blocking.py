@@ -1,0 +1,58 @@
+"""Steps performed in the caller's thread."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Generator, Iterator
+from contextlib import ExitStack
+from typing import Any, TypeVar
+
+from .outcome import Outcome
+from .steps import Emit, NextLine, Sleep, Steps, Try, Work, advance
+
+T = TypeVar("T")
+Asked = tuple[Outcome, Iterator[str]]  # and the lines of its answer, where they are wanted
+Ask = Callable[[Try, ExitStack], Asked]
+
+
+def run(steps: Steps[T], ask: Ask) -> T:
+    """The call's result.
+
+    Args:
+        ask: performs a Try; what stays open is closed with the stack.
+    """
+    items = iterate(steps, ask)
+    while True:
+        try:
+            next(items)
+        except StopIteration as end:
+            return end.value
+
+
+def iterate(steps: Steps[T], ask: Ask) -> Generator[Any, None, T]:
+    """The call's items as they come, then its result."""
+    reply: Any = None
+    error: Exception | None = None
+    lines: Iterator[str] = iter(())
+    with ExitStack() as opened:
+        while True:
+            try:
+                step = advance(steps, reply, error)
+            except StopIteration as end:
+                return end.value
+            reply = error = None
+            if isinstance(step, Emit):
+                yield step.item
+            elif isinstance(step, Try):
+                opened.close()
+                reply, lines = ask(step, opened)
+            elif isinstance(step, NextLine):
+                reply = next(lines, None)
+            elif isinstance(step, Sleep):
+                time.sleep(step.seconds)
+            else:
+                assert isinstance(step, Work)
+                try:
+                    reply = step.function()
+                except Exception as raised:
+                    error = raised

@@ -1,0 +1,168 @@
+"""HTTP for callers that block."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import replace
+
+import httpx
+
+from .abortable_line import AbortableLine
+from .blocking import Asked
+from .http_messages import outcome_of_error, outcome_of_response
+from .outcome import Outcome, too_late
+from .race import race
+from .steps import Try
+
+
+class BlockingHttp:
+    """Performs tries. Thread-safe.
+
+    Queries that may be asked twice need connections that another thread can cut; everything else shares a
+    pool.
+
+    Args:
+        transport: in place of the network.
+    """
+
+    def __init__(self, headers: Mapping[str, str], transport: httpx.BaseTransport | None) -> None:
+        self._headers = headers
+        self._transport = transport
+        self._tls = httpx.create_ssl_context()
+        self._http = self._client(transport, httpx.Limits(max_connections=100, max_keepalive_connections=20))
+        self._idle: list[AbortableLine] = []
+        self._lock = threading.Lock()
+        self._closed = False
+
+    def close(self) -> None:
+        with self._lock:
+            self._closed = True
+            idle, self._idle = self._idle, []
+        for line in idle:
+            line.close()
+        self._http.close()
+
+    def ask(self, step: Try, opened: ExitStack) -> Asked:
+        begun = time.monotonic()
+        if step.rival is None:
+            return self._ask(self._http, step, step.target, opened)
+        (target, after_s), until = step.rival, begun + step.timeout_s
+        first = _Attempt(self, step, step.target, until)
+        late = too_late(step.target, step.timeout_s, repeatable=step.repeatable)
+        outcome = race(first, _Attempt(self, step, target, until), after_s, late, step.timeout_s)
+        return replace(outcome, took_s=time.monotonic() - begun), iter(())
+
+    def ask_by(self, line: AbortableLine, step: Try, target: str) -> Outcome:
+        with ExitStack() as opened:
+            return self._ask(line, step, target, opened)[0]
+
+    def borrow(self) -> AbortableLine:
+        """A line for one query."""
+        with self._lock:
+            if self._idle:
+                return self._idle.pop()
+        return AbortableLine(self._client(_kept(self._transport), httpx.Limits(max_connections=1)))
+
+    def give_back(self, line: AbortableLine) -> None:
+        """One that was not aborted."""
+        with self._lock:
+            if not self._closed:
+                self._idle.append(line)
+                return
+        line.close()
+
+    def _client(self, transport: httpx.BaseTransport | None, limits: httpx.Limits) -> httpx.Client:
+        return httpx.Client(
+            headers=self._headers,
+            transport=transport,
+            follow_redirects=False,
+            verify=self._tls,
+            limits=limits,
+        )
+
+    def _ask(self, http: httpx.Client | AbortableLine, step: Try, target: str, opened: ExitStack) -> Asked:
+        begun = time.monotonic()
+        try:
+            with ExitStack() as files:
+                request = step.make(step.timeout_s).build(self._http, target, step.timeout_s, files)
+                response = http.send(request, stream=True)
+                opened.callback(response.close)
+                streams = step.stream and response.is_success
+                body = b"" if streams else _body(response, begun + step.timeout_s)
+        except httpx.RequestError as error:
+            return outcome_of_error(target, error, step.timeout_s, step.repeatable), iter(())
+        outcome = outcome_of_response(
+            target,
+            response,
+            body,
+            repeatable=step.repeatable,
+            took_s=time.monotonic() - begun,
+        )
+        return outcome, _lines(response) if streams else iter(())
+
+
+class _Attempt:
+    """One of two that race, until the same moment."""
+
+    def __init__(self, http: BlockingHttp, step: Try, target: str, until: float) -> None:
+        self._http, self._step, self._target, self._until = http, step, target, until
+        self._lock = threading.Lock()
+        self._line: AbortableLine | None = None
+        self._over = False
+
+    def run(self) -> Outcome:
+        line = self._http.borrow()
+        with self._lock:
+            self._line = line
+            if self._over:
+                line.abort()
+        left_s = max(self._until - time.monotonic(), 0.001)
+        outcome = self._http.ask_by(line, replace(self._step, timeout_s=left_s), self._target)
+        with self._lock:
+            aborted, self._over = self._over, True
+        if aborted:
+            line.close()
+        else:
+            self._http.give_back(line)
+        return outcome
+
+    def abort(self) -> None:
+        with self._lock:
+            if not self._over:
+                self._over = True
+                if self._line is not None:
+                    self._line.abort()
+
+
+class _Shared(httpx.BaseTransport):
+    """A transport that outlives the clients which use it."""
+
+    def __init__(self, transport: httpx.BaseTransport) -> None:
+        self._transport = transport
+
+    def handle_request(self, request: httpx.Request) -> httpx.Response:
+        return self._transport.handle_request(request)
+
+
+def _kept(transport: httpx.BaseTransport | None) -> httpx.BaseTransport | None:
+    return None if transport is None else _Shared(transport)
+
+
+def _body(response: httpx.Response, until: float) -> bytes:
+    """All of it. httpx counts every read by itself: bytes that trickle would come for ever."""
+    pieces = []
+    for piece in response.iter_bytes():
+        pieces.append(piece)
+        if time.monotonic() > until:
+            raise httpx.ReadTimeout("the answer takes too long")
+    return b"".join(pieces)
+
+
+def _lines(response: httpx.Response) -> Iterator[str]:
+    try:
+        yield from response.iter_lines()
+    except httpx.TransportError:  # it broke: whoever reads asks again
+        return

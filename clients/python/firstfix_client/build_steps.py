@@ -1,0 +1,142 @@
+"""What is asked about builds, and how the answers are read."""
+
+from __future__ import annotations
+
+import json
+import uuid
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from firstfix.errors import BuildCancelled, BuildFailed, FirstfixError, NotFound
+
+from .http_messages import HttpAnswer, HttpRequest
+from .http_sender import HttpSender
+from .records import BuildStatus
+from .retry import Deadline
+from .steps import Emit, NextLine, Sleep, Steps
+from .upload_steps import remove_upload, upload_in_parts
+
+POLL_S = 1.0
+IN_PARTS_FROM_BYTES = 64 << 20
+SILENCE_S = 60.0  # of a build's events; the service breaks its silence four times as often
+PAUSE_S = 0.5
+
+
+class BuildSteps:
+    """The calls of ``BuildCalls`` and ``AsyncBuildCalls``, as steps."""
+
+    def __init__(self, http: HttpSender) -> None:
+        self._http = http
+
+    def build_map(
+        self,
+        path: Path | str,
+        map_id: str,
+        config: Mapping[str, Any] | None,
+        trajectory: Path | str | None,
+        progress: Callable[[BuildStatus], None] | None,
+        upload_timeout_s: float,
+        timeout_s: float,
+    ) -> Steps[BuildStatus]:
+        paths = {"source": Path(path)} | ({} if trajectory is None else {"trajectory": Path(trajectory)})
+        for wanted in paths.values():
+            if not wanted.is_file():
+                raise NotFound(f"{wanted}: no such file")
+        deadline = Deadline(upload_timeout_s)
+        if sum(wanted.stat().st_size for wanted in paths.values()) < IN_PARTS_FROM_BYTES:
+            answer = yield from self._post_form(paths, map_id, config, deadline)
+        else:
+            answer = yield from self._post_uploads(paths, map_id, config, deadline)
+        if not answer.last_of_location:
+            raise FirstfixError("the service accepted the map but did not say which build it started")
+        if progress is not None:
+            return (yield from self.wait_for_build(answer.last_of_location, progress, timeout_s))
+        return (yield from self.build_status(answer.last_of_location))
+
+    def builds(self, map_id: str | None, state: str | None) -> Steps[None]:
+        given = {"map_id": map_id, "state": state}
+        params = {name: value for name, value in given.items() if value is not None}
+        return self._http.pages("builds", _status_of, "builds", params=params)
+
+    def build_status(self, build_id: str) -> Steps[BuildStatus]:
+        answer = yield from self._http.call("GET", "builds", build_id)
+        return answer.parsed(lambda data: BuildStatus.from_mapping(build_id, data))
+
+    def build_events(self, build_id: str, timeout_s: float) -> Steps[None]:
+        """Emits every status that differs from the one before, over however many connections it takes."""
+        deadline = Deadline(timeout_s)
+        request = HttpRequest("GET", ("builds", build_id, "events"))
+        said: BuildStatus | None = None
+        while True:
+            patient = Deadline(min(deadline.remaining_s(), SILENCE_S))
+            yield from self._http.send_same(request, patient, stream=True)
+            line: str | None
+            while (line := (yield NextLine())) is not None:
+                deadline.remaining_s()
+                if not line.startswith("data:"):
+                    continue
+                status = _status_in(build_id, line.removeprefix("data:"))
+                if status != said:
+                    said = status
+                    yield Emit(status)
+                if status.is_final:
+                    return
+            yield Sleep(min(PAUSE_S, deadline.remaining_s()))  # broken, or silent for too long: asked again
+
+    def wait_for_build(
+        self, build_id: str, progress: Callable[[BuildStatus], None], timeout_s: float
+    ) -> Steps[BuildStatus]:
+        deadline = Deadline(timeout_s)
+        while True:
+            status = yield from self.build_status(build_id)
+            progress(status)
+            if status.state == "succeeded":
+                return status
+            if status.state == "cancelled":
+                raise BuildCancelled(f"build {build_id} was cancelled")
+            if status.state == "failed":
+                raise BuildFailed(status.error_detail or f"build {build_id} failed")
+            yield Sleep(min(POLL_S, deadline.remaining_s()))
+
+    def cancel_build(self, build_id: str) -> Steps[None]:
+        yield from self._http.call("DELETE", "builds", build_id, repeatable=False)
+
+    def _post_form(
+        self, paths: Mapping[str, Path], map_id: str, config: Mapping[str, Any] | None, deadline: Deadline
+    ) -> Steps[HttpAnswer]:
+        fields = {"map_id": map_id} | ({} if config is None else {"config": json.dumps(config)})
+        request = HttpRequest("POST", ("maps",), headers=_once(), form=fields, files=paths)
+        return self._http.send_same(request, deadline)
+
+    def _post_uploads(
+        self, paths: Mapping[str, Path], map_id: str, config: Mapping[str, Any] | None, deadline: Deadline
+    ) -> Steps[HttpAnswer]:
+        uploads: dict[str, str] = {}
+        for name, file in paths.items():
+            uploads[name] = yield from upload_in_parts(self._http, file, deadline)
+        body: dict[str, Any] = {"map_id": map_id, "config": dict(config or {})}
+        body |= {name: {"upload": upload_id} for name, upload_id in uploads.items()}
+        request = HttpRequest("POST", ("maps",), headers=_once(), json=body)
+        answer = yield from self._http.send_same(request, deadline)
+        with suppress(FirstfixError, ConnectionError):  # the service removes it in a day
+            for upload_id in uploads.values():
+                yield from remove_upload(self._http, upload_id, deadline)
+        return answer
+
+
+def _once() -> dict[str, str]:
+    """However often it is sent, it is done once."""
+    return {"Idempotency-Key": uuid.uuid4().hex}
+
+
+def _status_of(data: Mapping[str, Any]) -> BuildStatus:
+    return BuildStatus.from_mapping(str(data["build_id"]), data)
+
+
+def _status_in(build_id: str, data: str) -> BuildStatus:
+    try:
+        return BuildStatus.from_mapping(build_id, json.loads(data))
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise FirstfixError(f"an event of build {build_id} cannot be read: {error!r}") from None

@@ -1,0 +1,50 @@
+"""All calls over HTTP as steps, of one client."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+
+from .build_steps import BuildSteps
+from .credential import credential
+from .hedge import HedgePolicy
+from .http_messages import service_urls
+from .http_sender import HttpSender
+from .localize_steps import LocalizeSteps, ask_over_http
+from .map_steps import MapSteps
+from .retry import RetryPolicy
+from .scan_body import BodyForm
+
+
+class HttpSteps:
+    """
+    Args:
+        url, timeout_s, retry, hedge, form: as in ``Client``.
+
+    Raises:
+        InvalidOption: no URL of a service.
+    """
+
+    def __init__(
+        self,
+        url: str | Sequence[str],
+        timeout_s: float,
+        retry: RetryPolicy | None,
+        hedge: HedgePolicy | bool | None,
+        form: BodyForm,
+    ) -> None:
+        sender = HttpSender(service_urls(url), retry, hedge, timeout_s)
+        self.maps = MapSteps(sender)
+        self.builds = BuildSteps(sender)
+        self.ask = partial(ask_over_http, sender)
+        self.fixes = LocalizeSteps(form, self.ask, self.maps.query_parameters)
+
+
+def sent_headers(api_key: str | None, headers: Mapping[str, str] | None) -> dict[str, str]:
+    """What every request carries.
+
+    Raises:
+        InvalidOption: the key cannot stand in a header.
+    """
+    key = credential(api_key)
+    return {**({} if key is None else {"Authorization": f"Bearer {key}"}), **(headers or {})}

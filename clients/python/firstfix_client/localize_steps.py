@@ -1,0 +1,118 @@
+"""How a fix is asked for, over either transport, and how the answer is read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from firstfix.errors import DescriptorMismatch
+from firstfix.localization import Localization
+from firstfix.options import LocalizeOptions
+from firstfix.prior import Prior
+from firstfix.scan_sequence import ScanSequence
+
+from .http_messages import HttpRequest
+from .http_sender import HttpSender
+from .scan_body import BodyForm, ScanLike, encoded
+from .steps import Steps, work
+
+if TYPE_CHECKING:
+    from firstfix.query_parameters import QueryParameters
+
+
+# Of a body with its media type, to one map or several, with options.
+AskBody = Callable[[bytes, str, str, LocalizeOptions], Steps[Localization]]
+ParametersOf = Callable[[str], "Steps[QueryParameters]"]
+
+
+def options_of(
+    options: LocalizeOptions | None, prior: Prior | None, gravity: ArrayLike | None
+) -> LocalizeOptions:
+    """The options, with what was given beside them put over them."""
+    chosen = options or LocalizeOptions()
+    if prior is not None:
+        chosen = replace(chosen, prior=prior)
+    if gravity is not None:
+        chosen = replace(chosen, gravity=np.asarray(gravity, np.float64))
+    return chosen
+
+
+class LocalizeSteps:
+    """Encodes scans as a client was told to, and knows the parameters of maps asked by descriptor.
+
+    Args:
+        parameters_of: looks them up; None: they must be given with every query.
+    """
+
+    def __init__(self, form: BodyForm, ask: AskBody, parameters_of: ParametersOf | None) -> None:
+        self._form = form
+        self._ask = ask
+        self._parameters_of = parameters_of
+        self._known: dict[str, QueryParameters] = {}
+
+    def localize(
+        self,
+        scan: ScanLike | ScanSequence,
+        map_id: str,
+        options: LocalizeOptions,
+        form: BodyForm,
+    ) -> Steps[Localization]:
+        """
+        Args:
+            form: its encoding and parameters count; resolutions are the client's.
+        """
+        form = replace(self._form, encoding=form.encoding, parameters=form.parameters)
+        if form.encoding != "descriptor" or form.parameters is not None or self._parameters_of is None:
+            return (yield from self._encode_and_ask(scan, map_id, options, form))
+        known = map_id in self._known
+        form = replace(form, parameters=(yield from self._looked_up(map_id)))
+        try:
+            return (yield from self._encode_and_ask(scan, map_id, options, form))
+        except DescriptorMismatch:
+            if not known:
+                raise
+            self._known.pop(map_id, None)  # another version is active by now
+        form = replace(form, parameters=(yield from self._looked_up(map_id)))
+        return (yield from self._encode_and_ask(scan, map_id, options, form))
+
+    def _looked_up(self, map_id: str) -> Steps[QueryParameters]:
+        found = self._known.get(map_id)
+        if found is None:
+            assert self._parameters_of is not None
+            found = self._known[map_id] = yield from self._parameters_of(map_id)
+        return found
+
+    def _encode_and_ask(
+        self, scan: ScanLike | ScanSequence, map_id: str, options: LocalizeOptions, form: BodyForm
+    ) -> Steps[Localization]:
+        media_type, body = yield from work(lambda: encoded(scan, form, options.gravity))
+        return (yield from self._ask(body, media_type, map_id, options))
+
+
+def ask_over_http(
+    http: HttpSender,
+    body: bytes,
+    media_type: str,
+    map_id: str,
+    options: LocalizeOptions,
+    content_encoding: str | None = None,
+    request_id: str | None = None,
+) -> Steps[Localization]:
+    """A query that is encoded already."""
+    params = {"map": map_id, **options.to_strings()}
+    headers = {"Content-Type": media_type}
+    if content_encoding:
+        headers["Content-Encoding"] = content_encoding
+    if request_id:
+        headers["X-Request-Id"] = request_id
+
+    def make(left_s: float) -> HttpRequest:
+        told = {"deadline_ms": str(max(1, int(left_s * 1000))), **params}
+        return HttpRequest("POST", ("localize",), params=told, headers=headers, content=body)
+
+    answer = yield from http.send(make, hedged=True)
+    return answer.parsed(Localization.from_mapping)

@@ -1,0 +1,92 @@
+"""What is asked about maps and their versions, and how the answers are read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from firstfix.errors import NotFound
+
+from .http_sender import HttpSender
+from .records import MapInfo, VersionInfo
+from .steps import Steps
+
+if TYPE_CHECKING:
+    from firstfix.query_parameters import QueryParameters
+
+
+class MapSteps:
+    """The calls of ``MapCalls`` and ``AsyncMapCalls``, as steps."""
+
+    def __init__(self, http: HttpSender) -> None:
+        self._http = http
+
+    def maps(self) -> Steps[None]:
+        return self._http.pages("maps", MapInfo.from_mapping, "maps")
+
+    def show_map(self, map_id: str) -> Steps[MapInfo]:
+        answer = yield from self._http.call("GET", "maps", map_id)
+        return answer.parsed(MapInfo.from_mapping)
+
+    def query_parameters(self, map_id: str) -> Steps[QueryParameters]:
+        from firstfix.query_parameters import QueryParameters
+
+        manifest = (yield from self.show_map(map_id)).details.get("manifest")
+        if not isinstance(manifest, Mapping):
+            raise NotFound(f"no version of map {map_id} is active")
+        return QueryParameters.from_engine(manifest.get("engine", {}))
+
+    def versions(self, map_id: str) -> Steps[None]:
+        return self._http.pages("versions", VersionInfo.from_mapping, "maps", map_id, "versions")
+
+    def report(self, map_id: str, version: str) -> Steps[Mapping[str, Any]]:
+        answer = yield from self._http.call("GET", "maps", map_id, "versions", version, "report")
+        return answer.parsed(dict)
+
+    def activate(self, map_id: str, version: str) -> Steps[None]:
+        yield from self._http.call("POST", "maps", map_id, "versions", version, "activate")
+
+    def roll_back(self, map_id: str) -> Steps[str]:
+        # twice would come back: not repeated on a connection that broke half-way
+        answer = yield from self._http.call("POST", "maps", map_id, "rollback", repeatable=False)
+        return answer.parsed(lambda data: str(data["active_version"]))
+
+    def retire(self, map_id: str, version: str, force: bool) -> Steps[None]:
+        params = {"force": "true"} if force else {}
+        yield from self._http.call(
+            "DELETE", "maps", map_id, "versions", version, params=params, repeatable=False
+        )
+
+    def collect_garbage(self, map_id: str | None, dry_run: bool) -> Steps[Mapping[str, Any]]:
+        path = ("collect-garbage",) if map_id is None else ("maps", map_id, "collect-garbage")
+        answer = yield from self._http.call("POST", *path, params={"dry_run": str(dry_run).lower()})
+        return answer.parsed(dict)
+
+    def set_georeference(
+        self,
+        map_id: str,
+        latitude_deg: float,
+        longitude_deg: float,
+        height_m: float,
+        x_axis_deg: float | None,
+        quaternion: Sequence[float] | None,
+        anchor_m: Sequence[float],
+    ) -> Steps[None]:
+        body: dict[str, Any] = {
+            "latitude_deg": latitude_deg,
+            "longitude_deg": longitude_deg,
+            "height_m": height_m,
+            "anchor_m": [float(v) for v in anchor_m],
+        }
+        if x_axis_deg is not None:
+            body["x_axis_deg"] = x_axis_deg
+        if quaternion is not None:
+            body["quaternion"] = [float(v) for v in quaternion]
+        yield from self._http.call("PUT", "maps", map_id, "georeference", json=body)
+
+    def georeference(self, map_id: str) -> Steps[Mapping[str, Any]]:
+        answer = yield from self._http.call("GET", "maps", map_id, "georeference")
+        return answer.parsed(dict)
+
+    def delete_georeference(self, map_id: str) -> Steps[None]:
+        yield from self._http.call("DELETE", "maps", map_id, "georeference", repeatable=False)

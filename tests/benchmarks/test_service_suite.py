@@ -1,0 +1,56 @@
+"""The service suite, small: real replicas behind a real balancer, over a store on a cable."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.service.loading import cold_load, hot_swap
+from benchmarks.service.place import Place
+from benchmarks.service.replicas import replicas_suite
+from benchmarks.service.suite import measure
+from benchmarks.service.throughput import body_of
+
+
+@pytest.fixture(scope="module")
+def place(small_version, small_scans) -> Place:
+    templates = len(np.load(small_version.directory / "template_position_m.npy", mmap_mode="r"))
+    return Place("yard", small_version.directory, templates, [scan for scan, _ in small_scans[:4]])
+
+
+def test_what_http_adds_is_told(place: Place):
+    figures = measure(place, ["overhead"], quick=True)
+    assert figures["templates"] > 100
+    added = figures["overhead"]
+    assert set(added) == {
+        "bare_localizer_ms",
+        "over_http_ms",
+        "over_http_less_bare_ms",
+        "over_http_less_its_localizer_ms",
+    }
+    assert added["over_http_ms"] > added["over_http_less_its_localizer_ms"] > 0
+
+
+def test_a_version_that_was_never_seen_answers(place: Place, tmp_path: Path):
+    assert cold_load(place, body_of(place, place.scans[0]), tmp_path)["first_query_s"] > 0
+
+
+def test_no_query_fails_while_versions_change(place: Place, tmp_path: Path):
+    figures = hot_swap(place, [body_of(place, scan) for scan in place.scans], tmp_path, swaps=2)
+    assert len(figures["activation_to_answer_s"]) == 2
+    assert set(figures["outcomes"]) == {"ok"}
+
+
+@pytest.mark.slow
+def test_no_query_fails_while_replicas_and_store_come_and_go(
+    place: Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
+        monkeypatch.setenv(name, "")  # the suite sets them: so they are put back
+    bodies = [body_of(place, scan) for scan in place.scans]
+    figures = replicas_suite(place, bodies, tmp_path, count=2, cut_s=3.0)
+    if "skipped" in figures:
+        pytest.skip(figures["skipped"])
+    for part in ("activation", "killed_and_restarted", "store_cut", "rolling_restart"):
+        assert figures[part]["outcomes"]["ok"] > 10, part
+        assert figures[part]["failed"] == 0, part

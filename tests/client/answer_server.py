@@ -1,0 +1,56 @@
+"""A real server on loopback that behaves and misbehaves as a test says."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Callable
+
+import uvicorn
+from fake_answers import problem_bytes
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Route
+
+
+class AnswerServer:
+    """One route for everything: answers with what the test queued, the last one again and again."""
+
+    def __init__(self) -> None:
+        self.requests: list[tuple[str, str, dict[str, str], dict[str, str], bytes]] = []
+        self.raw_paths: list[bytes] = []
+        self.ports: list[int] = []  # the callers', a connection each
+        self.answers: list[Response | Callable[[], Response]] = []
+        app = Starlette(routes=[Route("/{path:path}", self._answer, methods=["GET", "POST", "DELETE"])])
+        self.socket = socket.create_server(("127.0.0.1", 0))
+        self.url = f"http://127.0.0.1:{self.socket.getsockname()[1]}"
+        self._server = uvicorn.Server(uvicorn.Config(app, log_level="error"))
+        self._thread = threading.Thread(target=self._server.run, args=([self.socket],), daemon=True)
+        self._thread.start()
+
+    async def _answer(self, request: Request) -> Response:
+        body = await request.body()
+        self.raw_paths.append(request.scope["raw_path"])
+        self.ports.append(request.scope["client"][1])
+        query, headers = dict(request.query_params), dict(request.headers)
+        self.requests.append((request.method, request.url.path, query, headers, body))
+        answer = self.answers.pop(0) if len(self.answers) > 1 else self.answers[0]
+        if isinstance(answer, Response):
+            return answer
+        from anyio import to_thread
+
+        return await to_thread.run_sync(answer)
+
+    def stop(self) -> None:
+        self._server.should_exit = True
+        self._server.force_exit = True
+        self._thread.join(5)
+
+
+def ok(body: bytes = b"{}", status: int = 200, **headers: str) -> Response:
+    return Response(body, status, headers, media_type="application/json")
+
+
+def problem(code: str, status: int, **headers: str) -> Response:
+    return Response(problem_bytes(code), status, headers, media_type="application/problem+json")

@@ -1,0 +1,257 @@
+"""Several addresses of one service: failover, hedged queries, what is never sent twice; both HTTP clients."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from typing import Any
+
+import pytest
+from answer_server import AnswerServer, ok, problem
+from fake_answers import REJECTED, SCAN, answer_bytes
+from starlette.responses import Response
+
+from blocked_async_client import BlockedAsyncClient
+from firstfix.errors import DeadlineExceeded, NotFound, Overloaded, RateLimited
+from firstfix.localization import Verdict
+from firstfix_client import Client, HedgePolicy, RetryPolicy, ServiceUnreachable
+
+QUICK = RetryPolicy(attempts=6, first_wait_s=0.01, max_wait_s=0.05)
+SOON = HedgePolicy(after_s=0.1)
+Make = Callable[..., Any]
+
+
+@pytest.fixture(params=[Client, BlockedAsyncClient])
+def client(request: pytest.FixtureRequest) -> Iterator[Make]:
+    made: list[Any] = []
+
+    def make(urls: list[str], **how: Any) -> Any:
+        """A client that asks the addresses in this order."""
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("random.shuffle", lambda addresses: None)
+            made.append(request.param(urls, **{"retry": QUICK, **how}))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.close()
+
+
+@pytest.fixture
+def servers() -> Iterator[tuple[AnswerServer, AnswerServer]]:
+    first, second = AnswerServer(), AnswerServer()
+    first.answers = second.answers = [ok(answer_bytes())]
+    yield first, second
+    first.stop()
+    second.stop()
+
+
+@pytest.fixture
+def nobody() -> str:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        return f"http://127.0.0.1:{free.getsockname()[1]}"
+
+
+class Silent:
+    """Takes requests and says nothing; tells when the caller of the first one hangs up."""
+
+    def __init__(self) -> None:
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.url = f"http://127.0.0.1:{self._listener.getsockname()[1]}"
+        self.asked, self.left = threading.Event(), threading.Event()
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def _run(self) -> None:
+        connection, _ = self._listener.accept()
+        with connection:
+            while connection.recv(65_536):
+                self.asked.set()
+            self.left.set()
+
+    def stop(self) -> None:
+        self._listener.close()
+
+
+@pytest.fixture
+def silent() -> Iterator[Silent]:
+    one = Silent()
+    yield one
+    one.stop()
+
+
+def test_who_is_not_there_is_passed_over(client: Make, servers, nobody: str):
+    asking = client([nobody, servers[0].url], retry=RetryPolicy(attempts=2, first_wait_s=30, max_wait_s=30))
+    assert asking.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
+
+
+@pytest.mark.parametrize("code", ["overloaded", "store_unavailable", "read_only"])
+def test_who_cannot_now_is_passed_over_without_a_wait(client: Make, servers, code: str):
+    busy, free = servers
+    busy.answers = [problem(code, 503, **{"Retry-After": "30"})]
+    asking = client([busy.url, free.url], hedge=False)
+    for _ in range(3):
+        assert asking.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
+    assert len(busy.requests) == 1, "the one that works is kept"
+    assert len(free.requests) == 3
+
+
+def test_a_limit_for_the_caller_is_not_dodged(client: Make, servers):
+    strict, other = servers
+    strict.answers = [problem("rate_limited", 429, **{"Retry-After": "30"})]
+    with pytest.raises(RateLimited):
+        client([strict.url, other.url], timeout_s=2).localize(SCAN, map_id="hall")
+    assert other.requests == []
+
+
+def test_an_answer_is_final_whatever_it_is(client: Make, servers):
+    first, second = servers
+    first.answers = [ok(answer_bytes(REJECTED)), problem("not_found", 404)]
+    asking = client([first.url, second.url])
+    assert asking.localize(SCAN, map_id="hall").verdict is Verdict.REJECTED
+    with pytest.raises(NotFound):
+        asking.localize(SCAN, map_id="hall")
+    assert second.requests == []
+
+
+def test_all_are_asked_before_it_gives_up(client: Make, servers, nobody: str):
+    for one in servers:
+        one.answers = [problem("overloaded", 503)]
+    with pytest.raises(Overloaded):
+        client([one.url for one in servers]).maps()
+    assert [len(one.requests) for one in servers] == [3, 3]
+    with pytest.raises(ServiceUnreachable):
+        client([nobody]).maps()
+
+
+def test_a_slow_one_is_raced_and_told_to_stop(client: Make, servers, silent: Silent):
+    asking = client([silent.url, servers[0].url], hedge=SOON)
+    begun = time.monotonic()
+    assert asking.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
+    assert time.monotonic() - begun >= 0.1
+    assert silent.asked.is_set()
+    assert silent.left.wait(5), "the query that lost is cancelled"
+    (request,) = servers[0].requests
+    assert int(request[2]["deadline_ms"]) <= 9_900, "the second is told what is left"
+
+
+def test_the_connection_of_the_winner_is_kept(client: Make, servers):
+    first, second = servers
+    asking = client([first.url, second.url], hedge=HedgePolicy(after_s=5))
+    ports = first.ports
+    for _ in range(4):
+        asking.localize(SCAN, map_id="hall")
+    assert len(ports) == 4
+    assert len(set(ports)) == 1
+    assert second.requests == []
+
+
+def test_a_slow_answer_wins_over_a_quick_failure(client: Make, servers):
+    slow, busy = servers
+
+    def late() -> Response:
+        time.sleep(0.4)
+        return ok(answer_bytes())
+
+    slow.answers, busy.answers = [late], [problem("overloaded", 503)]
+    assert client([slow.url, busy.url], hedge=SOON).localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
+    assert (len(slow.requests), len(busy.requests)) == (1, 1)
+
+
+def test_one_address_is_asked_twice_only_if_it_is_wished(client: Make, servers):
+    one, _ = servers
+
+    def late() -> Response:
+        time.sleep(0.6)
+        return ok(answer_bytes())
+
+    one.answers = [late, ok(answer_bytes()), late, ok(answer_bytes())]
+    client([one.url], hedge=SOON).localize(SCAN, map_id="hall")
+    assert len(one.requests) == 2
+    client([one.url]).localize(SCAN, map_id="hall")
+    assert len(one.requests) == 3
+
+
+def test_two_that_hang_end_at_the_deadline(client: Make, silent: Silent):
+    other = Silent()
+    with pytest.raises(DeadlineExceeded):
+        client([silent.url, other.url], hedge=SOON, timeout_s=0.5).localize(SCAN, map_id="hall")
+    assert silent.left.wait(5)
+    assert other.left.wait(5)
+    other.stop()
+
+
+@pytest.mark.parametrize("hedge", [False, SOON])
+def test_an_answer_that_trickles_ends_at_the_deadline(client: Make, hedge: Any):
+    """Each byte comes in time, and the whole never does."""
+    listener = socket.create_server(("127.0.0.1", 0))
+    stopped = threading.Event()
+
+    def trickle(connection: socket.socket) -> None:
+        with connection, suppress(OSError):
+            connection.recv(65_536)
+            connection.sendall(b"HTTP/1.1 200 OK\r\ncontent-length: 1000\r\n\r\n")
+            while not stopped.wait(0.05):
+                connection.sendall(b" ")
+
+    def serve() -> None:
+        with suppress(OSError):
+            while True:
+                threading.Thread(target=trickle, args=[listener.accept()[0]], daemon=True).start()
+
+    threading.Thread(target=serve, daemon=True).start()
+    url = f"http://127.0.0.1:{listener.getsockname()[1]}"
+    begun = time.monotonic()
+    with pytest.raises(DeadlineExceeded):
+        client([url], hedge=hedge, timeout_s=0.5).localize(SCAN, map_id="hall")
+    assert time.monotonic() - begun < 20, "1000 bytes take 50 s"
+    stopped.set()
+    listener.close()
+
+
+def test_without_hedging_one_that_hangs_leaves_time(client: Make, servers, silent: Silent):
+    asking = client([silent.url, servers[0].url], hedge=False, timeout_s=1.0)
+    assert asking.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
+
+
+def test_what_may_not_be_done_twice_is_asked_once(client: Make, servers):
+    breaking = socket.create_server(("127.0.0.1", 0))
+
+    def break_once() -> None:
+        connection, _ = breaking.accept()
+        connection.recv(65_536)
+        connection.close()
+
+    thread = threading.Thread(target=break_once)
+    thread.start()
+    urls = [f"http://127.0.0.1:{breaking.getsockname()[1]}", servers[0].url]
+    with pytest.raises(ServiceUnreachable):
+        client(urls).roll_back("hall")
+    thread.join(5)
+    breaking.close()
+    assert servers[0].requests == []
+
+
+def test_a_cancelled_query_hangs_up(silent: Silent):
+    import asyncio
+
+    from firstfix_client import AsyncClient
+
+    async def ask() -> None:
+        async with AsyncClient(silent.url, hedge=SOON) as asking:
+            query = asyncio.create_task(asking.localize(SCAN, map_id="hall"))
+            while not silent.asked.is_set():
+                await asyncio.sleep(0.01)
+            query.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await query
+
+    asyncio.run(ask())
+    assert silent.left.wait(5)
+
+
+def test_addresses_in_one_text(client: Make, servers, nobody: str):
+    asking = client(f"{nobody}, {servers[0].url}/")
+    assert asking.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED

@@ -1,0 +1,306 @@
+"""The Helm chart: what it renders is valid, safe, and fits the service that it runs."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import kubernetes_validate
+import pytest
+import yaml
+from fastapi.testclient import TestClient
+from rendered_chart import CHART, EXAMPLES, REPO, Refused, environment, of_kind, pod_specs, rendered
+
+from firstfix_service.app import create_app
+from firstfix_service.server import STOP_WITHIN_S
+from firstfix_service.settings import Settings
+
+STORE = {"store": {"url": "s3://maps"}}
+NATS = {"nats": {"url": "nats://nats:4222"}, "builder": {"enabled": True}}
+CUSTOM = "monitoring.coreos.com/"
+
+
+@pytest.fixture(params=list(EXAMPLES))
+def resources(request: pytest.FixtureRequest) -> list[dict[str, Any]]:
+    return rendered(EXAMPLES[request.param])
+
+
+@pytest.fixture(scope="module")
+def full() -> list[dict[str, Any]]:
+    return rendered(EXAMPLES["full"])
+
+
+@pytest.mark.parametrize("release", ["1.29", "1.37"])
+def test_every_resource_is_what_kubernetes_takes(resources: list[dict[str, Any]], release: str):
+    for resource in resources:
+        if not resource["apiVersion"].startswith(CUSTOM):
+            kubernetes_validate.validate(resource, release, strict=True)
+
+
+def test_a_misspelt_field_would_be_seen(full: list[dict[str, Any]]):
+    deployment = json.loads(json.dumps(of_kind(full, "Deployment")[0]))
+    deployment["spec"]["template"]["spec"]["containers"][0]["readynessProbe"] = {}
+    with pytest.raises(kubernetes_validate.ValidationError, match="readynessProbe"):
+        kubernetes_validate.validate(deployment, "1.37", strict=True)
+
+
+def problems_of(custom: list[dict[str, Any]]) -> list[str]:
+    """What prometheus-operator would not take in its resources."""
+    package = Path(sys.prefix) / "kubernetes-models/node_modules/@kubernetes-models/prometheus-operator"
+    if not package.is_dir() or shutil.which("node") is None:
+        pytest.skip("no schemas of prometheus-operator: scripts/test-servers.sh installs them, with npm")
+    script = Path(__file__).with_name("check_custom_resources.mjs")
+    command = ["node", str(script), str(package)]
+    run = subprocess.run(command, input=json.dumps(custom), capture_output=True, text=True, check=True)
+    return list(json.loads(run.stdout))
+
+
+def test_prometheus_operator_takes_its_resources(full: list[dict[str, Any]]):
+    custom = [resource for resource in full if resource["apiVersion"].startswith(CUSTOM)]
+    assert {resource["kind"] for resource in custom} == {"ServiceMonitor", "PrometheusRule"}
+    assert problems_of(custom) == []
+    monitor = next(resource for resource in custom if resource["kind"] == "ServiceMonitor")
+    monitor = json.loads(json.dumps(monitor))
+    monitor["spec"]["endpoints"][0] |= {"scheme": "ftp", "intervall": "1s"}
+    assert len(problems_of([monitor])) == 2
+
+
+def test_every_variable_is_a_setting(resources: list[dict[str, Any]]):
+    known = {f"FIRSTFIX_{name.upper()}" for name in Settings.model_fields}
+    for _, pod in pod_specs(resources):
+        names = [variable["name"] for variable in environment(pod)]
+        assert {name for name in names if name.startswith("FIRSTFIX_")} <= known
+        assert len(names) == len(set(names))
+
+
+def test_the_service_takes_the_values(resources: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch):
+    for name, pod in pod_specs(resources):
+        with monkeypatch.context() as patch:
+            for variable in environment(pod):
+                patch.setenv(variable["name"], variable.get("value") or "2")  # of pod name and CPUs
+            settings = Settings()
+        assert settings.store == variable_of(pod, "FIRSTFIX_STORE")
+        if name == "firstfix":
+            assert (settings.host, settings.port, settings.workers) == ("0.0.0.0", 8080, 2)
+            assert settings.auth in ("on", "off")
+            assert not settings.run_builds
+
+
+def variable_of(pod: dict[str, Any], name: str) -> str | None:
+    return next((v.get("value") for v in environment(pod) if v["name"] == name), None)
+
+
+def test_numbers_and_lists_reach_the_settings(monkeypatch: pytest.MonkeyPatch):
+    given = {
+        "samples_max_bytes": 85899345920,
+        "pinned_maps": ["hall", "yard"],
+        "read_only": True,
+        "log_level": "debug",
+        "query_timeout_s": 2.5,
+    }
+    ((_, pod),) = [
+        found for found in pod_specs(rendered(values={**STORE, "settings": given})) if found[0] == "firstfix"
+    ]
+    for variable in environment(pod):
+        monkeypatch.setenv(variable["name"], variable.get("value") or "2")
+    settings = Settings()
+    assert {name: getattr(settings, name) for name in given} == {**given, "pinned_maps": ("hall", "yard")}
+
+
+def test_variables_of_ones_own_reach_every_pod():
+    wanted = {"name": "AWS_REGION", "value": "eu-central-1"}
+    found = list(pod_specs(rendered(values={**STORE, **NATS, "extraEnv": [wanted]})))
+    assert len(found) == 3
+    for _, pod in found:
+        assert wanted in environment(pod)
+
+
+def test_probes_ask_routes_that_there_are(full: list[dict[str, Any]], tmp_path: Path):
+    settings = Settings(store=str(tmp_path / "store"), work_dir=tmp_path / "work", run_builds=False)
+    asked = {
+        container[probe]["httpGet"]["path"]
+        for _, pod in pod_specs(full)
+        for container in pod["containers"]
+        for probe in ("startupProbe", "livenessProbe", "readinessProbe")
+        if probe in container
+    }
+    asked |= {endpoint["path"] for endpoint in of_kind(full, "ServiceMonitor")[0]["spec"]["endpoints"]}
+    assert asked == {"/healthz", "/readyz", "/metrics"}
+    with TestClient(create_app(settings)) as client:
+        for path in asked:
+            assert client.get(path).status_code in (200, 503), path  # 503: it has not read the catalog yet
+
+
+def test_scaling_stands_on_a_metric_that_there_is(full: list[dict[str, Any]], tmp_path: Path):
+    (scaler,) = of_kind(full, "HorizontalPodAutoscaler")
+    ((metric, target),) = [
+        (one["pods"]["metric"]["name"], one["pods"]["target"]) for one in scaler["spec"]["metrics"]
+    ]
+    settings = Settings(store=str(tmp_path / "store"), work_dir=tmp_path / "work", run_builds=False)
+    with TestClient(create_app(settings)) as client:
+        assert f"\n# TYPE {metric} gauge\n" in client.get("/metrics").text
+    service = next(pod for name, pod in pod_specs(full) if name == "firstfix")
+    assert target["averageValue"] == service["containers"][0]["resources"]["requests"]["cpu"]
+    assert (
+        "replicas"
+        not in next(d for d in of_kind(full, "Deployment") if d["metadata"]["name"] == "firstfix")["spec"]
+    )
+
+
+def test_a_pod_has_time_to_drain(resources: list[dict[str, Any]]):
+    pod = next(pod for name, pod in pod_specs(resources) if name == "firstfix")
+    drain_s = int(pod["containers"][0]["lifecycle"]["preStop"]["exec"]["command"][-1])
+    assert pod["terminationGracePeriodSeconds"] >= drain_s + STOP_WITHIN_S + 10
+
+
+def test_pods_hold_to_the_restricted_profile(resources: list[dict[str, Any]]):
+    for _, pod in pod_specs(resources):
+        assert pod["automountServiceAccountToken"] is False
+        assert pod["enableServiceLinks"] is False  # FIRSTFIX_PORT=tcp://...
+        assert pod["securityContext"]["runAsNonRoot"] is True
+        assert pod["securityContext"]["seccompProfile"] == {"type": "RuntimeDefault"}
+        for container in pod["containers"]:
+            assert container["securityContext"] == {
+                "allowPrivilegeEscalation": False,
+                "readOnlyRootFilesystem": True,
+                "capabilities": {"drop": ["ALL"]},
+            }
+            assert container["resources"]["limits"]["memory"]
+            written = {mount["mountPath"] for mount in container["volumeMounts"] if not mount.get("readOnly")}
+            assert written <= {"/tmp", "/var/lib/firstfix"}
+    for account in of_kind(resources, "ServiceAccount"):
+        assert account["automountServiceAccountToken"] is False
+
+
+def test_the_user_is_the_images(full: list[dict[str, Any]]):
+    uid = int(re.findall(r"useradd --uid (\d+)", (REPO / "Dockerfile").read_text())[0])
+    for _, pod in pod_specs(full):
+        assert pod["securityContext"]["runAsUser"] == pod["securityContext"]["fsGroup"] == uid
+
+
+def test_secrets_are_only_referred_to(resources: list[dict[str, Any]]):
+    assert not of_kind(resources, "Secret")
+    for _, pod in pod_specs(resources):
+        for variable in environment(pod):
+            assert not re.search(r"SECRET|PASSWORD|TOKEN|ACCESS_KEY", variable["name"]), variable
+
+
+def test_labels_find_their_pods(full: list[dict[str, Any]]):
+    pods = {}
+    for deployment in of_kind(full, "Deployment"):
+        template = deployment["spec"]["template"]["metadata"]["labels"]
+        assert deployment["spec"]["selector"]["matchLabels"].items() <= template.items()
+        pods[deployment["metadata"]["name"]] = template
+    for service in of_kind(full, "Service"):
+        found = [
+            name for name, labels in pods.items() if service["spec"]["selector"].items() <= labels.items()
+        ]
+        assert found == [service["metadata"]["name"]]
+    (budget,) = of_kind(full, "PodDisruptionBudget")
+    (monitor,) = of_kind(full, "ServiceMonitor")
+    chosen = budget["spec"]["selector"]["matchLabels"].items()
+    assert [name for name, labels in pods.items() if chosen <= labels.items()] == ["firstfix"]
+    watched = monitor["spec"]["selector"]["matchLabels"].items()
+    assert all(watched <= service["metadata"]["labels"].items() for service in of_kind(full, "Service"))
+
+
+def test_alerts_and_dashboard_are_the_ones_beside_the_chart(full: list[dict[str, Any]]):
+    (rules,) = of_kind(full, "PrometheusRule")
+    assert rules["spec"] == yaml.safe_load((REPO / "deploy/prometheus/alerts.yml").read_text())
+    (board,) = of_kind(full, "ConfigMap")
+    assert json.loads(board["data"]["firstfix.json"]) == json.loads(
+        (REPO / "deploy/grafana/firstfix.json").read_text()
+    )
+
+
+def test_the_jobs_name_is_the_one_in_the_alerts():
+    (monitor,) = of_kind(rendered(EXAMPLES["full"], release="robots"), "ServiceMonitor")
+    (service, *_) = of_kind(rendered(EXAMPLES["full"], release="robots"), "Service")
+    job = service["metadata"]["labels"][monitor["spec"]["jobLabel"]]
+    assert f'job="{job}"' in (REPO / "deploy/prometheus/alerts.yml").read_text()
+
+
+def test_metrics_need_a_key_or_are_said_to_be_public():
+    def public(**monitoring: Any) -> str | None:
+        found = rendered(values={**STORE, "monitoring": {"serviceMonitor": True, **monitoring}})
+        return variable_of(
+            next(pod for name, pod in pod_specs(found) if name == "firstfix"), "FIRSTFIX_METRICS_PUBLIC"
+        )
+
+    assert public() == "true"
+    assert public(existingSecret="key") is None
+
+
+def test_commands_are_those_of_the_command_line(full: list[dict[str, Any]]):
+    for name, pod in pod_specs(full):
+        arguments = pod["containers"][0]["args"]
+        words = [word for word in arguments if not word.startswith(("-", "$")) and not word.isdigit()]
+        command = [sys.executable, "-m", "firstfix_cli.main", *words, "--help"]
+        shown = subprocess.run(command, capture_output=True, text=True, check=True, env=None).stdout
+        assert all(option in shown for option in arguments if option.startswith("--")), name
+
+
+def test_long_release_names_still_name_replicas():
+    found = rendered(values=STORE, release="release.with-dots-and-a-name-of-53-characters-in-all0")
+    (deployment,) = of_kind(found, "Deployment")
+    pod = f"{deployment['metadata']['name']}-0123456789-abcde"
+    assert Settings(store="memory://", replica=pod).replica == pod
+
+
+@pytest.mark.parametrize(
+    ("values", "reason"),
+    [
+        ({}, "/store/url"),
+        ({"store": {"url": "/data/maps"}}, "/store/url"),
+        ({"store": {"url": "s3://key:secret@maps"}}, "/store/url"),
+        ({**STORE, "auth": "maybe"}, "/auth"),
+        ({**STORE, "autoscalling": {"enabled": True}}, "autoscalling"),
+        ({**STORE, "builder": {"enabled": True}}, "nats.url"),
+        ({**STORE, "nats": {"url": "nats://user:password@nats:4222"}}, "/nats/url"),
+        ({**STORE, "settings": {"port": 9000}}, "settings.port"),
+        ({**STORE, "service": {"resources": {"requests": {"cpu": None}}}}, "requests.cpu"),
+    ],
+    ids=[
+        "nothing",
+        "directory",
+        "secret in URL",
+        "auth",
+        "misspelt",
+        "no NATS",
+        "password",
+        "taken",
+        "no CPUs",
+    ],
+)
+def test_values_that_cannot_work_are_refused(values: dict[str, Any], reason: str):
+    with pytest.raises(Refused, match=reason):
+        rendered(values=values)
+
+
+def test_nobody_is_let_in_by_an_empty_list():
+    policy = {"clients": [], "monitoring": []}
+    for found in of_kind(rendered(values={**STORE, **NATS, "networkPolicy": policy}), "NetworkPolicy"):
+        assert not found["spec"]["ingress"]
+
+
+def test_the_schema_of_the_values_knows_each_of_them():
+    def keys(values: Any, schema: dict[str, Any], path: str) -> None:
+        if isinstance(values, dict) and schema.get("additionalProperties") is False:
+            assert set(schema["properties"]) - {"global"} == set(values), path
+            for name, value in values.items():
+                keys(value, schema["properties"][name], f"{path}.{name}")
+
+    schema = json.loads((CHART / "values.schema.json").read_text())
+    keys(yaml.safe_load((CHART / "values.yaml").read_text()), schema, "values")
+
+
+def test_the_chart_has_the_programs_version():
+    import firstfix
+
+    chart = yaml.safe_load((CHART / "Chart.yaml").read_text())
+    assert chart["version"] == chart["appVersion"] == firstfix.__version__

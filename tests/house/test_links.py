@@ -1,0 +1,35 @@
+"""Every link between the repository's pages leads somewhere."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+REPO = Path(__file__).resolve().parents[2]
+LINK = re.compile(r"\]\((?!https?:)([^)\s#]*)(?:#([^)\s]+))?\)")
+
+
+def pages() -> list[Path]:
+    listing = subprocess.run(
+        ["git", "ls-files", "*.md"], cwd=REPO, capture_output=True, text=True, check=False
+    )
+    if listing.returncode:
+        pytest.skip("not a git checkout: what belongs to the repository is not known")
+    return [REPO / name for name in listing.stdout.splitlines()]
+
+
+def anchors(page: Path) -> set[str]:
+    """Of its headings, as they are made where it is shown."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(), re.M)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def test_every_link_leads_somewhere():
+    broken = []
+    for page in pages():
+        for target, anchor in LINK.findall(page.read_text()):
+            found = (page.parent / target).resolve() if target else page
+            if not found.exists() or (anchor and anchor not in anchors(found)):
+                broken.append(f"{page.relative_to(REPO)}: {target}#{anchor}")
+    assert not broken

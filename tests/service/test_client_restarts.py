@@ -1,0 +1,44 @@
+"""A service that is killed and started again under queries, with few of them: ``python -m
+benchmarks.restart_clients`` asks 200."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from service_world import publish
+
+from benchmarks.restart_clients import CLIENTS, replica_of, restart_under_queries
+from benchmarks.service.programs import Replica
+from firstfix.catalog import Catalog
+from firstfix.scan import Scan
+from firstfix.store import Store
+
+SCAN = Scan.from_points(np.random.default_rng(1).uniform(-9, 9, (300, 3)))
+
+
+@pytest.fixture(scope="module")
+def replica(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Replica]:
+    folder = tmp_path_factory.mktemp("restarts")
+    store = str(folder / "store")
+    publish(Catalog(Store.open(store)), "hall", "1", folder / "made")
+    command = [sys.executable, str(Path(__file__).with_name("replica_process.py"))]
+    with pytest.MonkeyPatch.context() as environment:
+        environment.setenv("FAKE_SECONDS", "0.05")  # so that some are being worked on when it is killed
+        environment.setenv("FIRSTFIX_MIN_FREE_BYTES", "0")
+        replica = replica_of(folder / "replica", store, command)
+    replica.start().wait_until_ready()
+    yield replica
+    replica.end()
+
+
+@pytest.mark.parametrize("name", CLIENTS)
+def test_no_query_is_lost_when_the_service_restarts(name: str, replica: Replica):
+    before = replica.pid
+    figures = restart_under_queries(replica, name, SCAN, "hall", queries=40, restarts=1, timeout_s=100.0)
+    assert figures["lost"] == {}
+    assert figures["queries"] == 40
+    assert replica.pid != before
