@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Puts real servers beside the tests' Python: versitygw (S3), nats-server (JetStream), toxiproxy (broken
-# networks), haproxy (replicas), Azurite (Azure); and what renders and checks the Helm chart: helm, the schemas of
-# Kubernetes and prometheus-operator; and what the C++ client is built with. Tests whose server or tool cannot be had are skipped and say so.
+# networks), haproxy (replicas), Azurite (Azure); what renders and checks the Helm chart: helm, the schemas of
+# Kubernetes and prometheus-operator; and what the C++ client is built with. Tests whose server or tool cannot be had
+# are skipped and say so.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 bin=$PWD/.venv/bin
