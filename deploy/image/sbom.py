@@ -44,7 +44,13 @@ def python_packages(folder: Path) -> list[Component]:
     for distribution in distributions(path=[str(folder)]):
         name, version = distribution.metadata["Name"], distribution.version
         purl = f"pkg:pypi/{name.lower().replace('_', '-')}@{version}"
-        component: Component = {"type": "library", "bom-ref": purl, "name": name, "version": version, "purl": purl}
+        component: Component = {
+            "type": "library",
+            "bom-ref": purl,
+            "name": name,
+            "version": version,
+            "purl": purl,
+        }
         licence = licence_of(distribution.metadata)
         if licence:
             component["licenses"] = [licence]
@@ -63,7 +69,9 @@ def licence_of(metadata: Message) -> dict[str, Any] | None:
 
 def debian_packages() -> list[Component]:
     fields = "${db:Status-Status}\\t${binary:Package}\\t${Version}\\t${Architecture}\\n"
-    listed = subprocess.run(["dpkg-query", "-W", "-f", fields], check=True, capture_output=True, text=True).stdout
+    listed = subprocess.run(
+        ["dpkg-query", "-W", "-f", fields], check=True, capture_output=True, text=True
+    ).stdout
     release = platform.freedesktop_os_release()["VERSION_CODENAME"]
     found = []
     for line in listed.splitlines():

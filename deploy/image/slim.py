@@ -1,10 +1,10 @@
 """Takes out of an image's packages what no running program needs, and proves that the rest still loads.
 
-    slim.py VENV service    also drops the parts of SciPy that only builds could want; compiles what the service imports
+    slim.py VENV service    also drops the parts of SciPy that only builds could want
     slim.py VENV builder
 
-Run with the system's Python while an image is made; needs binutils' strip. What was installed stays told by the
-packages' own metadata, so the bill of materials is not touched.
+Run with the system's Python while an image is made; needs binutils' strip. What was installed stays told by
+the packages' own metadata, so the bill of materials is not touched.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ UNUSED_BY_SERVICE = [
 ]
 STRIPPED_FROM_BYTES = 500_000
 
-# Every module of ours and what it loads only when asked to; the service's files of bytecode are left behind by this.
+# Every module of ours, and what it loads only when asked to. It leaves the bytecode of what it loads behind:
+# in the service's image there is no other.
 LOAD_ALL = """
 import importlib, pkgutil, sys
 for root in sys.argv[1:]:
@@ -39,7 +40,7 @@ def main(venv: Path, kind: str) -> None:
     packages = next(venv.glob("lib/python3.*/site-packages"))
     remove(packages, UNUSED_BY_SERVICE if kind == "service" else [])
     for library in packages.rglob("*.so"):
-        # Libraries in *.libs were patched by auditwheel, which strip would break; they carry no debug symbols.
+        # Those in *.libs were patched by auditwheel: strip would break them, and they have no debug symbols.
         if not library.parent.name.endswith(".libs") and library.stat().st_size >= STRIPPED_FROM_BYTES:
             subprocess.run(["strip", "--strip-unneeded", library], check=True)
     roots = SERVICE_PACKAGES if kind == "service" else [*SERVICE_PACKAGES, "firstfix_builder"]

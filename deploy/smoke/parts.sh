@@ -12,7 +12,7 @@ fail() { printf 'smoke: %s\n' "$*" >&2; exit 1; }
 finish() {
   local status=$?
   if [ -e "$work/env" ]; then
-    [ $status = 0 ] || "${compose[@]}" logs --no-color --tail 40 || true
+    [ $status = 0 ] || "${compose[@]}" logs --no-color --tail 15 || true
     docker ps -aq --filter "name=^$project-robots-" | xargs -r docker rm -f >/dev/null 2>&1 || true
     "${compose[@]}" down --volumes --timeout 10 >/dev/null 2>&1 || true
   fi
@@ -83,7 +83,7 @@ wait_for_stage() {  # until a build is in the middle of its work
   local stage=''
   for _ in $(seq 120); do
     stage=$(call "$url$1" | field stage)
-    case $stage in '' | fetch | read* | clean*) sleep 0.5 ;; *) say "the build is at: $stage"; return ;; esac
+    case $stage in '' | fetch_source | read_map) sleep 0.5 ;; *) say "the build is at: $stage"; return ;; esac
   done
   fail "the build does not begin"
 }
@@ -103,6 +103,15 @@ crash() {  # SERVICE: kills every process of one of its containers but init, whi
   [ "$1" != worker ] || id=$(busy_worker)
   say "killing $1 ${id:0:12}"
   docker exec "$id" sh -c 'kill -9 -1' || true
+  crashed+=("$id")
+}
+crashed=()
+
+check_restarts() {  # what crashed runs again
+  local id
+  for id in "${crashed[@]}"; do
+    [ "$(docker inspect -f '{{.State.Running}} {{.RestartCount}}' "$id")" = "true 1" ] || fail "${id:0:12} did not come back"
+  done
 }
 
 busy_worker() {  # the worker in which a build's process runs

@@ -2,9 +2,9 @@
 
     robots.py WORLD MAP --url http://proxy:8080 [--zenoh robot.json5] --json FILE [--rounds N] [--least SHARE]
 
-Without ``--rounds`` they go on until SIGTERM. Ends with an error if a query failed, if an answer was wrong, or if too few
-scans were localized. A query counts as failed after the retries that every client of the SDK makes; ``--no-retry`` takes
-these away from the HTTP robots.
+Without ``--rounds`` they go on until SIGTERM. Ends with an error if a query failed, if an answer was wrong, or
+if too few scans were localized. A query counts as failed after the retries that every client of the SDK makes;
+``--no-retry`` takes these away from the HTTP robots.
 """
 
 from __future__ import annotations
@@ -30,7 +30,6 @@ from firstfix_cli.poses_csv import read_poses_csv
 from firstfix_client import Client, RetryPolicy, ZenohClient
 
 WRONG_M = 0.5
-PAUSE_S = 0.05  # between queries of one robot: builds are to get on as well
 TIMEOUT_S = 20.0
 
 
@@ -81,18 +80,21 @@ class Log:
         }
 
 
-def drive(client: Client | ZenohClient, scans: list[Any], map_id: str, log: Log, rounds: int | None, stop: threading.Event) -> None:
+def drive(
+    client: Client | ZenohClient, scans: list[Any], given: argparse.Namespace, log: Log, stop: threading.Event
+) -> None:
     """One robot: asks for one scan after the other."""
+    rounds = given.rounds
     asked = 0
     while not stop.is_set() and (rounds is None or asked < rounds * len(scans)):
         name, scan, truth = scans[asked % len(scans)]
         asked += 1
         begin = time.perf_counter()
         try:
-            log.answered(name, client.localize(scan, map_id=map_id), truth, time.perf_counter() - begin)
+            log.answered(name, client.localize(scan, map_id=given.map_id), truth, time.perf_counter() - begin)
         except Exception as error:
             log.failed(name, error)
-        stop.wait(PAUSE_S)
+        stop.wait(given.pause)
 
 
 def main() -> int:
@@ -104,6 +106,7 @@ def main() -> int:
     parser.add_argument("--json", type=Path, required=True)
     parser.add_argument("--rounds", type=int)
     parser.add_argument("--least", type=float, default=0.0, help="share of the map's scans to be localized")
+    parser.add_argument("--pause", type=float, default=0.2, help="seconds between a robot's queries")
     parser.add_argument("--no-retry", action="store_true")
     given = parser.parse_args()
 
@@ -115,7 +118,8 @@ def main() -> int:
     logs = {"http": Log()} | ({"zenoh": Log()} if given.zenoh else {})
     with ExitStack() as stack:
         clients: list[tuple[str, Client | ZenohClient]] = [
-            ("http", stack.enter_context(Client(given.url, timeout_s=TIMEOUT_S, retry=policy))) for _ in range(2)
+            ("http", stack.enter_context(Client(given.url, timeout_s=TIMEOUT_S, retry=policy)))
+            for _ in range(2)
         ]
         if given.zenoh:
             is_file = given.zenoh.endswith(".json5")
@@ -124,7 +128,7 @@ def main() -> int:
         robots = [
             # Each begins elsewhere, so that they do not ask the same at the same time.
             threading.Thread(
-                target=drive, args=(client, scans[start:] + scans[:start], given.map_id, logs[way], given.rounds, stop)
+                target=drive, args=(client, scans[start:] + scans[:start], given, logs[way], stop)
             )
             for start, (way, client) in enumerate(clients)
         ]
@@ -136,12 +140,13 @@ def main() -> int:
     reports = {way: log.report() for way, log in logs.items()}
     given.json.write_text(json.dumps(reports, indent=1) + "\n")
     print(json.dumps(reports), flush=True)
-    bad = [
-        way
-        for way, report in reports.items()
-        if report["failed"] or report["wrong"] or not report["queries"] or report["localized_share"] < given.least
-    ]
-    return 1 if bad else 0
+    return 0 if all(content(report, given.least) for report in reports.values()) else 1
+
+
+def content(report: dict[str, Any], least: float) -> bool:
+    """Whether a transport's robots got what they came for."""
+    nothing_bad = not report["failed"] and not report["wrong"]
+    return nothing_bad and report["queries"] > 0 and report["localized_share"] >= least
 
 
 if __name__ == "__main__":

@@ -192,7 +192,10 @@ class Settings(BaseSettings):
     )
 
     drain_s: float = Field(
-        0.0, ge=0, le=300, description="between the sign to stop, seen at /readyz, and taking no more requests"
+        0.0,
+        ge=0,
+        le=300,
+        description="between the sign to stop, seen at /readyz, and taking no more requests",
     )
 
     @property
