@@ -2,9 +2,9 @@
 
     robots.py WORLD MAP --url http://proxy:8080 [--zenoh robot.json5] --json FILE [--rounds N] [--least SHARE]
 
-Without ``--rounds`` they go on until SIGTERM. Ends with an error if a query failed, if an answer was wrong, or
-if too few scans were localized. A query counts as failed after the retries that every client of the SDK makes;
-``--no-retry`` takes these away from the HTTP robots.
+Without ``--rounds`` they go on until SIGTERM. Ends with an error if a query failed, if an answer was wrong,
+or if too few scans were localized. A query counts as failed after the retries that every client of the SDK
+makes; ``--no-retry`` takes these away from the HTTP robots.
 """
 
 from __future__ import annotations

@@ -37,8 +37,8 @@ def uvicorn_config(app: FastAPI, settings: Settings) -> uvicorn.Config:
 
 
 class Server(uvicorn.Server):
-    """The server of an app. When it is to stop it says so at /readyz and goes on for as long as a load balancer needs to
-    see that; then it ends streams of events, and waits for what else is under way."""
+    """The server of an app. When it is to stop it says so at /readyz and goes on until a proxy has seen
+    that; then it ends streams of events, and waits for what else is under way."""
 
     def __init__(self, app: FastAPI, settings: Settings) -> None:
         super().__init__(uvicorn_config(app, settings))

@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import httpx
+
 from servers import free_port
 
 

@@ -49,7 +49,7 @@ def create(
         str | None,
         typer.Option(
             metavar="VARIABLE",
-            help="Take the key from this environment variable in place of a random one. Once more does nothing.",
+            help="Take the key from this environment variable, not a random one. Once more does nothing.",
         ),
     ] = None,
     as_json: AsJson = False,
