@@ -99,8 +99,7 @@ wait_for_version() {  # until it is the one that answers
 # As after a crash, and not as after `docker kill`, which the restart policy takes for what the operator wants.
 crash() {  # SERVICE: kills every process of one of its containers but init, which ends then
   local id
-  id=$("${compose[@]}" ps -q "$1" | head -1)
-  [ "$1" != worker ] || id=$(busy_worker)
+  if [ "$1" = worker ]; then id=$(busy_worker); else id=$("${compose[@]}" ps -q "$1" | sed -n 1p); fi
   say "killing $1 ${id:0:12}"
   docker exec "$id" sh -c 'kill -9 -1' || true
   crashed+=("$id")
