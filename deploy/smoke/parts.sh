@@ -116,7 +116,8 @@ check_restarts() {  # what crashed runs again
 busy_worker() {  # the worker in which a build's process runs
   local id
   for id in $("${compose[@]}" ps -q worker); do
-    if docker exec "$id" sh -c 'grep -l firstfix_builder.worker /proc/[0-9]*/cmdline 2>/dev/null | grep -qv self'; then
+    # The brackets keep this shell and this grep from finding themselves.
+    if docker exec "$id" sh -c 'grep -qs "firstfix_builder[.]worker" /proc/[0-9]*/cmdline'; then
       echo "$id"
       return
     fi
