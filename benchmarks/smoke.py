@@ -1,4 +1,4 @@
-"""The containers under fire: deploy/smoke.sh with the profile full, three times in a row; quick: minimal, once."""
+"""Containers under fire: deploy/smoke.sh with the profile full, three times; quick: minimal, once."""
 
 from __future__ import annotations
 

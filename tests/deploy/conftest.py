@@ -6,7 +6,7 @@ import pytest
 from engine import running_engine
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with running_engine(tmp_path_factory.mktemp("engine") / "dockerd.log"):
         yield

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-LOCK = Path("/tmp/firstfix-images.lock")  # the tests' processes build one after the other
+LOCK = Path("/tmp/firstfix-images.lock")  # of whoever uses the engine
 BASE = "debian:bookworm-slim"
 BUILD_S = 1200
 # The older builder takes a network for its steps without more rights, and is in every engine.
@@ -32,14 +32,22 @@ def docker(*arguments: str, check: bool = True) -> str:
 
 @contextmanager
 def running_engine(log: Path) -> Iterator[None]:
-    """Skips the test, and says why, where no engine can be had."""
+    """One test process has it at a time. Skips the test, and says why, where none can be had."""
     if shutil.which("docker") is None:
         pytest.skip("no docker here")
-    if _answers():
-        yield
-        return
-    if os.geteuid() != 0 or shutil.which("dockerd") is None:
-        pytest.skip("no Docker engine runs here, and this is nobody who could start one")
+    with LOCK.open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if _answers():
+            yield
+        elif os.geteuid() != 0 or shutil.which("dockerd") is None:
+            pytest.skip("no Docker engine runs here, and this is nobody who could start one")
+        else:
+            with _own_engine(log):
+                yield
+
+
+@contextmanager
+def _own_engine(log: Path) -> Iterator[None]:
     with log.open("wb") as out:
         engine = subprocess.Popen(["dockerd"], stdout=out, stderr=out)
     try:
@@ -50,6 +58,8 @@ def running_engine(log: Path) -> Iterator[None]:
         if not _answers():
             pytest.skip(f"dockerd does not start here: {log.read_text()[-300:]}")
         yield
+        # Of earlier runs; what is younger makes the next build short.
+        docker("image", "prune", "--force", "--filter", "until=72h")
     finally:
         engine.terminate()
         engine.wait(60)
@@ -57,22 +67,20 @@ def running_engine(log: Path) -> Iterator[None]:
 
 def build_images(*targets: str) -> None:
     """Skips the test where there is nothing to build them on."""
-    with LOCK.open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        if not _succeeds("docker", "image", "inspect", BASE) and not _succeeds(
-            "timeout", "60", "docker", "pull", BASE
-        ):
-            if os.geteuid() != 0 or shutil.which("debootstrap") is None:
-                pytest.skip(f"no registry with {BASE} is reached, and no debootstrap is here")
-            subprocess.run([ROOT / "deploy/stand-ins/debian.sh"], check=True, timeout=BUILD_S)
-        done = subprocess.run(
-            [ROOT / "deploy/image/build.sh", *BUILD_ARGS],
-            env={**ENVIRONMENT, "TARGETS": " ".join(targets)},
-            capture_output=True,
-            text=True,
-            timeout=BUILD_S,
-            check=False,
-        )
+    if not _succeeds("docker", "image", "inspect", BASE) and not _succeeds(
+        "timeout", "60", "docker", "pull", BASE
+    ):
+        if os.geteuid() != 0 or shutil.which("debootstrap") is None:
+            pytest.skip(f"no registry with {BASE} is reached, and no debootstrap is here")
+        subprocess.run([ROOT / "deploy/stand-ins/debian.sh"], check=True, timeout=BUILD_S)
+    done = subprocess.run(
+        [ROOT / "deploy/image/build.sh", *BUILD_ARGS],
+        env={**ENVIRONMENT, "TARGETS": " ".join(targets)},
+        capture_output=True,
+        text=True,
+        timeout=BUILD_S,
+        check=False,
+    )
     assert done.returncode == 0, done.stdout[-1000:] + done.stderr[-3000:]
 
 
