@@ -13,7 +13,7 @@ finish() {
   local status=$?
   if [ -e "$work/env" ]; then
     [ $status = 0 ] || "${compose[@]}" logs --no-color --tail 15 || true
-    docker ps -aq --filter "name=^$project-robots-" | xargs -r docker rm -f >/dev/null 2>&1 || true
+    docker ps -aq --filter "name=^$project-robots-" | xargs -r docker rm -fv >/dev/null 2>&1 || true
     "${compose[@]}" down --volumes --timeout 10 >/dev/null 2>&1 || true
   fi
   rm -rf "$work"
