@@ -1,43 +1,53 @@
 # Two targets over one tree of packages, both without compiler, pip or root:
 #   service   answers queries over HTTP and zenoh; has no open3d, so it builds no maps
-#   builder   the same and the mesh tools: `firstfix serve` with in-process builds, `firstfix build`
+#   builder   the same and the mesh tools: `firstfix serve` with in-process builds, `firstfix worker`, `firstfix build`
 #
-#   docker build --target builder -t firstfix-builder .
+#   deploy/image/build.sh                                       # both, with version and revision in their labels
+#   docker build --target service -t firstfix-service .
 #
-# They listen beyond the container, so they start only with -e FIRSTFIX_AUTH=on, or off where nobody else gets there.
+# They run as user 10001 with a read-only root file system: what they write is in /var/lib/firstfix (a volume) and /tmp
+# (a tmpfs). They listen beyond the container, so they start only with FIRSTFIX_AUTH=on, or off where nobody else gets
+# there. /usr/share/sbom/firstfix.cdx.json says what is in them.
 #
 # A machine with a package index of its own gives it with --build-arg PIP_INDEX_URL=...
 FROM debian:bookworm-slim AS python
 RUN apt-get update \
  && apt-get install -y --no-install-recommends python3 libgomp1 \
- && rm -rf /var/lib/apt/lists/* /var/cache/apt/*
+ && rm -rf /var/lib/apt/lists/* /var/cache/apt/* /var/log/*
 
 FROM python AS tools
 ARG PIP_INDEX_URL
 ENV PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_NO_CACHE_DIR=1
-RUN apt-get update && apt-get install -y --no-install-recommends python3-venv
+RUN apt-get update && apt-get install -y --no-install-recommends python3-venv binutils
 COPY deploy/locks/setup.txt /locks/
 RUN python3 -m venv /opt/tools \
  && /opt/tools/bin/pip install --quiet --require-hashes -r /locks/setup.txt \
  && python3 -m venv --without-pip /opt/firstfix
-COPY deploy/locks/service.txt /locks/
-RUN /opt/tools/bin/pip --python /opt/firstfix/bin/python install --quiet --only-binary :all: --require-hashes -r /locks/service.txt
+COPY deploy/image /image
 
 FROM tools AS wheel
 COPY . /src
 RUN /opt/tools/bin/pip wheel --quiet --no-deps --no-build-isolation --wheel-dir /wheel /src
 
-FROM tools AS service-venv
+# Without bytecode: slim.py leaves that of what is used.
+FROM tools AS service-packages
+ARG PIP_INDEX_URL
+COPY deploy/locks/service.txt /locks/
+RUN /opt/tools/bin/pip --python /opt/firstfix/bin/python install --quiet --no-compile --only-binary :all: --require-hashes -r /locks/service.txt
+
+FROM service-packages AS service-venv
 COPY --from=wheel /wheel /wheel
-RUN /opt/tools/bin/pip --python /opt/firstfix/bin/python install --quiet --no-deps --no-index /wheel/*.whl
+RUN /opt/tools/bin/pip --python /opt/firstfix/bin/python install --quiet --no-compile --no-deps --no-index /wheel/*.whl \
+ && python3 /image/slim.py /opt/firstfix service
 
 # What both images share: the user, the place of the data, how it is started and watched.
 FROM python AS runtime
 RUN groupadd --gid 10001 firstfix \
- && useradd --uid 10001 --gid 10001 --no-create-home --home-dir /tmp firstfix \
+ && useradd --uid 10001 --gid 10001 --no-create-home --home-dir /tmp --shell /usr/sbin/nologin firstfix \
  && install -d -o firstfix -g firstfix /var/lib/firstfix
 ENV PATH=/opt/firstfix/bin:$PATH \
     PYTHONUNBUFFERED=1 \
+    PYTHONDONTWRITEBYTECODE=1 \
     HOME=/tmp \
     FIRSTFIX_STORE=file:///var/lib/firstfix/store \
     FIRSTFIX_WORK_DIR=/var/lib/firstfix/work \
@@ -45,35 +55,70 @@ ENV PATH=/opt/firstfix/bin:$PATH \
     FIRSTFIX_HOST=0.0.0.0 \
     FIRSTFIX_PORT=8080 \
     FIRSTFIX_ZENOH_LISTEN='["tcp/0.0.0.0:7447"]'
-LABEL org.opencontainers.image.title="firstfix" \
-      org.opencontainers.image.description="The first fix for LiDAR robots: one scan in, the pose in the map out" \
-      org.opencontainers.image.licenses="Apache-2.0"
 VOLUME /var/lib/firstfix
 EXPOSE 8080 7447
-HEALTHCHECK --interval=10s --timeout=3s --start-period=20s --retries=3 \
-  CMD ["python", "-c", "import os, urllib.request as u; u.urlopen('http://127.0.0.1:' + os.environ['FIRSTFIX_PORT'] + '/healthz', timeout=2)"]
+HEALTHCHECK --interval=10s --timeout=5s --start-period=30s --retries=3 \
+  CMD ["python", "-c", "import os, urllib.request as u; u.urlopen('http://127.0.0.1:' + os.environ['FIRSTFIX_PORT'] + '/healthz', timeout=4)"]
 ENTRYPOINT ["firstfix"]
 CMD ["serve"]
 
-FROM runtime AS service
+FROM runtime AS service-files
 COPY --from=service-venv /opt/firstfix /opt/firstfix
-USER firstfix
 
-# Last, so that a plain `docker build .` gives the image that does everything.
+FROM service-files AS service-sbom
+ARG VERSION=0
+COPY deploy/image/sbom.py /
+RUN python3 /sbom.py /opt/firstfix firstfix-service "$VERSION" >/firstfix.cdx.json
+
+FROM service-files AS service
+COPY --from=service-sbom /firstfix.cdx.json /usr/share/sbom/
+ARG VERSION=0
+ARG REVISION=unknown
+ARG CREATED=unknown
+LABEL org.opencontainers.image.title="firstfix-service" \
+      org.opencontainers.image.description="The first fix for LiDAR robots: one scan in, the pose in the map out" \
+      org.opencontainers.image.licenses="Apache-2.0" \
+      org.opencontainers.image.base.name="debian:bookworm-slim" \
+      org.opencontainers.image.version=$VERSION \
+      org.opencontainers.image.revision=$REVISION \
+      org.opencontainers.image.created=$CREATED
+USER 10001:10001
+
 FROM tools AS builder-packages
 ARG PIP_INDEX_URL
 COPY deploy/locks/builder.txt /locks/
 RUN /opt/tools/bin/pip --python /opt/firstfix/bin/python install --quiet --only-binary :all: --require-hashes -r /locks/builder.txt
+# What open3d links, screen or not.
+RUN apt-get install -y --no-install-recommends libgl1 libegl1 libx11-6 libudev1 libusb-1.0-0
 
 FROM builder-packages AS builder-venv
 COPY --from=wheel /wheel /wheel
-RUN /opt/tools/bin/pip --python /opt/firstfix/bin/python install --quiet --no-deps --no-index /wheel/*.whl
+RUN /opt/tools/bin/pip --python /opt/firstfix/bin/python install --quiet --no-deps --no-index /wheel/*.whl \
+ && python3 /image/slim.py /opt/firstfix builder
 
-FROM runtime AS builder
-# What open3d links, screen or not.
+FROM runtime AS builder-files
 RUN apt-get update \
  && apt-get install -y --no-install-recommends libgl1 libegl1 libx11-6 libudev1 libusb-1.0-0 \
- && rm -rf /var/lib/apt/lists/* /var/cache/apt/*
+ && rm -rf /var/lib/apt/lists/* /var/cache/apt/* /var/log/*
 ENV MPLBACKEND=Agg MPLCONFIGDIR=/tmp/matplotlib
 COPY --from=builder-venv /opt/firstfix /opt/firstfix
-USER firstfix
+
+FROM builder-files AS builder-sbom
+ARG VERSION=0
+COPY deploy/image/sbom.py /
+RUN python3 /sbom.py /opt/firstfix firstfix-builder "$VERSION" >/firstfix.cdx.json
+
+# Last, so that a plain `docker build .` gives the image that does everything.
+FROM builder-files AS builder
+COPY --from=builder-sbom /firstfix.cdx.json /usr/share/sbom/
+ARG VERSION=0
+ARG REVISION=unknown
+ARG CREATED=unknown
+LABEL org.opencontainers.image.title="firstfix-builder" \
+      org.opencontainers.image.description="firstfix, and the tools that build its maps" \
+      org.opencontainers.image.licenses="Apache-2.0" \
+      org.opencontainers.image.base.name="debian:bookworm-slim" \
+      org.opencontainers.image.version=$VERSION \
+      org.opencontainers.image.revision=$REVISION \
+      org.opencontainers.image.created=$CREATED
+USER 10001:10001

@@ -6,7 +6,7 @@ import argparse
 import json
 from pathlib import Path
 
-from . import real
+from . import real, smoke
 from .encodings import suite as encodings
 from .paper import suite as paper
 from .peers import suite as peers
@@ -22,6 +22,7 @@ SUITES = {
     "retrieval": retrieval.run,
     "robust": robust.run,
     "service": service.run,
+    "smoke": smoke.run,
 }
 
 

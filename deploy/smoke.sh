@@ -1,73 +1,97 @@
 #!/usr/bin/env bash
-# Proves the images and the compose file: builds them, brings them up on an empty volume, posts a sample
-# world's map, waits for the build, and localizes the world's scans at both, over HTTP and zenoh.
-# Needs docker, docker-compose (either generation) and curl. Ports 8080, 8081, 7447 and 7448 must be free.
+# Proves the images and the compose file: brings a profile up on empty volumes with secrets of its own, hands in a map, waits
+# for the build, localizes a sample world's scans over HTTP and zenoh, rolls a version back, and tears everything down.
+# With `full` it also kills a replica, a worker in the middle of a build and the S3 gateway, and replaces all replicas, while
+# robots go on asking: none may see an error, or a wrong pose.
 #
-#   deploy/smoke.sh
-#   WORLD=campus DOCKER_BUILD_ARGS="--network host" deploy/smoke.sh
+#   deploy/smoke.sh [minimal|full]
+#   FIRSTFIX_HTTP_PORT=18080 FIRSTFIX_ZENOH_PORT=17447 JSON=figures.json deploy/smoke.sh full
+#
+# Needs docker, docker-compose (either generation), curl, and the images; BUILD=1 makes those first (DOCKER_BUILD_ARGS are
+# for docker build). Every container it starts is of the compose project firstfix-smoke-PROFILE, or named so.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-
-world=${WORLD:-factory}  # the demo's; the bar below is set for it, and the ambiguous office would not reach it
-project=firstfix-smoke
-compose=(docker-compose)
-if docker compose version >/dev/null 2>&1; then compose=(docker compose); fi
-compose+=(-p "$project" -f deploy/compose.yaml)
+profile=${1:-minimal}
+world=${WORLD:-factory}  # the ambiguous office would not reach the share below
+least=${LEAST:-0.6}      # of the map's scans to be localized
+build_s=${BUILD_S:-600}  # within which a build has to end
+# For the builds' configs: a coarser map with a shorter self-test, which is sure of fewer scans, in a third of the time.
+quick=', "clean": {"voxel_m": 0.15}, "viewpoints": {"spacing_m": 1.5}, "self_test": {"queries": 60, "outside": 20}'
+project=firstfix-smoke-$profile
 work=$(mktemp -d)
 chmod 755 "$work"  # the user in the containers is another one
+source deploy/smoke/parts.sh
 
-say() { printf '\nsmoke %4d s: %s\n' "$SECONDS" "$*"; }
-finish() {
-  local status=$?
-  [ $status = 0 ] || "${compose[@]}" logs --tail 40 || true
-  "${compose[@]}" down --volumes --timeout 10 >/dev/null 2>&1 || true
-  rm -rf "$work"
-  exit $status
-}
 trap finish EXIT
-
-say "building the images"
-read -r -a build_args <<<"${DOCKER_BUILD_ARGS:-}"
-for target in service builder; do
-  docker build --quiet "${build_args[@]}" --target $target -t firstfix-$target .
-done
-docker image ls --format '{{.Repository}}  {{.Size}}' | grep '^firstfix-'
+if [ -n "${BUILD:-}" ]; then
+  read -r -a build_args <<<"${DOCKER_BUILD_ARGS:-}"
+  deploy/image/build.sh "${build_args[@]}"
+  [ "$profile" = minimal ] || deploy/stand-ins/build.sh
+fi
+case $profile in
+  minimal) taker=firstfix front=firstfix zenoh=tcp/firstfix:7447 ;;
+  full) taker=replica front=proxy zenoh=/world/robot.json5 ;;
+  *) echo "minimal or full, not $profile" >&2; exit 2 ;;
+esac
 
 say "making the $world world"
-docker run --rm --user "$(id -u):$(id -g)" -v "$work:/world" firstfix-builder world "$world" -o /world
-config=$(docker run --rm -v "$work:/world:ro" --entrypoint python firstfix-builder -c \
-  'import json, yaml; print(json.dumps({"sensor": yaml.safe_load(open("/world/sensor.yaml"))}))')
+make_world
 
-say "starting on an empty volume"
-"${compose[@]}" up -d --no-build
-curl -fsS --retry 30 --retry-delay 1 --retry-all-errors http://127.0.0.1:8080/readyz
+say "starting the profile $profile on empty volumes"
+make_settings
+"${compose[@]}" up -d
+wait_until_ready
+robot_key=$("${compose[@]}" exec -T "$taker" firstfix keys create --scope localize --map smoke --name robots 2>/dev/null | tr -d '\r')
 
-say "posting the map"
-build=$(curl -fsS -D - -o /dev/null http://127.0.0.1:8080/maps \
-  -F map_id=smoke -F source=@"$work/map.ply" -F trajectory=@"$work/trajectory.txt" -F config="$config" \
-  | tr -d '\r' | sed -n 's/^[Ll]ocation: //p')
-state=queued
-until [ "$state" = succeeded ]; do
+say "without a key nobody gets in"
+[ "$(curl -s -o /dev/null -w '%{http_code}' "$url/maps")" = 401 ]
+
+say "handing in the map"
+build=$(hand_in "$quick, \"learn_keys\": {\"scans\": 300}")
+first=$(wait_for_build "$build")
+say "version ${first:0:12} is built"
+
+say "every scan once, over HTTP and zenoh"
+sleep 3  # a replica looks for new versions every 2 s
+robots once --rounds 1 --least "$least"
+check_containers
+
+if [ "$profile" = full ]; then
+  say "robots go on asking, and what serves them is killed"
+  robots_begin chaos
+  build=$(hand_in "${quick/0.15/0.16}, \"learn_keys\": {\"scans\": 300}")  # another map: nothing is done already
+  wait_for_stage "$build"
+  crash worker
   sleep 2
-  status=$(curl -fsS "http://127.0.0.1:8080$build")
-  state=$(sed -n 's/.*"state": *"\([a-z]*\)".*/\1/p' <<<"$status")
-  case $state in failed | cancelled) echo "$status"; exit 1 ;; esac
-done
-say "built: $status"
+  crash replica
+  say "the S3 gateway is away for 8 s"
+  gateway=$("${compose[@]}" ps -q s3)
+  docker stop -t 1 "$gateway" >/dev/null
+  sleep 8
+  docker start "$gateway" >/dev/null
+  second=$(wait_for_build "$build")
+  say "version ${second:0:12} is built all the same"
+  sleep 5
+  robots_end chaos
+  check_restarts
+else
+  build=$(hand_in "$quick, \"learn_keys\": {\"scans\": 200}")
+  second=$(wait_for_build "$build")
+fi
+[ "$second" != "$first" ]
 
-# A robot beside the services, in a container of its own with nothing but the network and the scans.
-for where in "--url http://firstfix:8080" "--url http://replica:8080" "--zenoh tcp/replica:7447"; do
-  say "localizing, $where"
-  docker run --rm --network "${project}_default" -v "$work:/world:ro" --entrypoint sh firstfix-service -c "
-    firstfix evaluate /world/poses.csv --map smoke $where --json /tmp/evaluation.json
-    python -c 'import json; got = json.load(open(\"/tmp/evaluation.json\")); assert got[\"success_0.2m\"] >= 0.8, got'"
-done
+say "rolling back to ${first:0:12}"
+wait_for_version "$second"
+call -X POST "$url/maps/smoke/rollback" >/dev/null
+wait_for_version "$first"
 
-for service in firstfix replica; do
-  id=$("${compose[@]}" ps -q $service)
-  health=$(docker inspect -f '{{.State.Health.Status}}' "$id")
-  user=$("${compose[@]}" exec -T $service python -c 'import os; print(os.getuid())' | tr -d '\r')
-  say "$service: $health, user $user"
-  [ "$health" = healthy ] && [ "$user" != 0 ]
-done
+if [ "$profile" = full ]; then
+  say "replacing all replicas under robots that never try again"
+  robots_begin rolling --no-retry --pause 0.02
+  deploy/compose/roll.sh --env-file "$work/env" -p "$project"
+  sleep 3
+  robots_end rolling
+  wait_for_metrics
+fi
+figures
 say "all good"

@@ -81,27 +81,38 @@ class ApiKeys:
         self._store = store
         self._read: dict[str, ApiKey] = {}  # records never change; those that cannot be read are tried again
 
-    def create(self, name: str, grant: Grant, expires: datetime | None = None) -> tuple[ApiKey, str]:
+    def create(
+        self, name: str, grant: Grant, expires: datetime | None = None, token: str | None = None
+    ) -> tuple[ApiKey, str]:
         """A new key, and its token: the one time that the secret is seen.
 
         Args:
             expires: with a time zone.
+            token: that was made elsewhere, of 256 random bits; to create the same key once more does nothing.
 
         Raises:
-            InvalidOption: the name is empty, long or not printable, or it would expire in the past.
+            InvalidOption: the name is empty, long or not printable, it would expire in the past, or the token
+                does not have the form of one.
+            Conflict: there is another key of that id.
         """
         if not 0 < len(name) <= MAX_NAME_CHARS or not name.isprintable():
             raise InvalidOption(f"a key's name is 1 to {MAX_NAME_CHARS} printable characters")
         now = datetime.now(timezone.utc)
         if expires is not None and expires <= now:
             raise InvalidOption("the key would have expired already")
-        key_id, secret = secrets.token_hex(6), secrets.token_hex(32)
+        parts = (secrets.token_hex(6), secrets.token_hex(32)) if token is None else parse_token(token)
+        if parts is None:
+            raise InvalidOption("a token is ffx_, 12 characters of 0-9 and a-f, _ and 64 more of them")
+        key_id, secret = parts
         until = None if expires is None else _text(expires)
         key = ApiKey(key_id, name, grant, _hash(secret), _text(now), until)
         record = {**key.to_mapping(), "sha256": key.sha256}
         del record["key_id"], record["revoked"]  # the object's name, and an object of its own
         if not self._store.put_new(_key(key_id, _RECORD), json.dumps(record, sort_keys=True).encode()):
-            raise Conflict(f"there is a key {key_id} already: try again")
+            there = None if token is None else self._record(key_id)
+            if there is None or (there.name, there.grant, there.sha256) != (name, grant, key.sha256):
+                raise Conflict(f"there is a key {key_id} already: try again")
+            key = there
         return key, f"ffx_{key_id}_{secret}"
 
     def revoke(self, key_id: str) -> None:

@@ -91,6 +91,7 @@ def create_app(settings: Settings, *, load: Callable[[Path], LocalizesScans] | N
         responses={"default": _PROBLEM},
     )
     app.state.settings, app.state.metrics, app.state.closing = settings, metrics, asyncio.Event()
+    app.state.draining = asyncio.Event()
     for router in (http_localize.router, operations.router):
         app.include_router(router)
     for module in _OF_THE_STORE:

@@ -21,10 +21,12 @@ async def healthz() -> Health:
 
 
 @router.get("/readyz")
-async def readyz(parts: PartsDep) -> Readiness:
+async def readyz(request: Request, parts: PartsDep) -> Readiness:
     """Send queries here: the catalog was read and what fits is loaded. Stays so when the store fails
-    later, as what is loaded goes on answering."""
+    later, as what is loaded goes on answering; ends FIRSTFIX_DRAIN_S before the service does."""
     why_not = parts.health.why_not_ready()
+    if request.app.state.draining.is_set():
+        why_not = "the service is about to stop"
     if why_not is not None:
         raise Overloaded(why_not)
     return Readiness.model_validate(

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import socket
 
+import structlog
 import uvicorn
 from fastapi import FastAPI
 
@@ -12,6 +14,7 @@ from .http_protocol import LimitedHttpProtocol
 from .log_setup import set_up_logging
 from .settings import Settings
 
+_log = structlog.get_logger(__name__)
 STOP_WITHIN_S = 20  # for requests under way, then they are broken off
 
 
@@ -34,13 +37,19 @@ def uvicorn_config(app: FastAPI, settings: Settings) -> uvicorn.Config:
 
 
 class Server(uvicorn.Server):
-    """The server of an app: it ends streams of events before it waits for what else is under way."""
+    """The server of an app. When it is to stop it says so at /readyz and goes on until a proxy has seen
+    that; then it ends streams of events, and waits for what else is under way."""
 
     def __init__(self, app: FastAPI, settings: Settings) -> None:
         super().__init__(uvicorn_config(app, settings))
         self._app = app
+        self._drain_s = settings.drain_s
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        self._app.state.draining.set()
+        if self._drain_s and self.started:
+            _log.info("stopping: no longer ready, requests are still answered", drain_s=self._drain_s)
+            await asyncio.sleep(self._drain_s)
         self._app.state.closing.set()
         await super().shutdown(sockets)
 

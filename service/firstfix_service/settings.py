@@ -191,6 +191,13 @@ class Settings(BaseSettings):
         False, description="change nothing in the store: no write probe, no builds, POST /maps is refused"
     )
 
+    drain_s: float = Field(
+        0.0,
+        ge=0,
+        le=300,
+        description="between the sign to stop, seen at /readyz, and taking no more requests",
+    )
+
     @property
     def nats_enabled(self) -> bool:
         return self.build_queue != "embedded"

@@ -112,3 +112,20 @@ def test_an_error_line_hides_what_is_secret(capsys: pytest.CaptureFixture[str]):
     err = capsys.readouterr().err
     assert "127.0.0.1" in err
     assert "hunter2" not in err
+
+
+def test_a_key_comes_from_the_environment_and_is_not_printed(
+    store: Store, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    token = f"ffx_{'0f' * 6}_{'1e' * 32}"
+    monkeypatch.setenv("ADMIN_KEY", token)
+    create = ("keys", "create", "--scope", "admin", "--name", "admin", "--token-env", "ADMIN_KEY")
+    assert (ended(*create), ended(*create)) == (0, 0)
+    out, err = capsys.readouterr()
+    assert "0f" * 6 in out
+    assert "1e" * 32 not in out + err
+    ((key,), _) = ApiKeys(store).all()
+    assert key.matches("1e" * 32)
+    monkeypatch.delenv("ADMIN_KEY")
+    assert ended(*create) == 2
+    assert "Traceback" not in capsys.readouterr().err

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from firstfix.api_keys import ApiKeys, parse_token
-from firstfix.errors import InvalidOption, NotFound
+from firstfix.errors import Conflict, InvalidOption, NotFound
 from firstfix.grant import Grant, Scope
 from firstfix.store import Store
 
@@ -126,3 +126,44 @@ def test_a_record_that_cannot_be_read_is_named_and_lets_nobody_in(store: Store, 
 )
 def test_what_is_no_token(token: str):
     assert parse_token(token) is None
+
+
+GIVEN = f"ffx_{'0f' * 6}_{'1e' * 32}"
+
+
+def test_a_key_made_elsewhere_is_entered_once(store: Store):
+    first, token = ApiKeys(store).create("admin", GRANT, token=GIVEN)
+    again, _ = ApiKeys(store).create("admin", GRANT, token=GIVEN)
+    assert (token, again) == (GIVEN, first)
+    assert first.key_id == "0f" * 6
+    assert ApiKeys(store).all() == ([first], [])
+    assert first.matches("1e" * 32)
+
+
+@pytest.mark.parametrize(
+    ("name", "grant", "token"),
+    [
+        ("other", GRANT, GIVEN),
+        ("admin", Grant.parse(["admin"], ["*"]), GIVEN),
+        ("admin", GRANT, GIVEN[:-1] + "f"),
+    ],
+)
+def test_another_key_of_that_id_is_not_taken_for_it(store: Store, name: str, grant: Grant, token: str):
+    first, _ = ApiKeys(store).create("admin", GRANT, token=GIVEN)
+    with pytest.raises(Conflict):
+        ApiKeys(store).create(name, grant, token=token)
+    assert ApiKeys(store).all() == ([first], [])
+
+
+@pytest.mark.parametrize("token", ["", "secret", GIVEN[:-1], GIVEN.upper(), GIVEN + "0"])
+def test_a_weak_token_is_refused(store: Store, token: str):
+    with pytest.raises(InvalidOption):
+        ApiKeys(store).create("admin", GRANT, token=token)
+
+
+def test_a_revoked_key_is_not_revived_by_its_token(store: Store):
+    keys = ApiKeys(store)
+    key, _ = keys.create("admin", GRANT, token=GIVEN)
+    keys.revoke(key.key_id)
+    keys.create("admin", GRANT, token=GIVEN)
+    assert [found.revoked for found in ApiKeys(store).all()[0]] == [True]

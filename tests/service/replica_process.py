@@ -8,11 +8,10 @@ from __future__ import annotations
 import os
 import time
 
-import uvicorn
 from service_world import Behaviour
 
 from firstfix_service.app import create_app
-from firstfix_service.server import uvicorn_config
+from firstfix_service.server import Server
 from firstfix_service.settings import Settings
 
 
@@ -27,7 +26,7 @@ class Gate:
 def main() -> None:
     settings = Settings()
     behaviour = Behaviour(gate=Gate())  # type: ignore[arg-type]
-    uvicorn.Server(uvicorn_config(create_app(settings, load=behaviour.load), settings)).run()
+    Server(create_app(settings, load=behaviour.load), settings).run()
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from datetime import datetime, timedelta, timezone
 from typing import TYPE_CHECKING, Annotated
@@ -44,13 +45,24 @@ def create(
         str | None,
         typer.Option(help="After such a time (90d, 12h) or at a date (2030-01-31) [default: never]."),
     ] = None,
+    token_env: Annotated[
+        str | None,
+        typer.Option(
+            metavar="VARIABLE",
+            help="Take the key from this environment variable, not a random one. Once more does nothing.",
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Make a key and print it: it is never shown again."""
     from firstfix.grant import ALL_MAPS, Grant
 
     grant = Grant.parse(scope, map_pattern or ALL_MAPS)
-    key, token = _keys(store).create(name, grant, None if expires is None else _time(expires))
+    given = None if token_env is None else os.environ.get(token_env, "")
+    key, token = _keys(store).create(name, grant, None if expires is None else _time(expires), given)
+    if given is not None and not as_json:  # whoever has it needs no copy in a log
+        typer.echo(_line(key))
+        return
     if as_json:
         typer.echo(json.dumps({**key.to_mapping(), "key": token}))
         return

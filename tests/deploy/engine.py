@@ -1,0 +1,92 @@
+"""A Docker engine for the tests of the images: the one that runs, or one started for them where it can be."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+LOCK = Path("/tmp/firstfix-images.lock")  # of whoever uses the engine
+BASE = "debian:bookworm-slim"
+BUILD_S = 1200
+# The older builder takes a network for its steps without more rights, and is in every engine.
+ENVIRONMENT = {**os.environ, "DOCKER_BUILDKIT": "0"}
+INDEX = ["--build-arg", "PIP_INDEX_URL"] if "PIP_INDEX_URL" in os.environ else []
+BUILD_ARGS = ["--network", "host", *INDEX]
+
+
+def docker(*arguments: str, check: bool = True) -> str:
+    """Runs docker; what it printed."""
+    done = subprocess.run(["docker", *arguments], capture_output=True, text=True, check=False)
+    assert not check or done.returncode == 0, f"docker {' '.join(arguments)}: {done.stderr[-2000:]}"
+    return done.stdout.strip()
+
+
+@contextmanager
+def running_engine(log: Path) -> Iterator[None]:
+    """One test process has it at a time. Skips the test, and says why, where none can be had."""
+    if shutil.which("docker") is None:
+        pytest.skip("no docker here")
+    with LOCK.open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if _answers():
+            yield
+        elif os.geteuid() != 0 or shutil.which("dockerd") is None:
+            pytest.skip("no Docker engine runs here, and this is nobody who could start one")
+        else:
+            with _own_engine(log):
+                yield
+
+
+@contextmanager
+def _own_engine(log: Path) -> Iterator[None]:
+    with log.open("wb") as out:
+        engine = subprocess.Popen(["dockerd"], stdout=out, stderr=out)
+    try:
+        for _ in range(60):
+            if _answers() or engine.poll() is not None:
+                break
+            time.sleep(0.5)
+        if not _answers():
+            pytest.skip(f"dockerd does not start here: {log.read_text()[-300:]}")
+        yield
+        # Of earlier runs; what is younger makes the next build short.
+        docker("image", "prune", "--force", "--filter", "until=72h")
+    finally:
+        engine.terminate()
+        engine.wait(60)
+
+
+def build_images(*targets: str) -> None:
+    """Skips the test where there is nothing to build them on."""
+    if not _succeeds("docker", "image", "inspect", BASE) and not _succeeds(
+        "timeout", "60", "docker", "pull", BASE
+    ):
+        if os.geteuid() != 0 or shutil.which("debootstrap") is None:
+            pytest.skip(f"no registry with {BASE} is reached, and no debootstrap is here")
+        subprocess.run([ROOT / "deploy/stand-ins/debian.sh"], check=True, timeout=BUILD_S)
+    done = subprocess.run(
+        [ROOT / "deploy/image/build.sh", *BUILD_ARGS],
+        env={**ENVIRONMENT, "TARGETS": " ".join(targets)},
+        capture_output=True,
+        text=True,
+        timeout=BUILD_S,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout[-1000:] + done.stderr[-3000:]
+
+
+def _answers() -> bool:
+    return _succeeds("docker", "info")
+
+
+def _succeeds(*command: str) -> bool:
+    return subprocess.run(command, capture_output=True, check=False).returncode == 0

@@ -1,0 +1,96 @@
+"""deploy/compose, as far as it can be told without an engine: secrets, confinement, the servers' own word."""
+
+from __future__ import annotations
+
+import re
+import stat
+import subprocess
+from pathlib import Path
+
+import pytest
+import yaml
+import zenoh
+from engine import ROOT
+
+from firstfix.api_keys import parse_token
+from servers import program
+
+COMPOSE = ROOT / "deploy" / "compose"
+SERVICES = yaml.safe_load((COMPOSE / "compose.yaml").read_text())["services"]
+
+
+def made_environment(path: Path) -> dict[str, str]:
+    subprocess.run([COMPOSE / "make-env.sh", path], check=True, capture_output=True)
+    lines = [line for line in path.read_text().splitlines() if line and not line.startswith("#")]
+    return dict(line.split("=", 1) for line in lines)
+
+
+def secrets_of(text: str) -> set[str]:
+    """What compose does not start without."""
+    return set(re.findall(r"\$\{(\w+):\?", text))
+
+
+def test_each_machine_gets_secrets_of_its_own(tmp_path: Path):
+    first, second = made_environment(tmp_path / "first"), made_environment(tmp_path / "second")
+    wanted = secrets_of((COMPOSE / "compose.yaml").read_text())
+    assert len(wanted) >= 7
+    for name in wanted:
+        assert len(first[name]) >= 40
+        assert first[name] != second[name]
+    assert {name for name in first if first[name] != second[name]} == wanted
+    assert len({first[name] for name in wanted}) == len(wanted)
+    assert all(parse_token(first[name]) for name in ("FIRSTFIX_ADMIN_KEY", "FIRSTFIX_METRICS_KEY"))
+    assert stat.S_IMODE((tmp_path / "first").stat().st_mode) == 0o600
+
+
+def test_secrets_that_are_there_stay(tmp_path: Path):
+    (tmp_path / "env").write_text("FIRSTFIX_ADMIN_KEY=mine\n")
+    assert made_environment(tmp_path / "env") == {"FIRSTFIX_ADMIN_KEY": "mine"}
+
+
+def test_no_secret_is_checked_in():
+    example = (COMPOSE / ".env.example").read_text()
+    for name in secrets_of((COMPOSE / "compose.yaml").read_text()):
+        assert f"\n{name}=\n" in example
+
+
+@pytest.mark.parametrize("name", sorted(SERVICES))
+def test_a_container_may_do_little(name: str):
+    service = SERVICES[name]
+    assert service["read_only"] is True
+    assert service["cap_drop"] == ["ALL"]
+    assert service["security_opt"] == ["no-new-privileges:true"]
+    assert service["profiles"]
+    for port in service.get("ports", []):
+        assert port.startswith(("${FIRSTFIX_BIND:-127.0.0.1}:", "127.0.0.1:"))
+    if service["image"].startswith("firstfix-"):
+        environment = service.get("environment", {})
+        assert environment.get("FIRSTFIX_AUTH", "on") == "on"
+
+
+def test_the_only_one_with_rights_has_no_network():
+    assert [name for name, service in SERVICES.items() if "cap_add" in service] == ["prepare-volumes"]
+    assert [name for name, service in SERVICES.items() if service.get("user") == "0:0"] == ["prepare-volumes"]
+    assert SERVICES["prepare-volumes"]["network_mode"] == "none"
+
+
+def test_haproxy_takes_its_file():
+    haproxy = program("haproxy", "apt-get install haproxy")
+    done = subprocess.run(
+        [haproxy, "-c", "-f", COMPOSE / "haproxy.cfg"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_the_router_takes_its_file():
+    config = zenoh.Config.from_file(str(COMPOSE / "zenoh" / "router.json5"))
+    assert config.get_json("mode") == '"router"'
+    assert '"deny"' in config.get_json("access_control/default_permission")
+
+
+def test_what_cannot_be_pulled_is_made_under_the_same_name():
+    named = {re.sub(r"\$\{\w+:-([^}]+)\}", r"\1", service["image"]) for service in SERVICES.values()}
+    made = set(re.findall(r"make_image (\S+:\S+) ", (ROOT / "deploy/stand-ins/build.sh").read_text()))
+    ours = {name for name in named if name.startswith("firstfix-")}
+    assert named - ours - made == {"grafana/grafana:11.3.0"}
+    assert made <= named

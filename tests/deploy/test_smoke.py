@@ -1,0 +1,39 @@
+"""The documented way from an empty engine to the first fix: deploy/smoke.sh, profile minimal."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from engine import ROOT, build_images, docker
+
+from servers import free_port
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(2400)
+def test_the_minimal_profile(engine: None, tmp_path: Path):
+    if not docker("compose", "version", check=False) and shutil.which("docker-compose") is None:
+        pytest.skip("no docker compose here")
+    build_images("service", "builder")
+    settings = {
+        "FIRSTFIX_HTTP_PORT": str(free_port()),
+        "FIRSTFIX_ZENOH_PORT": str(free_port()),
+        "JSON": str(tmp_path / "figures.json"),
+    }
+    done = subprocess.run(
+        [ROOT / "deploy/smoke.sh", "minimal"],
+        env={**os.environ, **settings},
+        capture_output=True,
+        text=True,
+        timeout=900,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
+    figures = json.loads((tmp_path / "figures.json").read_text())
+    assert {way: figures["once"][way]["failed"] for way in ("http", "zenoh")} == {"http": 0, "zenoh": 0}
+    assert docker("ps", "-aq", "--filter", "name=^firstfix-smoke-minimal") == ""

@@ -1,0 +1,55 @@
+"""A service that is told to stop says so first, and goes on until a proxy has seen it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import httpx
+
+from servers import free_port
+
+
+def test_it_is_not_ready_any_more_before_it_stops(tmp_path: Path):
+    port = free_port()
+    settings = {
+        "FIRSTFIX_STORE": str(tmp_path / "store"),
+        "FIRSTFIX_WORK_DIR": str(tmp_path / "work"),
+        "FIRSTFIX_CACHE_DIR": str(tmp_path / "cache"),
+        "FIRSTFIX_PORT": str(port),
+        "FIRSTFIX_RUN_BUILDS": "false",
+        "FIRSTFIX_WORKERS": "1",
+        "FIRSTFIX_DRAIN_S": "4",
+    }
+    command = [sys.executable, "-m", "firstfix_cli.main", "serve"]
+    with (tmp_path / "log").open("wb") as log:
+        service = subprocess.Popen(command, env={**os.environ, **settings}, stdout=log, stderr=log)
+    url = f"http://127.0.0.1:{port}"
+    try:
+        with httpx.Client() as calls:
+            _wait_for(lambda: calls.get(f"{url}/readyz").status_code == 200)
+            service.send_signal(signal.SIGTERM)
+            _wait_for(lambda: calls.get(f"{url}/readyz").status_code == 503)
+        # Requests are answered, of new callers too.
+        assert "about to stop" in httpx.get(f"{url}/readyz").json()["detail"]
+        assert httpx.get(f"{url}/maps").status_code == 200
+        assert httpx.get(f"{url}/healthz").status_code == 200
+        assert service.wait(30) == -signal.SIGTERM, (tmp_path / "log").read_text()[-2000:]
+    finally:
+        service.kill()
+        service.wait()
+
+
+def _wait_for(condition) -> None:
+    for _ in range(600):
+        try:
+            if condition():
+                return
+        except httpx.TransportError:
+            pass  # it does not listen yet
+        time.sleep(0.05)
+    raise AssertionError("never came")
