@@ -133,7 +133,7 @@ def test_two_histories_are_not_mixed(source: Catalog, tmp_path: Path) -> None:
     target = Catalog(Store.open(str(tmp_path / "target")))
     publish(target, "hall", b"9", tmp_path)
     before = target.store.list()
-    with pytest.raises(Conflict, match=r"hall/log/000001\.json"):
+    with pytest.raises(Conflict, match=r"hall/log/00000[12]\.json"):
         copy_store(source.store, target.store)
     assert target.store.list() == before
 
