@@ -86,7 +86,7 @@ def test_bodies_together_are_bounded(tmp_path: Path):
         assert (refused.json["code"], refused.json["status"]) == ("overloaded", 503)
         behaviour.gate.set()
         assert all(reply.result().ok for reply in waiting)
-        assert service.ask_zenoh().ok
+        wait_for(lambda: service.ask_zenoh().ok)  # a body is let go just after its answer
 
 
 def test_a_crowd_is_answered_or_refused_to_the_last_one(service: Service):
@@ -98,8 +98,7 @@ def test_a_crowd_is_answered_or_refused_to_the_last_one(service: Service):
         outcomes = list(threads.map(ask, range(400)))
     assert set(outcomes) <= {"ok", "overloaded"}
     assert outcomes.count("ok") >= 34, "as many as have a place"
-    wait_for(lambda: metric(service, "firstfix_queries_admitted") == 0)
-    assert service.ask_zenoh().ok
+    wait_for(lambda: service.ask_zenoh().ok)  # its place is free just after its answer
 
 
 def test_an_asker_who_takes_nothing_in_holds_nobody_up(tmp_path: Path):
