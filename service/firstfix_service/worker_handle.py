@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import socket
 import struct
 import subprocess
@@ -58,6 +59,8 @@ class WorkerHandle:
             )
         self._queries = Connection(queries.detach())
         self._control = Connection(control.detach())
+        self._replies = select.poll()  # ready made: ``Connection.poll`` makes one for every call
+        self._replies.register(self._queries.fileno(), select.POLLIN)
         self._query_lock = threading.Lock()  # until ``close``, or another file might have got its number
         self._control_lock = threading.Lock()
         self.started = time.monotonic()
@@ -84,7 +87,7 @@ class WorkerHandle:
             with self._query_lock:
                 self._queries.send(replace(query, body=b""))
                 self._queries.send_bytes(query.body)
-                reply = self._queries.recv() if self._queries.poll(timeout_s) else None
+                reply = self._queries.recv() if self._replies.poll(timeout_s * 1e3) else None
         except (EOFError, OSError) as error:
             self.kill()  # if it only stalled
             raise WorkerDied(repr(error)) from None
