@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Puts real servers beside the tests' Python: versitygw (S3), nats-server (JetStream), toxiproxy (broken
-# networks), haproxy (replicas), Azurite (Azure); what renders and checks the Helm chart: helm, the schemas of
+# networks), haproxy (replicas), Azurite (Azure), iproute2 (a weak link); what renders and checks the Helm chart: helm, the schemas of
 # Kubernetes and prometheus-operator; and what the C++ client is built with. Tests whose server or tool cannot be had
 # are skipped and say so.
 set -euo pipefail
@@ -58,6 +58,18 @@ if ! command -v haproxy >/dev/null; then
       say "haproxy could not be installed, so its tests will be skipped"
   else
     say "haproxy is missing and this is not root, so its tests will be skipped"
+  fi
+fi
+
+if ! command -v ip >/dev/null; then
+  if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
+    say "installing iproute2"
+    export DEBIAN_FRONTEND=noninteractive
+    { apt-get install -y -qq --no-install-recommends iproute2 ||
+      { apt-get update -qq && apt-get install -y -qq --no-install-recommends iproute2; }; } >/dev/null 2>&1 ||
+      say "iproute2 could not be installed, so the weak link's test will be skipped"
+  else
+    say "ip (iproute2) is missing and this is not root, so the weak link's test will be skipped"
   fi
 fi
 

@@ -45,11 +45,14 @@ class Conditions:
     Attributes:
         delay_s: one way, after its last bit is sent; the round trip has it twice.
         loss: 0..1, of each packet by itself.
+        congestion: what TCP at both ends does about loss, whatever this machine does elsewhere. CUBIC is what
+            Linux has unless told otherwise.
     """
 
     rate_bit_s: float
     delay_s: float
     loss: float
+    congestion: str = "cubic"
 
 
 class Way:
@@ -121,6 +124,7 @@ def weak_link(conditions: Conditions, seed: int = 0) -> Iterator[Link]:
         for place, device, own, other in (((), here, address, robot), (("-n", name), there, robot, address)):
             _ip(*place, "address", "add", own, "peer", other, "dev", device)
             _ip(*place, "link", "set", device, "up")
+            _ip(*place, "route", "replace", other, "dev", device, "src", own, "congctl", conditions.congestion)
         _ip("-n", name, "link", "set", "lo", "up")
         rng = random.Random(seed)
         up, down = (Way(source, sink, conditions, rng) for source, sink in (ends[::-1], ends))

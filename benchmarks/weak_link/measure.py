@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ NO_SHARED_MEMORY = 'mount -t tmpfs robot /dev/shm && exec "$@"'
 def measure(
     conditions: Conditions, folder: Path, store: Path, map_id: str, scans: tuple[str, ...], queries: int
 ) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Rows by name: compact queries by every client, then larger ones by ``Client`` for comparison.
+    """Rows by name: compact queries from this end, then by every client, then larger ones by ``Client``.
 
     Args:
         folder: for the service's log and caches.
@@ -36,13 +36,23 @@ def measure(
         with replica(folder, **settings, zenoh=True, zenoh_listen=[zenoh]) as service:
             with Client(service.url) as client:
                 client.localize(scans[0], map_id=map_id)  # from this end: the first loads the version
-            larger = (("scan", max(1, queries // 5)), ("raw", max(1, queries // 20)))
+            row = Row("Client", "compact", queries, service.url, zenoh, map_id, scans)
+            yield "Client, compact, without the link", asked(row)
+            larger = (("scan", max(1, queries // 10)), ("raw", max(1, queries // 33)))
             for name in CLIENTS:
                 row = Row(name, "compact", queries, service.url, zenoh, map_id, scans)
                 yield f"{name}, compact", asked_over(link, row)
             for encoding, count in larger:
                 row = Row("Client", encoding, count, service.url, zenoh, map_id, scans, SLOW_S)
                 yield f"Client, {encoding}", asked_over(link, row)
+
+
+def asked(row: Row, around: Sequence[str] = ()) -> dict[str, Any]:
+    """One robot's figures, asked from where the command ``around`` puts it; here without one."""
+    program = [sys.executable, "-m", "benchmarks.weak_link.robot", json.dumps(asdict(row))]
+    done = subprocess.run([*around, *program], stdout=subprocess.PIPE, text=True, check=True)
+    figures: dict[str, Any] = json.loads(done.stdout)
+    return figures
 
 
 def asked_over(link: Link, row: Row) -> dict[str, Any]:
@@ -54,10 +64,7 @@ def asked_over(link: Link, row: Row) -> dict[str, Any]:
     """
     ways = (link.up, link.down)
     before = [(way.packets, way.lost, way.bytes) for way in ways]
-    program = [sys.executable, "-m", "benchmarks.weak_link.robot", json.dumps(asdict(row))]
-    command = ["ip", "netns", "exec", link.namespace, "sh", "-c", NO_SHARED_MEMORY, "sh", *program]
-    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
-    figures: dict[str, Any] = json.loads(done.stdout)
+    figures = asked(row, ["ip", "netns", "exec", link.namespace, "sh", "-c", NO_SHARED_MEMORY, "sh"])
     now = [(way.packets, way.lost, way.bytes) for way in ways]
     packets, lost, up, down = (
         now[0][0] + now[1][0] - before[0][0] - before[1][0],
