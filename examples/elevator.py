@@ -4,8 +4,8 @@
     python elevator.py --url http://service:8080 --floors ground,first SCAN   # on one of these
     python elevator.py --url http://service:8080 --floors first SCAN          # on this one, says the elevator
 
-Every floor is a map of its own. Ends with 0 and map and pose, with 3 if floors look alike, with 4 if none fits, with 2
-if the service has no such map.
+Every floor is a map of its own. Ends with 0 and map and pose, with 3 if floors look alike, with 4 if none
+fits, with 2 if the service has no such map.
 """
 
 import argparse

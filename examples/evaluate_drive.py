@@ -2,8 +2,8 @@
 
     python evaluate_drive.py --url http://service:8080 --map hall POSES.csv
 
-A scan without a pose is one from outside the map: it must not be localized. Ends with 1 if a confident answer was
-wrong. ``firstfix evaluate`` does more, with pictures; ``firstfix localize --bag`` reads ROS bags.
+A scan without a pose is one from outside the map: it must not be localized. Ends with 1 if a confident answer
+was wrong. ``firstfix evaluate`` does more, with pictures; ``firstfix localize --bag`` reads ROS bags.
 """
 
 import argparse

@@ -1,8 +1,9 @@
-"""A robot that drives by odometry checks where it is, notices that it was carried off, and finds itself again.
+"""A robot that drives by odometry checks where it is, notices that it was carried off, finds itself again.
 
     python kidnapped_robot.py --url http://service:8080 --map hall DRIVE.csv
 
-DRIVE.csv has the poses by odometry, which knows nothing of being carried. Ends with 0 if the robot knows where it is.
+DRIVE.csv has the poses by odometry, which knows nothing of being carried. Ends with 0 if the robot knows
+where it is, else with 3.
 """
 
 import argparse
@@ -35,6 +36,7 @@ with Client(given.url) as client:
                 continue
         # Not where it should be, or nobody knows where that is. One bad scan is no proof, and what was seen
         # since tells more than one scan does: all of it is asked, with no word on where the robot should be.
+        # Scans from before it was carried and after it fit nowhere together; they soon leave the window.
         doubtful = [*doubtful, (scan, T_odom_sensor)][-TOGETHER:]
         scans, poses = zip(*doubtful, strict=True)
         fix = client.localize(ScanSequence.along(scans, poses), map_id=given.map)
@@ -43,10 +45,10 @@ with Client(given.url) as client:
             continue
         if T_map_odom is None:
             print(f"scan {number}: first fix, {told(fix.T_map_sensor)}")
+        elif (away_m := np.linalg.norm((fix.T_map_sensor - expected)[:3, 3])) > RADIUS_M:
+            print(f"scan {number}: carried off by {away_m:.1f} m, now at {told(fix.T_map_sensor)}")
         else:
-            away_m = np.linalg.norm(fix.T_map_sensor[:3, 3] - (T_map_odom @ T_odom_sensor)[:3, 3])
-            if away_m > RADIUS_M:
-                print(f"scan {number}: carried off by {away_m:.1f} m, now at {told(fix.T_map_sensor)}")
+            print(f"scan {number}: where it should be after all, {told(fix.T_map_sensor)}")
         T_map_odom, doubtful = fix.T_map_sensor @ np.linalg.inv(T_odom_sensor), []
 
 sys.exit(0 if fix.verdict is Verdict.LOCALIZED else 3)

@@ -2,7 +2,8 @@
 
     python robot_startup.py --url http://service:8080 --map hall --imu 0.1,-0.2,9.8 SCAN...
 
-Ends with 0 and the pose, with 3 if the scans fit several places, with 4 if they fit none, with 1 if nobody answers.
+Ends with 0 and the pose, with 3 if the last scan fits several places, with 4 if it fits none, with 1 if
+nobody answers.
 """
 
 import argparse

@@ -28,9 +28,7 @@ with Client(given.url) as client:
             print(f"    maybe {told(place.T_map_sensor)}, probability {place.probability:.2f}")
 
     # Odometry may start anywhere: only the way from scan to scan is sent.
-    together = client.localize(
-        ScanSequence.along(scans, T_odom_sensor), map_id=given.map, encoding="compact"
-    )
+    together = client.localize(ScanSequence.along(scans, T_odom_sensor), map_id=given.map, encoding="compact")
 
 if together.verdict is not Verdict.LOCALIZED:
     sys.exit(3)

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Puts real servers beside the tests' Python: versitygw (S3), nats-server (JetStream), toxiproxy (broken
-# networks), haproxy (replicas), Azurite (Azure), iproute2 (a weak link); what renders and checks the Helm chart: helm, the schemas of
-# Kubernetes and prometheus-operator; and what the C++ client is built with. Tests whose server or tool cannot be had
-# are skipped and say so.
+# networks), haproxy (replicas), Azurite (Azure); iproute2, for a weak link; what renders and checks the Helm chart:
+# helm, the schemas of Kubernetes and prometheus-operator; and what the C++ client is built with. Tests whose server
+# or tool cannot be had are skipped and say so.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 bin=$PWD/.venv/bin
@@ -49,29 +49,23 @@ if [ -x .venv/azurite/node_modules/.bin/azurite-blob ]; then
   ln -sf ../azurite/node_modules/.bin/azurite-blob "$bin/azurite-blob"
 fi
 
-if ! command -v haproxy >/dev/null; then
+# PROGRAM PACKAGE TESTS: what is skipped without it.
+system_package() {
+  local name=$1 package=$2 tests=$3
+  if command -v "$name" >/dev/null; then return 0; fi
   if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
-    say "installing haproxy"
+    say "installing $package"
     export DEBIAN_FRONTEND=noninteractive
-    { apt-get install -y -qq --no-install-recommends haproxy ||
-      { apt-get update -qq && apt-get install -y -qq --no-install-recommends haproxy; }; } >/dev/null 2>&1 ||
-      say "haproxy could not be installed, so its tests will be skipped"
+    { apt-get install -y -qq --no-install-recommends "$package" ||
+      { apt-get update -qq && apt-get install -y -qq --no-install-recommends "$package"; }; } >/dev/null 2>&1 ||
+      say "$package could not be installed, so $tests will be skipped"
   else
-    say "haproxy is missing and this is not root, so its tests will be skipped"
+    say "$package is missing and this is not root, so $tests will be skipped"
   fi
-fi
+}
 
-if ! command -v ip >/dev/null; then
-  if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
-    say "installing iproute2"
-    export DEBIAN_FRONTEND=noninteractive
-    { apt-get install -y -qq --no-install-recommends iproute2 ||
-      { apt-get update -qq && apt-get install -y -qq --no-install-recommends iproute2; }; } >/dev/null 2>&1 ||
-      say "iproute2 could not be installed, so the weak link's test will be skipped"
-  else
-    say "ip (iproute2) is missing and this is not root, so the weak link's test will be skipped"
-  fi
-fi
+system_package haproxy haproxy "its tests"
+system_package ip iproute2 "the weak link's test"
 
 cpp_packages=(cmake g++ make pkg-config libzstd-dev libcurl4-openssl-dev nlohmann-json3-dev)
 have() { local name; for name in "$@"; do command -v "$name" >/dev/null || return 1; done; }

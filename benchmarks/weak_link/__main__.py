@@ -25,7 +25,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--store", required=True, type=Path)
     parser.add_argument("--map", required=True)
-    parser.add_argument("--queries", type=int, default=100, help="compact ones of each client; fewer larger ones")
+    parser.add_argument(
+        "--queries", type=int, default=100, help="compact ones of each client; fewer larger ones"
+    )
     parser.add_argument("--json", type=Path)
     parser.add_argument("scans", nargs="+", type=Path, metavar="SCAN")
     given = parser.parse_args()

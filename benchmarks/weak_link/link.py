@@ -1,8 +1,8 @@
 """A slow, late and lossy link to a network namespace, packet by packet.
 
-It does what ``tc qdisc add ... netem rate delay loss`` does, for kernels without the module sch_netem: between two
-TUN devices, one here and one in a namespace of its own, this process holds every packet back or drops it. TCP at
-both ends is the kernel's, with all that it does about loss.
+It does what ``tc qdisc add ... netem rate delay loss`` does, also where the kernel has no sch_netem: between
+two TUN devices, one here and one in a namespace of its own, this process holds every packet back or drops it.
+TCP at both ends is the kernel's, with all that it does about loss.
 """
 
 from __future__ import annotations
@@ -124,7 +124,9 @@ def weak_link(conditions: Conditions, seed: int = 0) -> Iterator[Link]:
         for place, device, own, other in (((), here, address, robot), (("-n", name), there, robot, address)):
             _ip(*place, "address", "add", own, "peer", other, "dev", device)
             _ip(*place, "link", "set", device, "up")
-            _ip(*place, "route", "replace", other, "dev", device, "src", own, "congctl", conditions.congestion)
+            _ip(
+                *place, "route", "replace", other, "dev", device, "src", own, "congctl", conditions.congestion
+            )
         _ip("-n", name, "link", "set", "lo", "up")
         rng = random.Random(seed)
         up, down = (Way(source, sink, conditions, rng) for source, sink in (ends[::-1], ends))

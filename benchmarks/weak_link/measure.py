@@ -56,8 +56,8 @@ def asked(row: Row, around: Sequence[str] = ()) -> dict[str, Any]:
 
 
 def asked_over(link: Link, row: Row) -> dict[str, Any]:
-    """One robot's figures, with what crossed the link for a query: bytes with all headers, and the share of its
-    packets that were dropped.
+    """One robot's figures, with the bytes of all packets that crossed the link for a query, headers and all,
+    and the share of packets that was dropped.
 
     Raises:
         subprocess.CalledProcessError: the robot's program failed.

@@ -1,6 +1,6 @@
 """The robot's end of the link, in a process of its own: asks and keeps time.
 
-    python -m benchmarks.weak_link.robot '{"client": "Client", "encoding": "compact", ...}'   # see Row
+python -m benchmarks.weak_link.robot '{"client": "Client", "encoding": "compact", ...}'   # see Row
 """
 
 from __future__ import annotations

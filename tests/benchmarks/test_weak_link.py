@@ -22,7 +22,10 @@ PACKET = bytes([0x45]) + bytes(99)  # IPv4, as far as a link looks
 @pytest.fixture
 def pipes():
     """A pair that stands for the device at each end: what is sent into one is read at the other."""
-    ends = [*socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM), *socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)]
+    ends = [
+        *socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM),
+        *socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM),
+    ]
     for end in ends:
         end.setblocking(False)
     yield ends
@@ -67,7 +70,9 @@ def test_packets_wait_for_those_before_them_and_for_the_way(pipes):
 def test_no_query_is_lost_on_a_weak_link(small_version, small_scans, tmp_path: Path):
     if why := missing():
         pytest.skip(why)
-    Catalog(Store.open(str(tmp_path / "store"))).publish("yard", small_version.directory, small_version.manifest)
+    Catalog(Store.open(str(tmp_path / "store"))).publish(
+        "yard", small_version.directory, small_version.manifest
+    )
     scans = []
     for number, (scan, _) in enumerate(small_scans[:3]):
         scans.append(str(tmp_path / f"{number}.npy"))
@@ -81,4 +86,8 @@ def test_no_query_is_lost_on_a_weak_link(small_version, small_scans, tmp_path: P
         assert row["median_s"] >= 0.2, "nothing is there and back sooner"
         # a query's points are 2 KB at least: they came over the link and by no shorter way
         assert row["bytes_up"] > 2000
-    assert max(rows[f"{name}, compact"]["bytes_up"] for name in CLIENTS) < 10_000 < rows["Client, raw"]["bytes_up"]
+    assert (
+        max(rows[f"{name}, compact"]["bytes_up"] for name in CLIENTS)
+        < 10_000
+        < rows["Client, raw"]["bytes_up"]
+    )

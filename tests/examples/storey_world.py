@@ -22,7 +22,11 @@ Box = tuple[tuple[float, float, float], tuple[float, float, float]]  # middle, s
 def storey() -> SmallWorld:
     """Rooms of 6 x 5 m with a door in the north, to a corridor with a wall round it."""
     boxes: list[Box] = [((11, 3.6, -0.1), (32, 2.2, 0.2))]
-    boxes += [((11, 4.8, 1.4), (32, 0.2, 2.8)), ((-5, 3.6, 1.4), (0.2, 2.2, 2.8)), ((27, 3.6, 1.4), (0.2, 2.2, 2.8))]
+    boxes += [
+        ((11, 4.8, 1.4), (32, 0.2, 2.8)),
+        ((-5, 3.6, 1.4), (0.2, 2.2, 2.8)),
+        ((27, 3.6, 1.4), (0.2, 2.2, 2.8)),
+    ]
     ends = [-5.0, *(edge for x in ROOMS_X for edge in (x - 3, x + 3)), 27.0]
     for left, right in zip(ends[::2], ends[1::2], strict=True):
         boxes.append((((left + right) / 2, 2.6, 1.4), (right - left, 0.2, 2.8)))
