@@ -1,7 +1,7 @@
 """What a robot's LiDAR and odometry deliver, here from a CSV file: a line a scan, in the order of the drive.
 
 Columns: scan (a file, from the CSV's folder), tx, ty, tz, qx, qy, qz, qw: the sensor's pose when it was
-taken, in the odometry's frame or, where the truth is known, in the map's. The other examples read theirs with this.
+taken, in the odometry's frame or, where the truth is known, in the map's.
 """
 
 import csv

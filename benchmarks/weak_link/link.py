@@ -21,21 +21,23 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from pathlib import Path
 
-TUN = Path("/dev/net/tun")
 _TUNSETIFF, _IFF_TUN, _IFF_NO_PI = 0x400454CA, 0x0001, 0x1000
 _MAX_PACKET_BYTES = 65536
 _MAX_WAITING = 1000  # packets, as netem's
 
 
 def missing() -> str | None:
-    """What the link cannot be had without, in words; None: all is there."""
+    """Why no link can be had, in words, from trying; None: it can."""
     if os.geteuid() != 0:
         return "network namespaces need root"
     if shutil.which("ip") is None:
         return "no ip here (iproute2)"
-    return None if TUN.exists() else f"no {TUN} here"
+    try:
+        with weak_link(Conditions(1e6, 0.0, 0.0)):
+            return None
+    except (OSError, RuntimeError) as error:  # no TUN, or a container that may not
+        return f"no weak link here: {error}"
 
 
 @dataclass(frozen=True)
@@ -111,22 +113,23 @@ def weak_link(conditions: Conditions, seed: int = 0) -> Iterator[Link]:
 
     Raises:
         RuntimeError: ``ip`` failed.
+        OSError: no TUN device can be had.
     """
     name = f"ff{secrets.token_hex(4)}"
     here, there = f"{name}h", f"{name}r"
-    block = f"198.18.{secrets.randbelow(256)}.{4 * secrets.randbelow(64)}".rpartition(".")
-    address, robot = (f"{block[0]}.{int(block[2]) + host}" for host in (1, 2))
+    block, first = secrets.randbelow(256), 4 * secrets.randbelow(64)
+    address, robot = (f"198.18.{block}.{first + host}" for host in (1, 2))
     ends: list[int] = []
     try:
         _ip("netns", "add", name)
-        ends = [_tun(here), _tun(there)]
+        for device in (here, there):
+            ends.append(_tun(device))
         _ip("link", "set", there, "netns", name)
         for place, device, own, other in (((), here, address, robot), (("-n", name), there, robot, address)):
             _ip(*place, "address", "add", own, "peer", other, "dev", device)
             _ip(*place, "link", "set", device, "up")
-            _ip(
-                *place, "route", "replace", other, "dev", device, "src", own, "congctl", conditions.congestion
-            )
+            route = (other, "dev", device, "src", own, "congctl", conditions.congestion)
+            _ip(*place, "route", "replace", *route)
         _ip("-n", name, "link", "set", "lo", "up")
         rng = random.Random(seed)
         up, down = (Way(source, sink, conditions, rng) for source, sink in (ends[::-1], ends))
@@ -164,7 +167,7 @@ def _relaying(*ways: Way) -> Iterator[None]:
 
 def _tun(name: str) -> int:
     """A new TUN device of that name; it lasts as long as the descriptor."""
-    descriptor = os.open(TUN, os.O_RDWR | os.O_NONBLOCK)
+    descriptor = os.open("/dev/net/tun", os.O_RDWR | os.O_NONBLOCK)
     fcntl.ioctl(descriptor, _TUNSETIFF, struct.pack("16sH22x", name.encode(), _IFF_TUN | _IFF_NO_PI))
     return descriptor
 
