@@ -46,9 +46,10 @@ print(f"{len(claimed)} scans, {inside} of them in the map, {1e3 * np.median(took
 print(f"success: {within} of {inside} localized within {NEAR_M} m")
 if errors_m:
     print(f"error: {100 * np.median(errors_m):.1f} cm at the median; {wrong} localized and wrong")
-for low, high in ((0.0, 0.5), (0.5, 0.99), (0.99, 1.0)):
-    bin_ = [n for n, p in enumerate(claimed) if low <= p < high or p == high == 1.0]
-    if bin_:
-        said, was = np.mean([claimed[n] for n in bin_]), np.mean([right[n] for n in bin_])
-        print(f"reliability: {len(bin_)} scans said {said:.2f}, {was:.2f} of them are right")
+claimed, right = np.array(claimed), np.array(right)
+for low, high in ((0.0, 0.5), (0.5, 0.99), (0.99, 1.01)):
+    alike = (low <= claimed) & (claimed < high)
+    if alike.any():
+        said, was = claimed[alike].mean(), right[alike].mean()
+        print(f"reliability: {alike.sum()} scans said {said:.2f}, {was:.2f} of them are right")
 sys.exit(1 if wrong else 0)

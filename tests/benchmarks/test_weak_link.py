@@ -79,6 +79,8 @@ def test_no_query_is_lost_on_a_weak_link(small_version, small_scans, tmp_path: P
         np.save(scans[-1], scan.points)
     conditions = Conditions(1e6, 0.1, 0.02)
     rows = dict(measure(conditions, tmp_path / "service", tmp_path / "store", "yard", tuple(scans), 3))
+    beside = rows.pop("Client, compact, without the link")
+    assert (beside["lost"], beside["queries"]) == ({}, 3)
     assert set(rows) == {*(f"{name}, compact" for name in CLIENTS), "Client, scan", "Client, raw"}
     for name, row in rows.items():
         assert row["lost"] == {}
