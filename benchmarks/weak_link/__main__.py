@@ -33,7 +33,7 @@ def main() -> None:
     given = parser.parse_args()
     if why := missing():
         sys.exit(f"no weak link: {why}")
-    figures = {}
+    figures: dict[str, dict[str, object]] = {}
     for name, delay_s in DELAYS_S.items():
         conditions = Conditions(RATE_BIT_S, delay_s, LOSS)
         with tempfile.TemporaryDirectory() as folder:
