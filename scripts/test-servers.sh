@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Puts real servers beside the tests' Python: versitygw (S3), nats-server (JetStream), toxiproxy (broken
-# networks), haproxy (replicas), Azurite (Azure); what renders and checks the Helm chart: helm, the schemas of
-# Kubernetes and prometheus-operator; and what the C++ client is built with. Tests whose server or tool cannot be had
-# are skipped and say so.
+# networks), haproxy (replicas), Azurite (Azure); iproute2, for a weak link; what renders and checks the Helm chart:
+# helm, the schemas of Kubernetes and prometheus-operator; and what the C++ client is built with. Tests whose server
+# or tool cannot be had are skipped and say so.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 bin=$PWD/.venv/bin
@@ -49,28 +49,24 @@ if [ -x .venv/azurite/node_modules/.bin/azurite-blob ]; then
   ln -sf ../azurite/node_modules/.bin/azurite-blob "$bin/azurite-blob"
 fi
 
-if ! command -v haproxy >/dev/null; then
-  if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
-    say "installing haproxy"
-    export DEBIAN_FRONTEND=noninteractive
-    { apt-get install -y -qq --no-install-recommends haproxy ||
-      { apt-get update -qq && apt-get install -y -qq --no-install-recommends haproxy; }; } >/dev/null 2>&1 ||
-      say "haproxy could not be installed, so its tests will be skipped"
-  else
-    say "haproxy is missing and this is not root, so its tests will be skipped"
+# TESTS PACKAGE...: what is skipped without them.
+system_packages() {
+  local tests=$1
+  shift
+  if [ "$(id -u)" != 0 ] || ! command -v apt-get >/dev/null; then
+    say "this is not root: without $* $tests will be skipped"
+    return 0
   fi
-fi
-
-cpp_packages=(cmake g++ make pkg-config libzstd-dev libcurl4-openssl-dev nlohmann-json3-dev)
-have() { local name; for name in "$@"; do command -v "$name" >/dev/null || return 1; done; }
-if have cmake c++ make pkg-config && pkg-config --exists libzstd libcurl nlohmann_json; then
-  :
-elif [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
-  say "installing ${cpp_packages[*]}"
+  say "installing $*"
   export DEBIAN_FRONTEND=noninteractive
-  { apt-get install -y -qq --no-install-recommends "${cpp_packages[@]}" ||
-    { apt-get update -qq && apt-get install -y -qq --no-install-recommends "${cpp_packages[@]}"; }; } >/dev/null 2>&1 ||
-    say "they could not be installed, so the C++ client's tests will be skipped"
-else
-  say "what the C++ client needs is missing and this is not root, so its tests will be skipped"
-fi
+  { apt-get install -y -qq --no-install-recommends "$@" ||
+    { apt-get update -qq && apt-get install -y -qq --no-install-recommends "$@"; }; } >/dev/null 2>&1 ||
+    say "$* could not be installed, so $tests will be skipped"
+}
+have() { local name; for name in "$@"; do command -v "$name" >/dev/null || return 1; done; }
+
+have haproxy || system_packages "the replicas' tests" haproxy
+have ip || system_packages "the weak link's test" iproute2
+{ have cmake c++ make pkg-config && pkg-config --exists libzstd libcurl nlohmann_json; } ||
+  system_packages "the C++ client's tests" \
+    cmake g++ make pkg-config libzstd-dev libcurl4-openssl-dev nlohmann-json3-dev

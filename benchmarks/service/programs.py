@@ -106,7 +106,7 @@ class Replica:
     ) -> None:
         directory.mkdir(parents=True, exist_ok=True)
         self.port = free_port()
-        self.url = f"http://127.0.0.1:{self.port}"
+        self.url = f"http://{settings.get('host', '127.0.0.1')}:{self.port}"
         listens = settings.get("zenoh_listen")
         self.endpoint = str(listens[0]) if isinstance(listens, list) else ""
         self.log = directory / "service.log"

@@ -1,0 +1,1 @@
+"""Queries over a slow, late and lossy link: ``python -m benchmarks.weak_link``."""

@@ -1,0 +1,74 @@
+"""A storey whose three rooms are furnished alike: only the way from one to the next tells them apart."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firstfix.build_config import DisturbConfig
+from firstfix.scan import Scan
+from firstfix.sensor import SensorModel
+from firstfix.transform import make_transform, rotation_z
+from firstfix_builder.simulate import Simulator
+from small_world import SENSOR, SmallWorld
+
+ROOMS_X = (0.0, 9.0, 22.0)  # of their middles: 9 m apart, and 13 m
+SENSOR_Z = 0.8
+CONFIG = {"sensor": SENSOR, "learn_keys": {"scans": 200}, "self_test": {"queries": 12, "outside": 6}}
+
+Box = tuple[tuple[float, float, float], tuple[float, float, float]]  # middle, size
+
+
+def storey() -> SmallWorld:
+    """Rooms of 6 x 5 m with a door in the north, to a corridor with a wall round it."""
+    boxes: list[Box] = [((11, 3.6, -0.1), (32, 2.2, 0.2))]
+    boxes += [
+        ((11, 4.8, 1.4), (32, 0.2, 2.8)),
+        ((-5, 3.6, 1.4), (0.2, 2.2, 2.8)),
+        ((27, 3.6, 1.4), (0.2, 2.2, 2.8)),
+    ]
+    ends = [-5.0, *(edge for x in ROOMS_X for edge in (x - 3, x + 3)), 27.0]
+    for left, right in zip(ends[::2], ends[1::2], strict=True):
+        boxes.append((((left + right) / 2, 2.6, 1.4), (right - left, 0.2, 2.8)))
+    for x in ROOMS_X:
+        boxes += [((x + dx, dy, z), size) for (dx, dy, z), size in _room()]
+    return _mesh(boxes)
+
+
+def _room() -> list[Box]:
+    """Floor, walls with a door 1 m wide, and what stands there, about the room's middle."""
+    return [
+        ((0, 0, -0.1), (6.2, 5.2, 0.2)),
+        ((0, -2.6, 1.4), (6.2, 0.2, 2.8)),
+        ((-3, 0, 1.4), (0.2, 5.2, 2.8)),
+        ((3, 0, 1.4), (0.2, 5.2, 2.8)),
+        ((-0.75, 2.6, 1.4), (4.5, 0.2, 2.8)),
+        ((2.75, 2.6, 1.4), (0.5, 0.2, 2.8)),
+        ((-2.4, -1.2, 0.9), (0.8, 1.6, 1.8)),
+        ((0.6, -2.2, 0.6), (1.8, 0.5, 1.2)),
+        ((-2.5, 1.8, 0.5), (0.6, 0.9, 1.0)),
+        ((2.5, -0.4, 0.7), (0.5, 1.0, 1.4)),
+    ]
+
+
+def _mesh(boxes: list[Box]) -> SmallWorld:
+    corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
+    vertices = np.concatenate([corners * size + middle for middle, size in boxes])
+    return SmallWorld(vertices, np.concatenate([faces + 8 * n for n in range(len(boxes))]))
+
+
+def pose(x: float, y: float, yaw_deg: float) -> NDArray[np.float64]:
+    return make_transform(rotation_z(np.radians(yaw_deg)), [x, y, SENSOR_Z])
+
+
+def scan_at(world: SmallWorld, T_map_sensor: NDArray[np.float64], seed: int) -> Scan:
+    """What the small world's sensor sees there, with noise and dropout."""
+    sensor, rng = SensorModel.from_mapping(SENSOR), np.random.default_rng(seed)
+    noise = DisturbConfig()
+    simulator = Simulator(world.vertices, world.triangles)
+    ranges = next(simulator.ranges(T_map_sensor[None], sensor))[0]
+    ranges = ranges + rng.normal(0, noise.noise_m, ranges.shape)
+    seen = np.isfinite(ranges) & (rng.random(ranges.shape) > noise.dropout)
+    return Scan.from_points(sensor.directions()[seen] * ranges[seen, None])
