@@ -13,25 +13,22 @@ seen: so a publish that dies at any point has either published or not, and can b
 
 from __future__ import annotations
 
-import hashlib
 import logging
 import threading
-from collections import OrderedDict
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 from .build_records import BuildRecords
 from .change_log import ChangeLog
-from .errors import Conflict, CorruptVersion, NotFound, StoreError, TooLarge
+from .errors import Conflict, NotFound, StoreError
 from .ids import check_map_id, check_version, is_name
-from .manifest import FILE_NAME, MAX_BYTES, Manifest, sha256_of
+from .manifest import Manifest, sha256_of
 from .map_log import Event, LogEntry, MapLog, MapState
 from .store import Store
-from .version_cache import fetch_version_files
+from .version_objects import VersionObjects, manifest_first
 
 _log = logging.getLogger(__name__)
-_MANIFESTS_KEPT = 256  # each may be some 100 kB
 
 
 @dataclass(frozen=True)
@@ -58,7 +55,7 @@ class Catalog(BuildRecords):
         super().__init__(store)
         self.changes = ChangeLog(store)
         self._logs: dict[str, MapLog] = {}  # of maps that there are: ids that were made up leave no trace
-        self._manifests: OrderedDict[tuple[str, str], Manifest] = OrderedDict()
+        self._objects = VersionObjects(store)
         self._lock = threading.Lock()
 
     # Maps and versions
@@ -103,7 +100,7 @@ class Catalog(BuildRecords):
         return [
             VersionInfo(version, version == state.active, times[version])
             for version in reversed(state.published)
-            if self.store.exists(f"{_version_folder(map_id, version)}/{FILE_NAME}")
+            if self._objects.exists(map_id, version)
         ]
 
     def manifest(self, map_id: str, version: str) -> Manifest:
@@ -115,26 +112,7 @@ class Catalog(BuildRecords):
         """
         if check_version(version) not in self.state(map_id).published:
             raise NotFound(f"map {map_id} has no version {version}")
-        with self._lock:
-            known = self._manifests.get((map_id, version))
-            if known is not None:
-                self._manifests.move_to_end((map_id, version))
-                return known
-        key = f"{_version_folder(map_id, version)}/{FILE_NAME}"
-        try:
-            size = self.store.size(key)
-            if size > MAX_BYTES:
-                raise CorruptVersion(f"a manifest of {size} bytes")
-            manifest = Manifest.from_json(self.store.get(key))
-        except NotFound:
-            raise CorruptVersion(f"version {version} of map {map_id} has lost its manifest") from None
-        if manifest.digest != version:
-            raise CorruptVersion(f"the manifest of version {version} of map {map_id} was altered")
-        with self._lock:
-            self._manifests[(map_id, version)] = manifest
-            while len(self._manifests) > _MANIFESTS_KEPT:
-                self._manifests.popitem(last=False)
-        return manifest
+        return self._objects.manifest(map_id, version)
 
     def fetch_version(self, map_id: str, version: str, directory: Path) -> Path:
         """The local folder with the version's files, each verified by its sha256; in the cache
@@ -144,10 +122,8 @@ class Catalog(BuildRecords):
             NotFound, IncompatibleVersion: as ``manifest``.
             CorruptVersion: as ``manifest``, or a file is missing or differs.
         """
-        manifest = self.manifest(map_id, version)
-        return fetch_version_files(
-            self.store, _version_folder(map_id, version), version, manifest, Path(directory)
-        )
+        self.manifest(map_id, version)
+        return self._objects.fetch(map_id, version, directory)
 
     def read_file(self, map_id: str, version: str, name: str, *, max_bytes: int) -> bytes:
         """One file of a version, checked by its sha256.
@@ -157,18 +133,8 @@ class Catalog(BuildRecords):
             TooLarge: it is over the limit.
             CorruptVersion: as ``manifest``, or the file is missing or differs.
         """
-        entry = self.manifest(map_id, version).files.get(name)
-        if entry is None:
-            raise NotFound(f"version {version} of map {map_id} has no {name}")
-        if entry.bytes > max_bytes:
-            raise TooLarge(f"{name} has {entry.bytes} bytes, the limit is {max_bytes}")
-        try:
-            data = self.store.get(f"{_version_folder(map_id, version)}/{name}")
-        except NotFound:
-            raise CorruptVersion(f"version {version} of map {map_id} has lost {name}") from None
-        if hashlib.sha256(data).hexdigest() != entry.sha256:
-            raise CorruptVersion(f"{name} of version {version} of map {map_id} was altered")
-        return data
+        self.manifest(map_id, version)
+        return self._objects.read_file(map_id, version, name, max_bytes=max_bytes)
 
     def publish(self, map_id: str, directory: Path, manifest: Manifest, *, build_id: str = "") -> str:
         """Puts a version's files, then its manifest, then says so in the log and activates it.
@@ -184,14 +150,7 @@ class Catalog(BuildRecords):
         """
         check_map_id(map_id)
         version = manifest.digest
-        manifest.verify_directory(directory)
-        folder = _version_folder(map_id, version)
-        for name in manifest.files:
-            self.store.upload(f"{folder}/{name}", directory / name)
-        content = manifest.to_json()
-        key = f"{folder}/{FILE_NAME}"
-        if not self.store.put_new(key, content) and self.store.get(key) != content:
-            raise CorruptVersion(f"the manifest of version {version} of map {map_id} was altered")
+        self._objects.put(map_id, directory, manifest)
         log = self._map_log(map_id)
 
         def done(event: Event, state: MapState) -> bool:
@@ -297,27 +256,16 @@ class Catalog(BuildRecords):
         cutoff = datetime.now(timezone.utc) - timedelta(seconds=older_than_s)
         recent = {e.version for e in state.entries if datetime.fromisoformat(e.time) > cutoff}
         kept = recent | set(state.published)
-        folders: dict[str, list[str]] = {}
-        for item in self.store.scan(f"maps/{check_map_id(map_id)}/versions"):
-            version = item.key.split("/")[3]
+        keys: dict[str, list[str]] = {}
+        for version, item in self._objects.scan(map_id):
             if item.last_modified > cutoff:
                 kept.add(version)
-            folders.setdefault(version, []).append(item.key)
-        doomed = [
-            # The manifest first: without it the version does not exist, whatever happens next.
-            key
-            for version, keys in folders.items()
-            if version not in kept
-            for key in sorted(keys, key=lambda key: not key.endswith(f"/{FILE_NAME}"))
-        ]
-        if dry_run:
-            return doomed
-        for key in doomed:
-            self.store.delete(key)
-        with self._lock:
-            for version in folders.keys() - kept:
-                self._manifests.pop((map_id, version), None)
-        return doomed
+            keys.setdefault(version, []).append(item.key)
+        doomed = {version: manifest_first(of) for version, of in keys.items() if version not in kept}
+        if not dry_run:
+            for version, of in doomed.items():
+                self._objects.remove(map_id, version, of)
+        return [key for of in doomed.values() for key in of]
 
     def _map_log(self, map_id: str) -> MapLog:
         check_map_id(map_id)
@@ -343,7 +291,3 @@ class Catalog(BuildRecords):
 def source_key(map_id: str, sha256: str) -> str:
     """Where an uploaded file stands."""
     return f"maps/{check_map_id(map_id)}/sources/{check_version(sha256)}"
-
-
-def _version_folder(map_id: str, version: str) -> str:
-    return f"maps/{check_map_id(map_id)}/versions/{check_version(version)}"
