@@ -21,8 +21,13 @@ class FrameReader:
     Every method raises MalformedData where the bytes end too early or contradict themselves.
     """
 
-    def __init__(self, body: bytes, name: str) -> None:
+    def __init__(self, body: bytes | memoryview, name: str) -> None:
         self._rest, self._name = memoryview(body), name
+
+    @property
+    def left(self) -> int:
+        """How many bytes are not read yet."""
+        return len(self._rest)
 
     def take(self, count: int) -> memoryview:
         if len(self._rest) < count:
