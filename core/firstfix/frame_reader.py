@@ -54,6 +54,12 @@ class FrameReader:
             raise MalformedData(f"a zstd frame holds {len(content)} bytes and declares {declared}")
         return content
 
+    def check(self, fields: dict[str, bool]) -> None:
+        """Of a header: by a field's name whether it is as it may be."""
+        for field, sound in fields.items():
+            if not sound:
+                raise MalformedData(f"the {field} of the {self._name} header is out of range")
+
     def end(self) -> None:
         if self._rest:
             raise MalformedData(f"{len(self._rest)} bytes follow the {self._name}")

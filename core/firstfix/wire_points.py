@@ -32,15 +32,14 @@ from __future__ import annotations
 
 import math
 import struct
-from dataclasses import dataclass
 
 import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
-from .byte_planes import joined, planes_of
-from .errors import InvalidOption, MalformedData, TooLarge
+from .errors import InvalidOption, TooLarge
 from .frame_reader import FrameReader
+from .packing import joined, planes_of
 from .scan import MAX_ABS_COORDINATE_M, MAX_POINTS, Scan
 
 MIN_RESOLUTION_M, MAX_RESOLUTION_M = 1e-4, 1.0
@@ -49,36 +48,6 @@ _HEADER = struct.Struct("<BBIId3ddff")
 # Level 1 is within 1 % of level 4's size in two thirds of the time: the planes hold noise, not patterns.
 _ZSTD_LEVEL = 1
 _MAX_INTENSITY = 1e30  # its range in 65536 steps still fits float32
-
-
-@dataclass(frozen=True)
-class _Header:
-    coordinate_bytes: int
-    intensity_bytes: int
-    count: int
-    resolution_m: float
-    origin: NDArray[np.float64]  # (3,)
-    stamp_s: float | None
-    intensity_scale: float
-    intensity_offset: float
-
-    @property
-    def content_bytes(self) -> int:
-        return self.count * (3 * self.coordinate_bytes + self.intensity_bytes)
-
-    def pack(self) -> bytes:
-        stamp = math.nan if self.stamp_s is None else self.stamp_s
-        return _HEADER.pack(
-            self.coordinate_bytes,
-            self.intensity_bytes,
-            self.count,
-            0,
-            self.resolution_m,
-            *self.origin,
-            stamp,
-            self.intensity_scale,
-            self.intensity_offset,
-        )
 
 
 def encode(scan: Scan, resolution_m: float) -> bytes:
@@ -95,10 +64,10 @@ def encode(scan: Scan, resolution_m: float) -> bytes:
     points, intensity = scan.points, _finite(scan.intensity)
     origin, coordinate_bytes = _frame_of(points, resolution_m)
     intensity_bytes, scale, offset = _intensity_form(intensity)
-    header = _Header(
-        coordinate_bytes, intensity_bytes, len(points), resolution_m, origin, scan.stamp_s, scale, offset
+    n, stamp = len(points), math.nan if scan.stamp_s is None else scan.stamp_s
+    header = _HEADER.pack(
+        coordinate_bytes, intensity_bytes, n, 0, resolution_m, *origin, stamp, scale, offset
     )
-    n = len(points)
     planes = np.empty((3 * coordinate_bytes + intensity_bytes, n), np.uint8)
     quantised = np.rint((points - origin) * (1 / resolution_m)).astype(f"<i{coordinate_bytes}")
     differences = np.diff(quantised, axis=0, prepend=np.zeros((1, 3), quantised.dtype))
@@ -107,7 +76,7 @@ def encode(scan: Scan, resolution_m: float) -> bytes:
         levels = np.rint((intensity - offset) / scale)
         planes[3 * coordinate_bytes :] = planes_of(levels.astype(f"<u{intensity_bytes}"))
     compressor = zstandard.ZstdCompressor(level=_ZSTD_LEVEL, write_checksum=True)
-    return header.pack() + compressor.compress(planes.data)
+    return header + compressor.compress(planes.data)
 
 
 def decode(rest: memoryview) -> Scan:
@@ -118,22 +87,34 @@ def decode(rest: memoryview) -> Scan:
         TooLarge: over MAX_POINTS points.
     """
     reader = FrameReader(rest, "scan")
-    header = _read_header(reader)
-    content = reader.frame(reader.left, header.content_bytes, header.content_bytes)
-    n, c = header.count, header.coordinate_bytes
-    planes = np.frombuffer(content, np.uint8).reshape(-1, n) if n else np.empty((3 * c, 0), np.uint8)
+    c, i, n, zero, resolution_m, *origin, stamp, scale, offset = reader.header(_HEADER)
+    if n > MAX_POINTS:
+        raise TooLarge(f"the scan has {n} points, the limit is {MAX_POINTS}")
+    reader.check(
+        {
+            "bytes per coordinate": c in (2, 4),
+            "bytes per intensity": i in (0, 1, 2),
+            "reserved field": zero == 0,
+            "resolution": MIN_RESOLUTION_M <= resolution_m <= MAX_RESOLUTION_M,
+            "origin": all(abs(v) <= MAX_ABS_COORDINATE_M for v in origin),
+            "stamp": not math.isinf(stamp),
+            "intensity scale": abs(scale) * 65_535 <= 4 * _MAX_INTENSITY
+            and abs(offset) <= 2 * _MAX_INTENSITY,
+        }
+    )
+    content = reader.frame(reader.left, n * (3 * c + i), n * (3 * c + i))
+    planes = np.frombuffer(content, np.uint8).reshape(3 * c + i, n)
     points = np.empty((n, 3), np.float32)
     integer = np.dtype(f"<i{c}")
     for axis in range(3):
         differences = joined(planes[axis * c : (axis + 1) * c], integer)
         # the sum wraps on purpose: differences are modulo 2 ** (8 c)
-        metres = np.cumsum(differences, dtype=integer) * header.resolution_m + header.origin[axis]
-        points[:, axis] = metres
+        points[:, axis] = np.cumsum(differences, dtype=integer) * resolution_m + origin[axis]
     intensity = None
-    if header.intensity_bytes:
-        levels = joined(planes[3 * c :], np.dtype(f"<u{header.intensity_bytes}"))
-        intensity = (levels * header.intensity_scale + header.intensity_offset).astype(np.float32)
-    return Scan(points, intensity, header.stamp_s)
+    if i:
+        levels = joined(planes[3 * c :], np.dtype(f"<u{i}"))
+        intensity = (levels * scale + offset).astype(np.float32)
+    return Scan(points, intensity, None if math.isnan(stamp) else stamp)
 
 
 def _frame_of(points: NDArray[np.float32], resolution_m: float) -> tuple[NDArray[np.float64], int]:
@@ -165,23 +146,3 @@ def _intensity_form(intensity: NDArray[np.float64] | None) -> tuple[int, float, 
     offset = float(np.nextafter(np.float32(low), np.float32(-np.inf)))
     scale = float(np.nextafter(np.float32((high - offset) / 65_535), np.float32(np.inf)))
     return 2, scale, offset
-
-
-def _read_header(reader: FrameReader) -> _Header:
-    c, i, count, zero, resolution_m, *origin, stamp, scale, offset = reader.header(_HEADER)
-    if count > MAX_POINTS:
-        raise TooLarge(f"the scan has {count} points, the limit is {MAX_POINTS}")
-    limits = {
-        "bytes per coordinate": c in (2, 4),
-        "bytes per intensity": i in (0, 1, 2),
-        "reserved field": zero == 0,
-        "resolution": MIN_RESOLUTION_M <= resolution_m <= MAX_RESOLUTION_M,
-        "origin": all(abs(v) <= MAX_ABS_COORDINATE_M for v in origin),
-        "stamp": not math.isinf(stamp),
-        "intensity scale": abs(scale) * 65_535 <= 4 * _MAX_INTENSITY and abs(offset) <= 2 * _MAX_INTENSITY,
-    }
-    for name, ok in limits.items():
-        if not ok:
-            raise MalformedData(f"the {name} of the scan's header is out of range")
-    stamp_s = None if math.isnan(stamp) else stamp
-    return _Header(c, i, count, resolution_m, np.array(origin), stamp_s, scale, offset)

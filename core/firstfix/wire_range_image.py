@@ -1,7 +1,7 @@
 """Kind 2 of ``application/vnd.firstfix.scan``: a range image, which is how a spinning LiDAR sees.
 
 Directions are cells of an angular grid, 4096 around and 1024 from nadir to zenith (0.088 by 0.176 degrees,
-in the order of a LiDAR's own accuracy). Each cell keeps its nearest return, of which the range is rounded to a
+in the order of a LiDAR's own accuracy). Each cell keeps its nearest return, whose range is rounded to a
 resolution (2.5 cm unless told). The cells with a return are numbered row by row; the gap from one to the next
 is mostly 0, and the difference of their ranges mostly a step or two, so that both make small bytes. Of a
 sensor that sweeps lines the cells lose 0 to 2 % of the points. Any other sensor may use it too, but a
@@ -29,8 +29,8 @@ next (before the first: from cell 0). In four bits each, two a byte, the first i
 the gap, 15 the next of the wide ones, which follow in three planes of a byte each, least significant first.
 
 Ranges: the difference d from the one before (the first from 0), in steps, modulo 2 ** 16 as a signed integer,
-zigzagged, z = (d << 1) ^ (d >> 15). A byte each: 0 to 254 is z, 255 the next of the wide ones, which follow in
-two planes. Ranges are whole steps, 1 to 65535. The middle of a cell is the direction of its return:
+zigzagged, z = (d << 1) ^ (d >> 15). A byte each: 0 to 254 is z, 255 the next of the wide ones, which follow
+in two planes. Ranges are whole steps, 1 to 65535. The middle of a cell is the direction of its return:
 
     azimuth   = (column + 0.5) / columns turns - half a turn
     elevation = (row + 0.5) / rows half turns - a quarter turn
@@ -45,9 +45,9 @@ import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
-from .byte_planes import joined, planes_of
 from .errors import InvalidOption, MalformedData, TooLarge
 from .frame_reader import FrameReader
+from .packing import halves_of, joined, packed_halves, planes_of
 from .scan import MAX_POINTS, Scan
 from .turns import turns
 
@@ -94,15 +94,14 @@ def decode(rest: memoryview) -> Scan:
     columns, count, rows, zero, resolution_m, stamp, gap_bytes = reader.header(_HEADER)
     if count > MAX_POINTS:
         raise TooLarge(f"the scan has {count} points, the limit is {MAX_POINTS}")
-    limits = {
-        "grid": columns >= 4 and rows >= 2 and columns * rows <= _MAX_CELLS,
-        "reserved field": zero == 0,
-        "resolution": MIN_RESOLUTION_M <= resolution_m <= MAX_RESOLUTION_M,
-        "stamp": not math.isinf(stamp),
-    }
-    for name, ok in limits.items():
-        if not ok:
-            raise MalformedData(f"the {name} of the range image's header is out of range")
+    reader.check(
+        {
+            "grid": columns >= 4 and rows >= 2 and columns * rows <= _MAX_CELLS,
+            "reserved field": zero == 0,
+            "resolution": MIN_RESOLUTION_M <= resolution_m <= MAX_RESOLUTION_M,
+            "stamp": not math.isinf(stamp),
+        }
+    )
     halves = -(-count // 2)
     gaps = reader.frame(gap_bytes, halves, halves + 3 * count)
     ranges = reader.frame(reader.left, count, 3 * count)
@@ -130,13 +129,13 @@ def _packed_gaps(gaps: Integers) -> bytes:
     halves = np.zeros(len(gaps) + len(gaps) % 2, np.uint8)
     halves[: len(gaps)] = np.minimum(gaps, _WIDE_GAP)
     wide = gaps[gaps >= _WIDE_GAP].astype("<u4")
-    return (halves[::2] << 4 | halves[1::2]).tobytes() + planes_of(wide)[:3].tobytes()
+    return packed_halves(halves) + planes_of(wide)[:3].tobytes()
 
 
 def _unpacked_gaps(content: bytes, count: int) -> NDArray[np.uint32]:
     data = np.frombuffer(content, np.uint8)
     packed = data[: -(-count // 2)]
-    halves = np.stack([packed >> 4, packed & 15], axis=1).ravel()
+    halves = halves_of(packed)
     if halves[count:].any():
         raise MalformedData("half a byte behind the last gap of the range image is not 0")
     return _with_wide(halves[:count], _WIDE_GAP, data[len(packed) :], 3)

@@ -58,6 +58,13 @@ def cells_of(points: np.ndarray) -> np.ndarray:
     return row * COLUMNS + column
 
 
+def away_from_edges(points: np.ndarray) -> np.ndarray:
+    """Whether double arithmetic is sure to find the same cell as float's."""
+    azimuth, elevation, _ = directions(points)
+    places = np.stack([azimuth * (COLUMNS / (2 * np.pi)), elevation * (ROWS / np.pi)])
+    return (np.abs(places - np.rint(places)) > 0.01).all(axis=0)
+
+
 @given(clouds, st.sampled_from([0.025, 0.05, 0.3, 1.0]))
 @settings(max_examples=200, deadline=None)
 def test_every_return_is_the_nearest_of_a_direction(cloud, resolution_m):
@@ -71,9 +78,10 @@ def test_every_return_is_the_nearest_of_a_direction(cloud, resolution_m):
         assert off <= resolution_m / 2 + reach * (range_m + resolution_m) + 1e-4
     assert len(np.unique(cells_of(back))) == len(back)
     nearest = dict(zip(cells_of(back).tolist(), ranges.tolist(), strict=True))
-    _, _, given_m = directions(scan.points)
-    for cell, range_m in zip(cells_of(scan.points).tolist(), given_m.tolist(), strict=True):
-        if resolution_m * 0.51 < range_m < resolution_m * 65_535 and cell in nearest:
+    inside = scan.points[away_from_edges(scan.points)]
+    _, _, given_m = directions(inside)
+    for cell, range_m in zip(cells_of(inside).tolist(), given_m.tolist(), strict=True):
+        if resolution_m * 0.51 < range_m < resolution_m * 65_535:
             assert nearest[cell] <= range_m + resolution_m * 0.51
 
 
