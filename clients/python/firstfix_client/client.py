@@ -110,7 +110,7 @@ class Client(MapCalls, BuildCalls):
             gravity: (3,) its direction in the sensor frame (pointing down).
             options: everything that may be asked; ``prior`` and ``gravity`` are put over them. Without a
                 ``deadline_ms`` the service is told how long this client waits.
-            encoding: ``range_image`` sends the whole scan in a fifth to a third of the bytes, 120k points
+            encoding: ``range_image`` sends the whole scan in a ninth to a third of the bytes, 120k points
                 in under 90 KB; ``compact`` sends under 10 KB and is answered as well as the whole scan;
                 ``descriptor`` sends under 1.5 KB and is answered with candidates, never ``localized``.
             parameters: of the map, for the last two. A descriptor needs those of its one map: where

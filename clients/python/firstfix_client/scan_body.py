@@ -52,7 +52,7 @@ class BodyForm:
     """How scans are sent.
 
     Attributes:
-        encoding: the whole scan, point by point or as a range image (a fifth to a third of the bytes), a
+        encoding: the whole scan, point by point or as a range image (a ninth to a third of the bytes), a
             compact query (under MAX_COMPACT_BYTES, answered as well), or the descriptor alone (under 1.5 KB,
             answered with candidates only).
         parameters: of the map that is asked. A descriptor needs them; a compact query does without.

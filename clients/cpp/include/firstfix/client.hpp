@@ -23,7 +23,7 @@ struct RetryPolicy {
 
 enum class Encoding {
   scan,         // all of it
-  range_image,  // all of it in a fifth to a third of the bytes
+  range_image,  // all of it in a ninth to a third of the bytes
   compact,      // under 10 KB, and answered as well
   descriptor,   // under 1.5 KB, and answered with candidates, never localized
 };
