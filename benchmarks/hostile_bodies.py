@@ -157,7 +157,7 @@ def _bombs(raw: str, bad: frozenset[int], large: frozenset[int]) -> Iterator[Bod
     scan = wire.encode_scan(Scan(np.zeros((1, 3), np.float32)))
     head = scan[:8] + struct.pack("<I", count) + scan[12:64]
     gaps, ranges = (
-        zstandard.compress(content) for content in (bytes(count // 2), bytes([9]) + bytes(count - 1))
+        zstandard.compress(content) for content in (bytes(count // 2), bytes([8]) + bytes(count - 1))
     )
     shape = struct.pack("<4sBBHIHHddI", b"FFSC", 1, 2, 4096, count, 4096, 0, 1.0, 0.0, len(gaps))
     for name, bomb in (("scan", head + frame), ("range image", shape + gaps + ranges)):
