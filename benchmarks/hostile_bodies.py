@@ -67,6 +67,7 @@ def good_bodies(points: int = 60, seed: int = 0) -> list[Body]:
     ok = frozenset({200})
     return [
         Body("scan", wire.encode_scan(scan), wire.MEDIA_TYPE, statuses=ok),
+        Body("range image", wire.encode_scan(scan, form="range_image"), wire.MEDIA_TYPE, statuses=ok),
         Body("scans", sequence, wire_sequence.MEDIA_TYPE, statuses=ok),
         Body("query", wire_query.encode_query(compact), wire_query.MEDIA_TYPE, statuses=ok),
         Body("xyz", xyz.tobytes(), raw, statuses=ok),
@@ -110,6 +111,8 @@ def crafted_bodies() -> Iterator[Body]:
         yield Body(f"{count} points", cloud.tobytes(), raw, statuses=fine | bad)
         scan = wire.encode_scan(Scan(cloud))
         yield Body(f"{count} points encoded", scan, wire.MEDIA_TYPE, statuses=fine | bad)
+        image = wire.encode_scan(Scan(cloud), form="range_image")
+        yield Body(f"{count} points as a range image", image, wire.MEDIA_TYPE, statuses=fine | bad)
         yield Body(f"{count} points in PCD", _pcd(cloud, "binary"), "application/x-pcd", statuses=fine | bad)
     yield Body("one point many times", np.full((200_000, 3), 3.0, "<f4").tobytes(), raw, statuses=fine)
     yield Body("too many points", bytes(2_000_001 * 12), raw, statuses=large)
@@ -153,10 +156,15 @@ def _bombs(raw: str, bad: frozenset[int], large: frozenset[int]) -> Iterator[Bod
     frame = zstandard.ZstdCompressor().compress(bytes(6 * count))
     scan = wire.encode_scan(Scan(np.zeros((1, 3), np.float32)))
     head = scan[:8] + struct.pack("<I", count) + scan[12:64]
-    yield Body("a scan that is a bomb", head + frame, wire.MEDIA_TYPE, statuses=frozenset({200, 422}))
-    entry = struct.pack("<7dI", 0, 0, 0, 0, 0, 0, 1, len(head + frame)) + head + frame
-    bombs = struct.pack("<4sBBH", b"FFSS", 1, 16, 0) + entry * 16
-    yield Body("sixteen scans that are bombs", bombs, wire_sequence.MEDIA_TYPE, statuses=large)
+    gaps, ranges = (
+        zstandard.compress(content) for content in (bytes(count // 2), bytes([8]) + bytes(count - 1))
+    )
+    shape = struct.pack("<4sBBHIHHddI", b"FFSC", 1, 2, 4096, count, 4096, 0, 1.0, 0.0, len(gaps))
+    for name, bomb in (("scan", head + frame), ("range image", shape + gaps + ranges)):
+        yield Body(f"a {name} that is a bomb", bomb, wire.MEDIA_TYPE, statuses=frozenset({200, 422}))
+        entry = struct.pack("<7dI", 0, 0, 0, 0, 0, 0, 1, len(bomb)) + bomb
+        bombs = struct.pack("<4sBBH", b"FFSS", 1, 16, 0) + entry * 16
+        yield Body(f"sixteen bombs of a {name}", bombs, wire_sequence.MEDIA_TYPE, statuses=large)
 
 
 def _pcd_header(points: int, encoding: str) -> bytes:

@@ -29,6 +29,10 @@ def _whole(voxel_m: float | None) -> Encode:
     return lambda scan, known: wire.encode_scan(replace(scan, intensity=None), voxel_m=voxel_m)
 
 
+def _image(resolution_m: float | None = None) -> Encode:
+    return lambda scan, known: wire.encode_scan(scan, form="range_image", resolution_m=resolution_m)
+
+
 def _any_map(points: int, resolution_m: float) -> Encode:
     return lambda scan, known: encode_query(condense(scan, points=points), resolution_m=resolution_m)
 
@@ -48,6 +52,8 @@ FORMS = (
     RAW,
     Form("scan, 1 cm", _whole(None), wire.MEDIA_TYPE),
     Form("scan, 1 cm, a point each 0.25 m", _whole(0.25), wire.MEDIA_TYPE),
+    Form("range image, 2.5 cm", _image(), wire.MEDIA_TYPE),
+    *(Form(f"range image, {cm} cm", _image(cm / 100), wire.MEDIA_TYPE) for cm in (1, 5, 10)),
     COMPACT,
     Form("compact, the map known, with descriptor", _this_map),
     *(Form(f"compact: {n} points", _any_map(n, 0.02)) for n in (500, 1000, 2000, 4000)),

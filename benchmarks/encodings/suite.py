@@ -67,11 +67,12 @@ def measure(localizer: Localizer, queries: Sequence[Query], forms: Sequence[Form
     rows: dict[str, Any] = {}
     reference: list[Outcome] = []
     for form in forms:
-        outcomes, bytes_, encode_ms = _asked(localizer, queries, form)
+        outcomes, bytes_, encode_ms, decode_ms = _asked(localizer, queries, form)
         reference = reference or outcomes
         rows[form.name] = _figures(outcomes, reference, form) | {
             "bytes": {"p50": int(np.median(bytes_)), "max": max(bytes_)},
             "encode_ms": round(float(np.median(encode_ms)), 2),
+            "decode_ms": round(float(np.median(decode_ms)), 2),
         }
         print(form.name, rows[form.name], file=sys.stderr, flush=True)
     return rows
@@ -79,9 +80,10 @@ def measure(localizer: Localizer, queries: Sequence[Query], forms: Sequence[Form
 
 def _asked(
     localizer: Localizer, queries: Sequence[Query], form: Form
-) -> tuple[list[Outcome], list[int], list[float]]:
+) -> tuple[list[Outcome], list[int], list[float], list[float]]:
+    """What came of every query, the bytes of each, and the times of encoding and decoding, milliseconds."""
     known = QueryParameters.from_engine(localizer.index.config.model_dump())
-    outcomes, bytes_, encode_ms = [], [], []
+    outcomes, bytes_, encode_ms, decode_ms = [], [], [], []
     for number, (scan, T_map_sensor) in enumerate(queries):
         began = time.perf_counter()
         body = b"" if form.encode is None else form.encode(scan, known)
@@ -89,10 +91,11 @@ def _asked(
         bytes_.append(12 * len(scan) if form.encode is None else len(body))
         began = time.perf_counter()
         query = scan if form.encode is None else decode_query(body, form.media_type)
+        decode_ms.append(1e3 * (time.perf_counter() - began))
         answer = localizer.localize(query)
         ms = 1e3 * (time.perf_counter() - began)
         outcomes.append(outcome_of(str(number), T_map_sensor, answer, ms))
-    return outcomes, bytes_, encode_ms
+    return outcomes, bytes_, encode_ms, decode_ms
 
 
 def _figures(outcomes: Sequence[Outcome], reference: Sequence[Outcome], form: Form) -> dict[str, Any]:
@@ -154,7 +157,7 @@ def _simulated() -> Iterator[tuple[str, Localizer, list[Query]]]:
 
 def report(figures: dict[str, Any]) -> str:
     """A Markdown table a place."""
-    head = "| sent as | bytes p50 / max | encode ms | n | 0.2 m | loc / amb / rej | median error "
+    head = "| sent as | bytes p50 / max | encode, decode ms | n | 0.2 m | loc / amb / rej | median error "
     head += "| log odds shift | place first / in 10 | ms |"
     parts = []
     for name, rows in figures.items():
@@ -168,8 +171,9 @@ def report(figures: dict[str, Any]) -> str:
                 if row["median_error_m"] is None
                 else (f"{100 * row['median_error_m']:.1f} cm, {row['median_error_deg']:.2f} deg")
             )
+            coding_ms = f"{row['encode_ms']}, {row['decode_ms']}"
             cells = [
-                form, f"{row['bytes']['p50']} / {row['bytes']['max']}", row["encode_ms"], row["n"],
+                form, f"{row['bytes']['p50']} / {row['bytes']['max']}", coding_ms, row["n"],
                 f"{row['success_0.2m']:.2f}", verdicts, error, row.get("log_odds_shift", ""),
                 f"{row['first_right']:.2f} / {row['among_10']:.2f}", row["ms"],
             ]  # fmt: skip

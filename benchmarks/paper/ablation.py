@@ -11,7 +11,8 @@ import numpy as np
 
 from firstfix.cascade import Cascade
 from firstfix.clusters import Clusters
-from firstfix.descriptor import Described, PcaScanContext
+from firstfix.descriptor import Described
+from firstfix.descriptor.pca_sc import PcaScanContext
 from firstfix.engine_config import ClusterConfig, SearchConfig
 from firstfix_builder.cluster import cluster_templates
 

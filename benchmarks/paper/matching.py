@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from firstfix.cascade import Cascade
 from firstfix.clusters import Clusters
-from firstfix.descriptor import Described, PcaScanContext, rows_of
+from firstfix.descriptor import Described, rows_of
+from firstfix.descriptor.pca_sc import PcaScanContext
 from firstfix.descriptor.similarity import Columns, similarity
 from firstfix.engine_config import SearchConfig
 from firstfix.key_search import build_key_search

@@ -23,11 +23,11 @@ from firstfix.descriptor import (
     Described,
     Descriptor,
     LayeredOccupancy,
-    PcaScanContext,
     PolarGrid,
     ScanBatch,
     rows_of,
 )
+from firstfix.descriptor.pca_sc import PcaScanContext
 from firstfix.scan import Scan
 from firstfix.sensor import preset
 from firstfix.transform import Matrix

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.descriptor import Described, PcaScanContext, rows_of
+from firstfix.descriptor import Described, rows_of
+from firstfix.descriptor.pca_sc import PcaScanContext
 from firstfix.engine_config import SearchConfig
 
 from .clusterings import Clusterer, Clustering

@@ -31,11 +31,11 @@ Store = Annotated[
 MapId = Annotated[str, typer.Option("--map", help="Id of the map.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
 SentAs = Annotated[
-    Literal["scan", "compact", "descriptor"],
+    Literal["scan", "range_image", "compact", "descriptor"],
     typer.Option(
         "--encoding",
-        help="What is sent: the scan; a compact query, under 10 KB; or its descriptor, under 1.5 KB, "
-        "which gives candidates only.",
+        help="What is sent: the scan; the scan as a range image, under 90 KB of 120,000 points; a compact "
+        "query, under 10 KB; or its descriptor, under 1.5 KB, which gives candidates only.",
     ),
 ]
 TimeoutS = Annotated[float, typer.Option("--timeout", help="Seconds that one answer may take.", min=0.1)]

@@ -62,6 +62,7 @@ def inputs() -> dict[str, bytes]:
         "near-edges": scenes.near_edges(),
         "far": scenes.far(),
         "across": scenes.across(),
+        "all-directions": scenes.all_directions(),
         "none": np.zeros((0, 3)),
         "reflectivity-8-bit": np.floor(rng.random(len(edges)) * 256),
         "reflectivity-16-bit": np.floor(rng.random(len(edges)) * 65_536),
@@ -95,6 +96,25 @@ def scans() -> Iterator[Vector]:
         yield {**_scan(f"scan-{name}", name), "expected": {"error": "invalid_scan"}}
 
 
+def range_images() -> Iterator[Vector]:
+    """Of ``encode_scan`` too."""
+    yield _image("image-room", "room", stamp_s=1_700_000_000.25)
+    yield _image("image-street", "street", resolution_m=0.02)
+    yield _image("image-street-twice", "street", repeat=2)
+    yield _image("image-room-fine-and-thinned", "room", resolution_m=0.005, voxel_m=0.25)
+    yield _image("image-edges", "edges")
+    yield _image("image-without-reflectivity", "edges", intensity="inputs/reflectivity-8-bit.f32")
+    yield _image("image-of-all-directions", "all-directions", resolution_m=0.1)
+    yield _image("image-beyond-its-reach", "across", resolution_m=0.01)
+    yield _image("image-far", "far")
+    yield _image("image-without-points", "none", stamp_s=0.0)
+    refused = {"expected": {"error": "invalid_option"}}
+    yield {**_image("image-resolution-too-fine", "edges", resolution_m=0.004), **refused}
+    yield {**_scan("scan-of-no-form", "edges", form="smoke"), **refused}
+    for name in ("not-finite", "too-far"):
+        yield {**_image(f"image-{name}", name), "expected": {"error": "invalid_scan"}}
+
+
 def sequences() -> Iterator[Vector]:
     """Of ``encode_scans``. The quaternions are such that nobody's arithmetic rounds them."""
     poses = [
@@ -105,6 +125,8 @@ def sequences() -> Iterator[Vector]:
     far, edges = {"points": "inputs/far.f32"}, {"points": "inputs/near-edges.f32"}
     yield _sequence("scans-three", [far, {**edges, "stamp_s": 12.5}, far], poses)
     yield _sequence("scans-one-compact", [{**edges, "compact": True}, edges], poses[:2], voxel_m=0.5)
+    images = [{**edges, "compact": True}, edges, far]
+    yield _sequence("scans-range-images", images, poses, form="range_image", resolution_m=0.05)
     yield {**_sequence("scans-none", [], []), "expected": {"error": "invalid_scan"}}
     yield {**_sequence("scans-a-pose-missing", [far, far], poses[:1]), "expected": {"error": "invalid_scan"}}
     yield {**_sequence("scans-too-many", [edges] * 17, poses[:1] * 17), "expected": {"error": "too_large"}}
@@ -151,9 +173,13 @@ def parameters() -> Iterator[Vector]:
 
 
 def _scan(name: str, scene: str, **more: Any) -> Vector:
-    given: Vector = {key: more.pop(key) for key in ("stamp_s", "intensity") if key in more}
+    given: Vector = {key: more.pop(key) for key in ("stamp_s", "intensity", "repeat") if key in more}
     given = {"points": f"inputs/{scene}.f32", **given}
     return {"name": name, "function": "encode_scan", "input": given, "parameters": more}
+
+
+def _image(name: str, scene: str, **more: Any) -> Vector:
+    return _scan(name, scene, form="range_image", **more)
 
 
 def _sequence(name: str, scans: list[Vector], poses: list[Vector], **parameters: Any) -> Vector:

@@ -33,7 +33,8 @@ def damaged_scans(good: bytes) -> Iterator[Damaged]:
     yield "bytes-after-it", "malformed_data", good + b"\0"
     yield "another-magic", "malformed_data", b"FFSD" + good[4:]
     yield "a-later-version", "unsupported_format", _with(good, 4, "B", 2)
-    yield "another-kind", "unsupported_format", _with(good, 5, "B", 2)
+    yield "another-kind", "unsupported_format", _with(good, 5, "B", 3)
+    yield "a-range-images-kind", "malformed_data", _with(good, 5, "B", 2)
     yield "three-bytes-a-coordinate", "malformed_data", _with(good, 6, "B", 3)
     yield "three-bytes-an-intensity", "malformed_data", _with(good, 7, "B", 3)
     yield "another-count", "malformed_data", _with(good, 8, "I", count + 1)
@@ -51,6 +52,54 @@ def damaged_scans(good: bytes) -> Iterator[Damaged]:
     yield "another-checksum", "malformed_data", good[:-1] + bytes([good[-1] ^ 1])
     yield "a-frame-of-noise", "malformed_data", good[:64] + bytes(range(1, 60))
     yield "two-frames", "malformed_data", good + good[64:]
+
+
+def damaged_range_images(good: bytes) -> Iterator[Damaged]:
+    """From a valid range image with an odd number of returns, wide gaps and wide ranges."""
+    count, length = (struct.unpack_from("<I", good, at)[0] for at in (8, 32))
+    halves = (count + 1) // 2
+    gaps, ranges = (zstandard.decompress(frame) for frame in (good[36 : 36 + length], good[36 + length :]))
+
+    def of(gaps: bytes, ranges: bytes) -> bytes:
+        first = zstandard.compress(gaps)
+        return _with(good[:36], 32, "I", len(first)) + first + zstandard.compress(ranges)
+
+    yield "image-header-cut-off", "malformed_data", good[:35]
+    yield "image-frame-cut-off", "malformed_data", good[:-1]
+    yield "image-bytes-after-it", "malformed_data", good + b"\0"
+    yield "image-two-million-points-and-one", "too_large", _with(good, 8, "I", 2_000_001)
+    yield "image-two-million-points", "malformed_data", _with(good, 8, "I", 2_000_000)
+    yield "image-one-more", "malformed_data", _with(good, 8, "I", count + 1)
+    yield "image-three-columns", "malformed_data", _with(good, 6, "H", 3)
+    yield "image-one-row", "malformed_data", _with(good, 12, "H", 1)
+    yield "image-of-too-many-cells", "malformed_data", _with(good, 12, "H", 4097)
+    yield "image-of-too-few-cells", "malformed_data", _with(good, 12, "H", 512)
+    yield "image-a-reserved-field", "malformed_data", _with(good, 14, "H", 1)
+    for name, value in (("too-fine", 0.0049), ("not-a-number", math.nan), ("two-metres", 2.0)):
+        yield f"image-resolution-{name}", "malformed_data", _with(good, 16, "d", value)
+    yield "image-infinite-stamp", "malformed_data", _with(good, 24, "d", -math.inf)
+    yield "image-frame-too-long", "malformed_data", _with(good, 32, "I", 0xFFFFFFFF)
+    yield "image-frame-of-no-bytes", "malformed_data", _with(good, 32, "I", 0)
+    yield "image-too-far", "malformed_data", _with(good, 16, "d", 1.0)
+    yield "image-a-wide-gap-missing", "malformed_data", of(gaps[:-3], ranges)
+    yield "image-a-byte-of-a-gap-missing", "malformed_data", of(gaps[:-1], ranges)
+    yield "image-a-wide-gap-too-many", "malformed_data", of(gaps + bytes(3), ranges)
+    yield "image-a-wide-range-missing", "malformed_data", of(gaps, ranges[:-2])
+    yield "image-a-wide-range-too-many", "malformed_data", of(gaps, ranges + bytes(2))
+    yield "image-beyond-its-grid", "malformed_data", of(_widest(gaps, halves), ranges)
+    yield (
+        "image-half-a-byte-set",
+        "malformed_data",
+        of(_with(gaps, halves - 1, "B", gaps[halves - 1] | 1), ranges),
+    )
+    yield "image-a-range-of-zero", "malformed_data", of(gaps, bytes([0]) + ranges[1:])
+    yield "image-ranges-of-undeclared-size", "malformed_data", good[: 36 + length] + _undeclared(ranges)
+    yield "image-frames-swapped", "malformed_data", of(ranges, gaps)
+
+
+def _widest(gaps: bytes, halves: int) -> bytes:
+    """The wide gaps as wide as three bytes are."""
+    return gaps[:halves] + bytes([255]) * (len(gaps) - halves)
 
 
 def damaged_queries(compact: bytes, described: bytes) -> Iterator[Damaged]:

@@ -25,7 +25,7 @@ Vector = dict[str, Any]
 def write(folder: Path) -> None:
     """All vectors and their index, into an empty or missing folder."""
     _store(folder, {**cases.inputs(), **documents.documents()})
-    encoded = [*cases.scans(), *cases.sequences(), *cases.queries()]
+    encoded = [*cases.scans(), *cases.range_images(), *cases.sequences(), *cases.queries()]
     index = [_expecting_body(folder, vector) for vector in encoded]
     index += [_read_back(vector) for vector in index if _can_be_read_back(vector)]
     index += _damaged(folder)
@@ -56,24 +56,25 @@ def _can_be_read_back(vector: Vector) -> bool:
 
 def _read_back(vector: Vector) -> Vector:
     function = "decode_scan" if vector["function"] == "encode_scan" else "decode_query"
-    resolution = vector.get("parameters", {}).get("resolution_m")
+    parameters = vector.get("parameters", {})
     return {
         "name": f"back-{vector['name']}",
         "function": function,
         "input": {"body": vector["expected"]["body"]},
-        "parameters": {} if resolution is None else {"resolution_m": resolution},
+        "parameters": {name: parameters[name] for name in ("form", "resolution_m") if name in parameters},
         "expected": vector["expected"],
     }
 
 
 def _damaged(folder: Path) -> list[Vector]:
-    scan, compact, described, sequence = (
+    scan, image, compact, described, sequence = (
         (folder / f"bodies/{name}.bin").read_bytes()
-        for name in ("scan-edges", "compact-edges", "descriptor-edges", "scans-three")
+        for name in ("scan-edges", "image-edges", "compact-edges", "descriptor-edges", "scans-three")
     )
     index: list[Vector] = []
     for kind, bodies in (
         ("scan", damage.damaged_scans(scan)),
+        ("scan", damage.damaged_range_images(image)),
         ("query", damage.damaged_queries(compact, described)),
         ("scans", damage.damaged_sequences(sequence, described)),
     ):

@@ -17,7 +17,10 @@ def plain_form(body: bytes) -> bytes:
 
 
 def _scan(body: bytes) -> bytes:
-    return body[:64] + zstandard.decompress(body[64:])
+    if body[5] == 1:
+        return body[:64] + zstandard.decompress(body[64:])
+    end = 36 + struct.unpack_from("<I", body, 32)[0]
+    return body[:32] + bytes(4) + zstandard.decompress(body[36:end]) + zstandard.decompress(body[end:])
 
 
 def _query(body: bytes) -> bytes:

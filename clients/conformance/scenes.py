@@ -69,6 +69,15 @@ def across() -> Points:
     return np.array([[-999.5, 3, 1], [1000, -1000, 0.125], [0, 2, 700.25]], np.float32)
 
 
+def all_directions() -> Points:
+    """Two to a direction, one behind the other: straight up and down, along every axis, and all between."""
+    rng = np.random.default_rng(10)
+    spread = rng.random((400, 3)) * 2 - 1
+    axes = np.concatenate([np.eye(3), -np.eye(3)])
+    near = np.concatenate([axes, spread]) * (rng.random((406, 1)) * 40 + 0.5)
+    return np.concatenate([_rounded(near), _rounded(near) * np.float32(1.5)])
+
+
 def _lean(x: float, y: float) -> NDArray[np.float64]:
     """(3, 3) to multiply rows with: a sensor whose up is (x, y, 1)."""
     return levelling_rotation(np.array([x, y, 1.0]))

@@ -6,7 +6,8 @@ from typing import Annotated, Literal, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from .descriptor import Descriptor, LayeredOccupancy, PcaScanContext, PolarGrid
+from .descriptor import Descriptor, LayeredOccupancy, PolarGrid
+from .descriptor.pca_sc import PcaScanContext
 
 
 class Stage(BaseModel):
@@ -39,7 +40,7 @@ class OccupancyConfig(PolarConfig):
 
 
 class PcaScConfig(PolarConfig):
-    """``descriptor.PcaScanContext``: the paper's."""
+    """``descriptor.pca_sc.PcaScanContext``: the paper's."""
 
     kind: Literal["pca_sc"] = "pca_sc"
     height_origin: Literal["floor", "sensor"] = "floor"

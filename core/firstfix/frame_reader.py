@@ -21,8 +21,13 @@ class FrameReader:
     Every method raises MalformedData where the bytes end too early or contradict themselves.
     """
 
-    def __init__(self, body: bytes, name: str) -> None:
+    def __init__(self, body: bytes | memoryview, name: str) -> None:
         self._rest, self._name = memoryview(body), name
+
+    @property
+    def left(self) -> int:
+        """How many bytes are not read yet."""
+        return len(self._rest)
 
     def take(self, count: int) -> memoryview:
         if len(self._rest) < count:
@@ -48,6 +53,12 @@ class FrameReader:
         if len(content) != declared:
             raise MalformedData(f"a zstd frame holds {len(content)} bytes and declares {declared}")
         return content
+
+    def check(self, fields: dict[str, bool]) -> None:
+        """Of a header: by a field's name whether it is as it may be."""
+        for field, sound in fields.items():
+            if not sound:
+                raise MalformedData(f"the {field} of the {self._name} header is out of range")
 
     def end(self) -> None:
         if self._rest:

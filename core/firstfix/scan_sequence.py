@@ -53,8 +53,10 @@ class ScanSequence:
         for number, T in enumerate(poses):
             if not _is_rigid(T):
                 raise InvalidScan(f"pose {number} of the sequence is no rigid transform")
-        T_last_scan = tuple(inverse(poses[-1]) @ T for T in poses)
-        if any(np.linalg.norm(T[:3, 3]) > MAX_WAY_M for T in T_last_scan):
+        with np.errstate(over="ignore", invalid="ignore"):  # what is then no number is no way either
+            T_last_scan = tuple(inverse(poses[-1]) @ T for T in poses)
+            near = all(np.linalg.norm(T[:3, 3]) <= MAX_WAY_M for T in T_last_scan)
+        if not near:
             raise InvalidScan(f"a scan of the sequence lies over {MAX_WAY_M:g} m from the last")
         return cls(tuple(scans), T_last_scan)
 

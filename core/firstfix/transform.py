@@ -24,10 +24,11 @@ def from_quaternion(translation: ArrayLike, quaternion_xyzw: ArrayLike) -> Matri
     """Pose from (3,) metres and an (x, y, z, w) quaternion of any length but zero.
 
     Raises:
-        ValueError: the quaternion is zero or not finite.
+        ValueError: the quaternion is zero or not finite, or its length is not.
     """
     q = np.asarray(quaternion_xyzw, np.float64)
-    length = float(np.linalg.norm(q))
+    with np.errstate(over="ignore"):
+        length = float(np.linalg.norm(q))
     if not np.isfinite(length) or length < 1e-9:
         raise ValueError("the quaternion has no direction")
     x, y, z, w = q / length

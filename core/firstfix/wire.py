@@ -1,46 +1,24 @@
 """The scan encoding ``application/vnd.firstfix.scan``: what the SDK sends over a radio link.
 
-Coordinates are rounded to a resolution (1 cm unless told), each point is written as its difference from
-the one before it, and the bytes of equal weight are put side by side, so that zstd finds the runs: a
-124k-point scan of a spinning LiDAR becomes about 205 KiB, in about 2 ms each way.
-
-Layout, little-endian::
+It has two forms. ``points`` keeps every point, in the sensor's order, and the intensity: 1.7 to 4.4 bytes a
+point at 1 cm. ``range_image`` keeps the nearest return in each of 4 million directions, without intensity:
+0.4 to 0.7 bytes a point at 2.5 cm, which localizes as well. ``wire_points`` and ``wire_range_image`` have
+the layout of each; both begin with
 
     offset  type   field
          0  4 s    magic "FFSC"
          4  u8     version, 1
-         5  u8     kind: 1 = points; others are for later forms (a range image)
-         6  u8     bytes per coordinate c: 2 or 4
-         7  u8     bytes per intensity i: 0 (none), 1 or 2
-         8  u32    point count n, at most firstfix.scan.MAX_POINTS
-        12  u32    0
-        16  f64    resolution in metres, 0.0001 to 1
-        24  3 f64  origin x, y, z in metres
-        48  f64    stamp in seconds since the epoch; NaN: none
-        56  f32    intensity scale
-        60  f32    intensity offset
-        64  bytes  one zstd frame with its content size declared: n * (3 c + i) bytes
-
-The frame's content is 3 c planes of n bytes: for x, then y, then z, the least significant byte of every
-point's difference, then the next byte, up to the most significant. Then i planes for the intensity.
-A difference is q[k] - q[k - 1] modulo 2 ** (8 c), with q[-1] = 0, and q is a signed integer of c bytes:
-
-    coordinate = origin + resolution * q          intensity = offset + scale * (unsigned value)
-
-Two bytes reach 327 m to each side of the origin at 1 cm; the encoder moves the origin to the middle of
-the scan, and then takes four bytes, when the scan reaches further. Nothing is dropped.
+         5  u8     kind: 1 = points, 2 = range image
 """
 
 from __future__ import annotations
 
-import math
 import struct
-from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
-import zstandard
-from numpy.typing import NDArray
 
+from . import wire_points, wire_range_image
 from .errors import InvalidOption, InvalidScan, MalformedData, TooLarge, UnsupportedFormat
 from .scan import MAX_ABS_COORDINATE_M, MAX_POINTS, Scan
 from .voxel_filter import first_in_voxel
@@ -48,88 +26,50 @@ from .voxel_filter import first_in_voxel
 MEDIA_TYPE = "application/vnd.firstfix.scan"
 MAGIC = b"FFSC"
 VERSION = 1
-KIND_POINTS = 1
-MIN_RESOLUTION_M, MAX_RESOLUTION_M = 1e-4, 1.0
+KIND_POINTS, KIND_RANGE_IMAGE = 1, 2
 
-_HEADER = struct.Struct("<4sBBBBIId3ddff")
-# Level 1 is within 1 % of level 4's size in two thirds of the time: the planes hold noise, not patterns.
-_ZSTD_LEVEL = 1
-_MAX_INTENSITY = 1e30  # its range in 65536 steps still fits float32
+ScanForm = Literal["points", "range_image"]
+
+_PREFIX = struct.Struct("<4sBB")
 
 
-@dataclass(frozen=True)
-class _Header:
-    coordinate_bytes: int
-    intensity_bytes: int
-    count: int
-    resolution_m: float
-    origin: NDArray[np.float64]  # (3,)
-    stamp_s: float | None
-    intensity_scale: float
-    intensity_offset: float
-
-    @property
-    def content_bytes(self) -> int:
-        return self.count * (3 * self.coordinate_bytes + self.intensity_bytes)
-
-    def pack(self) -> bytes:
-        stamp = math.nan if self.stamp_s is None else self.stamp_s
-        return _HEADER.pack(
-            MAGIC,
-            VERSION,
-            KIND_POINTS,
-            self.coordinate_bytes,
-            self.intensity_bytes,
-            self.count,
-            0,
-            self.resolution_m,
-            *self.origin,
-            stamp,
-            self.intensity_scale,
-            self.intensity_offset,
-        )
-
-
-def encode_scan(scan: Scan, *, resolution_m: float = 0.01, voxel_m: float | None = None) -> bytes:
-    """The scan's bytes. Coordinates come back within half the resolution.
+def encode_scan(
+    scan: Scan,
+    *,
+    form: ScanForm = "points",
+    resolution_m: float | None = None,
+    voxel_m: float | None = None,
+) -> bytes:
+    """The scan's bytes. Points come back as the form's module says.
 
     Args:
-        resolution_m: step of the coordinates.
+        resolution_m: step of coordinates or of ranges; None: 0.01 of points, 0.025 of a range image.
         voxel_m: when given, only the first point of each cube of this side is sent.
 
     Raises:
-        InvalidOption: a resolution outside 0.0001..1 m or a voxel outside 0.01..10 m.
+        InvalidOption: no such form; a resolution outside 0.0001..1 m (points) or 0.005..1 m (a range image),
+            or a voxel outside 0.01..10 m.
         InvalidScan: a coordinate that is not finite or beyond MAX_ABS_COORDINATE_M.
         TooLarge: over MAX_POINTS points.
     """
-    if not MIN_RESOLUTION_M <= resolution_m <= MAX_RESOLUTION_M:
-        raise InvalidOption(f"resolution_m must lie in [{MIN_RESOLUTION_M}, {MAX_RESOLUTION_M}]")
+    if form not in ("points", "range_image"):
+        raise InvalidOption(f"a scan has the form points or range_image, not {form!r}")
     if voxel_m is not None and not 0.01 <= voxel_m <= 10:
         raise InvalidOption("voxel_m must lie in [0.01, 10]")
     if len(scan) > MAX_POINTS:
         raise TooLarge(f"the scan has {len(scan)} points, the limit is {MAX_POINTS}")
-    points, intensity = scan.points, _finite(scan.intensity)
+    furthest_m = float(np.abs(scan.points).max(initial=0))
+    if not furthest_m <= MAX_ABS_COORDINATE_M:
+        raise InvalidScan(f"a coordinate of {furthest_m} m cannot be sent; see Scan.from_points")
     if voxel_m is not None:
-        kept = first_in_voxel(points, voxel_m)
-        points, intensity = points[kept], None if intensity is None else intensity[kept]
-
-    origin, coordinate_bytes = _frame_of(points, resolution_m)
-    intensity_bytes, scale, offset = _intensity_form(intensity)
-    header = _Header(
-        coordinate_bytes, intensity_bytes, len(points), resolution_m, origin, scan.stamp_s, scale, offset
-    )
-    n = len(points)
-    planes = np.empty((3 * coordinate_bytes + intensity_bytes, n), np.uint8)
-    quantised = np.rint((points - origin) * (1 / resolution_m)).astype(f"<i{coordinate_bytes}")
-    differences = np.diff(quantised, axis=0, prepend=np.zeros((1, 3), quantised.dtype))
-    planes[: 3 * coordinate_bytes] = differences.view(np.uint8).reshape(n, 3 * coordinate_bytes).T
-    if intensity is not None:
-        levels = np.rint((intensity - offset) / scale)
-        planes[3 * coordinate_bytes :] = (
-            levels.astype(f"<u{intensity_bytes}").view(np.uint8).reshape(n, intensity_bytes).T
-        )
-    compressor = zstandard.ZstdCompressor(level=_ZSTD_LEVEL, write_checksum=True)
-    return header.pack() + compressor.compress(planes.data)
+        kept = first_in_voxel(scan.points, voxel_m)
+        intensity = None if scan.intensity is None else scan.intensity[kept]
+        scan = Scan(scan.points[kept], intensity, scan.stamp_s)
+    if form == "points":
+        rest = wire_points.encode(scan, 0.01 if resolution_m is None else resolution_m)
+        return _PREFIX.pack(MAGIC, VERSION, KIND_POINTS) + rest
+    rest = wire_range_image.encode(scan, 0.025 if resolution_m is None else resolution_m)
+    return _PREFIX.pack(MAGIC, VERSION, KIND_RANGE_IMAGE) + rest
 
 
 def decode_scan(body: bytes) -> Scan:
@@ -140,104 +80,15 @@ def decode_scan(body: bytes) -> Scan:
         UnsupportedFormat: a later version or another kind of this format.
         TooLarge: over MAX_POINTS points.
     """
-    header = _read_header(body)
-    content = _decompress(memoryview(body)[_HEADER.size :], header.content_bytes)
-    n, c = header.count, header.coordinate_bytes
-    planes = np.frombuffer(content, np.uint8).reshape(-1, n) if n else np.empty((3 * c, 0), np.uint8)
-    points = np.empty((n, 3), np.float32)
-    integer = np.dtype(f"<i{c}")
-    for axis in range(3):
-        differences = _joined(planes[axis * c : (axis + 1) * c], integer)
-        # the sum wraps on purpose: differences are modulo 2 ** (8 c)
-        metres = np.cumsum(differences, dtype=integer) * header.resolution_m + header.origin[axis]
-        points[:, axis] = metres
-    if n and not float(np.abs(points).max()) <= MAX_ABS_COORDINATE_M * 1.001:
-        raise MalformedData(f"the scan has coordinates beyond {MAX_ABS_COORDINATE_M:g} m")
-    intensity = None
-    if header.intensity_bytes:
-        levels = _joined(planes[3 * c :], np.dtype(f"<u{header.intensity_bytes}"))
-        intensity = (levels * header.intensity_scale + header.intensity_offset).astype(np.float32)
-    return Scan(points, intensity, header.stamp_s)
-
-
-def _frame_of(points: NDArray[np.float32], resolution_m: float) -> tuple[NDArray[np.float64], int]:
-    """Origin (3,) and bytes per coordinate that hold every point."""
-    reach_m = 32_767 * resolution_m
-    origin = np.zeros(3)
-    furthest_m = float(np.abs(points).max(initial=0))
-    if not furthest_m <= MAX_ABS_COORDINATE_M:
-        raise InvalidScan(f"a coordinate of {furthest_m} m cannot be sent; see Scan.from_points")
-    if furthest_m <= reach_m:
-        return origin, 2
-    low, high = points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
-    if float((high - low).max()) / 2 <= reach_m - resolution_m:
-        return np.rint((low + high) / 2 / resolution_m) * resolution_m, 2
-    return origin, 4
-
-
-def _finite(intensity: NDArray[np.float32] | None) -> NDArray[np.float64] | None:
-    if intensity is None:
-        return None
-    return np.clip(np.nan_to_num(intensity), -_MAX_INTENSITY, _MAX_INTENSITY).astype(np.float64)
-
-
-def _intensity_form(intensity: NDArray[np.float64] | None) -> tuple[int, float, float]:
-    """Bytes, scale and offset: exact for whole numbers of 8 or 16 bits, else 65536 steps of the range."""
-    if intensity is None:
-        return 0, 1.0, 0.0
-    low, high = (float(intensity.min()), float(intensity.max())) if len(intensity) else (0.0, 0.0)
-    if low >= 0 and high <= 65_535 and bool((intensity == np.rint(intensity)).all()):
-        return (1 if high <= 255 else 2), 1.0, 0.0
-    # As float32, since the header says them so; a step above, so that the last level cannot overflow
-    offset = float(np.nextafter(np.float32(low), np.float32(-np.inf)))
-    scale = float(np.nextafter(np.float32((high - offset) / 65_535), np.float32(np.inf)))
-    return 2, scale, offset
-
-
-def _read_header(body: bytes) -> _Header:
-    if len(body) < _HEADER.size:
-        raise MalformedData(f"{len(body)} bytes are too few for a {MEDIA_TYPE} header of {_HEADER.size}")
-    magic, version, kind, c, i, count, zero, resolution_m, *origin, stamp, scale, offset = (
-        _HEADER.unpack_from(body)
-    )
+    if len(body) < _PREFIX.size:
+        raise MalformedData(f"{len(body)} bytes are too few for {MEDIA_TYPE}")
+    magic, version, kind = _PREFIX.unpack_from(body)
     if magic != MAGIC:
         raise MalformedData(f"not {MEDIA_TYPE}: it begins with {magic!r}, not {MAGIC!r}")
-    if version != VERSION or kind != KIND_POINTS:
-        raise UnsupportedFormat(f"{MEDIA_TYPE} version {version} kind {kind}; this reads 1 and 1")
-    if count > MAX_POINTS:
-        raise TooLarge(f"the scan has {count} points, the limit is {MAX_POINTS}")
-    limits = {
-        "bytes per coordinate": c in (2, 4),
-        "bytes per intensity": i in (0, 1, 2),
-        "reserved field": zero == 0,
-        "resolution": MIN_RESOLUTION_M <= resolution_m <= MAX_RESOLUTION_M,
-        "origin": all(abs(v) <= MAX_ABS_COORDINATE_M for v in origin),
-        "stamp": not math.isinf(stamp),
-        "intensity scale": abs(scale) * 65_535 <= 4 * _MAX_INTENSITY and abs(offset) <= 2 * _MAX_INTENSITY,
-    }
-    for name, ok in limits.items():
-        if not ok:
-            raise MalformedData(f"the {name} of the {MEDIA_TYPE} header is out of range")
-    stamp_s = None if math.isnan(stamp) else stamp
-    return _Header(c, i, count, resolution_m, np.array(origin), stamp_s, scale, offset)
-
-
-def _decompress(frame: memoryview, content_bytes: int) -> bytes:
-    try:
-        declared = zstandard.get_frame_parameters(frame).content_size
-        if declared != content_bytes:
-            raise MalformedData(f"the zstd frame declares {declared} bytes, the header {content_bytes}")
-        content = zstandard.ZstdDecompressor().decompress(frame, allow_extra_data=False)
-    except zstandard.ZstdError as error:
-        raise MalformedData(f"the zstd frame of the scan is damaged: {error}") from None
-    if len(content) != content_bytes:
-        raise MalformedData(f"the zstd frame holds {len(content)} bytes, the header says {content_bytes}")
-    return content
-
-
-def _joined(planes: NDArray[np.uint8], dtype: np.dtype[np.integer]) -> NDArray[np.integer]:
-    """(bytes, n) planes, least significant first, to (n,) integers."""
-    joined = np.empty((planes.shape[1], dtype.itemsize), np.uint8)
-    for significance, plane in enumerate(planes):
-        joined[:, significance] = plane
-    return joined.view(dtype).ravel()
+    if version != VERSION or kind not in (KIND_POINTS, KIND_RANGE_IMAGE):
+        raise UnsupportedFormat(f"{MEDIA_TYPE} version {version} kind {kind}; this reads 1 and 1 or 2")
+    decode = wire_points.decode if kind == KIND_POINTS else wire_range_image.decode
+    scan = decode(memoryview(body)[_PREFIX.size :])
+    if not float(np.abs(scan.points).max(initial=0)) <= MAX_ABS_COORDINATE_M * 1.001:
+        raise MalformedData(f"the scan has coordinates beyond {MAX_ABS_COORDINATE_M:g} m")
+    return scan

@@ -59,6 +59,7 @@ from .compact_scan import MAX_COMPACT_POINTS, CompactScan, ScanDescriptor
 from .descriptor import LayeredOccupancy, PolarGrid
 from .errors import InvalidOption, InvalidScan, MalformedData, TooLarge, UnsupportedFormat
 from .frame_reader import FrameReader
+from .packing import halves_of, joined, packed_halves, planes_of
 from .scan import MAX_ABS_COORDINATE_M
 from .scan_view import COLUMNS, ROWS
 
@@ -142,10 +143,10 @@ def _compact_bytes(query: CompactScan, resolution_m: float) -> bytes:
     apart = np.diff(number[order], prepend=0).astype("<u4")
     low = (steps[order] % _CELL).astype(np.uint8).ravel()  # (3 n,)
     low = np.append(low, np.zeros(3 * n % 2 * 3, np.uint8))  # an odd count: as if a point at 0 followed
-    planes = _compressed(apart.view(np.uint8).reshape(n, 4).T.tobytes())
+    planes = _compressed(planes_of(apart).tobytes())
     ranges = _compressed(_range_bytes(query.nearest_m))
     head = _COMPACT.pack(resolution_m, n, *lowest, *size, len(planes), len(ranges))
-    return head + planes + ranges + (low[::2] << 4 | low[1::2]).tobytes()
+    return head + planes + ranges + packed_halves(low)
 
 
 def _range_bytes(nearest_m: NDArray[np.float32]) -> bytes:
@@ -178,15 +179,19 @@ def _read_compact(rest: FrameReader) -> tuple[NDArray[np.float32], NDArray[np.fl
     if n > MAX_COMPACT_POINTS:
         raise TooLarge(f"the query has {n} points, the limit is {MAX_COMPACT_POINTS}")
     cells = math.prod(size)
-    if not MIN_RESOLUTION_M * 0.999 <= resolution_m <= MAX_RESOLUTION_M * 1.001 or not 1 <= cells <= 1 << 32:
-        raise MalformedData(f"the resolution or the cells of the {MEDIA_TYPE} header are out of range")
+    rest.check(
+        {
+            "resolution": MIN_RESOLUTION_M * 0.999 <= resolution_m <= MAX_RESOLUTION_M * 1.001,
+            "cell count": 1 <= cells <= 1 << 32,
+        }
+    )
     planes = np.frombuffer(rest.frame(planes_bytes, 4 * n, 4 * n), np.uint8).reshape(4, n)
     ranges = rest.frame(ranges_bytes, _MASK_BYTES, _MASK_BYTES + _DIRECTIONS)
     packed = np.frombuffer(rest.take(3 * -(-n // 2)), np.uint8)
-    number = np.cumsum(np.ascontiguousarray(planes.T).view("<u4").ravel(), dtype=np.int64)
+    number = np.cumsum(joined(planes, np.dtype("<u4")), dtype=np.int64)
     if n and number[-1] >= cells:
         raise MalformedData("a point of the query lies beyond its cells")
-    low = np.stack([packed >> 4, packed & 15], axis=1).reshape(-1, 3)[:n]
+    low = halves_of(packed).reshape(-1, 3)[:n]
     cell = np.stack([number % size[0], number // size[0] % size[1], number // (size[0] * size[1])], axis=1)
     points = ((cell + lowest) * _CELL + low) * resolution_m
     if n and not float(np.abs(points).max()) <= MAX_ABS_COORDINATE_M * 1.001:
@@ -210,7 +215,7 @@ def _read_descriptor(rest: FrameReader) -> ScanDescriptor:
     kind, layers, rings, sectors, frame_bytes, radius_m, *up, height_m = rest.header(_DESCRIPTOR)
     if kind != _OCCUPANCY:
         raise UnsupportedFormat(f"descriptor kind {kind} of {MEDIA_TYPE}; this reads {_OCCUPANCY}")
-    limits = {
+    fields = {
         "layer count": 1 <= layers <= _MAX_LAYERS,
         "ring count": 1 <= rings <= _MAX_RINGS,
         "sector count": 1 <= sectors <= _MAX_SECTORS,
@@ -218,9 +223,7 @@ def _read_descriptor(rest: FrameReader) -> ScanDescriptor:
         "up vector": abs(math.hypot(*up) - 1) < 1e-3,
         "height": abs(height_m) <= 100,
     }
-    for name, ok in limits.items():
-        if not ok:
-            raise MalformedData(f"the {name} of the {MEDIA_TYPE} header is out of range")
+    rest.check(fields)
     edges_m = rest.header(struct.Struct(f"<{layers + 1}f"))
     if not all(a < b for a, b in pairwise(edges_m)) or not math.isfinite(sum(edges_m)):
         raise MalformedData("the layers of the descriptor do not ascend")

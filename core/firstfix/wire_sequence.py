@@ -42,7 +42,8 @@ def encode_scans(
     scans: Sequence[Scan | CompactScan],
     T_odom_sensor: Sequence[NDArray[np.floating]],
     *,
-    resolution_m: float = 0.01,
+    form: wire.ScanForm = "points",
+    resolution_m: float | None = None,
     voxel_m: float | None = None,
 ) -> bytes:
     """The bytes of scans in the order in which they were taken, with their sensor's poses by odometry.
@@ -58,7 +59,7 @@ def encode_scans(
         if isinstance(scan, CompactScan):
             body = wire_query.encode_query(scan)
         else:
-            body = wire.encode_scan(scan, resolution_m=resolution_m, voxel_m=voxel_m)
+            body = wire.encode_scan(scan, form=form, resolution_m=resolution_m, voxel_m=voxel_m)
         parts += [_ENTRY.pack(*T[:3, 3], *transform.quaternion_of(T), len(body)), body]
     return b"".join(parts)
 

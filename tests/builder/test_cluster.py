@@ -15,10 +15,10 @@ from firstfix.descriptor import (
     Described,
     Descriptor,
     LayeredOccupancy,
-    PcaScanContext,
     PolarGrid,
     rows_of,
 )
+from firstfix.descriptor.pca_sc import PcaScanContext
 from firstfix.engine_config import ClusterConfig
 from firstfix.errors import BuildCancelled, BuildFailed
 from firstfix_builder import cluster, cluster_unconstrained

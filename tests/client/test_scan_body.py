@@ -28,6 +28,24 @@ def test_one_scan_goes_without_its_intensity():
     assert np.abs(scan.points - POINTS).max() <= 0.00501
 
 
+def test_a_range_image_has_the_clients_resolution_and_voxels():
+    media_type, body = encoded(SCAN, BodyForm("range_image"))
+    assert (media_type, body[5]) == (wire.MEDIA_TYPE, wire.KIND_RANGE_IMAGE)
+    assert body == wire.encode_scan(SCAN, form="range_image", resolution_m=0.025)
+    _, coarse = encoded(SCAN, BodyForm("range_image", resolution_m=0.5, voxel_m=9.0))
+    assert coarse == wire.encode_scan(SCAN, form="range_image", resolution_m=0.5, voxel_m=9.0)
+    assert len(decode_query(coarse, media_type)) < len(decode_query(body, media_type))
+
+
+def test_several_go_as_range_images():
+    sequence = ScanSequence.along([SCAN, condense(SCAN)], [np.eye(4)] * 2)
+    media_type, body = encoded(sequence, BodyForm("range_image"))
+    assert media_type == wire_sequence.MEDIA_TYPE
+    first, second = decode_query(body, media_type).scans
+    assert np.array_equal(first.points, wire.decode_scan(encoded(SCAN, BodyForm("range_image"))[1]).points)
+    assert isinstance(second, CompactScan)
+
+
 def test_several_go_with_the_way_between_them():
     way = [make_transform(rotation_z(0.1 * n), [n, 0, 0]) for n in range(3)]
     sequence = ScanSequence.along([SCAN] * 3, way)

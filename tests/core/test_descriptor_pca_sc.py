@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from firstfix.descriptor import PcaScanContext, PolarGrid, ScanBatch
+from firstfix.descriptor import PolarGrid, ScanBatch
+from firstfix.descriptor.pca_sc import PcaScanContext
 from firstfix.descriptor.principal_axes import principal_axes
 
 GRID = PolarGrid(20, 60, 30.0)

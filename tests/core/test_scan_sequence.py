@@ -35,6 +35,8 @@ def test_poses_are_told_in_the_last_scan_s_frame_whatever_the_odometry_s():
         ([SCAN, SCAN], [np.eye(4), np.full((4, 4), np.nan)]),
         ([SCAN, SCAN], [np.eye(4), np.diag([1.0, 1, -1, 1])]),
         ([SCAN, SCAN], [pose(0), pose(1001.0)]),
+        ([SCAN] * 2, [np.eye(4), make_transform(np.eye(3), [0, 0, 1e231])]),
+        ([SCAN] * 2, [make_transform(rotation_z(1), [1e308, 1e308, 0])] * 2),
     ],
 )
 def test_what_is_no_sequence_is_refused(scans, poses):

@@ -27,7 +27,7 @@ def test_half_turns_keep_their_quaternion(axis):
     assert np.allclose(Rotation.from_quat(q).as_matrix(), R, atol=SETTLED)
 
 
-@pytest.mark.parametrize("quaternion", [[0, 0, 0, 0], [np.nan, 0, 0, 1], [np.inf, 0, 0, 0]])
+@pytest.mark.parametrize("quaternion", [[0, 0, 0, 0], [np.nan, 0, 0, 1], [np.inf, 0, 0, 0], [0, 0, 1e231, 1]])
 def test_a_quaternion_without_direction_is_refused(quaternion):
     with pytest.raises(ValueError, match="no direction"):
         tf.from_quaternion([0, 0, 0], quaternion)

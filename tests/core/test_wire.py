@@ -208,7 +208,8 @@ def with_field(body: bytes, offset: int, form: str, value: object) -> bytes:
     [
         (0, "4s", b"LASF", MalformedData),
         (4, "B", 2, UnsupportedFormat),
-        (5, "B", 2, UnsupportedFormat),
+        (5, "B", 0, UnsupportedFormat),
+        (5, "B", 3, UnsupportedFormat),
         (6, "B", 3, MalformedData),
         (7, "B", 4, MalformedData),
         (8, "I", 39, MalformedData),

@@ -100,6 +100,9 @@ def test_every_form_of_a_query_is_answered(sanitised: Build, service: Service):
         return sanitised.run("firstfix_calls", service.url, name, map_id, 20).stdout.strip()
 
     assert call("scan") == f"localized 1 {POINTS}"
+    verdict, x, returns = call("range_image").split()
+    assert (verdict, x) == ("localized", "1")
+    assert 0.9 * POINTS < int(returns) <= POINTS
     verdict, x, points = call("compact").split()
     assert (verdict, x) == ("localized", "1")
     assert 100 < int(points) <= POINTS

@@ -105,8 +105,9 @@ def test_every_encoding_is_sent_by_every_way(shop, small_scans):
     scan, T_map_sensor = shop.poses.parent / "07.ffscan", small_scans[7][1]
     for way in ("http", "zenoh", "store"):
         command = ["localize", scan, "--map", PLACE, *ways(shop)[way], "--json"]
-        answer = json.loads(firstfix(*command, "--encoding", "compact"))
-        assert np.linalg.norm(np.subtract(answer["T_map_sensor"]["position"], T_map_sensor[:3, 3])) < 0.05
+        for encoding in ("range_image", "compact"):
+            answer = json.loads(firstfix(*command, "--encoding", encoding))
+            assert np.linalg.norm(np.subtract(answer["T_map_sensor"]["position"], T_map_sensor[:3, 3])) < 0.05
         if way != "zenoh":  # the command line has the map's parameters from the service or the store
             answer = json.loads(firstfix(*command, "--encoding", "descriptor", code=3))
             assert answer["reasons"] == ["not_registered"]

@@ -53,6 +53,7 @@ def test_a_scan_that_sees_nothing_does_not_spoil_the_others(localizer, small_sca
 
 def test_the_encoding_carries_them(localizer, small_scans):
     part = small_scans[3:5]
-    body = encode_scans([s for s, _ in part], way_of(part))
-    answer = localizer.localize(decode_query(body, MEDIA_TYPE))
-    assert pose_error(part[-1][1], answer.hypotheses[0].T_map_sensor)[0] < 0.1
+    for form in ("points", "range_image"):
+        body = encode_scans([s for s, _ in part], way_of(part), form=form)
+        answer = localizer.localize(decode_query(body, MEDIA_TYPE))
+        assert pose_error(part[-1][1], answer.hypotheses[0].T_map_sensor)[0] < 0.1

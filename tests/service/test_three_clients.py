@@ -91,6 +91,7 @@ QUERIES: dict[str, Callable[[Any, Path], Localization]] = {
     "points": lambda c, folder: c.localize(POINTS, map_id="hall"),
     "list": lambda c, folder: c.localize(POINTS[:300].tolist(), map_id="hall"),
     "file": lambda c, folder: c.localize(the_file(folder), map_id="hall"),
+    "range image": lambda c, folder: c.localize(SCAN, map_id="hall", encoding="range_image"),
     "compact": lambda c, folder: c.localize(SCAN, map_id="hall", encoding="compact"),
     "descriptor": lambda c, folder: c.localize(
         SCAN, map_id="hall", encoding="descriptor", parameters=PARAMETERS

@@ -1,4 +1,4 @@
-// firstfix_localize URL MAP FILE [scan|compact|descriptor]: where a scan was taken, by a running service.
+// firstfix_localize URL MAP FILE [scan|range_image|compact|descriptor]: where a scan was taken, by a running service.
 //
 // FILE is a PCD file, or raw little-endian float32 x, y, z. Exit codes as of `firstfix localize`: 0 localized,
 // 3 ambiguous, 4 rejected, 1 an error, 2 used wrongly.
@@ -13,9 +13,10 @@ namespace {
 
 firstfix::Encoding encoding_of(const std::string& name) {
   if (name == "scan") return firstfix::Encoding::scan;
+  if (name == "range_image") return firstfix::Encoding::range_image;
   if (name == "compact") return firstfix::Encoding::compact;
   if (name == "descriptor") return firstfix::Encoding::descriptor;
-  throw firstfix::Error("invalid_option", "a scan is sent as scan, compact or descriptor, not " + name);
+  throw firstfix::Error("invalid_option", "a scan is sent as scan, range_image, compact or descriptor, not " + name);
 }
 
 int shown(const firstfix::Localization& fix) {
@@ -37,7 +38,7 @@ int shown(const firstfix::Localization& fix) {
 
 int main(int argc, char** argv) {
   if (argc != 4 && argc != 5) {
-    std::fputs("usage: firstfix_localize URL MAP FILE [scan|compact|descriptor]\n", stderr);
+    std::fputs("usage: firstfix_localize URL MAP FILE [scan|range_image|compact|descriptor]\n", stderr);
     return 2;
   }
   try {

@@ -43,8 +43,9 @@ Localization Client::localize(const Scan& scan, const std::string& map_id, const
   if (encoding == Encoding::compact) {
     return localize_body(compact_body(condense(scan)), kQueryMediaType, map_id, options);
   }
-  if (encoding == Encoding::scan) {
-    const Bytes body = encode_scan(sent(scan), settings_.resolution_m, settings_.voxel_m);
+  if (encoding == Encoding::scan || encoding == Encoding::range_image) {
+    const ScanForm form = encoding == Encoding::scan ? ScanForm::points : ScanForm::range_image;
+    const Bytes body = encode_scan(sent(scan), settings_.resolution_m, settings_.voxel_m, form);
     return localize_body(body, kScanMediaType, map_id, options);
   }
   bool known = false;

@@ -37,6 +37,8 @@ void run(Client& client, const std::string& call, const std::string& map_id) {
     std::printf("%zu\n", client.query_parameters(map_id).descriptor->rings);
   } else if (call == "scan") {
     show(client.localize(helix(), map_id, options));
+  } else if (call == "range_image") {
+    show(client.localize(helix(), map_id, options, Encoding::range_image));
   } else if (call == "compact") {
     show(client.localize(helix(), map_id, options, Encoding::compact));
   } else if (call == "descriptor") {

@@ -43,6 +43,12 @@ std::optional<double> optional_number(const Json& data, const char* name) {
   return data.contains(name) ? std::optional<double>(data.at(name).get<double>()) : std::nullopt;
 }
 
+ScanForm form_of(const Json& parameters) {
+  const auto name = parameters.value("form", std::string("points"));
+  if (name != "points" && name != "range_image") throw Error("invalid_option", "a scan has no form " + name);
+  return name == "points" ? ScanForm::points : ScanForm::range_image;
+}
+
 QueryParameters parameters_of(const Json& parameters) {
   return parameters.contains("engine") ? parse_engine(parameters.at("engine").dump()) : QueryParameters{};
 }
@@ -54,12 +60,14 @@ std::optional<Gravity> gravity_of(const Json& parameters) {
 
 Result encode_scan_vector(const std::string& folder, const Json& input, const Json& parameters) {
   const Scan scan = read_scan(folder, input);
-  return {encode_scan(scan, parameters.value("resolution_m", 0.01), optional_number(parameters, "voxel_m")), {}};
+  return {encode_scan(scan, optional_number(parameters, "resolution_m"), optional_number(parameters, "voxel_m"),
+                      form_of(parameters)),
+          {}};
 }
 
 Result decode_scan_vector(const std::string& folder, const Json& input, const Json& parameters) {
   const Scan scan = decode_scan(read_file(folder + input.at("body").get<std::string>()));
-  return {encode_scan(scan, parameters.value("resolution_m", 0.01)), {}};
+  return {encode_scan(scan, optional_number(parameters, "resolution_m"), std::nullopt, form_of(parameters)), {}};
 }
 
 Result encode_scans_vector(const std::string& folder, const Json& input, const Json& parameters) {
@@ -73,7 +81,9 @@ Result encode_scans_vector(const std::string& folder, const Json& input, const J
     }
   }
   for (const Json& one : input.at("poses")) sequence.T_odom_sensor.push_back(pose_of(one));
-  return {encode_scans(sequence, parameters.value("resolution_m", 0.01), optional_number(parameters, "voxel_m")), {}};
+  return {encode_scans(sequence, optional_number(parameters, "resolution_m"), optional_number(parameters, "voxel_m"),
+                       form_of(parameters)),
+          {}};
 }
 
 Result decode_scans_vector(const std::string& folder, const Json& input, const Json&) {

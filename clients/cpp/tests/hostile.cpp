@@ -102,7 +102,11 @@ void check(bool passed, const char* what) {
 void calls() {
   constexpr float kNan = std::numeric_limits<float>::quiet_NaN(), kInf = std::numeric_limits<float>::infinity();
   const Scan odd{{{kNan, 0, 0}, {kInf, -kInf, 0}, {3e38F, 0, 0}, {1, 2, 3}, {0, 0, 0}, {1e-40F, 0, -1e-40F}}, {}, {}};
-  check(refused([&odd] { encode_scan(odd); }), "points that are not finite are refused as they are");
+  for (const ScanForm form : {ScanForm::points, ScanForm::range_image}) {
+    check(refused([&] { encode_scan(odd, {}, {}, form); }), "points that are not finite are refused as they are");
+    check(!refused([&] { decode_scan(encode_scan(cleaned(odd), {}, {}, form)); }), "what is left can be sent whole");
+    check(!refused([&] { decode_scan(encode_scan(Scan{}, {}, {}, form)); }), "no points can be sent");
+  }
   check(cleaned(odd).points.size() == 3, "and left out by cleaned");
   check(condense(odd).points.size() == 1, "and by condense");
   check(!refused([&odd] { compact_body(condense(odd)); }), "what is left can be sent");
@@ -116,7 +120,8 @@ void calls() {
     parameters = QueryParameters{};
     parameters.descriptor = DescriptorParameters{20, 60, bad, {0, 1}};
     check(refused([&] { describe(odd, parameters); }), "a descriptor's range of no use");
-    check(refused([&] { encode_scan(odd, bad); }), "a resolution of no use");
+    check(refused([&] { encode_scan(cleaned(odd), bad); }), "a resolution of no use");
+    check(refused([&] { encode_scan(cleaned(odd), bad, {}, ScanForm::range_image); }), "of a range image neither");
     check(refused([&] { encode_query(condense(odd), bad); }), "a compact query's resolution of no use");
   }
   QueryParameters parameters;

@@ -46,6 +46,14 @@ inline Bytes plain_form(detail::Span body) {
     detail::append(into, detail::decompressed({body.data + from, to - from}, 0, 100'000'000));
   };
   Bytes plain;
+  if (std::memcmp(body.data, "FFSC", 4) == 0 && body.data[5] == 2) {
+    const std::size_t end = 36 + length(32, 4);
+    copy(plain, 0, 32);
+    plain.insert(plain.end(), 4, 0);
+    content(plain, 36, end);
+    content(plain, end, body.size);
+    return plain;
+  }
   if (std::memcmp(body.data, "FFSC", 4) == 0) {
     copy(plain, 0, 64);
     content(plain, 64, body.size);

@@ -44,7 +44,7 @@ class AsyncClient(AsyncMapCalls, AsyncBuildCalls):
         timeout_s: float = 10.0,
         retry: RetryPolicy | None = None,
         hedge: HedgePolicy | bool | None = None,
-        resolution_m: float = 0.01,
+        resolution_m: float | None = None,
         voxel_m: float | None = None,
         api_key: str | None = None,
         headers: Mapping[str, str] | None = None,

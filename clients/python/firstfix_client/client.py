@@ -45,8 +45,9 @@ class Client(MapCalls, BuildCalls):
         hedge: when ``localize`` asks a second replica because the first is slow; the first answer wins and
             the other query is cancelled. None: by ``HedgePolicy()`` if there are several URLs; True or a
             policy: also if there is one, which may stand for many replicas; False: never.
-        resolution_m, voxel_m: how scans are sent, see ``firstfix.wire.encode_scan``. The default is what
-            the sensor saw, to 1 cm; ``voxel_m=0.25`` saves most of the bytes on a thin link.
+        resolution_m, voxel_m: how whole scans are sent, see ``firstfix.wire.encode_scan``. The default is
+            what the sensor saw, to 1 cm, or to 2.5 cm in a range image; ``voxel_m=0.25`` saves most of the
+            bytes on a thin link.
         api_key: an API key or a token of the service's issuer; None: FIRSTFIX_API_KEY of the environment, if
             it is there. Redirects are never followed, so nobody but the service gets it.
         headers: sent with every request.
@@ -60,7 +61,7 @@ class Client(MapCalls, BuildCalls):
         timeout_s: float = 10.0,
         retry: RetryPolicy | None = None,
         hedge: HedgePolicy | bool | None = None,
-        resolution_m: float = 0.01,
+        resolution_m: float | None = None,
         voxel_m: float | None = None,
         api_key: str | None = None,
         headers: Mapping[str, str] | None = None,
@@ -109,9 +110,10 @@ class Client(MapCalls, BuildCalls):
             gravity: (3,) its direction in the sensor frame (pointing down).
             options: everything that may be asked; ``prior`` and ``gravity`` are put over them. Without a
                 ``deadline_ms`` the service is told how long this client waits.
-            encoding: ``compact`` sends under 10 KB and is answered as well as the whole scan;
+            encoding: ``range_image`` sends the whole scan in a ninth to a third of the bytes, 120k points
+                in under 90 KB; ``compact`` sends under 10 KB and is answered as well as the whole scan;
                 ``descriptor`` sends under 1.5 KB and is answered with candidates, never ``localized``.
-            parameters: of the map, for both of these. A descriptor needs those of its one map: where
+            parameters: of the map, for the last two. A descriptor needs those of its one map: where
                 they are not given, the service is asked for them once, and again when the map changes.
 
         Raises:

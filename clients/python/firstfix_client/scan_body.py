@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Union
+from typing import TYPE_CHECKING, Any, Literal, Union, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 # and all of them have to start.
 
 ScanLike = Union[Scan, ArrayLike, "str | os.PathLike[str]"]
-Encoding = Literal["scan", "compact", "descriptor"]
+Encoding = Literal["scan", "range_image", "compact", "descriptor"]
 MAX_COMPACT_BYTES = 10_000
 FEWEST_POINTS = 500
 
@@ -52,15 +52,16 @@ class BodyForm:
     """How scans are sent.
 
     Attributes:
-        encoding: the whole scan, a compact query (under MAX_COMPACT_BYTES, answered as well), or the
-            descriptor alone (under 1.5 KB, answered with candidates only).
+        encoding: the whole scan, point by point or as a range image (a ninth to a third of the bytes), a
+            compact query (under MAX_COMPACT_BYTES, answered as well), or the descriptor alone (under 1.5 KB,
+            answered with candidates only).
         parameters: of the map that is asked. A descriptor needs them; a compact query does without.
         resolution_m, voxel_m: of whole scans, see ``firstfix.wire.encode_scan``.
     """
 
     encoding: Encoding = "scan"
     parameters: QueryParameters | None = None
-    resolution_m: float = 0.01
+    resolution_m: float | None = None
     voxel_m: float | None = None
 
 
@@ -73,14 +74,14 @@ def encoded(
         InvalidOption: no such encoding; a descriptor without parameters, or of several scans.
         InputError, NotFound: as ``scan_of``.
     """
-    if form.encoding not in ("scan", "compact", "descriptor"):
-        raise InvalidOption(f"a scan is sent as scan, compact or descriptor, not {form.encoding!r}")
+    if form.encoding not in get_args(Encoding):
+        raise InvalidOption(f"a scan is sent as {', '.join(get_args(Encoding))}, not {form.encoding!r}")
     if isinstance(scan, ScanSequence):
         if form.encoding == "descriptor":
             raise InvalidOption("several scans are not sent as descriptors: nothing would register them")
         scans = [_part(one, form) for one in scan.scans]
         return wire_sequence.MEDIA_TYPE, wire_sequence.encode_scans(
-            scans, scan.T_last_scan, resolution_m=form.resolution_m, voxel_m=form.voxel_m
+            scans, scan.T_last_scan, **_of_whole_scans(form)
         )
     one = scan_of(scan)
     if form.encoding == "compact":
@@ -94,7 +95,13 @@ def encoded(
             raise InvalidOption("a descriptor needs the parameters of the map: QueryParameters.from_engine")
         return wire_query.MEDIA_TYPE, wire_query.encode_query(describe(one, form.parameters, gravity))
     plain = replace(one, intensity=None)
-    return wire.MEDIA_TYPE, wire.encode_scan(plain, resolution_m=form.resolution_m, voxel_m=form.voxel_m)
+    return wire.MEDIA_TYPE, wire.encode_scan(plain, **_of_whole_scans(form))
+
+
+def _of_whole_scans(form: BodyForm) -> dict[str, Any]:
+    """Arguments of ``wire.encode_scan``."""
+    chosen = "range_image" if form.encoding == "range_image" else "points"
+    return {"form": chosen, "resolution_m": form.resolution_m, "voxel_m": form.voxel_m}
 
 
 def _part(scan: Scan | CompactScan, form: BodyForm) -> Scan | CompactScan:

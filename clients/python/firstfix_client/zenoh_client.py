@@ -80,7 +80,7 @@ class ZenohClient(MapCalls, BuildCalls):
         timeout_s: float = 10.0,
         retry: RetryPolicy | None = None,
         hedge: HedgePolicy | bool = True,
-        resolution_m: float = 0.01,
+        resolution_m: float | None = None,
         voxel_m: float | None = None,
         api_key: str | None = None,
     ) -> None:

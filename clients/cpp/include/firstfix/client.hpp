@@ -22,16 +22,17 @@ struct RetryPolicy {
 };
 
 enum class Encoding {
-  scan,        // all of it
-  compact,     // under 10 KB, and answered as well
-  descriptor,  // under 1.5 KB, and answered with candidates, never localized
+  scan,         // all of it
+  range_image,  // all of it in a ninth to a third of the bytes
+  compact,      // under 10 KB, and answered as well
+  descriptor,   // under 1.5 KB, and answered with candidates, never localized
 };
 
 struct Settings {
   double timeout_s = 10;  // of a call as a whole, retries included
   RetryPolicy retry;
-  double resolution_m = 0.01;       // of whole scans
-  std::optional<double> voxel_m;    // of whole scans: only the first point of each cube
+  std::optional<double> resolution_m;  // of whole scans; none: 1 cm, of range images 2.5 cm
+  std::optional<double> voxel_m;       // of whole scans: only the first point of each cube
   std::optional<std::string> api_key;  // none: FIRSTFIX_API_KEY of the environment, if it is there
   std::string ca_file;                 // certificates to trust beside the system's none: the system's
 };

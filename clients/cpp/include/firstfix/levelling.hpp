@@ -9,11 +9,11 @@
 
 #include "scan.hpp"
 #include "symmetric.hpp"
+#include "turns.hpp"
 #include "voxel_filter.hpp"
 
 namespace firstfix::detail {
 
-constexpr double kPi = 3.14159265358979323846;
 
 inline double dot(const Vector3& a, const Vector3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 

@@ -6,6 +6,8 @@
 
 namespace firstfix::detail {
 
+constexpr double kPi = 3.14159265358979323846;
+
 // Angle of (x, y) from the x axis, -0.5 to 0.5 of a turn, with the sign of y; 0 for the origin.
 inline float turns(float y, float x) {
   constexpr float kCoefficients[] = {0.15915492F,  -0.053049516F,  0.03178285F,  -0.022312926F,

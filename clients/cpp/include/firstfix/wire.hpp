@@ -2,11 +2,9 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <limits>
 #include <optional>
 #include <vector>
 
@@ -14,108 +12,26 @@
 #include "errors.hpp"
 #include "scan.hpp"
 #include "voxel_filter.hpp"
-#include "zstd_frame.hpp"
+#include "wire_points.hpp"
+#include "wire_range_image.hpp"
 
 namespace firstfix {
 
 inline constexpr const char* kScanMediaType = "application/vnd.firstfix.scan";
 
-namespace detail {
-
-constexpr double kMinResolution = 1e-4, kMaxResolution = 1.0;  // m
-constexpr float kMaxIntensity = 1e30F;
-constexpr std::size_t kScanHeaderBytes = 64;
-
-struct ScanForm {
-  std::array<double, 3> origin{};
-  std::size_t coordinate_bytes = 2;
-  std::size_t intensity_bytes = 0;
-  double scale = 1, offset = 0;  // of the intensity; floats
+enum class ScanForm {
+  points,       // every point, to 1 cm unless told
+  range_image,  // the nearest return in each of 4 million directions, to 2.5 cm unless told; no intensity
 };
 
-// Two bytes reach 327 m at 1 cm: further, the origin moves to the middle, or it takes four.
-inline void place(const std::vector<Point>& points, double resolution_m, ScanForm& form) {
-  const double reach_m = 32'767 * resolution_m;
-  constexpr double kFar = std::numeric_limits<double>::infinity();
-  Vector3 low{kFar, kFar, kFar}, high{-kFar, -kFar, -kFar};
-  double furthest_m = 0, extent_m = 0;
-  for (const Point& point : points) {
-    const Vector3 p = vector_of(point);
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      furthest_m = std::max(furthest_m, std::fabs(p[axis]));
-      low[axis] = std::min(low[axis], p[axis]);
-      high[axis] = std::max(high[axis], p[axis]);
-    }
-  }
-  if (furthest_m <= reach_m) return;
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    extent_m = std::max(extent_m, high[axis] - low[axis]);
-  }
-  if (extent_m / 2 > reach_m - resolution_m) {
-    form.coordinate_bytes = 4;
-    return;
-  }
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    form.origin[axis] = std::nearbyint((low[axis] + high[axis]) / 2 / resolution_m) * resolution_m;
-  }
-}
-
-// Exact for whole numbers of 8 or 16 bits, else 65536 steps of the range.
-inline void spread(const std::vector<float>& intensity, ScanForm& form) {
-  double low = 0, high = 0;
-  bool whole = true;
-  for (std::size_t i = 0; i < intensity.size(); ++i) {
-    const auto v = static_cast<double>(intensity[i]);
-    low = i == 0 ? v : std::min(low, v);
-    high = i == 0 ? v : std::max(high, v);
-    whole = whole && v == std::nearbyint(v);
-  }
-  if (low >= 0 && high <= 65'535 && whole) {
-    form.intensity_bytes = high <= 255 ? 1 : 2;
-    return;
-  }
-  constexpr float kEnd = std::numeric_limits<float>::infinity();
-  form.intensity_bytes = 2;
-  form.offset = static_cast<double>(std::nextafter(static_cast<float>(low), -kEnd));
-  form.scale = static_cast<double>(std::nextafter(static_cast<float>((high - form.offset) / 65'535), kEnd));
-}
-
-// Planes of n bytes, the least significant first, of n values.
-inline void put_planes(Bytes& out, const std::vector<std::uint32_t>& values, std::size_t bytes) {
-  std::size_t at = out.size();
-  out.resize(at + bytes * values.size());
-  for (std::size_t plane = 0; plane < bytes; ++plane) {
-    for (const std::uint32_t value : values) out[at++] = static_cast<std::uint8_t>(value >> (8 * plane));
-  }
-}
-
-inline std::vector<std::uint32_t> joined(const std::uint8_t* planes, std::size_t count, std::size_t bytes) {
-  std::vector<std::uint32_t> values(count);
-  for (std::size_t plane = 0; plane < bytes; ++plane) {
-    for (std::size_t i = 0; i < count; ++i) {
-      values[i] |= static_cast<std::uint32_t>(planes[plane * count + i]) << (8 * plane);
-    }
-  }
-  return values;
-}
-
-inline std::vector<float> finite(const std::vector<float>& intensity) {
-  std::vector<float> clean(intensity.size());
-  std::transform(intensity.begin(), intensity.end(), clean.begin(), [](float v) {
-    return std::isnan(v) ? 0.0F : std::clamp(v, -kMaxIntensity, kMaxIntensity);
-  });
-  return clean;
-}
-
-}  // namespace detail
-
-// The scan's bytes; coordinates come back within half the resolution. With voxel_m only the first point of each cube
-// of this side is sent. Throws "invalid_option", "invalid_scan" (a coordinate that is not finite or beyond 1000 m: see
-// `cleaned`), "too_large".
-inline Bytes encode_scan(const Scan& scan, double resolution_m = 0.01,
-                         std::optional<double> voxel_m = std::nullopt) {
-  if (!(resolution_m >= detail::kMinResolution && resolution_m <= detail::kMaxResolution)) {
-    throw Error("invalid_option", "a resolution lies in [0.0001, 1] m");
+// The scan's bytes. With voxel_m only the first point of each cube of this side is sent. Throws "invalid_option",
+// "invalid_scan" (a coordinate that is not finite or beyond 1000 m: see `cleaned`), "too_large".
+inline Bytes encode_scan(const Scan& scan, std::optional<double> resolution_m = std::nullopt,
+                         std::optional<double> voxel_m = std::nullopt, ScanForm form = ScanForm::points) {
+  const bool points = form == ScanForm::points;
+  const double step_m = resolution_m.value_or(points ? 0.01 : 0.025);
+  if (!(step_m >= (points ? detail::kMinResolution : detail::kMinImageResolution) && step_m <= detail::kMaxResolution)) {
+    throw Error("invalid_option", "a resolution lies in [0.0001, 1] m, of a range image in [0.005, 1]");
   }
   if (voxel_m && !(*voxel_m >= 0.01 && *voxel_m <= 10)) throw Error("invalid_option", "a voxel lies in [0.01, 10] m");
   if (scan.points.size() > kMaxPoints) throw Error("too_large", "the scan has over 2,000,000 points");
@@ -125,56 +41,18 @@ inline Bytes encode_scan(const Scan& scan, double resolution_m = 0.01,
   if (!std::all_of(scan.points.begin(), scan.points.end(), [](const Point& p) { return usable(p); })) {
     throw Error("invalid_scan", "a coordinate is not finite, or beyond 1000 m");
   }
-  std::vector<Point> points = scan.points;
-  std::optional<std::vector<float>> intensity;
-  if (scan.intensity) intensity = detail::finite(*scan.intensity);
+  std::optional<Scan> thinned;
   if (voxel_m) {
-    const auto rows = detail::first_in_voxel(points, *voxel_m);
-    for (std::size_t k = 0; k < rows.size(); ++k) {
-      points[k] = points[rows[k]];
-      if (intensity) (*intensity)[k] = (*intensity)[rows[k]];
+    thinned = Scan{{}, std::nullopt, scan.stamp_s};
+    if (scan.intensity) thinned->intensity.emplace();
+    for (const auto row : detail::first_in_voxel(scan.points, *voxel_m)) {
+      thinned->points.push_back(scan.points[row]);
+      if (scan.intensity) thinned->intensity->push_back((*scan.intensity)[row]);
     }
-    points.resize(rows.size());
-    if (intensity) intensity->resize(rows.size());
   }
-  detail::ScanForm form;
-  detail::place(points, resolution_m, form);
-  if (intensity) detail::spread(*intensity, form);
-
-  Bytes body{'F', 'F', 'S', 'C', 1, 1};
-  detail::put(body, static_cast<std::uint8_t>(form.coordinate_bytes));
-  detail::put(body, static_cast<std::uint8_t>(form.intensity_bytes));
-  detail::put(body, static_cast<std::uint32_t>(points.size()));
-  detail::put(body, std::uint32_t{0});
-  detail::put(body, resolution_m);
-  for (const double v : form.origin) detail::put(body, v);
-  detail::put(body, scan.stamp_s.value_or(std::numeric_limits<double>::quiet_NaN()));
-  detail::put(body, static_cast<float>(form.scale));
-  detail::put(body, static_cast<float>(form.offset));
-
-  Bytes planes;
-  planes.reserve(points.size() * (3 * form.coordinate_bytes + form.intensity_bytes));
-  std::vector<std::uint32_t> values(points.size());
-  const double steps_a_metre = 1 / resolution_m;
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    std::uint32_t before = 0;
-    for (std::size_t i = 0; i < points.size(); ++i) {
-      const double metres = detail::vector_of(points[i])[axis];
-      const double steps = std::nearbyint((metres - form.origin[axis]) * steps_a_metre);
-      const auto q = static_cast<std::uint32_t>(static_cast<std::int64_t>(steps));  // modulo 2^32
-      values[i] = q - before;
-      before = q;
-    }
-    detail::put_planes(planes, values, form.coordinate_bytes);
-  }
-  if (intensity) {
-    for (std::size_t i = 0; i < points.size(); ++i) {
-      const double level = (static_cast<double>((*intensity)[i]) - form.offset) / form.scale;
-      values[i] = static_cast<std::uint32_t>(std::nearbyint(level));
-    }
-    detail::put_planes(planes, values, form.intensity_bytes);
-  }
-  detail::append(body, detail::compressed(planes, 1, true));
+  Bytes body{'F', 'F', 'S', 'C', 1, static_cast<std::uint8_t>(points ? 1 : 2)};
+  const auto put = points ? detail::put_points : detail::put_range_image;
+  put(body, thinned ? *thinned : scan, step_m);
   return body;
 }
 
@@ -182,50 +60,16 @@ inline Bytes encode_scan(const Scan& scan, double resolution_m = 0.01,
 // before memory is taken for it.
 inline Scan decode_scan(const std::uint8_t* data, std::size_t size) {
   detail::Reader rest(data, size, kScanMediaType);
-  if (size < detail::kScanHeaderBytes) throw Error("malformed_data", "too few bytes for a scan's header");
   rest.magic("FFSC");
   const auto version = rest.get<std::uint8_t>(), kind = rest.get<std::uint8_t>();
-  const std::size_t c = rest.get<std::uint8_t>(), i = rest.get<std::uint8_t>();
-  const std::size_t count = rest.get<std::uint32_t>();
-  const auto zero = rest.get<std::uint32_t>();
-  const auto resolution_m = rest.get<double>();
-  std::array<double, 3> origin{};
-  for (double& v : origin) v = rest.get<double>();
-  const auto stamp_s = rest.get<double>();
-  const auto scale = static_cast<double>(rest.get<float>()), offset = static_cast<double>(rest.get<float>());
-  if (version != 1 || kind != 1) throw Error("unsupported_format", "this reads version 1, kind 1");
-  if (count > kMaxPoints) throw Error("too_large", "the scan has over 2,000,000 points");
-  const auto within = [](double v) { return std::fabs(v) <= kMaxAbsCoordinate; };
-  if (!((c == 2 || c == 4) && i <= 2 && zero == 0 && resolution_m >= detail::kMinResolution &&
-        resolution_m <= detail::kMaxResolution && within(origin[0]) && within(origin[1]) && within(origin[2]) &&
-        !std::isinf(stamp_s) && std::fabs(scale) * 65'535 <= 4e30 && std::fabs(offset) <= 2e30)) {
-    throw Error("malformed_data", "a field of the scan's header is out of range");
-  }
-  const std::size_t content_bytes = count * (3 * c + i);
-  const Bytes content = detail::decompressed(rest.take(rest.left()), content_bytes, content_bytes);
-  Scan scan;
-  scan.points.resize(count);
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    std::uint32_t sum = 0;
-    const auto differences = detail::joined(content.data() + axis * c * count, count, c);
-    for (std::size_t k = 0; k < count; ++k) {
-      sum += differences[k];
-      const auto q = c == 2 ? std::int32_t{static_cast<std::int16_t>(sum & 0xffffU)} : static_cast<std::int32_t>(sum);
-      const auto metres = static_cast<float>(static_cast<double>(q) * resolution_m + origin[axis]);
-      if (!(std::fabs(static_cast<double>(metres)) <= kMaxAbsCoordinate * 1.001)) {
-        throw Error("malformed_data", "the scan has coordinates beyond 1000 m");
-      }
-      (axis == 0 ? scan.points[k].x : axis == 1 ? scan.points[k].y : scan.points[k].z) = metres;
+  if (version != 1 || kind < 1 || kind > 2) throw Error("unsupported_format", "this reads version 1, kinds 1 and 2");
+  Scan scan = kind == 1 ? detail::take_points(rest) : detail::take_range_image(rest);
+  for (const Point& p : scan.points) {
+    const auto within = [](float v) { return std::fabs(static_cast<double>(v)) <= kMaxAbsCoordinate * 1.001; };
+    if (!(within(p.x) && within(p.y) && within(p.z))) {
+      throw Error("malformed_data", "the scan has coordinates beyond 1000 m");
     }
   }
-  if (i > 0) {
-    scan.intensity.emplace(count);
-    const auto levels = detail::joined(content.data() + 3 * c * count, count, i);
-    for (std::size_t k = 0; k < count; ++k) {
-      (*scan.intensity)[k] = static_cast<float>(static_cast<double>(levels[k]) * scale + offset);
-    }
-  }
-  if (!std::isnan(stamp_s)) scan.stamp_s = stamp_s;
   return scan;
 }
 

@@ -59,8 +59,8 @@ inline void check(const ScanSequence& sequence) {
 }  // namespace detail
 
 // Throws "invalid_scan", "too_large", and as the encoders of one scan.
-inline Bytes encode_scans(const ScanSequence& sequence, double resolution_m = 0.01,
-                          std::optional<double> voxel_m = std::nullopt) {
+inline Bytes encode_scans(const ScanSequence& sequence, std::optional<double> resolution_m = std::nullopt,
+                          std::optional<double> voxel_m = std::nullopt, ScanForm form = ScanForm::points) {
   detail::check(sequence);
   Bytes body{'F', 'F', 'S', 'S', 1, static_cast<std::uint8_t>(sequence.scans.size()), 0, 0};
   for (std::size_t i = 0; i < sequence.scans.size(); ++i) {
@@ -68,7 +68,7 @@ inline Bytes encode_scans(const ScanSequence& sequence, double resolution_m = 0.
     for (const double v : pose.position) detail::put(body, v);
     for (const double v : pose.quaternion) detail::put(body, v);
     const auto* whole = std::get_if<Scan>(&sequence.scans[i]);
-    const Bytes scan = whole != nullptr ? encode_scan(*whole, resolution_m, voxel_m)
+    const Bytes scan = whole != nullptr ? encode_scan(*whole, resolution_m, voxel_m, form)
                                         : encode_query(std::get<CompactScan>(sequence.scans[i]));
     detail::put(body, static_cast<std::uint32_t>(scan.size()));
     detail::append(body, scan);

@@ -1,0 +1,190 @@
+// Every point of a scan, kind 1 of application/vnd.firstfix.scan: clients/protocol/scan.md has every byte.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <vector>
+
+#include "bytes.hpp"
+#include "errors.hpp"
+#include "scan.hpp"
+#include "voxel_filter.hpp"
+#include "zstd_frame.hpp"
+
+namespace firstfix::detail {
+
+constexpr double kMinResolution = 1e-4, kMaxResolution = 1.0;  // m
+constexpr float kMaxIntensity = 1e30F;
+
+struct PointsForm {
+  std::array<double, 3> origin{};
+  std::size_t coordinate_bytes = 2;
+  std::size_t intensity_bytes = 0;
+  double scale = 1, offset = 0;  // of the intensity; floats
+};
+
+// Two bytes reach 327 m at 1 cm: further, the origin moves to the middle, or it takes four.
+inline void place(const std::vector<Point>& points, double resolution_m, PointsForm& form) {
+  const double reach_m = 32'767 * resolution_m;
+  constexpr double kFar = std::numeric_limits<double>::infinity();
+  Vector3 low{kFar, kFar, kFar}, high{-kFar, -kFar, -kFar};
+  double furthest_m = 0, extent_m = 0;
+  for (const Point& point : points) {
+    const Vector3 p = vector_of(point);
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      furthest_m = std::max(furthest_m, std::fabs(p[axis]));
+      low[axis] = std::min(low[axis], p[axis]);
+      high[axis] = std::max(high[axis], p[axis]);
+    }
+  }
+  if (furthest_m <= reach_m) return;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    extent_m = std::max(extent_m, high[axis] - low[axis]);
+  }
+  if (extent_m / 2 > reach_m - resolution_m) {
+    form.coordinate_bytes = 4;
+    return;
+  }
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    form.origin[axis] = std::nearbyint((low[axis] + high[axis]) / 2 / resolution_m) * resolution_m;
+  }
+}
+
+// Exact for whole numbers of 8 or 16 bits, else 65536 steps of the range.
+inline void spread(const std::vector<float>& intensity, PointsForm& form) {
+  double low = 0, high = 0;
+  bool whole = true;
+  for (std::size_t i = 0; i < intensity.size(); ++i) {
+    const auto v = static_cast<double>(intensity[i]);
+    low = i == 0 ? v : std::min(low, v);
+    high = i == 0 ? v : std::max(high, v);
+    whole = whole && v == std::nearbyint(v);
+  }
+  if (low >= 0 && high <= 65'535 && whole) {
+    form.intensity_bytes = high <= 255 ? 1 : 2;
+    return;
+  }
+  constexpr float kEnd = std::numeric_limits<float>::infinity();
+  form.intensity_bytes = 2;
+  form.offset = static_cast<double>(std::nextafter(static_cast<float>(low), -kEnd));
+  form.scale = static_cast<double>(std::nextafter(static_cast<float>((high - form.offset) / 65'535), kEnd));
+}
+
+// Planes of n bytes, the least significant first, of n values.
+inline void put_planes(Bytes& out, const std::vector<std::uint32_t>& values, std::size_t bytes) {
+  std::size_t at = out.size();
+  out.resize(at + bytes * values.size());
+  for (std::size_t plane = 0; plane < bytes; ++plane) {
+    for (const std::uint32_t value : values) out[at++] = static_cast<std::uint8_t>(value >> (8 * plane));
+  }
+}
+
+inline std::vector<std::uint32_t> joined(const std::uint8_t* planes, std::size_t count, std::size_t bytes) {
+  std::vector<std::uint32_t> values(count);
+  for (std::size_t plane = 0; plane < bytes; ++plane) {
+    for (std::size_t i = 0; i < count; ++i) {
+      values[i] |= static_cast<std::uint32_t>(planes[plane * count + i]) << (8 * plane);
+    }
+  }
+  return values;
+}
+
+inline std::vector<float> finite(const std::vector<float>& intensity) {
+  std::vector<float> clean(intensity.size());
+  std::transform(intensity.begin(), intensity.end(), clean.begin(), [](float v) {
+    return std::isnan(v) ? 0.0F : std::clamp(v, -kMaxIntensity, kMaxIntensity);
+  });
+  return clean;
+}
+
+// What follows the six bytes that every scan begins with.
+inline void put_points(Bytes& body, const Scan& scan, double resolution_m) {
+  const std::vector<Point>& points = scan.points;
+  std::optional<std::vector<float>> intensity;
+  if (scan.intensity) intensity = finite(*scan.intensity);
+  PointsForm form;
+  place(points, resolution_m, form);
+  if (intensity) spread(*intensity, form);
+
+  put(body, static_cast<std::uint8_t>(form.coordinate_bytes));
+  put(body, static_cast<std::uint8_t>(form.intensity_bytes));
+  put(body, static_cast<std::uint32_t>(points.size()));
+  put(body, std::uint32_t{0});
+  put(body, resolution_m);
+  for (const double v : form.origin) put(body, v);
+  put(body, scan.stamp_s.value_or(std::numeric_limits<double>::quiet_NaN()));
+  put(body, static_cast<float>(form.scale));
+  put(body, static_cast<float>(form.offset));
+
+  Bytes planes;
+  planes.reserve(points.size() * (3 * form.coordinate_bytes + form.intensity_bytes));
+  std::vector<std::uint32_t> values(points.size());
+  const double steps_a_metre = 1 / resolution_m;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    std::uint32_t before = 0;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      const double metres = vector_of(points[i])[axis];
+      const double steps = std::nearbyint((metres - form.origin[axis]) * steps_a_metre);
+      const auto q = static_cast<std::uint32_t>(static_cast<std::int64_t>(steps));  // modulo 2^32
+      values[i] = q - before;
+      before = q;
+    }
+    put_planes(planes, values, form.coordinate_bytes);
+  }
+  if (intensity) {
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      const double level = (static_cast<double>((*intensity)[i]) - form.offset) / form.scale;
+      values[i] = static_cast<std::uint32_t>(std::nearbyint(level));
+    }
+    put_planes(planes, values, form.intensity_bytes);
+  }
+  append(body, compressed(planes, 1, true));
+}
+
+inline Scan take_points(Reader& rest) {
+  const std::size_t c = rest.get<std::uint8_t>(), i = rest.get<std::uint8_t>();
+  const std::size_t count = rest.get<std::uint32_t>();
+  const auto zero = rest.get<std::uint32_t>();
+  const auto resolution_m = rest.get<double>();
+  std::array<double, 3> origin{};
+  for (double& v : origin) v = rest.get<double>();
+  const auto stamp_s = rest.get<double>();
+  const auto scale = static_cast<double>(rest.get<float>()), offset = static_cast<double>(rest.get<float>());
+  if (count > kMaxPoints) throw Error("too_large", "the scan has over 2,000,000 points");
+  const auto within = [](double v) { return std::fabs(v) <= kMaxAbsCoordinate; };
+  if (!((c == 2 || c == 4) && i <= 2 && zero == 0 && resolution_m >= kMinResolution &&
+        resolution_m <= kMaxResolution && within(origin[0]) && within(origin[1]) && within(origin[2]) &&
+        !std::isinf(stamp_s) && std::fabs(scale) * 65'535 <= 4e30 && std::fabs(offset) <= 2e30)) {
+    throw Error("malformed_data", "a field of the scan's header is out of range");
+  }
+  const std::size_t content_bytes = count * (3 * c + i);
+  const Bytes content = decompressed(rest.take(rest.left()), content_bytes, content_bytes);
+  Scan scan;
+  scan.points.resize(count);
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    std::uint32_t sum = 0;
+    const auto differences = joined(content.data() + axis * c * count, count, c);
+    for (std::size_t k = 0; k < count; ++k) {
+      sum += differences[k];
+      const auto q = c == 2 ? std::int32_t{static_cast<std::int16_t>(sum & 0xffffU)} : static_cast<std::int32_t>(sum);
+      const auto metres = static_cast<float>(static_cast<double>(q) * resolution_m + origin[axis]);
+      (axis == 0 ? scan.points[k].x : axis == 1 ? scan.points[k].y : scan.points[k].z) = metres;
+    }
+  }
+  if (i > 0) {
+    scan.intensity.emplace(count);
+    const auto levels = joined(content.data() + 3 * c * count, count, i);
+    for (std::size_t k = 0; k < count; ++k) {
+      (*scan.intensity)[k] = static_cast<float>(static_cast<double>(levels[k]) * scale + offset);
+    }
+  }
+  if (!std::isnan(stamp_s)) scan.stamp_s = stamp_s;
+  return scan;
+}
+
+}  // namespace firstfix::detail

@@ -1,0 +1,187 @@
+// A scan as a range image, kind 2 of application/vnd.firstfix.scan: clients/protocol/range-image.md has every byte.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <vector>
+
+#include "bytes.hpp"
+#include "errors.hpp"
+#include "scan.hpp"
+#include "turns.hpp"
+#include "zstd_frame.hpp"
+
+namespace firstfix::detail {
+
+constexpr std::uint16_t kImageColumns = 4096, kImageRows = 1024;
+constexpr double kMinImageResolution = 0.005;  // m
+constexpr std::size_t kMaxImageCells = std::size_t{1} << 24U;
+constexpr std::uint32_t kMaxImageSteps = 65'535, kWideGap = 15, kWideRange = 255;
+
+// Sorted by their lower `bits` bits, 11 at a time: as fast as a pass over them.
+inline void sort_keys(std::vector<std::uint64_t>& keys, unsigned bits) {
+  constexpr unsigned kDigit = 11;
+  std::vector<std::uint64_t> sorted(keys.size());
+  for (unsigned shift = 0; shift < bits; shift += kDigit) {
+    const auto digit = [shift](std::uint64_t key) { return (key >> shift) & ((1U << kDigit) - 1); };
+    std::vector<std::size_t> place((std::size_t{1} << kDigit) + 1);
+    for (const std::uint64_t key : keys) ++place[digit(key) + 1];
+    for (std::size_t i = 1; i < place.size(); ++i) place[i] += place[i - 1];
+    for (const std::uint64_t key : keys) sorted[place[digit(key)]++] = key;
+    keys.swap(sorted);
+  }
+}
+
+// Of every cell with a return its number and, in the lower 16 bits, its nearest range in steps; ascending.
+inline std::vector<std::uint64_t> nearest_by_cell(const std::vector<Point>& points, double resolution_m) {
+  std::vector<std::uint64_t> keys;
+  keys.reserve(points.size());
+  const double steps_a_metre = 1 / resolution_m;
+  for (const Point& p : points) {
+    const float across2 = p.x * p.x + p.y * p.y;
+    const float distance = std::sqrt(across2 + p.z * p.z);
+    const double steps = std::nearbyint(static_cast<double>(distance) * steps_a_metre);
+    if (!(steps >= 1 && steps <= kMaxImageSteps)) continue;
+    const auto column = static_cast<std::uint64_t>((turns(p.y, p.x) + 0.5F) * kImageColumns) % kImageColumns;
+    const auto row = static_cast<std::uint64_t>((turns(p.z, std::sqrt(across2)) + 0.25F) * (2 * kImageRows));
+    const std::uint64_t cell = std::min<std::uint64_t>(row, kImageRows - 1) * kImageColumns + column;
+    keys.push_back(cell << 16U | static_cast<std::uint64_t>(steps));
+  }
+  sort_keys(keys, 38);  // 22 of the cell, 16 of the range
+  const auto same_cell = [](std::uint64_t a, std::uint64_t b) { return a >> 16U == b >> 16U; };
+  keys.erase(std::unique(keys.begin(), keys.end(), same_cell), keys.end());
+  return keys;
+}
+
+// Behind the escapes among the small numbers: the wide ones in planes of bytes, the least significant first.
+inline void put_wide(Bytes& out, const std::vector<std::uint32_t>& numbers, std::uint32_t escape, unsigned planes) {
+  for (unsigned plane = 0; plane < planes; ++plane) {
+    for (const std::uint32_t number : numbers) {
+      if (number >= escape) out.push_back(static_cast<std::uint8_t>(number >> (8 * plane)));
+    }
+  }
+}
+
+inline void take_wide(std::vector<std::uint32_t>& numbers, std::uint32_t escape, Span rest, std::size_t planes) {
+  const auto wide = static_cast<std::size_t>(std::count(numbers.begin(), numbers.end(), escape));
+  if (rest.size != planes * wide) throw Error("malformed_data", "other wide numbers than the range image needs");
+  std::size_t k = 0;
+  for (std::uint32_t& number : numbers) {
+    if (number != escape) continue;
+    number = 0;
+    for (std::size_t plane = 0; plane < planes; ++plane) {
+      number |= static_cast<std::uint32_t>(rest.data[plane * wide + k]) << (8 * plane);
+    }
+    ++k;
+  }
+}
+
+inline Bytes packed_gaps(const std::vector<std::uint32_t>& gaps) {
+  Bytes packed((gaps.size() + 1) / 2);
+  for (std::size_t k = 0; k < gaps.size(); ++k) {
+    packed[k / 2] = static_cast<std::uint8_t>(packed[k / 2] | std::min(gaps[k], kWideGap) << (k % 2 == 0 ? 4U : 0U));
+  }
+  put_wide(packed, gaps, kWideGap, 3);
+  return packed;
+}
+
+inline Bytes packed_ranges(const std::vector<std::uint32_t>& zigzag) {
+  Bytes packed(zigzag.size());
+  for (std::size_t k = 0; k < zigzag.size(); ++k) {
+    packed[k] = static_cast<std::uint8_t>(std::min(zigzag[k], kWideRange));
+  }
+  put_wide(packed, zigzag, kWideRange, 2);
+  return packed;
+}
+
+// What follows the six bytes that every scan begins with.
+inline void put_range_image(Bytes& body, const Scan& scan, double resolution_m) {
+  const std::vector<std::uint64_t> keys = nearest_by_cell(scan.points, resolution_m);
+  std::vector<std::uint32_t> gaps(keys.size()), zigzag(keys.size());
+  std::uint32_t next_cell = 0, before = 0;
+  for (std::size_t k = 0; k < keys.size(); ++k) {
+    const auto cell = static_cast<std::uint32_t>(keys[k] >> 16U);
+    const auto steps = static_cast<std::uint32_t>(keys[k] & 0xffffU);
+    gaps[k] = cell - next_cell;
+    next_cell = cell + 1;
+    const std::uint32_t difference = (steps - before) & 0xffffU;
+    zigzag[k] = ((difference << 1U) ^ ((difference & 0x8000U) != 0 ? 0xffffU : 0U)) & 0xffffU;
+    before = steps;
+  }
+  const Bytes gap_frame = compressed(packed_gaps(gaps), 1, true);
+  put(body, kImageColumns);
+  put(body, static_cast<std::uint32_t>(keys.size()));
+  put(body, kImageRows);
+  put(body, std::uint16_t{0});
+  put(body, resolution_m);
+  put(body, scan.stamp_s.value_or(std::numeric_limits<double>::quiet_NaN()));
+  put(body, static_cast<std::uint32_t>(gap_frame.size()));
+  append(body, gap_frame);
+  append(body, compressed(packed_ranges(zigzag), 1, true));
+}
+
+inline std::vector<std::uint32_t> unpacked_gaps(const Bytes& content, std::size_t count) {
+  std::vector<std::uint32_t> gaps(count);
+  const std::size_t halves = (count + 1) / 2;
+  for (std::size_t k = 0; k < count; ++k) {
+    gaps[k] = k % 2 == 0 ? content[k / 2] >> 4U : content[k / 2] & 15U;
+  }
+  if (count % 2 == 1 && (content[halves - 1] & 15U) != 0) {
+    throw Error("malformed_data", "half a byte behind the last gap of the range image is not 0");
+  }
+  take_wide(gaps, kWideGap, {content.data() + halves, content.size() - halves}, 3);
+  return gaps;
+}
+
+inline std::vector<std::uint32_t> unpacked_ranges(const Bytes& content, std::size_t count) {
+  std::vector<std::uint32_t> steps(content.begin(), content.begin() + static_cast<std::ptrdiff_t>(count));
+  take_wide(steps, kWideRange, {content.data() + count, content.size() - count}, 2);
+  std::uint32_t sum = 0;
+  for (std::uint32_t& step : steps) {
+    sum = (sum + ((step >> 1U) ^ (0U - (step & 1U)))) & 0xffffU;
+    if (sum == 0) throw Error("malformed_data", "the range image has a return without a range");
+    step = sum;
+  }
+  return steps;
+}
+
+inline Scan take_range_image(Reader& rest) {
+  const std::size_t columns = rest.get<std::uint16_t>(), count = rest.get<std::uint32_t>();
+  const std::size_t rows = rest.get<std::uint16_t>();
+  const auto zero = rest.get<std::uint16_t>();
+  const auto resolution_m = rest.get<double>(), stamp_s = rest.get<double>();
+  const std::size_t gap_bytes = rest.get<std::uint32_t>();
+  if (count > kMaxPoints) throw Error("too_large", "the scan has over 2,000,000 points");
+  if (!(columns >= 4 && rows >= 2 && columns * rows <= kMaxImageCells && zero == 0 &&
+        resolution_m >= kMinImageResolution && resolution_m <= 1 && !std::isinf(stamp_s))) {
+    throw Error("malformed_data", "a field of the range image's header is out of range");
+  }
+  const std::size_t halves = (count + 1) / 2;
+  const Bytes gap_content = decompressed(rest.take(gap_bytes), halves, halves + 3 * count);
+  const Bytes range_content = decompressed(rest.take(rest.left()), count, 3 * count);
+  const auto gaps = unpacked_gaps(gap_content, count);
+  const auto steps = unpacked_ranges(range_content, count);
+  Scan scan;
+  scan.points.reserve(count);
+  std::uint64_t next_cell = 0;
+  for (std::size_t k = 0; k < count; ++k) {
+    const std::uint64_t cell = next_cell + gaps[k];
+    if (cell >= columns * rows) throw Error("malformed_data", "the range image has returns outside of its grid");
+    next_cell = cell + 1;
+    const double azimuth =
+        (static_cast<double>(cell % columns) + 0.5) * (2 * kPi / static_cast<double>(columns)) - kPi;
+    const double elevation =
+        (static_cast<double>(cell / columns) + 0.5) * (kPi / static_cast<double>(rows)) - kPi / 2;
+    const double distance = steps[k] * resolution_m, across = distance * std::cos(elevation);
+    scan.points.push_back({static_cast<float>(across * std::cos(azimuth)),
+                           static_cast<float>(across * std::sin(azimuth)),
+                           static_cast<float>(distance * std::sin(elevation))});
+  }
+  if (!std::isnan(stamp_s)) scan.stamp_s = stamp_s;
+  return scan;
+}
+
+}  // namespace firstfix::detail
