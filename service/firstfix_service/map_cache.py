@@ -1,9 +1,11 @@
-"""Which version of each map answers: loaded on demand, swapped when another is activated, never a bad one."""
+"""Which version of each map answers: loaded on demand, swapped when another is activated, never a bad one.
+
+Where replicas share the maps (``holding``) those that this one holds are loaded ahead, and put out last."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
@@ -15,10 +17,12 @@ from firstfix.ids import check_map_id, check_version
 from firstfix.map_log import MapState
 
 from .catalog_watch import CatalogWatch
+from .holding import Holding
+from .leaving_order import Key
 from .metrics import Metrics
 from .query import ServedVersion
 from .request_scope import in_this_context
-from .resident import Key, Lease, ResidentVersions
+from .resident import Lease, ResidentVersions
 from .version_loader import VersionLoader
 from .workers import Workers
 
@@ -44,6 +48,7 @@ class MapCache:
 
     Args:
         pinned: maps whose serving version is loaded at the start and never put out.
+        holding: which maps are loaded ahead; None: any, while there is room.
     """
 
     def __init__(
@@ -57,14 +62,21 @@ class MapCache:
         max_bytes: int,
         max_disk_bytes: int,
         pinned: Iterable[str] = (),
+        holding: Holding | None = None,
         poll_interval_s: float = 2.0,
         sweep_interval_s: float = 60.0,
     ) -> None:
         self._catalog = catalog
         self._metrics = metrics
         self._pinned = frozenset(pinned)
+        self.holding = holding
         self._resident = ResidentVersions(
-            workers, metrics, max_versions=max_versions, max_bytes=max_bytes, stays=self._stays
+            workers,
+            metrics,
+            max_versions=max_versions,
+            max_bytes=max_bytes,
+            stays=self._stays,
+            keeps=self._keeps,
         )
         self._loader = VersionLoader(
             catalog, self._resident, metrics, directory, max_disk_bytes=max_disk_bytes
@@ -73,10 +85,12 @@ class MapCache:
         self._lock = threading.Lock()
         self._serving: dict[str, str] = {}  # map id -> version that answers when none is named
         self._behind: set[str] = set()  # maps whose active version was refused
-        self._tried: set[str] = set()  # maps that the poll has loaded ahead of their first query, or not
+        self._tried: set[str] = set()  # maps that were loaded ahead of their first query, or could not be
+        self._touched: set[str] = set()  # maps of which something may have changed, for ``take_touched``
         self._published: set[str] = set()  # maps with a version
         self._waiting: dict[tuple[str, str | None], list[Future[Lease]]] = {}
         self._threads = ThreadPoolExecutor(LOADERS, thread_name_prefix="map-loader")
+        self._closing = threading.Event()
         self.polled = False
 
     @property
@@ -90,6 +104,40 @@ class MapCache:
         """Map id to the version that answers when none is named, of maps asked for or loaded so far."""
         with self._lock:
             return dict(self._serving)
+
+    @property
+    def maps_served(self) -> int:
+        with self._lock:
+            return len(self._published)
+
+    @property
+    def held_loaded(self) -> int:
+        """Maps held here whose serving version is in memory."""
+        return self._resident.kept
+
+    def serving_version(self, map_id: str) -> str | None:
+        with self._lock:
+            return self._serving.get(map_id)
+
+    def is_served(self, map_id: str) -> bool:
+        """Whether it has a version, as of the last poll or a query since."""
+        with self._lock:
+            return map_id in self._published
+
+    def is_offered(self, map_id: str) -> bool:
+        """Whether callers who choose should ask here: every map that is served; where replicas share them
+        one that is held, as soon as it is loaded or cannot be. Its first holder does not wait for that:
+        there may be no other."""
+        with self._lock:
+            if self.holding is None or map_id in self._pinned or map_id not in self._published:
+                return map_id in self._published
+            return self.holding.is_first(map_id) or (map_id in self.holding and map_id in self._tried)
+
+    def take_touched(self) -> set[str]:
+        """Maps of which what the methods above say, or their logs, may have changed since the last call."""
+        with self._lock:
+            touched, self._touched = self._touched, set()
+            return touched
 
     def lease(self, map_ids: Sequence[str], version: str | None = None) -> Future[Leases]:
         """The versions to answer a query from, of one map or several: the named one, else the active ones.
@@ -141,20 +189,49 @@ class MapCache:
             self._forget(map_id)
         with self._lock:
             self._published |= seen
-        for map_id in sorted(seen, key=lambda name: (name not in self._pinned, name)):
-            try:
-                if self._is_due(map_id, states[map_id]):
-                    self._follow(map_id, states[map_id]).close()
-            except FirstfixError as error:
-                _log.warning("cannot serve", map_id=map_id, code=error.code, error=str(error))
+            self._touched |= seen
+        if self.holding is not None:
+            self.holding.know(seen)
+        self._see_to({map_id: states[map_id] for map_id in seen & self._pinned})
+        self._see_to({map_id: states[map_id] for map_id in sorted(seen - self._pinned)})
         with self._lock:
             missing = [] if self.polled else sorted(self._pinned - self._serving.keys())
         for map_id in missing:
             _log.warning("a pinned map is not served", map_id=map_id)
-        self.polled = True
+        if not self.polled:
+            self.polled = True
+            if self.holding is not None:  # the replicas may have changed meanwhile
+                self._load_held()
+
+    def share(
+        self,
+        replicas: Iterable[str],
+        shown: Callable[[], None] = lambda: None,
+        superseded: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """These replicas share the maps from now on. Blocks while it loads what has come to this one.
+
+        Args:
+            shown: called when it is settled what is held, before anything is loaded.
+            superseded: whether other replicas share them by now: then it loads no more.
+        """
+        assert self.holding is not None
+        moved = self.holding.see(replicas)
+        with self._lock:
+            self._touched |= moved.changed
+            self._tried -= moved.come
+        self._resident.sort_again()
+        shown()
+        if self.polled:  # else the first poll sees to it
+            self._load_held(superseded)
+
+    def load_no_more(self) -> None:
+        """Loads ahead end with those that have begun."""
+        self._closing.set()
 
     def close(self) -> None:
         """Ends the loads that have begun; others are not begun."""
+        self.load_no_more()
         self._threads.shutdown(cancel_futures=True)
         self._resident.close()
 
@@ -231,27 +308,77 @@ class MapCache:
             _log.warning("cannot read a map's log", map_id=map_id, code=error.code, error=str(error))
             return None
 
-    def _is_due(self, map_id: str, state: MapState) -> bool:
-        """Whether the poll has to see to a map: it answers and another version is active now, or it was
-        never asked for and there is room. One that was put out comes back with its next query."""
+    def _see_to(
+        self, states: Mapping[str, MapState], superseded: Callable[[], bool] = lambda: False
+    ) -> None:
+        """Follows the maps that another version is active of, and loads maps ahead while there is room."""
+        full = threading.Event()
+
+        def see_to(map_id: str) -> None:
+            if superseded() or self._closing.is_set():
+                return
+            try:
+                self._see_to_one(map_id, states[map_id], full)
+            except FirstfixError as error:
+                _log.warning("cannot serve", map_id=map_id, code=error.code, error=str(error))
+            with self._lock:
+                if self.holding is None or map_id in self.holding:
+                    self._tried.add(map_id)
+                self._touched.add(map_id)
+
+        if len(states) < READERS:
+            for map_id in states:
+                see_to(map_id)
+            return
+        with ThreadPoolExecutor(LOADERS, thread_name_prefix="map-ahead") as threads:
+            list(threads.map(see_to, states))
+
+    def _see_to_one(self, map_id: str, state: MapState, full: threading.Event) -> None:
+        """It is followed where it answers and another version is active now. Where it was never asked for it
+        is loaded if there is room, which may end meanwhile: ``full``. One that was put out comes back with its
+        next query."""
         with self._lock:
             serving = self._serving.get(map_id)
             behind = map_id in self._behind
             tried = map_id in self._tried
-            self._tried.add(map_id)
         if serving is not None and (map_id, serving) in self._resident:
-            return behind or state.active != serving
-        return map_id in self._pinned or (not tried and self._resident.has_room)
+            if behind or state.active != serving:
+                self._follow(map_id, state).close()
+        elif map_id in self._pinned:
+            self._follow(map_id, state).close()
+        elif not tried and not full.is_set() and (self.holding is None or map_id in self.holding):
+            if state.active is None:
+                return
+            if self._has_room(map_id, state.active):
+                self._follow(map_id, state).close()
+            else:
+                full.set()
+
+    def _has_room(self, map_id: str, version: str) -> bool:
+        """For one that is loaded ahead. What is not held goes for what is."""
+        kept = self.holding is not None
+        if not self._resident.has_room(kept=kept):
+            return False
+        return self._resident.has_room(self._catalog.manifest(map_id, version).total_bytes, kept=kept)
+
+    def _load_held(self, superseded: Callable[[], bool] = lambda: False) -> None:
+        assert self.holding is not None
+        with self._lock:
+            waiting = sorted(self.holding.maps - self._tried)
+        self._see_to({map_id: self._catalog.known_state(map_id) for map_id in waiting}, superseded)
 
     def _serve(self, map_id: str, version: str, *, is_active: bool) -> None:
+        if self.holding is not None:
+            self.holding.know([map_id])
         with self._lock:
-            changed = self._serving.get(map_id) != version
+            before = self._serving.get(map_id)
             self._serving[map_id] = version
             self._published.add(map_id)
+            self._touched.add(map_id)
             (self._behind.discard if is_active else self._behind.add)(map_id)
             self._metrics.maps_behind.set(len(self._behind))
-        if changed:
-            self._resident.trim((map_id, version))
+        if before != version:
+            self._resident.succeed((map_id, version), None if before is None else (map_id, before))
             _log.info("serving", map_id=map_id, version=version, is_active=is_active)
 
     def _forget(self, map_id: str) -> None:
@@ -261,13 +388,21 @@ class MapCache:
             self._serving.pop(map_id, None)
             self._behind.discard(map_id)
             self._tried.discard(map_id)
+            self._touched.add(map_id)
             self._metrics.maps_behind.set(len(self._behind))
+        if self.holding is not None:
+            self.holding.forget(map_id)
 
     def _stays(self, candidate: Key, coming: Key) -> bool:
         """What serves is not put out for its own map's next version, nor where it is pinned."""
         map_id, version = candidate
         serves = self._serving.get(map_id) == version
         return serves and (map_id in self._pinned or map_id == coming[0])
+
+    def _keeps(self, key: Key) -> bool:
+        """What serves of a map that is held here is put out last."""
+        map_id, version = key
+        return self.holding is not None and map_id in self.holding and self._serving.get(map_id) == version
 
 
 def _together(futures: Sequence[Future[Lease]]) -> Future[Leases]:
