@@ -14,6 +14,7 @@ from firstfix.catalog import Catalog
 
 LOGS_A_SECOND = 10
 
+
 class CatalogWatch:
     """For one thread."""
 

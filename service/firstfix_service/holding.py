@@ -10,8 +10,12 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterable, Set
 from dataclasses import dataclass
+from typing import Any
 
+from firstfix.errors import InvalidOption
 from firstfix.rendezvous import rank
+
+from .settings import Settings
 
 
 @dataclass(frozen=True)
@@ -61,8 +65,16 @@ class Holding:
         """Whether this replica is the map's first holder."""
         return self._ranks.get(map_id) == 0
 
+    def described(self, loaded: int) -> dict[str, Any]:
+        """For people who look.
+
+        Args:
+            loaded: how many of the maps that are held are in memory.
+        """
+        return {"copies": self.copies, "replicas": self.replicas, "maps": len(self), "loaded": loaded}
+
     def see(self, replicas: Iterable[str]) -> Moved:
-        """Takes these for the replicas that there are."""
+        """Takes these, and this one, for the replicas that there are."""
         with self._changing:
             self._replicas = frozenset(replicas) | {self._replica}
             before, self._ranks = self._ranks, self._ranked(self._known)
@@ -85,3 +97,23 @@ class Holding:
     def _ranked(self, map_ids: Iterable[str]) -> dict[str, int]:
         ranks = ((map_id, rank(map_id, self._replica, self._replicas)) for map_id in map_ids)
         return {map_id: place for map_id, place in ranks if place < self.copies}
+
+
+def open_holding(settings: Settings, replica: str) -> Holding | None:
+    """As the settings say; None: replicas share nothing.
+
+    Raises:
+        InvalidOption: the settings do not say who the replicas are, or who this one is.
+    """
+    names = settings.replica_names
+    if not settings.holders:
+        if names:
+            raise InvalidOption("FIRSTFIX_REPLICA_NAMES is of no use without FIRSTFIX_HOLDERS")
+        return None
+    if not names and not settings.zenoh_enabled:
+        raise InvalidOption("FIRSTFIX_HOLDERS needs zenoh, or FIRSTFIX_REPLICA_NAMES: who are the replicas?")
+    if names and replica not in names:
+        raise InvalidOption(f"FIRSTFIX_REPLICA_NAMES does not have FIRSTFIX_REPLICA, {replica!r}")
+    holding = Holding(replica, settings.holders)
+    holding.see(names)
+    return holding

@@ -16,7 +16,8 @@ from firstfix.localization import Localization
 from firstfix.options import LocalizeOptions
 
 from .caller import NOBODY_ASKED, Caller
-from .map_cache import Leases, MapCache
+from .leases import Leases
+from .map_cache import MapCache
 from .pool import QueryPool
 from .query import Query
 from .query_recorder import QueryRecorder, RawQuery

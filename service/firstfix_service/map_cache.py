@@ -12,13 +12,15 @@ from pathlib import Path
 import structlog
 
 from firstfix.catalog import Catalog
-from firstfix.errors import FirstfixError, NotFound, VersionError
+from firstfix.errors import FirstfixError, NotFound, StoreError, VersionError
 from firstfix.ids import check_map_id, check_version
 from firstfix.map_log import MapState
 
 from .catalog_watch import CatalogWatch
 from .holding import Holding
+from .leases import Leases, together
 from .leaving_order import Key
+from .load_ahead import LoadAhead, Round
 from .metrics import Metrics
 from .query import ServedVersion
 from .request_scope import in_this_context
@@ -27,20 +29,8 @@ from .version_loader import VersionLoader
 from .workers import Workers
 
 _log = structlog.get_logger(__name__)
-LOADERS = 8  # versions fetched and loaded at the same time: one slow one does not hold up the others
+LOADERS = 8  # versions fetched and loaded for queries at the same time: a slow one does not hold up others
 READERS = 16  # map logs read at the same time when the service starts
-
-
-class Leases:
-    """The versions that one query needs."""
-
-    def __init__(self, leases: Sequence[Lease]) -> None:
-        self._leases = leases
-        self.served = tuple(lease.served for lease in leases)
-
-    def close(self) -> None:
-        for lease in self._leases:
-            lease.close()
 
 
 class MapCache:
@@ -78,6 +68,7 @@ class MapCache:
             stays=self._stays,
             keeps=self._keeps,
         )
+        self._ahead = LoadAhead(catalog, self._resident, holding)
         self._loader = VersionLoader(
             catalog, self._resident, metrics, directory, max_disk_bytes=max_disk_bytes
         )
@@ -85,12 +76,10 @@ class MapCache:
         self._lock = threading.Lock()
         self._serving: dict[str, str] = {}  # map id -> version that answers when none is named
         self._behind: set[str] = set()  # maps whose active version was refused
-        self._tried: set[str] = set()  # maps that were loaded ahead of their first query, or could not be
         self._touched: set[str] = set()  # maps of which something may have changed, for ``take_touched``
         self._published: set[str] = set()  # maps with a version
         self._waiting: dict[tuple[str, str | None], list[Future[Lease]]] = {}
         self._threads = ThreadPoolExecutor(LOADERS, thread_name_prefix="map-loader")
-        self._closing = threading.Event()
         self.polled = False
 
     @property
@@ -131,7 +120,7 @@ class MapCache:
         with self._lock:
             if self.holding is None or map_id in self._pinned or map_id not in self._published:
                 return map_id in self._published
-            return self.holding.is_first(map_id) or (map_id in self.holding and map_id in self._tried)
+        return self.holding.is_first(map_id) or (map_id in self.holding and self._ahead.is_settled(map_id))
 
     def take_touched(self) -> set[str]:
         """Maps of which what the methods above say, or their logs, may have changed since the last call."""
@@ -156,9 +145,9 @@ class MapCache:
         if version is not None:
             check_version(version)
         if len(map_ids) == 1:
-            return _together([self._lease(map_ids[0], version)])
+            return together([self._lease(map_ids[0], version)])
         self._resident.begin_hurry()
-        gathered = _together([self._lease(map_id, version) for map_id in map_ids])
+        gathered = together([self._lease(map_id, version) for map_id in map_ids])
         gathered.add_done_callback(lambda _: self._resident.end_hurry())
         return gathered
 
@@ -212,22 +201,23 @@ class MapCache:
         """These replicas share the maps from now on. Blocks while it loads what has come to this one.
 
         Args:
-            shown: called when it is settled what is held, before anything is loaded.
+            shown: called when ``is_offered`` has changed: at first, and when all is loaded.
             superseded: whether other replicas share them by now: then it loads no more.
         """
         assert self.holding is not None
         moved = self.holding.see(replicas)
         with self._lock:
             self._touched |= moved.changed
-            self._tried -= moved.come
+        self._ahead.begin_again(moved.come)
         self._resident.sort_again()
-        shown()
         if self.polled:  # else the first poll sees to it
+            shown()
             self._load_held(superseded)
+            shown()
 
     def load_no_more(self) -> None:
-        """Loads ahead end with those that have begun."""
-        self._closing.set()
+        """What is loaded ahead ends with what has begun."""
+        self._ahead.stop()
 
     def close(self) -> None:
         """Ends the loads that have begun; others are not begun."""
@@ -308,64 +298,39 @@ class MapCache:
             _log.warning("cannot read a map's log", map_id=map_id, code=error.code, error=str(error))
             return None
 
-    def _see_to(
-        self, states: Mapping[str, MapState], superseded: Callable[[], bool] = lambda: False
-    ) -> None:
+    def _see_to(self, states: Mapping[str, MapState], superseded: Callable[[], bool] = lambda: False) -> None:
         """Follows the maps that another version is active of, and loads maps ahead while there is room."""
-        full = threading.Event()
 
-        def see_to(map_id: str) -> None:
-            if superseded() or self._closing.is_set():
-                return
+        def see_to(map_id: str, this: Round) -> bool:
             try:
-                self._see_to_one(map_id, states[map_id], full)
+                if self._is_due(map_id, states[map_id], this):
+                    self._follow(map_id, states[map_id]).close()
             except FirstfixError as error:
                 _log.warning("cannot serve", map_id=map_id, code=error.code, error=str(error))
-            with self._lock:
-                if self.holding is None or map_id in self.holding:
-                    self._tried.add(map_id)
-                self._touched.add(map_id)
+                return not isinstance(error, StoreError)
+            finally:
+                with self._lock:
+                    self._touched.add(map_id)
+            return True
 
-        if len(states) < READERS:
-            for map_id in states:
-                see_to(map_id)
-            return
-        with ThreadPoolExecutor(LOADERS, thread_name_prefix="map-ahead") as threads:
-            list(threads.map(see_to, states))
+        self._ahead.see_to(states, see_to, superseded)
 
-    def _see_to_one(self, map_id: str, state: MapState, full: threading.Event) -> None:
-        """It is followed where it answers and another version is active now. Where it was never asked for it
-        is loaded if there is room, which may end meanwhile: ``full``. One that was put out comes back with its
-        next query."""
+    def _load_held(self, superseded: Callable[[], bool] = lambda: False) -> None:
+        waiting = self._ahead.held_and_not_settled()
+        self._see_to({map_id: self._catalog.known_state(map_id) for map_id in waiting}, superseded)
+
+    def _is_due(self, map_id: str, state: MapState, this: Round) -> bool:
+        """Whether a map has to be seen to: it answers and another version is active now, or it was never
+        asked for and there is room. One that was put out comes back with its next query."""
         with self._lock:
             serving = self._serving.get(map_id)
             behind = map_id in self._behind
-            tried = map_id in self._tried
         if serving is not None and (map_id, serving) in self._resident:
-            if behind or state.active != serving:
-                self._follow(map_id, state).close()
-        elif map_id in self._pinned:
-            self._follow(map_id, state).close()
-        elif not tried and not full.is_set() and (self.holding is None or map_id in self.holding):
-            if state.active is None:
-                return
-            if self._has_room(map_id, state.active):
-                self._follow(map_id, state).close()
-            else:
-                full.set()
-
-    def _has_room(self, map_id: str, version: str) -> bool:
-        """For one that is loaded ahead. What is not held goes for what is."""
-        kept = self.holding is not None
-        if not self._resident.has_room(kept=kept):
-            return False
-        return self._resident.has_room(self._catalog.manifest(map_id, version).total_bytes, kept=kept)
-
-    def _load_held(self, superseded: Callable[[], bool] = lambda: False) -> None:
-        assert self.holding is not None
-        with self._lock:
-            waiting = sorted(self.holding.maps - self._tried)
-        self._see_to({map_id: self._catalog.known_state(map_id) for map_id in waiting}, superseded)
+            return behind or state.active != serving
+        if map_id in self._pinned:
+            return True
+        is_new = state.active is not None and not self._ahead.is_settled(map_id)
+        return is_new and this.has_room(map_id, str(state.active))
 
     def _serve(self, map_id: str, version: str, *, is_active: bool) -> None:
         if self.holding is not None:
@@ -387,9 +352,9 @@ class MapCache:
             self._published.discard(map_id)
             self._serving.pop(map_id, None)
             self._behind.discard(map_id)
-            self._tried.discard(map_id)
             self._touched.add(map_id)
             self._metrics.maps_behind.set(len(self._behind))
+        self._ahead.begin_again([map_id])
         if self.holding is not None:
             self.holding.forget(map_id)
 
@@ -403,29 +368,3 @@ class MapCache:
         """What serves of a map that is held here is put out last."""
         map_id, version = key
         return self.holding is not None and map_id in self.holding and self._serving.get(map_id) == version
-
-
-def _together(futures: Sequence[Future[Lease]]) -> Future[Leases]:
-    """All of them, or the first error when all have ended."""
-    gathered: Future[Leases] = Future()
-    left = len(futures)
-    lock = threading.Lock()
-
-    def ended(_: Future[Lease]) -> None:
-        nonlocal left
-        with lock:
-            left -= 1
-            if left:
-                return
-        errors = [error for future in futures if (error := future.exception()) is not None]
-        if not errors:
-            gathered.set_result(Leases([future.result() for future in futures]))
-            return
-        for future in futures:
-            if future.exception() is None:
-                future.result().close()
-        gathered.set_exception(errors[0])
-
-    for future in futures:
-        future.add_done_callback(ended)
-    return gathered

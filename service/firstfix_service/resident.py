@@ -20,6 +20,7 @@ from .workers import Workers
 _log = structlog.get_logger(__name__)
 ROOM_WITHIN_S = 30.0  # without anything having gone meanwhile: then the limit is passed rather than wait on
 
+
 @dataclass(frozen=True)
 class VersionFiles:
     """A version on this machine.

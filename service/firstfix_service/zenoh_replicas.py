@@ -1,0 +1,117 @@
+"""Which replicas share the maps, by their liveliness tokens in zenoh.
+
+firstfix/@replicas/{replica}   liveliness token of every replica that holds maps (``FIRSTFIX_HOLDERS``)
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import structlog
+
+_log = structlog.get_logger(__name__)
+TOKENS = "firstfix/@replicas"
+FIRST_LOOK_S = 2.0
+# Without a change until what is seen is believed: when a router restarts the replicas vanish and come back
+# one after the other, and each would load the maps of all meanwhile.
+SETTLED_S = 3.0
+
+
+class ZenohReplicas:
+    """Follows the tokens in a thread of its own, and shows one. Thread-safe.
+
+    Args:
+        connections: how many others the session is connected with.
+        changed: called with the replicas' names, this one among them, after every change, once it has
+            settled. The second argument says whether another change has come by now.
+    """
+
+    def __init__(
+        self,
+        session: Any,
+        replica: str,
+        connections: Callable[[], int],
+        changed: Callable[[frozenset[str], Callable[[], bool]], None],
+        settled_s: float = SETTLED_S,
+    ) -> None:
+        self._session = session
+        self._own = f"{TOKENS}/{replica}"
+        self._connections = connections
+        self._changed = changed
+        self._settled_s = settled_s
+        self._lock = threading.Lock()
+        self._keys = {self._own}
+        self._event = threading.Event()
+        self._stop = threading.Event()
+        self._token: Any = None
+        self._subscriber: Any = None
+        self._thread = threading.Thread(target=self._run, name="replica-watch", daemon=True)
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Replicas that show a token, and this one."""
+        with self._lock:
+            return frozenset(key.rpartition("/")[2] for key in self._keys)
+
+    def start(self) -> frozenset[str]:
+        """Follows the tokens from now on; returns who is there already."""
+        pattern = f"{TOKENS}/*"
+        replies = self._session.liveliness().get(pattern, timeout=FIRST_LOOK_S)
+        found = {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
+        with self._lock:
+            self._keys |= found
+        # history: who came or went between the look and now is told as well
+        self._subscriber = self._session.liveliness().declare_subscriber(
+            pattern, self._on_token, history=True
+        )
+        names = self.names
+        self._thread.start()
+        return names
+
+    def join(self) -> None:
+        """Shows this replica's token, once: others leave to it what it holds, so that should be loaded."""
+        if self._token is None and not self._stop.is_set():
+            self._token = self._session.liveliness().declare_token(self._own)
+            _log.info("holding maps among replicas", replicas=sorted(self.names))
+
+    def close(self) -> None:
+        """Takes the token back."""
+        self._stop.set()
+        self._event.set()
+        if self._token is not None:
+            self._token.undeclare()
+        if self._subscriber is not None:
+            self._subscriber.undeclare()
+            self._thread.join()
+
+    def _on_token(self, sample: Any) -> None:
+        key = str(sample.key_expr)
+        with self._lock:
+            before = len(self._keys)
+            if not str(sample.kind).endswith("DELETE"):
+                self._keys.add(key)
+            elif key != self._own:
+                self._keys.discard(key)
+            has_changed = len(self._keys) != before
+        if has_changed:
+            self._event.set()
+
+    def _run(self) -> None:
+        believed: frozenset[str] | None = self.names
+        while not self._stop.is_set():
+            self._event.wait()
+            self._event.clear()
+            if self._stop.wait(self._settled_s) or self._event.is_set():
+                continue
+            names = self.names
+            if not self._connections():  # it is this one that is cut off: nobody asks it, and nobody has gone
+                self._event.set()
+            elif names != believed:
+                _log.info("other replicas hold maps", replicas=sorted(names))
+                try:
+                    self._changed(names, self._event.is_set)
+                except Exception:  # the watch must outlive a defect: else nobody takes over
+                    _log.exception("what other replicas held was not taken over")
+                believed = None if self._event.is_set() else names  # it may have ended early
