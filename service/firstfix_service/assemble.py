@@ -183,6 +183,7 @@ async def _start_zenoh(
 ) -> Callable[[], None]:
     """Answers over zenoh. What it gives keeps what is shown there in step, after every poll."""
     from .zenoh_catalog import ZenohCatalog
+    from .zenoh_config import client_config
     from .zenoh_endpoint import ZenohEndpoint
     from .zenoh_replicas import ZenohReplicas
 
@@ -218,7 +219,7 @@ async def _start_zenoh(
     def changed(names: frozenset[str], superseded: Callable[[], bool]) -> None:
         parts.maps.share(names, show, superseded)
 
-    replicas = ZenohReplicas(endpoint.session, replica, lambda: endpoint.connections, changed)
+    replicas = ZenohReplicas(endpoint.session, replica, changed, client_config(settings))
     stack.push_async_callback(asyncio.to_thread, replicas.close)
     parts.maps.holding.see(await asyncio.to_thread(replicas.start))
 

@@ -58,7 +58,11 @@ class LoadAhead:
         def one(map_id: str) -> None:
             if superseded() or self._stop.is_set():
                 return
-            if see_to(map_id, this) and (self._holding is None or map_id in self._holding):
+            try:
+                is_settled = see_to(map_id, this)
+            finally:
+                this.ended(map_id)
+            if is_settled and (self._holding is None or map_id in self._holding):
                 with self._lock:
                     self._settled.add(map_id)
 
@@ -71,16 +75,18 @@ class LoadAhead:
 
 
 class Round:
-    """Room, until there is none for one of the maps."""
+    """Room, until there is none for one of the maps. Thread-safe."""
 
     def __init__(self, catalog: Catalog, resident: ResidentVersions, holding: Holding | None) -> None:
         self._catalog = catalog
         self._resident = resident
         self._holding = holding
+        self._given: dict[str, int] = {}  # bytes of the maps that are being loaded, or soon will be
         self._is_full = False
+        self._changed = threading.Condition()
 
     def has_room(self, map_id: str, version: str) -> bool:
-        """For a map to be loaded ahead. What is not held goes for what is.
+        """For a map to be loaded ahead, without another one having to go; what is not held goes for what is.
 
         Raises:
             NotFound, VersionError, StoreError: as ``Catalog.manifest``.
@@ -88,8 +94,25 @@ class Round:
         if self._is_full or (self._holding is not None and map_id not in self._holding):
             return False
         kept = self._holding is not None
-        has_room = self._resident.has_room(kept=kept) and self._resident.has_room(
-            self._catalog.manifest(map_id, version).total_bytes, kept=kept
-        )
-        self._is_full = not has_room
-        return has_room
+        if not self._resident.has_room(1, 1, kept=kept):  # then the store need not be asked
+            self._is_full = True
+            return False
+        need = self._catalog.manifest(map_id, version).total_bytes
+        with self._changed:
+            # What was given room may be in memory by now and counted twice: at the limit it is waited for.
+            while not self._is_full:
+                versions, size = len(self._given) + 1, sum(self._given.values()) + need
+                if self._resident.has_room(versions, size, kept=kept):
+                    self._given[map_id] = need
+                    return True
+                if self._given:
+                    self._changed.wait()
+                else:
+                    self._is_full = True
+        return False
+
+    def ended(self, map_id: str) -> None:
+        """The map's load, if there was one."""
+        with self._changed:
+            self._given.pop(map_id, None)
+            self._changed.notify_all()

@@ -97,18 +97,18 @@ class ResidentVersions:
         self._hurries = 0
         self._dropper = ThreadPoolExecutor(1, thread_name_prefix="map-dropper")
 
-    def has_room(self, need: int = 1, *, kept: bool = False) -> bool:
-        """For one more version of so many bytes, without any other having to go.
+    def has_room(self, versions: int, size: int, *, kept: bool) -> bool:
+        """For so many more versions of so many bytes together, without any other having to go.
 
         Args:
-            kept: it is one that is kept: those that are not may go for it.
+            kept: they are kept: those that are not may go for them.
         """
         with self._changed:
-            versions, size = self._taken()
+            taken, taken_bytes = self._taken()
             if kept:
-                versions -= len(self._residents) - self._residents.kept
-                size -= self._residents.bytes - self._residents.kept_bytes
-            return versions < self._max_versions and size + need <= self._max_bytes
+                taken -= len(self._residents) - self._residents.kept
+                taken_bytes -= self._residents.bytes - self._residents.kept_bytes
+            return taken + versions <= self._max_versions and taken_bytes + size <= self._max_bytes
 
     @property
     def kept(self) -> int:

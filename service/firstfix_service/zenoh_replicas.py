@@ -1,6 +1,9 @@
 """Which replicas share the maps, by their liveliness tokens in zenoh.
 
-firstfix/@replicas/{replica}   liveliness token of every replica that holds maps (``FIRSTFIX_HOLDERS``)
+    firstfix/@replicas/{replica}   liveliness token of every replica that holds maps (``FIRSTFIX_HOLDERS``)
+
+A router does not tell its peers of each other (it takes them to be connected), only its clients of all. So
+where a replica connects somewhere it watches the others by a session of its own, as a client.
 """
 
 from __future__ import annotations
@@ -10,10 +13,12 @@ from collections.abc import Callable
 from typing import Any
 
 import structlog
+import zenoh
 
 _log = structlog.get_logger(__name__)
 TOKENS = "firstfix/@replicas"
 FIRST_LOOK_S = 2.0
+RETRY_S = 3.0
 # Without a change until what is seen is believed: when a router restarts the replicas vanish and come back
 # one after the other, and each would load the maps of all meanwhile.
 SETTLED_S = 3.0
@@ -23,29 +28,32 @@ class ZenohReplicas:
     """Follows the tokens in a thread of its own, and shows one. Thread-safe.
 
     Args:
-        connections: how many others the session is connected with.
+        session: in which its token is shown.
         changed: called with the replicas' names, this one among them, after every change, once it has
             settled. The second argument says whether another change has come by now.
+        client: configuration of a session to watch by; None: by ``session``.
     """
 
     def __init__(
         self,
         session: Any,
         replica: str,
-        connections: Callable[[], int],
         changed: Callable[[frozenset[str], Callable[[], bool]], None],
+        client: Any | None = None,
+        *,
         settled_s: float = SETTLED_S,
     ) -> None:
         self._session = session
         self._own = f"{TOKENS}/{replica}"
-        self._connections = connections
         self._changed = changed
+        self._client = client
         self._settled_s = settled_s
         self._lock = threading.Lock()
         self._keys = {self._own}
         self._event = threading.Event()
         self._stop = threading.Event()
         self._token: Any = None
+        self._watching: Any = None  # session that it watches by
         self._subscriber: Any = None
         self._thread = threading.Thread(target=self._run, name="replica-watch", daemon=True)
 
@@ -56,16 +64,9 @@ class ZenohReplicas:
             return frozenset(key.rpartition("/")[2] for key in self._keys)
 
     def start(self) -> frozenset[str]:
-        """Follows the tokens from now on; returns who is there already."""
-        pattern = f"{TOKENS}/*"
-        replies = self._session.liveliness().get(pattern, timeout=FIRST_LOOK_S)
-        found = {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
-        with self._lock:
-            self._keys |= found
-        # history: who came or went between the look and now is told as well
-        self._subscriber = self._session.liveliness().declare_subscriber(
-            pattern, self._on_token, history=True
-        )
+        """Follows the tokens from now on, or as soon as there is somebody to connect with; returns who is
+        seen already. Blocks for a few seconds at most."""
+        self._watch()
         names = self.names
         self._thread.start()
         return names
@@ -77,14 +78,31 @@ class ZenohReplicas:
             _log.info("holding maps among replicas", replicas=sorted(self.names))
 
     def close(self) -> None:
-        """Takes the token back."""
+        """Takes the token back. May be called again."""
         self._stop.set()
         self._event.set()
-        if self._token is not None:
-            self._token.undeclare()
-        if self._subscriber is not None:
-            self._subscriber.undeclare()
+        token, self._token = self._token, None
+        if token is not None:
+            token.undeclare()
+        if self._thread.ident is not None:
             self._thread.join()
+        watching, self._watching = self._watching, None
+        if watching is not None and watching is not self._session:
+            watching.close()
+
+    def _watch(self) -> None:
+        try:
+            watching = self._session if self._client is None else zenoh.open(self._client)
+        except zenoh.ZError as error:
+            _log.warning("other replicas are not seen yet", error=str(error))
+            return
+        pattern = f"{TOKENS}/*"
+        replies = watching.liveliness().get(pattern, timeout=FIRST_LOOK_S)
+        with self._lock:
+            self._keys |= {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
+        # history: who came or went between the look and now is told as well
+        self._subscriber = watching.liveliness().declare_subscriber(pattern, self._on_token, history=True)
+        self._watching = watching
 
     def _on_token(self, sample: Any) -> None:
         key = str(sample.key_expr)
@@ -100,13 +118,18 @@ class ZenohReplicas:
 
     def _run(self) -> None:
         believed: frozenset[str] | None = self.names
+        while self._watching is None and not self._stop.wait(RETRY_S):
+            self._watch()
+            self._event.set()
         while not self._stop.is_set():
             self._event.wait()
             self._event.clear()
             if self._stop.wait(self._settled_s) or self._event.is_set():
                 continue
             names = self.names
-            if not self._connections():  # it is this one that is cut off: nobody asks it, and nobody has gone
+            if (
+                not self._watching.info.transports()
+            ):  # it is this one that is cut off: the others have not gone
                 self._event.set()
             elif names != believed:
                 _log.info("other replicas hold maps", replicas=sorted(names))
