@@ -203,7 +203,7 @@ class CatalogHealth(BaseModel):
 
 class Holding(BaseModel):
     copies: int = Field(description="replicas that hold each map")
-    replicas: list[str] = Field(description="that share the maps, as this one sees it")
+    replicas: int = Field(description="that share the maps, as this one sees it")
     maps: int = Field(description="that are this replica's to hold")
     loaded: int = Field(description="of those, in memory")
 

@@ -71,7 +71,7 @@ class Holding:
         Args:
             loaded: how many of the maps that are held are in memory.
         """
-        return {"copies": self.copies, "replicas": self.replicas, "maps": len(self), "loaded": loaded}
+        return {"copies": self.copies, "replicas": len(self.replicas), "maps": len(self), "loaded": loaded}
 
     def see(self, replicas: Iterable[str]) -> Moved:
         """Takes these, and this one, for the replicas that there are."""

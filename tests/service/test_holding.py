@@ -59,7 +59,7 @@ def test_a_map_that_is_gone_is_forgotten():
     holding.forget("cellar")
     holding.see(["r1"])
     assert holding.maps == {"attic"}
-    assert holding.described(1) == {"copies": 1, "replicas": ["r1"], "maps": 1, "loaded": 1}
+    assert holding.described(1) == {"copies": 1, "replicas": 1, "maps": 1, "loaded": 1}
 
 
 def settings(tmp_path: Path, **changes: object) -> Settings:
