@@ -307,7 +307,7 @@ class MapCache:
                     self._follow(map_id, states[map_id]).close()
             except FirstfixError as error:
                 _log.warning("cannot serve", map_id=map_id, code=error.code, error=str(error))
-                return not isinstance(error, StoreError)
+                return not isinstance(error, NotFound | StoreError)
             finally:
                 with self._lock:
                     self._touched.add(map_id)
@@ -329,8 +329,9 @@ class MapCache:
             return behind or state.active != serving
         if map_id in self._pinned:
             return True
-        is_new = state.active is not None and not self._ahead.is_settled(map_id)
-        return is_new and this.has_room(map_id, str(state.active))
+        if state.active is None:
+            return True  # there is nothing to serve yet, or any more
+        return not self._ahead.is_settled(map_id) and this.has_room(map_id, state.active)
 
     def _serve(self, map_id: str, version: str, *, is_active: bool) -> None:
         if self.holding is not None:

@@ -76,7 +76,8 @@ class ZenohCatalog:
         self._queryables: list[Any] = []
 
     def update(self, touched: Iterable[str]) -> None:
-        """To be called after every poll: tells what has changed of these maps since the last one."""
+        """To be called after every poll: tells what has changed of these maps since the last one. The first
+        tells nothing: a replica that starts changes nothing."""
         known, changed = dict(self._known), []
         for map_id in touched:
             before, now = known.pop(map_id, None), self._versions_of(map_id)
@@ -88,6 +89,7 @@ class ZenohCatalog:
                 changed.append(now)
         self._known = known
         if not self._queryables:
+            changed = []
             answers = {
                 MAPS: self._answer_maps,
                 "firstfix/*/version": self._answer_versions,

@@ -189,3 +189,21 @@ def test_it_loads_no_more_when_it_is_told_to_stop(world: World):
     assert not world.behaviour.loads
     assert cache.get(NAMES[0]).map_id == NAMES[0]
     wait_for(lambda: cache.serving_version(NAMES[0]) is not None)
+
+
+def test_a_map_that_was_seen_before_its_version_was_activated_is_loaded(world: World):
+    cache = world.cache(max_versions=40)
+    cache.poll()
+    version = world.publish("new", "5")
+    log = world.catalog.store.list("maps/new/log")
+    activation = world.catalog.store.get(log[1])
+    world.catalog.store.delete(log[1])
+    before = len(world.behaviour.loads)
+    world.catalog._logs.clear()
+    cache.poll()
+    assert not cache.is_served("new")
+    assert world.catalog.store.put_new(log[1], activation)
+    world.catalog.changes.note("new")
+    cache.poll()
+    assert cache.serving_version("new") == version
+    assert len(world.behaviour.loads) == before + 1
