@@ -17,7 +17,8 @@ from .small_map import make_small_map, query_of
 
 PARTS = ("replica", "shares", "movement")
 SIZES = (100, 1_000, 10_000)
-CACHES = (0.1, 0.3, 0.6)
+SHARED_MAPS = 2_000
+CACHES = (0.1, 0.3, 0.6)  # of all maps, for each of four replicas
 
 
 def main() -> None:
@@ -42,9 +43,8 @@ def main() -> None:
             if part == "replica":
                 figures[part] = _replicas(Path(folder), chosen.version, sizes, chosen.idle, chosen.seed)
             elif part == "shares":
-                figures[part] = shares(
-                    Path(folder), sizes[-1], chosen.queries, (0.1, 0.3, 0.6), 1.0, chosen.seed
-                )
+                maps = min(sizes[-1], SHARED_MAPS)
+                figures[part] = shares(Path(folder), maps, chosen.queries, CACHES, chosen.seed)
             else:
                 figures[part] = [
                     movement(maps, count, copies) for maps in sizes for count in (4, 16) for copies in (1, 2)
