@@ -65,6 +65,11 @@ class Holding:
         """Whether this replica is the map's first holder."""
         return self._ranks.get(map_id) == 0
 
+    def in_order(self, map_ids: Iterable[str]) -> list[str]:
+        """Those first that this replica is the first holder of, then the second, ...; the others last."""
+        ranks = self._ranks
+        return sorted(map_ids, key=lambda map_id: (ranks.get(map_id, self.copies), map_id))
+
     def described(self, loaded: int) -> dict[str, Any]:
         """For people who look.
 

@@ -38,7 +38,7 @@ class LoadAhead:
 
     def held_and_not_settled(self) -> list[str]:
         held = () if self._holding is None else self._holding.maps
-        return sorted(map_id for map_id in held if map_id not in self._settled)
+        return [map_id for map_id in held if map_id not in self._settled]
 
     def stop(self) -> None:
         """Rounds end with what they have begun."""
@@ -47,13 +47,14 @@ class LoadAhead:
     def see_to(
         self, map_ids: Iterable[str], see_to: Callable[[str, Round], bool], superseded: Callable[[], bool]
     ) -> None:
-        """One round, for many maps in threads.
+        """One round, for many maps in threads; where there may be no room for all the most important first.
 
         Args:
             see_to: loads a map, if it is to be; False: it should be tried again in another round.
             superseded: whether the round is to end.
         """
-        names, this = list(map_ids), Round(self._catalog, self._resident, self._holding)
+        names = sorted(map_ids) if self._holding is None else self._holding.in_order(map_ids)
+        this = Round(self._catalog, self._resident, self._holding)
 
         def one(map_id: str) -> None:
             if superseded() or self._stop.is_set():

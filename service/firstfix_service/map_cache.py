@@ -67,6 +67,7 @@ class MapCache:
             max_bytes=max_bytes,
             stays=self._stays,
             keeps=self._keeps,
+            left=self._left,
         )
         self._ahead = LoadAhead(catalog, self._resident, holding)
         self._loader = VersionLoader(
@@ -115,12 +116,14 @@ class MapCache:
 
     def is_offered(self, map_id: str) -> bool:
         """Whether callers who choose should ask here: every map that is served; where replicas share them
-        one that is held, as soon as it is loaded or cannot be. Its first holder does not wait for that:
-        there may be no other."""
+        one that is held, by its first holder always, by others while it is in memory."""
         with self._lock:
+            serving = self._serving.get(map_id)
             if self.holding is None or map_id in self._pinned or map_id not in self._published:
                 return map_id in self._published
-        return self.holding.is_first(map_id) or (map_id in self.holding and self._ahead.is_settled(map_id))
+        if self.holding.is_first(map_id):
+            return True
+        return map_id in self.holding and serving is not None and (map_id, serving) in self._resident
 
     def take_touched(self) -> set[str]:
         """Maps of which what the methods above say, or their logs, may have changed since the last call."""
@@ -182,7 +185,7 @@ class MapCache:
         if self.holding is not None:
             self.holding.know(seen)
         self._see_to({map_id: states[map_id] for map_id in seen & self._pinned})
-        self._see_to({map_id: states[map_id] for map_id in sorted(seen - self._pinned)})
+        self._see_to({map_id: states[map_id] for map_id in seen - self._pinned})
         with self._lock:
             missing = [] if self.polled else sorted(self._pinned - self._serving.keys())
         for map_id in missing:
@@ -364,6 +367,10 @@ class MapCache:
         map_id, version = candidate
         serves = self._serving.get(map_id) == version
         return serves and (map_id in self._pinned or map_id == coming[0])
+
+    def _left(self, key: Key) -> None:
+        with self._lock:
+            self._touched.add(key[0])
 
     def _keeps(self, key: Key) -> bool:
         """What serves of a map that is held here is put out last."""

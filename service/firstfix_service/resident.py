@@ -71,6 +71,7 @@ class ResidentVersions:
     Args:
         stays: whether the first version must not be put out for the second.
         keeps: whether a version is only put out when no other one can be.
+        left: called for each one that nobody gets any more.
     """
 
     def __init__(
@@ -81,12 +82,14 @@ class ResidentVersions:
         max_versions: int,
         max_bytes: int,
         stays: Callable[[Key, Key], bool],
-        keeps: Callable[[Key], bool] = lambda key: False,
+        keeps: Callable[[Key], bool],
+        left: Callable[[Key], None],
     ) -> None:
         self._workers = workers
         self._metrics = metrics
         self._max_versions, self._max_bytes = max_versions, max_bytes
         self._stays = stays
+        self._left = left
         self._changed = threading.Condition()
         self._residents: LeavingOrder[_Resident] = LeavingOrder(keeps)
         self._leaving: set[_Resident] = set()
@@ -231,6 +234,7 @@ class ResidentVersions:
             if candidate is None:
                 return
             resident = self._residents.pop(candidate)
+            self._left(candidate)
             resident.leaving = True
             self._leaving.add(resident)
             self._leaving_bytes += resident.bytes

@@ -110,6 +110,23 @@ def test_a_second_holder_is_shown_when_it_has_loaded(world: World):
     assert offered == [{n for n in come if rendezvous_order(n, ["r1", "r2"])[0] == "r1"}, come]
 
 
+def test_without_room_for_all_the_first_holder_alone_shows_a_map(world: World):
+    firsts = held(REPLICAS)
+    cache = sharing(world, copies=2, max_versions=len(firsts) + 1)
+    cache.poll()
+    seconds = loaded(world) - firsts
+    assert loaded(world) >= firsts, "they come first"
+    assert len(seconds) == 1
+    assert {name for name in NAMES if cache.is_offered(name)} == firsts | seconds
+    for name in firsts:
+        cache.get(name)
+    cache.take_touched()
+    other = min(held(REPLICAS, 2) - firsts - seconds)
+    cache.get(other)
+    assert {name for name in NAMES if cache.is_offered(name)} == firsts | {other}, "it took the other's place"
+    assert cache.take_touched() >= {other, *seconds}
+
+
 def test_a_round_that_is_superseded_ends_and_the_next_one_goes_on(world: World):
     cache = sharing(world)
     cache.poll()

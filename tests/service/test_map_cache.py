@@ -199,6 +199,17 @@ def test_fetched_files_stay_on_the_disk_within_its_limit(remote: World):
     assert label(cache.get("a")) == 0, "and comes back when it is asked for"
 
 
+def test_room_on_the_disk_is_not_looked_for_at_each_load(remote: World, monkeypatch: pytest.MonkeyPatch):
+    looks: list[Path] = []
+    monkeypatch.setattr(version_loader, "prune", lambda directory, limit: looks.append(directory) or [])
+    cache = remote.cache(max_versions=20, max_disk_bytes=450)
+    for k in range(12):
+        remote.publish(f"map-{k}", str(k))
+        cache.get(f"map-{k}")
+    # 14 bytes were fetched: at the start, and then for each 4
+    assert len(looks) == 4
+
+
 def test_files_in_use_never_leave_the_disk(remote: World):
     first, _ = remote.publish("a", "1"), remote.publish("b", "2")
     cache = remote.cache(max_versions=1, max_disk_bytes=0)
