@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import argparse
 import json
+import logging
 import os
 import tempfile
 from pathlib import Path
 from typing import Any
 
+import structlog
+
 from ..service.programs import BUCKET, missing, s3_server
 from .catalogs import environment, grow_catalog
-from .one_replica import one_replica
-from .sharing import movement, shares
+from .one_replica import memory_of_loaded, one_replica
+from .sharing import movement, shares, takeover
 from .small_map import make_small_map, query_of
 
-PARTS = ("replica", "shares", "movement")
+PARTS = ("replica", "shares", "movement", "takeover")
 SIZES = (100, 1_000, 10_000)
+LOADED = 400
 SHARED_MAPS = 2_000
 CACHES = (0.1, 0.3, 0.6)  # of all maps, for each of four replicas
 
@@ -37,6 +41,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
     chosen = parser.parse_args()
     sizes = sorted(chosen.maps or SIZES)
+    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.WARNING))
     figures: dict[str, Any] = {"machine": {"cpus": os.cpu_count()}, "seed": chosen.seed}
     with tempfile.TemporaryDirectory(prefix="firstfix-bench-", dir=chosen.work) as folder:
         for part in chosen.part or PARTS:
@@ -45,6 +50,9 @@ def main() -> None:
             elif part == "shares":
                 maps = min(sizes[-1], SHARED_MAPS)
                 figures[part] = shares(Path(folder), maps, chosen.queries, CACHES, chosen.seed)
+            elif part == "takeover":
+                maps = min(sizes[-1], SHARED_MAPS)
+                figures[part] = [takeover(Path(folder), maps, copies) for copies in (1, 2)]
             else:
                 figures[part] = [
                     movement(maps, count, copies) for maps in sizes for count in (4, 16) for copies in (1, 2)
@@ -76,6 +84,8 @@ def _replicas(
                 folder = directory / f"{name}-{maps}"
                 found.append({"store": name, **one_replica(url, maps, body, folder, idle_s, seed)})
                 print(found[-1], flush=True)
+        found.append(memory_of_loaded(str(root), (16, min(LOADED, sizes[-1])), directory / "loaded"))
+        print(found[-1], flush=True)
     return found
 
 

@@ -72,6 +72,20 @@ def one_replica(
     return figures
 
 
+def memory_of_loaded(store: str, versions: tuple[int, int], directory: Path) -> dict[str, Any]:
+    """What a loaded version takes beside its files, which are links to one here: by a replica that has loaded
+    few, and one that has loaded more."""
+    settings = {"store": store, "run_builds": False, "workers": 1, "log_level": "warning"}
+    mb = []
+    for count in versions:
+        with replica(directory / f"{count}", cache_max_versions=count, **settings) as one:
+            loaded = httpx.get(f"{one.url}/metrics").text
+            assert f"firstfix_versions_loaded {count:.1f}" in loaded
+            mb.append(pss_of_family(one.pid) / 1e6)
+    each = (mb[1] - mb[0]) / (versions[1] - versions[0])
+    return {"loaded": versions, "pss_mb": [round(value) for value in mb], "mb_each": round(each, 2)}
+
+
 class _Counted:
     """What the service has counted."""
 

@@ -149,3 +149,31 @@ def movement(maps: int, replicas: int, copies: int) -> dict[str, Any]:
         "lost_by_others": others,
         "see_ms": round(1e3 * seconds, 1),
     }
+
+
+def takeover(directory: Path, maps: int, copies: int) -> dict[str, Any]:
+    """The last replica leaves: what the others load, and how long the slowest of them takes, one after the
+    other, with versions of a few bytes: what a load costs beside its files."""
+    root = directory / "taken-over"
+    grow_catalog(root, None, 0, maps)
+    group = Group(Catalog(Store.open(str(root))), directory, copies, maps)
+    *others, gone = REPLICAS
+    held = group.caches[gone].held_loaded
+    before = group.count("firstfix_version_loads_total", result="ok")
+    seconds = []
+    for name in others:
+        begin = time.perf_counter()
+        group.caches[name].share(others)
+        seconds.append(time.perf_counter() - begin)
+    figures = {
+        "maps": maps,
+        "replicas": len(REPLICAS),
+        "copies": copies,
+        "maps_held_by_one": held,
+        "loads": group.count("firstfix_version_loads_total", result="ok") - before,
+        "loaded_after": sum(group.caches[name].held_loaded for name in others),
+        "slowest_s": round(max(seconds), 2),
+    }
+    group.close()
+    shutil.rmtree(root)
+    return figures
