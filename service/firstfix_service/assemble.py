@@ -57,9 +57,15 @@ async def assemble(
     requests: Requests,
     load: Callable[[Path], LocalizesScans] | None,
     closing: asyncio.Event,
+    draining: asyncio.Event,
     stack: AsyncExitStack,
 ) -> Parts:
-    """Starts everything in order; the stack stops it in the reverse order. May be tried again."""
+    """Starts everything in order; the stack stops it in the reverse order. May be tried again.
+
+    Args:
+        closing: as in ``Parts``.
+        draining: set before that, when others are to take over while this service goes on answering.
+    """
     check_exposure(settings)
     replica = settings.replica or uuid.uuid4().hex[:12]
     holding = open_holding(settings, replica)
@@ -120,7 +126,9 @@ async def assemble(
         GeoreferenceCache(georeferences, settings.georeference_ttl_s),
         closing,
     )
-    show = await _start_zenoh(parts, replica, requests, stack) if settings.zenoh_enabled else None
+    show = None
+    if settings.zenoh_enabled:
+        show = await _start_zenoh(parts, replica, requests, draining, stack)
 
     def polled() -> None:
         health.catalog_read()
@@ -179,7 +187,7 @@ async def _start_samples(
 
 
 async def _start_zenoh(
-    parts: Parts, replica: str, requests: Requests, stack: AsyncExitStack
+    parts: Parts, replica: str, requests: Requests, draining: asyncio.Event, stack: AsyncExitStack
 ) -> Callable[[], None]:
     """Answers over zenoh. What it gives keeps what is shown there in step, after every poll."""
     from .zenoh_catalog import ZenohCatalog
@@ -222,6 +230,12 @@ async def _start_zenoh(
     replicas = ZenohReplicas(endpoint.session, replica, changed, client_config(settings))
     stack.push_async_callback(asyncio.to_thread, replicas.close)
     parts.maps.holding.see(await asyncio.to_thread(replicas.start))
+
+    async def leave() -> None:
+        await draining.wait()
+        await asyncio.to_thread(replicas.leave)
+
+    run_with(stack, leave(), "leave-replicas")
 
     def show_and_join() -> None:
         show()

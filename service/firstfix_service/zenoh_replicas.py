@@ -77,13 +77,17 @@ class ZenohReplicas:
             self._token = self._session.liveliness().declare_token(self._own)
             _log.info("holding maps among replicas", replicas=sorted(self.names))
 
-    def close(self) -> None:
-        """Takes the token back. May be called again."""
+    def leave(self) -> None:
+        """Takes the token back, for good: others load what it holds, while it goes on answering."""
         self._stop.set()
         self._event.set()
         token, self._token = self._token, None
         if token is not None:
             token.undeclare()
+
+    def close(self) -> None:
+        """Leaves, and looks no more. May be called again."""
+        self.leave()
         if self._thread.ident is not None:
             self._thread.join()
         watching, self._watching = self._watching, None

@@ -173,6 +173,20 @@ def test_a_replica_counts_from_when_it_joins_until_it_closes(watch):
     wait_for(lambda: seen.views == [{"r1", "r2"}, {"r1"}])
 
 
+def test_a_replica_that_is_about_to_stop_leaves_its_maps_and_goes_on_answering(tmp_path: Path):
+    publish(Catalog(Store.open(str(tmp_path / "store"))), "hall", "1", tmp_path / "made")
+    with running_service(tmp_path, holders=1, drain_s=4.0) as service:
+
+        def shows(key: str) -> bool:
+            return bool(list(service.session.liveliness().get(key, timeout=5)))
+
+        wait_for(lambda: shows("firstfix/@replicas/r1") and shows("firstfix/hall/localize/r1"))
+        service.stop()
+        wait_for(lambda: not shows("firstfix/@replicas/r1"))
+        assert shows("firstfix/hall/localize/r1")
+        assert service.ask_zenoh(key="firstfix/hall/localize/r1").ok
+
+
 def test_what_comes_and_goes_within_a_moment_is_not_told(watch, router):
     first, seen = watch("r1")
     first.start()
