@@ -41,7 +41,7 @@ class Holding:
         self.copies = copies
         self._replica = replica
         self._replicas = frozenset({replica})
-        self._ranks: dict[str, int] = {}  # of the maps that are held
+        self._ranks: dict[str, int] = {}  # of the maps that are held; replaced, never changed
         self._known: set[str] = set()  # all maps
         self._changing = threading.Lock()
 
@@ -92,12 +92,14 @@ class Holding:
         with self._changing:
             new = set(map_ids) - self._known
             self._known |= new
-            self._ranks |= self._ranked(new)
+            if come := self._ranked(new):
+                self._ranks = self._ranks | come
 
     def forget(self, map_id: str) -> None:
         with self._changing:
             self._known.discard(map_id)
-            self._ranks.pop(map_id, None)
+            if map_id in self._ranks:
+                self._ranks = {name: place for name, place in self._ranks.items() if name != map_id}
 
     def _ranked(self, map_ids: Iterable[str]) -> dict[str, int]:
         ranks = ((map_id, rank(map_id, self._replica, self._replicas)) for map_id in map_ids)

@@ -246,6 +246,16 @@ def test_who_is_cut_off_does_not_take_the_others_for_dead(tmp_path: Path):
             wait_for(lambda: seen.views[-1] == {"r1"}, 60)
 
 
+def test_it_watches_as_a_client_of_whom_it_connects_with():
+    alone = Settings(store="memory://", zenoh=True)
+    assert client_config(alone) is None
+    connects = Settings(store="memory://", zenoh=True, zenoh_connect=("tcp/router:7447",))
+    config = client_config(connects)
+    assert config.get_json("mode") == '"client"'
+    assert json.loads(config.get_json("connect/endpoints")) == ["tcp/router:7447"]
+    assert json.loads(config.get_json("listen/endpoints")) == []
+
+
 def test_a_defect_in_taking_over_does_not_end_the_watch(watch, router, monkeypatch):
     first, seen = watch("r1")
     monkeypatch.setattr(first, "_changed", lambda names, superseded: (seen(names, superseded), 1 / 0))
