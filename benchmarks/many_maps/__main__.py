@@ -31,7 +31,7 @@ def main() -> None:
     parser.add_argument(
         "--maps", type=int, action="append", metavar="N", help="sizes; default: 100, 1000, 10000"
     )
-    parser.add_argument("--idle", type=float, default=30.0, metavar="S", help="seconds that nobody asks for")
+    parser.add_argument("--idle", type=float, default=20.0, metavar="S", help="seconds that nobody asks for")
     parser.add_argument("--queries", type=int, default=20_000, help="of the Zipf load")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument(

@@ -10,7 +10,6 @@ from statistics import median
 from typing import Any
 
 import httpx
-import zenoh
 
 from firstfix_client import ZenohClient
 
@@ -21,6 +20,7 @@ from .catalogs import name_of
 
 POLL_S = 2.0
 COLD, WARM = 20, 40
+SETTLE_S = 5.0  # from ready, and shown, to idle
 _SAMPLE = re.compile(r"^(\w+)(?:\{([^}]*)\})? (\S+)$", re.M)
 
 
@@ -46,11 +46,13 @@ def one_replica(
         ZenohClient(endpoint) as robot,
     ):
         figures: dict[str, Any] = {"maps": maps, "ready_s": round(time.perf_counter() - begin, 2)}
-        figures["tokens_s"] = round(_until_shown(endpoint, maps), 2)
+        figures["tokens_s"] = round(_until_shown(http, maps), 2)
         before = _Counted(http)
         figures["requests_until_ready"] = before.requests
         figures["cpu_s_until_ready"] = round(before.cpu_s, 2)
+        time.sleep(SETTLE_S)
         figures["pss_mb"] = round(pss_of_family(one.pid) / 1e6)
+        before = _Counted(http)
         time.sleep(idle_s)
         after = _Counted(http)
         minutes = (after.at - before.at) / 60
@@ -98,18 +100,12 @@ class _Counted:
         self.cpu_s = next(value for name, value in samples if name == "process_cpu_seconds_total")
 
 
-def _until_shown(endpoint: str, maps: int) -> float:
-    """Seconds until a robot that comes now sees the token of the last map."""
-    config = zenoh.Config()
-    config.insert_json5("mode", '"client"')
-    config.insert_json5("connect/endpoints", f'["{endpoint}"]')
-    config.insert_json5("scouting/multicast/enabled", "false")
+def _until_shown(http: httpx.Client, maps: int) -> float:
+    """Seconds until there is a token for each map."""
     begin = time.perf_counter()
-    with zenoh.open(config) as session:
-        last = f"firstfix/{name_of(maps - 1)}/localize/*"
-        while not list(session.liveliness().get(last, timeout=30.0)):
-            time.sleep(0.05)
-        return time.perf_counter() - begin
+    while f"\nfirstfix_zenoh_maps {maps:.1f}\n" not in http.get("/metrics").text:
+        time.sleep(0.1)
+    return time.perf_counter() - begin
 
 
 def _asked(http: httpx.Client, map_id: str, body: Body) -> float:

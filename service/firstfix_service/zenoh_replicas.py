@@ -95,17 +95,17 @@ class ZenohReplicas:
             watching.close()
 
     def _watch(self) -> None:
+        pattern = f"{TOKENS}/*"
         try:
             watching = self._session if self._client is None else zenoh.open(self._client)
+            replies = watching.liveliness().get(pattern, timeout=FIRST_LOOK_S)
+            with self._lock:
+                self._keys |= {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
+            # history: who came or went between the look and now is told as well
+            self._subscriber = watching.liveliness().declare_subscriber(pattern, self._on_token, history=True)
         except zenoh.ZError as error:
             _log.warning("other replicas are not seen yet", error=str(error))
             return
-        pattern = f"{TOKENS}/*"
-        replies = watching.liveliness().get(pattern, timeout=FIRST_LOOK_S)
-        with self._lock:
-            self._keys |= {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
-        # history: who came or went between the look and now is told as well
-        self._subscriber = watching.liveliness().declare_subscriber(pattern, self._on_token, history=True)
         self._watching = watching
 
     def _on_token(self, sample: Any) -> None:

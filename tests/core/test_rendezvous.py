@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from pathlib import Path
 
 import pytest
 
@@ -14,9 +15,12 @@ REPLICAS = ["r1", "r2", "r3", "r4"]
 
 def test_the_weight_is_the_documented_one():
     # printf hall/r1 | sha256sum | cut -c1-16
-    assert f"{weight('hall', 'r1'):016x}" == "000e0fa97676670a"
-    assert f"{weight('hall', 'r2'):016x}" == "879bb0ea0585f423"
-    assert f"{weight('hall', 'r3'):016x}" == "82ff704164163efa"
+    expected = {"r1": "000e0fa97676670a", "r2": "879bb0ea0585f423", "r3": "82ff704164163efa"}
+    page = (Path(__file__).resolve().parents[2] / "docs" / "many-maps.md").read_text()
+    for name, digits in expected.items():
+        assert f"{weight('hall', name):016x}" == digits
+        assert f"    {digits}\n" in page
+    assert rendezvous_order("hall", expected) == ["r2", "r3", "r1"]
 
 
 def test_the_order_is_that_of_the_weights_however_the_names_are_given():
