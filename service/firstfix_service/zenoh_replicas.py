@@ -55,6 +55,7 @@ class ZenohReplicas:
         self._token: Any = None
         self._watching: Any = None  # session that it watches by
         self._subscriber: Any = None
+        self._told: frozenset[str] | None = None  # what was told last, and seen to
         self._thread = threading.Thread(target=self._run, name="replica-watch", daemon=True)
 
     @property
@@ -67,7 +68,7 @@ class ZenohReplicas:
         """Follows the tokens from now on, or as soon as there is somebody to connect with; returns who is
         seen already. Blocks for a few seconds at most."""
         self._watch()
-        names = self.names
+        self._told = names = self.names
         self._thread.start()
         return names
 
@@ -121,7 +122,6 @@ class ZenohReplicas:
             self._event.set()
 
     def _run(self) -> None:
-        believed: frozenset[str] | None = self.names
         while self._watching is None and not self._stop.wait(RETRY_S):
             self._watch()
             self._event.set()
@@ -131,14 +131,12 @@ class ZenohReplicas:
             if self._stop.wait(self._settled_s) or self._event.is_set():
                 continue
             names = self.names
-            if (
-                not self._watching.info.transports()
-            ):  # it is this one that is cut off: the others have not gone
-                self._event.set()
-            elif names != believed:
+            if not self._watching.info.transports():
+                self._event.set()  # it is this one that is cut off: the others have not gone
+            elif names != self._told:
                 _log.info("other replicas hold maps", replicas=sorted(names))
                 try:
                     self._changed(names, self._event.is_set)
                 except Exception:  # the watch must outlive a defect: else nobody takes over
                     _log.exception("what other replicas held was not taken over")
-                believed = None if self._event.is_set() else names  # it may have ended early
+                self._told = None if self._event.is_set() else names  # it may have ended early
