@@ -30,7 +30,7 @@ def test_what_a_replica_pays_is_told(small_version, tmp_path: Path):
     store = tmp_path / "store"
     grow_catalog(store, small_version.directory, 0, 24)
     body = query_of(small_version.directory)
-    figures = one_replica(str(store), 24, body, tmp_path / "replica", idle_s=4.5, seed=1)
+    figures = one_replica(str(store), 24, body, tmp_path / "replica", idle_s=2.5, seed=1)
     # logs and their entries; notices, keys and what is loaded besides
     assert 24 * 3 <= figures["requests_until_ready"] < 24 * 3 + 16 * 10
     assert 0 < figures["requests_a_minute"] < 200
