@@ -16,6 +16,7 @@ from .version_cache import locked
 
 ABANDONED_S = 86400.0  # a download that nobody has gone on with for so long
 _OWN = re.compile(r"\.?([0-9a-f]{64})(\.part|\.verified|\.lock|\.[0-9a-f]{32}\.old)?")
+_USUAL = {"", ".verified", ".lock"}  # of a version that stands here
 
 
 def prune(directory: Path, max_bytes: int) -> list[str]:
@@ -29,10 +30,14 @@ def prune(directory: Path, max_bytes: int) -> list[str]:
     """
     if not directory.is_dir():
         return []
-    names = {match[1] for path in directory.iterdir() if (match := _OWN.fullmatch(path.name))}
-    for name in sorted(names):
-        _remove_leftovers(directory, name)
-    used = {name: _bytes(directory / name) for name in names if (directory / name).is_dir()}
+    parts: dict[str, list[str]] = {}
+    for path in directory.iterdir():
+        if match := _OWN.fullmatch(path.name):
+            parts.setdefault(match[1], []).append(match[2] or "")
+    for name, ends in parts.items():
+        if not set(ends) <= _USUAL or "" not in ends:
+            _remove_leftovers(directory, name, [end for end in ends if end.endswith(".old")])
+    used = {name: _bytes(directory / name) for name in parts if (directory / name).is_dir()}
     total = sum(used.values())
     removed = []
     for name in sorted(used, key=lambda name: _last_use(directory, name)):
@@ -66,12 +71,12 @@ def _remove(directory: Path, version: str) -> bool:
     return True
 
 
-def _remove_leftovers(directory: Path, version: str) -> None:
+def _remove_leftovers(directory: Path, version: str, removed: list[str]) -> None:
     """Folders of killed downloads and removals; the marker and lock of a version that is nowhere."""
     lock, marker, part = (directory / f".{version}{end}" for end in (".lock", ".verified", ".part"))
     with suppress(OSError), locked(lock, wait=False):
-        for old in directory.glob(f".{version}.*.old"):
-            shutil.rmtree(old, ignore_errors=True)
+        for end in removed:
+            shutil.rmtree(directory / f".{version}{end}", ignore_errors=True)
         if part.is_dir() and time.time() - part.stat().st_mtime > ABANDONED_S:
             shutil.rmtree(part, ignore_errors=True)
         if not part.exists() and not (directory / version).is_dir() and not _stands_elsewhere(marker):

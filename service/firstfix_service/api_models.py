@@ -201,8 +201,16 @@ class CatalogHealth(BaseModel):
     error: str | None = Field(description="code of why it cannot be read")
 
 
+class Holding(BaseModel):
+    copies: int = Field(description="replicas that hold each map")
+    replicas: int = Field(description="that share the maps, as this one sees it")
+    maps: int = Field(description="that are this replica's to hold")
+    loaded: int = Field(description="of those, in memory")
+
+
 class Readiness(BaseModel):
     status: Literal["ready"]
     maps: int = Field(description="that are served")
+    holding: Holding | None = Field(description="null: replicas share nothing")
     catalog: CatalogHealth
     queries: int = Field(description="that wait or run")

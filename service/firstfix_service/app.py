@@ -74,9 +74,10 @@ def create_app(settings: Settings, *, load: Callable[[Path], LocalizesScans] | N
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        state = app.state
         async with Start(
-            lambda stack: assemble(settings, metrics, requests, load, app.state.closing, stack)
-        ) as app.state.start:
+            lambda stack: assemble(settings, metrics, requests, load, state.closing, state.draining, stack)
+        ) as state.start:
             yield
 
     app = DocumentedApp(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import shutil
+import threading
 import time
 import uuid
 from collections.abc import Callable
@@ -24,6 +25,7 @@ from .access import open_access
 from .exposure import check_exposure
 from .georeference_cache import GeoreferenceCache
 from .health import Health
+from .holding import open_holding
 from .janitor import keep_clean
 from .localize import LocalizeUseCase
 from .map_cache import MapCache
@@ -55,11 +57,18 @@ async def assemble(
     requests: Requests,
     load: Callable[[Path], LocalizesScans] | None,
     closing: asyncio.Event,
+    draining: asyncio.Event,
     stack: AsyncExitStack,
 ) -> Parts:
-    """Starts everything in order; the stack stops it in the reverse order. May be tried again."""
+    """Starts everything in order; the stack stops it in the reverse order. May be tried again.
+
+    Args:
+        closing: as in ``Parts``.
+        draining: set before that, when others are to take over while this service goes on answering.
+    """
     check_exposure(settings)
     replica = settings.replica or uuid.uuid4().hex[:12]
+    holding = open_holding(settings, replica)
     await _start_tracing(requests, replica, stack)
     store = metered(await asyncio.to_thread(_open_store, settings), metrics)
     access = await stack.enter_async_context(open_access(settings, store, metrics))
@@ -75,6 +84,7 @@ async def assemble(
         max_bytes=settings.cache_max_bytes,
         max_disk_bytes=settings.cache_max_disk_bytes,
         pinned=settings.pinned_maps,
+        holding=holding,
         poll_interval_s=settings.poll_interval_s,
         sweep_interval_s=settings.sweep_interval_s,
     )
@@ -83,6 +93,10 @@ async def assemble(
     pool = QueryPool(settings.workers, settings.queue_size)
     stack.push_async_callback(pool.close)
     metrics.queries_admitted.set_function(lambda: pool.admitted)
+    if holding is not None:
+        metrics.maps_held.set_function(holding.__len__)
+        metrics.maps_held_loaded.set_function(lambda: maps.held_loaded)
+        metrics.holding_replicas.set_function(lambda: len(holding.replicas))
     bodies = BodyReader(settings.max_body_bytes, settings.max_inflight_bytes, settings.body_timeout_s)
     metrics.body_bytes.set_function(lambda: bodies.inflight_bytes)
     samples = await _start_samples(settings, store, metrics, stack)
@@ -112,7 +126,9 @@ async def assemble(
         GeoreferenceCache(georeferences, settings.georeference_ttl_s),
         closing,
     )
-    show = await _start_zenoh(parts, replica, requests, stack) if settings.zenoh_enabled else None
+    show = None
+    if settings.zenoh_enabled:
+        show = await _start_zenoh(parts, replica, requests, draining, stack)
 
     def polled() -> None:
         health.catalog_read()
@@ -171,11 +187,13 @@ async def _start_samples(
 
 
 async def _start_zenoh(
-    parts: Parts, replica: str, requests: Requests, stack: AsyncExitStack
+    parts: Parts, replica: str, requests: Requests, draining: asyncio.Event, stack: AsyncExitStack
 ) -> Callable[[], None]:
     """Answers over zenoh. What it gives keeps what is shown there in step, after every poll."""
     from .zenoh_catalog import ZenohCatalog
+    from .zenoh_config import client_config
     from .zenoh_endpoint import ZenohEndpoint
+    from .zenoh_replicas import ZenohReplicas
 
     settings, loop = parts.settings, asyncio.get_running_loop()
     endpoint = await asyncio.to_thread(
@@ -194,13 +212,36 @@ async def _start_zenoh(
         shown = ZenohCatalog(endpoint.session, replica, parts.maps, parts.catalog, load)
         stack.push_async_callback(asyncio.to_thread, shown.close)
     _log.info("answering over zenoh", replica=replica)
+    showing = threading.Lock()
 
-    def after_poll() -> None:
-        endpoint.show_maps(parts.maps.map_ids)
-        if shown is not None:
-            shown.update()
+    def show() -> None:
+        with showing:
+            touched = parts.maps.take_touched()
+            endpoint.show_maps({map_id: parts.maps.is_offered(map_id) for map_id in touched})
+            if shown is not None:
+                shown.update(touched)
 
-    return after_poll
+    if parts.maps.holding is None or settings.replica_names:
+        return show
+
+    def changed(names: frozenset[str], superseded: Callable[[], bool]) -> None:
+        parts.maps.share(names, show, superseded)
+
+    replicas = ZenohReplicas(endpoint.session, replica, changed, client_config(settings))
+    stack.push_async_callback(asyncio.to_thread, replicas.close)
+    parts.maps.holding.see(await asyncio.to_thread(replicas.start))
+
+    async def leave() -> None:
+        await draining.wait()
+        await asyncio.to_thread(replicas.leave)
+
+    run_with(stack, leave(), "leave-replicas")
+
+    def show_and_join() -> None:
+        show()
+        replicas.join()
+
+    return show_and_join
 
 
 def _remove_abandoned_uploads(directory: Path) -> None:

@@ -1,7 +1,8 @@
 """Which maps to look at: those that a notice names, and all of them in turn, a few at a time.
 
 One look asks the store for one object where nothing changed, and for the logs of a few maps: so many that
-each map has had its turn after ``sweep_s``, as a notice may be lost.
+each map has had its turn after ``sweep_s``, as a notice may be lost; but no more than ``LOGS_A_SECOND``,
+however many maps there are: with thousands a turn takes longer.
 """
 
 from __future__ import annotations
@@ -11,6 +12,8 @@ from collections import deque
 
 from firstfix.catalog import Catalog
 
+LOGS_A_SECOND = 10
+
 
 class CatalogWatch:
     """For one thread."""
@@ -19,10 +22,11 @@ class CatalogWatch:
         """
         Args:
             interval_s: between looks.
-            sweep_s: until every map was looked at.
+            sweep_s: until every map was looked at, where there are few enough.
         """
         self._catalog = catalog
         self._looks_a_sweep = max(1.0, sweep_s / interval_s)
+        self._most = math.ceil(LOGS_A_SECOND * interval_s)
         self._position: int | None = None  # last notice that was read; None before the first look
         self._names: list[str] = []
         self._turns: deque[str] = deque()
@@ -44,7 +48,7 @@ class CatalogWatch:
             new = self._list_again()
             listed = frozenset(self._names)
             named.extend(new)
-        few = math.ceil(len(self._names) / self._looks_a_sweep)
+        few = min(math.ceil(len(self._names) / self._looks_a_sweep), self._most)
         named.extend(self._turns.popleft() for _ in range(min(few, len(self._turns))))
         return list(dict.fromkeys(named)), listed
 

@@ -44,7 +44,10 @@ class Health:
 
     def details(self) -> dict[str, Any]:
         """For people who look: what is wrong although queries are answered."""
+        holding = self._maps.holding
         return {
+            "maps": self._maps.maps_served,
+            "holding": None if holding is None else holding.described(self._maps.held_loaded),
             "catalog": {"age_s": round(self.catalog_age_s(), 1), "error": self._error},
             "queries": self._pool.admitted,
         }

@@ -16,7 +16,8 @@ from firstfix.localization import Localization
 from firstfix.options import LocalizeOptions
 
 from .caller import NOBODY_ASKED, Caller
-from .map_cache import Leases, MapCache
+from .leases import Leases
+from .map_cache import MapCache
 from .pool import QueryPool
 from .query import Query
 from .query_recorder import QueryRecorder, RawQuery
@@ -108,8 +109,10 @@ class LocalizeUseCase:
         self._pool.check_room(group_of(self._named(map_id, caller)))
 
     def _named(self, map_id: str, caller: Caller) -> list[str]:
-        served = (name for name in self._maps.map_ids if caller.sees(name))
-        names = list(dict.fromkeys(map_id.split(","))) if map_id else list(served)
+        if map_id:
+            names = list(dict.fromkeys(map_id.split(",")))
+        else:
+            names = [name for name in self._maps.map_ids if caller.sees(name)]
         if not names:
             raise NotFound("no map is served yet")
         if len(names) > MAX_MAPS:

@@ -41,6 +41,7 @@ class MapPoller:
 
     def close(self) -> None:
         self._stop.set()
+        self._maps.load_no_more()
         self._thread.join(timeout=30)
 
     def _run(self) -> None:

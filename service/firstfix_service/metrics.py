@@ -100,6 +100,17 @@ class Metrics:
             "Maps that answer from another version than the active one, as that one was refused",
             registry=registry,
         )
+        self.maps_held = Gauge(
+            "firstfix_maps_held", "Maps that are this replica's to hold; 0 without holders", registry=registry
+        )
+        self.maps_held_loaded = Gauge(
+            "firstfix_maps_held_loaded", "Maps held by this replica that are in memory", registry=registry
+        )
+        self.holding_replicas = Gauge(
+            "firstfix_holding_replicas",
+            "Replicas that hold the maps, as this one sees it; 0 without holders",
+            registry=registry,
+        )
         self.worker_deaths = Counter(
             "firstfix_worker_deaths",
             "Worker processes that died and were replaced",

@@ -29,9 +29,7 @@ async def readyz(request: Request, parts: PartsDep) -> Readiness:
         why_not = "the service is about to stop"
     if why_not is not None:
         raise Overloaded(why_not)
-    return Readiness.model_validate(
-        {"status": "ready", "maps": len(parts.maps.map_ids), **parts.health.details()}
-    )
+    return Readiness.model_validate({"status": "ready", **parts.health.details()})
 
 
 @router.get("/metrics", include_in_schema=False)

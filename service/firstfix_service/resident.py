@@ -1,9 +1,9 @@
-"""The versions in memory, within limits: least recently used out first, never one that a query uses."""
+"""The versions in memory, within limits: in the order of ``leaving_order``, never one that a query uses."""
 
 from __future__ import annotations
 
 import threading
-from collections import OrderedDict, deque
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -12,13 +12,13 @@ import structlog
 
 from firstfix.version_cache import HeldFolder
 
+from .leaving_order import Key, LeavingOrder
 from .metrics import Metrics
 from .query import ServedVersion
 from .workers import Workers
 
 _log = structlog.get_logger(__name__)
 ROOM_WITHIN_S = 30.0  # without anything having gone meanwhile: then the limit is passed rather than wait on
-Key = tuple[str, str]  # map id, version
 
 
 @dataclass(frozen=True)
@@ -70,6 +70,8 @@ class ResidentVersions:
 
     Args:
         stays: whether the first version must not be put out for the second.
+        keeps: whether a version is only put out when no other one can be.
+        left: called for each one that nobody gets any more.
     """
 
     def __init__(
@@ -80,25 +82,47 @@ class ResidentVersions:
         max_versions: int,
         max_bytes: int,
         stays: Callable[[Key, Key], bool],
+        keeps: Callable[[Key], bool],
+        left: Callable[[Key], None],
     ) -> None:
         self._workers = workers
         self._metrics = metrics
         self._max_versions, self._max_bytes = max_versions, max_bytes
         self._stays = stays
+        self._left = left
         self._changed = threading.Condition()
-        self._residents: OrderedDict[Key, _Resident] = OrderedDict()
+        self._residents: LeavingOrder[_Resident] = LeavingOrder(keeps)
         self._leaving: set[_Resident] = set()
+        self._leaving_bytes = 0
         self._coming: dict[Key, int] = {}  # bytes of those being loaded
+        self._coming_bytes = 0
         self._line: deque[Key] = deque()  # of loads that wait for room
         self._hurries = 0
         self._dropper = ThreadPoolExecutor(1, thread_name_prefix="map-dropper")
 
-    @property
-    def has_room(self) -> bool:
-        """For one more version, as far as can be told without knowing it."""
+    def has_room(self, versions: int, size: int, *, kept: bool) -> bool:
+        """For so many more versions of so many bytes together, without any other having to go.
+
+        Args:
+            kept: they are kept: those that are not may go for them.
+        """
         with self._changed:
-            versions, size = self._taken()
-            return versions < self._max_versions and size < self._max_bytes
+            taken, taken_bytes = self._taken()
+            if kept:
+                taken -= len(self._residents) - self._residents.kept
+                taken_bytes -= self._residents.bytes - self._residents.kept_bytes
+            return taken + versions <= self._max_versions and taken_bytes + size <= self._max_bytes
+
+    @property
+    def kept(self) -> int:
+        """Versions in memory that are kept."""
+        with self._changed:
+            return self._residents.kept
+
+    def sort_again(self) -> None:
+        """After what is kept has changed."""
+        with self._changed:
+            self._residents.sort_again()
 
     def __contains__(self, key: Key) -> bool:
         with self._changed:
@@ -107,11 +131,8 @@ class ResidentVersions:
     def lease(self, key: Key) -> Lease | None:
         """None: it is not in memory."""
         with self._changed:
-            resident = self._residents.get(key)
-            if resident is None:
-                return None
-            self._residents.move_to_end(key)
-            return self._lease(resident)
+            resident = self._residents.use(key)
+            return None if resident is None else self._lease(resident)
 
     def load(self, files: VersionFiles) -> Lease:
         """Loads a version that is not in memory; one thread for each.
@@ -123,25 +144,30 @@ class ResidentVersions:
         with self._changed:
             self._wait_for_room(key, files.file_bytes)
             self._coming[key] = files.file_bytes
+            self._coming_bytes += files.file_bytes
         try:
             private = self._workers.load(files.served)
         except BaseException:
             with self._changed:
-                del self._coming[key]
+                self._coming_bytes -= self._coming.pop(key)
                 self._changed.notify_all()
             raise
         with self._changed:
-            del self._coming[key]
-            resident = self._residents[key] = _Resident(files, files.file_bytes + private)
+            self._coming_bytes -= self._coming.pop(key)
+            resident = _Resident(files, files.file_bytes + private)
+            self._residents.add(key, resident)
             lease = self._lease(resident)
             self._bid_go_for(key)  # it may take more than its files
             self._changed.notify_all()
             self._show()
         return lease
 
-    def trim(self, key: Key) -> None:
-        """Makes what is over the limit go, now that this version serves and the one before need not."""
+    def succeed(self, key: Key, before: Key | None) -> None:
+        """This version serves now and the one before need not: what is over the limit goes."""
         with self._changed:
+            for one in (before, key):
+                if one is not None:
+                    self._residents.use(one)  # which of them is kept has changed
             self._bid_go_for(key)
             self._show()
 
@@ -196,19 +222,24 @@ class ResidentVersions:
             self._changed.notify_all()
 
     def _bid_go_for(self, key: Key, need: int | None = None) -> None:
-        """Under the lock. The least recently used go, as soon as no query uses them, until the rest is within
-        the limits, and so is one more of ``need`` bytes."""
-        for candidate in list(self._residents):
-            versions = len(self._residents) + len(self._coming) + (need is not None)
-            size = self._bytes() + sum(self._coming.values()) + (need or 0)
-            if versions <= self._max_versions and size <= self._max_bytes:
+        """Under the lock. The first to leave go, as soon as no query uses them, until the rest is within the
+        limits, and so is one more of ``need`` bytes."""
+        more = need is not None
+        while (
+            len(self._residents) + len(self._coming) + more > self._max_versions
+            or self._residents.bytes + self._coming_bytes + (need or 0) > self._max_bytes
+        ):
+            candidates = (one for one in self._residents if one != key and not self._stays(one, key))
+            candidate = next(candidates, None)
+            if candidate is None:
                 return
-            if candidate != key and not self._stays(candidate, key):
-                resident = self._residents.pop(candidate)
-                resident.leaving = True
-                self._leaving.add(resident)
-                if not resident.leases:
-                    self._dropper.submit(self._drop, resident)
+            resident = self._residents.pop(candidate)
+            self._left(candidate)
+            resident.leaving = True
+            self._leaving.add(resident)
+            self._leaving_bytes += resident.bytes
+            if not resident.leases:
+                self._dropper.submit(self._drop, resident)
 
     def _drop(self, resident: _Resident) -> None:
         served = resident.files.served
@@ -219,6 +250,7 @@ class ResidentVersions:
                 resident.files.hold.close()
             with self._changed:
                 self._leaving.discard(resident)
+                self._leaving_bytes -= resident.bytes
                 self._changed.notify_all()
         self._metrics.version_evictions.inc()
         _log.info("version put out", map_id=served.map_id, version=served.version)
@@ -226,12 +258,8 @@ class ResidentVersions:
     def _taken(self) -> tuple[int, int]:
         """Versions and bytes, of what comes and goes too."""
         versions = len(self._residents) + len(self._coming) + len(self._leaving)
-        going = sum(one.bytes for one in self._leaving)
-        return versions, self._bytes() + sum(self._coming.values()) + going
-
-    def _bytes(self) -> int:
-        return sum(one.bytes for one in self._residents.values())
+        return versions, self._residents.bytes + self._coming_bytes + self._leaving_bytes
 
     def _show(self) -> None:
         self._metrics.versions_loaded.set(len(self._residents))
-        self._metrics.version_bytes.set(self._bytes())
+        self._metrics.version_bytes.set(self._residents.bytes)

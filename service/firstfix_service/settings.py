@@ -6,13 +6,14 @@ import os
 import sys
 from ipaddress import IPv4Network, IPv6Network
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 MIB = 1 << 20
 GIB = 1 << 30
+NAME = "^[a-z0-9][a-z0-9_-]{0,62}$"  # of a replica
 
 
 def _cache_home() -> Path:
@@ -126,8 +127,16 @@ class Settings(BaseSettings):
     zenoh_max_message_bytes: int = Field(
         96 * MIB, ge=1, description="of one zenoh message; a longer one is dropped unseen, without an answer"
     )
-    replica: str | None = Field(
-        None, pattern="^[a-z0-9][a-z0-9_-]{0,62}$", description="name of this replica; default: a random one"
+    replica: str | None = Field(None, pattern=NAME, description="name of this replica; default: a random one")
+
+    holders: int = Field(
+        0,
+        ge=0,
+        le=64,
+        description="replicas that hold each map, loaded ahead; 0: nobody in particular",
+    )
+    replica_names: tuple[Annotated[str, Field(pattern=NAME)], ...] = Field(
+        (), description="all replicas that share the maps; default: those that zenoh shows"
     )
 
     samples_share: float = Field(

@@ -15,12 +15,16 @@ from firstfix.errors import VersionError
 from firstfix.version_cache import HeldFolder
 from firstfix.version_prune import prune
 
+from .leaving_order import Key
 from .metrics import Metrics
 from .query import ServedVersion
-from .resident import Key, Lease, ResidentVersions, VersionFiles
+from .resident import Lease, ResidentVersions, VersionFiles
 
 _log = structlog.get_logger(__name__)
 REFUSED_FOR_S = 60.0  # a version that was found bad is read again after this: somebody may have mended it
+# Making room on the disk looks at every version there: it is done when so much may have come as would matter.
+PRUNE_SHARE = 100  # part of the limit
+PRUNE_EVERY_S = 600.0  # for what was left by others
 
 
 @dataclass(frozen=True)
@@ -33,7 +37,8 @@ class VersionLoader:
     """Thread-safe.
 
     Args:
-        directory: versions that were fetched; up to ``max_disk_bytes`` of those not in use stay there.
+        directory: versions that were fetched; up to ``max_disk_bytes`` of those not in use stay there, and a
+            hundredth of that for a moment.
     """
 
     def __init__(
@@ -53,6 +58,8 @@ class VersionLoader:
         self._lock = threading.Lock()
         self._under_way: dict[Key, Future[None]] = {}
         self._refused: dict[Key, _Refusal] = {}
+        self._fetched_bytes = 0  # since room was made
+        self._pruned_at = -PRUNE_EVERY_S
 
     def load(self, map_id: str, version: str) -> Lease:
         """
@@ -106,9 +113,19 @@ class VersionLoader:
         self._metrics.version_loads.labels("ok").inc()
         self._metrics.load_seconds.observe(seconds)
         _log.info("version loaded", map_id=map_id, version=version, seconds=round(seconds, 3))
-        for gone in prune(self._directory, self._max_disk_bytes):
-            _log.info("version taken off the disk", version=gone)
+        if self._is_time_to_prune(0 if files.hold is None else files.file_bytes):
+            for gone in prune(self._directory, self._max_disk_bytes):
+                _log.info("version taken off the disk", version=gone)
         return lease
+
+    def _is_time_to_prune(self, fetched_bytes: int) -> bool:
+        with self._lock:
+            self._fetched_bytes += fetched_bytes
+            is_due = self._fetched_bytes >= self._max_disk_bytes // PRUNE_SHARE
+            is_due |= time.monotonic() - self._pruned_at >= PRUNE_EVERY_S
+            if is_due:
+                self._fetched_bytes, self._pruned_at = 0, time.monotonic()
+            return is_due
 
     def _fetch(self, map_id: str, version: str) -> VersionFiles:
         manifest = self._catalog.manifest(map_id, version)

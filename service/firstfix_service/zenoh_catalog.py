@@ -2,7 +2,7 @@
 
     firstfix/maps                  queryable: every map, its active version and the one that answers here
     firstfix/{map_id}/version      queryable, and published on every change: one map's versions
-    firstfix/@replicas/{replica}   queryable: this replica, what it serves, how busy it is
+    firstfix/@replicas/{replica}   queryable: this replica, what it serves and holds, how busy it is
 
 Answered from memory as of the last poll: nobody waits for the store. The publications are notices and may
 be lost; every replica sends its own, when it has followed; ``seq`` orders a map's.
@@ -11,7 +11,7 @@ be lost; every replica sends its own, when it has followed; ``seq`` orders a map
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -75,10 +75,21 @@ class ZenohCatalog:
         self._known: dict[str, MapVersions] = {}  # replaced, never changed
         self._queryables: list[Any] = []
 
-    def update(self) -> None:
-        """To be called after every poll: tells what has changed since the last one."""
-        before, self._known = self._known, self._look()
+    def update(self, touched: Iterable[str]) -> None:
+        """To be called after every poll: tells what has changed of these maps since the last one. The first
+        tells nothing: a replica that starts changes nothing."""
+        known, changed = dict(self._known), []
+        for map_id in touched:
+            before, now = known.pop(map_id, None), self._versions_of(map_id)
+            if self._maps.is_served(map_id):
+                known[map_id] = now
+            elif before is None:
+                continue
+            if now != before:
+                changed.append(now)
+        self._known = known
         if not self._queryables:
+            changed = []
             answers = {
                 MAPS: self._answer_maps,
                 "firstfix/*/version": self._answer_versions,
@@ -86,47 +97,50 @@ class ZenohCatalog:
             }
             for key, answer in answers.items():
                 self._queryables.append(self._session.declare_queryable(key, answer, complete=True))
-        gone = [self._versions_of(map_id, {}) for map_id in before.keys() - self._known.keys()]
-        for versions in [*self._known.values(), *gone]:
-            if versions != before.get(versions.map_id):
-                self._session.put(versions.key, versions.to_json(self._replica), encoding=JSON)
+        for versions in changed:
+            self._session.put(versions.key, versions.to_json(self._replica), encoding=JSON)
 
     def close(self) -> None:
         for queryable in self._queryables:
             queryable.undeclare()
 
-    def _look(self) -> dict[str, MapVersions]:
-        serving = self._maps.serving
-        return {map_id: self._versions_of(map_id, serving) for map_id in self._maps.map_ids}
-
-    def _versions_of(self, map_id: str, serving: dict[str, str]) -> MapVersions:
+    def _versions_of(self, map_id: str) -> MapVersions:
         state = self._catalog.known_state(map_id)
         previous = state.activated[1] if len(state.activated) > 1 else None
-        return MapVersions(map_id, state.active, previous, serving.get(map_id), state.last_seq)
+        serving = self._maps.serving_version(map_id)
+        return MapVersions(map_id, state.active, previous, serving, state.last_seq)
 
     def _answer_maps(self, query: Any) -> None:
         maps = [
             {"map_id": one.map_id, "active_version": one.version, "serving_version": one.serving_version}
-            for one in self._known.values()
+            for _, one in sorted(self._known.items())
         ]
         with query:
             query.reply(MAPS, _json({"maps": maps}), encoding=JSON)
 
     def _answer_versions(self, query: Any) -> None:
         with query:
-            found = [one for one in self._known.values() if query.key_expr.intersects(zenoh.KeyExpr(one.key))]
+            found = self._asked_for(query.key_expr)
             for one in found:
                 query.reply(one.key, one.to_json(self._replica), encoding=JSON)
             if not found:
                 _reply_error(query, NotFound(f"no map is served on {query.key_expr}"))
 
+    def _asked_for(self, key: Any) -> list[MapVersions]:
+        known, parts = self._known, str(key).split("/")
+        if len(parts) == 3 and parts[1] in known:  # one map: no need to look at all
+            return [known[parts[1]]]
+        return [one for _, one in sorted(known.items()) if key.intersects(zenoh.KeyExpr(one.key))]
+
     def _answer_replica(self, query: Any) -> None:
-        described = {
+        described: dict[str, Any] = {
             "replica": self._replica,
             "service_version": firstfix.__version__,
-            "maps": {one.map_id: one.serving_version for one in self._known.values()},
+            "maps": {map_id: one.serving_version for map_id, one in sorted(self._known.items())},
             "load": self._load(),
         }
+        if self._maps.holding is not None:
+            described["holding"] = self._maps.holding.described(self._maps.held_loaded)
         with query:
             query.reply(f"firstfix/@replicas/{self._replica}", _json(described), encoding=JSON)
 

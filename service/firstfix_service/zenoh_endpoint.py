@@ -1,7 +1,8 @@
 """The same use case over zenoh.
 
     firstfix/{map_id}/localize             one queryable for every map this replica can serve (complete)
-    firstfix/{map_id}/localize/{replica}   this replica alone; a liveliness token for each map
+    firstfix/{map_id}/localize/{replica}   this replica alone; a liveliness token for each map, where replicas
+                                           share the maps for each that is held here
     firstfix/@any/localize                 several maps, named by the parameter ``map=a,b``, or without it all
     firstfix/@any/localize/{replica}       this replica alone; a liveliness token
 
@@ -16,7 +17,7 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Mapping
 from concurrent import futures
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
@@ -88,9 +89,12 @@ class ZenohEndpoint:
         except zenoh.ZError as error:
             raise InvalidOption(f"zenoh: {error}") from None
 
-    def show_maps(self, map_ids: Iterable[str]) -> None:
-        """Keeps one liveliness token a map, and one for any. Thread-safe."""
-        wanted = {key_of(map_id) for map_id in (ANY_MAP, *map_ids)}
+    def show_maps(self, offered: Mapping[str, bool]) -> None:
+        """Keeps one liveliness token a map that is offered here, and one for any. Thread-safe.
+
+        Args:
+            offered: of maps that may have changed since the last call.
+        """
         with self._tokens_lock:
             if self._closed:
                 return
@@ -99,10 +103,12 @@ class ZenohEndpoint:
                     for form in (key, f"{key}/{self.replica}"):
                         queryable = self.session.declare_queryable(form, self._on_query, complete=True)
                         self._queryables.append(queryable)
-            for key in wanted - self._tokens.keys():
-                self._tokens[key] = self.session.liveliness().declare_token(f"{key}/{self.replica}")
-            for key in self._tokens.keys() - wanted:
-                self._tokens.pop(key).undeclare()
+            for map_id, is_offered in {ANY_MAP: True, **offered}.items():
+                key = key_of(map_id)
+                if is_offered and key not in self._tokens:
+                    self._tokens[key] = self.session.liveliness().declare_token(f"{key}/{self.replica}")
+                elif not is_offered and key in self._tokens:
+                    self._tokens.pop(key).undeclare()
 
     @property
     def connections(self) -> int:
@@ -112,7 +118,7 @@ class ZenohEndpoint:
     @property
     def maps_shown(self) -> int:
         """Maps with a liveliness token."""
-        return sum(not key.startswith(key_of(ANY_MAP)) for key in list(self._tokens))
+        return max(len(self._tokens) - 1, 0)  # one is for any map
 
     def close(self) -> None:
         """Takes the tokens and keys back first, so that nobody new comes; answers who is there; closes.

@@ -112,6 +112,13 @@ def test_numbers_and_lists_reach_the_settings(monkeypatch: pytest.MonkeyPatch):
     assert {name: getattr(settings, name) for name in given} == {**given, "pinned_maps": ("hall", "yard")}
 
 
+def test_replicas_hold_maps_where_they_are_told_to(full: list[dict[str, Any]]):
+    pod = next(pod for name, pod in pod_specs(full) if name == "firstfix")
+    assert variable_of(pod, "FIRSTFIX_HOLDERS") == "2"
+    pod = next(pod for name, pod in pod_specs(rendered(values=STORE)) if name == "firstfix")
+    assert variable_of(pod, "FIRSTFIX_HOLDERS") is None
+
+
 def test_variables_of_ones_own_reach_every_pod():
     wanted = {"name": "AWS_REGION", "value": "eu-central-1"}
     found = list(pod_specs(rendered(values={**STORE, **NATS, "extraEnv": [wanted]})))
@@ -265,6 +272,8 @@ def test_long_release_names_still_name_replicas():
         ({**STORE, "nats": {"url": "nats://user:password@nats:4222"}}, "/nats/url"),
         ({**STORE, "settings": {"port": 9000}}, "settings.port"),
         ({**STORE, "service": {"resources": {"requests": {"cpu": None}}}}, "requests.cpu"),
+        ({**STORE, "service": {"holders": 2}}, "service.holders: .* zenoh"),
+        ({**STORE, "service": {"holders": -1}}, "/service/holders"),
     ],
     ids=[
         "nothing",
@@ -276,6 +285,8 @@ def test_long_release_names_still_name_replicas():
         "password",
         "taken",
         "no CPUs",
+        "holders without zenoh",
+        "holders",
     ],
 )
 def test_values_that_cannot_work_are_refused(values: dict[str, Any], reason: str):

@@ -8,7 +8,7 @@ import pytest
 
 from firstfix.catalog import Catalog
 from firstfix.store import Store, StoredObject
-from firstfix_service.catalog_watch import CatalogWatch
+from firstfix_service.catalog_watch import LOGS_A_SECOND, CatalogWatch
 
 
 class Counts(Store):
@@ -58,6 +58,14 @@ def test_thousands_of_maps_cost_a_few_calls_a_look(catalog: Catalog):
         assert sum(catalog.store.calls.values()) <= 4
         seen.update(names)
     assert len(seen) == MAPS
+
+
+def test_however_many_maps_there_are_no_more_than_some_logs_are_read_a_second(catalog: Catalog):
+    watch = CatalogWatch(catalog, interval_s=2, sweep_s=60)
+    watch.look()
+    looks = [watch.look()[0] for _ in range(MAPS // (2 * LOGS_A_SECOND))]
+    assert {len(names) for names in looks} == {2 * LOGS_A_SECOND}, "30 looks would have to read 100 each"
+    assert len({name for names in looks for name in names}) == MAPS, "and each has its turn"
 
 
 def test_a_notice_is_followed_at_the_next_look(catalog: Catalog):

@@ -9,53 +9,14 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from service_world import Behaviour, FakeLocalizer, publish, wait_for
+from cache_world import World
+from service_world import FakeLocalizer, wait_for
 
-from firstfix.catalog import Catalog
 from firstfix.errors import CorruptVersion, NotFound, StoreUnavailable
 from firstfix.store import Store
 from firstfix_service import version_loader
-from firstfix_service.map_cache import Leases, MapCache
 from firstfix_service.map_poller import MapPoller
-from firstfix_service.metrics import Metrics
 from firstfix_service.query import ServedVersion
-from firstfix_service.workers import LocalWorkers
-
-
-class Cache(MapCache):
-    """With what a query does in one call."""
-
-    def get(self, map_id: str, version: str | None = None) -> ServedVersion:
-        leases = self.hold(map_id, version=version)
-        leases.close()
-        (served,) = leases.served
-        return served
-
-    def hold(self, *map_ids: str, version: str | None = None) -> Leases:
-        return self.lease(map_ids, version).result(20)
-
-
-class World:
-    """A cache over a store in a directory, or over one that has to be fetched from."""
-
-    def __init__(self, tmp_path: Path, store: Store) -> None:
-        self.catalog = Catalog(store)
-        self.scratch = tmp_path / "made"
-        self.cache_dir = tmp_path / "cache"
-        self.behaviour = Behaviour()
-        self.metrics = Metrics()
-
-    def cache(self, **changes: object) -> Cache:
-        load = changes.pop("load", self.behaviour.load)
-        self.workers = LocalWorkers(load)  # type: ignore[arg-type]
-        values = {"max_versions": 8, "max_bytes": 1 << 30, "max_disk_bytes": 1 << 30, **changes}
-        return Cache(self.catalog, self.cache_dir, self.workers, self.metrics, **values)  # type: ignore[arg-type]
-
-    def publish(self, map_id: str, label: str) -> str:
-        return publish(self.catalog, map_id, label, self.scratch)
-
-    def metric(self, name: str, **labels: str) -> float | None:
-        return self.metrics.registry.get_sample_value(name, labels)
 
 
 @pytest.fixture
@@ -236,6 +197,17 @@ def test_fetched_files_stay_on_the_disk_within_its_limit(remote: World):
     left = {path.name.strip(".").split(".")[0] for path in remote.cache_dir.iterdir()}
     assert left == set(versions[1:]), "the one used longest ago went, with its marker and lock"
     assert label(cache.get("a")) == 0, "and comes back when it is asked for"
+
+
+def test_room_on_the_disk_is_not_looked_for_at_each_load(remote: World, monkeypatch: pytest.MonkeyPatch):
+    looks: list[Path] = []
+    monkeypatch.setattr(version_loader, "prune", lambda directory, limit: looks.append(directory) or [])
+    cache = remote.cache(max_versions=20, max_disk_bytes=450)
+    for k in range(12):
+        remote.publish(f"map-{k}", str(k))
+        cache.get(f"map-{k}")
+    # 14 bytes were fetched: at the start, and then for each 4
+    assert len(looks) == 4
 
 
 def test_files_in_use_never_leave_the_disk(remote: World):
@@ -477,5 +449,5 @@ def test_ids_that_were_made_up_leave_no_trace(world: World):
     for k in range(20):
         with pytest.raises(NotFound):
             cache.get(f"made-up-{k}")
-    traces = (cache._waiting, cache._serving, cache._tried, cache._published)
+    traces = (cache._waiting, cache._serving, cache._ahead._settled, cache._published)
     assert not any((*traces, cache._loader._under_way, cache._loader._refused))

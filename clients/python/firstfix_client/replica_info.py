@@ -15,6 +15,7 @@ class ReplicaInfo:
         service_version: of its software.
         maps: map id to the version that it answers with; None: it has loaded none yet.
         queries, limit: that wait or run there, and how many may.
+        held: maps that are this replica's to hold; None: the replicas share nothing.
     """
 
     replica: str
@@ -22,14 +23,16 @@ class ReplicaInfo:
     maps: Mapping[str, str | None]
     queries: int
     limit: int
+    held: int | None = None
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> ReplicaInfo:
-        load = data.get("load", {})
+        load, holding = data.get("load", {}), data.get("holding")
         return cls(
             str(data["replica"]),
             str(data.get("service_version", "")),
             dict(data.get("maps", {})),
             int(load.get("queries", 0)),
             int(load.get("limit", 0)),
+            None if holding is None else int(holding["maps"]),
         )

@@ -51,7 +51,8 @@ class ZenohClient(MapCalls, BuildCalls):
 
     A query goes to a live replica chosen at random, since the key that replicas share gives them to
     one of them only; to the shared key when no replica shows itself; and to another one when a reply
-    stays empty, as it does when a replica dies at work, or takes long.
+    stays empty, as it does when a replica dies at work, or takes long. Where replicas share the maps those
+    that hold the map show themselves.
 
     Replicas answer ``localize``, ``maps``, ``replicas`` and ``watch_versions`` over zenoh. Everything else
     that ``Client`` has goes over HTTP, to ``url``.

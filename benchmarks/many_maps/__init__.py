@@ -1,0 +1,1 @@
+"""Thousands of maps in one store: what a replica pays for them, and what it is worth to share them out."""

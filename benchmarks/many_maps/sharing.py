@@ -1,0 +1,179 @@
+"""Queries by Zipf's law over four replicas with caches too small for all maps: how many meet a loaded
+version, by who is asked. The service's own cache and holding, in one process: counts are exact."""
+
+from __future__ import annotations
+
+import random
+import shutil
+import time
+from collections import Counter
+from collections.abc import Callable
+from itertools import accumulate
+from pathlib import Path
+from typing import Any
+
+from firstfix.catalog import Catalog
+from firstfix.rendezvous import rendezvous_order
+from firstfix.store import Store
+from firstfix_service.holding import Holding
+from firstfix_service.map_cache import MapCache
+from firstfix_service.metrics import Metrics
+from firstfix_service.workers import LocalWorkers
+
+from .catalogs import grow_catalog, name_of
+
+REPLICAS = ["r1", "r2", "r3", "r4"]
+GIB = 1 << 30
+EXPONENT = 1.0
+Choose = Callable[[str], str]  # of a map: the replica that is asked
+
+
+class Group:
+    """Replicas that hold maps together.
+
+    Args:
+        copies: 0: they share nothing.
+        held: versions that each has memory for.
+    """
+
+    def __init__(self, catalog: Catalog, directory: Path, copies: int, held: int) -> None:
+        self.metrics = {name: Metrics() for name in REPLICAS}
+        self.caches = {}
+        for name in REPLICAS:
+            holding = Holding(name, copies) if copies else None
+            if holding is not None:
+                holding.see(REPLICAS)
+            self.caches[name] = MapCache(
+                catalog,
+                directory / "cache",
+                LocalWorkers(lambda folder: _Nothing()),
+                self.metrics[name],
+                max_versions=held,
+                max_bytes=GIB,
+                max_disk_bytes=GIB,
+                holding=holding,
+            )
+        for cache in self.caches.values():
+            cache.poll()
+
+    def count(self, metric: str, **labels: str) -> int:
+        values = (one.registry.get_sample_value(metric, labels) for one in self.metrics.values())
+        return int(sum(value or 0 for value in values))
+
+    def offering(self, map_id: str) -> list[str]:
+        return [name for name, cache in self.caches.items() if cache.is_offered(map_id)]
+
+    def close(self) -> None:
+        for cache in self.caches.values():
+            cache.close()
+
+
+class _Nothing:
+    def localize(self, *_: object) -> Any:
+        raise NotImplementedError
+
+
+def shares(
+    directory: Path, maps: int, queries: int, cache_shares: tuple[float, ...], seed: int
+) -> list[dict[str, Any]]:
+    """For each size of the caches (share of all maps that one replica has memory for) and way of choosing."""
+    root = directory / "tiny"
+    grow_catalog(root, None, 0, maps)
+    catalog = Catalog(Store.open(str(root)))
+    asked = zipf(maps, queries, EXPONENT, seed)
+    found = []
+    for share in cache_shares:
+        held = max(1, round(maps * share))
+        for name, copies in (("any replica", 0), ("one by a hash", 0), ("holders", 1), ("holders", 2)):
+            group = Group(catalog, directory, copies, held)
+            figures = _ask(group, asked, _choices(name, group, seed))
+            found.append({"maps": maps, "cache": share, "asked": name, "copies": copies, **figures})
+            print(found[-1], flush=True)
+            group.close()
+    shutil.rmtree(root)
+    return found
+
+
+def zipf(maps: int, queries: int, exponent: float, seed: int) -> list[str]:
+    """Maps as they are asked for: the one of rank r with a weight of r ** -exponent."""
+    order = random.Random(seed)
+    names = [name_of(number) for number in range(maps)]
+    order.shuffle(names)
+    weights = list(accumulate((rank + 1) ** -exponent for rank in range(maps)))
+    return order.choices(names, cum_weights=weights, k=queries)
+
+
+def _choices(name: str, group: Group, seed: int) -> Choose:
+    """As a proxy's hash chooses, or a robot over zenoh: at random among those that show the map."""
+    turn = random.Random(seed)
+    if name == "one by a hash":
+        return lambda map_id: rendezvous_order(map_id, REPLICAS)[0]
+    return lambda map_id: turn.choice(group.offering(map_id))
+
+
+def _ask(group: Group, asked: list[str], choose: Choose) -> dict[str, Any]:
+    ahead = group.count("firstfix_version_loads_total", result="ok")
+    load: Counter[str] = Counter()
+    for map_id in asked:
+        name = choose(map_id)
+        load[name] += 1
+        group.caches[name].lease([map_id]).result(60).close()
+    hits = group.count("firstfix_cache_lookups_total", result="hit")
+    return {
+        "loaded_ahead": ahead,
+        "met_loaded": round(hits / len(asked), 4),
+        "loads": group.count("firstfix_version_loads_total", result="ok") - ahead,
+        "busiest": round(max(load.values()) / len(asked), 3),
+    }
+
+
+def movement(maps: int, replicas: int, copies: int) -> dict[str, Any]:
+    """When one of the replicas leaves: what the others take over, and the time to find that out."""
+    names = [f"r{number}" for number in range(1, replicas + 1)]
+    come, seconds, others = 0, 0.0, 0
+    for name in names[:-1]:
+        holding = Holding(name, copies)
+        holding.see(names)
+        holding.know(map(name_of, range(maps)))
+        before = set(holding.maps)
+        begin = time.perf_counter()
+        moved = holding.see(names[:-1])
+        seconds = max(seconds, time.perf_counter() - begin)
+        come += len(moved.come)
+        others += len(before - set(holding.maps))
+    return {
+        "maps": maps,
+        "replicas": replicas,
+        "copies": copies,
+        "taken_over": round(come / (maps * copies), 4),
+        "lost_by_others": others,
+        "see_ms": round(1e3 * seconds, 1),
+    }
+
+
+def takeover(directory: Path, maps: int, copies: int) -> dict[str, Any]:
+    """The last replica leaves: what the others load, and how long the slowest of them takes, one after the
+    other, with versions of a few bytes: what a load costs beside its files."""
+    root = directory / "taken-over"
+    grow_catalog(root, None, 0, maps)
+    group = Group(Catalog(Store.open(str(root))), directory, copies, maps)
+    *others, gone = REPLICAS
+    held = group.caches[gone].held_loaded
+    before = group.count("firstfix_version_loads_total", result="ok")
+    seconds = []
+    for name in others:
+        begin = time.perf_counter()
+        group.caches[name].share(others)
+        seconds.append(time.perf_counter() - begin)
+    figures = {
+        "maps": maps,
+        "replicas": len(REPLICAS),
+        "copies": copies,
+        "maps_held_by_one": held,
+        "loads": group.count("firstfix_version_loads_total", result="ok") - before,
+        "loaded_after": sum(group.caches[name].held_loaded for name in others),
+        "slowest_s": round(max(seconds), 2),
+    }
+    group.close()
+    shutil.rmtree(root)
+    return figures

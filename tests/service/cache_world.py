@@ -1,0 +1,51 @@
+"""A cache of versions over a real store, with fake localizers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from service_world import Behaviour, publish
+
+from firstfix.catalog import Catalog
+from firstfix.store import Store
+from firstfix_service.leases import Leases
+from firstfix_service.map_cache import MapCache
+from firstfix_service.metrics import Metrics
+from firstfix_service.query import ServedVersion
+from firstfix_service.workers import LocalWorkers
+
+
+class Cache(MapCache):
+    """With what a query does in one call."""
+
+    def get(self, map_id: str, version: str | None = None) -> ServedVersion:
+        leases = self.hold(map_id, version=version)
+        leases.close()
+        (served,) = leases.served
+        return served
+
+    def hold(self, *map_ids: str, version: str | None = None) -> Leases:
+        return self.lease(map_ids, version).result(20)
+
+
+class World:
+    """A cache over a store in a directory, or over one that has to be fetched from."""
+
+    def __init__(self, tmp_path: Path, store: Store) -> None:
+        self.catalog = Catalog(store)
+        self.scratch = tmp_path / "made"
+        self.cache_dir = tmp_path / "cache"
+        self.behaviour = Behaviour()
+        self.metrics = Metrics()
+
+    def cache(self, **changes: object) -> Cache:
+        load = changes.pop("load", self.behaviour.load)
+        self.workers = LocalWorkers(load)  # type: ignore[arg-type]
+        values = {"max_versions": 8, "max_bytes": 1 << 30, "max_disk_bytes": 1 << 30, **changes}
+        return Cache(self.catalog, self.cache_dir, self.workers, self.metrics, **values)  # type: ignore[arg-type]
+
+    def publish(self, map_id: str, label: str) -> str:
+        return publish(self.catalog, map_id, label, self.scratch)
+
+    def metric(self, name: str, **labels: str) -> float | None:
+        return self.metrics.registry.get_sample_value(name, labels)
