@@ -216,7 +216,7 @@ async def _start_zenoh(
 
     def show() -> None:
         with showing:
-            touched = parts.maps.take_touched()
+            touched = parts.maps.served.take_touched()
             endpoint.show_maps({map_id: parts.maps.is_offered(map_id) for map_id in touched})
             if shown is not None:
                 shown.update(touched)

@@ -46,7 +46,7 @@ class Health:
         """For people who look: what is wrong although queries are answered."""
         holding = self._maps.holding
         return {
-            "maps": self._maps.maps_served,
+            "maps": len(self._maps.served),
             "holding": None if holding is None else holding.described(self._maps.held_loaded),
             "catalog": {"age_s": round(self.catalog_age_s(), 1), "error": self._error},
             "queries": self._pool.admitted,

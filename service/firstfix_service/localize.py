@@ -112,7 +112,7 @@ class LocalizeUseCase:
         if map_id:
             names = list(dict.fromkeys(map_id.split(",")))
         else:
-            names = [name for name in self._maps.map_ids if caller.sees(name)]
+            names = [name for name in self._maps.served.ids if caller.sees(name)]
         if not names:
             raise NotFound("no map is served yet")
         if len(names) > MAX_MAPS:

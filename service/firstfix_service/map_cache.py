@@ -25,6 +25,7 @@ from .metrics import Metrics
 from .query import ServedVersion
 from .request_scope import in_this_context
 from .resident import Lease, ResidentVersions
+from .served_maps import ServedMaps
 from .version_loader import VersionLoader
 from .workers import Workers
 
@@ -60,6 +61,7 @@ class MapCache:
         self._metrics = metrics
         self._pinned = frozenset(pinned)
         self.holding = holding
+        self.served = ServedMaps(metrics)
         self._resident = ResidentVersions(
             workers,
             metrics,
@@ -75,61 +77,23 @@ class MapCache:
         )
         self._watch = CatalogWatch(catalog, interval_s=poll_interval_s, sweep_s=sweep_interval_s)
         self._lock = threading.Lock()
-        self._serving: dict[str, str] = {}  # map id -> version that answers when none is named
-        self._behind: set[str] = set()  # maps whose active version was refused
-        self._touched: set[str] = set()  # maps of which something may have changed, for ``take_touched``
-        self._published: set[str] = set()  # maps with a version
         self._waiting: dict[tuple[str, str | None], list[Future[Lease]]] = {}
         self._threads = ThreadPoolExecutor(LOADERS, thread_name_prefix="map-loader")
         self.polled = False
-
-    @property
-    def map_ids(self) -> list[str]:
-        """Maps with a version, as of the last poll or a query since, in order."""
-        with self._lock:
-            return sorted(self._published)
-
-    @property
-    def serving(self) -> dict[str, str]:
-        """Map id to the version that answers when none is named, of maps asked for or loaded so far."""
-        with self._lock:
-            return dict(self._serving)
-
-    @property
-    def maps_served(self) -> int:
-        with self._lock:
-            return len(self._published)
 
     @property
     def held_loaded(self) -> int:
         """Maps held here whose serving version is in memory."""
         return self._resident.kept
 
-    def serving_version(self, map_id: str) -> str | None:
-        with self._lock:
-            return self._serving.get(map_id)
-
-    def is_served(self, map_id: str) -> bool:
-        """Whether it has a version, as of the last poll or a query since."""
-        with self._lock:
-            return map_id in self._published
-
     def is_offered(self, map_id: str) -> bool:
         """Whether callers who choose should ask here: every map that is served; where replicas share them
         one that is held, by its first holder always, by others while it is in memory."""
-        with self._lock:
-            serving = self._serving.get(map_id)
-            if self.holding is None or map_id in self._pinned or map_id not in self._published:
-                return map_id in self._published
+        if self.holding is None or map_id in self._pinned or map_id not in self.served:
+            return map_id in self.served
         if self.holding.is_first(map_id):
             return True
-        return map_id in self.holding and serving is not None and (map_id, serving) in self._resident
-
-    def take_touched(self) -> set[str]:
-        """Maps of which what the methods above say, or their logs, may have changed since the last call."""
-        with self._lock:
-            touched, self._touched = self._touched, set()
-            return touched
+        return map_id in self.holding and self._is_loaded(map_id)
 
     def lease(self, map_ids: Sequence[str], version: str | None = None) -> Future[Leases]:
         """The versions to answer a query from, of one map or several: the named one, else the active ones.
@@ -169,8 +133,7 @@ class MapCache:
         """Looks for maps and activations that are new. What cannot be read stays as it is."""
         if not self.polled:
             self._watch.start_again()
-        with self._lock:
-            known = set(self._published)
+        known = set(self.served.ids)
         names, listed = self._watch.look()
         states = self._states(names)
         seen = {map_id for map_id, state in states.items() if state.published}
@@ -179,15 +142,12 @@ class MapCache:
             gone |= known - listed
         for map_id in gone:
             self._forget(map_id)
-        with self._lock:
-            self._published |= seen
-            self._touched |= seen
+        self.served.add(seen)
         if self.holding is not None:
             self.holding.know(seen)
         self._see_to({map_id: states[map_id] for map_id in seen & self._pinned})
         self._see_to({map_id: states[map_id] for map_id in seen - self._pinned})
-        with self._lock:
-            missing = [] if self.polled else sorted(self._pinned - self._serving.keys())
+        missing = [] if self.polled else sorted(self._pinned - self.served.versions.keys())
         for map_id in missing:
             _log.warning("a pinned map is not served", map_id=map_id)
         if not self.polled:
@@ -209,8 +169,7 @@ class MapCache:
         """
         assert self.holding is not None
         moved = self.holding.see(replicas)
-        with self._lock:
-            self._touched |= moved.changed
+        self.served.touch(moved.changed)
         self._ahead.begin_again(moved.come)
         self._resident.sort_again()
         if self.polled:  # else the first poll sees to it
@@ -230,9 +189,7 @@ class MapCache:
 
     def _lease(self, map_id: str, version: str | None) -> Future[Lease]:
         future: Future[Lease] = Future()
-        with self._lock:
-            key = (map_id, version or self._serving.get(map_id, ""))
-        lease = self._resident.lease(key)
+        lease = self._resident.lease((map_id, version or self.served.version(map_id) or ""))
         self._metrics.cache_lookups.labels("miss" if lease is None else "hit").inc()
         if lease is not None:
             future.set_result(lease)
@@ -312,8 +269,7 @@ class MapCache:
                 _log.warning("cannot serve", map_id=map_id, code=error.code, error=str(error))
                 return not isinstance(error, NotFound | StoreError)
             finally:
-                with self._lock:
-                    self._touched.add(map_id)
+                self.served.touch([map_id])
             return True
 
         self._ahead.see_to(states, see_to, superseded)
@@ -325,11 +281,8 @@ class MapCache:
     def _is_due(self, map_id: str, state: MapState, this: Round) -> bool:
         """Whether a map has to be seen to: it answers and another version is active now, or it was never
         asked for and there is room. One that was put out comes back with its next query."""
-        with self._lock:
-            serving = self._serving.get(map_id)
-            behind = map_id in self._behind
-        if serving is not None and (map_id, serving) in self._resident:
-            return behind or state.active != serving
+        if self._is_loaded(map_id):
+            return self.served.is_behind(map_id) or state.active != self.served.version(map_id)
         if map_id in self._pinned:
             return True
         if state.active is None:
@@ -339,40 +292,33 @@ class MapCache:
     def _serve(self, map_id: str, version: str, *, is_active: bool) -> None:
         if self.holding is not None:
             self.holding.know([map_id])
-        with self._lock:
-            before = self._serving.get(map_id)
-            self._serving[map_id] = version
-            self._published.add(map_id)
-            self._touched.add(map_id)
-            (self._behind.discard if is_active else self._behind.add)(map_id)
-            self._metrics.maps_behind.set(len(self._behind))
+        before = self.served.serve(map_id, version, is_active=is_active)
         if before != version:
             self._resident.succeed((map_id, version), None if before is None else (map_id, before))
             _log.info("serving", map_id=map_id, version=version, is_active=is_active)
 
     def _forget(self, map_id: str) -> None:
         """A map that has nothing active any more."""
-        with self._lock:
-            self._published.discard(map_id)
-            self._serving.pop(map_id, None)
-            self._behind.discard(map_id)
-            self._touched.add(map_id)
-            self._metrics.maps_behind.set(len(self._behind))
+        self.served.forget(map_id)
         self._ahead.begin_again([map_id])
         if self.holding is not None:
             self.holding.forget(map_id)
 
+    def _is_loaded(self, map_id: str) -> bool:
+        """Whether the version that answers is in memory."""
+        version = self.served.version(map_id)
+        return version is not None and (map_id, version) in self._resident
+
     def _stays(self, candidate: Key, coming: Key) -> bool:
         """What serves is not put out for its own map's next version, nor where it is pinned."""
         map_id, version = candidate
-        serves = self._serving.get(map_id) == version
+        serves = self.served.version(map_id) == version
         return serves and (map_id in self._pinned or map_id == coming[0])
 
     def _left(self, key: Key) -> None:
-        with self._lock:
-            self._touched.add(key[0])
+        self.served.touch([key[0]])
 
     def _keeps(self, key: Key) -> bool:
         """What serves of a map that is held here is put out last."""
         map_id, version = key
-        return self.holding is not None and map_id in self.holding and self._serving.get(map_id) == version
+        return self.holding is not None and map_id in self.holding and self.served.version(map_id) == version

@@ -81,7 +81,7 @@ class ZenohCatalog:
         known, changed = dict(self._known), []
         for map_id in touched:
             before, now = known.pop(map_id, None), self._versions_of(map_id)
-            if self._maps.is_served(map_id):
+            if map_id in self._maps.served:
                 known[map_id] = now
             elif before is None:
                 continue
@@ -107,7 +107,7 @@ class ZenohCatalog:
     def _versions_of(self, map_id: str) -> MapVersions:
         state = self._catalog.known_state(map_id)
         previous = state.activated[1] if len(state.activated) > 1 else None
-        serving = self._maps.serving_version(map_id)
+        serving = self._maps.served.version(map_id)
         return MapVersions(map_id, state.active, previous, serving, state.last_seq)
 
     def _answer_maps(self, query: Any) -> None:

@@ -49,7 +49,7 @@ def test_what_is_held_is_loaded_ahead_and_nothing_else(world: World, copies: int
     assert loaded(world) == held(REPLICAS, copies)
     assert cache.held_loaded == len(held(REPLICAS, copies))
     assert {name for name in NAMES if cache.is_offered(name)} == held(REPLICAS, copies)
-    assert cache.map_ids == NAMES, "and all are served"
+    assert cache.served.ids == NAMES, "and all are served"
 
 
 def test_any_map_is_answered(world: World):
@@ -84,11 +84,11 @@ def test_a_new_version_of_what_is_held_is_kept_in_place_of_the_old_one(world: Wo
 def test_the_maps_of_a_replica_that_went_are_taken_over(world: World):
     cache = sharing(world)
     cache.poll()
-    cache.take_touched()
+    cache.served.take_touched()
     before, after = held(REPLICAS), held(["r1", "r3"])
     offered: list[set[str]] = []
     cache.share(
-        ["r1", "r3"], lambda: offered.append({n for n in cache.take_touched() if cache.is_offered(n)})
+        ["r1", "r3"], lambda: offered.append({n for n in cache.served.take_touched() if cache.is_offered(n)})
     )
     assert loaded(world) == after
     assert offered[0] == after - before, "a first holder is there at once: there is no other"
@@ -102,7 +102,7 @@ def test_the_maps_of_a_replica_that_went_are_taken_over(world: World):
 def test_a_second_holder_is_shown_when_it_has_loaded(world: World):
     cache = sharing(world, copies=2)
     cache.poll()
-    cache.take_touched()
+    cache.served.take_touched()
     come = held(["r1", "r2"], 2) - held(REPLICAS, 2)
     assert come
     offered: list[set[str]] = []
@@ -120,11 +120,11 @@ def test_without_room_for_all_the_first_holder_alone_shows_a_map(world: World):
     assert {name for name in NAMES if cache.is_offered(name)} == firsts | seconds
     for name in firsts:
         cache.get(name)
-    cache.take_touched()
+    cache.served.take_touched()
     other = min(held(REPLICAS, 2) - firsts - seconds)
     cache.get(other)
     assert {name for name in NAMES if cache.is_offered(name)} == firsts | {other}, "it took the other's place"
-    assert cache.take_touched() >= {other, *seconds}
+    assert cache.served.take_touched() >= {other, *seconds}
 
 
 def test_a_round_that_is_superseded_ends_and_the_next_one_goes_on(world: World):
@@ -196,7 +196,7 @@ def test_a_new_map_is_loaded_by_its_holder(world: World):
     assert mine
     assert len(world.behaviour.loads) - before == len(mine)
     assert {name for name in new if cache.is_offered(name)} == mine
-    assert set(new) <= cache.take_touched()
+    assert set(new) <= cache.served.take_touched()
 
 
 def test_it_loads_no_more_when_it_is_told_to_stop(world: World):
@@ -205,7 +205,7 @@ def test_it_loads_no_more_when_it_is_told_to_stop(world: World):
     cache.poll()
     assert not world.behaviour.loads
     assert cache.get(NAMES[0]).map_id == NAMES[0]
-    wait_for(lambda: cache.serving_version(NAMES[0]) is not None)
+    wait_for(lambda: cache.served.version(NAMES[0]) is not None)
 
 
 def test_a_map_that_was_seen_before_its_version_was_activated_is_loaded(world: World):
@@ -218,9 +218,9 @@ def test_a_map_that_was_seen_before_its_version_was_activated_is_loaded(world: W
     before = len(world.behaviour.loads)
     world.catalog._logs.clear()
     cache.poll()
-    assert not cache.is_served("new")
+    assert "new" not in cache.served
     assert world.catalog.store.put_new(log[1], activation)
     world.catalog.changes.note("new")
     cache.poll()
-    assert cache.serving_version("new") == version
+    assert cache.served.version("new") == version
     assert len(world.behaviour.loads) == before + 1

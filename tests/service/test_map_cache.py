@@ -43,7 +43,7 @@ def test_the_active_version_is_served_and_loaded_once(world: World):
     cache = world.cache()
     assert cache.get("hall").version == version
     assert cache.get("hall") is cache.get("hall", version)
-    assert cache.serving == {"hall": version}
+    assert cache.served.versions == {"hall": version}
     assert world.behaviour.loads == ["1"]
 
 
@@ -83,7 +83,7 @@ def test_the_poll_loads_maps_ahead_of_their_first_query(world: World):
     cache.poll()
     assert cache.polled
     assert world.behaviour.loads == ["1"]
-    assert cache.map_ids == ["hall"]
+    assert cache.served.ids == ["hall"]
 
 
 @pytest.mark.parametrize("how", ["altered file", "cannot be understood"])
@@ -364,7 +364,7 @@ def test_a_pinned_map_is_loaded_first_and_stays(world: World):
         cache.get(name)
     assert cache.get("z").version == new
     assert world.behaviour.loads.count("4") == 1
-    assert cache.serving["z"] != versions["z"]
+    assert cache.served.versions["z"] != versions["z"]
 
 
 def test_the_old_version_serves_until_the_new_one_is_loaded(world: World):
@@ -434,14 +434,14 @@ def test_a_map_is_followed_although_its_notice_was_lost(world: World, monkeypatc
     second, other = world.publish("hall", "2"), world.publish("attic", "3")
     for _ in range(4):
         cache.poll()
-    assert cache.serving == {"hall": second, "attic": other}
-    assert cache.map_ids == ["attic", "hall"]
+    assert cache.served.versions == {"hall": second, "attic": other}
+    assert cache.served.ids == ["attic", "hall"]
     for key in world.catalog.store.list("maps/attic"):
         world.catalog.store.delete(key)
     for _ in range(4):
         cache.poll()
-    assert cache.map_ids == ["hall"]
-    assert cache.serving == {"hall": second}
+    assert cache.served.ids == ["hall"]
+    assert cache.served.versions == {"hall": second}
 
 
 def test_ids_that_were_made_up_leave_no_trace(world: World):
