@@ -449,5 +449,5 @@ def test_ids_that_were_made_up_leave_no_trace(world: World):
     for k in range(20):
         with pytest.raises(NotFound):
             cache.get(f"made-up-{k}")
-    traces = (cache._waiting, cache._serving, cache._ahead._settled, cache._published)
+    traces = (cache._waiting, cache.served.versions, cache._ahead._settled, cache.served.ids)
     assert not any((*traces, cache._loader._under_way, cache._loader._refused))
