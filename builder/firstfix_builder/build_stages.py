@@ -35,6 +35,7 @@ from .fit_spacing import sample_fitting_viewpoints
 from .learn_keys import learn_keys
 from .localizability import draw_localizability
 from .map_level import level_frame
+from .map_tiles import by_tiles
 from .mesh import Mesh
 from .preview import draw_preview
 from .read_map import read_map, read_trajectory
@@ -44,6 +45,7 @@ from .self_test import self_test
 from .simulate import Simulator
 from .stage_cache import StageCache, StageResult
 from .templates import make_templates, view_distance_m
+from .tiled_mesh import TiledMesh
 from .visible_points import map_surface
 
 Progress = Callable[[str, float], None]
@@ -100,16 +102,17 @@ class BuildStages:
     def reconstruct_mesh(self, read: StageResult) -> StageResult:
         def produce(out: Path) -> None:
             if (read.directory / "triangles.npy").exists():  # the source is a mesh: taken as it is
-                Mesh.load(read.directory).save(out)
+                TiledMesh.of(Mesh.load(read.directory)).save(out)
                 return
-            reconstruct_mesh(
+            mesh = reconstruct_mesh(
                 np.load(read.directory / "points.npy"),
                 _trajectory(read),
                 self.config.reconstruct,
                 executor=self.processes,
                 progress=self._ticks("reconstruct_mesh"),
                 cancelled=self.cancelled,
-            ).save(out)
+            )
+            TiledMesh.of(mesh).save(out)
 
         return self._stage("reconstruct_mesh", {"map": read.digest}, self.config.reconstruct, produce)
 
@@ -118,8 +121,10 @@ class BuildStages:
             found, spacing_m = sample_fitting_viewpoints(
                 _simulator(mesh), self.config.viewpoints, self.config.sensor_model, _trajectory(read)
             )
-            np.save(out / "positions.npy", found.positions)
-            np.save(out / "floor_z.npy", found.floor_z)
+            order, start = by_tiles(found.positions, self.config.viewpoints.tile_m)
+            np.save(out / "positions.npy", found.positions[order])
+            np.save(out / "floor_z.npy", found.floor_z[order])
+            np.save(out / "tile_start.npy", start)
             np.save(out / "spacing_m.npy", spacing_m)
 
         chosen = {
