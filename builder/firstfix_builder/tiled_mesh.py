@@ -66,6 +66,8 @@ class TiledMesh:
 
     def part(self, tiles: tuple[int, ...]) -> Mesh:
         """The triangles of the given tiles, in their order."""
+        if len(tiles) == len(self.low):
+            return self.mesh
         triangles = np.concatenate([self.mesh.triangles[self.start[i] : self.start[i + 1]] for i in tiles])
         used, corner = np.unique(triangles, return_inverse=True)
         return Mesh(self.mesh.vertices[used], corner.reshape(-1, 3))
