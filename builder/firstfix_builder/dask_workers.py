@@ -23,7 +23,8 @@ from .runtime import Runtime, this_runtime
 from .stage_cache import StageResult
 
 _log = logging.getLogger(__name__)
-CONNECT_S = 10.0
+CONNECT_S = 5.0
+CLOSE_S = 2.0
 AWAY_S = 120.0  # that a scheduler, or all of its workers, may be gone
 POLL_S = 0.2
 LOOK_S = 5.0  # between looks at the workers
@@ -164,7 +165,7 @@ class DaskWorkers:
                 time.sleep(POLL_S)
             self._check_workers(client)
         except BaseException:
-            client.close(timeout=CONNECT_S)
+            client.close(timeout=CLOSE_S)
             raise
         return client
 
@@ -183,7 +184,7 @@ class DaskWorkers:
 
     def _close(self) -> None:
         with suppress(Exception):  # there may be no scheduler to say good-bye to
-            self._client.close(timeout=CONNECT_S)
+            self._client.close(timeout=CLOSE_S)
 
 
 class _Watch:

@@ -1,0 +1,265 @@
+"""Builds on a real Dask cluster: the same bytes, and the loss of a machine costs only what it was at."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("distributed", reason="needs firstfix[dask]")
+
+from benchmarks.dask_cluster import DaskCluster, dask_cluster, wait_until
+from firstfix.build_config import BuildConfig, ReconstructConfig
+from firstfix.errors import BuildCancelled, BuildFailed, ClusterUnavailable, InvalidOption
+from firstfix.store import Store
+from firstfix_builder.chunks import ChunkResults, run_chunks
+from firstfix_builder.dask_workers import DaskWorkers
+from firstfix_builder.pipeline import Cluster, build_version
+from firstfix_builder.reconstruct_mesh import joined_mesh, mesh_chunks
+from firstfix_builder.stage_cache import StageResult
+from servers import free_port
+from small_world import CONFIG
+
+sys.path.insert(0, str(Path(__file__).parent))
+from toy_chunks import Toy, runs
+
+HERE = Path(__file__).parent
+STAGE = "5" * 64
+AWAY_S = 60.0
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskCluster]:
+    with dask_cluster(tmp_path_factory.mktemp("dask"), 2, path=(HERE,)) as cluster:
+        yield cluster
+
+
+@pytest.fixture
+def numbers(tmp_path: Path) -> StageResult:
+    (tmp_path / "numbers").mkdir()
+    np.save(tmp_path / "numbers" / "numbers.npy", np.arange(3))
+    return StageResult("6" * 64, tmp_path / "numbers", "7" * 64)
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    (tmp_path / "log").mkdir()
+    return tmp_path / "log"
+
+
+class Driver:
+    """A build's side of it, in a thread: runs chunks and keeps how that ended."""
+
+    def __init__(self, cluster: DaskCluster, store: Path, chunks: list[Toy], numbers: StageResult) -> None:
+        self.sums: list[int] = []
+        self.error: BaseException | None = None
+        self.cancelled = threading.Event()
+        self._work = (cluster, store, chunks, numbers)
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        cluster, store, chunks, numbers = self._work
+        try:
+            with DaskWorkers(cluster.address, str(store), away_s=AWAY_S) as workers:
+                results = run_chunks(
+                    workers, STAGE, chunks, {"numbers": numbers}, lambda fraction: None, self.cancelled.is_set
+                )
+                self.sums = [int(result["sum"][0]) for result in results]
+        except BaseException as error:
+            self.error = error
+
+    def end(self) -> list[int]:
+        self._thread.join(AWAY_S)
+        assert not self._thread.is_alive()
+        if self.error is not None:
+            raise self.error
+        return self.sums
+
+
+def test_a_version_is_the_same_as_with_threads(cluster: DaskCluster, small_map: Path, tmp_path: Path):
+    config = BuildConfig.parse(
+        {
+            **CONFIG,
+            "viewpoints": {"tile_m": 6},
+            "learn_keys": {"scans": 0},
+            "self_test": {"queries": 4, "outside": 2},
+        }
+    )
+    store = tmp_path / "store"
+    near = build_version(small_map, config, tmp_path / "near")
+    far = build_version(small_map, config, tmp_path / "far", cluster=Cluster(cluster.address, str(store)))
+    assert far.manifest.digest == near.manifest.digest
+    keys = Store.open(str(store)).list("stages")
+    assert [key for key in keys if "/chunks/" in key] == []
+
+
+def test_a_cloud_becomes_the_same_mesh(cluster: DaskCluster, tmp_path: Path):
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.uniform(0, 12, (9000, 2)), rng.normal(0, 0.01, 9000)])
+    (tmp_path / "map").mkdir()
+    np.save(tmp_path / "map" / "points.npy", points)
+    read = StageResult("9" * 64, tmp_path / "map", "a" * 64)
+    chunks = mesh_chunks(points, ReconstructConfig(tile_cells=40))
+    assert len(chunks) >= 4
+
+    with DaskWorkers(cluster.address, str(tmp_path / "store")) as workers:
+        far = joined_mesh(
+            run_chunks(workers, STAGE, chunks, {"map": read}, lambda fraction: None, lambda: False)
+        )
+    near = joined_mesh(chunk.run({"map": tmp_path / "map"}) for chunk in chunks)
+    assert far.vertices.tobytes() == near.vertices.tobytes()
+    assert far.triangles.tobytes() == near.triangles.tobytes()
+
+
+def test_what_a_chunk_raises_reaches_the_build(
+    cluster: DaskCluster, log: Path, numbers: StageResult, tmp_path: Path
+):
+    with pytest.raises(BuildFailed, match="cannot be made"):
+        Driver(cluster, tmp_path / "store", [Toy(1, str(log), fate="raises")], numbers).end()
+    with pytest.raises(ValueError, match="a fault"):
+        Driver(cluster, tmp_path / "store", [Toy(1, str(log), fate="breaks")], numbers).end()
+
+
+def test_cancelled_it_begins_no_more(cluster: DaskCluster, log: Path, numbers: StageResult, tmp_path: Path):
+    gate = tmp_path / "gate"
+    driver = Driver(cluster, tmp_path / "store", [Toy(n, str(log), str(gate)) for n in range(50)], numbers)
+    wait_until(lambda: runs(log) > 0)
+    driver.cancelled.set()
+    with pytest.raises(BuildCancelled):
+        driver.end()
+    begun = runs(log)
+    gate.touch()
+    assert begun < 50
+    free = Driver(cluster, tmp_path / "other", [Toy(100, str(log))], numbers)
+    assert free.end() == [100], "the workers are free for another"
+    assert runs(log) - 1 <= begun + 2  # what was at a worker already
+
+
+def test_a_build_that_was_not_connected_to_this_store_is_refused(
+    cluster: DaskCluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(Store, "put", lambda self, key, data: None)  # as if it were another's directory
+    with pytest.raises(BuildFailed, match="another store"):
+        DaskWorkers(cluster.address, str(tmp_path / "store"))
+
+
+def test_a_store_in_memory_is_no_other_machines():
+    with pytest.raises(InvalidOption, match="memory"):
+        DaskWorkers("tcp://127.0.0.1:1", "memory://")
+
+
+def test_workers_that_are_killed_cost_their_chunks(log: Path, numbers: StageResult, tmp_path: Path):
+    gates = [tmp_path / f"gate-{n}" for n in range(3)]
+    chunks = [
+        *(Toy(n, str(log)) for n in range(10)),
+        Toy(10, str(log), str(gates[0])),
+        *(Toy(n, str(log)) for n in range(11, 20)),
+        Toy(20, str(log), str(gates[1])),
+    ]
+    with dask_cluster(tmp_path / "dask", 0, path=(HERE,)) as cluster:
+        first = cluster.start_worker()
+        driver = Driver(cluster, tmp_path / "store", chunks, numbers)
+        wait_until(lambda: runs(log, 10) == 1, AWAY_S)
+        cluster.kill_worker(first)
+        second = cluster.start_worker()
+        wait_until(lambda: runs(log, 10) == 2, AWAY_S)
+        gates[0].touch()
+        wait_until(lambda: runs(log, 20) == 1)
+        cluster.kill_worker(second)
+        gates[1].touch()
+        cluster.start_worker()
+        assert driver.end() == list(range(21))
+    counts = [runs(log, n) for n in range(21)]
+    assert counts[10] == counts[20] == 2
+    # Dask holds an ended chunk's (empty) answer at its worker: the loss of it makes it look there again,
+    # and find the result in the store
+    assert sum(counts) == 23
+
+
+def test_a_scheduler_that_is_killed_costs_what_was_under_way(log: Path, numbers: StageResult, tmp_path: Path):
+    gate = tmp_path / "gate"
+    chunks = [*(Toy(n, str(log)) for n in range(10)), Toy(10, str(log), str(gate)), Toy(11, str(log))]
+    with dask_cluster(tmp_path / "dask", 1, path=(HERE,)) as cluster:
+        driver = Driver(cluster, tmp_path / "store", chunks, numbers)
+        wait_until(lambda: runs(log, 10) == 1, AWAY_S)
+        cluster.kill_scheduler()
+        gate.touch()
+        cluster.start_scheduler()
+        cluster.start_worker()
+        assert driver.end() == list(range(12))
+    assert [runs(log, n) for n in range(10)] == [1] * 10
+    assert runs(log, 10) == 2
+    assert runs(log, 11) == 1
+
+
+def test_a_scheduler_that_stays_away_is_named_and_the_next_build_goes_on(
+    log: Path, numbers: StageResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    gate = tmp_path / "gate"
+    chunks = [*(Toy(n, str(log)) for n in range(5)), Toy(5, str(log), str(gate))]
+    with dask_cluster(tmp_path / "dask", 1, path=(HERE,)) as cluster:
+        monkeypatch.setattr(sys.modules[__name__], "AWAY_S", 5.0)
+        driver = Driver(cluster, tmp_path / "store", chunks, numbers)
+        wait_until(lambda: runs(log, 5) == 1)
+        cluster.kill_scheduler()
+        monkeypatch.setattr(sys.modules[__name__], "AWAY_S", 60.0)
+        with pytest.raises(ClusterUnavailable, match=cluster.address):
+            driver.end()
+        gate.touch()
+        store = Store.open(str(tmp_path / "store"))
+        assert ChunkResults(store, STAGE).made() == {chunk.name for chunk in chunks[:5]}
+        cluster.start_scheduler()
+        cluster.start_worker()
+        assert Driver(cluster, tmp_path / "store", chunks, numbers).end() == list(range(6))
+    assert [runs(log, n) for n in range(6)] == [1, 1, 1, 1, 1, 2]
+
+
+def test_a_chunk_that_kills_its_workers_fails_the_build(log: Path, numbers: StageResult, tmp_path: Path):
+    once = {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "1"}  # not 3: workers start slowly
+    with dask_cluster(tmp_path / "dask", 2, path=(HERE,), environment=once) as cluster:
+        driver = Driver(cluster, tmp_path / "store", [Toy(1, str(log), fate="dies")], numbers)
+        with pytest.raises(BuildFailed, match="died of it"):
+            driver.end()
+    assert runs(log) == 2
+
+
+def test_without_a_scheduler_or_workers_it_says_so(tmp_path: Path):
+    with pytest.raises(ClusterUnavailable, match="no Dask scheduler answers"):
+        DaskWorkers(f"tcp://127.0.0.1:{free_port()}", str(tmp_path), away_s=0.0)
+    with (
+        dask_cluster(tmp_path / "dask", 0, path=(HERE,)) as cluster,
+        pytest.raises(ClusterUnavailable, match="no workers"),
+    ):
+        DaskWorkers(cluster.address, str(tmp_path), away_s=4.0)
+
+
+@contextmanager
+def other_code(folder: Path, change: Callable[[Path], None]) -> Iterator[Path]:
+    """A copy of core and builder that differs."""
+    root = Path(__file__).resolve().parents[2]
+    for part in ("core/firstfix", "builder/firstfix_builder"):
+        shutil.copytree(root / part, folder / Path(part).name)
+    change(folder)
+    yield folder
+
+
+def test_workers_with_other_code_are_refused(tmp_path: Path):
+    def change(folder: Path) -> None:
+        with (folder / "firstfix_builder" / "templates.py").open("a") as file:
+            file.write("# another line\n")
+
+    with (
+        other_code(tmp_path / "other", change) as folder,
+        dask_cluster(tmp_path / "dask", 1, path=(HERE,)) as cluster,
+    ):
+        cluster.start_worker(folder)
+        cluster.wait_for_workers(2)
+        with pytest.raises(BuildFailed, match=r"has code \w+ where \w+ is needed"):
+            DaskWorkers(cluster.address, str(tmp_path / "store"))
