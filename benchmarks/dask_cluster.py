@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
+PATIENCE_S = 120.0  # a busy machine starts a worker slowly
 _ROOT = Path(__file__).resolve().parents[1]
 
 
@@ -55,6 +56,7 @@ class DaskCluster:
         self._started += 1
         place = ("--local-directory", str(self._folder / f"worker-{self._started}"))
         options = ("--nthreads", "1", "--no-nanny", "--dashboard-address", "127.0.0.1:0")
+        options += ("--death-timeout", "60")
         bound = () if processor is None else ("taskset", "--cpu-list", str(processor))
         worker = self._start({}, "worker", self.address, *options, *place, path=path, before=bound)
         self.workers.append(worker)
@@ -79,7 +81,10 @@ class DaskCluster:
     def log(self) -> str:
         return (self._folder / "log").read_text()
 
-    def wait_for_workers(self, count: int, seconds: float = 60.0) -> None:
+    def wait_for_scheduler(self) -> None:
+        wait_until(lambda: "Scheduler at:" in self.log())
+
+    def wait_for_workers(self, count: int, seconds: float = PATIENCE_S) -> None:
         """Until so many have come, since the cluster began."""
         wait_until(lambda: self.log().count("Register worker addr") >= count, seconds)
 
@@ -127,7 +132,7 @@ def dask_cluster(
         cluster.stop()
 
 
-def wait_until(condition: Callable[[], bool], seconds: float = 60.0) -> None:
+def wait_until(condition: Callable[[], bool], seconds: float = PATIENCE_S) -> None:
     """
     Raises:
         TimeoutError: it did not come true.

@@ -5,8 +5,7 @@ from __future__ import annotations
 import shutil
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +30,7 @@ from toy_chunks import Toy, runs
 
 HERE = Path(__file__).parent
 STAGE = "5" * 64
-AWAY_S = 60.0
+AWAY_S = 120.0
 
 
 @pytest.fixture(scope="module")
@@ -56,18 +55,25 @@ def log(tmp_path: Path) -> Path:
 class Driver:
     """A build's side of it, in a thread: runs chunks and keeps how that ended."""
 
-    def __init__(self, cluster: DaskCluster, store: Path, chunks: list[Toy], numbers: StageResult) -> None:
+    def __init__(
+        self,
+        cluster: DaskCluster,
+        store: Path,
+        chunks: list[Toy],
+        numbers: StageResult,
+        away_s: float = AWAY_S,
+    ) -> None:
         self.sums: list[int] = []
         self.error: BaseException | None = None
         self.cancelled = threading.Event()
-        self._work = (cluster, store, chunks, numbers)
+        self._work = (cluster, store, chunks, numbers, away_s)
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def _run(self) -> None:
-        cluster, store, chunks, numbers = self._work
+        cluster, store, chunks, numbers, away_s = self._work
         try:
-            with DaskWorkers(cluster.address, str(store), away_s=AWAY_S) as workers:
+            with DaskWorkers(cluster.address, str(store), away_s=away_s) as workers:
                 results = run_chunks(
                     workers, STAGE, chunks, {"numbers": numbers}, lambda fraction: None, self.cancelled.is_set
                 )
@@ -76,7 +82,7 @@ class Driver:
             self.error = error
 
     def end(self) -> list[int]:
-        self._thread.join(AWAY_S)
+        self._thread.join(2 * AWAY_S)
         assert not self._thread.is_alive()
         if self.error is not None:
             raise self.error
@@ -166,10 +172,10 @@ def test_workers_that_are_killed_cost_their_chunks(log: Path, numbers: StageResu
     with dask_cluster(tmp_path / "dask", 0, path=(HERE,)) as cluster:
         first = cluster.start_worker()
         driver = Driver(cluster, tmp_path / "store", chunks, numbers)
-        wait_until(lambda: runs(log, 10) == 1, AWAY_S)
+        wait_until(lambda: runs(log, 10) == 1)
         cluster.kill_worker(first)
         second = cluster.start_worker()
-        wait_until(lambda: runs(log, 10) == 2, AWAY_S)
+        wait_until(lambda: runs(log, 10) == 2)
         gates[0].touch()
         wait_until(lambda: runs(log, 20) == 1)
         cluster.kill_worker(second)
@@ -188,7 +194,7 @@ def test_a_scheduler_that_is_killed_costs_what_was_under_way(log: Path, numbers:
     chunks = [*(Toy(n, str(log)) for n in range(10)), Toy(10, str(log), str(gate)), Toy(11, str(log))]
     with dask_cluster(tmp_path / "dask", 1, path=(HERE,)) as cluster:
         driver = Driver(cluster, tmp_path / "store", chunks, numbers)
-        wait_until(lambda: runs(log, 10) == 1, AWAY_S)
+        wait_until(lambda: runs(log, 10) == 1)
         cluster.kill_scheduler()
         gate.touch()
         cluster.start_scheduler()
@@ -200,16 +206,15 @@ def test_a_scheduler_that_is_killed_costs_what_was_under_way(log: Path, numbers:
 
 
 def test_a_scheduler_that_stays_away_is_named_and_the_next_build_goes_on(
-    log: Path, numbers: StageResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    log: Path, numbers: StageResult, tmp_path: Path
 ):
     gate = tmp_path / "gate"
     chunks = [*(Toy(n, str(log)) for n in range(5)), Toy(5, str(log), str(gate))]
     with dask_cluster(tmp_path / "dask", 1, path=(HERE,)) as cluster:
-        monkeypatch.setattr(sys.modules[__name__], "AWAY_S", 5.0)
-        driver = Driver(cluster, tmp_path / "store", chunks, numbers)
+        cluster.wait_for_workers(1)
+        driver = Driver(cluster, tmp_path / "store", chunks, numbers, away_s=8.0)
         wait_until(lambda: runs(log, 5) == 1)
         cluster.kill_scheduler()
-        monkeypatch.setattr(sys.modules[__name__], "AWAY_S", 60.0)
         with pytest.raises(ClusterUnavailable, match=cluster.address):
             driver.end()
         gate.touch()
@@ -233,33 +238,20 @@ def test_a_chunk_that_kills_its_workers_fails_the_build(log: Path, numbers: Stag
 def test_without_a_scheduler_or_workers_it_says_so(tmp_path: Path):
     with pytest.raises(ClusterUnavailable, match="no Dask scheduler answers"):
         DaskWorkers(f"tcp://127.0.0.1:{free_port()}", str(tmp_path), away_s=0.0)
-    with (
-        dask_cluster(tmp_path / "dask", 0, path=(HERE,)) as cluster,
-        pytest.raises(ClusterUnavailable, match="no workers"),
-    ):
-        DaskWorkers(cluster.address, str(tmp_path), away_s=4.0)
-
-
-@contextmanager
-def other_code(folder: Path, change: Callable[[Path], None]) -> Iterator[Path]:
-    """A copy of core and builder that differs."""
-    root = Path(__file__).resolve().parents[2]
-    for part in ("core/firstfix", "builder/firstfix_builder"):
-        shutil.copytree(root / part, folder / Path(part).name)
-    change(folder)
-    yield folder
+    with dask_cluster(tmp_path / "dask", 0) as cluster:
+        cluster.wait_for_scheduler()
+        with pytest.raises(ClusterUnavailable, match="no workers"):
+            DaskWorkers(cluster.address, str(tmp_path), away_s=2.0)
 
 
 def test_workers_with_other_code_are_refused(tmp_path: Path):
-    def change(folder: Path) -> None:
-        with (folder / "firstfix_builder" / "templates.py").open("a") as file:
-            file.write("# another line\n")
-
-    with (
-        other_code(tmp_path / "other", change) as folder,
-        dask_cluster(tmp_path / "dask", 1, path=(HERE,)) as cluster,
-    ):
-        cluster.start_worker(folder)
+    root, other = HERE.parents[1], tmp_path / "other"
+    for part in ("core/firstfix", "builder/firstfix_builder"):
+        shutil.copytree(root / part, other / Path(part).name)
+    with (other / "firstfix_builder" / "templates.py").open("a") as file:
+        file.write("# another line\n")
+    with dask_cluster(tmp_path / "dask", 1) as cluster:
+        cluster.start_worker(other)
         cluster.wait_for_workers(2)
         with pytest.raises(BuildFailed, match=r"has code \w+ where \w+ is needed"):
             DaskWorkers(cluster.address, str(tmp_path / "store"))
