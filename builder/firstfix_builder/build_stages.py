@@ -29,11 +29,12 @@ from firstfix.transform import inverse, make_transform, transform_points
 
 from .chunks import Arrays, Chunk, ChunkResults, Workers, run_chunks
 from .clean_cloud import clean_cloud, point_spacing_m
-from .cluster import cluster_templates
+from .cluster import cluster_by_pairs, cluster_chunks, cluster_templates
 from .content_hash import content_hash
 from .fit_engine import fit_engine
 from .fit_spacing import sample_fitting_viewpoints
 from .learn_keys import learn_keys
+from .linkage import Pairs
 from .localizability import draw_localizability
 from .map_level import level_frame
 from .map_tiles import by_tiles
@@ -172,26 +173,32 @@ class BuildStages:
     def cluster(self, templates: StageResult, engine: EngineConfig) -> StageResult:
         """Which templates look alike from neighbouring places, and who stands for them."""
 
-        def produce(out: Path) -> None:
+        def produce(out: Path, run: RunChunks) -> None:
             descriptor = engine.descriptor.make()
             made = Templates.load(templates.directory, descriptor)
-            if engine.cluster is None:
-                Clusters.alone(len(made)).save(out)
-                return
-            cluster_templates(
-                descriptor,
-                made.described,
-                made.position_m,
-                engine.cluster,
-                self._ticks("cluster"),
-                self.cancelled,
-            ).save(out)
+            config = engine.cluster
+            if config is None:
+                found = Clusters.alone(len(made))
+            elif config.neighbours is None:
+                found = cluster_templates(
+                    descriptor,
+                    made.described,
+                    made.position_m,
+                    config,
+                    self._ticks("cluster"),
+                    self.cancelled,
+                )
+            else:
+                parts = run(cluster_chunks(len(made), config.neighbours, engine.descriptor))
+                pairs = [Pairs(**part) for part in parts]
+                found = cluster_by_pairs(descriptor, made.described, len(made), pairs, config)
+            found.save(out)
 
         chosen = {
             "descriptor": engine.descriptor.model_dump(mode="json"),
             "cluster": None if engine.cluster is None else engine.cluster.model_dump(mode="json"),
         }
-        return self._stage("cluster", {"templates": templates.digest}, chosen, produce)
+        return self._chunked("cluster", {"templates": templates}, chosen, produce)
 
     def learn_keys(self, mesh: StageResult, templates: StageResult, engine: EngineConfig) -> StageResult:
         """The projection of the keys; nothing where the config or the map asks for none."""

@@ -94,7 +94,7 @@ def test_a_version_is_the_same_as_with_threads(cluster: DaskCluster, small_map: 
         {
             **CONFIG,
             "viewpoints": {"tile_m": 6},
-            "learn_keys": {"scans": 0},
+            "engine": {"method": "paper"},  # which clusters
             "self_test": {"queries": 4, "outside": 2},
         }
     )

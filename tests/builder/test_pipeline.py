@@ -87,7 +87,7 @@ def test_a_build_goes_on_at_another_machine_from_the_last_finished_stage(
     def never(*arguments: object, **more: object) -> None:
         raise AssertionError("done again")
 
-    for name in ("read_map", "sample_fitting_viewpoints", "template_chunks", "cluster_templates"):
+    for name in ("read_map", "sample_fitting_viewpoints", "template_chunks", "cluster_chunks"):
         monkeypatch.setattr(stages, name, never)
     built = build_version(small_map, BuildConfig.parse(CONFIG), tmp_path / "second", shared=shared)
     assert built.manifest.digest == small_version.manifest.digest

@@ -24,7 +24,8 @@ def test_with_a_cluster_stages_are_in_the_store():
 
 
 @pytest.mark.parametrize(
-    "executor", ["dask", "dask://", "dask://host", "tcp://host:8786", "dask://me@host:8786", "dask://h:8786/x"]
+    "executor",
+    ["dask", "dask://", "dask://host", "tcp://host:8786", "dask://me@host:8786", "dask://h:8786/x"],
 )
 def test_an_executor_that_is_none_is_refused_at_the_start(executor: str):
     with pytest.raises(ValidationError, match="build_executor"):
