@@ -19,7 +19,7 @@ from firstfix.errors import BuildCancelled, BuildFailed, ClusterUnavailable, Inv
 from firstfix.store import Store
 from firstfix_builder.chunks import ChunkResults, run_chunks
 from firstfix_builder.dask_workers import DaskWorkers
-from firstfix_builder.pipeline import Cluster, build_version
+from firstfix_builder.pipeline import BuiltVersion, Cluster, build_version
 from firstfix_builder.reconstruct_mesh import joined_mesh, mesh_chunks
 from firstfix_builder.stage_cache import StageResult
 from servers import free_port
@@ -89,21 +89,25 @@ class Driver:
         return self.sums
 
 
-def test_a_version_is_the_same_as_with_threads(cluster: DaskCluster, small_map: Path, tmp_path: Path):
-    config = BuildConfig.parse(
-        {
-            **CONFIG,
-            "viewpoints": {"tile_m": 6},
-            "engine": {"method": "paper"},  # which clusters
-            "self_test": {"queries": 4, "outside": 2},
-        }
+def test_a_version_is_the_same_as_with_threads(
+    cluster: DaskCluster, small_map: Path, small_version: BuiltVersion, small_work: Path, tmp_path: Path
+):
+    made = [path.parent for path in (small_work / "stages").glob("*/stage.json")]
+    (templates,) = (stage for stage in made if '"make_templates"' in (stage / "stage.json").read_text())
+    shutil.rmtree(templates)
+    store, told = tmp_path / "store", []
+    again = build_version(
+        small_map,
+        BuildConfig.parse(CONFIG),
+        small_work,
+        cluster=Cluster(cluster.address, str(store)),
+        progress=lambda stage, fraction: told.append(fraction) if stage == "make_templates" else None,
     )
-    store = tmp_path / "store"
-    near = build_version(small_map, config, tmp_path / "near")
-    far = build_version(small_map, config, tmp_path / "far", cluster=Cluster(cluster.address, str(store)))
-    assert far.manifest.digest == near.manifest.digest
-    keys = Store.open(str(store)).list("stages")
-    assert [key for key in keys if "/chunks/" in key] == []
+    assert again.manifest.digest == small_version.manifest.digest
+    assert told == [0.0, 0.5, 1.0, 1.0]
+    read_by_workers = Store.open(str(store)).list("stages")
+    assert len({key.split("/")[1] for key in read_by_workers}) == 2
+    assert [key for key in read_by_workers if "/chunks/" in key] == []
 
 
 def test_a_cloud_becomes_the_same_mesh(cluster: DaskCluster, tmp_path: Path):
