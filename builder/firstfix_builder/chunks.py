@@ -30,7 +30,7 @@ from firstfix.store import Store
 from .stage_cache import StageResult
 
 Arrays: TypeAlias = dict[str, NDArray[Any]]
-TRIES = 3  # of a chunk whose result is damaged, or gone when it is read
+TRIES = 3  # more of a chunk whose result is damaged, or gone when it is read
 
 
 @dataclass(frozen=True)
@@ -153,13 +153,13 @@ def run_chunks(
 
     workers.run(stage, missing, inputs, done, cancelled)
     for chunk in chunks:
-        for _ in range(TRIES):
-            arrays = results.load(chunk.name)
-            if arrays is not None:
-                break
+        arrays, tries = results.load(chunk.name), TRIES
+        while arrays is None:
+            if tries == 0:
+                raise StoreError(f"the store does not keep chunk {chunk.name[:12]} of stage {stage[:12]}")
+            tries -= 1
             workers.run(stage, [chunk], inputs, lambda: None, cancelled)
-        else:
-            raise StoreError(f"the store does not keep chunk {chunk.name[:12]} of stage {stage[:12]}")
+            arrays = results.load(chunk.name)
         yield arrays
 
 

@@ -7,7 +7,7 @@ import os
 import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -110,13 +110,12 @@ class DaskWorkers:
         Raises:
             _SchedulerLost: the rest is to be handed out again.
         """
+        pending: dict[str, Any] = {}
         attempt = uuid.uuid4().hex[:8]
-        pending = {
-            job.chunk.name: self._client.submit(
-                _run, job, key=f"{type(job.chunk).__name__}-{attempt}{job.chunk.name[:24]}"
-            )
-            for job in jobs
-        }
+        with _noticing_loss(self._client):
+            for job in jobs:
+                key = f"{type(job.chunk).__name__}-{attempt}{job.chunk.name[:24]}"
+                pending[job.chunk.name] = self._client.submit(_run, job, key=key)
         watch = _Watch(self._client, self._address, self._away_s)
         try:
             while pending:
@@ -206,14 +205,23 @@ class _Watch:
         if now - self._looked < LOOK_S:
             return
         self._looked = now
-        try:
+        with _noticing_loss(self._client):
             workers = self._client.scheduler_info()["workers"]
-        except OSError:
-            raise _SchedulerLost from None
         if workers:
             self._seen = now
         elif now - self._seen > self._away_s:
             raise ClusterUnavailable(f"the Dask scheduler at {self._address} has lost all its workers")
+
+
+@contextmanager
+def _noticing_loss(client: Any) -> Iterator[None]:
+    """What Dask raises when it has lost its scheduler, which is several things, as _SchedulerLost."""
+    try:
+        yield
+    except Exception as error:
+        if isinstance(error, OSError) or client.status != "running":
+            raise _SchedulerLost from error
+        raise
 
 
 def _reason(future: Any) -> BaseException:

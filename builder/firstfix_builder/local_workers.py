@@ -7,7 +7,7 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, wait
 from functools import cache
 from pathlib import Path
 
-from firstfix.errors import BuildCancelled, BuildFailed
+from firstfix.errors import BuildCancelled, BuildFailed, StoreError
 from firstfix.shared_stages import collect_stages
 from firstfix.store import Store
 
@@ -60,7 +60,10 @@ class LocalWorkers:
 
 
 def _make(store: str, stage: str, chunk: Chunk, inputs: Mapping[str, Path]) -> None:
-    make_chunk(_opened(store), stage, chunk, inputs)
+    try:
+        make_chunk(_opened(store), stage, chunk, inputs)
+    except StoreError as error:  # not the store of maps, which may come back
+        raise BuildFailed(f"the work folder took no result, its disk may be full: {error}") from None
 
 
 @cache

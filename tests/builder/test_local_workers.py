@@ -87,3 +87,11 @@ def test_a_process_that_dies_fails_the_build(workers: LocalWorkers, log: Path, n
     assert sums(workers, [Heavy(4, str(log))], numbers) == [4]
     with pytest.raises(BuildFailed, match="worker process died"):
         sums(workers, [Heavy(5, str(log), fate="dies")], numbers)
+
+
+def test_a_folder_that_takes_nothing_fails_the_build(
+    workers: LocalWorkers, log: Path, numbers: StageResult, tmp_path: Path
+):
+    (tmp_path / "work" / "chunks" / "stages").write_text("in the way")
+    with pytest.raises(BuildFailed, match="work folder took no result"):
+        workers.run(STAGE, [Toy(1, str(log))], {"numbers": numbers}, lambda: None, lambda: False)
