@@ -20,13 +20,16 @@ class DaskCluster:
     Args:
         folder: of logs and workers' files.
         path: folders that workers import from besides the checkout's.
+        tls: PEM files of an authority, and of certificate and key; None: unencrypted.
 
     Attributes:
         url: as ``--executor`` takes it.
         address: as Dask does.
     """
 
-    def __init__(self, folder: Path, path: tuple[Path, ...] = ()) -> None:
+    def __init__(
+        self, folder: Path, path: tuple[Path, ...] = (), tls: tuple[Path, Path] | None = None
+    ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self._folder = folder
         self._path = (_ROOT / "core", _ROOT / "builder", *path)
@@ -36,8 +39,12 @@ class DaskCluster:
         self._scheduler: subprocess.Popen[bytes] | None = None
         self._started = 0
         self.workers: list[subprocess.Popen[bytes]] = []
-        self.url = f"dask://127.0.0.1:{self._port}"
-        self.address = f"tcp://127.0.0.1:{self._port}"
+        self._secured: tuple[str, ...] = ()
+        if tls is not None:
+            ca, pair = map(str, tls)
+            self._secured = ("--tls-ca-file", ca, "--tls-cert", pair, "--tls-key", pair, "--protocol", "tls")
+        self.url = f"dask{'' if tls is None else '+tls'}://127.0.0.1:{self._port}"
+        self.address = f"{'tcp' if tls is None else 'tls'}://127.0.0.1:{self._port}"
 
     def start_scheduler(self, environment: Mapping[str, str] | None = None) -> None:
         """
@@ -45,7 +52,7 @@ class DaskCluster:
             environment: beside this process's own: Dask's configuration.
         """
         place = ("--host", "127.0.0.1", "--port", str(self._port), "--dashboard-address", "127.0.0.1:0")
-        self._scheduler = self._start(environment or {}, "scheduler", *place)
+        self._scheduler = self._start(environment or {}, "scheduler", *place, *self._secured)
 
     def start_worker(self, *path: Path, processor: int | None = None) -> subprocess.Popen[bytes]:
         """
@@ -56,7 +63,7 @@ class DaskCluster:
         self._started += 1
         place = ("--local-directory", str(self._folder / f"worker-{self._started}"))
         options = ("--nthreads", "1", "--no-nanny", "--dashboard-address", "127.0.0.1:0")
-        options += ("--death-timeout", "60")
+        options += ("--death-timeout", "60", *self._secured)
         bound = () if processor is None else ("taskset", "--cpu-list", str(processor))
         worker = self._start({}, "worker", self.address, *options, *place, path=path, before=bound)
         self.workers.append(worker)
@@ -116,13 +123,14 @@ def dask_cluster(
     path: tuple[Path, ...] = (),
     environment: Mapping[str, str] | None = None,
     bound: bool = False,
+    tls: tuple[Path, Path] | None = None,
 ) -> Iterator[DaskCluster]:
     """One that is running, with so many workers on their way.
 
     Args:
         bound: each worker to a processor of its own.
     """
-    cluster = DaskCluster(folder, path)
+    cluster = DaskCluster(folder, path, tls)
     try:
         cluster.start_scheduler(environment)
         for number in range(workers):

@@ -14,11 +14,13 @@ import pytest
 pytest.importorskip("distributed", reason="needs firstfix[dask]")
 
 from benchmarks.dask_cluster import DaskCluster, dask_cluster, wait_until
+from certificates import certificates
 from firstfix.build_config import BuildConfig, ReconstructConfig
 from firstfix.errors import BuildCancelled, BuildFailed, ClusterUnavailable, InvalidOption
 from firstfix.store import Store
 from firstfix_builder.chunks import ChunkResults, run_chunks
 from firstfix_builder.dask_workers import DaskWorkers
+from firstfix_builder.executor_url import dask_address
 from firstfix_builder.pipeline import BuiltVersion, Cluster, build_version
 from firstfix_builder.reconstruct_mesh import joined_mesh, mesh_chunks
 from firstfix_builder.stage_cache import StageResult
@@ -246,6 +248,29 @@ def test_without_a_scheduler_or_workers_it_says_so(tmp_path: Path):
         cluster.wait_for_scheduler()
         with pytest.raises(ClusterUnavailable, match="no workers"):
             DaskWorkers(cluster.address, str(tmp_path), away_s=2.0)
+
+
+def test_over_tls_both_sides_show_their_certificates(log: Path, numbers: StageResult, tmp_path: Path):
+    config = pytest.importorskip("dask.config")
+    ca, server, client = certificates(tmp_path)
+    (tmp_path / "foreign").mkdir()
+    *_, stranger = certificates(tmp_path / "foreign")
+    chunks = [Toy(n, str(log)) for n in range(3)]
+
+    def shown(pair: Path) -> dict[str, str]:
+        tls = "distributed.comm.tls"
+        return {f"{tls}.ca-file": str(ca), f"{tls}.client.cert": str(pair), f"{tls}.client.key": str(pair)}
+
+    with dask_cluster(tmp_path / "dask", 1, path=(HERE,), tls=(ca, server)) as cluster:
+        cluster.wait_for_workers(1)
+        assert dask_address(cluster.url) == cluster.address
+        with config.set(shown(client)):
+            assert Driver(cluster, tmp_path / "store", chunks, numbers).end() == [0, 1, 2]
+        with (
+            config.set(shown(stranger)),
+            pytest.raises(ClusterUnavailable, match="no Dask scheduler answers"),
+        ):
+            DaskWorkers(cluster.address, str(tmp_path / "store"), away_s=1.0)
 
 
 def test_workers_with_other_code_are_refused(tmp_path: Path):
