@@ -176,6 +176,8 @@ class DaskWorkers:
         finally:
             self.store.delete(key)
         for worker, said in found.items():
+            if isinstance(said, OSError):  # it has just gone; who comes is looked at with every chunk
+                continue
             if isinstance(said, BuildFailed):
                 raise BuildFailed(f"{worker}: {said}")
             if isinstance(said, BaseException):
