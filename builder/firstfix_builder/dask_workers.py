@@ -124,9 +124,10 @@ class DaskWorkers:
                 for name, future in list(pending.items()):
                     if future.status == "error":
                         raise _reason(future)
-                    if future.status in ("cancelled", "lost"):
+                    if future.status == "cancelled":
                         raise _SchedulerLost
-                    if future.status == "finished":
+                    # lost: it ended at a worker that died since. What it made is in the store.
+                    if future.status in ("finished", "lost"):
                         del pending[name]
                         yield name
                 watch.look()

@@ -32,7 +32,8 @@ def simulator_near(
     with _lock:
         if (mesh, tiles) not in _kept:
             part = tiled.part(tiles)
-            _kept[mesh, tiles] = Simulator(part.vertices, part.triangles)
+            # a thread each: others run beside it, on this machine or as its other workers
+            _kept[mesh, tiles] = Simulator(part.vertices, part.triangles, threads=1)
         _kept.move_to_end((mesh, tiles))
         while len(_kept) > KEPT:
             _kept.popitem(last=False)

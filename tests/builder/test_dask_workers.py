@@ -168,13 +168,8 @@ def test_a_store_in_memory_is_no_other_machines():
 
 
 def test_workers_that_are_killed_cost_their_chunks(log: Path, numbers: StageResult, tmp_path: Path):
-    gates = [tmp_path / f"gate-{n}" for n in range(3)]
-    chunks = [
-        *(Toy(n, str(log)) for n in range(10)),
-        Toy(10, str(log), str(gates[0])),
-        *(Toy(n, str(log)) for n in range(11, 20)),
-        Toy(20, str(log), str(gates[1])),
-    ]
+    gate = tmp_path / "gate"
+    chunks = [Toy(n, str(log), str(gate) if n == 10 else "") for n in range(20)]
     with dask_cluster(tmp_path / "dask", 0, path=(HERE,)) as cluster:
         first = cluster.start_worker()
         driver = Driver(cluster, tmp_path / "store", chunks, numbers)
@@ -182,17 +177,12 @@ def test_workers_that_are_killed_cost_their_chunks(log: Path, numbers: StageResu
         cluster.kill_worker(first)
         second = cluster.start_worker()
         wait_until(lambda: runs(log, 10) == 2)
-        gates[0].touch()
-        wait_until(lambda: runs(log, 20) == 1)
         cluster.kill_worker(second)
-        gates[1].touch()
+        gate.touch()
         cluster.start_worker()
-        assert driver.end() == list(range(21))
-    counts = [runs(log, n) for n in range(21)]
-    assert counts[10] == counts[20] == 2
-    # Dask holds an ended chunk's (empty) answer at its worker: the loss of it makes it look there again,
-    # and find the result in the store
-    assert sum(counts) == 23
+        assert driver.end() == list(range(20))
+    assert [runs(log, n) for n in range(20)] == [3 if n == 10 else 1 for n in range(20)]
+    assert cluster.log().count("Receive client connection") == 1, "the build noticed nothing"
 
 
 def test_a_scheduler_that_is_killed_costs_what_was_under_way(log: Path, numbers: StageResult, tmp_path: Path):
@@ -200,7 +190,7 @@ def test_a_scheduler_that_is_killed_costs_what_was_under_way(log: Path, numbers:
     chunks = [*(Toy(n, str(log)) for n in range(10)), Toy(10, str(log), str(gate)), Toy(11, str(log))]
     with dask_cluster(tmp_path / "dask", 1, path=(HERE,)) as cluster:
         driver = Driver(cluster, tmp_path / "store", chunks, numbers)
-        wait_until(lambda: runs(log, 10) == 1)
+        wait_until(lambda: runs(log, 10) >= 1)
         cluster.kill_scheduler()
         gate.touch()
         cluster.start_scheduler()
@@ -219,7 +209,7 @@ def test_a_scheduler_that_stays_away_is_named_and_the_next_build_goes_on(
     with dask_cluster(tmp_path / "dask", 1, path=(HERE,)) as cluster:
         cluster.wait_for_workers(1)
         driver = Driver(cluster, tmp_path / "store", chunks, numbers, away_s=8.0)
-        wait_until(lambda: runs(log, 5) == 1)
+        wait_until(lambda: runs(log, 5) >= 1)
         cluster.kill_scheduler()
         with pytest.raises(ClusterUnavailable, match=cluster.address):
             driver.end()
