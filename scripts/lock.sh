@@ -12,6 +12,5 @@ compile() {  # OUTPUT SOURCE [OPTION...]
 compile setup.txt setup.in "$@"
 compile dev.txt ../../pyproject.toml --extra dev "$@"
 # The images run what was tested: their versions are the tests' ones.
-for image in service builder; do
-  compile $image.txt ../../pyproject.toml --extra $image --constraints dev.txt
-done
+compile service.txt ../../pyproject.toml --extra service --constraints dev.txt
+compile builder.txt ../../pyproject.toml --extra dask --constraints dev.txt  # with builder in it

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,26 +27,31 @@ from firstfix.registration import MapSurface
 from firstfix.templates import Templates
 from firstfix.transform import inverse, make_transform, transform_points
 
+from .chunks import Arrays, Chunk, ChunkResults, Workers, run_chunks
 from .clean_cloud import clean_cloud, point_spacing_m
-from .cluster import cluster_templates
+from .cluster import cluster_by_pairs, cluster_chunks, cluster_templates
 from .content_hash import content_hash
 from .fit_engine import fit_engine
 from .fit_spacing import sample_fitting_viewpoints
 from .learn_keys import learn_keys
+from .linkage import Pairs
 from .localizability import draw_localizability
 from .map_level import level_frame
+from .map_tiles import by_tiles
 from .mesh import Mesh
 from .preview import draw_preview
 from .read_map import read_map, read_trajectory
-from .reconstruct_mesh import reconstruct_mesh
+from .reconstruct_mesh import joined_mesh, mesh_chunks
 from .reliability import draw_reliability
 from .self_test import self_test
 from .simulate import Simulator
 from .stage_cache import StageCache, StageResult
-from .templates import make_templates, view_distance_m
+from .templates import template_chunks, view_distance_m, write_templates
+from .tiled_mesh import TiledMesh
 from .visible_points import map_surface
 
 Progress = Callable[[str, float], None]
+RunChunks = Callable[[Sequence[Chunk]], Iterator[Arrays]]
 SURFACE_STEP_M = 0.1  # between the points that stand for a mesh in registration
 
 
@@ -57,7 +62,7 @@ class BuildStages:
     config: BuildConfig
     cache: StageCache
     threads: Executor
-    processes: Executor
+    workers: Workers
     progress: Progress
     cancelled: Callable[[], bool]
 
@@ -98,28 +103,25 @@ class BuildStages:
         return self._stage("read_map", inputs, chosen, produce)
 
     def reconstruct_mesh(self, read: StageResult) -> StageResult:
-        def produce(out: Path) -> None:
+        def produce(out: Path, run: RunChunks) -> None:
             if (read.directory / "triangles.npy").exists():  # the source is a mesh: taken as it is
-                Mesh.load(read.directory).save(out)
-                return
-            reconstruct_mesh(
-                np.load(read.directory / "points.npy"),
-                _trajectory(read),
-                self.config.reconstruct,
-                executor=self.processes,
-                progress=self._ticks("reconstruct_mesh"),
-                cancelled=self.cancelled,
-            ).save(out)
+                mesh = Mesh.load(read.directory)
+            else:
+                points = np.load(read.directory / "points.npy")
+                mesh = joined_mesh(run(mesh_chunks(points, self.config.reconstruct)))
+            TiledMesh.of(mesh).save(out)
 
-        return self._stage("reconstruct_mesh", {"map": read.digest}, self.config.reconstruct, produce)
+        return self._chunked("reconstruct_mesh", {"map": read}, self.config.reconstruct, produce)
 
     def sample_viewpoints(self, read: StageResult, mesh: StageResult) -> StageResult:
         def produce(out: Path) -> None:
             found, spacing_m = sample_fitting_viewpoints(
                 _simulator(mesh), self.config.viewpoints, self.config.sensor_model, _trajectory(read)
             )
-            np.save(out / "positions.npy", found.positions)
-            np.save(out / "floor_z.npy", found.floor_z)
+            order, start = by_tiles(found.positions, self.config.viewpoints.tile_m)
+            np.save(out / "positions.npy", found.positions[order])
+            np.save(out / "floor_z.npy", found.floor_z[order])
+            np.save(out / "tile_start.npy", start)
             np.save(out / "spacing_m.npy", spacing_m)
 
         chosen = {
@@ -151,50 +153,52 @@ class BuildStages:
         return self._stage("fit_engine", inputs, chosen, produce)
 
     def make_templates(self, mesh: StageResult, viewpoints: StageResult, engine: EngineConfig) -> StageResult:
-        def produce(out: Path) -> None:
+        def produce(out: Path, run: RunChunks) -> None:
             positions = np.load(viewpoints.directory / "positions.npy")
-            make_templates(
-                _simulator(mesh),
+            chunks = template_chunks(
                 positions,
-                positions[:, 2] - np.load(viewpoints.directory / "floor_z.npy"),
+                np.load(viewpoints.directory / "tile_start.npy"),
                 self.config.sensor_model.coarser(self.config.simulate.max_rays),
-                engine.descriptor.make(),
-                self.threads,
-                self._ticks("make_templates"),
-                self.cancelled,
-            ).save(out)
+                engine.descriptor,
+            )
+            write_templates(run(chunks), len(positions), out)
 
         chosen = {
             "sensor": self.config.sensor_model.to_mapping(),
             "simulate": self.config.simulate.model_dump(mode="json"),
             "descriptor": engine.descriptor.model_dump(mode="json"),
         }
-        inputs = {"mesh": mesh.digest, "viewpoints": viewpoints.digest}
-        return self._stage("make_templates", inputs, chosen, produce)
+        return self._chunked("make_templates", {"mesh": mesh, "viewpoints": viewpoints}, chosen, produce)
 
     def cluster(self, templates: StageResult, engine: EngineConfig) -> StageResult:
         """Which templates look alike from neighbouring places, and who stands for them."""
 
-        def produce(out: Path) -> None:
+        def produce(out: Path, run: RunChunks) -> None:
             descriptor = engine.descriptor.make()
             made = Templates.load(templates.directory, descriptor)
-            if engine.cluster is None:
-                Clusters.alone(len(made)).save(out)
-                return
-            cluster_templates(
-                descriptor,
-                made.described,
-                made.position_m,
-                engine.cluster,
-                self._ticks("cluster"),
-                self.cancelled,
-            ).save(out)
+            config = engine.cluster
+            if config is None:
+                found = Clusters.alone(len(made))
+            elif config.neighbours is None:
+                found = cluster_templates(
+                    descriptor,
+                    made.described,
+                    made.position_m,
+                    config,
+                    self._ticks("cluster"),
+                    self.cancelled,
+                )
+            else:
+                parts = run(cluster_chunks(len(made), config.neighbours, engine.descriptor))
+                pairs = [Pairs(**part) for part in parts]
+                found = cluster_by_pairs(descriptor, made.described, len(made), pairs, config)
+            found.save(out)
 
         chosen = {
             "descriptor": engine.descriptor.model_dump(mode="json"),
             "cluster": None if engine.cluster is None else engine.cluster.model_dump(mode="json"),
         }
-        return self._stage("cluster", {"templates": templates.digest}, chosen, produce)
+        return self._chunked("cluster", {"templates": templates}, chosen, produce)
 
     def learn_keys(self, mesh: StageResult, templates: StageResult, engine: EngineConfig) -> StageResult:
         """The projection of the keys; nothing where the config or the map asks for none."""
@@ -300,6 +304,24 @@ class BuildStages:
         self.progress(name, 0.0)
         result = self.cache.run(name, inputs, config, produce)
         self.progress(name, 1.0)
+        return result
+
+    def _chunked(
+        self,
+        name: str,
+        inputs: Mapping[str, StageResult],
+        config: Any,
+        produce: Callable[[Path, RunChunks], None],
+    ) -> StageResult:
+        """A stage whose work is done by the workers, in chunks of which none is done twice."""
+        digests = {reads: result.digest for reads, result in inputs.items()}
+        key = self.cache.key_of(name, digests, config)
+
+        def run(chunks: Sequence[Chunk]) -> Iterator[Arrays]:
+            return run_chunks(self.workers, key, chunks, inputs, self._ticks(name), self.cancelled)
+
+        result = self._stage(name, digests, config, lambda out: produce(out, run))
+        ChunkResults(self.workers.store, key).remove()
         return result
 
     def _ticks(self, stage: str) -> Callable[[float], None]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,14 +12,17 @@ from scipy.spatial import cKDTree
 
 from firstfix.clusters import Clusters
 from firstfix.descriptor import Described, Descriptor, rows_of
-from firstfix.engine_config import ClusterConfig
+from firstfix.engine_config import ClusterConfig, DescriptorConfig
 from firstfix.errors import BuildCancelled
+from firstfix.templates import Templates
 
+from .chunks import Arrays, Chunk
 from .cluster_unconstrained import cluster_unconstrained
 from .linkage import Pairs, agglomerate
 
 BLOCK = 256  # templates compared with their neighbours at once; in the order of a KD tree's leaves
 ROWS = 2048
+CHUNK = 4096  # templates whose neighbours a worker compares in one go
 
 
 def cluster_templates(
@@ -36,30 +41,50 @@ def cluster_templates(
     """
     if config.neighbours is None:
         label = cluster_unconstrained(descriptor, described, config, progress, cancelled)
-    else:
-        pairs = []
-        for done, part in neighbour_pairs(descriptor, described, position_m, config.neighbours):
-            if cancelled():
-                raise BuildCancelled("cancelled while comparing templates")
-            pairs.append(part)
-            progress(done)
-        label = agglomerate(len(position_m), Pairs.concatenate(pairs), config.linkage, config.threshold)
-    return Clusters.from_labels(label, lambda rows: most_typical(descriptor, rows_of(described, rows)))
+        return _clusters(descriptor, described, label)
+    pairs = []
+    for done, part in neighbour_pairs(descriptor, described, position_m, config.neighbours):
+        if cancelled():
+            raise BuildCancelled("cancelled while comparing templates")
+        pairs.append(part)
+        progress(done)
+    return cluster_by_pairs(descriptor, described, len(position_m), pairs, config)
+
+
+def cluster_by_pairs(
+    descriptor: Descriptor,
+    described: Described,
+    count: int,
+    pairs: Sequence[Pairs],
+    config: ClusterConfig,
+) -> Clusters:
+    """Clusters of so many templates, whose neighbours were compared."""
+    label = agglomerate(count, Pairs.concatenate(pairs), config.linkage, config.threshold)
+    return _clusters(descriptor, described, label)
 
 
 def neighbour_pairs(
-    descriptor: Descriptor, described: Described, position_m: NDArray[np.floating], neighbours: int
+    descriptor: Descriptor,
+    described: Described,
+    position_m: NDArray[np.floating],
+    neighbours: int,
+    rows: range | None = None,
 ) -> Iterator[tuple[float, Pairs]]:
     """Distances (equations 4 and 5) of every template to its nearest neighbours by position.
+
+    Args:
+        rows: only the pairs of these templates with any; of two that are each other's neighbours the first
+            has the pair. None: all.
 
     Yields:
         share of the templates done, and a part of the pairs.
     """
-    count = len(position_m)
     tree = cKDTree(position_m)
-    _, near = tree.query(position_m, k=min(neighbours + 1, count), workers=-1)
-    near = near.reshape(count, -1)
+    near = _near(tree, position_m, neighbours, rows)
     order = tree.indices  # leaf by leaf: a block of templates and their neighbours are few
+    if rows is not None:
+        order = order[(order >= rows.start) & (order < rows.stop)]
+    count = len(order)
     for start in range(0, count, BLOCK):
         block = order[start : start + BLOCK]
         here = near[block]
@@ -71,6 +96,60 @@ def neighbour_pairs(
         # of two that are each other's neighbours only the first keeps the pair
         keep = (a < b) | ((a > b) & ~(near[b] == a[:, None]).any(axis=1))
         yield (start + len(block)) / count, Pairs.of(a[keep], b[keep], distance[keep])
+
+
+def _near(
+    tree: cKDTree, position_m: NDArray[np.floating], neighbours: int, rows: range | None
+) -> NDArray[np.intp]:
+    """(n, k) the nearest templates of each, in general with itself; of rows only those of the rows and of
+    their neighbours, the rest zeros that take no memory."""
+    count = len(position_m)
+    near = np.zeros((count, min(neighbours + 1, count)), np.intp)
+
+    def find(chosen: NDArray[np.integer]) -> None:
+        found = tree.query(position_m[chosen], k=near.shape[1], workers=-1)[1]
+        near[chosen] = found.reshape(len(chosen), -1)
+
+    inside = np.arange(count) if rows is None else np.arange(rows.start, rows.stop)
+    find(inside)
+    outside = np.setdiff1d(near[inside], inside)
+    if len(outside):
+        find(outside)
+    return near
+
+
+@dataclass(frozen=True)
+class ClusterChunk(Chunk):
+    """The neighbours' pairs of some templates, with those beyond the edge. Reads the stage ``templates``.
+
+    Attributes:
+        first, last: rows of the templates, which stand tile by tile.
+    """
+
+    first: int
+    last: int
+    neighbours: int
+    descriptor: DescriptorConfig
+
+    def run(self, inputs: Mapping[str, Path]) -> Arrays:
+        descriptor = self.descriptor.make()
+        made = Templates.load(inputs["templates"], descriptor)
+        rows = range(self.first, self.last)
+        parts = neighbour_pairs(descriptor, made.described, made.position_m, self.neighbours, rows)
+        pairs = Pairs.concatenate([part for _, part in parts])
+        return {"a": pairs.a, "b": pairs.b, "distance": pairs.distance}
+
+
+def cluster_chunks(count: int, neighbours: int, descriptor: DescriptorConfig) -> list[ClusterChunk]:
+    """The work for so many templates."""
+    return [
+        ClusterChunk(first, min(first + CHUNK, count), neighbours, descriptor)
+        for first in range(0, count, CHUNK)
+    ]
+
+
+def _clusters(descriptor: Descriptor, described: Described, label: NDArray[np.intp]) -> Clusters:
+    return Clusters.from_labels(label, lambda rows: most_typical(descriptor, rows_of(described, rows)))
 
 
 def most_typical(descriptor: Descriptor, described: Described) -> int:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
@@ -21,7 +22,9 @@ from firstfix.map_index import ENGINE_FILE, MAP_FILE
 from firstfix.shared_stages import SharedStages
 
 from .build_stages import BuildStages, Progress, engine_of, link
+from .chunks import Workers
 from .die_with_parent import die_with_parent
+from .local_workers import LocalWorkers
 from .stage_cache import StageCache, StageResult
 
 STAGES = (
@@ -45,6 +48,19 @@ class BuiltVersion:
     manifest: Manifest
 
 
+@dataclass(frozen=True)
+class Cluster:
+    """Machines that share a build's work.
+
+    Attributes:
+        scheduler: Dask's address of it (``executor_url.dask_address``).
+        store_url: a store that this process and all workers reach, for inputs and results.
+    """
+
+    scheduler: str
+    store_url: str
+
+
 def build_version(
     source: Path,
     config: BuildConfig,
@@ -54,6 +70,7 @@ def build_version(
     progress: Progress = lambda stage, fraction: None,
     cancelled: Callable[[], bool] = lambda: False,
     shared: SharedStages | None = None,
+    cluster: Cluster | None = None,
 ) -> BuiltVersion:
     """Runs every stage that the cache under ``work`` does not hold yet.
 
@@ -61,21 +78,20 @@ def build_version(
         source: a map file or folder, as ``read_map`` takes it.
         trajectory: poses of the mapping run, if they are not in the source.
         shared: where other machines' finished stages are.
+        cluster: whose workers do what can be done side by side; None: threads and processes here.
 
     Raises:
         InputError: the source or the trajectory cannot be read.
         BuildFailed: a stage could not do its work.
         BuildCancelled: cancelled() said so.
+        ClusterUnavailable: the cluster is gone; what it did until then is in its store.
     """
-    workers = os.cpu_count() or 1
     with (
         threadpool_limits(1, user_api="blas"),  # its sums depend on how many threads share them
-        ThreadPoolExecutor(workers) as threads,
-        ProcessPoolExecutor(
-            workers, mp_context=get_context("spawn"), initializer=die_with_parent
-        ) as processes,
+        ThreadPoolExecutor(os.cpu_count()) as threads,
+        _workers(cluster, work, threads) as workers,
     ):
-        build = BuildStages(config, StageCache(work, shared=shared), threads, processes, progress, cancelled)
+        build = BuildStages(config, StageCache(work, shared=shared), threads, workers, progress, cancelled)
         read = build.read_map(source, trajectory)
         mesh = build.reconstruct_mesh(read)
         viewpoints = build.sample_viewpoints(read, mesh)
@@ -87,6 +103,20 @@ def build_version(
         index = build.build_index(read, mesh, fitted, templates, clusters, learned)
         tested = build.self_test(mesh, index)
         return _collect(config, read, index, tested, work)
+
+
+@contextmanager
+def _workers(cluster: Cluster | None, work: Path, threads: Executor) -> Iterator[Workers]:
+    if cluster is not None:
+        from .dask_workers import DaskWorkers
+
+        with DaskWorkers(cluster.scheduler, cluster.store_url) as far:
+            yield far
+        return
+    with ProcessPoolExecutor(
+        os.cpu_count(), mp_context=get_context("spawn"), initializer=die_with_parent
+    ) as processes:
+        yield LocalWorkers(work, threads, processes)
 
 
 def _collect(

@@ -19,9 +19,13 @@ class Simulator:
     Args:
         vertices: (v, 3) metres, map frame.
         triangles: (t, 3) indices.
+        threads: that cast rays for one call; 0: as many as there are processors. The ranges are the same.
     """
 
-    def __init__(self, vertices: NDArray[np.floating], triangles: NDArray[np.integer]) -> None:
+    def __init__(
+        self, vertices: NDArray[np.floating], triangles: NDArray[np.integer], *, threads: int = 0
+    ) -> None:
+        self._threads = threads
         self.low: NDArray[np.float64] = np.min(vertices, axis=0).astype(np.float64)  # (3,) bounds, metres
         self.high: NDArray[np.float64] = np.max(vertices, axis=0).astype(np.float64)
         self.scene = o3d.t.geometry.RaycastingScene()
@@ -33,7 +37,9 @@ class Simulator:
     def cast(self, origins: NDArray[np.floating], directions: NDArray[np.floating]) -> NDArray[np.float32]:
         """(r, 3) origins and unit directions to (r,) ranges in metres, inf where nothing is hit."""
         rays = np.concatenate([origins, directions], axis=1).astype(np.float32)
-        ranges: NDArray[np.float32] = self.scene.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
+        ranges: NDArray[np.float32] = self.scene.cast_rays(o3d.core.Tensor(rays), self._threads)[
+            "t_hit"
+        ].numpy()
         return ranges
 
     def surfaces_below(

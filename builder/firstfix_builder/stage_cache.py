@@ -33,6 +33,7 @@ from typing import Any
 from pydantic import BaseModel
 
 import firstfix
+from firstfix.errors import StoreUnavailable
 from firstfix.manifest import sha256_of
 from firstfix.shared_stages import SharedStages
 
@@ -47,10 +48,12 @@ class StageResult:
     """A finished stage.
 
     Attributes:
+        key: of all that went into it.
         directory: its files, to be read only.
         digest: sha256 of their names and contents: the input hash of the stages that read them.
     """
 
+    key: str
     directory: Path
     digest: str
 
@@ -83,7 +86,7 @@ class StageCache:
         self._max_bytes = max_bytes
         self._max_age_s = max_age_s
         self._shared = shared
-        self._code_version = _source_hash() if code_version is None else code_version
+        self._code_version = source_hash() if code_version is None else code_version
         self._in_use: list[int] = []  # shared locks on the stages that were handed out
         weakref.finalize(self, _close_all, self._in_use)
         self._remove_rubbish()
@@ -105,21 +108,57 @@ class StageCache:
         Raises:
             whatever ``produce`` raises; nothing is kept then.
         """
-        plain = config.model_dump(mode="json") if isinstance(config, BaseModel) else dict(config)
-        recipe = {"stage": name, "code": self._code_version, "inputs": dict(inputs), "config": plain}
-        key = hashlib.sha256(json.dumps(recipe, sort_keys=True).encode()).hexdigest()
+        key = self.key_of(name, inputs, config)
         found = self._find(key)
         if found is not None:
             mark_cached(name)
             return found
-        part, lock = self._new_part()
-        try:
-            (part / "files").mkdir()
-            fetched = self._shared is not None and self._shared.fetch(key, part / "files")
+        fetched = False
+
+        def fill(files: Path) -> None:
+            nonlocal fetched
+            fetched = self._shared is not None and self._shared.fetch(key, files)
             if fetched:
                 mark_cached(name)
             else:
-                produce(part / "files")
+                produce(files)
+
+        found = self._keep(key, name, fill)
+        if self._shared is not None and not fetched:
+            self._shared.put(key, name, found.directory)
+        self.prune()
+        return found
+
+    def key_of(self, name: str, inputs: Mapping[str, str], config: BaseModel | Mapping[str, Any]) -> str:
+        """What ``run`` finds a stage by."""
+        plain = config.model_dump(mode="json") if isinstance(config, BaseModel) else dict(config)
+        recipe = {"stage": name, "code": self._code_version, "inputs": dict(inputs), "config": plain}
+        return hashlib.sha256(json.dumps(recipe, sort_keys=True).encode()).hexdigest()
+
+    def fetched(self, key: str) -> StageResult:
+        """A stage that another machine made: from here, or from where stages are shared.
+
+        Raises:
+            StoreUnavailable: it cannot be had there.
+        """
+        found = self._find(key)
+        if found is not None:
+            return found
+
+        def fill(files: Path) -> None:
+            if self._shared is None or not self._shared.fetch(key, files):
+                raise StoreUnavailable(f"stage {key[:12]} cannot be had from the store")
+
+        found = self._keep(key, "fetched", fill)
+        self.prune()
+        return found
+
+    def _keep(self, key: str, name: str, fill: Callable[[Path], None]) -> StageResult:
+        """A new stage of the files that ``fill`` writes."""
+        part, lock = self._new_part()
+        try:
+            (part / "files").mkdir()
+            fill(part / "files")
             record = {"stage": name, "files": _hashes(part / "files")}
             (part / "stage.json").write_text(json.dumps(record, sort_keys=True))
             self._move_in(part, key)
@@ -129,9 +168,6 @@ class StageCache:
         found = self._find(key)
         if found is None:
             raise OSError(f"stage {name} vanished from {self._folder} as it was written")
-        if self._shared is not None and not fetched:
-            self._shared.put(key, name, found.directory)
-        self.prune()
         return found
 
     def prune(self) -> None:
@@ -165,7 +201,7 @@ class StageCache:
             return None
         self._in_use.append(lock)
         content = json.dumps(recorded, sort_keys=True).encode()
-        return StageResult(path / "files", hashlib.sha256(content).hexdigest())
+        return StageResult(key, path / "files", hashlib.sha256(content).hexdigest())
 
     def _new_part(self) -> tuple[Path, int]:
         while True:
@@ -246,7 +282,7 @@ def _last_use(stage: Path) -> float:
 
 
 @functools.cache
-def _source_hash() -> str:
+def source_hash() -> str:
     digest = hashlib.sha256()
     for package in (Path(firstfix.__file__).parent, Path(__file__).parent):
         for path in sorted(package.rglob("*.py")):

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import Executor
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.descriptor import Descriptor, ScanBatch
-from firstfix.errors import BuildCancelled
+from firstfix.descriptor import ScanBatch
+from firstfix.engine_config import DescriptorConfig
 from firstfix.sensor import SensorModel
-from firstfix.templates import Templates
+from firstfix.templates import PREFIX
 
+from .chunks import Arrays, Chunk
+from .near_simulator import simulator_near
 from .simulate import Simulator
 
 SCANS_AT_ONCE = 128
+MIN_CHUNKS = 32  # so that many machines find work, where there are viewpoints enough
+MAX_CHUNK = 1024  # viewpoints: some seconds' work, which is what the loss of a worker costs
 
 
 def upright(positions: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -56,35 +63,78 @@ def view_distance_m(simulator: Simulator, positions: NDArray[np.floating], senso
     return float(np.percentile(seen, 75)) if len(seen) else sensor.max_range_m
 
 
-def make_templates(
-    simulator: Simulator,
-    positions: NDArray[np.float64],
-    height_m: NDArray[np.float64],
-    sensor: SensorModel,
-    descriptor: Descriptor,
-    executor: Executor,
-    progress: Callable[[float], None],
-    cancelled: Callable[[], bool],
-) -> Templates:
-    """Templates at (n, 3) positions, (n,) above their floors.
+@dataclass(frozen=True)
+class TemplatesChunk(Chunk):
+    """The templates of some viewpoints of one tile of the map. Reads the stages ``mesh`` and ``viewpoints``.
 
-    Raises:
-        BuildCancelled: cancelled() said so.
+    Attributes:
+        first, last: rows of the viewpoints.
+        low, high: metres, the box in x and y of all the tile's viewpoints: chunks of a tile see the same
+            part of the mesh.
     """
-    directions = sensor.directions()
-    starts = range(0, len(positions), SCANS_AT_ONCE)
-    done = 0
 
-    def chunk(start: int) -> Templates:
-        nonlocal done
-        if cancelled():
-            raise BuildCancelled("cancelled while simulating scans")
-        here = slice(start, start + SCANS_AT_ONCE)
-        ranges = np.concatenate(list(simulator.ranges(upright(positions[here]), sensor)))
-        scans = scan_batch(ranges, directions, height_m[here])
-        made = Templates(positions[here].astype(np.float32), scans.height_m, descriptor.describe(scans))
-        done += 1
-        progress(done / len(starts))
-        return made
+    first: int
+    last: int
+    low: tuple[float, float]
+    high: tuple[float, float]
+    sensor: SensorModel
+    descriptor: DescriptorConfig
 
-    return Templates.concatenate(list(executor.map(chunk, starts)))
+    def run(self, inputs: Mapping[str, Path]) -> Arrays:
+        positions, floor_z = (
+            np.load(inputs["viewpoints"] / f"{name}.npy", mmap_mode="r")[self.first : self.last]
+            for name in ("positions", "floor_z")
+        )
+        height_m = positions[:, 2] - floor_z
+        simulator = simulator_near(
+            inputs["mesh"], np.array(self.low), np.array(self.high), self.sensor.max_range_m
+        )
+        descriptor, directions = self.descriptor.make(), self.sensor.directions()
+        described = []
+        for start in range(0, len(positions), SCANS_AT_ONCE):
+            here = slice(start, start + SCANS_AT_ONCE)
+            ranges = np.concatenate(list(simulator.ranges(upright(positions[here]), self.sensor)))
+            described.append(descriptor.describe(scan_batch(ranges, directions, height_m[here])))
+        return {
+            "position_m": positions.astype(np.float32),
+            "height_m": height_m.astype(np.float32),
+            **{name: np.concatenate([one[name] for one in described]) for name in descriptor.arrays},
+        }
+
+
+def template_chunks(
+    positions: NDArray[np.float64],
+    tile_start: NDArray[np.int64],
+    sensor: SensorModel,
+    descriptor: DescriptorConfig,
+) -> list[TemplatesChunk]:
+    """The work for (n, 3) viewpoints that stand tile by tile; no chunk has viewpoints of two tiles."""
+    rows = min(max(-(-len(positions) // MIN_CHUNKS), SCANS_AT_ONCE), MAX_CHUNK)
+    chunks = []
+    for first, last in pairwise(tile_start.tolist()):
+        tile = positions[first:last, :2]
+        (west, south), (east, north) = tile.min(axis=0).tolist(), tile.max(axis=0).tolist()
+        for start in range(first, last, rows):
+            chunks.append(
+                TemplatesChunk(
+                    start, min(start + rows, last), (west, south), (east, north), sensor, descriptor
+                )
+            )
+    return chunks
+
+
+def write_templates(parts: Iterable[Arrays], count: int, directory: Path) -> None:
+    """``Templates.save`` of templates that come in parts, one of which is in memory at a time."""
+    files: dict[str, NDArray[Any]] = {}
+    row = 0
+    for part in parts:
+        last = row + len(part["position_m"])
+        for name, array in part.items():
+            if name not in files:
+                path = directory / f"{PREFIX}{name}.npy"
+                files[name] = np.lib.format.open_memmap(
+                    path, mode="w+", dtype=array.dtype, shape=(count, *array.shape[1:])
+                )
+            files[name][row:last] = array
+        row = last
+    assert row == count

@@ -28,6 +28,7 @@ from firstfix.catalog import Catalog
 from firstfix.errors import (
     BuildCancelled,
     BuildFailed,
+    ClusterUnavailable,
     FirstfixError,
     InvalidOption,
     NotFound,
@@ -41,6 +42,7 @@ from firstfix.store import Store
 from .build_log import set_up_build_log
 from .build_reporter import EXIT_CANCELLED, EXIT_TRY_AGAIN, BuildReporter
 from .build_trace import BuildTrace
+from .executor_url import THREADS, dask_address
 from .fetch_source import DEFAULT_MAX_BYTES, SourcePolicy, fetch_source
 
 EXIT_SUCCEEDED, EXIT_FAILED, EXIT_USAGE = 0, 1, 2
@@ -99,6 +101,7 @@ def run_build(
     Raises:
         NotFound: no such build.
         StoreUnavailable: the status may be stale.
+        ClusterUnavailable: those who do its work are gone.
     """
     catalog = Catalog(Store.open(store_url))
     request = catalog.build_request(build_id)
@@ -135,7 +138,7 @@ def run_build(
                 status = new_status(
                     "succeeded", map_id=map_id, stage="publish", progress=1.0, version=version
                 )
-            except StoreUnavailable:
+            except (StoreUnavailable, ClusterUnavailable):
                 with suppress(StoreError):  # not the build's fault: it is to be run again
                     catalog.set_build_status(build_id, new_status("queued", map_id=map_id))
                 raise
@@ -208,13 +211,14 @@ def _alone_in(work: Path) -> Iterator[None]:
 
 
 def _build_by_pipeline(
-    source: Path, config: dict[str, Any], work: Path, *, shared: SharedStages | None, **hooks: Any
+    source: Path, config: dict[str, Any], work: Path, *, scheduler: str | None, store_url: str, **hooks: Any
 ) -> Built:
     from firstfix.build_config import BuildConfig
 
-    from .pipeline import build_version
+    from .pipeline import Cluster, build_version
 
-    return build_version(source, BuildConfig.parse(config), work, shared=shared, **hooks)
+    cluster = None if scheduler is None else Cluster(scheduler, store_url)
+    return build_version(source, BuildConfig.parse(config), work, cluster=cluster, **hooks)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -248,6 +252,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         metavar="PREFIX",
         help="sources may be http or https URLs below it; may be repeated",
     )
+    parser.add_argument(
+        "--executor", default=THREADS, metavar="URL", help="threads, dask://HOST:PORT or dask+tls://HOST:PORT"
+    )
     chosen = parser.parse_args(arguments)
     set_up_build_log(
         chosen.build,
@@ -263,13 +270,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
             chosen.store,
             chosen.build,
             chosen.work,
-            partial(_build_by_pipeline, shared=shared),
+            partial(
+                _build_by_pipeline,
+                scheduler=dask_address(chosen.executor),
+                store_url=chosen.store,
+                shared=shared,
+            ),
             STAGES,
             policy=SourcePolicy(chosen.max_source_bytes, tuple(chosen.source_root), tuple(chosen.source_url)),
             own_process=True,
             tied_to_stdin=chosen.tied_to_stdin,
         )
-    except StoreUnavailable as error:
+    except (StoreUnavailable, ClusterUnavailable) as error:
         _log.error("build %s: %s", chosen.build, error)
         return EXIT_TRY_AGAIN
     except (InvalidOption, NotFound, StoreError) as error:

@@ -72,6 +72,7 @@ class ViewpointConfig(Stage):
     footprint_radius_m: free width to every side of it.
     bridge_gap_m: holes in the floor up to this wide do not stop it.
     max_distance_to_trajectory_m: no viewpoint further from the trajectory; None: no limit.
+    tile_m: edge of the square tiles that templates are made and stored in, one after the other.
     """
 
     spacing_m: float | None = Field(None, ge=0.1, le=100)
@@ -82,6 +83,7 @@ class ViewpointConfig(Stage):
     footprint_radius_m: float = Field(0.3, gt=0, le=10)
     bridge_gap_m: float = Field(1.2, ge=0, le=10)
     max_distance_to_trajectory_m: float | None = Field(None, gt=0)
+    tile_m: float = Field(128.0, ge=4, le=10_000)
 
 
 class SimulateConfig(Stage):

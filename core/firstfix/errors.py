@@ -25,6 +25,7 @@
     |- BuildError                 a build ended without a version
     |  |- BuildFailed             a stage could not do its work
     |  |- BuildAttemptsExceeded   its worker died time after time
+    |  |- ClusterUnavailable      the machines that build are out of reach: try again
     |  `- BuildCancelled          somebody asked for it
     |- Unauthorized               no credential, or none that is worth anything
     |- Forbidden                  the credential does not allow this
@@ -139,6 +140,10 @@ class BuildFailed(BuildError):
 
 class BuildAttemptsExceeded(BuildError):
     code = "build_attempts_exceeded"
+
+
+class ClusterUnavailable(BuildError):
+    code = "cluster_unavailable"
 
 
 class BuildCancelled(BuildError):

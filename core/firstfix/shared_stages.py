@@ -2,6 +2,7 @@
 
     stages/<key>/<sha256>      the stage's files, by content
     stages/<key>/stage.json    name, and {sha256, bytes} of every file; written last
+    stages/<key>/chunks/...    parts of one that is being made (``firstfix_builder.chunks``)
 
 The key names all that went into the stage (``firstfix_builder.stage_cache``), so a stage never changes.
 One without its ``stage.json`` does not exist. All of it is a cache: it can be deleted at any time.
@@ -17,7 +18,7 @@ from datetime import datetime, timedelta, timezone
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from .errors import CorruptVersion, FirstfixError, InvalidOption, NotFound
+from .errors import CorruptVersion, FirstfixError, InvalidOption, NotFound, TooLarge
 from .ids import check_version
 from .manifest import sha256_of
 from .store import Store
@@ -69,32 +70,39 @@ class SharedStages:
         return True
 
     def put(self, key: str, name: str, folder: Path) -> int:
-        """Shares a finished stage; the bytes of it that were sent."""
-        sent = 0
+        """Shares a finished stage, if that can be done; the bytes of it that were sent."""
         try:
-            if self._store.exists(_key(key, RECORD)):
-                return 0
-            paths = sorted(path for path in folder.rglob("*") if path.is_file())
-            files = [
-                _File(path.relative_to(folder).as_posix(), sha256_of(path), path.stat().st_size)
-                for path in paths
-            ]
-            total = sum(file.bytes for file in files)
-            if total > self._max_bytes:
-                _log.warning("stage %s has %d bytes: too large to be shared", name, total)
-                return 0
-            for path, file in zip(paths, files, strict=True):
-                if self._store.upload(_key(key, file.sha256), path):
-                    sent += file.bytes
-            record = {
-                "stage": name,
-                "files": {file.name: {"sha256": file.sha256, "bytes": file.bytes} for file in files},
-            }
-            self._store.put_new(_key(key, RECORD), json.dumps(record, sort_keys=True).encode())
+            return self.put_surely(key, name, folder)
         except (FirstfixError, OSError) as error:
             _log.warning("stage %s is not shared: %s", name, error)
-        else:
-            _log.info("stage %s shared: %d bytes", name, sent)
+            return 0
+
+    def put_surely(self, key: str, name: str, folder: Path) -> int:
+        """As ``put``, where others cannot go on without it.
+
+        Raises:
+            StoreError: the store does not take it.
+            TooLarge: it has more than max_bytes.
+        """
+        sent = 0
+        if self._store.exists(_key(key, RECORD)):
+            return 0
+        paths = sorted(path for path in folder.rglob("*") if path.is_file())
+        files = [
+            _File(path.relative_to(folder).as_posix(), sha256_of(path), path.stat().st_size) for path in paths
+        ]
+        total = sum(file.bytes for file in files)
+        if total > self._max_bytes:
+            raise TooLarge(f"stage {name} has {total} bytes: too large to be shared")
+        for path, file in zip(paths, files, strict=True):
+            if self._store.upload(_key(key, file.sha256), path):
+                sent += file.bytes
+        record = {
+            "stage": name,
+            "files": {file.name: {"sha256": file.sha256, "bytes": file.bytes} for file in files},
+        }
+        self._store.put_new(_key(key, RECORD), json.dumps(record, sort_keys=True).encode())
+        _log.info("stage %s shared: %d bytes", name, sent)
         return sent
 
     def _files(self, key: str) -> list[_File]:

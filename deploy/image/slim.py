@@ -33,6 +33,7 @@ for root in sys.argv[1:]:
 import jwt, nats, rosbags.rosbag1, rosbags.rosbag2, uvicorn.loops.uvloop, zenoh
 import opentelemetry.exporter.otlp.proto.http.trace_exporter, opentelemetry.sdk.trace.export
 """
+LOAD_DASK = "import distributed.cli.dask_scheduler, distributed.cli.dask_worker, distributed.nanny"
 SERVICE_PACKAGES = ["firstfix", "firstfix_service", "firstfix_client", "firstfix_cli"]
 
 
@@ -45,6 +46,8 @@ def main(venv: Path, kind: str) -> None:
             subprocess.run(["strip", "--strip-unneeded", library], check=True)
     roots = SERVICE_PACKAGES if kind == "service" else [*SERVICE_PACKAGES, "firstfix_builder"]
     subprocess.run([venv / "bin/python", "-c", LOAD_ALL, *roots], check=True)
+    if kind == "builder":
+        subprocess.run([venv / "bin/python", "-c", LOAD_DASK], check=True)
 
 
 def remove(packages: Path, unused: list[str]) -> None:

@@ -45,6 +45,7 @@ STATUS: dict[type[FirstfixError], int] = {
     errors.BuildError: 500,
     errors.BuildFailed: 500,
     errors.BuildAttemptsExceeded: 500,
+    errors.ClusterUnavailable: 503,
     errors.BuildCancelled: 409,
     errors.Unauthorized: 401,
     errors.Forbidden: 403,

@@ -96,6 +96,11 @@ class Settings(BaseSettings):
     )
     shared_stages_days: float = Field(7.0, gt=0, description="that finished stages are kept in the store")
     shared_stages_max_bytes: int = Field(100 * GIB, ge=1, description="of all finished stages in the store")
+    build_executor: str = Field(
+        "threads",
+        pattern=r"^(threads|dask(\+tls)?://[^@/\s]+:[0-9]{1,5})$",
+        description="who does builds' work: threads of their process, or a cluster at dask://scheduler:8786",
+    )
     nats_credentials: Path | None = Field(
         None, description="file for NATS: user:password, a token, or a .creds file"
     )
@@ -213,6 +218,8 @@ class Settings(BaseSettings):
 
     @property
     def stages_are_shared(self) -> bool:
+        if self.build_executor != "threads":  # its workers read them there
+            return True
         return self.nats_enabled if self.share_stages is None else self.share_stages
 
     @property

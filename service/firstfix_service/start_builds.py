@@ -54,7 +54,7 @@ def start_builds(
 
 def build_command(settings: Settings) -> BuildCommand:
     return BuildCommand(
-        (*settings.build_command, *_source_url_options(settings)),
+        (*settings.build_command, *_source_url_options(settings), *_executor_options(settings)),
         settings.store,
         settings.build_niceness,
         settings.stages_are_shared,
@@ -67,6 +67,10 @@ def _source_url_options(settings: Settings) -> list[str]:
     """The worker asks for itself which servers it may fetch from: what is on record does not say."""
     allowed = [url for url in settings.source_urls if url.startswith(("http://", "https://"))]
     return [option for url in allowed for option in ("--source-url", url)]
+
+
+def _executor_options(settings: Settings) -> list[str]:
+    return [] if settings.build_executor == "threads" else ["--executor", settings.build_executor]
 
 
 def run_with(stack: AsyncExitStack, work: Coroutine[Any, Any, None], name: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -19,8 +20,9 @@ from firstfix.descriptor import (
     rows_of,
 )
 from firstfix.descriptor.pca_sc import PcaScanContext
-from firstfix.engine_config import ClusterConfig
+from firstfix.engine_config import ClusterConfig, OccupancyConfig
 from firstfix.errors import BuildCancelled, BuildFailed
+from firstfix.templates import Templates
 from firstfix_builder import cluster, cluster_unconstrained
 from firstfix_builder.cluster import cluster_templates, most_typical, neighbour_pairs
 from firstfix_builder.cluster_unconstrained import cluster_pairs
@@ -122,6 +124,43 @@ def test_the_blocks_do_not_change_the_pairs(seed, monkeypatch):
         found.append(sorted(zip(listed(pairs), pairs.distance.tolist(), strict=True)))
     assert [pair for pair, _ in found[0]] == [pair for pair, _ in found[1]]
     assert np.allclose([d for _, d in found[0]], [d for _, d in found[1]], rtol=0, atol=1e-6)
+
+
+@both_descriptors
+@pytest.mark.parametrize("edges", [(0, 40, 41, 150), (0, 75, 150)])
+@pytest.mark.usefixtures("small_blocks")
+def test_rows_shared_out_give_every_pair_once(descriptor, edges):
+    described, position_m = some_templates(descriptor, 150)
+    position_m[100:] = np.round(position_m[100:])  # where many are equally near
+    _, whole = all_of(neighbour_pairs(descriptor, described, position_m, 6))
+    parts = [
+        all_of(neighbour_pairs(descriptor, described, position_m, 6, range(first, last)))[1]
+        for first, last in pairwise(edges)
+    ]
+    shared = Pairs.concatenate(parts)
+    assert sorted(listed(shared)) == sorted(listed(whole))
+    distance = dict(zip(listed(whole), whole.distance.tolist(), strict=True))
+    expected = [distance[pair] for pair in listed(shared)]
+    assert np.allclose(shared.distance, expected, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("chunk", [16, 64, 4096])
+def test_chunks_give_the_clusters_of_the_whole(chunk, monkeypatch, tmp_path):
+    monkeypatch.setattr(cluster, "CHUNK", chunk)
+    config = OccupancyConfig(
+        rings=6, sectors=24, max_range_m=20, layer_edges_m=(0.3, 1, 2, 8), coefficients=4
+    )
+    descriptor = config.make()
+    described, position_m = some_templates(descriptor, 130)
+    height_m = np.ones(130, np.float32)
+    Templates(position_m.astype(np.float32), height_m, described).save(tmp_path)
+    chunks = cluster.cluster_chunks(130, 8, config)
+    assert len(chunks) == -(-130 // chunk)
+    pairs = [Pairs(**one.run({"templates": tmp_path})) for one in chunks]
+    wanted = ClusterConfig(linkage="average", threshold=0.5, neighbours=8)
+    found = cluster.cluster_by_pairs(descriptor, described, 130, pairs, wanted)
+    at = position_m.astype(np.float32)
+    assert groups(found) == groups(cluster_templates(descriptor, described, at, wanted))
 
 
 @pytest.mark.parametrize("count", [1, 2, 5])

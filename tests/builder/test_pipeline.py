@@ -61,7 +61,7 @@ def test_finished_stages_are_not_done_again(small_map, small_version, small_work
     def never(*arguments: object, **more: object) -> None:
         raise AssertionError("done again")
 
-    for stage in ("read_map", "sample_fitting_viewpoints", "make_templates", "self_test"):
+    for stage in ("read_map", "sample_fitting_viewpoints", "template_chunks", "self_test"):
         monkeypatch.setattr(stages, stage, never)
     again = build_version(small_map, BuildConfig.parse(CONFIG), small_work)
     assert again.manifest.digest == small_version.manifest.digest
@@ -87,10 +87,16 @@ def test_a_build_goes_on_at_another_machine_from_the_last_finished_stage(
     def never(*arguments: object, **more: object) -> None:
         raise AssertionError("done again")
 
-    for name in ("read_map", "sample_fitting_viewpoints", "make_templates", "cluster_templates"):
+    for name in ("read_map", "sample_fitting_viewpoints", "template_chunks", "cluster_chunks"):
         monkeypatch.setattr(stages, name, never)
     built = build_version(small_map, BuildConfig.parse(CONFIG), tmp_path / "second", shared=shared)
     assert built.manifest.digest == small_version.manifest.digest
+
+
+def test_a_build_leaves_no_chunks(small_version):
+    folder = small_version.directory.parent / "chunks"
+    assert folder.exists()
+    assert [path for path in folder.rglob("*") if path.is_file()] == []
 
 
 def test_another_config_is_another_version(small_map, small_version, small_work):

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import sys
-from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +9,11 @@ import pytest
 from numpy.typing import NDArray
 
 from firstfix.build_config import CleanConfig, ReconstructConfig
-from firstfix.errors import BuildCancelled, BuildFailed
+from firstfix.errors import BuildFailed
 from firstfix.transform import make_transform
 from firstfix_builder.clean_cloud import clean_cloud
 from firstfix_builder.mesh import Mesh
-from firstfix_builder.reconstruct_mesh import reconstruct_mesh
+from firstfix_builder.reconstruct_mesh import joined_mesh, mesh_chunks
 from firstfix_builder.simulate import Simulator
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -21,6 +21,17 @@ from box_scenes import box, floor, sampled
 
 HALL = Path(__file__).resolve().parents[3] / "shared" / "data" / "hilti_hall_indoor"
 SMALL_TILES = ReconstructConfig(tile_cells=64)
+
+
+def reconstruct_mesh(
+    points: NDArray[np.float64], trajectory: NDArray[np.float64] | None, config: ReconstructConfig
+) -> Mesh:
+    """All of the stage in this thread."""
+    with tempfile.TemporaryDirectory() as folder:
+        np.save(Path(folder) / "points.npy", points)
+        if trajectory is not None:
+            np.save(Path(folder) / "trajectory.npy", trajectory)
+        return joined_mesh(chunk.run({"map": Path(folder)}) for chunk in mesh_chunks(points, config))
 
 
 @pytest.fixture(scope="module")
@@ -88,19 +99,6 @@ def test_tiles_meet_without_gap_or_double_surface(
     assert area(tiled) == pytest.approx(area(single), rel=0.01)
 
 
-def test_any_executor_gives_the_same_bytes(
-    cloud: NDArray[np.float64], trajectory: NDArray[np.float64], tiled: Mesh
-):
-    told: list[float] = []
-    with ThreadPoolExecutor(2) as executor:
-        again = reconstruct_mesh(cloud, trajectory, SMALL_TILES, executor=executor, progress=told.append)
-    assert again.vertices.tobytes() == tiled.vertices.tobytes()
-    assert again.triangles.tobytes() == tiled.triangles.tobytes()
-    assert len(told) > 4
-    assert told == sorted(told)
-    assert told[-1] == 1.0
-
-
 def test_without_a_trajectory_the_ground_still_faces_up(cloud: NDArray[np.float64]):
     mesh = reconstruct_mesh(cloud, None, SMALL_TILES)
     distance = Simulator(mesh.vertices, mesh.triangles).distance(cloud)
@@ -125,34 +123,6 @@ def test_far_coordinates_lose_nothing(cloud: NDArray[np.float64], trajectory: ND
     mesh = reconstruct_mesh(cloud + shift, moved, SMALL_TILES)
     distance = Simulator(mesh.vertices - shift, mesh.triangles).distance(cloud)
     assert np.percentile(distance, 95) < 0.08
-
-
-@pytest.mark.parametrize("workers", [0, 2])
-def test_a_cancelled_build_stops(cloud: NDArray[np.float64], workers: int):
-    executor = ThreadPoolExecutor(workers) if workers else None
-    told: list[float] = []
-    with pytest.raises(BuildCancelled):
-        reconstruct_mesh(
-            cloud,
-            None,
-            SMALL_TILES,
-            executor=executor,
-            progress=told.append,
-            cancelled=lambda: len(told) >= 1,
-        )
-    assert len(told) == 1
-
-
-class DyingPool(ThreadPoolExecutor):
-    def submit(self, *args: object, **kwargs: object) -> Future[object]:  # type: ignore[override]
-        future: Future[object] = Future()
-        future.set_exception(BrokenExecutor())
-        return future
-
-
-def test_a_dead_worker_fails_the_build(cloud: NDArray[np.float64]):
-    with pytest.raises(BuildFailed, match="worker died"):
-        reconstruct_mesh(cloud, None, SMALL_TILES, executor=DyingPool())
 
 
 def test_too_few_points_are_refused():

@@ -15,7 +15,14 @@ import pytest
 
 from firstfix.build_records import new_status
 from firstfix.catalog import Catalog
-from firstfix.errors import BuildCancelled, BuildFailed, NotFound, StoreUnavailable, TooLarge
+from firstfix.errors import (
+    BuildCancelled,
+    BuildFailed,
+    ClusterUnavailable,
+    NotFound,
+    StoreUnavailable,
+    TooLarge,
+)
 from firstfix.manifest import Manifest
 from firstfix.store import Store
 from firstfix_builder.fetch_source import SourcePolicy
@@ -217,9 +224,12 @@ def test_a_build_that_has_ended_is_left_alone(place: Place) -> None:
     assert pipeline.calls == []
 
 
-def test_a_store_out_of_reach_leaves_the_build_to_be_run_again(place: Place) -> None:
-    with pytest.raises(StoreUnavailable):
-        place.run(_fail(StoreUnavailable("gone")))
+@pytest.mark.parametrize("error", [StoreUnavailable("gone"), ClusterUnavailable("gone")])
+def test_a_store_or_cluster_out_of_reach_leaves_the_build_to_be_run_again(
+    error: Exception, place: Place
+) -> None:
+    with pytest.raises(type(error)):
+        place.run(_fail(error))
     assert place.catalog.build_status("b1")["state"] == "queued"
     assert place.run(TinyPipeline()) == 0
 
@@ -337,3 +347,5 @@ def test_the_command_line_with_the_real_pipeline(place: Place) -> None:
     assert "no-such-lidar" in error["detail"]
     assert run("--work", str(place.work), "--build", "b9") == 2
     assert run("--build", "b1") == 2
+    assert run("--work", str(place.work), "--build", "b1", "--executor", "dask://nowhere") == 2
+    assert place.catalog.build_status("b1")["state"] == "queued"

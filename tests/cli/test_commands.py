@@ -298,3 +298,19 @@ def test_help_needs_nothing_heavy():
     code = f"import sys, firstfix_cli.main; print(sorted({heavy} & set(sys.modules)))"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--store", "store", "--executor", "dask://nowhere"], "names no scheduler"),
+        (["--store", "store", "--executor", "slurm"], "no executor 'slurm'"),
+        (["--store", "memory://", "--executor", "dask://127.0.0.1:8786"], "store in memory"),
+        (["--executor", "dask://127.0.0.1:8786"], "--executor is for builds with --store"),
+    ],
+)
+def test_a_build_says_what_is_wrong_with_its_executor(arguments, says, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "map.ply").touch()
+    assert ended(["build", "map.ply", "--map-id", "hall", *arguments]) == 2
+    assert says in capsys.readouterr().err

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import stat
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -72,6 +73,29 @@ def test_the_only_one_with_rights_has_no_network():
     assert [name for name, service in SERVICES.items() if "cap_add" in service] == ["prepare-volumes"]
     assert [name for name, service in SERVICES.items() if service.get("user") == "0:0"] == ["prepare-volumes"]
     assert SERVICES["prepare-volumes"]["network_mode"] == "none"
+
+
+def test_a_dask_cluster_is_reached_by_builders_alone():
+    inside = {name for name, service in SERVICES.items() if "dask" in service.get("networks", [])}
+    assert inside == {"s3", "worker", "dask-scheduler", "dask-worker"}
+    for name in ("dask-scheduler", "dask-worker"):
+        assert SERVICES[name]["networks"] == ["dask"]
+        assert "ports" not in SERVICES[name]
+        assert SERVICES[name]["profiles"] == ["dask"]
+    networks = yaml.safe_load((COMPOSE / "compose.yaml").read_text())["networks"]
+    assert networks["dask"] == {"internal": True}
+
+
+def test_what_the_dask_containers_are_started_with_is_what_dask_takes():
+    pytest.importorskip("distributed", reason="needs firstfix[dask]")
+    for name in ("dask-scheduler", "dask-worker"):
+        program, kind, *_ = SERVICES[name]["entrypoint"]
+        options = {word.split("=")[0] for word in SERVICES[name]["command"] if word.startswith("--")}
+        command = [sys.executable, "-m", program, kind, "--help"]
+        said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+        assert {option for option in options if option not in said} == set()
+    scheduler = SERVICES["dask-worker"]["entrypoint"][-1]
+    assert scheduler.replace("tcp://", "dask://") in (COMPOSE / ".env.example").read_text()
 
 
 def test_haproxy_takes_its_file():

@@ -270,6 +270,7 @@ def test_long_release_names_still_name_replicas():
         ({**STORE, "autoscalling": {"enabled": True}}, "autoscalling"),
         ({**STORE, "builder": {"enabled": True}}, "nats.url"),
         ({**STORE, "nats": {"url": "nats://user:password@nats:4222"}}, "/nats/url"),
+        ({**STORE, "dask": {"enabled": True}}, "dask.enabled"),
         ({**STORE, "settings": {"port": 9000}}, "settings.port"),
         ({**STORE, "service": {"resources": {"requests": {"cpu": None}}}}, "requests.cpu"),
         ({**STORE, "service": {"holders": 2}}, "service.holders: .* zenoh"),
@@ -283,6 +284,7 @@ def test_long_release_names_still_name_replicas():
         "misspelt",
         "no NATS",
         "password",
+        "no builders",
         "taken",
         "no CPUs",
         "holders without zenoh",
@@ -292,6 +294,60 @@ def test_long_release_names_still_name_replicas():
 def test_values_that_cannot_work_are_refused(values: dict[str, Any], reason: str):
     with pytest.raises(Refused, match=reason):
         rendered(values=values)
+
+
+@pytest.fixture(scope="module")
+def dask() -> list[dict[str, Any]]:
+    return rendered(EXAMPLES["dask"])
+
+
+def test_builders_share_their_work_where_there_is_a_cluster(dask: list[dict[str, Any]]):
+    pods = dict(pod_specs(dask))
+    (service,) = (one for one in of_kind(dask, "Service") if "dask" in one["metadata"]["name"])
+    address = f"{service['metadata']['name']}:{service['spec']['ports'][0]['port']}"
+    assert variable_of(pods["firstfix-builder"], "FIRSTFIX_BUILD_EXECUTOR") == f"dask://{address}"
+    assert pods["firstfix-dask-worker"]["containers"][0]["command"][-1] == f"tcp://{address}"
+    assert variable_of(pods["firstfix"], "FIRSTFIX_BUILD_EXECUTOR") is None
+    (deployment,) = (one for one in of_kind(dask, "Deployment") if one["metadata"]["name"].endswith("worker"))
+    assert deployment["spec"]["replicas"] == 8
+
+
+def test_a_dask_cluster_is_reached_by_builders_alone(dask: list[dict[str, Any]]):
+    policies = {one["metadata"]["name"]: one["spec"] for one in of_kind(dask, "NetworkPolicy")}
+
+    def let_in(name: str) -> set[str]:
+        peers = [peer for rule in policies[name]["ingress"] for peer in rule["from"]]
+        assert all(set(peer) == {"podSelector"} for peer in peers)
+        return {
+            value
+            for peer in peers
+            for said in peer["podSelector"]["matchExpressions"]
+            for value in said["values"]
+        }
+
+    assert let_in("firstfix-dask-scheduler") == {"builder", "dask-worker"}
+    assert let_in("firstfix-dask-worker") == {"dask-scheduler", "dask-worker"}
+    without = rendered(values={**STORE, **NATS})
+    assert not [one for one in without if "dask" in one["metadata"]["name"]]
+
+
+def test_the_scheduler_has_no_credentials(dask: list[dict[str, Any]]):
+    pods = dict(pod_specs(dask))
+    assert "envFrom" in pods["firstfix-dask-worker"]["containers"][0]
+    assert "envFrom" not in pods["firstfix-dask-scheduler"]["containers"][0]
+
+
+def test_dask_takes_its_options(dask: list[dict[str, Any]]):
+    pytest.importorskip("distributed", reason="needs firstfix[dask]")
+    for name, pod in pod_specs(dask):
+        (container,) = pod["containers"]
+        if "dask" not in name:
+            continue
+        program, kind, *_ = container["command"]
+        options = {word.split("=")[0] for word in container["args"] if word.startswith("--")}
+        command = [sys.executable, "-m", program, kind, "--help"]
+        said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+        assert {option for option in options if option not in said} == set()
 
 
 def test_nobody_is_let_in_by_an_empty_list():

@@ -7,8 +7,6 @@ import json
 import signal
 import sys
 from collections.abc import Iterator
-from datetime import datetime, timedelta, timezone
-from ipaddress import ip_address
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +18,7 @@ from test_builds import status_of, upload
 
 from benchmarks.nats_server import nats_server_program
 from benchmarks.tiny_worker import STAGES
+from certificates import certificates
 from firstfix_service import nats_queue
 from firstfix_service.nats_address import NatsAddress
 from firstfix_service.nats_builds import NatsBuilds
@@ -317,34 +316,3 @@ def test_both_sides_show_their_certificates(tmp_path: Path):
         }
         world.start_worker("w1", **settings)
         assert world.wait_until_ended(world.record())["state"] == "succeeded"
-
-
-def certificates(folder: Path) -> tuple[Path, Path, Path]:
-    """PEM files of an authority, of a server at 127.0.0.1 and of a client."""
-    from cryptography import x509
-    from cryptography.hazmat.primitives import hashes, serialization
-    from cryptography.hazmat.primitives.asymmetric import ec
-
-    now = datetime.now(timezone.utc)
-    keys = {name: ec.generate_private_key(ec.SECP256R1()) for name in ("ca", "server", "client")}
-    names = {name: x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, name)]) for name in keys}
-    for name, key in keys.items():
-        made = (
-            x509.CertificateBuilder()
-            .subject_name(names[name])
-            .issuer_name(names["ca"])
-            .public_key(key.public_key())
-            .serial_number(x509.random_serial_number())
-            .not_valid_before(now - timedelta(hours=1))
-            .not_valid_after(now + timedelta(hours=1))
-            .add_extension(x509.BasicConstraints(ca=name == "ca", path_length=None), critical=True)
-            .add_extension(
-                x509.SubjectAlternativeName([x509.IPAddress(ip_address("127.0.0.1"))]), critical=False
-            )
-            .sign(keys["ca"], hashes.SHA256())
-        )
-        private = key.private_bytes(
-            serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
-        )
-        (folder / f"{name}.pem").write_bytes(private + made.public_bytes(serialization.Encoding.PEM))
-    return folder / "ca.pem", folder / "server.pem", folder / "client.pem"

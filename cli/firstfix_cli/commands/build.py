@@ -18,13 +18,12 @@ if TYPE_CHECKING:
     from firstfix.manifest import Manifest
 
 
+CLUSTER_STAGES_S = 7 * 86400.0  # that what a cluster's workers read stays in the store
+
+
 class Axis(str, Enum):
     z_up = "z-up"
     y_up = "y-up"
-
-
-class ExecutorName(str, Enum):
-    threads = "threads"
 
 
 def build(
@@ -49,7 +48,13 @@ def build(
     work: Annotated[
         Path | None, typer.Option(help="Where finished stages are kept, so that a build resumes.")
     ] = None,
-    executor: Annotated[ExecutorName, typer.Option(help="Who does the work.")] = ExecutorName.threads,
+    executor: Annotated[
+        str,
+        typer.Option(
+            metavar="threads|dask://HOST:PORT",
+            help="With --store: who does the work, this machine or a cluster.",
+        ),
+    ] = "threads",
     no_wait: Annotated[
         bool, typer.Option("--no-wait", help="Hand the map to the service and print the build's id.")
     ] = False,
@@ -63,6 +68,8 @@ def build(
     if store is None:
         if work is not None:
             raise InvalidOption("--work is for builds with --store, in this process")
+        if executor != "threads":
+            raise InvalidOption("--executor is for builds with --store, in this process")
         from ..remote_build import remote_build
 
         given = _given(config, sensor, axis)
@@ -71,7 +78,8 @@ def build(
         return
     if url is not None or no_wait:
         raise InvalidOption("give one of --url and --store; --no-wait goes with --url")
-    _build_here(source, map_id, store, _given(config, sensor, axis), trajectory, work, as_json)
+    given = _given(config, sensor, axis)
+    _build_here(source, map_id, store, given, trajectory, work, executor, as_json)
 
 
 def _build_here(
@@ -81,14 +89,19 @@ def _build_here(
     given: dict[str, Any],
     trajectory: Path | None,
     work: Path | None,
+    executor: str,
     as_json: bool,
 ) -> None:
     from firstfix.build_config import BuildConfig
     from firstfix.catalog import Catalog
+    from firstfix.shared_stages import collect_stages
     from firstfix.store import Store
-    from firstfix_builder.pipeline import build_version
+    from firstfix_builder.executor_url import dask_address
+    from firstfix_builder.pipeline import Cluster, build_version
 
     settings = BuildConfig.parse(given)
+    scheduler = dask_address(executor)
+    cluster = None if scheduler is None else Cluster(scheduler, store)
     opened = Store.open(store)
     opened.probe()  # before the work, not after it
     with _progress() as progress:
@@ -98,10 +111,13 @@ def _build_here(
             (work or cache_directory("build")) / map_id,
             trajectory=trajectory,
             progress=progress,
+            cluster=cluster,
         )
         progress("publish", 0.0)
         version = Catalog(opened).publish(map_id, built.directory, built.manifest)
         progress("publish", 1.0)
+    if cluster is not None:  # where no service does it
+        collect_stages(opened, CLUSTER_STAGES_S)
     _print(map_id, version, built.manifest, as_json)
 
 
