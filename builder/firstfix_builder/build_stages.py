@@ -24,6 +24,7 @@ from firstfix.localizer import Localizer
 from firstfix.map_index import CALIBRATION_FILE, ENGINE_FILE, MAP_FILE, MapIndex
 from firstfix.map_view import MapView
 from firstfix.registration import MapSurface
+from firstfix.template_tiles import TemplateTiles
 from firstfix.templates import Templates
 from firstfix.transform import inverse, make_transform, transform_points
 
@@ -34,6 +35,7 @@ from .fit_engine import fit_engine
 from .fit_spacing import sample_fitting_viewpoints
 from .learn_keys import learn_keys
 from .localizability import draw_localizability
+from .make_keys import make_keys
 from .map_level import level_frame
 from .mesh import Mesh
 from .preview import draw_preview
@@ -241,10 +243,10 @@ class BuildStages:
             engine = engine_of(fitted)
             descriptor = engine.descriptor.make()
             made = Templates.load(out, descriptor)
-            representatives = made.described_at(Clusters.load(out).representative)
-            keys, projection = descriptor.keys(representatives), load_projection(out)
-            keys = keys if projection is None else keys @ projection
-            build_key_search(keys, engine.search).save(out)
+            standing = Clusters.load(out).representative
+            keys = make_keys(made, standing, descriptor, load_projection(out), out)
+            build_key_search(keys, engine.search, made.position_m[standing]).save(out)
+            TemplateTiles.of(made.position_m).save(out)
             cloud = read.directory / "points.npy"
             surface = map_surface(
                 np.load(cloud) if cloud.exists() else None,

@@ -27,7 +27,8 @@ VIEWPOINTS = np.array([[1.5, 2, 1], [2.5, 2, 1], [5.5, 2, 1], [6.5, 2, 1]])
 
 
 def test_points_lie_on_what_is_seen_and_know_from_where():
-    points, to_viewer = visible_points(two_rooms(), VIEWPOINTS, SENSOR, 0.1)
+    (seen,) = visible_points(two_rooms(), VIEWPOINTS, SENSOR, 0.1)
+    points, to_viewer = seen[:, :3], seen[:, 3:]
     inside = (points > -0.01).all(axis=1) & (points < np.array([8, 4, 3]) + 0.01).all(axis=1)
     assert inside.all()
     west = np.abs(points[:, 0] - 3.9) < 0.02
