@@ -11,6 +11,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -81,7 +82,7 @@ def _growth(worlds: Mapping[str, Any]) -> list[dict[str, Any]]:
             "own_memory": _ratio(large["after_queries"]["own"], small["after_queries"]["own"]),
             "build_cpu": _ratio(large["build_cpu_s"], small["build_cpu_s"]),
         }
-        for (before, small), (after, large) in zip(rows, rows[1:], strict=False)
+        for (before, small), (after, large) in pairwise(rows)
     ]
 
 

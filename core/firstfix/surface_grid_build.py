@@ -105,8 +105,10 @@ def _numbered(kept: NDArray[np.bool_]) -> NDArray[np.int32]:
 
 
 def nearest_points(cells: CellsOf, group: NDArray[np.int32], block: NDArray[np.int32]) -> NDArray[np.int32]:
-    """(kept blocks, s, s, s) the point nearest to each cell's centre. Slab after slab along x: a slab's groups
-    were numbered one after the other, and so their blocks."""
+    """(kept blocks, s, s, s) the point nearest to each cell's centre.
+
+    Slab after slab along x: a slab's groups were numbered one after the other, and so their blocks.
+    """
     side = 1 << BLOCK_BITS
     point = np.full((int(block.max()) + 1, side, side, side), -1, np.int32)
     for rows, first, end in _slabs(cells, group, block):

@@ -1,4 +1,4 @@
-"""Keys in shards by tile against the same keys in one index, and a search among some against all distances."""
+"""Keys in shards by tile against the same in one index, and a search among some against all distances."""
 
 from __future__ import annotations
 
