@@ -27,7 +27,7 @@ RAYS = 16_384
 VIEWPOINTS = 3000  # or one for each square of VIEWPOINT_M, where that is more
 VIEWPOINT_M = 3.0
 AT_ONCE = 100
-PARTS = 64  # of a square, before they are thinned into one
+MOST_LOOSE = 16_000_000  # points of neighbouring scans, before they are thinned into one another
 SQUARE_M = 200.0
 BORDER_M = 1.0  # of the neighbouring squares, that normals at a border are taken from
 SEEN_WITHIN_M = 0.3  # of a mapped point: the mesh is not the cloud
@@ -50,7 +50,9 @@ def map_surface(
     """
     seen = visible_points(simulator, positions, sensor, step_m)
     if cloud is None:
-        thinned = [voxel_means(part, voxel_m) for part in seen]
+        thinned = []
+        while seen:  # each goes as its successor comes
+            thinned.append(voxel_means(seen.pop(0), voxel_m))
         return Surface.together([_with_normals(thinned, number) for number in range(len(thinned))])
     points = np.concatenate(seen)
     thin = voxel_means(np.asarray(cloud, np.float64), voxel_m)
@@ -71,19 +73,24 @@ def visible_points(
     squares = _Squares.over(positions)
     parts: list[list[NDArray[np.float64]]] = [[] for _ in range(squares.count)]
     chosen = positions[:: -(-len(positions) // max(VIEWPOINTS, _cells(positions, VIEWPOINT_M)))]
-    chosen = chosen[np.argsort(squares.of(chosen), kind="stable")]
+    chosen, loose = chosen[np.argsort(squares.of(chosen), kind="stable")], 0
     for start in range(0, len(chosen), AT_ONCE):
         here = chosen[start : start + AT_ONCE]
         ranges = np.concatenate(list(simulator.ranges(upright(here), probe)))
         scans = scan_batch(ranges, directions, np.zeros(len(here)))
         to_viewer = -scans.points / np.linalg.norm(scans.points, axis=1, keepdims=True)
         seen = voxel_means(np.column_stack([scans.points + here[scans.scan_of_point], to_viewer]), step_m)
-        number = squares.of(seen)
+        number, loose = squares.of(seen), loose + len(seen)
         for square in np.unique(number):
             parts[square].append(seen[number == square])
-            if len(parts[square]) == PARTS:
-                parts[square] = [voxel_means(np.concatenate(parts[square]), step_m)]
-    return [voxel_means(np.concatenate(of_square), step_m) for of_square in parts if of_square]
+        if loose > MOST_LOOSE:
+            parts, loose = [_joined(of_square, step_m) for of_square in parts], 0
+    return [of_square[0] for of_square in (_joined(one, step_m) for one in parts) if of_square]
+
+
+def _joined(parts: list[NDArray[np.float64]], step_m: float) -> list[NDArray[np.float64]]:
+    """One part of all, or none of none."""
+    return [voxel_means(np.concatenate(parts), step_m)] if parts else []
 
 
 @dataclass(frozen=True)

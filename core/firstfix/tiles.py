@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from small_gicp import voxelgrid_sampling
 
 from .array_file import map_arrays, save_arrays
+from .slabs import slabs
 from .tile_table import runs_around, tile_table
 
 
@@ -30,7 +31,11 @@ class Tiles:
     @classmethod
     def of(cls, points: NDArray[np.floating], voxel_m: float) -> Tiles:
         """Thinned to a point in each voxel."""
-        thinned = voxelgrid_sampling(np.asarray(points, np.float64), voxel_m).points()[:, :3]
+        parts = [
+            voxelgrid_sampling(np.asarray(points[rows], np.float64), voxel_m).points()[:, :3]
+            for rows in slabs(points, voxel_m)
+        ]
+        thinned = np.concatenate(parts)
         order, begin, low = tile_table(thinned)
         return cls(thinned[order].astype(np.float32), begin, low)
 

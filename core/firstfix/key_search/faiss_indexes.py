@@ -76,6 +76,7 @@ def _ivf_pq(count: int, dimensions: int) -> faiss.Index:
     parts = next(n for n in range(max(1, dimensions // PQ_NUMBERS), 0, -1) if dimensions % n == 0)
     index = faiss.IndexIVFPQ(faiss.IndexFlat(dimensions, _L2), dimensions, lists, parts, 8, _L2)
     index.use_precomputed_table = -1  # it would be larger than the codes
+    index.pq.cp.niter = TRAINED_TURNS
     return _wide(index)
 
 
@@ -88,9 +89,9 @@ def _wide(index: faiss.IndexIVF) -> faiss.IndexIVF:
 
 
 def _lists(count: int) -> int:
-    """Few keys a list, but no more lists than keys to look through: the nearest lists are found by reading
-    all their centres."""
-    return max(1, min(count // IVF_KEYS_A_LIST, round(4 * math.sqrt(count))))
+    """Few keys a list, but no more lists than can be looked through: the nearest are found by reading the
+    centres of all, and every key is held against all of them when it comes in."""
+    return max(1, min(count // IVF_KEYS_A_LIST, round(2 * math.sqrt(count))))
 
 
 def _hnsw(count: int, dimensions: int) -> faiss.Index:
