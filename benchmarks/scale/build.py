@@ -76,17 +76,18 @@ def _stages(extent: Extent, work: Path) -> Iterator[ScaleStages]:
             "viewpoints": {"spacing_m": extent.spacing_m},
             "simulate": {"max_rays": MAX_RAYS},
             "engine": ENGINE,
+            **extent.config,
         }
     )
     with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(os.cpu_count()) as threads:
-        yield ScaleStages.below(work, config, threads)
+        yield ScaleStages.below(work, extent.name, config, threads)
 
 
 def _templates(
     stages: ScaleStages, extent: Extent
 ) -> tuple[StageResult, StageResult, StageResult, StageResult]:
     """The map as it is read, its mesh, the engine and the templates."""
-    recipe = {"side": extent.side, "half_m": extent.half_m}
+    recipe = {"side": extent.side, "half_m": extent.half_m, "middle_m": extent.middle_m}
     world = stages.lasting.run("world", {}, recipe, extent.write).directory
     read = stages.read_map(world / "mesh.ply", world / "trajectory.txt")
     mesh = stages.reconstruct_mesh(read)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,14 +26,18 @@ class Extent:
 
     Attributes:
         side: campuses along x and along y.
-        half_m: only what lies within, of the middle of the only campus; None: all.
+        half_m: only what lies so near to the middle, along both axes; None: all.
+        middle_m: of what is cut out of a single campus.
         spacing_m: of its templates.
+        config: of the build, beside the sensor.
     """
 
     name: str
     side: int
     half_m: float | None = None
+    middle_m: tuple[float, float] = (0.0, 0.0)
     spacing_m: float = 0.44
+    config: Mapping[str, Any] = field(default_factory=dict)
 
     def write(self, folder: Path) -> None:
         """``mesh.ply`` and ``trajectory.txt`` (TUM), the same bytes every time."""
@@ -45,8 +51,9 @@ class Extent:
         mesh, at = Mesh.joined(meshes), np.concatenate(drives)
         if self.half_m is not None:
             for axis, below in ((0, True), (0, False), (1, True), (1, False)):
-                mesh = clip_mesh(mesh, axis, self.half_m if below else -self.half_m, below)
-            at = at[np.abs(at[:, :2]).max(axis=1) < self.half_m - CUT_BELOW_M]
+                limit_m = self.middle_m[axis] + (self.half_m if below else -self.half_m)
+                mesh = clip_mesh(mesh, axis, limit_m, below)
+            at = at[np.abs(at[:, :2] - self.middle_m).max(axis=1) < self.half_m - CUT_BELOW_M]
         (folder / "mesh.ply").write_bytes(ply_of_mesh(mesh))
         (folder / "trajectory.txt").write_text(_tum(at))
 
@@ -61,7 +68,8 @@ EXTENTS = {
     "100k": Extent("100k", 1),
     "1M": Extent("1M", 3),
 }
+_QUICKLY = {"self_test": {"queries": 12, "outside": 4}, "learn_keys": {"scans": 60}}
 QUICK = {
-    "small": Extent("small", 1, 8.0, 1.0),
-    "larger": Extent("larger", 1, 16.0, 1.0),
+    "small": Extent("small", 1, 11.0, (23.0, 23.0), 1.0, _QUICKLY),
+    "larger": Extent("larger", 1, 15.0, (23.0, 23.0), 1.0, _QUICKLY),
 }

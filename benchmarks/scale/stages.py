@@ -47,9 +47,9 @@ class ScaleStages(BuildStages):
     took: dict[str, Cost] = field(default_factory=dict)
 
     @classmethod
-    def below(cls, work: Path, config: BuildConfig, threads: ThreadPoolExecutor) -> ScaleStages:
-        """In one process: what it takes is what a build takes."""
-        costs = work / "costs"
+    def below(cls, work: Path, name: str, config: BuildConfig, threads: ThreadPoolExecutor) -> ScaleStages:
+        """Of the world of that name. In one process: what it takes is what a build takes."""
+        costs = work / "costs" / name
         costs.mkdir(parents=True, exist_ok=True)
         return cls(
             config,
