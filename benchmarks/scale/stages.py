@@ -12,15 +12,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firstfix.build_config import BuildConfig
+from firstfix.descriptor import Descriptor
 from firstfix.engine_config import EngineConfig
+from firstfix.sensor import SensorModel
 from firstfix.templates import Templates
 from firstfix_builder.build_stages import BuildStages
+from firstfix_builder.fit_spacing import sample_fitting_viewpoints
 from firstfix_builder.mesh import Mesh
 from firstfix_builder.simulate import Simulator
 from firstfix_builder.stage_cache import StageCache, StageResult
-from firstfix_builder.templates import make_templates
+from firstfix_builder.templates import SCANS_AT_ONCE, scan_batch, upright
 
 from .spent import spent
 
@@ -62,6 +66,31 @@ class ScaleStages(BuildStages):
             costs,
         )
 
+    def reconstruct_mesh(self, read: StageResult) -> StageResult:
+        """The source is a mesh: taken as it is."""
+
+        def produce(out: Path) -> None:
+            Mesh.load(read.directory).save(out)
+
+        return self._stage("reconstruct_mesh", {"map": read.digest}, self._plain("reconstruct"), produce)
+
+    def sample_viewpoints(self, read: StageResult, mesh: StageResult) -> StageResult:
+        """In whatever order they come."""
+
+        def produce(out: Path) -> None:
+            found, spacing_m = sample_fitting_viewpoints(
+                _simulator(mesh),
+                self.config.viewpoints,
+                self.config.sensor_model,
+                np.load(read.directory / "trajectory.npy"),
+            )
+            np.save(out / "positions.npy", found.positions)
+            np.save(out / "floor_z.npy", found.floor_z)
+            np.save(out / "spacing_m.npy", spacing_m)
+
+        chosen = {"viewpoints": self._plain("viewpoints"), "sensor": self.config.sensor_model.to_mapping()}
+        return self._stage("sample_viewpoints", {"map": read.digest, "mesh": mesh.digest}, chosen, produce)
+
     def make_templates(self, mesh: StageResult, viewpoints: StageResult, engine: EngineConfig) -> StageResult:
         """In parts, each a stage."""
         positions = np.load(viewpoints.directory / "positions.npy")
@@ -76,18 +105,9 @@ class ScaleStages(BuildStages):
 
             def produce(out: Path) -> None:
                 if not simulators:
-                    surface = Mesh.load(mesh.directory)
-                    simulators.append(Simulator(surface.vertices, surface.triangles))
-                make_templates(
-                    simulators[0],
-                    positions[here],
-                    height_m[here],
-                    sensor,
-                    descriptor,
-                    self.threads,
-                    lambda fraction: None,
-                    self.cancelled,
-                ).save(out)
+                    simulators.append(_simulator(mesh))
+                made = _simulated(simulators[0], positions[here], height_m[here], sensor, descriptor)
+                made.save(out)
 
             inputs = {
                 "mesh": mesh.digest,
@@ -116,6 +136,10 @@ class ScaleStages(BuildStages):
         }
         return whole
 
+    def _plain(self, part: str) -> dict[str, Any]:
+        """A part of the config, but for the tiles that say in which order templates stand."""
+        return {name: value for name, value in self.config.to_mapping()[part].items() if name != "tile_m"}
+
     def _stage(
         self, name: str, inputs: Mapping[str, str], config: Any, produce: Callable[[Path], None]
     ) -> StageResult:
@@ -131,3 +155,26 @@ class ScaleStages(BuildStages):
             now.replace(cost)
         self.took[name] = json.loads(cost.read_text())
         return result
+
+
+def _simulator(mesh: StageResult) -> Simulator:
+    surface = Mesh.load(mesh.directory)
+    return Simulator(surface.vertices, surface.triangles)
+
+
+def _simulated(
+    simulator: Simulator,
+    positions: NDArray[np.float64],
+    height_m: NDArray[np.float64],
+    sensor: SensorModel,
+    descriptor: Descriptor,
+) -> Templates:
+    """Templates at (n, 3) positions, (n,) above their floors; Embree takes all processors."""
+    directions = sensor.directions()
+    made = []
+    for start in range(0, len(positions), SCANS_AT_ONCE):
+        here = slice(start, start + SCANS_AT_ONCE)
+        ranges = np.concatenate(list(simulator.ranges(upright(positions[here]), sensor)))
+        scans = scan_batch(ranges, directions, height_m[here])
+        made.append(Templates(positions[here].astype(np.float32), scans.height_m, descriptor.describe(scans)))
+    return Templates.concatenate(made)
