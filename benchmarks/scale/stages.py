@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.build_config import BuildConfig
+from firstfix.clusters import Clusters
 from firstfix.descriptor import Descriptor
 from firstfix.engine_config import EngineConfig
 from firstfix.sensor import SensorModel
@@ -37,7 +38,7 @@ Cost = dict[str, float]
 
 @dataclass(frozen=True)
 class ScaleStages(BuildStages):
-    """A build's stages, with what each took.
+    """A build's stages, each in this process alone and with what it took.
 
     Attributes:
         lasting: templates and what they are made of are kept here from one program to the next, all
@@ -135,6 +136,14 @@ class ScaleStages(BuildStages):
             "peak_mb": max(cost["peak_mb"] for cost in each),
         }
         return whole
+
+    def cluster(self, templates: StageResult, engine: EngineConfig) -> StageResult:
+        """As the default method has it: each for itself."""
+
+        def produce(out: Path) -> None:
+            Clusters.alone(len(np.load(templates.directory / "template_height_m.npy", "r"))).save(out)
+
+        return self._stage("cluster", {"templates": templates.digest}, {}, produce)
 
     def _plain(self, part: str) -> dict[str, Any]:
         """A part of the config, but for the tiles that say in which order templates stand."""
