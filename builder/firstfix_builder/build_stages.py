@@ -241,11 +241,8 @@ class BuildStages:
                 for path in part.directory.iterdir():
                     link(path, out / path.name)
             engine = engine_of(fitted)
-            descriptor = engine.descriptor.make()
-            made = Templates.load(out, descriptor)
-            standing = Clusters.load(out).representative
-            keys = make_keys(made, standing, descriptor, load_projection(out), out)
-            build_key_search(keys, engine.search, made.position_m[standing]).save(out)
+            made = Templates.load(out, engine.descriptor.make())
+            _save_keys(made, engine, out)
             TemplateTiles.of(made.position_m).save(out)
             cloud = read.directory / "points.npy"
             surface = map_surface(
@@ -306,6 +303,14 @@ class BuildStages:
 
     def _ticks(self, stage: str) -> Callable[[float], None]:
         return lambda fraction: self.progress(stage, fraction)
+
+
+def _save_keys(templates: Templates, engine: EngineConfig, directory: Path) -> None:
+    """The key search over a version's files that are there: templates, clusters, projection."""
+    standing = Clusters.load(directory).representative
+    projection = load_projection(directory)
+    keys = make_keys(templates, standing, engine.descriptor.make(), projection, directory)
+    build_key_search(keys, engine.search, templates.position_m[standing]).save(directory)
 
 
 def _trajectory(read: StageResult) -> NDArray[np.float64] | None:

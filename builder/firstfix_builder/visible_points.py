@@ -85,7 +85,10 @@ def visible_points(
             parts[square].append(seen[number == square])
         if loose > MOST_LOOSE:
             parts, loose = [_joined(of_square, step_m) for of_square in parts], 0
-    return [of_square[0] for of_square in (_joined(one, step_m) for one in parts) if of_square]
+    joined = []
+    while parts:  # each goes as its whole comes
+        joined += _joined(parts.pop(0), step_m)
+    return joined
 
 
 def _joined(parts: list[NDArray[np.float64]], step_m: float) -> list[NDArray[np.float64]]:
