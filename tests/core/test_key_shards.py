@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firstfix.engine_config import SearchConfig
-from firstfix.key_search import ENGINES, build_key_search, load_key_search
+from firstfix.key_search import ENGINES, build_key_search, faiss_indexes, load_key_search
 from firstfix.key_search.faiss_indexes import FLAT_UP_TO, chosen_engine
 from firstfix.key_search.faiss_search import SHARDS_FILE
 from firstfix.key_search.tile_shards import MOST_SHARDS, TILE_M, TileShards
@@ -126,6 +126,23 @@ def test_in_shards_most_of_the_nearest_hundred_are_found(engine, least):
         exact = np.argsort(brute(keys, key), kind="stable")[:100]
         shares.append(np.isin(exact, search.search(key, 100)).mean())
     assert np.mean(shares) > least
+
+
+@pytest.mark.parametrize("parted", [False, True])
+def test_more_lists_are_looked_into_where_more_rows_are_wanted(parted, monkeypatch):
+    """Keys in no groups, the worst case: with the same lists the last of many rows would be missed."""
+    monkeypatch.setattr(faiss_indexes, "WIDE_PROBES", 4)
+    rng = np.random.default_rng(8)
+    keys, position_m = rng.random((30_000, 24), np.float32), rng.uniform(0, 900, (30_000, 3))
+    config = SearchConfig(engine="faiss_ivf_sq8", shard_keys=5000 if parted else 1_000_000)
+    search = build_key_search(keys, config, position_m)
+    shares = {}
+    for wanted in (400, 4000):
+        exact = [np.argsort(brute(keys, key), kind="stable")[:wanted] for key in keys[:20]]
+        found = [search.search(key, wanted) for key in keys[:20]]
+        assert all(len(rows) == wanted for rows in found)
+        shares[wanted] = np.mean([np.isin(e, f).mean() for e, f in zip(exact, found, strict=True)])
+    assert shares[4000] > shares[400] + 0.1
 
 
 def test_a_missing_a_cut_and_a_strange_shard_are_told(tmp_path):

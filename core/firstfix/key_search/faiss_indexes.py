@@ -14,7 +14,8 @@ _L2 = faiss.METRIC_L2
 FLAT_UP_TO = 250_000  # keys: up to here reading all of them takes a few milliseconds, and misses none
 IVF_KEYS_A_LIST = 256
 IVF_PROBES = 16
-WIDE_PROBES = 64  # of short codes: they are read four times as fast, and several hundred rows are wanted
+WIDE_PROBES = 128  # of short codes, for every PROBED_ROWS that are wanted
+PROBED_ROWS = 400
 TRAINED_KEYS_A_LIST = 64
 TRAINED_TURNS = 10
 HNSW_LINKS = 32
@@ -37,6 +38,12 @@ def chosen_engine(engine: str, count: int) -> str:
     if engine == "auto":
         return "faiss_sq8" if count <= FLAT_UP_TO else "faiss_ivf_sq8"
     return "faiss_sq8" if engine == "faiss_ivf_pq" and count < PQ_FROM else engine
+
+
+def probes_for(index: faiss.IndexIVF, count: int) -> int:
+    """How many lists are looked into for so many rows."""
+    times = 1 if isinstance(index, faiss.IndexIVFFlat) else -(-count // PROBED_ROWS)
+    return int(min(index.nlist, times * index.nprobe))
 
 
 def _sample(keys: NDArray[np.float32], index: faiss.Index) -> NDArray[np.float32]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine_config import SearchConfig
-from .faiss_indexes import chosen_engine, empty_index
+from .faiss_indexes import chosen_engine, empty_index, probes_for
 from .tile_shards import TileShards
 
 FILE = "keys.faiss"  # where there is but one index
@@ -61,8 +61,9 @@ class FaissSearch:
         # 12 ms in place of 0.1 on busy cores. The setting is the calling thread's.
         faiss.omp_set_num_threads(1)
         if self._shards is None:
-            index = self._indexes[0]
-            _, rows = index.search(key[None], min(count, index.ntotal))
+            index, few = self._indexes[0], min(count, len(self))
+            how = faiss.SearchParametersIVF(nprobe=probes_for(index, few)) if self._inverted else None
+            _, rows = index.search(key[None], few, params=how)
             found: NDArray[np.int64] = rows[0]
             return found[found >= 0]
         return _merged(self._of_every_shard(key, count, self._shards), count)
@@ -106,20 +107,34 @@ class FaissSearch:
         return cls(indexes, shards)
 
     def _of_every_shard(self, key: NDArray[np.float32], count: int, shards: TileShards) -> Iterable[_Found]:
-        first, lists, list_distance = self._indexes[0], None, None
+        first, near = self._indexes[0], None
         if self._inverted:
-            list_distance, lists = first.quantizer.search(key[None], first.nprobe)
+            near = first.quantizer.search(key[None], probes_for(first, min(count, len(self))))
         for number, index in enumerate(self._indexes):
             few = min(count, index.ntotal)
-            if lists is None:
-                distance, place = index.search(key[None], few)
-            else:
-                distance, place = index.search_preassigned(key[None], few, lists, list_distance)
-            there = place[0] >= 0
-            yield distance[0][there], self._rows_of(number, shards)[place[0][there]].astype(np.int64)
+            found = index.search(key[None], few) if near is None else _in_lists(index, key, few, *near)
+            distance, place = (one[0] for one in found)
+            there = place >= 0
+            yield distance[there], self._rows_of(number, shards)[place[there]].astype(np.int64)
 
     def _rows_of(self, shard: int, shards: TileShards) -> NDArray[np.int32]:
         return shards.row[shards.begin[shard] : shards.begin[shard + 1]]
+
+
+def _in_lists(
+    index: faiss.IndexIVF,
+    key: NDArray[np.float32],
+    count: int,
+    list_distance: NDArray[np.float32],
+    lists: NDArray[np.int64],
+) -> _Found:
+    """(1, count) each, of (1, m) lists. FAISS' own wrapper takes no other number of them than the index's."""
+    key = np.ascontiguousarray(key, np.float32)
+    distance, place = np.empty((1, count), np.float32), np.empty((1, count), np.int64)
+    how = faiss.SearchParametersIVF(nprobe=lists.shape[1])
+    pointers = [faiss.swig_ptr(array) for array in (lists, list_distance, distance, place)]
+    index.search_preassigned_c(1, faiss.swig_ptr(key), count, *pointers, False, how)
+    return distance, place
 
 
 def _among(index: faiss.Index, key: NDArray[np.float32], rows: NDArray[np.integer], count: int) -> _Found:
