@@ -12,6 +12,7 @@ from .paper import suite as paper
 from .peers import suite as peers
 from .retrieval import suite as retrieval
 from .robust import suite as robust
+from .scale import suite as scale
 from .service import suite as service
 
 SUITES = {
@@ -21,6 +22,7 @@ SUITES = {
     "real": real.run,
     "retrieval": retrieval.run,
     "robust": robust.run,
+    "scale": scale.run,
     "service": service.run,
     "smoke": smoke.run,
 }

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from firstfix.cascade import Cascade
 from firstfix.clusters import Clusters
 from firstfix.descriptor import Described
 from firstfix.descriptor.pca_sc import PcaScanContext
@@ -61,7 +60,7 @@ def ablate(scene: Scene, own: Taken, disturbed: Taken) -> list[dict[str, Any]]:
         if key not in made:
             made[key] = _clusters(how, templates, variant)
         cascade = make_cascade(templates, made[key], SearchConfig(engine="kdtree"), variant.scans)
-        cascade = Cascade(how, cascade.templates, cascade.clusters, cascade.keys)
+        cascade = replace(cascade, descriptor=how)
         runs = [run_cascade(cascade, described, variant.clusters_searched) for described in asked]
         row = {
             "choice": variant.choice,

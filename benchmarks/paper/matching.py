@@ -16,6 +16,7 @@ from firstfix.descriptor.pca_sc import PcaScanContext
 from firstfix.descriptor.similarity import Columns, similarity
 from firstfix.engine_config import SearchConfig
 from firstfix.key_search import build_key_search
+from firstfix.template_tiles import TemplateTiles
 from firstfix.templates import Templates
 
 from .published import WITHIN_M
@@ -59,7 +60,8 @@ def make_cascade(templates: Taken, clusters: Clusters, config: SearchConfig, nam
     how, described = DESCRIPTORS[name], templates.by[name]
     keys = build_key_search(how.keys(rows_of(described, clusters.representative)), config)
     height_m = np.zeros(len(templates), np.float32)
-    return Cascade(how, Templates(templates.position_m, height_m, described), clusters, keys)
+    tiles = TemplateTiles.of(templates.position_m)
+    return Cascade(how, Templates(templates.position_m, height_m, described), tiles, clusters, keys)
 
 
 @dataclass(frozen=True)

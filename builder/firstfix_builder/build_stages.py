@@ -24,6 +24,7 @@ from firstfix.localizer import Localizer
 from firstfix.map_index import CALIBRATION_FILE, ENGINE_FILE, MAP_FILE, MapIndex
 from firstfix.map_view import MapView
 from firstfix.registration import MapSurface
+from firstfix.template_tiles import TemplateTiles
 from firstfix.templates import Templates
 from firstfix.transform import inverse, make_transform, transform_points
 
@@ -36,6 +37,7 @@ from .fit_spacing import sample_fitting_viewpoints
 from .learn_keys import learn_keys
 from .linkage import Pairs
 from .localizability import draw_localizability
+from .make_keys import make_keys
 from .map_level import level_frame
 from .map_tiles import by_tiles
 from .mesh import Mesh
@@ -243,12 +245,9 @@ class BuildStages:
                 for path in part.directory.iterdir():
                     link(path, out / path.name)
             engine = engine_of(fitted)
-            descriptor = engine.descriptor.make()
-            made = Templates.load(out, descriptor)
-            representatives = made.described_at(Clusters.load(out).representative)
-            keys, projection = descriptor.keys(representatives), load_projection(out)
-            keys = keys if projection is None else keys @ projection
-            build_key_search(keys, engine.search).save(out)
+            made = Templates.load(out, engine.descriptor.make())
+            _save_keys(made, engine, out)
+            TemplateTiles.of(made.position_m).save(out)
             cloud = read.directory / "points.npy"
             surface = map_surface(
                 np.load(cloud) if cloud.exists() else None,
@@ -326,6 +325,14 @@ class BuildStages:
 
     def _ticks(self, stage: str) -> Callable[[float], None]:
         return lambda fraction: self.progress(stage, fraction)
+
+
+def _save_keys(templates: Templates, engine: EngineConfig, directory: Path) -> None:
+    """The key search over a version's files that are there: templates, clusters, projection."""
+    standing = Clusters.load(directory).representative
+    projection = load_projection(directory)
+    keys = make_keys(templates, standing, engine.descriptor.make(), projection, directory)
+    build_key_search(keys, engine.search, templates.position_m[standing]).save(directory)
 
 
 def _trajectory(read: StageResult) -> NDArray[np.float64] | None:

@@ -25,7 +25,8 @@ def draw_preview(points: NDArray[np.floating], templates: NDArray[np.floating], 
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     axes.scatter(shown[:, 0], shown[:, 1], c=shown[:, 2], s=0.2, cmap="viridis", vmin=low, vmax=high, lw=0)
-    axes.scatter(templates[:, 0], templates[:, 1], s=1.5, c="tab:red", lw=0, alpha=0.6)
+    some = templates[:: max(1, len(templates) // MAX_POINTS)]
+    axes.scatter(some[:, 0], some[:, 1], s=1.5, c="tab:red", lw=0, alpha=0.6)
     axes.set_aspect("equal")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")

@@ -1,6 +1,7 @@
 """Several arrays in one file, memory-mapped when read: processes that load it share its pages.
 
-The format is safetensors, whose own reader copies NumPy arrays; its header is simple enough to map them.
+The format is safetensors, whose own reader and writer copy NumPy arrays: a large map's are gigabytes. Its
+header is simple enough to do without.
 """
 
 from __future__ import annotations
@@ -13,15 +14,32 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from safetensors.numpy import save
 
 _DTYPES = {"F32": np.float32, "F64": np.float64, "I32": np.int32, "BOOL": np.bool_}
+_NAMES = {np.dtype(dtype): name for name, dtype in _DTYPES.items()}
 _MOST_HEADER_BYTES = 1 << 20
 
 
 def save_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """float32, float64, int32 or bool; the same arrays give the same bytes."""
-    path.write_bytes(save({name: np.ascontiguousarray(array) for name, array in arrays.items()}))
+    """float32, float64, int32 or bool; the same arrays give the same bytes. Nothing is copied but what is not
+    contiguous.
+
+    Raises:
+        KeyError: another type.
+    """
+    inside, entries, end = [], {}, 0
+    for name in sorted(arrays, key=lambda name: (-arrays[name].itemsize, name)):  # so that each is aligned
+        array = np.ascontiguousarray(arrays[name])
+        begin, end = end, end + array.nbytes
+        dtype = _NAMES[array.dtype]
+        entries[name] = {"dtype": dtype, "shape": array.shape, "data_offsets": [begin, end]}
+        inside.append(array)
+    header = json.dumps(entries, separators=(",", ":")).encode()
+    header += b" " * (-len(header) % 8)
+    with path.open("wb") as file:
+        file.write(len(header).to_bytes(8, "little") + header)
+        for array in inside:
+            array.tofile(file)
 
 
 def map_arrays(path: Path) -> dict[str, NDArray[Any]]:

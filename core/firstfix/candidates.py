@@ -109,7 +109,6 @@ def _matches(
     if prior is None:
         return index.cascade.search(described, clusters)
     centre = transform_points(inverse(index.T_map_level), prior.position_m[None])[0]
-    away_m = np.linalg.norm(index.cascade.templates.position_m - centre, axis=1)
     way_m = float(np.linalg.norm(scan.T_last_scan[:3, 3]))  # the prior is about the last scan
-    near = away_m <= prior.radius_m + way_m + index.config.spacing_m
-    return index.cascade.search_among(described, near, clusters)
+    radius_m = prior.radius_m + way_m + index.config.spacing_m
+    return index.cascade.search_near(described, centre, radius_m, clusters)

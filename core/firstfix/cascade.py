@@ -13,6 +13,7 @@ from .descriptor import Described, Descriptor
 from .engine_config import EngineConfig
 from .key_projection import load_projection
 from .key_search import KeySearch, load_key_search
+from .template_tiles import TemplateTiles
 from .templates import Templates
 
 
@@ -34,12 +35,14 @@ class Matches:
 @dataclass(frozen=True)
 class Cascade:
     """Attributes:
+    tiles: where the templates stand.
     keys: of the clusters' representatives.
     projection: (d, numbers) that they were made with, or None.
     """
 
     descriptor: Descriptor
     templates: Templates
+    tiles: TemplateTiles
     clusters: Clusters
     keys: KeySearch
     projection: NDArray[np.float32] | None = None
@@ -49,20 +52,30 @@ class Cascade:
         return self.match(described, self.nearest(described, clusters))
 
     def nearest(self, described: Described, clusters: int) -> NDArray[np.int64]:
-        return self.keys.search(self._key(described), clusters)
+        return self.keys.search(self.key_of(described), clusters)
 
     def match(self, described: Described, clusters: NDArray[np.int64]) -> Matches:
         return self.compare(described, np.sort(self.clusters.members(clusters)))
 
-    def search_among(self, described: Described, among: NDArray[np.bool_], clusters: int) -> Matches:
-        """Only the templates that (n,) ``among`` names: all of them where they are few, else those of
-        their clusters that are nearest by key."""
-        if among.sum() <= clusters:
-            return self.compare(described, np.flatnonzero(among))
-        near = self.keys.search(self._key(described), len(self.clusters))
-        near = near[among[self.clusters.representative[near]]][:clusters]
-        rows = np.sort(self.clusters.members(near))
-        return self.compare(described, rows[among[rows]])
+    def search_near(
+        self, described: Described, centre: NDArray[np.float64], radius_m: float, clusters: int
+    ) -> Matches:
+        """Only the templates within a sphere, (3,) metres: all of them where they are few, else those of
+        the clusters there that are nearest by key."""
+        rows = self.tiles.within(self.templates.position_m, centre, radius_m)
+        if len(rows) <= clusters:
+            return self.compare(described, rows)
+        if len(rows) == len(self.templates):
+            return self.search(described, clusters)
+        near = self.keys.search_among(self.key_of(described), self._standing_for(rows), clusters)
+        members = np.sort(self.clusters.members(near))
+        return self.compare(described, members[np.isin(members, rows, assume_unique=True)])
+
+    def _standing_for(self, rows: NDArray[np.int32]) -> NDArray[np.integer]:
+        """The clusters whose representatives are among the templates, ascending."""
+        if len(self.clusters) == len(self.templates):  # each its own: cluster i is template i
+            return rows
+        return np.flatnonzero(np.isin(self.clusters.representative, rows))
 
     def compare(self, described: Described, rows: NDArray[np.integer]) -> Matches:
         """The given templates, ascending as they lie on the disk."""
@@ -72,19 +85,22 @@ class Cascade:
         best = np.argsort(-score, kind="stable")
         return Matches(rows[best], yaw[best], score[best])
 
-    def _key(self, described: Described) -> NDArray[np.float32]:
+    def key_of(self, described: Described) -> NDArray[np.float32]:
         """(numbers,) of one scan."""
         key = self.descriptor.keys(described)[0]
         return key if self.projection is None else key @ self.projection
 
     @classmethod
     def load(cls, directory: Path, config: EngineConfig) -> Cascade:
-        """Of a version's files; arrays are memory-mapped."""
+        """Of a version's files; arrays are memory-mapped.
+
+        Raises:
+            ValueError, TypeError, RuntimeError, OSError: a file is missing, damaged, or not of the others.
+        """
         descriptor = config.descriptor.make()
-        return cls(
-            descriptor,
-            Templates.load(directory, descriptor),
-            Clusters.load(directory),
-            load_key_search(directory, config.search),
-            load_projection(directory),
-        )
+        templates, clusters = Templates.load(directory, descriptor), Clusters.load(directory)
+        keys = load_key_search(directory, config.search)
+        if len(keys) != len(clusters):
+            raise ValueError(f"{len(keys)} keys of {len(clusters)} clusters")
+        tiles = TemplateTiles.load(directory, templates.position_m)
+        return cls(descriptor, templates, tiles, clusters, keys, load_projection(directory))

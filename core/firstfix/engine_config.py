@@ -98,12 +98,26 @@ class LshConfig(Stage):
 
 
 class SearchConfig(Stage):
-    """The cascade: clusters nearest by their representatives' keys, then their templates compared."""
+    """The cascade: clusters nearest by their representatives' keys, then their templates compared.
+
+    Attributes:
+        engine: "auto": "faiss_sq8", or "faiss_ivf_sq8" where there are too many keys to read them all.
+    """
 
     engine: Literal[
-        "exhaustive", "kdtree", "lsh_kdtree", "faiss_flat", "faiss_sq8", "faiss_ivf", "faiss_hnsw"
-    ] = "faiss_sq8"
+        "auto",
+        "exhaustive",
+        "kdtree",
+        "lsh_kdtree",
+        "faiss_flat",
+        "faiss_sq8",
+        "faiss_ivf",
+        "faiss_ivf_sq8",
+        "faiss_ivf_pq",
+        "faiss_hnsw",
+    ] = "auto"
     lsh: LshConfig = LshConfig()
+    shard_keys: int = Field(250_000, ge=100, description="about so many in an index of a FAISS engine")
     clusters: int = Field(400, ge=1, le=100_000, description="whose templates are compared")
     candidates: int = Field(20, ge=1, le=100, description="templates whose poses are registered")
     widened: int = Field(

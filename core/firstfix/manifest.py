@@ -18,7 +18,8 @@ from typing import Any
 from .errors import CorruptVersion, IncompatibleVersion, InvalidOption
 from .object_keys import check_key
 
-FORMAT = 4  # 3: before the map was stored ready to use; such a version needs a rebuild
+FORMAT = 5  # 3: before the map was stored ready to use; such a version needs a rebuild
+READABLE = (4, 5)  # 4: before keys and cells were kept by tile; it is queried as it is
 FILE_NAME = "manifest.json"
 MAX_BYTES = 64 << 20
 _SHA256 = re.compile(r"[0-9a-f]{64}")
@@ -122,8 +123,9 @@ class Manifest:
             found = mapping["format"]
         except (ValueError, KeyError, TypeError, RecursionError):
             raise CorruptVersion("the manifest is no JSON object with a format") from None
-        if found != FORMAT:
-            raise IncompatibleVersion(f"the version has format {found!r}, this reader knows {FORMAT}")
+        if found not in READABLE:
+            known = " and ".join(map(str, READABLE))
+            raise IncompatibleVersion(f"the version has format {found!r}, this reader knows {known}")
         unknown = set(mapping) - {f.name for f in fields(cls)}
         if unknown:
             raise IncompatibleVersion(f"the manifest has unknown fields: {', '.join(sorted(unknown))}")

@@ -56,5 +56,5 @@ class MapIndex:
                 MapSurface.load(directory, config.registration),
                 MapView.load(directory, config.verification.reach_m),
             )
-        except (OSError, ValueError, TypeError, RuntimeError, KeyError) as error:
+        except (OSError, EOFError, ValueError, TypeError, RuntimeError, KeyError) as error:
             raise CorruptVersion(f"{directory.name}: {error}") from error

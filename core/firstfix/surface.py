@@ -9,6 +9,7 @@ import numpy as np
 import small_gicp
 from numpy.typing import NDArray
 
+from .slabs import slabs
 from .transform import Matrix
 
 _NEIGHBOURS = 10
@@ -67,6 +68,10 @@ class Surface:
 
     def thinned(self, voxel_m: float) -> Surface:
         """The mean in every voxel, one for each of the six ways that its normals mostly point."""
+        parts = [self.at(rows)._thinned(voxel_m) for rows in slabs(self.points, voxel_m)]
+        return parts[0] if len(parts) == 1 else Surface.together(parts)
+
+    def _thinned(self, voxel_m: float) -> Surface:
         axis = np.abs(self.normals).argmax(axis=1)
         most = self.normals[np.arange(len(self)), axis]
         negative = (most < 0) & self.oriented

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from small_gicp import voxelgrid_sampling
 
 from .array_file import map_arrays, save_arrays
-
-TILE_M = 5.0
+from .slabs import slabs
+from .tile_table import runs_around, tile_table
 
 
 @dataclass(frozen=True)
@@ -31,23 +31,17 @@ class Tiles:
     @classmethod
     def of(cls, points: NDArray[np.floating], voxel_m: float) -> Tiles:
         """Thinned to a point in each voxel."""
-        thinned = voxelgrid_sampling(np.asarray(points, np.float64), voxel_m).points()[:, :3]
-        tile = np.floor(thinned[:, :2] / TILE_M).astype(np.int64)
-        low = tile.min(axis=0)
-        columns, rows = tile.max(axis=0) - low + 1
-        number = (tile - low) @ [rows, 1]
-        order = np.argsort(number, kind="stable")
-        first = np.arange(columns)[:, None] * rows + np.arange(rows + 1)
-        begin = np.searchsorted(number[order], first).astype(np.int32)
-        return cls(thinned[order].astype(np.float32), begin, low.astype(np.int32))
+        parts = [
+            voxelgrid_sampling(np.asarray(points[rows], np.float64), voxel_m).points()[:, :3]
+            for rows in slabs(points, voxel_m)
+        ]
+        thinned = np.concatenate(parts)
+        order, begin, low = tile_table(thinned)
+        return cls(thinned[order].astype(np.float32), begin, low)
 
     def around(self, centre: NDArray[np.float64], reach_m: float) -> NDArray[np.float32]:
         """(k, 3) from the centre, (3,), to every point within reach."""
-        size = np.array(self.begin.shape) - (0, 1)
-        first = np.floor((centre[:2] - reach_m) / TILE_M).astype(np.int64) - self.low
-        last = np.floor((centre[:2] + reach_m) / TILE_M).astype(np.int64) - self.low + 1
-        (left, bottom), (right, top) = np.clip(first, 0, size), np.clip(last, 0, size)
-        columns = [self.points[self.begin[x, bottom] : self.begin[x, top]] for x in range(left, right)]
+        columns = [self.points[run] for run in runs_around(self.begin, self.low, centre, reach_m)]
         away = np.concatenate(columns or [self.points[:0]]) - centre.astype(np.float32)
         near: NDArray[np.float32] = away[np.einsum("ij,ij->i", away, away) < reach_m**2]
         return near

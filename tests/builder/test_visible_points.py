@@ -1,8 +1,10 @@
 """What is seen of a place of known walls, and from which side."""
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from firstfix.sensor import preset
+from firstfix_builder import visible_points as visible_points_module
 from firstfix_builder.simulate import Simulator
 from firstfix_builder.visible_points import map_surface, visible_points
 
@@ -27,7 +29,8 @@ VIEWPOINTS = np.array([[1.5, 2, 1], [2.5, 2, 1], [5.5, 2, 1], [6.5, 2, 1]])
 
 
 def test_points_lie_on_what_is_seen_and_know_from_where():
-    points, to_viewer = visible_points(two_rooms(), VIEWPOINTS, SENSOR, 0.1)
+    (seen,) = visible_points(two_rooms(), VIEWPOINTS, SENSOR, 0.1)
+    points, to_viewer = seen[:, :3], seen[:, 3:]
     inside = (points > -0.01).all(axis=1) & (points < np.array([8, 4, 3]) + 0.01).all(axis=1)
     assert inside.all()
     west = np.abs(points[:, 0] - 3.9) < 0.02
@@ -59,3 +62,17 @@ def test_a_cloud_learns_its_faces_and_keeps_what_nobody_sees():
     assert np.median(surface.normals[on_wall, 0]) < -0.95
     assert not surface.oriented[~on_wall].any()
     assert (~on_wall).sum() > 200
+
+
+def test_square_by_square_the_same_is_seen(monkeypatch):
+    whole = map_surface(None, two_rooms(), VIEWPOINTS, SENSOR, 0.1, 0.12)
+    monkeypatch.setattr(visible_points_module, "SQUARE_M", 2.0)
+    monkeypatch.setattr(visible_points_module, "MOST_LOOSE", 1)
+    monkeypatch.setattr(visible_points_module, "AT_ONCE", 1)
+    parted = map_surface(None, two_rooms(), VIEWPOINTS, SENSOR, 0.1, 0.12)
+    away_m, row = cKDTree(whole.points).query(parted.points)
+    assert abs(len(parted) - len(whole)) < 0.1 * len(whole)
+    assert np.percentile(away_m, 99) < 0.1
+    alike = np.einsum("ij,ij->i", parted.normals, whole.normals[row])
+    assert (np.abs(alike) > 0.9).mean() > 0.95  # the others stand in corners
+    assert (alike[parted.oriented & whole.oriented[row]] > 0).mean() > 0.97

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from safetensors.numpy import load_file
 
 from firstfix.array_file import map_arrays, save_arrays
 
@@ -23,6 +24,14 @@ def test_what_was_saved_is_mapped_as_it_was(tmp_path):
         assert np.array_equal(found[name], array)
         assert found[name].shape == array.shape
         assert not found[name].flags.writeable
+
+
+def test_another_reader_of_the_format_reads_it(tmp_path):
+    save_arrays(tmp_path / "a", ARRAYS)
+    found = load_file(tmp_path / "a")
+    assert found.keys() == ARRAYS.keys()
+    for name, array in ARRAYS.items():
+        assert np.array_equal(found[name], array)
 
 
 def test_pages_are_the_files_not_copies(tmp_path):

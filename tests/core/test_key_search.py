@@ -17,6 +17,7 @@ from firstfix.key_search import ENGINES, build_key_search, load_key_search
 from firstfix.key_search.lsh_kd_tree import _nearest_flips
 
 EXACT = ("exhaustive", "kdtree", "faiss_flat")
+EIGHT_BITS = ("auto", "faiss_sq8", "faiss_ivf_sq8", "faiss_ivf_pq")  # of so few keys all are as "faiss_sq8"
 every_engine = pytest.mark.parametrize("engine", ENGINES)
 
 
@@ -96,7 +97,7 @@ def test_saving_writes_the_same_bytes_every_time(engine, count, tmp_path):
 def test_rows_come_nearest_first_and_once(engine):
     search = build_key_search(KEYS, SearchConfig(engine=engine))
     # 8 bits over a range of about 1.3: at most half a step off in each of 20 numbers, here and there
-    off = 1.4 / 255 * np.sqrt(20) if engine == "faiss_sq8" else 1e-6
+    off = 1.4 / 255 * np.sqrt(20) if engine in EIGHT_BITS else 1e-6
     for query in QUERIES[:8]:
         rows = search.search(query, 300)
         assert 10 < len(rows) <= 300

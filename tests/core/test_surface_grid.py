@@ -1,8 +1,11 @@
+from dataclasses import fields
+
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from firstfix import surface_grid
+from firstfix import surface_grid_build
+from firstfix.array_file import save_arrays
 from firstfix.surface import Surface
 from firstfix.surface_grid import SurfaceGrid
 
@@ -24,9 +27,11 @@ class Known:
         return self.grid.nearest(np.float32(points) - self.grid.corner)
 
 
-@pytest.fixture(params=[surface_grid._MOST_BLOCKS, 4], ids=["small blocks", "blocks grown to fit the table"])
+@pytest.fixture(
+    params=[surface_grid_build.MOST_GROUPS, 4], ids=["small groups", "groups grown to fit the table"]
+)
 def grid(request, monkeypatch):
-    monkeypatch.setattr(surface_grid, "_MOST_BLOCKS", request.param)
+    monkeypatch.setattr(surface_grid_build, "MOST_GROUPS", request.param)
     rng = np.random.default_rng(3)
     return Known(surface_of(rng.uniform([-7, 2, -1], [5, 9, 2], (3000, 3))))
 
@@ -83,3 +88,37 @@ def test_what_was_saved_answers_the_same(grid, tmp_path):
     points = np.random.default_rng(8).uniform(0, 13, (2000, 3)).astype(np.float32)
     assert np.array_equal(again.nearest(points), grid.grid.nearest(points))
     assert np.array_equal(again.planes, grid.grid.planes)
+
+
+def test_slabs_and_parts_make_no_difference(monkeypatch):
+    surface = surface_of(np.random.default_rng(10).uniform([-30, 2, -1], [25, 9, 2], (4000, 3)))
+    whole = SurfaceGrid.of(surface, CELL_M)
+    for slots, part in ((1, 37), (1 << 13, 1 << 20), (1 << 15, 500)):
+        monkeypatch.setattr(surface_grid_build, "MOST_SLOTS", slots)
+        monkeypatch.setattr(surface_grid_build, "PART", part)
+        again = SurfaceGrid.of(surface, CELL_M)
+        for field in fields(SurfaceGrid):
+            assert np.array_equal(getattr(again, field.name), getattr(whole, field.name)), field.name
+
+
+def test_a_kilometre_takes_little_more_than_its_surface():
+    """Two patches three kilometres apart: a table of every 0.8 m block between them has 10^9 entries."""
+    rng = np.random.default_rng(11)
+    patch = rng.uniform([0, 0, 0], [4, 4, 1], (2000, 3))
+    grid = Known(surface_of(np.concatenate([patch, patch + [3000, 2500, 60]])))
+    assert grid.grid.group.nbytes + grid.grid.block.nbytes < 70e6
+    found = grid.nearest(grid.surface.points)
+    assert np.linalg.norm(grid.surface.points[found] - grid.surface.points, axis=1).max() <= 0.4
+
+
+def test_a_grid_of_format_4_answers_the_same(tmp_path):
+    """There the table had an entry for every block."""
+    rng = np.random.default_rng(12)
+    now = SurfaceGrid.of(surface_of(rng.uniform([-7, 2, -1], [5, 9, 2], (3000, 3))), CELL_M)
+    side = now.block.shape[1]
+    gx, gy, gz = now.group.shape
+    dense = now.block[now.group].transpose(0, 3, 1, 4, 2, 5).reshape(gx * side, gy * side, gz * side)
+    then = {field.name: getattr(now, field.name) for field in fields(now) if field.name != "group"}
+    save_arrays(tmp_path / "then", {**then, "block": dense})
+    points = rng.uniform(-1, 14, (5000, 3)).astype(np.float32)
+    assert np.array_equal(SurfaceGrid.load(tmp_path / "then").nearest(points), now.nearest(points))

@@ -1,6 +1,6 @@
 """Which poses the search proposes, and when it is done a second time."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -65,9 +65,7 @@ def searched(index) -> tuple[Localizer, list[int]]:
             return super().search(described, clusters)
 
     cascade = index.cascade
-    telling = Telling(
-        cascade.descriptor, cascade.templates, cascade.clusters, cascade.keys, cascade.projection
-    )
+    telling = Telling(**{field.name: getattr(cascade, field.name) for field in fields(cascade)})
     return Localizer(replace(index, cascade=telling)), asked
 
 

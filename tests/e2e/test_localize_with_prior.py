@@ -1,6 +1,6 @@
 """A prior against a real version: it restricts what is compared and what may be answered."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -52,9 +52,7 @@ def test_a_small_radius_compares_only_the_templates_in_it(index, small_scans):
             compared.append(rows)
             return super().compare(described, rows)
 
-    counting = Counting(
-        cascade.descriptor, cascade.templates, cascade.clusters, cascade.keys, cascade.projection
-    )
+    counting = Counting(**{field.name: getattr(cascade, field.name) for field in fields(cascade)})
     scan, T_map_sensor = small_scans[0]
     for radius_m in (1.5, 1e3):
         options = LocalizeOptions(prior=Prior(T_map_sensor[:3, 3], radius_m))

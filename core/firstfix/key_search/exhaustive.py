@@ -19,15 +19,22 @@ class Exhaustive:
         self._half_norm2 = np.einsum("nd,nd->n", keys, keys) / 2
 
     @classmethod
-    def build(cls, keys: NDArray[np.float32], config: SearchConfig) -> Exhaustive:
+    def build(
+        cls, keys: NDArray[np.float32], config: SearchConfig, position_m: NDArray[np.floating] | None = None
+    ) -> Exhaustive:
         return cls(keys)
 
+    def __len__(self) -> int:
+        return len(self._keys)
+
     def search(self, key: NDArray[np.float32], count: int) -> NDArray[np.int64]:
-        further = self._half_norm2 - self._keys @ key  # half the squared distance, less a constant
-        if count >= len(further):
-            return np.argsort(further, kind="stable")
-        nearest = np.argpartition(further, count)[:count]
-        return nearest[np.argsort(further[nearest], kind="stable")]
+        return _least(self._half_norm2 - self._keys @ key, count)
+
+    def search_among(
+        self, key: NDArray[np.float32], rows: NDArray[np.integer], count: int
+    ) -> NDArray[np.int64]:
+        nearest = _least(self._half_norm2[rows] - self._keys[rows] @ key, count)
+        return rows[nearest].astype(np.int64)
 
     def save(self, directory: Path) -> None:
         save_keys(self._keys, directory)
@@ -35,3 +42,11 @@ class Exhaustive:
     @classmethod
     def load(cls, directory: Path, config: SearchConfig) -> Exhaustive:
         return cls(load_keys(directory))
+
+
+def _least(further: NDArray[np.float32], count: int) -> NDArray[np.int64]:
+    """Where the least of half the squared distances, less a constant, stand; the least first."""
+    if count >= len(further):
+        return np.argsort(further, kind="stable")
+    nearest = np.argpartition(further, count)[:count]
+    return nearest[np.argsort(further[nearest], kind="stable")]

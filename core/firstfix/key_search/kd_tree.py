@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ..engine_config import SearchConfig
-from .keys_file import load_keys, save_keys
+from .keys_file import load_keys, nearest_of, save_keys
 
 
 class KdTree:
@@ -19,12 +19,22 @@ class KdTree:
         self._tree = cKDTree(keys)
 
     @classmethod
-    def build(cls, keys: NDArray[np.float32], config: SearchConfig) -> KdTree:
+    def build(
+        cls, keys: NDArray[np.float32], config: SearchConfig, position_m: NDArray[np.floating] | None = None
+    ) -> KdTree:
         return cls(keys)
+
+    def __len__(self) -> int:
+        return int(self._tree.n)
 
     def search(self, key: NDArray[np.float32], count: int) -> NDArray[np.int64]:
         _, rows = self._tree.query(key, k=min(count, self._tree.n))
         return np.atleast_1d(rows)
+
+    def search_among(
+        self, key: NDArray[np.float32], rows: NDArray[np.integer], count: int
+    ) -> NDArray[np.int64]:
+        return nearest_of(self._tree.data, key, rows, count)
 
     def save(self, directory: Path) -> None:
         save_keys(self._tree.data.astype(np.float32), directory)

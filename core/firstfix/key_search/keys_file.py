@@ -18,3 +18,12 @@ def load_keys(directory: Path) -> NDArray[np.float32]:
     """Memory-mapped, (n, d)."""
     keys: NDArray[np.float32] = np.load(directory / FILE, mmap_mode="r")
     return keys
+
+
+def nearest_of(
+    keys: NDArray[np.floating], key: NDArray[np.float32], rows: NDArray[np.integer], count: int
+) -> NDArray[np.int64]:
+    """The ``count`` nearest of (m,) rows, nearest first: each one's distance is taken."""
+    away = keys[rows] - key
+    order = np.argsort(np.einsum("nd,nd->n", away, away), kind="stable")[:count]
+    return rows[order].astype(np.int64)

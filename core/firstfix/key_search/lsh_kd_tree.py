@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ..engine_config import LshConfig, SearchConfig
-from .keys_file import load_keys, save_keys
+from .keys_file import load_keys, nearest_of, save_keys
 
 
 class LshKdTree:
@@ -29,8 +29,13 @@ class LshKdTree:
         self._tables = [_Table(centred, directions) for directions in _directions(centred, config)]
 
     @classmethod
-    def build(cls, keys: NDArray[np.float32], config: SearchConfig) -> LshKdTree:
+    def build(
+        cls, keys: NDArray[np.float32], config: SearchConfig, position_m: NDArray[np.floating] | None = None
+    ) -> LshKdTree:
         return cls(keys, config.lsh)
+
+    def __len__(self) -> int:
+        return len(self._keys)
 
     def search(self, key: NDArray[np.float32], count: int) -> NDArray[np.int64]:
         """At most ``count`` of the keys in the buckets: others, it may be, than the nearest of all.
@@ -42,6 +47,11 @@ class LshKdTree:
         while len(rows := self._in_buckets(centred, count, probes)) < count:
             probes *= 2
         return rows
+
+    def search_among(
+        self, key: NDArray[np.float32], rows: NDArray[np.integer], count: int
+    ) -> NDArray[np.int64]:
+        return nearest_of(self._keys, key, rows, count)
 
     def _in_buckets(self, centred: NDArray[np.float32], count: int, probes: int) -> NDArray[np.int64]:
         found = [

@@ -1,0 +1,56 @@
+"""Held-out scans of a built world, disturbed, and where they were taken: made once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firstfix.build_config import DisturbConfig
+from firstfix.scan import Scan
+from firstfix.transform import Matrix
+from firstfix_builder.disturb import disturbed_scans
+from firstfix_builder.mesh import Mesh
+from firstfix_builder.simulate import Simulator
+from firstfix_builder.stage_cache import StageCache
+
+from .build import Built
+
+SEED = 77  # another than the self-test's and the learned keys'
+
+
+def take_scans(built: Built, work: Path, count: int) -> Path:
+    """An NPZ file of ``T`` (n, 4, 4) in the map's frame, and the points of every scan by its number."""
+
+    def produce(out: Path) -> None:
+        surface = Mesh.load(built.mesh.directory)
+        at_m = np.load(built.version / "template_position_m.npy")
+        taken = disturbed_scans(
+            Simulator(surface.vertices, surface.triangles),
+            built.config.sensor_model,
+            at_m,
+            built.extent.spacing_m,
+            count,
+            DisturbConfig(),
+            np.random.default_rng(SEED),
+        )
+        points = {str(number): scan.points for number, (scan, _) in enumerate(taken)}
+        np.savez(out / "scans.npz", T=np.array([T for _, T in taken]), **points)
+
+    inputs = {"mesh": built.mesh.digest, "templates": built.templates.digest}
+    cache = StageCache(work)
+    return cache.run("scale_queries", inputs, {"count": count}, produce).directory / "scans.npz"
+
+
+def read_scans(path: Path) -> tuple[list[Scan], NDArray[np.float64]]:
+    """What ``take_scans`` wrote: scans, and (n, 4, 4) T_map_sensor."""
+    data = np.load(path)
+    T: NDArray[np.float64] = data["T"]
+    return [Scan(data[str(number)]) for number in range(len(T))], T
+
+
+def in_level_frame(T_map_level: Matrix, T: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 4, 4) of the index's frame."""
+    level: NDArray[np.float64] = np.linalg.inv(T_map_level) @ T
+    return level

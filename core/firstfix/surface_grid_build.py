@@ -1,0 +1,153 @@
+"""How a surface grid is filled: in parts, so that the map of a district takes no more memory than itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+BLOCK_BITS = 2  # blocks of 4 cells a side: half of those that are kept are near the surface
+GROUP_BITS = 2  # groups of 4 blocks a side, or more
+MOST_GROUPS = 1 << 24  # entries of the table of all groups
+PART = 1 << 20  # points at once
+MOST_SLOTS = 1 << 26  # cells at once
+_NOTHING = np.iinfo(np.int64).max
+
+
+@dataclass(frozen=True)
+class CellsOf:
+    """The cells that points lie in, counted from the grid's corner.
+
+    Attributes:
+        low: (3,) int64, the first cell: two before any point's, where everything outside is sent.
+        last: (3,) int64, counted from there, two past any point's.
+    """
+
+    position_m: NDArray[np.floating]
+    cell_m: float
+    low: NDArray[np.int64]
+    last: NDArray[np.int64]
+
+    @classmethod
+    def points(cls, points: NDArray[np.floating], cell_m: float) -> CellsOf:
+        """(m, 3) metres."""
+        lowest, highest = points.min(axis=0), points.max(axis=0)
+        low = np.floor(np.asarray(lowest, np.float64) / cell_m).astype(np.int64) - 2
+        high = np.floor(np.asarray(highest, np.float64) / cell_m).astype(np.int64) + 2
+        return cls(points, cell_m, low, high - low)
+
+    @property
+    def corner(self) -> NDArray[np.float32]:
+        return (self.low * self.cell_m).astype(np.float32)
+
+    def parts(self) -> Iterator[slice]:
+        for start in range(0, len(self.position_m), PART):
+            yield slice(start, start + PART)
+
+    def of(self, rows: slice | NDArray[np.integer]) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+        """(k, 3) cells, and (k, 3) where in them the points lie, 0..1."""
+        scaled = np.asarray(self.position_m[rows], np.float64) / self.cell_m
+        cell = np.floor(scaled).astype(np.int64) - self.low
+        return cell.astype(np.int32), (scaled - self.low - cell).astype(np.float32)
+
+
+def slot_of(
+    cell: NDArray[np.int32], group: NDArray[np.int32], block: NDArray[np.int32], block_bits: int
+) -> NDArray[np.int64]:
+    """(n, 3) cells to their place among those of the kept blocks."""
+    side_bits = block.shape[1].bit_length() - 1
+    _, columns, layers = group.shape
+    outer = cell >> block_bits
+    x, y, z = (outer >> side_bits).T
+    number = group.ravel()[(x * columns + y) * layers + z]
+    number = block.ravel()[(number.astype(np.int64) << 3 * side_bits) + _within(outer, side_bits)]
+    return (number.astype(np.int64) << 3 * block_bits) + _within(cell, block_bits)
+
+
+def _within(cell: NDArray[np.int32], bits: int) -> NDArray[np.int32]:
+    """(n, 3) to their number in a cube of 2**bits a side."""
+    inner = cell & ((1 << bits) - 1)
+    number: NDArray[np.int32] = ((inner[:, 0] << bits) + inner[:, 1] << bits) + inner[:, 2]
+    return number
+
+
+def tables_around(cells: CellsOf) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """The tables of groups and of blocks that come within a cell of a point."""
+    bits = GROUP_BITS
+    while np.prod((cells.last >> BLOCK_BITS + bits) + 1) > MOST_GROUPS:
+        bits += 1
+    near = np.zeros((cells.last >> BLOCK_BITS + bits) + 1, np.bool_)
+    for blocks in _blocks_around(cells):
+        near[tuple((blocks >> bits).T)] = True
+    group = _numbered(near)
+    kept = np.zeros((int(group.max()) + 1, *3 * (1 << bits,)), np.bool_)
+    for blocks in _blocks_around(cells):
+        number = group[tuple((blocks >> bits).T)]
+        kept[(number, *(blocks & ((1 << bits) - 1)).T)] = True
+    return group, _numbered(kept)
+
+
+def _blocks_around(cells: CellsOf) -> Iterator[NDArray[np.int32]]:
+    for rows in cells.parts():
+        cell, _ = cells.of(rows)
+        for corner in product((-1, 1), repeat=3):
+            yield cell + np.array(corner, np.int32) >> BLOCK_BITS
+
+
+def _numbered(kept: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """1, 2, ... where something is kept, 0 elsewhere."""
+    number = np.zeros(kept.shape, np.int32)
+    number[kept] = np.arange(1, kept.sum() + 1)
+    return number
+
+
+def nearest_points(cells: CellsOf, group: NDArray[np.int32], block: NDArray[np.int32]) -> NDArray[np.int32]:
+    """(kept blocks, s, s, s) the point nearest to each cell's centre.
+
+    Slab after slab along x: a slab's groups were numbered one after the other, and so their blocks.
+    """
+    side = 1 << BLOCK_BITS
+    point = np.full((int(block.max()) + 1, side, side, side), -1, np.int32)
+    for rows, first, end in _slabs(cells, group, block):
+        part = point[first:end].reshape(-1)
+        best = np.full(part.shape, _NOTHING)  # squared distance in the high bits, row in the low
+        for start in range(0, len(rows), PART):
+            few = rows[start : start + PART]
+            cell, offset = cells.of(few)
+            for step in product((-1, 0, 1), repeat=3):
+                away = offset - np.asarray(step, np.float32) - np.float32(0.5)
+                distance2 = np.square(away).sum(axis=1)
+                slot = slot_of(cell + np.array(step, np.int32), group, block, BLOCK_BITS) - first * side**3
+                entry = (distance2 * 2**20).astype(np.int64) << 32 | few
+                inside = (slot >= 0) & (slot < len(best))
+                np.minimum.at(best, slot[inside], entry[inside])
+        found = best != _NOTHING
+        part[found] = best[found] & 0xFFFFFFFF
+    return point
+
+
+def _slabs(
+    cells: CellsOf, group: NDArray[np.int32], block: NDArray[np.int32]
+) -> Iterator[tuple[NDArray[np.integer], int, int]]:
+    """The rows of the points in and beside a slab, and its first block and that after its last.
+
+    Slabs are a group thick at least, and as thick as MOST_SLOTS allows.
+    """
+    thick = block.shape[1] << BLOCK_BITS  # cells of a group
+    x = np.concatenate([cells.of(rows)[0][:, 0] for rows in cells.parts()])
+    order = np.argsort(x, kind="stable")
+    x = x[order]
+    groups = group.reshape(len(group), -1).max(axis=1)  # the last of every x, 0 where there is none
+    last_group = np.maximum.accumulate(groups)
+    blocks = np.maximum.accumulate(block.reshape(len(block), -1).max(axis=1))
+    ends = blocks[last_group] + 1  # of every x, the block after its last
+    begin, first = 0, 1
+    for gx in range(len(group)):
+        full = gx + 1 == len(group) or ends[gx + 1] - first > MOST_SLOTS >> 3 * BLOCK_BITS
+        if full:
+            inside = slice(*np.searchsorted(x, [begin * thick - 1, (gx + 1) * thick + 1]))
+            yield np.sort(order[inside]), first, int(ends[gx])
+            begin, first = gx + 1, int(ends[gx])

@@ -1,0 +1,39 @@
+"""Square tiles of the ground, and where in a sorted array what stands in each begins and ends."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+TILE_M = 5.0
+
+
+def tile_table(
+    points: NDArray[np.floating],
+) -> tuple[NDArray[np.intp], NDArray[np.int32], NDArray[np.int32]]:
+    """Of (n, 2 or more) coordinates in metres.
+
+    Returns:
+        order: (n,) rows, tile after tile in columns along y, ascending in each.
+        begin: (columns, rows + 1) int32, in tile (x, y) are ``order[begin[x, y]:begin[x, y + 1]]``.
+        low: (2,) int32, x and y of the first tile, in tiles.
+    """
+    tile = np.floor(points[:, :2] / TILE_M).astype(np.int64)
+    low = tile.min(axis=0)
+    columns, rows = tile.max(axis=0) - low + 1
+    number = (tile - low) @ [rows, 1]
+    order = np.argsort(number, kind="stable")
+    first = np.arange(columns)[:, None] * rows + np.arange(rows + 1)
+    begin = np.searchsorted(number[order], first).astype(np.int32)
+    return order, begin, low.astype(np.int32)
+
+
+def runs_around(
+    begin: NDArray[np.int32], low: NDArray[np.int32], centre: NDArray[np.floating], reach_m: float
+) -> list[slice]:
+    """Of the order, the tiles that come within reach of (2 or more,) coordinates: a run for each column."""
+    size = np.array(begin.shape) - (0, 1)
+    first = np.floor((centre[:2] - reach_m) / TILE_M) - low
+    last = np.floor((centre[:2] + reach_m) / TILE_M) - low + 1
+    (left, bottom), (right, top) = (np.clip(edge, 0, size).astype(np.int64) for edge in (first, last))
+    return [slice(begin[x, bottom], begin[x, top]) for x in range(left, right)]
