@@ -1,7 +1,7 @@
 """A map's templates made by threads and by a Dask cluster: the same bytes, how fast, and what kills cost.
 
-    python -m benchmarks.dask_builds [--world campus] [--templates 108000] [--workers 1 2] [--kills 2]
-        [--work DIR] [--quick] [--json FILE]
+    python -m benchmarks.dask_builds [--world campus] [--templates 108000] [--rays 16384] [--workers 1 2]
+        [--kills 2] [--work DIR] [--quick] [--json FILE]
 
 The stage that a large map's build spends its time in, over a world's mesh; what comes before it is made
 once. Every worker is bound to one processor, so that one and two of them are one and two small machines.
@@ -40,20 +40,22 @@ CAMPUS_M2 = 0.45**2 * 108_464  # of floor, where a viewpoint stands every 0.45 m
 
 
 def dask_builds(
-    folder: Path, *, world: str, templates: int, workers: tuple[int, ...], kills: int
+    folder: Path, *, world: str, templates: int, rays: int, workers: tuple[int, ...], kills: int
 ) -> dict[str, Any]:
     """The figures; ``same_bytes`` is to be true, and ``handed_out_again`` no more than two a kill.
 
     Args:
         folder: of all files; what is made from a world is kept in it for the next run.
         templates: about so many; the world's floors say how many exactly.
+        rays: of a template, at most.
         workers: sizes of clusters.
     """
     base = own_world(world)
     files = base.make(StageCache(folder / "worlds")).map
     floor_m2 = CAMPUS_M2 if world == "campus" else _floor_m2(folder, base.config, files)
-    given = {**base.config, "viewpoints": {"spacing_m": round(float(np.sqrt(floor_m2 / templates)), 3)}}
-    config = BuildConfig.parse(given)
+    spacing_m = round(float(np.sqrt(floor_m2 / templates)), 3)
+    given = {"viewpoints": {"spacing_m": spacing_m}, "simulate": {"max_rays": rays}}
+    config = BuildConfig.parse({**base.config, **given})
     with (
         threadpool_limits(1, user_api="blas"),
         ThreadPoolExecutor(os.cpu_count()) as threads,
@@ -67,6 +69,7 @@ def dask_builds(
         figures: dict[str, Any] = {
             "world": world,
             "templates": count,
+            "rays": rays,
             "chunks": before.chunks,
             "processors": os.cpu_count(),
             "threads_s": round(near_s, 1),
@@ -131,16 +134,14 @@ class _Before:
         work: Path,
         workers: Callable[[Path], Workers],
         progress: Callable[[float], None] = lambda fraction: None,
-    ) -> tuple[StageResult, float, float]:
-        """The stage in an empty folder, seconds it took, and seconds until the first chunk was there."""
+    ) -> tuple[StageResult, float]:
+        """The stage in an empty folder, and the seconds that it took."""
         began = time.monotonic()
-        first = 0.0
         told = 0
 
         def tell(stage: str, fraction: float) -> None:
-            nonlocal first, told
+            nonlocal told
             if fraction > 0:
-                first = first or time.monotonic() - began
                 told += 1
                 progress(fraction)
 
@@ -214,6 +215,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="benchmarks.dask_builds", description=__doc__.split("\n")[0])
     parser.add_argument("--world", default="campus", choices=["campus", "factory", "office"])
     parser.add_argument("--templates", type=int, default=108_000, metavar="N", help="about so many")
+    parser.add_argument("--rays", type=int, default=16_384, metavar="N", help="of a template, at most")
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2], metavar="N", help="clusters' sizes")
     parser.add_argument("--kills", type=int, default=2, metavar="N", help="of workers, in a last run")
     parser.add_argument("--work", type=Path, metavar="DIR", help="kept; default: a temporary folder")
@@ -226,6 +228,7 @@ def main() -> None:
             chosen.work or Path(scratch),
             world=world,
             templates=templates,
+            rays=chosen.rays,
             workers=tuple(chosen.workers),
             kills=chosen.kills,
         )

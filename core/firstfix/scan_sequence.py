@@ -15,6 +15,7 @@ from .transform import Matrix, inverse
 
 MAX_SCANS = 16
 MAX_WAY_M = 1_000.0
+MAX_ODOMETRY_M = 1e8  # from its frame's origin: further away differences lose their millimetres
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,8 @@ class ScanSequence:
         """From the sensor's poses in any one frame that does not move: the odometry's, say.
 
         Raises:
-            InvalidScan: no scans, not as many poses, or one that is no rigid transform within MAX_WAY_M.
+            InvalidScan: no scans, not as many poses, or one that is no rigid transform, lies
+                beyond MAX_ODOMETRY_M or over MAX_WAY_M from the last.
             TooLarge: over MAX_SCANS scans or MAX_POINTS points.
         """
         poses = [np.asarray(T, np.float64) for T in T_odom_sensor]
@@ -53,10 +55,10 @@ class ScanSequence:
         for number, T in enumerate(poses):
             if not _is_rigid(T):
                 raise InvalidScan(f"pose {number} of the sequence is no rigid transform")
-        with np.errstate(over="ignore", invalid="ignore"):  # what is then no number is no way either
-            T_last_scan = tuple(inverse(poses[-1]) @ T for T in poses)
-            near = all(np.linalg.norm(T[:3, 3]) <= MAX_WAY_M for T in T_last_scan)
-        if not near:
+            if np.abs(T[:3, 3]).max() > MAX_ODOMETRY_M:
+                raise InvalidScan(f"pose {number} of the sequence lies beyond {MAX_ODOMETRY_M:g} m")
+        T_last_scan = tuple(inverse(poses[-1]) @ T for T in poses)
+        if any(np.linalg.norm(T[:3, 3]) > MAX_WAY_M for T in T_last_scan):
             raise InvalidScan(f"a scan of the sequence lies over {MAX_WAY_M:g} m from the last")
         return cls(tuple(scans), T_last_scan)
 

@@ -8,7 +8,7 @@ import sys
 CODE = """
 import sys
 import firstfix_client
-heavy = ["scipy", "faiss", "small_gicp", "pydantic", "zenoh", "fastapi", "open3d", "safetensors", "obstore"]
+heavy = ["scipy", "faiss", "small_gicp", "pydantic", "zenoh", "fastapi", "open3d", "obstore"]
 print(sorted(set(heavy) & set(sys.modules)))
 """
 

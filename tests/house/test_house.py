@@ -62,7 +62,6 @@ HEAVY = [
     "obstore",
     "open3d",
     "pydantic",
-    "safetensors",
     "scipy",
     "small_gicp",
     "zenoh",
