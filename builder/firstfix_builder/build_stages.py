@@ -18,13 +18,9 @@ from firstfix.calibration import Calibration
 from firstfix.clusters import Clusters
 from firstfix.engine_config import EngineConfig
 from firstfix.errors import BuildCancelled
-from firstfix.key_projection import load_projection, save_projection
-from firstfix.key_search import build_key_search
+from firstfix.key_projection import save_projection
 from firstfix.localizer import Localizer
 from firstfix.map_index import CALIBRATION_FILE, ENGINE_FILE, MAP_FILE, MapIndex
-from firstfix.map_view import MapView
-from firstfix.registration import MapSurface
-from firstfix.template_tiles import TemplateTiles
 from firstfix.templates import Templates
 from firstfix.transform import inverse, make_transform, transform_points
 
@@ -34,14 +30,13 @@ from .cluster import cluster_by_pairs, cluster_chunks, cluster_templates
 from .content_hash import content_hash
 from .fit_engine import fit_engine
 from .fit_spacing import sample_fitting_viewpoints
+from .index_files import SURFACE_STEP_M, write_index_files
 from .learn_keys import learn_keys
 from .linkage import Pairs
 from .localizability import draw_localizability
-from .make_keys import make_keys
 from .map_level import level_frame
 from .map_tiles import by_tiles
 from .mesh import Mesh
-from .preview import draw_preview
 from .read_map import read_map, read_trajectory
 from .reconstruct_mesh import joined_mesh, mesh_chunks
 from .reliability import draw_reliability
@@ -50,11 +45,9 @@ from .simulate import Simulator
 from .stage_cache import StageCache, StageResult
 from .templates import template_chunks, view_distance_m, write_templates
 from .tiled_mesh import TiledMesh
-from .visible_points import map_surface
 
 Progress = Callable[[str, float], None]
 RunChunks = Callable[[Sequence[Chunk]], Iterator[Arrays]]
-SURFACE_STEP_M = 0.1  # between the points that stand for a mesh in registration
 
 
 @dataclass(frozen=True)
@@ -244,23 +237,14 @@ class BuildStages:
             for part in (fitted, templates, clusters, learned):
                 for path in part.directory.iterdir():
                     link(path, out / path.name)
-            engine = engine_of(fitted)
-            made = Templates.load(out, engine.descriptor.make())
-            _save_keys(made, engine, out)
-            TemplateTiles.of(made.position_m).save(out)
             cloud = read.directory / "points.npy"
-            surface = map_surface(
+            write_index_files(
+                out,
                 np.load(cloud) if cloud.exists() else None,
                 _simulator(mesh),
-                made.position_m,
                 self.config.sensor_model,
-                SURFACE_STEP_M,
-                engine.registration.map_voxel_m,
+                engine_of(fitted),
             )
-            MapSurface.of(surface, engine.registration).save(out)
-            MapView.of(surface.points, engine.verification.reach_m).save(out)
-            np.save(out / MAP_FILE, surface.points)
-            draw_preview(surface.points, made.position_m, out / "preview.png")
 
         inputs = {
             "map": read.digest,
@@ -325,14 +309,6 @@ class BuildStages:
 
     def _ticks(self, stage: str) -> Callable[[float], None]:
         return lambda fraction: self.progress(stage, fraction)
-
-
-def _save_keys(templates: Templates, engine: EngineConfig, directory: Path) -> None:
-    """The key search over a version's files that are there: templates, clusters, projection."""
-    standing = Clusters.load(directory).representative
-    projection = load_projection(directory)
-    keys = make_keys(templates, standing, engine.descriptor.make(), projection, directory)
-    build_key_search(keys, engine.search, templates.position_m[standing]).save(directory)
 
 
 def _trajectory(read: StageResult) -> NDArray[np.float64] | None:
