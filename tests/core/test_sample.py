@@ -35,13 +35,8 @@ def columns(storeys=2, side=40):
     """Viewpoints as the build orders them: column by column, lower storey then upper."""
     x, y = np.meshgrid(np.arange(side, dtype=float), np.arange(side, dtype=float), indexing="ij")
     floor = np.stack([x.ravel(), y.ravel()], axis=1)
-    return np.concatenate(
-        [
-            np.column_stack([floor, np.full(len(floor), 1.0 + 3 * storey)])[:, None]
-            for storey in range(storeys)
-        ],
-        axis=1,
-    ).reshape(-1, 3)
+    each = [np.column_stack([floor, np.full(len(floor), 1.0 + 3 * storey)]) for storey in range(storeys)]
+    return np.stack(each, axis=1).reshape(-1, 3)
 
 
 @pytest.mark.parametrize("at_most", [100, 400, 800, 1600])

@@ -13,9 +13,7 @@ REPO = Path(__file__).resolve().parents[2]
 REGISTRY = re.compile(
     r"(pypi|pythonhosted|npmjs|registry\.[a-z]+|crates|proxy\.golang)\.(org|com|io|dev)\b|--(extra-)?index-url=?\s*http"
 )
-STRIDE = re.compile(
-    r"\[\s*::\s*(?!-?\d+\s*[\],])"
-)  # a step that is reckoned; of constant ones the reader sees the order
+STRIDE = re.compile(r"\[\s*::\s*(?!-?\d+\s*[\],])")  # by a computed step: a constant one is no sample
 MACHINE = re.compile(r"(?<![\w.])/(work|root|tmp/(venv|clone))/")
 
 
