@@ -12,7 +12,7 @@ STEP_S = 0.02
 
 
 def wait_until(condition: Callable[[], object], limit_s: float = LIMIT_S, what: str = "") -> None:
-    """Returns as soon as the condition holds; after ``limit_s`` the test fails and says what it waited for."""
+    """Returns as soon as the condition holds; after ``limit_s`` the test fails and tells what is missing."""
     end = time.monotonic() + limit_s
     while not condition():
         assert time.monotonic() < end, _in_vain(condition, limit_s, what)
