@@ -39,7 +39,7 @@ SENSOR = {
     "max_range_m": 60.0,
     "mount_height_m": 0.8,
 }
-CONFIG = {"sensor": SENSOR, "self_test": {"queries": 12, "outside": 6}}
+CONFIG = {"sensor": SENSOR, "learn_keys": {"scans": 300}, "self_test": {"queries": 12, "outside": 6}}
 
 
 @pytest.fixture(scope="session")
