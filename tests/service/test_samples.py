@@ -12,15 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from service_world import (
-    SCAN_BODY,
-    XYZ,
-    FakeLocalizer,
-    Service,
-    publish,
-    running_service,
-    wait_for,
-)
+from service_world import SCAN_BODY, XYZ, FakeLocalizer, Service, publish, running_service
 
 from firstfix.errors import InvalidOption, NotFound, StoreUnavailable
 from firstfix.evidence import Fit
@@ -34,6 +26,7 @@ from firstfix_cli.main import run
 from firstfix_service.metrics import Metrics
 from firstfix_service.query_recorder import RawQuery
 from firstfix_service.sample_keeper import MAX_WAITING, SampleKeeper, SamplePolicy
+from waiting import wait_until
 
 LOCALIZED_POINTS = 200  # a scan of so many is localized, every other one rejected
 
@@ -56,7 +49,7 @@ def judging(monkeypatch: pytest.MonkeyPatch) -> None:
 def service(tmp_path: Path) -> Iterator[Service]:
     with running_service(tmp_path, samples_share=1.0) as running:
         publish(running.catalog, "hall", "1", running.scratch)
-        wait_for(lambda: running.http.get("/readyz").json().get("maps") == 1)
+        wait_until(lambda: running.http.get("/readyz").json().get("maps") == 1)
         yield running
 
 
@@ -70,7 +63,7 @@ def test_a_rejected_query_is_kept_as_it_came(service: Service, transport: str):
     options = {"min_probability": "0.5"}
     reply = service.ask(transport, body=body, content_encoding="gzip", options=options)
     kept = kept_by(service)
-    wait_for(lambda: len(kept.ids()) == 1)
+    wait_until(lambda: len(kept.ids()) == 1)
     sample = kept.get(kept.ids()[0])
     assert kept.body(sample.sample_id) == body
     assert (sample.media_type, sample.content_encoding) == (XYZ, "gzip")
@@ -85,10 +78,10 @@ def test_a_rejected_query_is_kept_as_it_came(service: Service, transport: str):
 def test_a_localized_query_is_not_kept(service: Service):
     assert service.ask("http", body=bytes(12 * LOCALIZED_POINTS)).json["verdict"] == "localized"
     service.ask("http")  # kept after the other would have been
-    wait_for(lambda: kept_by(service).ids())
+    wait_until(lambda: kept_by(service).ids())
     assert len(kept_by(service).ids()) == 1
     counted = 'firstfix_samples_total{result="kept"} 1.0'  # after it is in the store
-    wait_for(lambda: counted in service.http.get("/metrics").text)
+    wait_until(lambda: counted in service.http.get("/metrics").text)
 
 
 def test_nothing_is_kept_by_default(tmp_path: Path):
@@ -193,7 +186,7 @@ def test_a_store_that_fails_costs_the_samples_alone(tmp_path: Path, monkeypatch:
         broken.setattr(Store, "put", fails)
         kept.keeper.start()
         kept.keeper.offer(query(), REJECTED, None)
-        wait_for(lambda: kept.count("failed") == 1)
+        wait_until(lambda: kept.count("failed") == 1)
     kept.keeper.offer(query(), REJECTED, None)
     kept.keeper.close()
     assert kept.count("kept") == 1
@@ -280,7 +273,7 @@ def ended(*arguments: object) -> int:
 @pytest.fixture
 def sample_id(service: Service) -> str:
     service.ask("http", body=gzip.compress(SCAN_BODY), content_encoding="gzip")
-    wait_for(lambda: kept_by(service).ids())
+    wait_until(lambda: kept_by(service).ids())
     return kept_by(service).ids()[0]
 
 
@@ -341,7 +334,7 @@ def test_another_version_can_be_asked(service: Service, sample_id: str, capsys: 
     asked = ("evaluate", "--samples", service.settings.store, "--map", "hall", "--url", service.url)
     assert ended(*asked, "--version", first) == 0
     assert "moved 0.00 m" in capsys.readouterr().out
-    wait_for(lambda: service.ask("http").json["hypotheses"][0]["T_map_sensor"]["position"][0] == 2)
+    wait_until(lambda: service.ask("http").json["hypotheses"][0]["T_map_sensor"]["position"][0] == 2)
     assert ended(*asked) == 0
     assert "moved 1.00 m" in capsys.readouterr().out
 
@@ -350,7 +343,7 @@ def test_what_is_asked_again_is_not_kept_again(service: Service, sample_id: str)
     asked = ("evaluate", "--samples", service.settings.store, "--map", "hall", "--url", service.url)
     assert ended(*asked) == 0
     service.ask("http")  # kept after the other would have been
-    wait_for(lambda: len(kept_by(service).ids()) > 1)
+    wait_until(lambda: len(kept_by(service).ids()) > 1)
     assert len(kept_by(service).ids()) == 2
 
 
