@@ -135,7 +135,7 @@ class Calls:
 
     def _told(self, name: str, call: Callable[..., Any], at: int) -> Callable[..., Any]:
         def tell(*args: Any, **kwargs: Any) -> Any:
-            where = Path(os.readlink(f"/proc/self/fd/{args[0]}") if name == "fsync" else args[at])
+            where = Path(f"/proc/self/fd/{args[0]}").readlink() if name == "fsync" else Path(args[at])
             if where.is_relative_to(self._root):
                 path = where.relative_to(self._root).as_posix()
                 self.made.append((name, "part" if "#" in path else path))
