@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from datetime import datetime, timedelta, timezone
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -268,6 +268,19 @@ class Store:
             with suppress(StoreError):
                 self.delete(key)
 
+    def now(self) -> datetime:
+        """The store's own time: of an object that is put just now. The age of an object is the difference
+        of two such times, so that a wrong clock on this machine makes nothing old."""
+        while True:
+            key = f"probe/{uuid.uuid4().hex}"
+            self.put(key, b"now")
+            try:
+                with suppress(NotFound), translated(key):  # somebody removes leftovers of any age
+                    modified: datetime = obstore.head(self._backend, key)["last_modified"]
+                    return modified
+            finally:
+                self.delete(key)
+
     def remove_leftovers(self, *, older_than_s: float = 86400.0, dry_run: bool = False) -> builtins.list[str]:
         """Removes what killed processes left: probes, and in a directory the parts of puts that never
         ended, which no listing shows. A cloud drops unfinished uploads by a rule of the bucket's own.
@@ -275,7 +288,7 @@ class Store:
         Returns:
             their names, of a dry run too, which leaves them.
         """
-        cutoff = datetime.now(timezone.utc) - timedelta(seconds=older_than_s)
+        cutoff = self.now() - timedelta(seconds=older_than_s)
         probes = [found.key for found in self.scan("probe") if found.last_modified <= cutoff]
         if not dry_run:
             for key in probes:
