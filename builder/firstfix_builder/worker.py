@@ -122,7 +122,7 @@ def run_build(
             tick(all_stages[0], 0.0)
             try:
                 catalog.store.probe()
-                sources = _fetch_all(store_url, catalog, map_id, request, work / "sources", policy)
+                sources = _fetch_all(store_url, catalog, build_id, request, work / "sources", policy)
                 built = build_version(
                     sources["source"],
                     _mapping(request, "config"),
@@ -159,18 +159,19 @@ def run_build(
 def _fetch_all(
     store_url: str,
     catalog: Catalog,
-    map_id: str,
+    build_id: str,
     request: Mapping[str, Any],
     folder: Path,
     policy: SourcePolicy | None,
 ) -> dict[str, Path]:
     """Local files of the source, and of the trajectory if the request has one."""
+    map_id = str(request.get("map_id", ""))
     source, trajectory = _mapping(request, "source"), _mapping(request, "trajectory")
     named = {"source": (source, str(request.get("file_name") or _ending_of(source)))}
     if trajectory:
         named["trajectory"] = (trajectory, str(trajectory.get("file_name") or _ending_of(trajectory)))
     return {
-        role: fetch_source(store_url, catalog.store, map_id, where, file_name, folder, policy)
+        role: fetch_source(store_url, catalog.store, map_id, build_id, where, file_name, folder, policy)
         for role, (where, file_name) in named.items()
     }
 

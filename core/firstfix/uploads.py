@@ -16,7 +16,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from datetime import datetime, timezone
+from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
 from .catalog import source_key
@@ -109,7 +109,7 @@ class Uploads:
             str(record["file_name"]),
             record["sha256"],
             tuple(parts),
-            max(item.last_modified for item in found) if found else datetime.now(timezone.utc),
+            max(item.last_modified for item in found) if found else self._store.now(),
         )
 
     def append(self, upload: Upload, data: bytes) -> Upload:
@@ -157,7 +157,7 @@ class Uploads:
         self._store.put_new(key, json.dumps({"sha256": sha256}).encode())
         return sha256
 
-    def keep_as_source(self, upload: Upload, map_id: str) -> str:
+    def keep_as_source(self, upload: Upload, map_id: str, *, build_id: str = "") -> str:
         """Makes one object of the parts, as ``Catalog.put_source`` does of a file; returns its sha256.
 
         Raises:
@@ -165,7 +165,7 @@ class Uploads:
             StoreError: the store gives other bytes than it took.
         """
         sha256 = self.finish(upload)
-        key = source_key(map_id, sha256)
+        key = source_key(map_id, sha256, build_id)
         try:
             if self._store.size(key) == upload.size_bytes:
                 return sha256
