@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import secrets
+import sys
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,6 +27,10 @@ BUCKET = "firstfix-tests"
 # themselves: threads of a library that wait for each other in a loop would only take them away.
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
+
+# The tests start hundreds of processes. Where they may not keep bytecode, each compiles all it imports anew.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # The same examples in every run, and no limit on how long one may take.
 hypothesis.settings.register_profile("firstfix", deadline=None, derandomize=True, database=None)
