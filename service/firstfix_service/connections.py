@@ -29,7 +29,7 @@ class Admission(Enum):
     """Whether a new connection may stay."""
 
     FULL = "full"
-    HEALTH_ONLY = "health_only"  # all places are taken by callers that are being served
+    HEALTH_ONLY = "health_only"  # all places, or its address's, are taken by callers that are being served
     REFUSED = "refused"
 
 
@@ -165,17 +165,20 @@ class Connections:
 
     def _place(self, connection: Connection) -> Admission:
         address = self._address(connection)
-        of_address, most = self._open.get(address, {}), self.limits.per_address
-        if address is not None and 0 < most <= len(of_address) and not self._make_room(of_address):
-            return Admission.REFUSED
-        if self._total >= self.limits.total and not self._make_room_anywhere():
-            if len(self._reserve) >= HEALTH_RESERVE and not self._make_room(self._reserve):
-                return Admission.REFUSED
+        if self._has_place(address):
+            self._open.setdefault(address, {})[connection] = None
+            self._total += 1
+            return Admission.FULL
+        if len(self._reserve) < HEALTH_RESERVE or self._make_room(self._reserve):
             self._reserve[connection] = None
             return Admission.HEALTH_ONLY
-        self._open.setdefault(address, {})[connection] = None
-        self._total += 1
-        return Admission.FULL
+        return Admission.REFUSED
+
+    def _has_place(self, address: str | None) -> bool:
+        of_address, most = self._open.get(address, {}), self.limits.per_address
+        if address is not None and 0 < most <= len(of_address) and not self._make_room(of_address):
+            return False
+        return self._total < self.limits.total or self._make_room_anywhere()
 
     def _make_room_anywhere(self) -> bool:
         fullest = sorted(self._open, key=lambda address: (address is None, -len(self._open[address])))

@@ -181,15 +181,16 @@ def test_when_all_places_are_taken_who_waits_goes_for_who_comes(tmp_path: Path):
         wait_for(lambda: ended(service, "room") >= 40)
 
 
-def test_the_health_finds_a_place_among_callers_that_are_all_being_served(tmp_path: Path):
+@pytest.mark.parametrize("limited", ["max_connections", "max_connections_per_address"])
+def test_the_health_finds_a_place_among_callers_that_are_all_being_served(tmp_path: Path, limited: str):
     behaviour = Behaviour(gate=threading.Event())
-    limits = {"max_connections": 4, "max_connections_per_address": 0, "behaviour": behaviour}
+    limits = {"max_connections_per_address": 0, limited: 4, "behaviour": behaviour}
     with running_service(tmp_path, zenoh=False, **limits) as service, ExitStack() as stack:
         publish(service.catalog, "hall", "1", service.scratch)
         wait_for(lambda: service.http.get("/readyz").json().get("maps") == 1)
         service.http.close()
         for _ in range(4):
-            asking = stack.enter_context(connect(service, OTHER_ADDRESS))
+            asking = stack.enter_context(connect(service))
             head = f"POST /localize?map=hall HTTP/1.1\r\nHost: x\r\nContent-Type: {XYZ}\r\n"
             asking.sendall(f"{head}Content-Length: {len(SCAN_BODY)}\r\n\r\n".encode() + SCAN_BODY)
         wait_for(lambda: service.app.state.start.parts.pool.admitted == 4)
