@@ -8,25 +8,23 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import httpx
 import pytest
 from access_world import give
-from service_world import SCAN_BODY, XYZ, Behaviour, Service, free_port, publish, running_service, wait_for
+from service_world import SCAN_BODY, XYZ, Behaviour, Service, free_port, publish, running_service
 
 from firstfix_service import connections, http_protocol
 from firstfix_service.connections import ConnectionLimits
 from firstfix_service.settings import Settings
+from waiting import LIMIT_S, let_pass, wait_until
 
 GET = b"GET /healthz HTTP/1.1\r\nHost: x\r\n"
 SHORT = {"head_timeout_s": 0.5, "keep_alive_s": 0.5, "body_timeout_s": 0.5, "answer_timeout_s": 0.5}
 DRIP_S = 0.1
-WAIT_S = 60.0
-START_S = 200.0
 OTHER_ADDRESS = "127.0.0.9"
 
 
@@ -44,19 +42,18 @@ def guarded(tmp_path: Path) -> Iterator[Service]:
 
 def connect(service: Service, source: str = "127.0.0.1") -> socket.socket:
     port = int(service.url.rpartition(":")[2])
-    return socket.create_connection(("127.0.0.1", port), timeout=WAIT_S, source_address=(source, 0))
+    return socket.create_connection(("127.0.0.1", port), timeout=LIMIT_S, source_address=(source, 0))
 
 
 def is_closed_while_dripping(connection: socket.socket, drop: bytes) -> bool:
     """Whether the service closes a connection on which a little comes all the time: for reading too, not
     only for what it sends itself."""
-    until = time.monotonic() + WAIT_S
-    while time.monotonic() < until:
+    for _ in range(round(LIMIT_S / DRIP_S)):
         try:
             connection.sendall(drop)
         except ConnectionError:
             return True
-        time.sleep(DRIP_S)
+        let_pass(DRIP_S)
     return False
 
 
@@ -101,7 +98,7 @@ def test_silence_does_not_hold_the_connection(guarded: Service):
 def test_a_body_that_drips_within_every_stall_limit_does_not_hold_the_connection(guarded: Service):
     headers = {"Authorization": f"Bearer {give(guarded, 'build')}"}
     announced = {"Upload-Length": "100000", "Upload-Metadata": "filename aGFsbC5wbHk="}
-    wait_for(lambda: guarded.http.get("/builds", headers=headers).is_success)
+    wait_until(lambda: guarded.http.get("/builds", headers=headers).is_success)
     where = guarded.http.post("/uploads", headers={**headers, **announced}).headers["location"]
     with connect(guarded) as connection:
         connection.sendall(
@@ -110,22 +107,21 @@ def test_a_body_that_drips_within_every_stall_limit_does_not_hold_the_connection
             "Content-Length: 100000\r\n\r\n".encode()
         )
         assert is_closed_while_dripping(connection, b"x")
-    wait_for(lambda: ended(guarded, "body") == 1)
+    wait_until(lambda: ended(guarded, "body") == 1)
 
 
 def test_a_caller_that_does_not_take_in_its_answers_is_cut_off(guarded: Service):
     with connect(guarded) as connection:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        connection.settimeout(1.0)
-        asked = b"GET /openapi.json HTTP/1.1\r\nHost: x\r\n\r\n"
-        until = time.monotonic() + WAIT_S
-        while not ended(guarded, "answer"):
-            assert time.monotonic() < until, "it still holds what nobody takes in"
-            try:
-                connection.sendall(asked)
-            except (TimeoutError, ConnectionError):
-                continue
-    wait_for(lambda: guarded.http.get("/healthz").is_success)
+        connection.settimeout(DRIP_S)
+
+        def is_cut_off_while_asking() -> bool:
+            with suppress(TimeoutError, ConnectionError):
+                connection.sendall(b"GET /openapi.json HTTP/1.1\r\nHost: x\r\n\r\n")
+            return ended(guarded, "answer") == 1
+
+        wait_until(is_cut_off_while_asking)
+    wait_until(lambda: guarded.http.get("/healthz").is_success)
 
 
 def test_an_early_answer_is_seen_by_who_is_still_sending(guarded: Service):
@@ -155,7 +151,7 @@ def test_one_address_has_a_limit_and_its_newest_caller_a_place(tmp_path: Path):
         ExitStack() as stack,
     ):
         silent(service, 50, stack)
-        wait_for(lambda: ended(service, "room") == 45)
+        wait_until(lambda: ended(service, "room") == 45)
         with connect(service, OTHER_ADDRESS) as newest:
             newest.sendall(GET + b"\r\n")
             assert newest.recv(1 << 16).startswith(b"HTTP/1.1 200")
@@ -178,7 +174,7 @@ def test_when_all_places_are_taken_who_waits_goes_for_who_comes(tmp_path: Path):
         for n in range(10):
             silent(service, 5, stack, f"127.0.0.{10 + n}")
         assert service.http.get("/maps").is_success
-        wait_for(lambda: ended(service, "room") >= 40)
+        wait_until(lambda: ended(service, "room") >= 40)
 
 
 @pytest.mark.parametrize("limited", ["max_connections", "max_connections_per_address"])
@@ -187,15 +183,15 @@ def test_the_health_finds_a_place_among_callers_that_are_all_being_served(tmp_pa
     limits = {"max_connections_per_address": 0, limited: 4, "behaviour": behaviour}
     with running_service(tmp_path, zenoh=False, **limits) as service, ExitStack() as stack:
         publish(service.catalog, "hall", "1", service.scratch)
-        wait_for(lambda: service.http.get("/readyz").json().get("maps") == 1)
+        wait_until(lambda: service.http.get("/readyz").json().get("maps") == 1)
         service.http.close()
         for _ in range(4):
             asking = stack.enter_context(connect(service))
             head = f"POST /localize?map=hall HTTP/1.1\r\nHost: x\r\nContent-Type: {XYZ}\r\n"
             asking.sendall(f"{head}Content-Length: {len(SCAN_BODY)}\r\n\r\n".encode() + SCAN_BODY)
-        wait_for(lambda: service.app.state.start.parts.pool.admitted == 4)
+        wait_until(lambda: service.app.state.start.parts.pool.admitted == 4)
         for path, status in (("/healthz", 200), ("/readyz", 200), ("/maps", 503), ("/healthz", 200)):
-            assert httpx.get(service.url + path, timeout=WAIT_S).status_code == status
+            assert httpx.get(service.url + path, timeout=LIMIT_S).status_code == status
 
 
 def test_places_follow_from_the_limit_of_open_files():
@@ -228,10 +224,10 @@ def test_connections_do_not_use_up_the_files_that_the_store_needs(tmp_path: Path
         )
         stack.callback(process.wait)
         stack.callback(process.kill)
-        wait_for(lambda: status_of(f"{url}/readyz") == 200, START_S)
+        wait_until(lambda: status_of(f"{url}/readyz") == 200)
         for sources in (["127.0.0.1"], [f"127.0.0.{n}" for n in range(10, 210)]):
             for n in range(300):
-                held = socket.create_connection(("127.0.0.1", port), WAIT_S, (sources[n % len(sources)], 0))
+                held = socket.create_connection(("127.0.0.1", port), LIMIT_S, (sources[n % len(sources)], 0))
                 stack.enter_context(held).sendall(b"POST /maps HTTP/1.1\r\nHost: x\r\n")
             for _ in range(3):
                 assert status_of(f"{url}/healthz") == 200
@@ -240,6 +236,6 @@ def test_connections_do_not_use_up_the_files_that_the_store_needs(tmp_path: Path
 
 def status_of(url: str) -> int:
     try:
-        return httpx.get(url, timeout=WAIT_S).status_code
+        return httpx.get(url, timeout=LIMIT_S).status_code
     except httpx.TransportError:
         return 0

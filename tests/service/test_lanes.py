@@ -17,7 +17,7 @@ import pytest
 from access_world import get, give
 from fastapi.dependencies.models import Dependant
 from fastapi.routing import APIRoute, iter_route_contexts
-from service_world import Service, running_service, wait_for
+from service_world import Service, running_service
 
 import firstfix_service
 from firstfix.api_keys import ApiKeys
@@ -27,10 +27,10 @@ from firstfix_service.app import create_app
 from firstfix_service.lanes import BUILDS, Lane
 from firstfix_service.request_scope import Requests, note
 from firstfix_service.settings import Settings
+from waiting import LIMIT_S, wait_until
 
 SOURCES = sorted(Path(firstfix_service.__file__).parent.glob("*.py"))
 SHARED = {"to_thread", "run_in_threadpool", "run_sync", "set_default_executor"}
-WAIT_S = 60.0
 SLOW_POSTS = 40  # more than any shared pool has threads
 
 
@@ -67,10 +67,10 @@ def test_one_caller_never_has_all_threads():
 
     async def main() -> None:
         greedy = [
-            asyncio.create_task(as_caller("greedy", lane, lambda: gate.wait(WAIT_S))) for _ in range(10)
+            asyncio.create_task(as_caller("greedy", lane, lambda: gate.wait(LIMIT_S))) for _ in range(10)
         ]
         await asyncio.sleep(0)
-        async with asyncio.timeout(WAIT_S):
+        async with asyncio.timeout(LIMIT_S):
             assert await as_caller("other", lane, lambda: "done") == "done"
         gate.set()
         assert await asyncio.gather(*greedy) == [True] * 10
@@ -82,7 +82,7 @@ def test_callers_take_turns():
     lane, order, gate = Lane("test", 1), [], threading.Event()
 
     async def main() -> None:
-        first = asyncio.create_task(lane.run(gate.wait, WAIT_S))
+        first = asyncio.create_task(lane.run(gate.wait, LIMIT_S))
         await asyncio.sleep(0)
         asked = [("a", 1), ("a", 2), ("a", 3), ("b", 1), ("b", 2)]
         tasks = [
@@ -115,7 +115,7 @@ def test_work_that_nobody_waits_for_any_more_is_not_begun():
     lane, gate, begun = Lane("test", 1), threading.Event(), []
 
     async def main() -> None:
-        first = asyncio.create_task(lane.run(gate.wait, WAIT_S))
+        first = asyncio.create_task(lane.run(gate.wait, LIMIT_S))
         given_up = asyncio.create_task(lane.run(begun.append, 1))
         await asyncio.sleep(0)
         given_up.cancel()
@@ -133,7 +133,7 @@ def test_slow_maps_hold_up_nothing_else(tmp_path: Path, monkeypatch: pytest.Monk
 
     def slowly(*_: object) -> str:
         copying.release()
-        assert gate.wait(WAIT_S)
+        assert gate.wait(LIMIT_S)
         raise StoreUnavailable("the test has ended")
 
     monkeypatch.setattr(Catalog, "put_source", slowly)
@@ -143,16 +143,16 @@ def test_slow_maps_hold_up_nothing_else(tmp_path: Path, monkeypatch: pytest.Monk
     ):
         service.catalog.put_build("b1", {"map_id": "hall"})
         mine, other = give(service, "build"), give(service, "build", maps=("hall",))
-        wait_for(lambda: get(service, "/builds/b1", other).is_success)
+        wait_until(lambda: get(service, "/builds/b1", other).is_success)
         posts = [callers.submit(post_slowly, service, mine) for _ in range(SLOW_POSTS)]
         try:
             for _ in range(2):
-                assert copying.acquire(timeout=WAIT_S)
+                assert copying.acquire(timeout=LIMIT_S)
             for path in ("/builds/b1", "/builds", "/maps", "/readyz"):
                 assert get(service, path, other).is_success, path
-            asyncio.run(asyncio.wait_for(BUILDS.run(lambda: None), WAIT_S))
+            asyncio.run(asyncio.wait_for(BUILDS.run(lambda: None), LIMIT_S))
             ApiKeys(service.catalog.store).revoke(mine.split("_")[1])
-            wait_for(lambda: get(service, "/builds/b1", mine).status_code == 401, WAIT_S)
+            wait_until(lambda: get(service, "/builds/b1", mine).status_code == 401)
         finally:
             gate.set()
         for post in posts:
@@ -165,5 +165,5 @@ def post_slowly(service: Service, key: str) -> int:
         files={"source": ("a.ply", b"ply")},
         data={"map_id": "hall"},
         headers={"Authorization": f"Bearer {key}"},
-        timeout=2 * WAIT_S,
+        timeout=2 * LIMIT_S,
     ).status_code

@@ -11,11 +11,12 @@ from pathlib import Path
 import httpx
 import pytest
 from access_world import give
-from service_world import Service, running_service, wait_for
+from service_world import Service, running_service
 from token_world import ALL_KEYS, AUDIENCE, ISSUER, signed
 
 from firstfix.api_keys import ApiKeys
 from firstfix_service import permission
+from waiting import LIMIT_S, let_pass, wait_until
 
 BUILD = "b1"
 
@@ -45,9 +46,11 @@ def seen_of_events(service: Service, credential: str, ending: bool) -> list[str]
     Args:
         ending: revoke the key once the stream is open.
     """
-    wait_for(lambda: is_known(service, credential))
+    wait_until(lambda: is_known(service, credential))
     headers = {"Authorization": f"Bearer {credential}"}
-    with httpx.stream("GET", f"{service.url}/builds/{BUILD}/events", headers=headers, timeout=60) as response:
+    with httpx.stream(
+        "GET", f"{service.url}/builds/{BUILD}/events", headers=headers, timeout=LIMIT_S
+    ) as response:
         lines = response.iter_lines()
         first = next(lines)
         if ending:
@@ -73,12 +76,14 @@ def test_an_event_stream_ends_with_its_expired_token(guarded: Service):
 
 def test_an_event_stream_with_a_key_for_its_map_goes_on(guarded: Service):
     key = give(guarded, "build", maps=("hall",))
-    wait_for(lambda: is_known(guarded, key))
+    wait_until(lambda: is_known(guarded, key))
     headers = {"Authorization": f"Bearer {key}"}
-    with httpx.stream("GET", f"{guarded.url}/builds/{BUILD}/events", headers=headers, timeout=60) as response:
+    with httpx.stream(
+        "GET", f"{guarded.url}/builds/{BUILD}/events", headers=headers, timeout=LIMIT_S
+    ) as response:
         lines = response.iter_lines()
         assert next(lines) == "event: progress"
-        time.sleep(3.0)  # looks at the key
+        let_pass(3.0)  # it looks at the key
         guarded.catalog.store.delete(f"builds/{BUILD}/request.json")
         assert "event: end" not in list(lines)
 
@@ -87,7 +92,7 @@ def test_an_event_stream_with_a_key_for_its_map_goes_on(guarded: Service):
 def test_an_upload_ends_with_its_revoked_key(guarded: Service, kind: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(permission, "CHECK_S", 0.0)
     key = give(guarded, "build")
-    wait_for(lambda: is_known(guarded, key))
+    wait_until(lambda: is_known(guarded, key))
     headers = {"Authorization": f"Bearer {key}"}
 
     def pieces() -> Iterator[bytes]:
@@ -95,10 +100,10 @@ def test_an_upload_ends_with_its_revoked_key(guarded: Service, kind: str, monkey
             yield b'--B\r\nContent-Disposition: form-data; name="source"; filename="a.ply"\r\n\r\n'
         yield b"x"
         revoke(guarded, key)
-        wait_for(lambda: not is_known(guarded, key))
+        wait_until(lambda: not is_known(guarded, key))
         for _ in range(100):
             yield b"x" * 1000
-            time.sleep(0.05)
+            let_pass(0.05)
 
     if kind == "a form":
         about = {"Content-Type": "multipart/form-data; boundary=B"}
