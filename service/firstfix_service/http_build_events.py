@@ -17,6 +17,7 @@ from starlette.types import Receive, Scope, Send
 from firstfix.build_records import FINAL_STATES
 from firstfix.errors import FirstfixError, StoreUnavailable
 
+from .authorize import CallerDep
 from .parts import Parts, PartsDep
 from .path_parameters import BuildId
 
@@ -40,11 +41,11 @@ _EVENTS: dict[int | str, dict[str, Any]] = {
 
 
 @router.get("/{build_id}/events", response_class=StreamingResponse, responses=_EVENTS)
-async def get_build_events(build_id: BuildId, parts: PartsDep) -> StreamingResponse:
+async def get_build_events(build_id: BuildId, parts: PartsDep, caller: CallerDep) -> StreamingResponse:
     """The build's status as it changes, until it ends."""
     status = await asyncio.to_thread(parts.catalog.build_status, build_id)
     place = ExitStack()
-    place.enter_context(parts.event_streams.one())
+    place.enter_context(parts.event_streams.one(caller.name))
     return _Stream(_events(parts, build_id, status), place)
 
 
