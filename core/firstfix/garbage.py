@@ -5,6 +5,7 @@
     sources       uploaded files that no build on record names
     uploads       files that were begun and abandoned
     idempotency   keys of requests that nobody repeats any more
+    callers       what was counted to callers on days that are over, and builds that nobody put on record
     leftovers     what processes that were killed left of a look at the store, of a put, or of a collection
 
 A source is kept as long as the record of a build names it, and the record as long as the version that
@@ -18,6 +19,7 @@ from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 
 from .build_records import FINAL_STATES
+from .caller_usage import FOLDER as CALLERS
 from .catalog import Catalog
 from .doomed_keys import FOLDER as DOOMED
 from .doomed_keys import announced
@@ -27,6 +29,7 @@ from .ids import check_map_id, is_name
 from .store import StoredObject
 
 DAY_S = 86400.0
+USAGE_DAYS = 7  # entries of builds that wait for longer stop counting for their callers
 
 
 @dataclass(frozen=True)
@@ -79,8 +82,9 @@ def collect_garbage(
         found.keys["builds"] = _builds(catalog, now - timedelta(seconds=ages.builds_s))
         found.keys["uploads"] = _by_folder(catalog, "uploads", cutoff)
         found.keys[IDEMPOTENCY] = _older(catalog, IDEMPOTENCY, cutoff)
+        found.keys[CALLERS] = _usage(catalog, now)
         if not dry_run:
-            for kind in ("builds", "uploads", IDEMPOTENCY):
+            for kind in ("builds", "uploads", IDEMPOTENCY, CALLERS):
                 _remove(catalog, found.keys[kind])
         lists = _older(catalog, DOOMED, cutoff)
         if not dry_run:
@@ -106,10 +110,12 @@ def remove_abandoned(catalog: Catalog, *, older_than_s: float = DAY_S) -> Garbag
     Raises:
         StoreError: the store failed.
     """
-    cutoff = catalog.store.now() - timedelta(seconds=older_than_s)
+    now = catalog.store.now()
+    cutoff = now - timedelta(seconds=older_than_s)
     found = Garbage()
     found.keys["uploads"] = _by_folder(catalog, "uploads", cutoff)
     found.keys[IDEMPOTENCY] = _older(catalog, IDEMPOTENCY, cutoff)
+    found.keys[CALLERS] = _usage(catalog, now)
     for keys in found.keys.values():
         _remove(catalog, keys)
     return found
@@ -117,6 +123,10 @@ def remove_abandoned(catalog: Catalog, *, older_than_s: float = DAY_S) -> Garbag
 
 def _older(catalog: Catalog, folder: str, cutoff: datetime) -> list[str]:
     return [item.key for item in catalog.store.scan(folder) if item.last_modified < cutoff]
+
+
+def _usage(catalog: Catalog, now: datetime) -> list[str]:
+    return _older(catalog, CALLERS, now - timedelta(days=USAGE_DAYS))
 
 
 def _by_folder(

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import builtins
 import hashlib
-import shutil
 import uuid
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -155,10 +154,13 @@ class Store:
             found = obstore.get_range(self._backend, key, start=start, end=min(start + length, size))
             return bytes(found)
 
-    def download(self, key: str, path: Path) -> str:
+    def download(self, key: str, path: Path, told: Callable[[float], None] = lambda done: None) -> str:
         """Writes the object to a file, whole or not at all; returns the sha256 of what was written.
 
         It asks for chunk after chunk, so that each has its own timeout and retries.
+
+        Args:
+            told: called after each chunk with the share that is done, 0..1.
 
         Raises:
             NotFound: no such key.
@@ -174,6 +176,7 @@ class Store:
                         chunk = obstore.get_range(self._backend, key, start=start, end=end)
                     digest.update(chunk)
                     file.write(chunk)
+                    told(end / size)
             part.replace(path)
         finally:
             part.unlink(missing_ok=True)
@@ -242,9 +245,10 @@ class Store:
             raise NotFound(f"no object {key}")
         return path
 
-    def free_bytes(self) -> int | None:
-        """What still fits on the disk of a file store; None for other stores, which do not tell."""
-        return None if self._root is None else shutil.disk_usage(self._root).free
+    @property
+    def directory(self) -> Path | None:
+        """Where a file store is; None for other stores, which do not tell how much room they have."""
+        return self._root
 
     def probe(self) -> None:
         """Puts a key twice: every promise of this project rests on the second put losing. A read-only

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
 _log = structlog.get_logger(__name__)
 _API_KEY = "ffx_"
-DEFAULT_LOCALIZE_PER_S, DEFAULT_BUILDS_PER_HOUR = 50.0, 60.0  # of one caller, where strangers can be some
+# Of one caller, where strangers can be some.
+DEFAULT_LOCALIZE_PER_S, DEFAULT_BUILDS_PER_HOUR = 50.0, 60.0
 _LOCALIZE_BURST_S = 5.0
 
 
@@ -42,8 +43,8 @@ class Access:
     def __init__(self, settings: Settings, keys: KeyRing | None, tokens: TokenVerifier | None) -> None:
         self._keys, self._tokens = keys, tokens
         exposed = bool(exposed_at(settings))
-        per_s = _chosen(settings.localize_per_s, DEFAULT_LOCALIZE_PER_S, exposed)
-        per_hour = _chosen(settings.builds_per_hour, DEFAULT_BUILDS_PER_HOUR, exposed)
+        per_s = chosen_limit(settings.localize_per_s, DEFAULT_LOCALIZE_PER_S, exposed)
+        per_hour = chosen_limit(settings.builds_per_hour, DEFAULT_BUILDS_PER_HOUR, exposed)
         per_min = settings.auth_failures_per_min
         self._limits = {
             "localize": _limit("queries", per_s, _LOCALIZE_BURST_S * per_s),
@@ -155,8 +156,12 @@ def _limit(what: str, per_s: float, burst: float) -> RateLimit | None:
     return RateLimit(what, per_s, burst) if per_s else None
 
 
-def _chosen(given: float | None, default: float, exposed: bool) -> float:
-    """A limit; 0: none."""
+def chosen_limit(given: float | None, default: float, exposed: bool) -> float:
+    """A limit; 0: none.
+
+    Args:
+        default: where strangers can be some of the callers.
+    """
     if given is not None:
         return given
     return default if exposed else 0.0
