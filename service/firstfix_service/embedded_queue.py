@@ -87,7 +87,8 @@ class EmbeddedBuildQueue:
                     _log.exception("the build queue stumbled")
                 if pause:
                     with suppress(TimeoutError):
-                        await asyncio.wait_for(self._wake.wait(), self._poll_interval_s)
+                        async with asyncio.timeout(self._poll_interval_s):
+                            await self._wake.wait()
         finally:
             folder.release()
 
