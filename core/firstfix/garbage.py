@@ -5,7 +5,8 @@
     sources       uploaded files that no build on record names
     uploads       files that were begun and abandoned
     idempotency   keys of requests that nobody repeats any more
-    leftovers     what processes that were killed left of a look at the store, or of a put
+    callers       what was counted to callers on days that are over, and builds that nobody put on record
+    leftovers     what processes that were killed left of a look at the store, of a put, or of a collection
 
 A source is kept as long as the record of a build names it, and the record as long as the version that
 came out can be served: so what is served can always be built again.
@@ -15,16 +16,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from datetime import datetime, timedelta, timezone
+from datetime import datetime, timedelta
 
 from .build_records import FINAL_STATES
+from .caller_usage import FOLDER as CALLERS
 from .catalog import Catalog
+from .doomed_keys import FOLDER as DOOMED
+from .doomed_keys import announced
 from .errors import NotFound
 from .idempotency import FOLDER as IDEMPOTENCY
 from .ids import check_map_id, is_name
 from .store import StoredObject
 
 DAY_S = 86400.0
+USAGE_DAYS = 7  # entries of builds that wait for longer stop counting for their callers
 
 
 @dataclass(frozen=True)
@@ -61,7 +66,7 @@ def collect_garbage(
         StoreError: the store failed; what was removed by then stays removed.
     """
     ages = ages or Ages()
-    now = datetime.now(timezone.utc)
+    now = catalog.store.now()
     cutoff = now - timedelta(seconds=ages.things_s)
     if map_id is not None:
         map_ids = [check_map_id(map_id)]
@@ -71,22 +76,31 @@ def collect_garbage(
     found.keys["versions"] = [
         key
         for name in map_ids
-        for key in catalog.collect_garbage(name, older_than_s=ages.things_s, dry_run=dry_run)
+        for key in catalog.collect_garbage(name, older_than_s=ages.things_s, now=now, dry_run=dry_run)
     ]
     if map_id is None:
         found.keys["builds"] = _builds(catalog, now - timedelta(seconds=ages.builds_s))
         found.keys["uploads"] = _by_folder(catalog, "uploads", cutoff)
         found.keys[IDEMPOTENCY] = _older(catalog, IDEMPOTENCY, cutoff)
+        found.keys[CALLERS] = _usage(catalog, now)
         if not dry_run:
-            for kind in ("builds", "uploads", IDEMPOTENCY):
+            for kind in ("builds", "uploads", IDEMPOTENCY, CALLERS):
                 _remove(catalog, found.keys[kind])
-        found.keys["leftovers"] = catalog.store.remove_leftovers(older_than_s=ages.things_s, dry_run=dry_run)
-    # Sources last, and against builds that are read after them: one that was asked for meanwhile counts.
+        lists = _older(catalog, DOOMED, cutoff)
+        if not dry_run:
+            _remove(catalog, lists)
+        found.keys["leftovers"] = lists + catalog.store.remove_leftovers(
+            older_than_s=ages.things_s, dry_run=dry_run
+        )
     old = [key for name in map_ids for key in _older(catalog, f"maps/{name}/sources", cutoff)]
     gone = {key.split("/")[1] for key in found.keys.get("builds", ())}
     found.keys["sources"] = _unnamed(catalog, old, gone)
-    if not dry_run:
-        _remove(catalog, found.keys["sources"])
+    if found.keys["sources"] and not dry_run:
+        # Announced, then looked at again: of a build that names one meanwhile either we see the record,
+        # or it sees the announcement.
+        with announced(catalog.store, found.keys["sources"]):
+            found.keys["sources"] = _unnamed(catalog, found.keys["sources"], gone)
+            _remove(catalog, found.keys["sources"])
     return found
 
 
@@ -96,10 +110,12 @@ def remove_abandoned(catalog: Catalog, *, older_than_s: float = DAY_S) -> Garbag
     Raises:
         StoreError: the store failed.
     """
-    cutoff = datetime.now(timezone.utc) - timedelta(seconds=older_than_s)
+    now = catalog.store.now()
+    cutoff = now - timedelta(seconds=older_than_s)
     found = Garbage()
     found.keys["uploads"] = _by_folder(catalog, "uploads", cutoff)
     found.keys[IDEMPOTENCY] = _older(catalog, IDEMPOTENCY, cutoff)
+    found.keys[CALLERS] = _usage(catalog, now)
     for keys in found.keys.values():
         _remove(catalog, keys)
     return found
@@ -107,6 +123,10 @@ def remove_abandoned(catalog: Catalog, *, older_than_s: float = DAY_S) -> Garbag
 
 def _older(catalog: Catalog, folder: str, cutoff: datetime) -> list[str]:
     return [item.key for item in catalog.store.scan(folder) if item.last_modified < cutoff]
+
+
+def _usage(catalog: Catalog, now: datetime) -> list[str]:
+    return _older(catalog, CALLERS, now - timedelta(days=USAGE_DAYS))
 
 
 def _by_folder(
@@ -167,7 +187,8 @@ def _sources_of(catalog: Catalog, build_id: str) -> list[str]:
     except NotFound:
         return []
     named = (request.get(role) for role in ("source", "trajectory"))
-    return [str(one["key"]) for one in named if isinstance(one, dict) and "key" in one]
+    keys = [str(one["key"]) for one in named if isinstance(one, dict) and "key" in one]
+    return [*keys, *(f"{key}.{build_id}" for key in keys)]
 
 
 def _remove(catalog: Catalog, keys: Iterable[str]) -> None:

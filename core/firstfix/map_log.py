@@ -1,9 +1,13 @@
-"""The log of a map: what was published, activated and retired, and by that what is served.
+"""The log of a map: what was published, activated, retired and collected, and by that what is served.
 
 Entries are numbered objects that are only ever created, never replaced. Two writers that want the
 same number race in one create-only put; the loser reads the winner's entry, checks its own
 precondition against it, and takes the next number. So an entry always holds for exactly the state
 before it, on every store and without a lock.
+
+The files of a version stand in a folder of a generation, which ``retired`` or ``collected`` ends: from then
+on a remover may take the files whenever it gets to it, and a publish that began before is not recorded any
+more. Whoever publishes the version again puts its files into the next generation, which no remover knows.
 """
 
 from __future__ import annotations
@@ -15,8 +19,8 @@ import re
 import threading
 import time
 import uuid
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
 from datetime import datetime, timezone
 from enum import Enum
 from typing import Any
@@ -34,6 +38,7 @@ class Event(str, Enum):
     PUBLISHED = "published"
     ACTIVATED = "activated"
     RETIRED = "retired"
+    COLLECTED = "collected"  # files of a publish that never ended; readers that do not know it skip it
 
 
 @dataclass(frozen=True)
@@ -45,6 +50,7 @@ class LogEntry:
         time: of writing, UTC, ISO 8601; for people: the order is seq's.
         build_id: of the build that caused it; empty when a person did.
         writer: unique to one append, so that a writer whose reply was lost knows its own entry.
+        generation: of ``published``: of the folder with the files.
     """
 
     seq: int
@@ -53,6 +59,7 @@ class LogEntry:
     time: str
     build_id: str = ""
     writer: str = ""
+    generation: int = 0
 
     def to_json(self) -> bytes:
         values = {**asdict(self), "event": self.event.value}
@@ -76,6 +83,7 @@ class LogEntry:
                 values["time"],
                 str(values.get("build_id", "")),
                 str(values.get("writer", "")),
+                int(values.get("generation", 0)),
             )
         except (KeyError, TypeError, AttributeError, FirstfixError) as error:
             raise ValueError(f"not a log entry: {error}") from None
@@ -91,12 +99,26 @@ class MapState:
         activated: those of them that were ever active, the latest activation first: the active one,
             then what to fall back to.
         last_seq: of the last entry, readable or not; 0 for an empty log.
+        generations: of the published versions: which folder their files stand in.
+        ended: version to the ``seq`` of the entry that ended its last generation.
     """
 
     entries: tuple[LogEntry, ...] = ()
     published: tuple[str, ...] = ()
     activated: tuple[str, ...] = ()
     last_seq: int = 0
+    generations: Mapping[str, int] = field(default_factory=dict)
+    ended: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def exists(self) -> bool:
+        """Whether the map ever had a version to serve."""
+        return any(entry.event is Event.PUBLISHED for entry in self.entries)
+
+    def generation(self, version: str) -> int:
+        """Of the folder that the version's files stand in, or are put into to publish it: 0, or the ``seq``
+        of the entry that ended the generation before it."""
+        return self.generations.get(version, self.ended.get(version, 0))
 
     @property
     def active(self) -> str | None:
@@ -106,18 +128,24 @@ class MapState:
     def of(cls, entries: tuple[LogEntry, ...], last_seq: int) -> MapState:
         published: list[str] = []
         activated: list[str] = []
+        generations: dict[str, int] = {}
+        ended: dict[str, int] = {}
         for entry in entries:
             version = entry.version
             if entry.event is Event.PUBLISHED:
                 if version not in published:
                     published.append(version)
+                    generations[version] = entry.generation
             elif entry.event is Event.ACTIVATED:
                 if version in published:
                     activated = [version, *(v for v in activated if v != version)]
             else:
+                ended[version] = entry.seq
+            if entry.event is Event.RETIRED:
                 published = [v for v in published if v != version]
                 activated = [v for v in activated if v != version]
-        return cls(entries, tuple(published), tuple(activated), last_seq)
+                generations.pop(version, None)
+        return cls(entries, tuple(published), tuple(activated), last_seq, generations, ended)
 
 
 class MapLog:
@@ -151,8 +179,24 @@ class MapLog:
             entries = tuple(entry for seq in read if (entry := self._entries[seq]) is not None)
         return MapState.of(entries, read[-1] if read else 0)
 
+    def changed_since(self, time: datetime) -> set[str]:
+        """The versions of the entries that were written after that time, by the store's clock: those in the
+        entries are their writers'."""
+        changed = set()
+        for item in self._store.scan(self._folder):
+            match = _ENTRY_NAME.fullmatch(item.key.rsplit("/", 1)[-1])
+            if match and item.last_modified > time and (entry := self._entry(int(match[1]))) is not None:
+                changed.add(entry.version)
+        return changed
+
     def append(
-        self, event: Event, version: str, *, build_id: str = "", needed: Callable[[MapState], bool]
+        self,
+        event: Event,
+        version: str,
+        *,
+        build_id: str = "",
+        generation: int = 0,
+        needed: Callable[[MapState], bool],
     ) -> LogEntry | None:
         """Adds an entry, if it is still needed in the state that it follows.
 
@@ -169,7 +213,7 @@ class MapLog:
                 return None
             seq = state.last_seq + 1
             now = datetime.now(timezone.utc).isoformat(timespec="seconds")
-            entry = LogEntry(seq, event, check_version(version), now, build_id, writer)
+            entry = LogEntry(seq, event, check_version(version), now, build_id, writer, generation)
             if self._store.put_new(self._key(seq), entry.to_json()):
                 with self._lock:
                     self._entries[seq] = entry
@@ -180,6 +224,12 @@ class MapLog:
                 return there
             time.sleep(random.uniform(0, 0.01 * min(race + 1, 20)))
         raise StoreUnavailable(f"{self._folder}: {_MAX_RACES} races lost in a row")
+
+    def _entry(self, seq: int) -> LogEntry | None:
+        with self._lock:
+            if seq in self._entries:
+                return self._entries[seq]
+        return self._read(seq)
 
     def _read(self, seq: int) -> LogEntry | None:
         try:

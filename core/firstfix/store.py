@@ -2,33 +2,33 @@
 
 Correctness stands on create-only puts alone, never on rename or compare-and-swap: they work on every
 store. ``probe`` finds out a store that only pretends to have them. What is put is durable when the
-call returns, also in a directory (it is synced to disk).
+call returns, also in a directory, where it gets its name only after its bytes are on disk.
 """
 
 from __future__ import annotations
 
 import builtins
 import hashlib
-import shutil
 import uuid
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from datetime import datetime, timedelta, timezone
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import obstore
 from obstore import exceptions
 
+from .durable_files import DurableFiles
 from .errors import InvalidOption, NotFound, ReadOnly, StoreError, StoreUnsafe
-from .lasting_files import LastingFiles
 from .object_keys import check_folder, check_key
 from .store_backend import open_backend, translated
 from .store_url import StoreUrl
 
 CHUNK_BYTES = 16 << 20
+_READ_BYTES = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Store:
     def __init__(self, backend: Any, *, root: Path | None = None, read_only: bool = False) -> None:
         self._backend = backend
         self._root = root  # the directory of a file store
-        self._files = None if root is None else LastingFiles(root)
+        self._files = None if root is None else DurableFiles(root)
         self._read_only = read_only
 
     @classmethod
@@ -77,6 +77,9 @@ class Store:
         know compares the content. A file is read into memory; for large ones see ``upload``.
         """
         self._writing(key)
+        if self._files is not None:
+            with translated(key, writing=True), _pieces(data) as pieces:
+                return self._files.create(key, pieces)
         try:
             with translated(key, writing=True):
                 obstore.put(self._backend, key, data, mode="create")
@@ -84,15 +87,12 @@ class Store:
             return False
         except exceptions.NotSupportedError:
             raise StoreUnsafe("this store has no create-only put") from None
-        self._sync(key)
         return True
 
     def put(self, key: str, data: bytes) -> None:
         """Atomic put that replaces what was there."""
         self._writing(key)
-        with translated(key, writing=True):
-            obstore.put(self._backend, key, data)
-        self._sync(key)
+        self._replace(key, data)
 
     def upload(self, key: str, path: Path) -> bool:
         """Puts a file under a key that names its content: for such keys the last of two equal puts
@@ -102,16 +102,20 @@ class Store:
         size = path.stat().st_size
         with suppress(NotFound):
             if self.size(key) == size:
+                if self._files is not None:
+                    self._files.sync_name(key)
                 return False
-        with translated(key, writing=True):
-            obstore.put(self._backend, key, path)
-        self._sync(key)
+        self._replace(key, path)
         return True
 
     def put_pieces(self, key: str, pieces: Iterable[bytes]) -> None:
         """Puts one object from its pieces, a few of which are in memory at a time. Where a piece cannot be
         had the error leaves, and there is no object: so it can be checked as it passes."""
         self._writing(key)
+        if self._files is not None:
+            with translated(key, writing=True):
+                self._files.replace(key, pieces)
+            return
         source = iter(pieces)
         with ThreadPoolExecutor(1, thread_name_prefix="pieces") as other:
 
@@ -122,7 +126,6 @@ class Store:
 
             with translated(key, writing=True):
                 obstore.put(self._backend, key, made(), chunk_size=CHUNK_BYTES, max_concurrency=2)
-        self._sync(key)
 
     def get(self, key: str) -> bytes:
         """The whole object.
@@ -151,10 +154,13 @@ class Store:
             found = obstore.get_range(self._backend, key, start=start, end=min(start + length, size))
             return bytes(found)
 
-    def download(self, key: str, path: Path) -> str:
+    def download(self, key: str, path: Path, told: Callable[[float], None] = lambda done: None) -> str:
         """Writes the object to a file, whole or not at all; returns the sha256 of what was written.
 
         It asks for chunk after chunk, so that each has its own timeout and retries.
+
+        Args:
+            told: called after each chunk with the share that is done, 0..1.
 
         Raises:
             NotFound: no such key.
@@ -170,6 +176,7 @@ class Store:
                         chunk = obstore.get_range(self._backend, key, start=start, end=end)
                     digest.update(chunk)
                     file.write(chunk)
+                    told(end / size)
             part.replace(path)
         finally:
             part.unlink(missing_ok=True)
@@ -221,7 +228,8 @@ class Store:
         with suppress(NotFound), translated(key):
             obstore.delete(self._backend, key)
         if self._files is not None:
-            self._files.remove_empty_folders(key)
+            with translated(key, writing=True):
+                self._files.removed(key)
 
     def local_path(self, key: str) -> Path | None:
         """The object as a file of a file store, to map in place; None for other stores.
@@ -237,9 +245,10 @@ class Store:
             raise NotFound(f"no object {key}")
         return path
 
-    def free_bytes(self) -> int | None:
-        """What still fits on the disk of a file store; None for other stores, which do not tell."""
-        return None if self._root is None else shutil.disk_usage(self._root).free
+    @property
+    def directory(self) -> Path | None:
+        """Where a file store is; None for other stores, which do not tell how much room they have."""
+        return self._root
 
     def probe(self) -> None:
         """Puts a key twice: every promise of this project rests on the second put losing. A read-only
@@ -263,6 +272,19 @@ class Store:
             with suppress(StoreError):
                 self.delete(key)
 
+    def now(self) -> datetime:
+        """The store's own time: of an object that is put just now. The age of an object is the difference
+        of two such times, so that a wrong clock on this machine makes nothing old."""
+        while True:
+            key = f"probe/{uuid.uuid4().hex}"
+            self.put(key, b"now")
+            try:
+                with suppress(NotFound), translated(key):  # somebody removes leftovers of any age
+                    modified: datetime = obstore.head(self._backend, key)["last_modified"]
+                    return modified
+            finally:
+                self.delete(key)
+
     def remove_leftovers(self, *, older_than_s: float = 86400.0, dry_run: bool = False) -> builtins.list[str]:
         """Removes what killed processes left: probes, and in a directory the parts of puts that never
         ended, which no listing shows. A cloud drops unfinished uploads by a rule of the bucket's own.
@@ -270,7 +292,7 @@ class Store:
         Returns:
             their names, of a dry run too, which leaves them.
         """
-        cutoff = datetime.now(timezone.utc) - timedelta(seconds=older_than_s)
+        cutoff = self.now() - timedelta(seconds=older_than_s)
         probes = [found.key for found in self.scan("probe") if found.last_modified <= cutoff]
         if not dry_run:
             for key in probes:
@@ -282,6 +304,20 @@ class Store:
         if self._read_only:
             raise ReadOnly(f"{key}: this store was opened for reading only")
 
-    def _sync(self, key: str) -> None:
-        if self._files is not None:
-            self._files.sync(key)
+    def _replace(self, key: str, data: bytes | Path) -> None:
+        with translated(key, writing=True):
+            if self._files is None:
+                obstore.put(self._backend, key, data)
+            else:
+                with _pieces(data) as pieces:
+                    self._files.replace(key, pieces)
+
+
+@contextmanager
+def _pieces(data: bytes | Path) -> Iterator[Iterable[bytes]]:
+    """Bytes as they are, a file a few at a time."""
+    if isinstance(data, bytes):
+        yield (data,)
+    else:
+        with data.open("rb") as file:
+            yield iter(lambda: file.read(_READ_BYTES), b"")

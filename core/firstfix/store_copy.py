@@ -1,7 +1,8 @@
 """A store into another one: a backup, its restoration, a move to another cloud.
 
 What lasts is copied: maps, with their logs, sources and georeferences; builds; API keys. Not copied are
-``stages/``, ``uploads/``, ``idempotency/`` and ``changes/``, which make themselves anew, and ``samples/``.
+``stages/``, ``uploads/``, ``idempotency/``, ``callers/`` and ``changes/``, which make themselves anew, and
+``samples/``.
 
 Both stores may be in use. The logs are read first and written last: so every version that the copy's logs
 name was whole when it was read, and nobody who reads the copy sees a version before its files. Nothing is
@@ -24,6 +25,7 @@ from .ids import is_name
 from .manifest import FILE_NAME
 from .map_log import LogEntry, MapState
 from .store import CHUNK_BYTES, Store
+from .version_objects import VersionFolder
 
 _AT_ONCE = 4
 _REPLACED = ("/status.json", "/stages.json")  # of a build; everything else is created once
@@ -73,8 +75,10 @@ class _Copy:
         builds = self._source.list("builds")  # before the sources, which are put before the builds
         for map_id, log in logs.items():
             self._copy_sources(map_id)
-            for version in _published(log):
-                self._copy_version(f"maps/{map_id}/versions/{version}", version)
+            state = _state(log)
+            for version in state.published:
+                folder = VersionFolder(map_id, version, state.generation(version))
+                self._copy_version(folder.key, version)
             self._write(self._read(f"maps/{map_id}/georeference"))
         for key in builds:
             with suppress(NotFound):  # collected meanwhile
@@ -113,7 +117,7 @@ class _Copy:
 
     def _copy_sources(self, map_id: str) -> None:
         keys = self._source.list(f"maps/{map_id}/sources")
-        damaged = self._copy_files({key: key.rsplit("/", 1)[-1] for key in keys})
+        damaged = self._copy_files({key: key.rsplit("/", 1)[-1].split(".")[0] for key in keys})
         self._report.damaged += filter(self._source.exists, damaged)  # others were collected meanwhile
 
     def _copy_version(self, folder: str, version: str) -> None:
@@ -170,10 +174,10 @@ class _Copy:
             yield piece
 
 
-def _published(log: Mapping[str, bytes]) -> tuple[str, ...]:
-    """The versions that a map's log lets be served; entries that cannot be read are passed over."""
+def _state(log: Mapping[str, bytes]) -> MapState:
+    """What a map's log adds up to; entries that cannot be read are passed over."""
     entries = []
     for number, data in enumerate(log.values(), 1):
         with suppress(ValueError):
             entries.append(LogEntry.from_json(number, data))
-    return MapState.of(tuple(entries), len(log)).published
+    return MapState.of(tuple(entries), len(log))

@@ -17,6 +17,7 @@ from firstfix.store import Store
 from .caller import Caller
 from .exposure import exposed_at
 from .key_ring import KeyRing
+from .lanes import KEYS
 from .metrics import Metrics
 from .rate_limit import RateLimit
 from .settings import Settings
@@ -26,7 +27,8 @@ if TYPE_CHECKING:
 
 _log = structlog.get_logger(__name__)
 _API_KEY = "ffx_"
-DEFAULT_LOCALIZE_PER_S, DEFAULT_BUILDS_PER_HOUR = 50.0, 60.0  # of one caller, where strangers can be some
+# Of one caller, where strangers can be some.
+DEFAULT_LOCALIZE_PER_S, DEFAULT_BUILDS_PER_HOUR = 50.0, 60.0
 _LOCALIZE_BURST_S = 5.0
 
 
@@ -41,8 +43,8 @@ class Access:
     def __init__(self, settings: Settings, keys: KeyRing | None, tokens: TokenVerifier | None) -> None:
         self._keys, self._tokens = keys, tokens
         exposed = bool(exposed_at(settings))
-        per_s = _chosen(settings.localize_per_s, DEFAULT_LOCALIZE_PER_S, exposed)
-        per_hour = _chosen(settings.builds_per_hour, DEFAULT_BUILDS_PER_HOUR, exposed)
+        per_s = chosen_limit(settings.localize_per_s, DEFAULT_LOCALIZE_PER_S, exposed)
+        per_hour = chosen_limit(settings.builds_per_hour, DEFAULT_BUILDS_PER_HOUR, exposed)
         per_min = settings.auth_failures_per_min
         self._limits = {
             "localize": _limit("queries", per_s, _LOCALIZE_BURST_S * per_s),
@@ -115,7 +117,7 @@ async def open_access(settings: Settings, store: Store, metrics: Metrics) -> Asy
     running: list[asyncio.Task[None]] = []
     if settings.auth == "on":
         keys = KeyRing(ApiKeys(store), settings.keys_max_age_s)
-        await asyncio.to_thread(keys.refresh)
+        await KEYS.run(keys.refresh)
         running.append(_every(settings.keys_refresh_s, _in_thread(keys.refresh)))
     if keys is not None and settings.jwt_jwks is not None:
         from .jwks import REFRESH_S  # PyJWT is loaded only where there are tokens
@@ -147,15 +149,19 @@ def _every(interval_s: float, work: Callable[[], Awaitable[None]]) -> asyncio.Ta
 
 
 def _in_thread(work: Callable[[], None]) -> Callable[[], Awaitable[None]]:
-    return lambda: asyncio.to_thread(work)
+    return lambda: KEYS.run(work)
 
 
 def _limit(what: str, per_s: float, burst: float) -> RateLimit | None:
     return RateLimit(what, per_s, burst) if per_s else None
 
 
-def _chosen(given: float | None, default: float, exposed: bool) -> float:
-    """A limit; 0: none."""
+def chosen_limit(given: float | None, default: float, exposed: bool) -> float:
+    """A limit; 0: none.
+
+    Args:
+        default: where strangers can be some of the callers.
+    """
     if given is not None:
         return given
     return default if exposed else 0.0

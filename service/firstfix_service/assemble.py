@@ -14,6 +14,7 @@ from pathlib import Path
 import structlog
 
 import firstfix
+from firstfix.caller_usage import CallerUsage
 from firstfix.catalog import Catalog
 from firstfix.errors import InvalidOption, StoreUnavailable
 from firstfix.georeferences import Georeferences
@@ -22,16 +23,20 @@ from firstfix.store import Store
 from firstfix.uploads import Uploads
 
 from .access import open_access
+from .build_quota import BuildQuota
+from .disk_space import DiskSpace
 from .exposure import check_exposure
 from .georeference_cache import GeoreferenceCache
 from .health import Health
 from .holding import open_holding
 from .janitor import keep_clean
+from .lanes import START
 from .localize import LocalizeUseCase
 from .map_cache import MapCache
 from .map_poller import MapPoller
 from .metered_store import metered
 from .metrics import Metrics
+from .paced_body import Pace
 from .parts import Parts
 from .places import Places
 from .pool import QueryPool
@@ -45,6 +50,7 @@ from .settings import Settings
 from .settings_summary import settings_summary
 from .start_builds import run_with, start_builds
 from .tracing import start_tracing
+from .upload_quota import UploadQuota
 from .workers import LocalWorkers, Workers
 
 _log = structlog.get_logger(__name__)
@@ -70,10 +76,10 @@ async def assemble(
     replica = settings.replica or uuid.uuid4().hex[:12]
     holding = open_holding(settings, replica)
     await _start_tracing(requests, replica, stack)
-    store = metered(await asyncio.to_thread(_open_store, settings), metrics)
+    store = metered(await START.run(_open_store, settings), metrics)
     access = await stack.enter_async_context(open_access(settings, store, metrics))
     catalog = Catalog(store)
-    await asyncio.to_thread(_remove_abandoned_uploads, settings.work_dir / "uploads")
+    await START.run(_remove_abandoned_uploads, settings.work_dir / "uploads")
     workers = _workers(settings, metrics, load)
     maps = MapCache(
         catalog,
@@ -88,8 +94,8 @@ async def assemble(
         poll_interval_s=settings.poll_interval_s,
         sweep_interval_s=settings.sweep_interval_s,
     )
-    stack.push_async_callback(asyncio.to_thread, maps.close)
-    stack.push_async_callback(asyncio.to_thread, workers.close)  # first: it ends the loads under way
+    stack.push_async_callback(START.run, maps.close)
+    stack.push_async_callback(START.run, workers.close)  # first: it ends the loads under way
     pool = QueryPool(settings.workers, settings.queue_size)
     stack.push_async_callback(pool.close)
     metrics.queries_admitted.set_function(lambda: pool.admitted)
@@ -108,6 +114,14 @@ async def assemble(
     if not settings.read_only:
         run_with(stack, keep_clean(catalog), "janitor")
     georeferences = Georeferences(store)
+    uploads, usage = Uploads(store), CallerUsage(catalog)
+    upload_quota = UploadQuota(
+        uploads,
+        max_open=settings.max_open_uploads,
+        max_open_per_caller=settings.max_open_uploads_per_caller,
+        max_bytes_per_caller=settings.max_upload_bytes_per_caller,
+    )
+    pace = Pace(settings.body_timeout_s, settings.upload_min_bytes_per_s, settings.upload_timeout_s)
     parts = Parts(
         settings,
         metrics,
@@ -119,9 +133,14 @@ async def assemble(
         builds,
         health,
         access,
-        Uploads(store),
-        Places(settings.max_upload_streams, "uploads"),
-        Places(settings.max_event_streams, "streams of events"),
+        uploads,
+        upload_quota,
+        Places(settings.max_upload_streams, settings.max_upload_streams_per_caller, "uploads"),
+        pace,
+        BuildQuota.of(settings, usage),
+        usage,
+        DiskSpace(settings.min_free_bytes),
+        Places(settings.max_event_streams, settings.max_event_streams_per_caller, "streams of events"),
         georeferences,
         GeoreferenceCache(georeferences, settings.georeference_ttl_s),
         closing,
@@ -137,7 +156,7 @@ async def assemble(
 
     poller = MapPoller(maps, settings.poll_interval_s, polled, health.catalog_failed)
     poller.start()
-    stack.push_async_callback(asyncio.to_thread, poller.close)
+    stack.push_async_callback(START.run, poller.close)
     _log.info(
         "ready to take requests",
         version=firstfix.__version__,
@@ -167,9 +186,9 @@ def _open_store(settings: Settings) -> Store:
 
 
 async def _start_tracing(requests: Requests, replica: str, stack: AsyncExitStack) -> None:
-    requests.tracing = await asyncio.to_thread(start_tracing, replica)
+    requests.tracing = await START.run(start_tracing, replica)
     if requests.tracing is not None:
-        stack.push_async_callback(asyncio.to_thread, requests.tracing.close)
+        stack.push_async_callback(START.run, requests.tracing.close)
 
 
 async def _start_samples(
@@ -179,10 +198,10 @@ async def _start_samples(
     if not policy.is_on:
         return None
     if settings.samples_store is not None:
-        store = metered(await asyncio.to_thread(Store.open, settings.samples_store), metrics)
+        store = metered(await START.run(Store.open, settings.samples_store), metrics)
     keeper = SampleKeeper(QuerySamples(store), policy, metrics)
     keeper.start()
-    stack.push_async_callback(asyncio.to_thread, keeper.close)
+    stack.push_async_callback(START.run, keeper.close)
     return keeper
 
 
@@ -196,10 +215,10 @@ async def _start_zenoh(
     from .zenoh_replicas import ZenohReplicas
 
     settings, loop = parts.settings, asyncio.get_running_loop()
-    endpoint = await asyncio.to_thread(
+    endpoint = await START.run(
         ZenohEndpoint, settings, replica, parts.use_case, parts.pool, parts.access, loop, requests
     )
-    stack.push_async_callback(asyncio.to_thread, endpoint.close)
+    stack.push_async_callback(START.run, endpoint.close)
     parts.metrics.zenoh_connections.set_function(lambda: endpoint.connections)
     parts.metrics.zenoh_maps.set_function(lambda: endpoint.maps_shown)
     shown = None
@@ -210,7 +229,7 @@ async def _start_zenoh(
             return {"queries": parts.pool.admitted, "limit": settings.workers + settings.queue_size}
 
         shown = ZenohCatalog(endpoint.session, replica, parts.maps, parts.catalog, load)
-        stack.push_async_callback(asyncio.to_thread, shown.close)
+        stack.push_async_callback(START.run, shown.close)
     _log.info("answering over zenoh", replica=replica)
     showing = threading.Lock()
 
@@ -228,12 +247,12 @@ async def _start_zenoh(
         parts.maps.share(names, show, superseded)
 
     replicas = ZenohReplicas(endpoint.session, replica, changed, client_config(settings))
-    stack.push_async_callback(asyncio.to_thread, replicas.close)
-    parts.maps.holding.see(await asyncio.to_thread(replicas.start))
+    stack.push_async_callback(START.run, replicas.close)
+    parts.maps.holding.see(await START.run(replicas.start))
 
     async def leave() -> None:
         await draining.wait()
-        await asyncio.to_thread(replicas.leave)
+        await START.run(replicas.leave)
 
     run_with(stack, leave(), "leave-replicas")
 

@@ -20,12 +20,13 @@ from firstfix.errors import BuildAttemptsExceeded, InvalidOption, NotFound, Stor
 from firstfix.store import Store
 
 from .build_runner import BuildRunner, Turn
+from .lanes import BUILDS
 from .log_setup import set_up_logging
 from .metrics import Metrics
 from .nats_queue import NatsBuildQueue
 from .settings import Settings
 from .stage_keeper import keep_stages_within
-from .start_builds import build_command, run_with
+from .start_builds import build_command, build_limits, run_with
 from .work_folder import WorkFolder
 from .worker_health import WorkerHealth
 
@@ -74,6 +75,7 @@ class BuildWorker:
             build_command(self._settings),
             lease_s=self._settings.build_lease_s,
             max_attempts=self._settings.build_attempts,
+            limits=build_limits(self._settings),
         )
         waiting: Any = None
         try:
@@ -123,7 +125,7 @@ class BuildWorker:
 
     async def _let_go(self, build_id: str, message: Any) -> None:
         """The build has ended: its message goes, once what is to be known of it is kept."""
-        error = (await asyncio.to_thread(self._catalog.build_status, build_id))["error"]
+        error = (await BUILDS.run(self._catalog.build_status, build_id))["error"]
         if error is not None and error["code"] == BuildAttemptsExceeded.code:
             await self._builds.bury(build_id, error["detail"])
         await message.ack_sync()

@@ -51,7 +51,7 @@ def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
 
 def fetched(server: Server, folder: Path, policy: SourcePolicy) -> Path:
     store = Store.open("memory://")
-    return fetch_source("memory://", store, "hall", {"url": server.url}, "hall.ply", folder, policy)
+    return fetch_source("memory://", store, "hall", "b1", {"url": server.url}, "hall.ply", folder, policy)
 
 
 def says(status: int, body: bytes = b"", length: int | None = None, **headers: str) -> Answer:
@@ -74,6 +74,14 @@ def test_a_file_arrives(server: Server, tmp_path: Path):
     assert path.read_bytes() == DATA
     assert path.suffix == ".ply"
     assert server.asked[0]["accept-encoding"] == "identity"
+
+
+def test_it_tells_how_far_it_is(server: Server, tmp_path: Path):
+    server.answers = [says(200, DATA)]
+    told: list[float] = []
+    fetch_http(server.url, tmp_path / "a", 1 << 20, told.append)
+    assert told == sorted(told)
+    assert told[-1] == 1.0
 
 
 def test_a_connection_that_breaks_is_gone_on_with(server: Server, tmp_path: Path):

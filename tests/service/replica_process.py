@@ -9,7 +9,7 @@ import os
 import sys
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).parents[1]))  # waiting, where pytest finds it
+sys.path.append(str(Path(__file__).parents[1]))  # pytest has it there, this process of its own has not
 
 from service_world import Behaviour
 

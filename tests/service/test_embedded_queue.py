@@ -16,7 +16,7 @@ from test_builds import WORKER, building_service, status_of, upload, wait_until_
 from firstfix.build_attempts import BuildAttempts
 from firstfix.catalog import Catalog
 from firstfix.store import Store
-from firstfix_service.group_memory import group_memory_bytes
+from firstfix_service.session_processes import session_memory_bytes
 from firstfix_service.work_folder import WorkFolder
 from waiting import wait_until
 
@@ -139,11 +139,11 @@ child.wait()
     try:
         assert process.stdout is not None
         assert process.stdout.readline() == b"ready\n"
-        assert 200 << 20 < group_memory_bytes(process.pid) < 300 << 20
+        assert 200 << 20 < session_memory_bytes(process.pid) < 300 << 20
     finally:
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
-    assert group_memory_bytes(process.pid) == 0
+    assert session_memory_bytes(process.pid) == 0
 
 
 def test_what_is_shared_is_collected_by_the_service(tmp_path: Path):

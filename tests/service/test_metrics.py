@@ -23,6 +23,7 @@ from firstfix.localization import Hypothesis, Localization, Reason, Verdict
 from firstfix.store import Store
 from firstfix_builder.pipeline import STAGES as BUILDER_STAGES
 from firstfix_service import build_metrics
+from firstfix_service.connections import Ended
 from firstfix_service.metered_store import OPERATIONS, metered
 from firstfix_service.metrics import Metrics
 from waiting import LIMIT_S, wait_until
@@ -121,7 +122,7 @@ def test_the_store_is_timed_and_its_failures_counted(tmp_path: Path, monkeypatch
 
 def test_every_operation_of_the_store_is_metered():
     derived = {"open", "open_at", "exists", "list"}
-    of_the_disk = {"local_path", "free_bytes", "probe", "remove_leftovers"}
+    of_the_disk = {"local_path", "directory", "probe", "remove_leftovers"}
     public = {name for name in vars(Store) if not name.startswith("_")}
     assert public == derived | of_the_disk | set(OPERATIONS)
 
@@ -208,6 +209,7 @@ def test_no_label_takes_what_callers_make_up(tmp_path: Path):
             "route": routes | {"unknown"},
             "status": {"0", "200", "202", "400", "404", "405", "415", "503"},
             "state": set(FINAL_STATES),
+            "why": {why.value for why in Ended},
             "operation": set(OPERATIONS),
             "version": {firstfix.__version__},
         }

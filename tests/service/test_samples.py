@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import gzip
 import json
+import os
 import threading
+import time
 from collections.abc import Iterator
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
@@ -209,16 +211,18 @@ def sample_of(sample_id: str, **changes: Any) -> QuerySample:
     return QuerySample(**{**values, **changes})
 
 
-def aged(samples: QuerySamples, days: float, number: int) -> str:
-    time = datetime.now(timezone.utc) - timedelta(days=days)
-    sample_id = new_sample_id(f"{number:08x}", time)
+def aged(samples: QuerySamples, directory: Path, days: float, number: int) -> str:
+    then = datetime.now(timezone.utc) - timedelta(days=days)
+    sample_id = new_sample_id(f"{number:08x}", then)
     samples.put(sample_of(sample_id), bytes(1000))
+    for path in (directory / "samples").glob(f"{sample_id}.*"):
+        os.utime(path, (then.timestamp(), then.timestamp()))
     return sample_id
 
 
 def test_old_samples_go(tmp_path: Path):
     kept = Kept(tmp_path, max_age_s=5 * 86400.0)
-    old, young = aged(kept.samples, 6, 1), aged(kept.samples, 4, 2)
+    old, young = aged(kept.samples, tmp_path, 6, 1), aged(kept.samples, tmp_path, 4, 2)
     assert kept.samples.ids() == [old, young]
     kept.finish()
     assert kept.samples.ids() == [young]
@@ -228,7 +232,7 @@ def test_old_samples_go(tmp_path: Path):
 
 def test_the_oldest_go_when_all_together_are_too_large(tmp_path: Path):
     kept = Kept(tmp_path, max_bytes=3000, per_minute=6000)
-    ids = [aged(kept.samples, 1 - number / 10, number) for number in range(4)]
+    ids = [aged(kept.samples, tmp_path, 1 - number / 10, number) for number in range(4)]
     left = kept.samples.prune(older_than_s=1e9, max_bytes=3000)
     assert left <= 3000
     assert kept.samples.ids() == ids[-1:], "each is 1 kB of body and a record"
@@ -248,6 +252,8 @@ def test_half_a_sample_is_none_and_is_removed_in_time(tmp_path: Path):
     samples = QuerySamples(Store.open(str(tmp_path)))
     sample_id = new_sample_id("0" * 8, datetime.now(timezone.utc) - timedelta(days=2))
     Store.open(str(tmp_path)).put(f"samples/{sample_id}.body", b"1234")
+    then = time.time() - 2 * 86400
+    os.utime(tmp_path / "samples" / f"{sample_id}.body", (then, then))
     assert samples.ids() == []
     assert samples.prune(older_than_s=86400, max_bytes=10**9) == 0
     assert list((tmp_path / "samples").iterdir()) == []
