@@ -7,7 +7,7 @@ import inspect
 import time
 from collections.abc import Callable
 
-LIMIT_S = 200.0
+LIMIT_S = 300.0
 STEP_S = 0.02
 
 

@@ -16,7 +16,7 @@ import httpx
 
 from firstfix.errors import FirstfixError
 
-START_S = 60.0
+START_S = 300.0  # on a busy machine; most need five
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ import pytest
 from benchmarks.paper import published
 from benchmarks.paper.suite import run
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+pytestmark = pytest.mark.slow
 
 # clusters by constraint and threshold when this was written; another processor rounds a little differently
 CLUSTERS = {

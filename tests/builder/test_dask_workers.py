@@ -13,7 +13,7 @@ import pytest
 
 pytest.importorskip("distributed", reason="needs firstfix[dask]")
 
-from benchmarks.dask_cluster import DaskCluster, dask_cluster, wait_until
+from benchmarks.dask_cluster import DaskCluster, dask_cluster
 from certificates import certificates
 from firstfix.build_config import BuildConfig, ReconstructConfig
 from firstfix.errors import BuildCancelled, BuildFailed, ClusterUnavailable, InvalidOption
@@ -29,6 +29,8 @@ from small_world import CONFIG
 
 sys.path.insert(0, str(Path(__file__).parent))
 from toy_chunks import Toy, runs
+
+from waiting import wait_until
 
 HERE = Path(__file__).parent
 STAGE = "5" * 64
@@ -146,6 +148,10 @@ def test_cancelled_it_begins_no_more(cluster: DaskCluster, log: Path, numbers: S
     driver.cancelled.set()
     with pytest.raises(BuildCancelled):
         driver.end()
+    from distributed import Client
+
+    with Client(cluster.address) as looker:  # the scheduler hears of it by and by
+        wait_until(lambda: looker.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks)) == 0)
     begun = runs(log)
     gate.touch()
     assert begun < 50

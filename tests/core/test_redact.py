@@ -93,7 +93,7 @@ def test_values_of_the_environment_are_hidden_whatever_their_form():
     assert redactor({})("nothing to hide") == "nothing to hide"
 
 
-@pytest.mark.timeout(60)
+@pytest.mark.timeout(600)
 @pytest.mark.parametrize(
     "line",
     [

@@ -21,8 +21,6 @@ from clients.conformance.generate import FOLDER
 from firstfix.errors import DescriptorMismatch, Overloaded
 from firstfix.localization import Localization, Reason, Verdict
 
-pytestmark = pytest.mark.timeout(900)  # the first test of a build waits for the compiler
-
 PLACE = {"latitude_deg": 47.05, "longitude_deg": 8.3, "height_m": 480.0, "x_axis_deg": 0.0}
 POINTS = 1000  # of the scan that firstfix_calls sends
 

@@ -75,7 +75,6 @@ HALL_POSES = np.array(
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
 @pytest.mark.parametrize("ending", ["ros1.bag", "ros2_mcap", "ros2_sqlite3"])
 def test_the_real_bags_localize_in_the_hall(hall_localizer: Localizer, ending: str):
     path = SHARED / "formats" / "converted" / f"hall_3scans_pointcloud2.{ending}"

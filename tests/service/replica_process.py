@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import sys
-import time
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).parents[1]))  # pytest has it there, this process of its own has not
@@ -17,13 +16,14 @@ from service_world import Behaviour
 from firstfix_service.app import create_app
 from firstfix_service.server import Server
 from firstfix_service.settings import Settings
+from waiting import let_pass
 
 
 class Gate:
     """Opens by itself."""
 
     def wait(self, timeout: float) -> bool:
-        time.sleep(float(os.environ.get("FAKE_SECONDS", "0")))
+        let_pass(float(os.environ.get("FAKE_SECONDS", "0")))
         return True
 
 
