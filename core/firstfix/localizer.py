@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -11,12 +11,12 @@ from .candidates import search
 from .compact_scan import CompactScan, ScanDescriptor
 from .covariance import pose_covariance
 from .errors import InvalidOption
-from .evidence import evidence
+from .evidence import MOST_MARGIN, Evidence, evidence
 from .localization import Localization, Reason, Verdict
 from .map_index import MapIndex
 from .options import LocalizeOptions
-from .places import Place, find_places
-from .preprocess import preprocess
+from .places import Place, find_places, ranked
+from .preprocess import PreparedScan, preprocess
 from .scan import Scan
 from .scan_sequence import ScanSequence
 from .stopwatch import Stopwatch
@@ -51,21 +51,33 @@ class Localizer:
         self, sequence: ScanSequence, options: LocalizeOptions, watch: Stopwatch, map_id: str = ""
     ) -> list[Claim] | None:
         """The places of this map that may be it, best first; None where the scan has too few points."""
-        index = self.index
+        index, mounting = self.index, options.T_base_sensor
         with watch.stage("preprocess"):
-            prepared = preprocess(sequence, options.gravity, index.config.preprocess)
+            R_base_sensor = None if mounting is None else mounting[:3, :3]
+            prepared = preprocess(sequence, options.gravity, index.config.preprocess, R_base_sensor)
         if prepared is None:
             return None
-        with watch.stage("describe"):
-            described = [one.described_by(index.cascade.descriptor) for one in prepared.scans]
-        places: list[Place] = []
-        for effort in _efforts(index, options):
-            with watch.stage("search"):
-                candidates = search(index, described, prepared.scans, options, effort)
-            with watch.stage("register"):
-                places = find_places(index, prepared, candidates, options.prior)
-            if places and index.calibration.accepts(evidence([place.fit for place in places])):
-                break
+
+
+        def found(scans: Sequence[PreparedScan], efforts: Iterable[int]) -> list[Place]:
+            places: list[Place] = []
+            with watch.stage("describe"):
+                described = [one.described_by(index.cascade.descriptor) for one in scans]
+            for effort in efforts:
+                with watch.stage("search"):
+                    candidates = search(index, described, scans, options, effort)
+                with watch.stage("register"):
+                    places = find_places(index, prepared, candidates, options.prior)
+                if places and index.calibration.accepts(_evidence(places)):
+                    break
+            return places
+
+        places = found(prepared.scans, _efforts(index, options))
+        if not _explain_scan(places, index):
+            with watch.stage("preprocess"):
+                otherwise = prepared.levelled_otherwise(options.gravity, index.config.preprocess)
+            if otherwise:
+                places = ranked([*places, *found(otherwise, (1,))])
         return [Claim(place, index, map_id) for place in places]
 
     def proposals(
@@ -74,6 +86,15 @@ class Localizer:
         """Where a scan may have been taken of which there is but the descriptor."""
         with watch.stage("search"):
             return propose(self.index, scan, options, map_id)
+
+
+def _evidence(places: Sequence[Place]) -> Evidence:
+    return evidence([place.fit for place in places])
+
+
+def _explain_scan(places: Sequence[Place], index: MapIndex) -> bool:
+    """Whether the best would be accepted but for its rivals: then the scan was levelled rightly."""
+    return bool(places) and index.calibration.accepts(replace(_evidence(places), margin=MOST_MARGIN))
 
 
 def _efforts(index: MapIndex, options: LocalizeOptions) -> Iterable[int]:
