@@ -58,7 +58,6 @@ class Localizer:
         if prepared is None:
             return None
 
-
         def found(scans: Sequence[PreparedScan], efforts: Iterable[int]) -> list[Place]:
             places: list[Place] = []
             with watch.stage("describe"):

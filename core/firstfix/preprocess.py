@@ -177,9 +177,7 @@ def _prepare(
         up = estimate_up_near(thinned.normals, expected) if down is None else -down
         level = _level_by(up, thinned)
     R_level_sensor, batch = _levelled(returns.seen, level, config.default_height_m)
-    return PreparedScan(
-        T_last_scan, R_level_sensor, batch, returns.seen, described, returns.view, thinned
-    )
+    return PreparedScan(T_last_scan, R_level_sensor, batch, returns.seen, described, returns.view, thinned)
 
 
 def _level_by(up: NDArray[np.float64], surface: Surface) -> Level:

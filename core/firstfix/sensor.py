@@ -75,7 +75,7 @@ class SensorModel:
         return np.array(about_y) @ np.array(about_x)
 
     def directions_at_any_heading(self) -> NDArray[np.float32]:
-        """(beams * columns, 3) unit rays in the frame of a robot that stands level: where the sensor may look.
+        """(beams * columns, 3) unit rays in the frame of a robot that stands level: where it may look.
 
         A sensor that stands upright or hangs head down looks all round at one heading. One that sits on its
         side does not: its rays are shared out over headings enough to look all round.

@@ -1,8 +1,8 @@
 """Which other ways may be up in a scan: its sensor may hang head down, or sit on its side.
 
-``levelling`` looks within 35 degrees of where up is expected. Floors, ceilings and walls show the main axes of
-a place in any orientation of the sensor, but not which of the axes is up, nor which way along it: the map tells
-that (docs/method.md section 6).
+``levelling`` looks within 35 degrees of where up is expected. Floors, ceilings and walls show the main axes
+of a place in any orientation of the sensor. They do not show which of the axes is up, nor which way along
+it: the map tells that (docs/method.md section 6).
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ def other_ups(
 ) -> list[NDArray[np.float64]]:
     """Unit up vectors that may be true where one that was tried is not.
 
-    Without gravity: the opposite of the one that was tried, and both ways along the main axes. With it: against
-    gravity, and what the surfaces say near that.
+    Without gravity: the opposite of the one that was tried, and both ways along the main axes. With it:
+    against gravity, and what the surfaces say near that.
 
     Args:
         normals: (n, 3) unit surface normals, any sign.
@@ -48,7 +48,8 @@ def main_axes(normals: NDArray[np.floating]) -> list[NDArray[np.float64]]:
     directions = directions_about_z(90.0)
     normals = normals[:: max(1, len(normals) // _VOTERS)]
     won = votes(normals, directions)
-    least, axes = _LEAST_VOTES * won.max(), []
+    least = _LEAST_VOTES * won.max()
+    axes: list[NDArray[np.float64]] = []
     while len(axes) < _MAIN_AXES and won.max() >= least:
         voted = directions[int(np.argmax(won))]
         axes.append(refined_up(normals, voted))
