@@ -24,6 +24,8 @@ from .transform import inverse
 from .unregistered import Proposal, answer_unregistered, propose
 from .verdict import Claim, judge
 
+CONVINCING_OVERLAP = 0.75  # with less, the other ways up are tried too, however probable the place is
+
 
 class FindsPlaces(Protocol):
     """What ``localize_among`` needs of a map."""
@@ -92,8 +94,13 @@ def _evidence(places: Sequence[Place]) -> Evidence:
 
 
 def _explain_scan(places: Sequence[Place], index: MapIndex) -> bool:
-    """Whether the best would be accepted but for its rivals: then the scan was levelled rightly."""
-    return bool(places) and index.calibration.accepts(replace(_evidence(places), margin=MOST_MARGIN))
+    """Whether the best would be accepted but for its rivals, and so well that the scan was levelled rightly.
+
+    Levelled wrongly, up to two thirds of a scan may lie on surfaces of the map that nothing contradicts.
+    """
+    if not places or places[0].fit.overlap < CONVINCING_OVERLAP:
+        return False
+    return index.calibration.accepts(replace(_evidence(places), margin=MOST_MARGIN))
 
 
 def _efforts(index: MapIndex, options: LocalizeOptions) -> Iterable[int]:

@@ -19,7 +19,7 @@ _LEAST_VOTES = 0.5  # of the best axis's: fewer are clutter's
 _AXIS_COSINE = np.cos(np.radians(25.0))  # nearer directions are one axis
 _NEW_DEG = 10.0  # nearer ups lead to the same places
 _NEW_BY_GRAVITY_DEG = 1.5  # of an IMU that is shaken, the surfaces may know better by less
-_VOTERS = 600
+_VOTERS = 1000
 
 
 def other_ups(

@@ -84,8 +84,9 @@ def looked_otherwise(monkeypatch):
 
 def test_an_upright_scan_that_is_localized_pays_for_no_other_way_up(localizer, small_scans, looked_otherwise):
     for scan, _ in small_scans[:8]:
-        assert localizer.localize(scan).verdict is not Verdict.REJECTED
-        assert not looked_otherwise
+        looked_otherwise.clear()
+        assert localizer.localize(scan).verdict is not Verdict.LOCALIZED or not looked_otherwise
+    looked_otherwise.clear()
     localizer.localize(remounted(*small_scans[0], HEAD_DOWN)[0])
     assert looked_otherwise == [1]
 
