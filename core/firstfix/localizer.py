@@ -11,12 +11,12 @@ from .candidates import search
 from .compact_scan import CompactScan, ScanDescriptor
 from .covariance import pose_covariance
 from .errors import InvalidOption
-from .evidence import MOST_MARGIN, Evidence, evidence
+from .evidence import MOST_MARGIN, evidence
 from .localization import Localization, Reason, Verdict
 from .map_index import MapIndex
 from .options import LocalizeOptions
-from .places import Place, find_places, ranked
-from .preprocess import PreparedScan, preprocess
+from .places import Place, find_places
+from .preprocess import preprocess
 from .scan import Scan
 from .scan_sequence import ScanSequence
 from .stopwatch import Stopwatch
@@ -31,7 +31,12 @@ class FindsPlaces(Protocol):
     """What ``localize_among`` needs of a map."""
 
     def claims(
-        self, sequence: ScanSequence, options: LocalizeOptions, watch: Stopwatch, map_id: str = ""
+        self,
+        sequence: ScanSequence,
+        options: LocalizeOptions,
+        watch: Stopwatch,
+        map_id: str = "",
+        otherwise: bool = False,
     ) -> list[Claim] | None: ...
 
     def proposals(
@@ -50,35 +55,37 @@ class Localizer:
         return localize_among({"": self}, scan, options)
 
     def claims(
-        self, sequence: ScanSequence, options: LocalizeOptions, watch: Stopwatch, map_id: str = ""
+        self,
+        sequence: ScanSequence,
+        options: LocalizeOptions,
+        watch: Stopwatch,
+        map_id: str = "",
+        otherwise: bool = False,
     ) -> list[Claim] | None:
-        """The places of this map that may be it, best first; None where the scan has too few points."""
+        """The places of this map that may be it, best first; None where the scan has too few points.
+
+        Args:
+            otherwise: not with the up that is the likeliest, but with the others that the scan may have.
+        """
         index, mounting = self.index, options.T_base_sensor
         with watch.stage("preprocess"):
             R_base_sensor = None if mounting is None else mounting[:3, :3]
             prepared = preprocess(sequence, options.gravity, index.config.preprocess, R_base_sensor)
-        if prepared is None:
-            return None
-
-        def found(scans: Sequence[PreparedScan], efforts: Iterable[int]) -> list[Place]:
-            places: list[Place] = []
-            with watch.stage("describe"):
-                described = [one.described_by(index.cascade.descriptor) for one in scans]
-            for effort in efforts:
-                with watch.stage("search"):
-                    candidates = search(index, described, scans, options, effort)
-                with watch.stage("register"):
-                    places = find_places(index, prepared, candidates, options.prior)
-                if places and index.calibration.accepts(_evidence(places)):
-                    break
-            return places
-
-        places = found(prepared.scans, _efforts(index, options))
-        if not _explain_scan(places, index):
-            with watch.stage("preprocess"):
-                otherwise = prepared.levelled_otherwise(options.gravity, index.config.preprocess)
+            if prepared is None:
+                return None
+            scans = prepared.scans
             if otherwise:
-                places = ranked([*places, *found(otherwise, (1,))])
+                scans = prepared.levelled_otherwise(options.gravity, index.config.preprocess)
+        with watch.stage("describe"):
+            described = [one.described_by(index.cascade.descriptor) for one in scans]
+        places: list[Place] = []
+        for effort in (1,) if otherwise else _efforts(index, options):
+            with watch.stage("search"):
+                candidates = search(index, described, scans, options, effort)
+            with watch.stage("register"):
+                places = find_places(index, prepared, candidates, options.prior)
+            if places and index.calibration.accepts(evidence([place.fit for place in places])):
+                break
         return [Claim(place, index, map_id) for place in places]
 
     def proposals(
@@ -87,20 +94,6 @@ class Localizer:
         """Where a scan may have been taken of which there is but the descriptor."""
         with watch.stage("search"):
             return propose(self.index, scan, options, map_id)
-
-
-def _evidence(places: Sequence[Place]) -> Evidence:
-    return evidence([place.fit for place in places])
-
-
-def _explain_scan(places: Sequence[Place], index: MapIndex) -> bool:
-    """Whether the best would be accepted but for its rivals, and so well that the scan was levelled rightly.
-
-    Levelled wrongly, up to two thirds of a scan may lie on surfaces of the map that nothing contradicts.
-    """
-    if not places or places[0].fit.overlap < CONVINCING_OVERLAP:
-        return False
-    return index.calibration.accepts(replace(_evidence(places), margin=MOST_MARGIN))
 
 
 def _efforts(index: MapIndex, options: LocalizeOptions) -> Iterable[int]:
@@ -128,13 +121,40 @@ def localize_among(
         each = [localizer.proposals(scan, options, watch, map_id) for map_id, localizer in maps.items()]
         return replace(answer_unregistered([one for of_map in each for one in of_map]), timings_ms=watch.ms)
     sequence = ScanSequence.single(scan) if isinstance(scan, (Scan, CompactScan)) else scan
-    found = [localizer.claims(sequence, options, watch, map_id) for map_id, localizer in maps.items()]
-    if all(claims is None for claims in found):
+
+    def found(otherwise: bool) -> list[list[Claim] | None]:
+        return [one.claims(sequence, options, watch, map_id, otherwise) for map_id, one in maps.items()]
+
+    claims = found(otherwise=False)
+    if all(of_map is None for of_map in claims):
         return Localization(Verdict.REJECTED, (Reason.TOO_FEW_POINTS,), timings_ms=watch.ms)
+    if not any(_explain_scan(of_map) for of_map in claims if of_map):
+        more = found(otherwise=True)
+        claims = [_distinct([*(one or ()), *(other or ())]) for one, other in zip(claims, more, strict=True)]
     with watch.stage("verify"):
-        together = [claim for claims in found if claims is not None for claim in claims]
+        together = [claim for of_map in claims if of_map is not None for claim in of_map]
         answer = _verify(sorted(together, key=lambda claim: -claim.place.fit.support), options)
     return replace(answer, timings_ms=watch.ms)
+
+
+def _explain_scan(claims: Sequence[Claim]) -> bool:
+    """Whether the best of a map's claims would be accepted but for its rivals, and so well that the scan was
+    levelled rightly.
+
+    Levelled wrongly, up to two thirds of a scan may lie on surfaces of the map that nothing contradicts.
+    """
+    fits = [claim.place.fit for claim in claims]
+    alone = replace(evidence(fits), margin=MOST_MARGIN)
+    return fits[0].overlap >= CONVINCING_OVERLAP and claims[0].index.calibration.accepts(alone)
+
+
+def _distinct(claims: Sequence[Claim]) -> list[Claim]:
+    """The better one of two that are the same place of a map, best first."""
+    kept: list[Claim] = []
+    for claim in sorted(claims, key=lambda claim: -claim.place.fit.support):
+        if not any(claim.place.is_same_as(known.place) for known in kept):
+            kept.append(claim)
+    return kept
 
 
 def _verify(claims: list[Claim], options: LocalizeOptions) -> Localization:

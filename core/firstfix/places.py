@@ -79,30 +79,22 @@ def find_places(
         ]
         return replace(place, seen_through=sum(each) / len(each))
 
-    def allowed(places: Iterable[Place]) -> list[Place]:
-        return ranked(
+    def ranked(places: Iterable[Place]) -> list[Place]:
+        allowed = (
             place
             for place in places
             if prior is None or prior.allows(index.T_map_level @ place.registration.T_level_sensor)
         )
+        return _distinct(sorted(allowed, key=lambda place: -place.fit.support))
 
     if not candidates:
         return []
-    places = allowed(_contenders(allowed(settled()), looked_at, index.config.verification.compared))
+    places = ranked(_contenders(ranked(settled()), looked_at, index.config.verification.compared))
     if not places or not _promising(index.calibration, places):
         return places
     # a rival that is not much worse may only have settled worse: it gets the same chance
     near = [place for place in places if place.fit.support > places[0].fit.support - RIVAL_WITHIN][:REFINED]
-    return allowed([*map(looked_at, refined(near)), *places[len(near) :]])
-
-
-def ranked(places: Iterable[Place]) -> list[Place]:
-    """Distinct places, the best first: the better one of two that are the same."""
-    kept: list[Place] = []
-    for place in sorted(places, key=lambda place: -place.fit.support):
-        if not any(place.is_same_as(known) for known in kept):
-            kept.append(place)
-    return kept
+    return ranked([*map(looked_at, refined(near)), *places[len(near) :]])
 
 
 def _contenders(settled: Sequence[Place], look_at: Callable[[Place], Place], at_most: int) -> list[Place]:
@@ -119,3 +111,12 @@ def _contenders(settled: Sequence[Place], look_at: Callable[[Place], Place], at_
 def _promising(calibration: Calibration, places: list[Place]) -> bool:
     """Whether the best may be accepted yet. Before the self-test has measured anything all may."""
     return not calibration.cases or calibration.probability(evidence([p.fit for p in places])) >= PROMISING
+
+
+def _distinct(places: Iterable[Place]) -> list[Place]:
+    """The first of every place, in order."""
+    kept: list[Place] = []
+    for place in places:
+        if not any(place.is_same_as(known) for known in kept):
+            kept.append(place)
+    return kept
