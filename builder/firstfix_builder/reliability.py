@@ -39,8 +39,8 @@ class Case:
 def fit(cases: Sequence[Case]) -> Calibration:
     """The calibration that the cases teach.
 
-    Those whose best places tie teach nothing: they are never localized, and what margin a place needs that has
-    no equal is learned from such places alone.
+    Those whose best places tie teach nothing. They are never localized, and which margin a place without an
+    equal needs is learned from such places alone.
     """
     single = [case for case in cases if case.evidence.tied == 1]
     if not single:
