@@ -100,7 +100,7 @@ def test_a_worker_builds(gateway: Gateway, monkeypatch: pytest.MonkeyPatch, tmp_
 
 
 def test_each_folder_of_the_store_is_a_workers_or_is_not():
-    """A new folder is denied to workers until somebody thinks of it: then builds fail in compose alone."""
+    """A new folder is denied to workers until it is in a list: builds would fail in compose alone."""
     not_workers = {"keys", "samples", "idempotency", "doomed", "checked"}
     text = "".join(path.read_text() for path in (ROOT / "core" / "firstfix").glob("*.py"))
     folders = set(re.findall(r'^_?(?:FOLDER|ROOT) = "(\w+)"', text, re.M))
