@@ -23,8 +23,9 @@ from .build_records import BuildRecords
 from .change_log import ChangeLog
 from .errors import Conflict, NotFound, StoreError
 from .ids import check_map_id, check_version, is_name
-from .manifest import Manifest, sha256_of
+from .manifest import Manifest
 from .map_log import Event, LogEntry, MapLog, MapState
+from .sha256 import sha256_of
 from .store import Store
 from .version_objects import VersionObjects, manifest_first
 

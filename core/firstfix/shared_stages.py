@@ -20,7 +20,7 @@ from typing import Any
 
 from .errors import CorruptVersion, FirstfixError, InvalidOption, NotFound, TooLarge
 from .ids import check_version
-from .manifest import sha256_of
+from .sha256 import sha256_of
 from .store import Store
 
 _log = logging.getLogger(__name__)
