@@ -8,7 +8,8 @@
     leftovers     what processes that were killed left of a look at the store, or of a put
 
 A source is kept as long as the record of a build names it, and the record as long as the version that
-came out can be served: so what is served can always be built again.
+came out can be served: so what is served can always be built again. A build's record that cannot be read keeps
+itself and the sources that were there before it: which of them it names nobody can tell.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from datetime import datetime, timedelta, timezone
 
 from .build_records import FINAL_STATES
 from .catalog import Catalog
-from .errors import NotFound
+from .errors import NotFound, UnreadableRecord
 from .idempotency import FOLDER as IDEMPOTENCY
 from .ids import check_map_id, is_name
 from .store import StoredObject
@@ -76,13 +77,13 @@ def collect_garbage(
     if map_id is None:
         found.keys["builds"] = _builds(catalog, now - timedelta(seconds=ages.builds_s))
         found.keys["uploads"] = _by_folder(catalog, "uploads", cutoff)
-        found.keys[IDEMPOTENCY] = _older(catalog, IDEMPOTENCY, cutoff)
+        found.keys[IDEMPOTENCY] = [item.key for item in _older(catalog, IDEMPOTENCY, cutoff)]
         if not dry_run:
             for kind in ("builds", "uploads", IDEMPOTENCY):
                 _remove(catalog, found.keys[kind])
         found.keys["leftovers"] = catalog.store.remove_leftovers(older_than_s=ages.things_s, dry_run=dry_run)
     # Sources last, and against builds that are read after them: one that was asked for meanwhile counts.
-    old = [key for name in map_ids for key in _older(catalog, f"maps/{name}/sources", cutoff)]
+    old = [item for name in map_ids for item in _older(catalog, f"maps/{name}/sources", cutoff)]
     gone = {key.split("/")[1] for key in found.keys.get("builds", ())}
     found.keys["sources"] = _unnamed(catalog, old, gone)
     if not dry_run:
@@ -99,14 +100,14 @@ def remove_abandoned(catalog: Catalog, *, older_than_s: float = DAY_S) -> Garbag
     cutoff = datetime.now(timezone.utc) - timedelta(seconds=older_than_s)
     found = Garbage()
     found.keys["uploads"] = _by_folder(catalog, "uploads", cutoff)
-    found.keys[IDEMPOTENCY] = _older(catalog, IDEMPOTENCY, cutoff)
+    found.keys[IDEMPOTENCY] = [item.key for item in _older(catalog, IDEMPOTENCY, cutoff)]
     for keys in found.keys.values():
         _remove(catalog, keys)
     return found
 
 
-def _older(catalog: Catalog, folder: str, cutoff: datetime) -> list[str]:
-    return [item.key for item in catalog.store.scan(folder) if item.last_modified < cutoff]
+def _older(catalog: Catalog, folder: str, cutoff: datetime) -> list[StoredObject]:
+    return [item for item in catalog.store.scan(folder) if item.last_modified < cutoff]
 
 
 def _by_folder(
@@ -138,6 +139,8 @@ def _builds(catalog: Catalog, cutoff: datetime) -> list[str]:
             status = catalog.build_status(build_id)
         except NotFound:  # what a removal that was killed left behind
             return True
+        except UnreadableRecord:  # it may have ended or not
+            return False
         if status["state"] not in FINAL_STATES:
             return False
         map_id = str(status.get("map_id", ""))
@@ -150,15 +153,19 @@ def _builds(catalog: Catalog, cutoff: datetime) -> list[str]:
     return _by_folder(catalog, "builds", cutoff, doomed)
 
 
-def _unnamed(catalog: Catalog, keys: list[str], gone: set[str]) -> list[str]:
+def _unnamed(catalog: Catalog, found: list[StoredObject], gone: set[str]) -> list[str]:
     """Those of the sources that no build names but the ones that are gone."""
-    if not keys:
+    if not found:
         return []
     named: set[str] = set()
+    unread: list[StoredObject] = []
     for build_id in catalog.build_ids():
         if build_id not in gone:
-            named.update(_sources_of(catalog, build_id))
-    return [key for key in keys if key not in named]
+            try:
+                named.update(_sources_of(catalog, build_id))
+            except UnreadableRecord:
+                unread += catalog.store.scan(f"builds/{build_id}")
+    return [item.key for item in found if item.key not in named and not _may_be_named(item, unread)]
 
 
 def _sources_of(catalog: Catalog, build_id: str) -> list[str]:
@@ -168,6 +175,12 @@ def _sources_of(catalog: Catalog, build_id: str) -> list[str]:
         return []
     named = (request.get(role) for role in ("source", "trajectory"))
     return [str(one["key"]) for one in named if isinstance(one, dict) and "key" in one]
+
+
+def _may_be_named(source: StoredObject, unread: list[StoredObject]) -> bool:
+    """Whether a request that cannot be read may be about the source: a source is put before the request."""
+    requests = (item for item in unread if item.key.endswith("/request.json"))
+    return any(source.last_modified <= request.last_modified for request in requests)
 
 
 def _remove(catalog: Catalog, keys: Iterable[str]) -> None:

@@ -7,8 +7,11 @@ from __future__ import annotations
 
 import hashlib
 import json
+from typing import Any
 
-from .errors import IdempotencyConflict, NotFound, StoreError
+from .errors import IdempotencyConflict, NotFound
+from .ids import check_build_id
+from .json_record import RecordKind, read_record, text_of
 from .store import Store
 
 FOLDER = "idempotency"
@@ -25,18 +28,25 @@ def claim_build(store: Store, key: str, fingerprint: str, build_id: str) -> str:
 
     Raises:
         IdempotencyConflict: the key was used for another request.
+        UnreadableRecord: which request it was used for is damaged: the caller needs another key.
     """
     name = f"{FOLDER}/{hashlib.sha256(key.encode()).hexdigest()}"
     record = json.dumps({"fingerprint": fingerprint, "build_id": build_id}).encode()
     if store.put_new(name, record):
         return build_id
     try:
-        first = json.loads(store.get(name))
-        claimed, theirs = str(first["build_id"]), str(first["fingerprint"])
+        claimed, theirs = read_record(store, name, RecordKind.IDEMPOTENCY_KEY, parse_claim)
     except NotFound:  # forgotten just now
         return claim_build(store, key, fingerprint, build_id)
-    except (ValueError, KeyError, TypeError) as error:
-        raise StoreError(f"{name} is no record of a key: {error!r}") from None
     if theirs != fingerprint:
         raise IdempotencyConflict("this Idempotency-Key was used for another request")
     return claimed
+
+
+def parse_claim(record: dict[str, Any]) -> tuple[str, str]:
+    """The build and the fingerprint of a claim.
+
+    Raises:
+        KeyError, TypeError, InvalidOption: not a claim.
+    """
+    return check_build_id(text_of(record, "build_id")), text_of(record, "fingerprint")

@@ -16,7 +16,7 @@ from concurrent.futures import ThreadPoolExecutor
 from enum import Enum
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
-from .errors import FirstfixError, StoreError, TooLarge, UnreadableRecord
+from .errors import FirstfixError, TooLarge, UnreadableRecord
 
 if TYPE_CHECKING:
     from .store import Store
@@ -61,11 +61,11 @@ _MAX_BYTES = {
 }
 
 
-def read_record(store: Store, key: str, kind: RecordKind, parse: Callable[[dict[str, Any]], T]) -> T:
+def read_record(store: Store, key: str, kind: RecordKind, parse: Callable[[Any], T]) -> T:
     """The record under a key, as its kind's parser gives it.
 
     Args:
-        parse: gets the JSON object. A ValueError, KeyError, TypeError, AttributeError or FirstfixError of it
+        parse: gets the JSON object, or None for a georeference's ``null``. A ValueError, KeyError, TypeError, AttributeError or FirstfixError of it
             says that the record is none of its kind.
 
     Raises:
@@ -75,13 +75,8 @@ def read_record(store: Store, key: str, kind: RecordKind, parse: Callable[[dict[
     """
     try:
         data = store.get(key, max_bytes=max_bytes(kind))
-    except TooLarge as error:
-        told = UnreadableRecord(f"{key} cannot be read: {error}", kind.value, key)
-        store.unreadable.tell(told)
-        raise told from None
-    try:
-        found = parse_record(data, parse)
-    except ValueError as error:
+        found = parse_record(data, parse, nullable=kind is RecordKind.GEOREFERENCE)
+    except (TooLarge, ValueError) as error:
         told = UnreadableRecord(f"{key} cannot be read: {error}", kind.value, key)
         store.unreadable.tell(told)
         raise told from None
@@ -89,20 +84,21 @@ def read_record(store: Store, key: str, kind: RecordKind, parse: Callable[[dict[
     return found
 
 
-def parse_record(data: bytes, parse: Callable[[dict[str, Any]], T]) -> T:
+def parse_record(data: bytes, parse: Callable[[Any], T], *, nullable: bool = False) -> T:
     """
+    Args:
+        nullable: ``null`` is a record too.
+
     Raises:
         ValueError: it is no JSON object, or not of the form that the parser wants.
     """
     try:
         record = json.loads(data, parse_constant=_refuse)
-        if not isinstance(record, dict):
+        if not isinstance(record, dict) and not (nullable and record is None):
             raise ValueError("it is no JSON object")
         return parse(record)
     except (KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise ValueError(f"{type(error).__name__}: {error}") from None
-    except StoreError:  # of a parser that asks the store for more
-        raise
     except FirstfixError as error:
         raise ValueError(str(error)) from None
 
@@ -132,6 +128,18 @@ def text_of(record: Mapping[str, Any], name: str, default: str | None = None) ->
         raise TypeError(f"{name} is no text")
     value.encode()  # lone surrogates: they would fail whoever answers with it
     return value
+
+
+def texts_of(record: Mapping[str, Any], name: str) -> list[str]:
+    """A field that is a list of texts.
+
+    Raises:
+        KeyError, TypeError: it is not.
+    """
+    values = record[name]
+    if not isinstance(values, list) or not all(isinstance(value, str) for value in values):
+        raise TypeError(f"{name} is no list of texts")
+    return values
 
 
 def whole_number_of(record: Mapping[str, Any], name: str) -> int:

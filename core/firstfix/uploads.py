@@ -2,7 +2,7 @@
 
     uploads/<upload_id>/upload.json         what was announced; created once
     uploads/<upload_id>/parts/<offset>      the bytes from there on; created once
-    uploads/<upload_id>/whole.json          all of it is there and was checked; created once
+    uploads/<upload_id>/whole.json          all of it is there and was checked
 
 Parts are only ever created: two writers that go on from one offset race in one create-only put, and the
 loser hears of it. So whoever reaches the store can go on with an upload that another replica began.
@@ -15,13 +15,15 @@ import json
 import threading
 from collections import OrderedDict
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Any
 
 from .catalog import source_key
-from .errors import ChecksumMismatch, Conflict, NotFound, StoreError, TooLarge
+from .errors import ChecksumMismatch, Conflict, NotFound, StoreError, TooLarge, UnreadableRecord
 from .ids import check_upload_id, check_version, is_name
+from .json_record import RecordKind, read_record, text_of, whole_number_of
 from .store import Store
 
 if TYPE_CHECKING:
@@ -86,11 +88,12 @@ class Uploads:
         """
         Raises:
             NotFound: no such upload: it never was, or was removed.
+            UnreadableRecord: what was announced is damaged.
         """
         folder = _folder(upload_id)
         found = self._store.scan(folder)
         try:
-            record: dict[str, Any] = json.loads(self._store.get(f"{folder}/upload.json"))
+            record = read_record(self._store, f"{folder}/upload.json", RecordKind.UPLOAD, parse_upload)
         except NotFound:
             raise NotFound(f"no upload {upload_id}") from None
         sizes = {
@@ -105,8 +108,8 @@ class Uploads:
             offset += sizes[offset]
         return Upload(
             upload_id,
-            int(record["size_bytes"]),
-            str(record["file_name"]),
+            record["size_bytes"],
+            record["file_name"],
             record["sha256"],
             tuple(parts),
             max(item.last_modified for item in found) if found else datetime.now(timezone.utc),
@@ -145,8 +148,8 @@ class Uploads:
             raise Conflict(f"upload {upload.upload_id} has {upload.offset} of its {upload.size_bytes} bytes")
         key = f"{_folder(upload.upload_id)}/whole.json"
         try:
-            return check_version(str(json.loads(self._store.get(key))["sha256"]))
-        except NotFound:
+            return read_record(self._store, key, RecordKind.UPLOAD_WHOLE, parse_whole)
+        except (NotFound, UnreadableRecord):  # the parts say it too
             pass
         sha256 = self._digest(upload)
         if upload.sha256 not in (None, sha256):
@@ -154,7 +157,7 @@ class Uploads:
             raise ChecksumMismatch(
                 f"the file of upload {upload.upload_id} has the sha256 {sha256}, not {upload.sha256}"
             )
-        self._store.put_new(key, json.dumps({"sha256": sha256}).encode())
+        self._store.put(key, json.dumps({"sha256": sha256}).encode())  # equal from whoever puts it
         return sha256
 
     def keep_as_source(self, upload: Upload, map_id: str) -> str:
@@ -166,11 +169,9 @@ class Uploads:
         """
         sha256 = self.finish(upload)
         key = source_key(map_id, sha256)
-        try:
-            if self._store.size(key) == upload.size_bytes:
+        with suppress(NotFound):
+            if self._store.size(key) == upload.size_bytes and self._store.sha256(key) == sha256:
                 return sha256
-        except NotFound:
-            pass
         digest = hashlib.sha256()
 
         def pieces() -> Iterator[bytes]:
@@ -220,6 +221,27 @@ class Uploads:
         for size in upload.parts:
             yield self._store.get(_part_key(upload.upload_id, offset))
             offset += size
+
+
+def parse_upload(record: dict[str, Any]) -> dict[str, Any]:
+    """
+    Raises:
+        KeyError, TypeError, InvalidOption: not what an upload announces.
+    """
+    whole_number_of(record, "size_bytes")
+    text_of(record, "file_name")
+    if record["sha256"] is not None:
+        check_version(record["sha256"])
+    return record
+
+
+def parse_whole(record: dict[str, Any]) -> str:
+    """The sha256 of a whole upload.
+
+    Raises:
+        KeyError, TypeError, InvalidOption: it says none.
+    """
+    return check_version(record["sha256"])
 
 
 def _folder(upload_id: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 import threading
 from collections import OrderedDict
 from collections.abc import Iterator
@@ -14,6 +15,7 @@ from .manifest import FILE_NAME, MAX_BYTES, Manifest
 from .store import Store, StoredObject
 from .version_cache import fetch_version_files
 
+_log = logging.getLogger(__name__)
 _MANIFESTS_KEPT = 256  # each may be some 100 kB
 
 
@@ -82,7 +84,8 @@ class VersionObjects:
         return data
 
     def put(self, map_id: str, directory: Path, manifest: Manifest) -> None:
-        """Every file, then the manifest. Repeating it after a kill at any point completes it.
+        """Every file, then the manifest. Repeating it after a kill at any point completes it, and mends what
+        a fault altered since: the version is named by what it has to be.
 
         Raises:
             CorruptVersion: a file in the directory is not what the manifest says.
@@ -92,8 +95,9 @@ class VersionObjects:
         for name in manifest.files:
             self._store.upload(f"{_folder(map_id, version)}/{name}", directory / name)
         content, key = manifest.to_json(), _manifest_key(map_id, version)
-        if not self._store.put_new(key, content) and self._store.get(key) != content:
-            raise CorruptVersion(f"the manifest of version {version} of map {map_id} was altered")
+        if not self._store.put_new(key, content) and self._store.sha256(key) != version:
+            _log.warning("the manifest of version %s of map %s was altered: it is mended", version, map_id)
+            self._store.put(key, content)
 
     def scan(self, map_id: str) -> Iterator[tuple[str, StoredObject]]:
         """Every object of every version of the map, each with its version."""

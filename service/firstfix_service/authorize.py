@@ -77,7 +77,7 @@ async def authorize(request: Request) -> None:
     note(caller=caller.name)
     caller.check(scope, request.path_params.get("map_id"))
     if (build_id := request.path_params.get("build_id")) is not None and not caller.sees_every_map:
-        status = await asyncio.to_thread(parts.catalog.build_status, build_id)
+        status = await asyncio.to_thread(parts.catalog.shown_status, build_id)
         if not caller.sees(status["map_id"]):
             raise NotFound(f"no build {build_id}")
     if name in LIMITED:

@@ -14,7 +14,7 @@ from pathlib import Path
 import structlog
 
 from firstfix.catalog import Catalog
-from firstfix.errors import FirstfixError
+from firstfix.errors import FirstfixError, UnreadableRecord
 
 from .build_process import BuildCommand
 from .build_runner import BuildRunner, Turn
@@ -86,7 +86,10 @@ class EmbeddedBuildQueue:
     async def _run_one(self, runner: BuildRunner) -> bool:
         """Runs the oldest build that nobody else runs. False when there is none, or it is to wait."""
         for build_id in await asyncio.to_thread(self._unfinished.find):
-            turn = await runner.run(build_id)
+            try:
+                turn = await runner.run(build_id)
+            except UnreadableRecord:  # damaged just now: the others go on
+                continue
             if turn is not Turn.HELD:
                 return turn is not Turn.PUT_BACK
         return False

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from firstfix.build_records import FINAL_STATES
 from firstfix.catalog import Catalog
-from firstfix.errors import NotFound
+from firstfix.errors import NotFound, UnreadableRecord
 
 from .metrics import Metrics
 
@@ -27,7 +27,7 @@ class UnfinishedBuilds:
                 continue
             try:
                 state = self._catalog.build_status(build_id)["state"]
-            except NotFound:  # a folder without a request is no build
+            except (NotFound, UnreadableRecord):  # no request: no build; damaged: all others go on
                 continue
             if state in FINAL_STATES:
                 self._ended.add(build_id)
