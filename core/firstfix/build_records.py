@@ -183,7 +183,7 @@ def parse_request(record: dict[str, Any]) -> dict[str, Any]:
     for name in ("source", "trajectory"):
         named = record.get(name)
         if named is not None:
-            for field in named.keys():
+            for field in named:
                 text_of(named, field)
     if not isinstance(record.get("config") or {}, dict):
         raise TypeError("config is no object")

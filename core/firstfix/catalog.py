@@ -4,6 +4,7 @@
     maps/<map_id>/versions/<digest>/...             files of a version
     maps/<map_id>/versions/<digest>/manifest.json   written last
     maps/<map_id>/log/000001.json, ...              see ``firstfix.map_log``
+    maps/<map_id>/snapshots/000050.json, ...        the same
     changes/00000001.json, ...                      see ``firstfix.change_log``
     builds/<build_id>/...                           see ``firstfix.build_records``
 
@@ -24,7 +25,8 @@ from .change_log import ChangeLog
 from .errors import Conflict, NotFound, StoreError
 from .ids import check_map_id, check_version, is_name
 from .manifest import Manifest
-from .map_log import Event, LogEntry, MapLog, MapState
+from .map_log import MapLog
+from .map_state import Event, LogEntry, MapState
 from .sha256 import sha256_of
 from .store import Store
 from .version_objects import VersionObjects, manifest_first
@@ -83,6 +85,8 @@ class Catalog(BuildRecords):
         return self._map_log(map_id).known_state()
 
     def log(self, map_id: str) -> list[LogEntry]:
+        """The newest entries of the map's log, and of the older ones those that still matter
+        (``MapState.entries``)."""
         return list(self.state(map_id).entries)
 
     def active_version(self, map_id: str) -> str | None:
@@ -262,6 +266,9 @@ class Catalog(BuildRecords):
             if item.last_modified > cutoff:
                 kept.add(version)
             keys.setdefault(version, []).append(item.key)
+        if state.skipped:  # an entry that is lost may have published any version but those
+            retired = {e.version for e in state.entries if e.event is Event.RETIRED}
+            kept |= keys.keys() - retired
         doomed = {version: manifest_first(of) for version, of in keys.items() if version not in kept}
         if not dry_run:
             for version, of in doomed.items():
@@ -271,7 +278,7 @@ class Catalog(BuildRecords):
     def _map_log(self, map_id: str) -> MapLog:
         check_map_id(map_id)
         with self._lock:
-            return self._logs.get(map_id) or MapLog(self.store, f"maps/{map_id}/log")
+            return self._logs.get(map_id) or MapLog(self.store, log_folder(map_id))
 
     def _note(self, map_id: str) -> None:
         """After the entry, which is what holds: without a notice readers only see it later."""
@@ -287,6 +294,11 @@ class Catalog(BuildRecords):
         sha256 = sha256_of(path)
         self.store.upload(source_key(map_id, sha256), path)
         return sha256
+
+
+def log_folder(map_id: str) -> str:
+    """Where the entries of a map's log stand."""
+    return f"maps/{check_map_id(map_id)}/log"
 
 
 def source_key(map_id: str, sha256: str) -> str:

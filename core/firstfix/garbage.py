@@ -5,11 +5,13 @@
     sources       uploaded files that no build on record names
     uploads       files that were begun and abandoned
     idempotency   keys of requests that nobody repeats any more
+    logs          entries of maps' logs that snapshots have summed up
+    changes       notices of changes that everybody has read
     leftovers     what processes that were killed left of a look at the store, or of a put
 
 A source is kept as long as the record of a build names it, and the record as long as the version that
-came out can be served: so what is served can always be built again. A build's record that cannot be read keeps
-itself and the sources that were there before it: which of them it names nobody can tell.
+came out can be served: so what is served can always be built again. A build's record that cannot be read
+stays, and so do the sources that were there before it: which of them it names nobody can tell.
 """
 
 from __future__ import annotations
@@ -19,10 +21,11 @@ from dataclasses import dataclass, field
 from datetime import datetime, timedelta, timezone
 
 from .build_records import FINAL_STATES
-from .catalog import Catalog
+from .catalog import Catalog, log_folder
 from .errors import NotFound, UnreadableRecord
 from .idempotency import FOLDER as IDEMPOTENCY
 from .ids import check_map_id, is_name
+from .log_garbage import change_garbage, leave_snapshot, log_garbage
 from .store import StoredObject
 
 DAY_S = 86400.0
@@ -35,9 +38,11 @@ class Ages:
     Attributes:
         things_s: of any kind: a publish, an upload or a repeated request may be under way.
         builds_s: since a build's last word.
+        logs_s: of entries of maps' logs that are in snapshots: a release that knows no snapshots needs them.
     """
 
     things_s: float = DAY_S
+    logs_s: float = 7 * DAY_S
     builds_s: float = 30 * DAY_S
 
 
@@ -74,12 +79,14 @@ def collect_garbage(
         for name in map_ids
         for key in catalog.collect_garbage(name, older_than_s=ages.things_s, dry_run=dry_run)
     ]
+    found.keys["logs"] = _logs(catalog, map_ids, now - timedelta(seconds=ages.logs_s), dry_run=dry_run)
     if map_id is None:
         found.keys["builds"] = _builds(catalog, now - timedelta(seconds=ages.builds_s))
         found.keys["uploads"] = _by_folder(catalog, "uploads", cutoff)
         found.keys[IDEMPOTENCY] = [item.key for item in _older(catalog, IDEMPOTENCY, cutoff)]
+        found.keys["changes"] = change_garbage(catalog.store, cutoff)
         if not dry_run:
-            for kind in ("builds", "uploads", IDEMPOTENCY):
+            for kind in ("builds", "uploads", IDEMPOTENCY, "changes"):
                 _remove(catalog, found.keys[kind])
         found.keys["leftovers"] = catalog.store.remove_leftovers(older_than_s=ages.things_s, dry_run=dry_run)
     # Sources last, and against builds that are read after them: one that was asked for meanwhile counts.
@@ -104,6 +111,18 @@ def remove_abandoned(catalog: Catalog, *, older_than_s: float = DAY_S) -> Garbag
     for keys in found.keys.values():
         _remove(catalog, keys)
     return found
+
+
+def _logs(catalog: Catalog, map_ids: list[str], cutoff: datetime, *, dry_run: bool) -> list[str]:
+    doomed = []
+    for map_id in map_ids:
+        folder = log_folder(map_id)
+        if not dry_run:
+            leave_snapshot(catalog.store, folder)
+        doomed += log_garbage(catalog.store, folder, cutoff)
+    if not dry_run:
+        _remove(catalog, doomed)
+    return doomed
 
 
 def _older(catalog: Catalog, folder: str, cutoff: datetime) -> list[StoredObject]:

@@ -65,8 +65,8 @@ def read_record(store: Store, key: str, kind: RecordKind, parse: Callable[[Any],
     """The record under a key, as its kind's parser gives it.
 
     Args:
-        parse: gets the JSON object, or None for a georeference's ``null``. A ValueError, KeyError, TypeError, AttributeError or FirstfixError of it
-            says that the record is none of its kind.
+        parse: gets the JSON object, or None for a georeference's ``null``. A ValueError, KeyError,
+            TypeError, AttributeError or FirstfixError of it says that the record is none of its kind.
 
     Raises:
         NotFound: no such key.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from .catalog import Catalog
 from .errors import NotFound
 from .ids import new_build_id
-from .map_log import Event
+from .map_state import Event
 
 
 def rebuild(catalog: Catalog, map_id: str) -> str:

@@ -13,9 +13,9 @@ from firstfix.store import Store
 class Counts(Store):
     calls = 0
 
-    def get(self, key: str) -> bytes:
+    def get(self, key: str, *, max_bytes: int | None = None) -> bytes:
         self.calls += 1
-        return super().get(key)
+        return super().get(key, max_bytes=max_bytes)
 
     def exists(self, key: str) -> bool:
         self.calls += 1
