@@ -1,9 +1,9 @@
 """Which files of a map were read and found right, and when: so that they are not read again every day.
 
-    checked/<map_id>.json    for each key: its ``last_modified`` then, and the day
+    checked/<map_id>.json    for each key: which put it was of, and when it was read
 
 It is a hint: of two writers the last one counts, and where it is lost everything is read once more. A file
-that was put again since has another ``last_modified``, and is read again.
+that was put again since has another time or ETag, and is read again.
 """
 
 from __future__ import annotations
@@ -38,15 +38,15 @@ class CheckedObjects:
 
     def is_fresh(self, item: StoredObject, max_age: timedelta) -> bool:
         """Whether it was found right so lately, and not put again since."""
-        modified, checked = self._checked.get(item.key, ("", ""))
-        if modified != _text(item.last_modified):
+        put, checked = self._checked.get(item.key, ("", ""))
+        if put != _put_of(item):
             return False
         age = datetime.now(timezone.utc) - datetime.fromisoformat(checked)
         return timedelta() <= age < max_age
 
     def note(self, item: StoredObject) -> None:
         """It was read now and found right."""
-        self._checked[item.key] = (_text(item.last_modified), _text(datetime.now(timezone.utc)))
+        self._checked[item.key] = (_put_of(item), datetime.now(timezone.utc).isoformat())
         self._changed = True
 
     def drop(self, key: str) -> None:
@@ -67,12 +67,12 @@ def parse_checked(record: dict[str, Any]) -> dict[str, tuple[str, str]]:
     Raises:
         ValueError, KeyError, TypeError, AttributeError: not what ``save`` puts.
     """
-    checked = {str(key): (str(modified), str(time)) for key, (modified, time) in record["checked"].items()}
+    checked = {str(key): (str(put), str(time)) for key, (put, time) in record["checked"].items()}
     for _, time in checked.values():
         if datetime.fromisoformat(time).tzinfo is None:
             raise ValueError("a time has no zone")
     return checked
 
 
-def _text(time: datetime) -> str:
-    return time.astimezone(timezone.utc).isoformat()
+def _put_of(item: StoredObject) -> str:
+    return f"{item.last_modified.astimezone(timezone.utc).isoformat()} {item.e_tag}"

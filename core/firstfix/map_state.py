@@ -129,7 +129,7 @@ class MapState:
         """
         if record["format"] != SNAPSHOT_FORMAT or record["last_seq"] != last_seq:
             raise ValueError(f"it is not snapshot {last_seq} of format {SNAPSHOT_FORMAT}")
-        entries = []
+        entries: list[LogEntry] = []
         for values in record["entries"]:
             entry = LogEntry.parse(whole_number_of(values, "seq"), values)
             if entry is None or not (entries[-1].seq if entries else 0) < entry.seq <= last_seq:

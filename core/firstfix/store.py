@@ -35,11 +35,16 @@ CHUNK_BYTES = 16 << 20
 
 @dataclass(frozen=True)
 class StoredObject:
-    """One object as a listing shows it."""
+    """One object as a listing shows it.
+
+    Attributes:
+        e_tag: another one once the object was put again; empty where the store has none.
+    """
 
     key: str
     size_bytes: int
     last_modified: datetime
+    e_tag: str = ""
 
 
 class Store:
@@ -238,7 +243,7 @@ class Store:
         folder = check_folder(prefix)
         with translated(prefix or "/"):
             found = [
-                StoredObject(meta["path"], int(meta["size"]), meta["last_modified"])
+                StoredObject(meta["path"], int(meta["size"]), meta["last_modified"], meta["e_tag"] or "")
                 for chunk in obstore.list(self._backend, folder or None, offset=after)
                 for meta in chunk
             ]

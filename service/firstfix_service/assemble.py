@@ -45,6 +45,7 @@ from .settings import Settings
 from .settings_summary import settings_summary
 from .start_builds import run_with, start_builds
 from .tracing import start_tracing
+from .verify_keeper import keep_verified
 from .workers import LocalWorkers, Workers
 
 _log = structlog.get_logger(__name__)
@@ -107,6 +108,8 @@ async def assemble(
     builds = start_builds(settings, catalog, metrics, stack)
     if not settings.read_only:
         run_with(stack, keep_clean(catalog), "janitor")
+        if settings.verify_bytes_per_s:
+            run_with(stack, keep_verified(settings, store, metrics), "verify-keeper")
     georeferences = Georeferences(store)
     parts = Parts(
         settings,

@@ -54,7 +54,15 @@ SCOPES: dict[str, Scope | None] = {
     "collect_all_garbage": Scope.ADMIN,
 }
 # Routes whose requests are counted, as what.
-LIMITED = {"localize": "localize", "post_map": "build"}
+LIMITED = {
+    "localize": "localize",
+    "post_map": "build",
+    "activate": "change",
+    "roll_back": "change",
+    "retire": "change",
+    "put_georeference": "change",
+    "delete_georeference": "change",
+}
 
 
 async def authorize(request: Request) -> None:
@@ -81,7 +89,7 @@ async def authorize(request: Request) -> None:
         if not caller.sees(status["map_id"]):
             raise NotFound(f"no build {build_id}")
     if name in LIMITED:
-        parts.access.take(LIMITED[name], caller)
+        parts.access.take(LIMITED[name], caller, request.path_params.get("map_id", ""))
 
 
 async def caller_of(request: Request) -> Caller:

@@ -117,6 +117,12 @@ class Settings(BaseSettings):
         GIB, ge=0, description="left free by uploads on the disks of the work directory and of a file store"
     )
     max_event_streams: int = Field(64, ge=0, description="streams of build events at the same time")
+    verify_bytes_per_s: int = Field(
+        4 * MIB, ge=0, description="read from the store in the background to find damage; 0: none"
+    )
+    verify_days: float = Field(
+        30.0, ge=1, le=3650, description="after which a file that was found right is read once more"
+    )
     georeference_ttl_s: float = Field(
         5.0, ge=0, description="within which a changed georeference counts on every replica"
     )
@@ -196,6 +202,11 @@ class Settings(BaseSettings):
     )
     builds_per_hour: float | None = Field(
         None, ge=0, description="maps that one caller hands in; 0 and default as above, 60"
+    )
+    changes_per_min: float | None = Field(
+        None,
+        ge=0,
+        description="activations, rollbacks and so on of one map by one caller; 0 and default as above, 60",
     )
     auth_failures_per_min: float = Field(
         60.0, ge=0, description="of one address until it is answered 429; 0: any number"

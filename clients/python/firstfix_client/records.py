@@ -54,7 +54,8 @@ class BuildStatus:
     """How far a build is.
 
     Attributes:
-        state: queued, running, succeeded, failed or cancelled; unreadable: its record in the store is damaged.
+        state: queued, running, succeeded, failed or cancelled; unreadable: its record in the store is
+            damaged.
         progress: 0..1 within the stage.
         version: digest, once succeeded.
         error_code, error_detail: when failed or unreadable.
