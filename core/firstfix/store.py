@@ -201,10 +201,7 @@ class Store:
         """
         size = self.size(key)
         for start in range(0, size, CHUNK_BYTES):
-            with translated(key):
-                end = min(start + CHUNK_BYTES, size)
-                chunk = bytes(obstore.get_range(self._backend, key, start=start, end=end))
-            yield chunk
+            yield self.get_range(key, start, CHUNK_BYTES)
 
     def sha256(self, key: str) -> str:
         """Hex digest of the object, which is read for it.
