@@ -10,8 +10,10 @@
 # (a tmpfs). They listen beyond the container, so they start only with FIRSTFIX_AUTH=on, or off where nobody else gets
 # there. /usr/share/sbom/firstfix.cdx.json says what is in them.
 #
-# A machine with a package index of its own gives it with --build-arg PIP_INDEX_URL=...
-FROM debian:bookworm-slim AS python
+# A machine with a package index of its own gives it with --build-arg PIP_INDEX_URL=..., and one that pins its base image
+# --build-arg BASE=debian:bookworm-slim@sha256:...
+ARG BASE=debian:bookworm-slim
+FROM $BASE AS python
 RUN apt-get update \
  && apt-get install -y --no-install-recommends python3 libgomp1 \
  && rm -rf /var/lib/apt/lists/* /var/cache/apt/* /var/log/*

@@ -59,12 +59,13 @@ make_venv() {
 }
 
 # uv is several times quicker than pip but reads no pip settings: hand it the machine's index and certificates.
+# It compiles only if told to; else each process that may not write bytecode would compile all it imports anew.
 install_with_uv() {
   local index
   index=${PIP_INDEX_URL:-$(.venv/bin/pip config get global.index-url 2>/dev/null || true)}
   if [ -n "$index" ]; then export UV_DEFAULT_INDEX=${UV_DEFAULT_INDEX:-$index}; fi
   UV_SYSTEM_CERTS=1 UV_HTTP_TIMEOUT=${UV_HTTP_TIMEOUT:-120} VIRTUAL_ENV=$PWD/.venv \
-    .venv/bin/uv pip install --quiet --require-hashes -r deploy/locks/dev.txt
+    .venv/bin/uv pip install --quiet --compile-bytecode --require-hashes -r deploy/locks/dev.txt
 }
 
 install_with_pip() {

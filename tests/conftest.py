@@ -1,14 +1,17 @@
-"""Fixtures that several packages share: real object stores."""
+"""Fixtures that several packages share: real object stores; and what holds for the whole run."""
 
 from __future__ import annotations
 
+import os
 import secrets
+import sys
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
+import hypothesis
 import pytest
 
 from servers import free_port, running_versitygw
@@ -16,9 +19,22 @@ from servers import free_port, running_versitygw
 if TYPE_CHECKING:  # a plugin below: pytest wants to be the first to import it
     from toxiproxy import Link, Toxiproxy
 
-pytest_plugins = ["small_world", "cloud_servers", "toxiproxy"]
+pytest_plugins = ["once_a_run", "small_world", "cloud_servers", "toxiproxy"]
 
 BUCKET = "firstfix-tests"
+
+# NumPy, which reads them when it is first imported, comes later. xdist's workers share the cores among
+# themselves: threads of a library that wait for each other in a loop would only take them away.
+for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+# The tests start hundreds of processes. Where they may not keep bytecode, each compiles all it imports anew.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
+# The same examples in every run, and no limit on how long one may take.
+hypothesis.settings.register_profile("firstfix", deadline=None, derandomize=True, database=None)
+hypothesis.settings.load_profile("firstfix")
 
 
 @pytest.fixture(scope="session")

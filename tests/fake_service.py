@@ -16,6 +16,7 @@ from starlette.routing import Route
 from firstfix import wire
 from firstfix.localization import Localization
 from firstfix.scan import Scan
+from waiting import LIMIT_S
 
 VERSIONS = ["aa" * 32, "ab" * 32]
 
@@ -45,7 +46,7 @@ class FakeService:
 
     def stop(self) -> None:
         self._server.should_exit = True
-        self._thread.join(5)
+        self._thread.join(LIMIT_S)
 
     async def _localize(self, request: Request) -> Response:
         query = dict(request.query_params)

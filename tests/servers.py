@@ -6,12 +6,13 @@ import os
 import shutil
 import socket
 import subprocess
-import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+
+from waiting import wait_until
 
 
 def program(name: str, how_to_get_it: str) -> str:
@@ -29,6 +30,14 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
+def _listens(port: int) -> bool:
+    try:
+        socket.create_connection(("127.0.0.1", port), timeout=1).close()
+    except OSError:
+        return False
+    return True
+
+
 @contextmanager
 def running(
     command: list[str], port: int, log: Path, environment: Mapping[str, str] | None = None
@@ -39,15 +48,9 @@ def running(
             command, env={**os.environ, **(environment or {})}, cwd=log.parent, stdout=out, stderr=out
         )
     try:
-        deadline = time.monotonic() + 30
-        while True:
-            try:
-                socket.create_connection(("127.0.0.1", port), timeout=1).close()
-                break
-            except OSError:
-                if server.poll() is not None or time.monotonic() > deadline:
-                    pytest.fail(f"{command[0]} did not start: {log.read_text()[-1000:]}")
-                time.sleep(0.05)
+        wait_until(lambda: server.poll() is not None or _listens(port), what=f"{command[0]}, {log}")
+        if server.poll() is not None:
+            pytest.fail(f"{command[0]} did not start: {log.read_text()[-1000:]}")
         yield server
     finally:
         server.kill()

@@ -6,10 +6,15 @@ import os
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:  # a plugin too, and open3d: both are imported when a test needs them
+    from firstfix_builder.pipeline import BuiltVersion
+    from once_a_run import OnceARun
 
 
 @dataclass(frozen=True)
@@ -34,7 +39,7 @@ SENSOR = {
     "max_range_m": 60.0,
     "mount_height_m": 0.8,
 }
-CONFIG = {"sensor": SENSOR, "self_test": {"queries": 12, "outside": 6}}
+CONFIG = {"sensor": SENSOR, "learn_keys": {"scans": 300}, "self_test": {"queries": 12, "outside": 6}}
 
 
 @pytest.fixture(scope="session")
@@ -60,22 +65,19 @@ def small_world() -> SmallWorld:
 
 
 @pytest.fixture(scope="session")
-def small_map(small_world: SmallWorld, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def small_map(small_world: SmallWorld, once_a_run: OnceARun) -> Path:
     """The world as a mesh file."""
-    return small_world.write(tmp_path_factory.mktemp("map") / "yard.ply")
+    return once_a_run.folder("yard", lambda folder: small_world.write(folder / "yard.ply")) / "yard.ply"
 
 
 @pytest.fixture(scope="session")
-def small_version(small_map: Path, tmp_path_factory: pytest.TempPathFactory):
-    """Its version, built once: a ``firstfix_builder.pipeline.BuiltVersion``."""
-    from firstfix.build_config import BuildConfig
-    from firstfix_builder.pipeline import build_version
-
-    return build_version(small_map, BuildConfig.parse(CONFIG), tmp_path_factory.mktemp("work"))
+def small_version(small_map: Path, once_a_run: OnceARun) -> BuiltVersion:
+    """Its version, to be read only; ``small_work`` is where its stages can be built on."""
+    return once_a_run.version("yard-version", lambda folder: small_map, CONFIG)
 
 
 @pytest.fixture
-def small_work(small_version, tmp_path: Path) -> Path:
+def small_work(small_version: BuiltVersion, tmp_path: Path) -> Path:
     """A work folder of its own that holds the stages of the small version's build."""
     shutil.copytree(
         small_version.directory.parent / "stages", tmp_path / "work" / "stages", copy_function=os.link
@@ -84,7 +86,7 @@ def small_work(small_version, tmp_path: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
-def small_scans(small_world: SmallWorld, small_version):
+def small_scans(small_world: SmallWorld, small_version: BuiltVersion):
     """Disturbed scans between the version's templates: (Scan, T_map_sensor)."""
     from firstfix.build_config import DisturbConfig
     from firstfix.map_index import MapIndex

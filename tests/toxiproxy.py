@@ -10,13 +10,14 @@ import httpx
 import pytest
 
 from servers import free_port, program, running
+from waiting import LIMIT_S
 
 
 class Toxiproxy:
     """A running toxiproxy-server."""
 
     def __init__(self, api: str) -> None:
-        self._http = httpx.Client(base_url=api, timeout=10)
+        self._http = httpx.Client(base_url=api, timeout=LIMIT_S)
 
     def link(self, upstream: str) -> Link:
         """A port that leads to ``host:port``."""

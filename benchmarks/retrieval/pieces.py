@@ -10,6 +10,7 @@ import numpy as np
 
 from firstfix.descriptor import Descriptor
 from firstfix.localizer import Localizer
+from firstfix.sample import rows_by_chance
 from firstfix.scan import Scan
 from firstfix.sensor import SensorModel, preset
 from firstfix.transform import Matrix
@@ -93,8 +94,9 @@ class Pieces:
                 row_of("projection", f"shrinkage {shrinkage} in place of {shrinkage_kept}", LEARNED, found)
             )
         for share in (5, 2):
-            found = trial.by(discriminants(keys, within[::share], numbers_kept, shrinkage_kept))
-            rows.append(row_of("projection", f"learned from {len(within[::share])} scans", LEARNED, found))
+            some = within[rows_by_chance(len(within), len(within) // share)]
+            found = trial.by(discriminants(keys, some, numbers_kept, shrinkage_kept))
+            rows.append(row_of("projection", f"learned from {len(some)} scans", LEARNED, found))
         found = trial.by(whitening(keys, numbers_kept))
         rows.append(row_of("projection", "whitened only, nothing learned", LEARNED, found))
         return rows

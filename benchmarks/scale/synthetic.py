@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from firstfix.engine_config import SearchConfig
 from firstfix.key_search import build_key_search, load_key_search
+from firstfix.sample import rows_by_chance
 
 from .key_recall import ENGINES, NEAREST, Engine
 
@@ -58,7 +59,7 @@ def synthetic(
         build_key_search(every, config, at).save(index)
         built_s, built_cpu_s = time.perf_counter() - began, time.process_time() - cpu
         size = sum(path.stat().st_size for path in index.iterdir())
-        asked = keys[:: max(1, count // QUERIES)] + spread
+        asked = keys[rows_by_chance(count, QUERIES)] + spread
         search, ms = load_key_search(index, config), []
         for key in np.concatenate([asked, asked]).astype(np.float32):
             began = time.perf_counter()

@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from firstfix.build_config import CleanConfig
 from firstfix.errors import BuildFailed
+from firstfix.sample import rows_by_chance
 
 SPACING_SAMPLES = 50_000
 RING = 8  # the neighbours of a point of a raster
@@ -60,11 +61,11 @@ def without_strays(points: NDArray[np.float64], radius_m: float, min_neighbours:
 
 
 def point_spacing_m(points: NDArray[np.float64]) -> float:
-    """Median distance from a point to its nearest neighbour, from an even sample of the points."""
+    """Median distance from a point to its nearest neighbour, from a sample of the points."""
     if len(points) < 2:
         raise BuildFailed("a map of less than two points")
-    step = -(-len(points) // SPACING_SAMPLES)
-    nearest = cKDTree(points).query(points[::step], k=2)[0][:, 1]
+    some = points[rows_by_chance(len(points), SPACING_SAMPLES)]
+    nearest = cKDTree(points).query(some, k=2)[0][:, 1]
     nearest = nearest[nearest > 0]
     if len(nearest) == 0:
         raise BuildFailed("the points of the map coincide")
@@ -79,8 +80,8 @@ def surface_spacing_m(points: NDArray[np.float64]) -> float:
     """
     if len(points) <= RING:
         raise BuildFailed(f"a map of {len(points)} points")
-    step = -(-len(points) // SPACING_SAMPLES)
-    ring = cKDTree(points).query(points[::step], k=[RING + 1])[0][:, 0]
+    some = points[rows_by_chance(len(points), SPACING_SAMPLES)]
+    ring = cKDTree(points).query(some, k=[RING + 1])[0][:, 0]
     ring = ring[ring > 0]
     if len(ring) == 0:
         raise BuildFailed("the points of the map coincide")

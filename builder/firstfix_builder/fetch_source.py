@@ -44,6 +44,7 @@ def fetch_source(
     store_url: str,
     store: Store,
     map_id: str,
+    build_id: str,
     named: Mapping[str, Any],
     file_name: str,
     folder: Path,
@@ -70,7 +71,10 @@ def fetch_source(
         path = folder / sha256 / _safe_name(file_name)
         if path.exists() and sha256_of(path) == sha256:
             return path
-        _download(store, key, path, policy.max_bytes)
+        try:
+            _download(store, key, path, policy.max_bytes)
+        except NotFound:  # collected as the build was asked for: then there is a copy for it
+            _download(store, source_key(map_id, sha256, build_id), path, policy.max_bytes)
         return path
     url = str(named.get("url", ""))
     path = folder / hashlib.sha256(url.encode()).hexdigest() / _safe_name(file_name)

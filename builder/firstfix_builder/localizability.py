@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from firstfix.sample import rows_by_chance
+
 CELL_M = 4.0
 MAX_POINTS = 200_000
 _COLOURS = {"localized": "tab:green", "unsure": "tab:orange", "wrong": "tab:red"}
@@ -59,7 +61,7 @@ def draw_localizability(map_points: NDArray[np.floating], spots: Sequence[Spot],
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    shown = map_points[:: max(1, len(map_points) // MAX_POINTS)]
+    shown = map_points[rows_by_chance(len(map_points), MAX_POINTS)]
     figure = Figure(figsize=(9, 9), dpi=120, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()

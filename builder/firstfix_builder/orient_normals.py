@@ -10,9 +10,10 @@ flat patches with headroom.
 from __future__ import annotations
 
 import numpy as np
-import open3d as o3d
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+
+from .open3d_core import o3d
 
 STOREY_M = 2.0  # places are looked up per slice of this height, so that a slab has candidates on both sides
 PER_STOREY = 3

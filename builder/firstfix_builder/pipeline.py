@@ -19,25 +19,13 @@ from firstfix.build_config import BuildConfig
 from firstfix.clusters import Clusters
 from firstfix.manifest import Manifest
 from firstfix.map_index import ENGINE_FILE, MAP_FILE
-from firstfix.shared_stages import SharedStages
 
 from .build_stages import BuildStages, Progress, engine_of, link
 from .chunks import Workers
 from .die_with_parent import die_with_parent
 from .local_workers import LocalWorkers
-from .stage_cache import StageCache, StageResult
-
-STAGES = (
-    "read_map",
-    "reconstruct_mesh",
-    "sample_viewpoints",
-    "fit_engine",
-    "make_templates",
-    "cluster",
-    "learn_keys",
-    "build_index",
-    "self_test",
-)
+from .stage_cache import StageCache, StageResult, StagesElsewhere
+from .stage_names import STAGES as STAGES
 
 
 @dataclass(frozen=True)
@@ -69,7 +57,7 @@ def build_version(
     trajectory: Path | None = None,
     progress: Progress = lambda stage, fraction: None,
     cancelled: Callable[[], bool] = lambda: False,
-    shared: SharedStages | None = None,
+    shared: StagesElsewhere | None = None,
     cluster: Cluster | None = None,
 ) -> BuiltVersion:
     """Runs every stage that the cache under ``work`` does not hold yet.
@@ -103,6 +91,24 @@ def build_version(
         index = build.build_index(read, mesh, fitted, templates, clusters, learned)
         tested = build.self_test(mesh, index)
         return _collect(config, read, index, tested, work)
+
+
+def read_source(
+    source: Path,
+    config: BuildConfig,
+    work: Path,
+    *,
+    trajectory: Path | None = None,
+    progress: Progress = lambda stage, fraction: None,
+    cancelled: Callable[[], bool] = lambda: False,
+    shared: StagesElsewhere | None = None,
+) -> None:
+    """Runs the first stage alone. ``build_version`` with the same arguments finds its result, and reads no
+    file that others wrote. Raises as that does."""
+    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(1) as threads:
+        workers = LocalWorkers(work, threads, threads)
+        build = BuildStages(config, StageCache(work, shared=shared), threads, workers, progress, cancelled)
+        build.read_map(source, trajectory)
 
 
 @contextmanager

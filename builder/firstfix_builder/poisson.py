@@ -8,12 +8,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import open3d as o3d
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from .clip_mesh import clip_mesh
 from .mesh import Mesh
+from .open3d_core import o3d
 from .orient_normals import estimate_normals, orient_normals
 
 MIN_POINTS = 50  # below this there is no surface to speak of

@@ -23,6 +23,7 @@ class Case:
 
     Attributes:
         query: cases of one query are never on both sides of a fold.
+        right: whether the best place was, or one that ties with it.
         weight: how many such cases there would be among real ones.
         asked: whether the query was really asked; else it is what would have been found had the true
             place not been in the map.

@@ -13,11 +13,12 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firstfix.build_config import SelfTestConfig
 from firstfix.calibration import Calibration
 from firstfix.errors import BuildCancelled
-from firstfix.evidence import Evidence, evidence
+from firstfix.evidence import Evidence, Fit
 from firstfix.localization import Localization
 from firstfix.localizer import Localizer
 from firstfix.scan import Scan
@@ -32,6 +33,8 @@ from .simulate import Simulator
 RIGHT_M, RIGHT_DEG = 1.0, 10.0  # further off than this, a fix is a false one
 ABSENT_BEYOND_M = 3.0  # from the true place: what is nearer would not be in the map without it either
 ABSENT_WEIGHT = 0.25  # robots are mostly where their map is
+LIMITS_M = (0.05, 0.2, 0.5, 1)
+_UNFITTED = Calibration()  # says which places tie; fitting does not change that
 
 
 @dataclass(frozen=True)
@@ -40,6 +43,7 @@ class SelfTest:
 
     Attributes:
         success: "0.2m" and so on to the share of the queries whose best hypothesis is that near.
+        among: the same of any hypothesis: the place was found, whether or not it was ranked first.
         localized: share of the queries answered ``localized``.
         false_accepts: answers ``localized`` that were wrong by over 1 m or 10 degrees, or outside.
         reliability: ``reliability.reliability_of`` all of them.
@@ -49,6 +53,7 @@ class SelfTest:
     queries: int
     outside: int
     success: dict[str, float]
+    among: dict[str, float]
     localized: float
     median_error_m: float
     false_accepts: int
@@ -61,24 +66,40 @@ class SelfTest:
 
 @dataclass(frozen=True)
 class _Outcome:
-    """Attributes:
-    T_level_sensor: (4, 4) where the scan was taken, or None: elsewhere.
-    error_m, error_deg: of the best hypothesis, infinite where there is none.
+    """One query and its answer.
+
+    Attributes:
+        T_level_sensor: (4, 4) where the scan was taken, or None: elsewhere.
+        errors_m: of each hypothesis in turn; infinite where it is turned by over RIGHT_DEG too.
     """
 
     answer: Localization
     T_level_sensor: Matrix | None
-    error_m: float
-    error_deg: float
+    errors_m: tuple[float, ...]
+
+    @property
+    def first_error_m(self) -> float:
+        """Of the best hypothesis; infinite where there is none."""
+        return self.errors_m[0] if self.errors_m else np.inf
+
+    @property
+    def least_error_m(self) -> float:
+        """Of any hypothesis; infinite where there is none."""
+        return min(self.errors_m, default=np.inf)
 
     @property
     def right(self) -> bool:
-        return self.error_m <= RIGHT_M and self.error_deg <= RIGHT_DEG
+        return self.first_error_m <= RIGHT_M
 
     @property
     def evidence(self) -> Evidence | None:
-        fits = [h.fit for h in self.answer.hypotheses if h.fit is not None]
-        return evidence(fits) if fits else None
+        return _UNFITTED.evidence(self._fits) if self._fits else None
+
+    @property
+    def right_among_tied(self) -> bool:
+        """Whether the best hypothesis is right, or one that ties with it: no scan tells these apart."""
+        found = self.evidence
+        return found is not None and min(self.errors_m[: found.tied]) <= RIGHT_M
 
     def accepted_by(self, calibration: Calibration) -> bool:
         """Whether the calibrated localizer would call this localized."""
@@ -87,20 +108,27 @@ class _Outcome:
 
     @property
     def without_the_truth(self) -> Evidence | None:
-        """What would have been found had the true place not been in the map: a hard negative.
+        """What would be found if neither the true place nor its equals were in the map: a hard negative.
 
-        A map's own look-alikes teach more than scans of a strange place: the next aisle of a hall
-        explains four fifths of a scan.
+        A map's own look-alikes teach more than scans of a strange place: the next aisle of a hall explains
+        four fifths of a scan. An equal of the true place teaches nothing: nobody could tell that it is wrong.
         """
-        if not self.right:
+        found = self.evidence
+        if found is None or not self.right_among_tied:
             return None
-        here = self.answer.hypotheses[0].T_map_sensor
+        tied, others = self.answer.hypotheses[: found.tied], self.answer.hypotheses[found.tied :]
         elsewhere = [
-            h.fit
-            for h in self.answer.hypotheses[1:]
-            if h.fit is not None and pose_error(here, h.T_map_sensor)[0] > ABSENT_BEYOND_M
+            other.fit
+            for other in others
+            if other.fit is not None
+            and all(pose_error(one.T_map_sensor, other.T_map_sensor)[0] > ABSENT_BEYOND_M for one in tied)
         ]
-        return evidence(elsewhere) if len(elsewhere) > 1 else None  # of one alone the margin is not known
+        # of one alone the margin is not known
+        return _UNFITTED.evidence(elsewhere) if len(elsewhere) > 1 else None
+
+    @property
+    def _fits(self) -> list[Fit]:
+        return [h.fit for h in self.answer.hypotheses if h.fit is not None]
 
 
 def self_test(
@@ -144,11 +172,15 @@ def self_test(
         answer = localizer.localize(scan)
         done += 1
         progress(done / len(queries))
-        if T_level_sensor is None or not answer.hypotheses:
-            return _Outcome(answer, T_level_sensor, np.inf, np.inf)
+        if T_level_sensor is None:
+            return _Outcome(answer, None, (np.inf,) * len(answer.hypotheses))
         T_map_sensor = localizer.index.T_map_level @ T_level_sensor
-        error = pose_error(T_map_sensor, answer.hypotheses[0].T_map_sensor)
-        return _Outcome(answer, T_level_sensor, *error)
+        errors = [pose_error(T_map_sensor, one.T_map_sensor) for one in answer.hypotheses]
+        return _Outcome(
+            answer,
+            T_level_sensor,
+            tuple(error_m if error_deg <= RIGHT_DEG else np.inf for error_m, error_deg in errors),
+        )
 
     outcomes = list(executor.map(run, queries))
     cases = _cases(outcomes)
@@ -176,7 +208,7 @@ def _cases(outcomes: Sequence[_Outcome]) -> list[Case]:
     cases = []
     for query, outcome in enumerate(outcomes):
         if outcome.evidence is not None:
-            cases.append(Case(query, outcome.evidence, outcome.right))
+            cases.append(Case(query, outcome.evidence, outcome.right_among_tied))
         if outcome.without_the_truth is not None:
             cases.append(Case(query, outcome.without_the_truth, False, ABSENT_WEIGHT, asked=False))
     return cases
@@ -189,15 +221,13 @@ def _summary(
     localizability: list[dict[str, object]],
 ) -> SelfTest:
     inside = [outcome for outcome in outcomes if outcome.T_level_sensor is not None]
-    errors = np.array([o.error_m if o.error_deg <= RIGHT_DEG else np.inf for o in inside])
+    errors = np.array([outcome.first_error_m for outcome in inside])
     accepted = [o for o in outcomes if o.accepted_by(calibration)]
     return SelfTest(
         queries=len(inside),
         outside=len(outcomes) - len(inside),
-        success={
-            f"{limit}m": round(float(np.mean(errors <= limit)), 4) if len(errors) else 0.0
-            for limit in (0.05, 0.2, 0.5, 1)
-        },
+        success=_shares(errors),
+        among=_shares(np.array([outcome.least_error_m for outcome in inside])),
         localized=round(float(np.mean([o.accepted_by(calibration) for o in inside])), 4) if inside else 0.0,
         median_error_m=round(float(np.median(errors)), 4)
         if len(errors) and np.isfinite(np.median(errors))
@@ -206,3 +236,11 @@ def _summary(
         reliability=reliability,
         localizability=localizability,
     )
+
+
+def _shares(errors_m: NDArray[np.float64]) -> dict[str, float]:
+    """The share of the errors within each limit."""
+    return {
+        f"{limit}m": round(float(np.mean(errors_m <= limit)), 4) if len(errors_m) else 0.0
+        for limit in LIMITS_M
+    }

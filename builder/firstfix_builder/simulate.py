@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-import open3d as o3d
 from numpy.typing import NDArray
 
 from firstfix.sensor import SensorModel
+
+from .open3d_core import o3d
 
 RAYS_AT_ONCE = 4_000_000  # 96 MB of rays
 

@@ -28,19 +28,26 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from pydantic import BaseModel
 
 import firstfix
 from firstfix.errors import StoreUnavailable
 from firstfix.sha256 import sha256_of
-from firstfix.shared_stages import SharedStages
 
 from .build_trace import mark_cached
 
 DEFAULT_MAX_BYTES = 50_000_000_000
 DEFAULT_MAX_AGE_S = 30 * 86400.0
+
+
+class StagesElsewhere(Protocol):
+    """Where stages come from and go to besides: ``SharedStages``, or somebody who asks those."""
+
+    def fetch(self, key: str, folder: Path) -> bool: ...
+
+    def put(self, key: str, name: str, folder: Path) -> int: ...
 
 
 @dataclass(frozen=True)
@@ -78,7 +85,7 @@ class StageCache:
         *,
         max_bytes: int = DEFAULT_MAX_BYTES,
         max_age_s: float = DEFAULT_MAX_AGE_S,
-        shared: SharedStages | None = None,
+        shared: StagesElsewhere | None = None,
         code_version: str | None = None,
     ) -> None:
         self._folder = root / "stages"

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from firstfix.descriptor import ScanBatch
 from firstfix.engine_config import DescriptorConfig
+from firstfix.sample import rows_by_place
 from firstfix.sensor import SensorModel
 from firstfix.templates import PREFIX
 
@@ -23,6 +24,7 @@ from .simulate import Simulator
 SCANS_AT_ONCE = 128
 MIN_CHUNKS = 32  # so that many machines find work, where there are viewpoints enough
 MAX_CHUNK = 1024  # viewpoints: some seconds' work, which is what the loss of a worker costs
+_VIEW_VIEWPOINTS, _VIEW_CELL_M = 200, 2.0  # that tell how far one sees
 
 
 def upright(positions: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -48,7 +50,7 @@ def view_distance_m(simulator: Simulator, positions: NDArray[np.floating], senso
     The furthest of a column of beams: the nearer ones mostly show the floor. Measured at up to 200
     viewpoints.
     """
-    chosen = positions[:: max(1, len(positions) // 200)]
+    chosen = positions[rows_by_place(positions, _VIEW_VIEWPOINTS, _VIEW_CELL_M)]
     probe = sensor.coarser(4000)
     directions = probe.directions()
     horizontal = np.linalg.norm(directions[:, :2], axis=1)

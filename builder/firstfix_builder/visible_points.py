@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from firstfix.sample import cells_of, rows_by_place
 from firstfix.sensor import SensorModel
 from firstfix.surface import Surface
 
@@ -24,7 +25,7 @@ from .simulate import Simulator
 from .templates import scan_batch, upright
 
 RAYS = 16_384
-VIEWPOINTS = 3000  # or one for each square of VIEWPOINT_M, where that is more
+VIEWPOINTS = 3000  # or one for each cube of VIEWPOINT_M, where that is more
 VIEWPOINT_M = 3.0
 AT_ONCE = 100
 MOST_LOOSE = 16_000_000  # points of neighbouring scans, before they are thinned into one another
@@ -72,7 +73,7 @@ def visible_points(
     directions = probe.directions()
     squares = _Squares.over(positions)
     parts: list[list[NDArray[np.float64]]] = [[] for _ in range(squares.count)]
-    chosen = positions[:: -(-len(positions) // max(VIEWPOINTS, _cells(positions, VIEWPOINT_M)))]
+    chosen = positions[rows_by_place(positions, max(VIEWPOINTS, _occupied(positions)), VIEWPOINT_M)]
     chosen, loose = chosen[np.argsort(squares.of(chosen), kind="stable")], 0
     for start in range(0, len(chosen), AT_ONCE):
         here = chosen[start : start + AT_ONCE]
@@ -126,9 +127,9 @@ class _Squares:
         return column * self.number[1] + row
 
 
-def _cells(positions: NDArray[np.floating], edge_m: float) -> int:
-    """How many squares of an edge hold some."""
-    return len(np.unique(np.floor(positions[:, :2] / edge_m).astype(np.int64), axis=0))
+def _occupied(positions: NDArray[np.floating]) -> int:
+    """Number of cubes of VIEWPOINT_M with a position inside."""
+    return len(np.unique(cells_of(positions, VIEWPOINT_M), axis=0))
 
 
 def _with_normals(squares: list[NDArray[np.float64]], number: int) -> Surface:

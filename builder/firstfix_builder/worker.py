@@ -10,7 +10,6 @@ it goes on, and what was published or recorded by then stays true. Exit codes: 0
 from __future__ import annotations
 
 import argparse
-import errno
 import fcntl
 import logging
 import os
@@ -27,9 +26,7 @@ from firstfix.build_records import new_status
 from firstfix.catalog import Catalog
 from firstfix.errors import (
     BuildCancelled,
-    BuildFailed,
     ClusterUnavailable,
-    FirstfixError,
     InvalidOption,
     NotFound,
     StoreError,
@@ -44,11 +41,15 @@ from .build_reporter import EXIT_CANCELLED, EXIT_TRY_AGAIN, BuildReporter
 from .build_trace import BuildTrace
 from .executor_url import THREADS, dask_address
 from .fetch_source import DEFAULT_MAX_BYTES, SourcePolicy, fetch_source
+from .sandbox.failures import described
+from .sandbox.sandboxed_build import SandboxedBuild
+from .stage_names import STAGES
 
 EXIT_SUCCEEDED, EXIT_FAILED, EXIT_USAGE = 0, 1, 2
 _EXIT_OF_STATE = {"succeeded": EXIT_SUCCEEDED, "failed": EXIT_FAILED, "cancelled": EXIT_CANCELLED}
 # The service that runs a worker sets them; they are its own settings' names.
 LOG_LEVEL_VARIABLE, LOG_JSON_VARIABLE = "FIRSTFIX_LOG_LEVEL", "FIRSTFIX_LOG_JSON"
+SANDBOX_VARIABLE, MAX_MEMORY_VARIABLE = "FIRSTFIX_BUILD_SANDBOX", "FIRSTFIX_BUILD_MAX_MEMORY_BYTES"
 _log = logging.getLogger(__name__)
 
 
@@ -122,7 +123,7 @@ def run_build(
             tick(all_stages[0], 0.0)
             try:
                 catalog.store.probe()
-                sources = _fetch_all(store_url, catalog, map_id, request, work / "sources", policy)
+                sources = _fetch_all(store_url, catalog, build_id, request, work / "sources", policy)
                 built = build_version(
                     sources["source"],
                     _mapping(request, "config"),
@@ -147,7 +148,7 @@ def run_build(
             except Exception as error:
                 _log.exception("build %s failed in %s", build_id, reporter.stage)
                 status = new_status(
-                    "failed", map_id=map_id, stage=reporter.stage, error=_described(error, work)
+                    "failed", map_id=map_id, stage=reporter.stage, error=described(error, work)
                 )
         trace.end(status["state"], (status["error"] or {}).get("code"))
         catalog.set_build_stages(build_id, [asdict(stage) for stage in trace.stages])
@@ -159,18 +160,19 @@ def run_build(
 def _fetch_all(
     store_url: str,
     catalog: Catalog,
-    map_id: str,
+    build_id: str,
     request: Mapping[str, Any],
     folder: Path,
     policy: SourcePolicy | None,
 ) -> dict[str, Path]:
     """Local files of the source, and of the trajectory if the request has one."""
+    map_id = str(request.get("map_id", ""))
     source, trajectory = _mapping(request, "source"), _mapping(request, "trajectory")
     named = {"source": (source, str(request.get("file_name") or _ending_of(source)))}
     if trajectory:
         named["trajectory"] = (trajectory, str(trajectory.get("file_name") or _ending_of(trajectory)))
     return {
-        role: fetch_source(store_url, catalog.store, map_id, where, file_name, folder, policy)
+        role: fetch_source(store_url, catalog.store, map_id, build_id, where, file_name, folder, policy)
         for role, (where, file_name) in named.items()
     }
 
@@ -187,17 +189,6 @@ def _mapping(request: Mapping[str, Any], name: str) -> dict[str, Any]:
     return value
 
 
-def _described(error: Exception, work: Path) -> dict[str, str]:
-    """Code and detail of a failure, for people who must not see this machine's paths."""
-    if isinstance(error, FirstfixError):
-        return {"code": error.code, "detail": str(error).replace(str(work), "work")[:1000]}
-    if isinstance(error, MemoryError):
-        return {"code": BuildFailed.code, "detail": "the worker ran out of memory"}
-    if isinstance(error, OSError) and error.errno == errno.ENOSPC:
-        return {"code": BuildFailed.code, "detail": "the worker's disk is full"}
-    return {"code": FirstfixError.code, "detail": f"{type(error).__name__}: see the worker's log"}
-
-
 @contextmanager
 def _alone_in(work: Path) -> Iterator[None]:
     """Waits until no other build uses the folder: a pipeline's version stands at one place in it."""
@@ -210,15 +201,27 @@ def _alone_in(work: Path) -> Iterator[None]:
         os.close(handle)
 
 
-def _build_by_pipeline(
-    source: Path, config: dict[str, Any], work: Path, *, scheduler: str | None, store_url: str, **hooks: Any
+def _build_here(
+    source: Path,
+    config: dict[str, Any],
+    work: Path,
+    *,
+    scheduler: str | None,
+    store_url: str,
+    sandbox: SandboxedBuild | None,
+    **hooks: Any,
 ) -> Built:
+    """In this process, which has the store and the network that a cluster needs. With a sandbox it parses
+    nothing of a stranger's: that is in the stage cache when it begins."""
     from firstfix.build_config import BuildConfig
 
     from .pipeline import Cluster, build_version
 
+    if sandbox is not None:
+        told = {name: hooks[name] for name in ("trajectory", "progress", "cancelled")}
+        sandbox.read_source(source, config, **told)
     cluster = None if scheduler is None else Cluster(scheduler, store_url)
-    return build_version(source, BuildConfig.parse(config), work, cluster=cluster, **hooks)
+    return build_version(source, BuildConfig.parse(config), work / "build", cluster=cluster, **hooks)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -255,27 +258,46 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--executor", default=THREADS, metavar="URL", help="threads, dask://HOST:PORT or dask+tls://HOST:PORT"
     )
-    chosen = parser.parse_args(arguments)
-    set_up_build_log(
-        chosen.build,
-        level=os.environ.get(LOG_LEVEL_VARIABLE, "info"),
-        as_json=os.environ.get(LOG_JSON_VARIABLE) == "true",
+    parser.add_argument(
+        "--sandbox",
+        choices=("auto", "required", "off"),
+        default=os.environ.get(SANDBOX_VARIABLE, "auto"),
+        help="auto: as far as the kernel has the means; required: or no build is run",
     )
-    # Here, not above: it takes seconds, and a stop meanwhile leaves the build queued.
-    from .pipeline import STAGES
-
+    chosen = parser.parse_args(arguments)
+    log_level = os.environ.get(LOG_LEVEL_VARIABLE, "info")
+    log_json = os.environ.get(LOG_JSON_VARIABLE) == "true"
+    set_up_build_log(chosen.build, level=log_level, as_json=log_json)
+    max_memory = os.environ.get(MAX_MEMORY_VARIABLE)
     try:
         shared = SharedStages(Store.open(chosen.store)) if chosen.share_stages else None
+        scheduler = dask_address(chosen.executor)
+        sandbox = None
+        if chosen.sandbox != "off":
+            sandbox = SandboxedBuild(
+                chosen.work,
+                chosen.build,
+                required=chosen.sandbox == "required",
+                shared=shared,
+                max_memory_bytes=None if max_memory is None else int(max_memory),
+                log_level=log_level,
+                log_json=log_json,
+            )
+        if sandbox is not None and scheduler is None:
+            build_version: BuildVersion = sandbox.build_version
+        else:
+            options = {
+                "scheduler": scheduler,
+                "store_url": chosen.store,
+                "sandbox": sandbox,
+                "shared": shared,
+            }
+            build_version = partial(_build_here, **options)
         return run_build(
             chosen.store,
             chosen.build,
             chosen.work,
-            partial(
-                _build_by_pipeline,
-                scheduler=dask_address(chosen.executor),
-                store_url=chosen.store,
-                shared=shared,
-            ),
+            build_version,
             STAGES,
             policy=SourcePolicy(chosen.max_source_bytes, tuple(chosen.source_root), tuple(chosen.source_url)),
             own_process=True,

@@ -19,6 +19,7 @@ from rich.table import Table
 
 from firstfix.decode import read_scan_file
 from firstfix.options import LocalizeOptions
+from firstfix.sample import rows_by_chance
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, pose_error, yaw_of
 from firstfix_client import BuildStatus, Client
@@ -107,7 +108,7 @@ def _build(console: Console, service: LocalService, world: Path) -> str:
 def _chosen(rows: list[PosedScan]) -> list[PosedScan]:
     own = [row for row in rows if row.T_map_sensor is not None]
     foreign = [row for row in rows if row.T_map_sensor is None]
-    return own[:: max(1, len(own) // OWN_SHOWN)][:OWN_SHOWN] + foreign[:FOREIGN_SHOWN]
+    return [own[row] for row in rows_by_chance(len(own), OWN_SHOWN)] + foreign[:FOREIGN_SHOWN]
 
 
 def _localize(scans: list[PosedScan], service: LocalService, over: str) -> list[Outcome]:

@@ -22,6 +22,7 @@ from firstfix.transform import (
 
 SUCCESS_M = (0.05, 0.2, 0.5, 1.0)
 SUCCESS_YAW_DEG = 5.0
+RANKED_M = 0.2  # a hypothesis so near is the true place
 ANGLES_DEG = (1.0, 2.0, 5.0)
 FALSE_M, FALSE_DEG = 1.0, 10.0  # an accepted pose further off than this is a false accept
 
@@ -38,6 +39,9 @@ class Outcome:
         error_m: distance of the answered pose from the truth; inf without either.
         error_deg: angle of the whole rotation between them; inf without either.
         yaw_error_deg: its part about the map's vertical.
+        first_error_m: distance of the best hypothesis from the truth, whatever the verdict; inf where there
+            is none, or its yaw is off by over SUCCESS_YAW_DEG.
+        among_error_m: the same, of the nearest of all hypotheses.
     """
 
     name: str
@@ -47,6 +51,8 @@ class Outcome:
     error_m: float
     error_deg: float
     yaw_error_deg: float
+    first_error_m: float = np.inf
+    among_error_m: float = np.inf
 
     @property
     def is_accepted(self) -> bool:
@@ -63,21 +69,25 @@ class Outcome:
 
 def outcome_of(name: str, T_map_sensor: Matrix | None, answer: Localization, ms: float) -> Outcome:
     """Compares an answer with the truth."""
-    if T_map_sensor is None or answer.T_map_sensor is None:
-        return Outcome(name, T_map_sensor, answer, ms, np.inf, np.inf, np.inf)
+    if T_map_sensor is None:
+        return Outcome(name, None, answer, ms, np.inf, np.inf, np.inf)
+    errors_m = [_error_m(T_map_sensor, hypothesis.T_map_sensor) for hypothesis in answer.hypotheses]
+    ranked = (next(iter(errors_m), np.inf), min(errors_m, default=np.inf))
+    if answer.T_map_sensor is None:
+        return Outcome(name, T_map_sensor, answer, ms, np.inf, np.inf, np.inf, *ranked)
     error_m, error_deg = pose_error(T_map_sensor, answer.T_map_sensor)
-    # the twist about z of the rotation between them: free of the tilt's share
-    _, _, z, w = quaternion_of(answer.T_map_sensor @ inverse(T_map_sensor))
-    yaw_error_deg = abs(float(np.degrees(2 * np.arctan2(z, w))))
-    return Outcome(name, T_map_sensor, answer, ms, error_m, error_deg, yaw_error_deg)
+    yaw_error_deg = _yaw_error_deg(T_map_sensor, answer.T_map_sensor)
+    return Outcome(name, T_map_sensor, answer, ms, error_m, error_deg, yaw_error_deg, *ranked)
 
 
 def report_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """The figures that ``--json`` writes.
 
     success_*: share of the scans with a true pose that were localized within the distance, and within
-    5 degrees of yaw. median_*: over localized scans with a true pose, None without one.
-    false_accept_rate: among ``localized``, those off by over 1 m or 10 degrees or not of this map.
+    5 degrees of yaw. first_0.2m, among_0.2m: share whose best hypothesis, or any, is that near, whatever the
+    verdict: a true place that is among them and not first was found and ranked wrongly. median_*: over
+    localized scans with a true pose, None without one. false_accept_rate: among ``localized``, those off by
+    over 1 m or 10 degrees or not of this map.
     """
     posed = [o for o in outcomes if o.T_map_sensor is not None]
     accepted = [o for o in outcomes if o.is_accepted]
@@ -86,6 +96,8 @@ def report_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     return {
         "n": len(outcomes),
         **{f"success_{limit:g}m": _share([o.is_within(limit) for o in posed]) for limit in SUCCESS_M},
+        f"first_{RANKED_M:g}m": _share([o.first_error_m <= RANKED_M for o in posed]),
+        f"among_{RANKED_M:g}m": _share([o.among_error_m <= RANKED_M for o in posed]),
         "median_error_m": float(np.median([o.error_m for o in measured])) if measured else None,
         "median_error_deg": float(np.median([o.error_deg for o in measured])) if measured else None,
         "false_accept_rate": _share([o.is_false_accept for o in accepted]),
@@ -113,6 +125,19 @@ def random_yaws(count: int, seed: int | None) -> NDArray[np.float64]:
     if seed is None:
         return np.zeros(count)
     return np.random.default_rng(seed).uniform(-np.pi, np.pi, count)
+
+
+def _error_m(T_map_sensor: Matrix, T_map_found: Matrix) -> float:
+    """Distance of a hypothesis from the truth; infinite where it is turned away."""
+    if _yaw_error_deg(T_map_sensor, T_map_found) > SUCCESS_YAW_DEG:
+        return float(np.inf)
+    return pose_error(T_map_sensor, T_map_found)[0]
+
+
+def _yaw_error_deg(T_map_sensor: Matrix, T_map_found: Matrix) -> float:
+    """The twist about z of the rotation between them: free of the tilt's share."""
+    _, _, z, w = quaternion_of(T_map_found @ inverse(T_map_sensor))
+    return abs(float(np.degrees(2 * np.arctan2(z, w))))
 
 
 def _share(flags: Sequence[bool]) -> float:

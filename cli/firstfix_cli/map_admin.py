@@ -89,7 +89,7 @@ class _StoreMaps:
         return [self._record(map_id) for map_id in self._catalog.map_ids()]
 
     def show(self, map_id: str) -> Record:
-        if not self._catalog.state(map_id).entries:
+        if not self._catalog.state(map_id).exists:
             raise NotFound(f"no map {map_id}")
         record = self._record(map_id)
         record["versions"] = len(self._catalog.state(map_id).published)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from firstfix.sample import rows_by_chance
 from firstfix.scan import Scan
 from firstfix.transform import Matrix, transform_points
 
@@ -44,7 +45,7 @@ class MapPicture:
         flat = json.loads((directory / ENGINE_FILE).read_text())["T_map_level"]
         T_map_level = np.asarray(flat, np.float64).reshape(4, 4)
         points = np.load(directory / MAP_FILE, mmap_mode="r")
-        thinned = points[:: max(1, len(points) // MAX_MAP_POINTS)]
+        thinned = points[rows_by_chance(len(points), MAX_MAP_POINTS)]
         return cls(
             transform_points(T_map_level, thinned),
             transform_points(T_map_level, np.load(directory / "template_position_m.npy")),
@@ -142,7 +143,7 @@ def _draw_close_up(axes: Any, picture: MapPicture | None, outcome: Outcome, scan
     """The scan at the answered pose, in a slice of the map around the sensor's height."""
     T_map_sensor = outcome.answer.T_map_sensor
     assert T_map_sensor is not None
-    points = transform_points(T_map_sensor, scan.points[:: max(1, len(scan) // MAX_SCAN_POINTS)])
+    points = transform_points(T_map_sensor, scan.points[rows_by_chance(len(scan), MAX_SCAN_POINTS)])
     centre = T_map_sensor[:3, 3]
     reach = float(np.clip(np.percentile(np.abs(points[:, :2] - centre[:2]).max(axis=1), 75), 6, 25))
     if picture is not None:

@@ -1,4 +1,8 @@
-"""From what was measured at a place to the probability of being right, fitted by the build's self-test."""
+"""From what was measured at the places found to the probability that the true one is among the best.
+
+The build's self-test fits it. Places that tie count as one: two equal storeys of a map make every answer
+there ambiguous, and no answer less likely to hold the truth (docs/method.md section 7).
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize
 
-from .evidence import Evidence
+from .evidence import Evidence, Fit, evidence
 
 # One standard deviation that a map's weights may differ from the prior's: a share of each, and of this bias.
 SPREAD, SPREAD_BIAS = 0.4, 4.0
@@ -26,7 +30,7 @@ class Calibration:
             makes an answer less likely.
         min_probability: below it an answer is not ``localized``, unless the query says otherwise.
         min_overlap: below it a place does not explain the scan at all.
-        min_margin: with less, two places explain it: that is ambiguous however good the better one is.
+        min_margin: places whose support differs by less tie: that is ambiguous however good they are.
         cases: how many self-test cases it was fitted on; 0: it is only the prior, which is the defaults
             below: fitted to eight worlds at once (docs/method.md section 7).
     """
@@ -45,8 +49,12 @@ class Calibration:
         """(4,) bias first."""
         return np.array([self.bias, self.closeness, self.free_space, self.margin])
 
+    def evidence(self, fits: Sequence[Fit], place: int = 0) -> Evidence:
+        """What speaks for one of the places that the scan was compared at, and for those that tie with it."""
+        return evidence(fits, self.min_margin, place)
+
     def probability(self, evidence: Evidence) -> float:
-        """0..1 that the place is right."""
+        """0..1 that the place is right, or one of those that tie with it."""
         return float(_logistic(self.weights[0] + evidence.features @ self.weights[1:]))
 
     def accepts(self, evidence: Evidence, min_probability: float | None = None) -> bool:
@@ -57,7 +65,7 @@ class Calibration:
         """
         needed = self.min_probability if min_probability is None else min_probability
         explains = evidence.fit.overlap >= self.min_overlap
-        return explains and evidence.margin >= self.min_margin and self.probability(evidence) >= needed
+        return explains and evidence.tied == 1 and self.probability(evidence) >= needed
 
     @classmethod
     def fit(cls, evidence: Sequence[Evidence], right: ArrayLike, weight: ArrayLike) -> Calibration:
@@ -65,7 +73,7 @@ class Calibration:
 
         Args:
             evidence: (n,) for the best place of each self-test case.
-            right: (n,) whether it was right.
+            right: (n,) whether it was right, or one of those that tie with it.
             weight: (n,) how many such cases there would be among real ones.
         """
         truth, counts = np.asarray(right, np.float64), np.asarray(weight, np.float64)

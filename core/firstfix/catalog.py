@@ -1,7 +1,8 @@
 """Maps, their versions and builds in an object store.
 
     maps/<map_id>/sources/<sha256>                  uploaded clouds, by content
-    maps/<map_id>/versions/<digest>/...             files of a version
+    maps/<map_id>/sources/<sha256>.<build_id>       a copy for one build, as somebody was removing the other
+    maps/<map_id>/versions/<digest>/...             files of a version; see ``firstfix.version_objects``
     maps/<map_id>/versions/<digest>/manifest.json   written last
     maps/<map_id>/log/000001.json, ...              see ``firstfix.map_log``
     maps/<map_id>/snapshots/000050.json, ...        the same
@@ -16,22 +17,24 @@ from __future__ import annotations
 
 import logging
 import threading
+from contextlib import suppress
 from dataclasses import dataclass
-from datetime import datetime, timedelta, timezone
+from datetime import datetime, timedelta
 from pathlib import Path
 
 from .build_records import BuildRecords
 from .change_log import ChangeLog
-from .errors import Conflict, NotFound, StoreError
-from .ids import check_map_id, check_version, is_name
+from .errors import Conflict, NotFound, StoreError, StoreUnavailable
+from .ids import check_build_id, check_map_id, check_version, is_name
 from .manifest import Manifest
 from .map_log import MapLog
 from .map_state import Event, LogEntry, MapState
 from .sha256 import sha256_of
 from .store import Store
-from .version_objects import VersionObjects, manifest_first
+from .version_objects import VersionFolder, VersionObjects, manifest_first
 
 _log = logging.getLogger(__name__)
+_MAX_COLLECTIONS = 5  # that one publish meets
 
 
 @dataclass(frozen=True)
@@ -99,13 +102,13 @@ class Catalog(BuildRecords):
             NotFound: the map has none and never had.
         """
         state = self.state(map_id)
-        if not state.entries:
+        if not state.exists:
             raise NotFound(f"no map {map_id}")
         times = {e.version: e.time for e in state.entries if e.event is Event.PUBLISHED}
         return [
             VersionInfo(version, version == state.active, times[version])
             for version in reversed(state.published)
-            if self._objects.exists(map_id, version)
+            if self._objects.exists(_folder(map_id, version, state))
         ]
 
     def manifest(self, map_id: str, version: str) -> Manifest:
@@ -115,9 +118,7 @@ class Catalog(BuildRecords):
             CorruptVersion: the manifest is missing or is not the one that the version is named by.
             IncompatibleVersion: its format is not this reader's.
         """
-        if check_version(version) not in self.state(map_id).published:
-            raise NotFound(f"map {map_id} has no version {version}")
-        return self._objects.manifest(map_id, version)
+        return self._objects.manifest(self._published(map_id, version))
 
     def fetch_version(self, map_id: str, version: str, directory: Path) -> Path:
         """The local folder with the version's files, each verified by its sha256; in the cache
@@ -127,8 +128,7 @@ class Catalog(BuildRecords):
             NotFound, IncompatibleVersion: as ``manifest``.
             CorruptVersion: as ``manifest``, or a file is missing or differs.
         """
-        self.manifest(map_id, version)
-        return self._objects.fetch(map_id, version, directory)
+        return self._objects.fetch(self._published(map_id, version), directory)
 
     def read_file(self, map_id: str, version: str, name: str, *, max_bytes: int) -> bytes:
         """One file of a version, checked by its sha256.
@@ -138,14 +138,15 @@ class Catalog(BuildRecords):
             TooLarge: it is over the limit.
             CorruptVersion: as ``manifest``, or the file is missing or differs.
         """
-        self.manifest(map_id, version)
-        return self._objects.read_file(map_id, version, name, max_bytes=max_bytes)
+        return self._objects.read_file(self._published(map_id, version), name, max_bytes=max_bytes)
 
     def publish(self, map_id: str, directory: Path, manifest: Manifest, *, build_id: str = "") -> str:
         """Puts a version's files, then its manifest, then says so in the log and activates it.
 
         Repeating it after a kill at any point completes it. With a build id each log entry is written
-        once for that build, so that a repeat does not undo what somebody did in between.
+        once for that build, so that a repeat does not undo what somebody did in between. A garbage
+        collection of the version at the same time does no harm: either it sees the publish, or the publish
+        sees it and puts the files anew.
 
         Returns:
             the version's digest.
@@ -153,9 +154,7 @@ class Catalog(BuildRecords):
         Raises:
             CorruptVersion: a file in the directory is not what the manifest says.
         """
-        check_map_id(map_id)
         version = manifest.digest
-        self._objects.put(map_id, directory, manifest)
         log = self._map_log(map_id)
 
         def done(event: Event, state: MapState) -> bool:
@@ -163,12 +162,24 @@ class Catalog(BuildRecords):
                 (e.event, e.version, e.build_id) == (event, version, build_id) for e in state.entries
             )
 
-        published = log.append(
-            Event.PUBLISHED,
-            version,
-            build_id=build_id,
-            needed=lambda state: version not in state.published and not done(Event.PUBLISHED, state),
-        )
+        for _ in range(_MAX_COLLECTIONS):
+            generation = self.state(map_id).generation(version)
+            self._objects.put(VersionFolder(map_id, version, generation), directory, manifest)
+
+            def is_needed(state: MapState, generation: int = generation) -> bool:
+                if version in state.published or done(Event.PUBLISHED, state):
+                    return False
+                if state.generation(version) != generation:
+                    raise _Collected
+                return True
+
+            with suppress(_Collected):
+                published = log.append(
+                    Event.PUBLISHED, version, build_id=build_id, generation=generation, needed=is_needed
+                )
+                break
+        else:
+            raise StoreUnavailable(f"version {version} of map {map_id} is collected again and again")
         activated = log.append(
             Event.ACTIVATED,
             version,
@@ -210,7 +221,7 @@ class Catalog(BuildRecords):
             CorruptVersion, IncompatibleVersion: its manifest cannot be used.
         """
         before = self.state(map_id)
-        if not before.entries:
+        if not before.exists:
             raise NotFound(f"no map {map_id}")
         if len(before.activated) < 2:
             raise Conflict(f"map {map_id} has no version that was active before")
@@ -247,33 +258,53 @@ class Catalog(BuildRecords):
         self._note(map_id)
 
     def collect_garbage(
-        self, map_id: str, *, older_than_s: float = 86400.0, dry_run: bool = False
+        self,
+        map_id: str,
+        *,
+        older_than_s: float = 86400.0,
+        now: datetime | None = None,
+        dry_run: bool = False,
     ) -> list[str]:
         """Removes what nobody can see: files of retired versions and of publishes that never ended.
 
-        What was put, or retired, less than ``older_than_s`` ago stays: a publish may be under way, or
-        a replica may still serve it.
+        What was put, or retired, less than ``older_than_s`` ago by the store's times stays: a publish may
+        be under way, or a replica may still serve it.
+
+        Args:
+            now: the store's time, if the caller knows it.
 
         Returns:
             the keys that were removed, or with ``dry_run`` would be.
         """
+        cutoff = (now or self.store.now()) - timedelta(seconds=older_than_s)
+        log = self._map_log(map_id)
         state = self.state(map_id)
-        cutoff = datetime.now(timezone.utc) - timedelta(seconds=older_than_s)
-        recent = {e.version for e in state.entries if datetime.fromisoformat(e.time) > cutoff}
-        kept = recent | set(state.published)
-        keys: dict[str, list[str]] = {}
-        for version, item in self._objects.scan(map_id):
-            if item.last_modified > cutoff:
-                kept.add(version)
-            keys.setdefault(version, []).append(item.key)
-        if state.skipped:  # an entry that is lost may have published any version but those
-            retired = {e.version for e in state.entries if e.event is Event.RETIRED}
-            kept |= keys.keys() - retired
-        doomed = {version: manifest_first(of) for version, of in keys.items() if version not in kept}
-        if not dry_run:
-            for version, of in doomed.items():
-                self._objects.remove(map_id, version, of)
-        return [key for of in doomed.values() for key in of]
+        recent = log.changed_since(cutoff)
+        removed: list[str] = []
+        for folder, items in self._objects.scan(map_id).items():
+            version, has_ended = folder.version, folder.generation < state.generation(folder.version)
+            if version in recent or any(item.last_modified > cutoff for item in items):
+                continue
+            if version in state.published and not has_ended:
+                continue
+            if state.skipped and not has_ended:  # an entry that is lost may have published it
+                continue
+            if dry_run or has_ended or _give_up(log, folder, state):
+                keys = manifest_first([item.key for item in items])
+                if not dry_run:
+                    self._objects.remove(folder, keys)
+                removed += keys
+        return removed
+
+    def _published(self, map_id: str, version: str) -> VersionFolder:
+        """
+        Raises:
+            NotFound: the map has no such version, or it was retired.
+        """
+        state = self.state(map_id)
+        if check_version(version) not in state.published:
+            raise NotFound(f"map {map_id} has no version {version}")
+        return _folder(map_id, version, state)
 
     def _map_log(self, map_id: str) -> MapLog:
         check_map_id(map_id)
@@ -289,10 +320,11 @@ class Catalog(BuildRecords):
 
     # Sources
 
-    def put_source(self, map_id: str, path: Path) -> str:
-        """Keeps an uploaded file under its content's sha256, which is returned."""
+    def put_source(self, map_id: str, path: Path, *, build_id: str = "") -> str:
+        """Keeps an uploaded file under its content's sha256, which is returned; for one build alone, if its
+        id is given."""
         sha256 = sha256_of(path)
-        self.store.upload(source_key(map_id, sha256), path)
+        self.store.upload(source_key(map_id, sha256, build_id), path)
         return sha256
 
 
@@ -301,6 +333,25 @@ def log_folder(map_id: str) -> str:
     return f"maps/{check_map_id(map_id)}/log"
 
 
-def source_key(map_id: str, sha256: str) -> str:
-    """Where an uploaded file stands."""
-    return f"maps/{check_map_id(map_id)}/sources/{check_version(sha256)}"
+class _Collected(Exception):
+    """The files that a publish has put are being removed."""
+
+
+def _folder(map_id: str, version: str, state: MapState) -> VersionFolder:
+    return VersionFolder(map_id, version, state.generation(version))
+
+
+def _give_up(log: MapLog, folder: VersionFolder, seen: MapState) -> bool:
+    """Ends the generation, unless somebody did something with the version since: from then on no publish
+    counts on the folder. False: it is not to be removed."""
+
+    def needed(state: MapState) -> bool:
+        return not any(e.version == folder.version and e.seq > seen.last_seq for e in state.entries)
+
+    return log.append(Event.COLLECTED, folder.version, needed=needed) is not None
+
+
+def source_key(map_id: str, sha256: str, build_id: str = "") -> str:
+    """Where an uploaded file stands, or a copy of it for one build alone."""
+    own = f".{check_build_id(build_id)}" if build_id else ""
+    return f"maps/{check_map_id(map_id)}/sources/{check_version(sha256)}{own}"

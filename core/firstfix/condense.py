@@ -21,7 +21,7 @@ from .query_parameters import QueryParameters
 from .scan import Scan
 from .scan_view import nearest_by_direction
 from .symmetric import smallest_axes
-from .voxel_filter import at_most, even_rows, voxel_means, within_range
+from .voxel_filter import at_most, voxel_means, within_range
 
 POINTS = 2500
 _RETURNS = 20_000  # looked at by direction
@@ -54,7 +54,7 @@ def condense(
     near = within_range(scan.points, used.min_range_m, used.max_range_m)
     means = voxel_means(at_most(near, _VOXELLED), used.voxel_m)
     described = None if used.descriptor is None else _describe(near, means, used, used.descriptor, gravity)
-    chosen = means[even_rows(len(means), points)].astype(np.float32)
+    chosen = at_most(means, points).astype(np.float32)
     return CompactScan(chosen, nearest_by_direction(at_most(near, _RETURNS)), described)
 
 

@@ -35,12 +35,17 @@ class Fit:
 
 @dataclass(frozen=True)
 class Evidence:
-    """Attributes:
-    margin: by how much its support exceeds that of the best other place.
+    """What speaks for the best place, or, where others tie with it, for one of these places being right.
+
+    Attributes:
+        fit: of the best place.
+        margin: by how much its support exceeds that of the best place that does not tie with it.
+        tied: how many places tie, the best one included: no margin tells them apart.
     """
 
     fit: Fit
     margin: float
+    tied: int = 1
 
     @property
     def features(self) -> NDArray[np.float64]:
@@ -57,7 +62,13 @@ class Evidence:
         )
 
 
-def evidence(fits: Sequence[Fit], place: int = 0) -> Evidence:
-    """For one of the places that the scan was compared at, given all of them."""
-    rivals = [fit.support for number, fit in enumerate(fits) if number != place]
-    return Evidence(fits[place], fits[place].support - max(rivals) if rivals else MOST_MARGIN)
+def evidence(fits: Sequence[Fit], tied_within: float, place: int = 0) -> Evidence:
+    """For one of the places that the scan was compared at, given all of them.
+
+    Args:
+        tied_within: places tie whose support differs by less.
+    """
+    own = fits[place].support
+    rivals = [fit.support for fit in fits if abs(fit.support - own) >= tied_within]
+    margin = own - max(rivals) if rivals else MOST_MARGIN
+    return Evidence(fits[place], margin, len(fits) - len(rivals))

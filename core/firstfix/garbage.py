@@ -7,7 +7,7 @@
     idempotency   keys of requests that nobody repeats any more
     logs          entries of maps' logs that snapshots have summed up
     changes       notices of changes that everybody has read
-    leftovers     what processes that were killed left of a look at the store, or of a put
+    leftovers     what processes that were killed left of a look at the store, of a put, or of a collection
 
 A source is kept as long as the record of a build names it, and the record as long as the version that
 came out can be served: so what is served can always be built again. A build's record that cannot be read
@@ -18,10 +18,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from datetime import datetime, timedelta, timezone
+from datetime import datetime, timedelta
 
 from .build_records import FINAL_STATES
 from .catalog import Catalog, log_folder
+from .doomed_keys import FOLDER as DOOMED
+from .doomed_keys import announced
 from .errors import NotFound, UnreadableRecord
 from .idempotency import FOLDER as IDEMPOTENCY
 from .ids import check_map_id, is_name
@@ -67,7 +69,7 @@ def collect_garbage(
         StoreError: the store failed; what was removed by then stays removed.
     """
     ages = ages or Ages()
-    now = datetime.now(timezone.utc)
+    now = catalog.store.now()
     cutoff = now - timedelta(seconds=ages.things_s)
     if map_id is not None:
         map_ids = [check_map_id(map_id)]
@@ -77,9 +79,11 @@ def collect_garbage(
     found.keys["versions"] = [
         key
         for name in map_ids
-        for key in catalog.collect_garbage(name, older_than_s=ages.things_s, dry_run=dry_run)
+        for key in catalog.collect_garbage(name, older_than_s=ages.things_s, now=now, dry_run=dry_run)
     ]
-    found.keys["logs"] = _logs(catalog, map_ids, now - timedelta(seconds=ages.logs_s), dry_run=dry_run)
+    found.keys["logs"] = _logs(
+        catalog, map_ids, min(cutoff, now - timedelta(seconds=ages.logs_s)), dry_run=dry_run
+    )
     if map_id is None:
         found.keys["builds"] = _builds(catalog, now - timedelta(seconds=ages.builds_s))
         found.keys["uploads"] = _by_folder(catalog, "uploads", cutoff)
@@ -88,13 +92,22 @@ def collect_garbage(
         if not dry_run:
             for kind in ("builds", "uploads", IDEMPOTENCY, "changes"):
                 _remove(catalog, found.keys[kind])
-        found.keys["leftovers"] = catalog.store.remove_leftovers(older_than_s=ages.things_s, dry_run=dry_run)
-    # Sources last, and against builds that are read after them: one that was asked for meanwhile counts.
+        lists = [item.key for item in _older(catalog, DOOMED, cutoff)]
+        if not dry_run:
+            _remove(catalog, lists)
+        found.keys["leftovers"] = lists + catalog.store.remove_leftovers(
+            older_than_s=ages.things_s, dry_run=dry_run
+        )
     old = [item for name in map_ids for item in _older(catalog, f"maps/{name}/sources", cutoff)]
     gone = {key.split("/")[1] for key in found.keys.get("builds", ())}
-    found.keys["sources"] = _unnamed(catalog, old, gone)
-    if not dry_run:
-        _remove(catalog, found.keys["sources"])
+    unnamed = _unnamed(catalog, old, gone)
+    if unnamed and not dry_run:
+        # Announced, then looked at again: of a build that names one meanwhile either we see the record,
+        # or it sees the announcement.
+        with announced(catalog.store, [item.key for item in unnamed]):
+            unnamed = _unnamed(catalog, unnamed, gone)
+            _remove(catalog, [item.key for item in unnamed])
+    found.keys["sources"] = [item.key for item in unnamed]
     return found
 
 
@@ -104,7 +117,7 @@ def remove_abandoned(catalog: Catalog, *, older_than_s: float = DAY_S) -> Garbag
     Raises:
         StoreError: the store failed.
     """
-    cutoff = datetime.now(timezone.utc) - timedelta(seconds=older_than_s)
+    cutoff = catalog.store.now() - timedelta(seconds=older_than_s)
     found = Garbage()
     found.keys["uploads"] = _by_folder(catalog, "uploads", cutoff)
     found.keys[IDEMPOTENCY] = [item.key for item in _older(catalog, IDEMPOTENCY, cutoff)]
@@ -172,7 +185,7 @@ def _builds(catalog: Catalog, cutoff: datetime) -> list[str]:
     return _by_folder(catalog, "builds", cutoff, doomed)
 
 
-def _unnamed(catalog: Catalog, found: list[StoredObject], gone: set[str]) -> list[str]:
+def _unnamed(catalog: Catalog, found: list[StoredObject], gone: set[str]) -> list[StoredObject]:
     """Those of the sources that no build names but the ones that are gone."""
     if not found:
         return []
@@ -184,7 +197,7 @@ def _unnamed(catalog: Catalog, found: list[StoredObject], gone: set[str]) -> lis
                 named.update(_sources_of(catalog, build_id))
             except UnreadableRecord:
                 unread += catalog.store.scan(f"builds/{build_id}")
-    return [item.key for item in found if item.key not in named and not _may_be_named(item, unread)]
+    return [item for item in found if item.key not in named and not _may_be_named(item, unread)]
 
 
 def _sources_of(catalog: Catalog, build_id: str) -> list[str]:
@@ -193,7 +206,8 @@ def _sources_of(catalog: Catalog, build_id: str) -> list[str]:
     except NotFound:
         return []
     named = (request.get(role) for role in ("source", "trajectory"))
-    return [str(one["key"]) for one in named if isinstance(one, dict) and "key" in one]
+    keys = [str(one["key"]) for one in named if isinstance(one, dict) and "key" in one]
+    return [*keys, *(f"{key}.{build_id}" for key in keys)]
 
 
 def _may_be_named(source: StoredObject, unread: list[StoredObject]) -> bool:

@@ -16,6 +16,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from .voxel_filter import at_most
+
 _Float = TypeVar("_Float", bound=np.floating)
 
 MAX_TILT_DEG = 35.0
@@ -48,7 +50,7 @@ def estimate_up(normals: NDArray[np.floating]) -> NDArray[np.float64]:
     eigenvector of (upright - level) scatter is at right angles to the walls and along the floor's normal.
     """
     candidates = _cone()
-    normals = normals[:: max(1, len(normals) // _VOTERS)]
+    normals = at_most(normals, _VOTERS)
     up = candidates[int(np.argmax(_votes(normals, candidates, np.radians(5.0)) * _tilt_prior(candidates)))]
     for width_deg in (5.0, 2.5, 1.5):
         width = np.radians(width_deg)

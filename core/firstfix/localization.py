@@ -39,7 +39,7 @@ class Hypothesis:
     Attributes:
         T_map_sensor: (4, 4).
         fit: how the scan lies on the map there; None: it had no points to lay.
-        probability: 0..1, calibrated: of being right.
+        probability: 0..1, calibrated: of being right. Hypotheses that tie have equal shares.
         template: row of the template it started from.
         map_id: whose frame T_map_sensor is in, where several maps were asked.
     """
@@ -59,7 +59,8 @@ class Localization:
         T_map_sensor: (4, 4) when localized, else None.
         covariance: (6, 6) row-major over x, y, z, rotX, rotY, rotZ about the map's axes (m, rad),
             as in geometry_msgs/PoseWithCovariance; None with the pose.
-        probability: 0..1 that the best hypothesis is right.
+        probability: 0..1 that the best hypothesis is right, or one of those that tie with it. Only the best
+            where the answer is localized.
         hypotheses: best first; also there when ambiguous. Empty when rejected without a candidate.
         timings_ms: stage to milliseconds.
     """

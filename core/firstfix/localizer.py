@@ -11,11 +11,10 @@ from .candidates import search
 from .compact_scan import CompactScan, ScanDescriptor
 from .covariance import pose_covariance
 from .errors import InvalidOption
-from .evidence import evidence
 from .localization import Localization, Reason, Verdict
 from .map_index import MapIndex
 from .options import LocalizeOptions
-from .places import Place, find_places
+from .places import Place, find_places, place_evidence
 from .preprocess import preprocess
 from .scan import Scan
 from .scan_sequence import ScanSequence
@@ -64,7 +63,7 @@ class Localizer:
                 candidates = search(index, described, prepared.scans, options, effort)
             with watch.stage("register"):
                 places = find_places(index, prepared, candidates, options.prior)
-            if places and index.calibration.accepts(evidence([place.fit for place in places])):
+            if places and index.calibration.accepts(place_evidence(index.calibration, places)):
                 break
         return [Claim(place, index, map_id) for place in places]
 

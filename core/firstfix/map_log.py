@@ -1,4 +1,4 @@
-"""The log of a map: what was published, activated and retired, and by that what is served.
+"""The log of a map: what was published, activated, retired and collected, and by that what is served.
 
     <map>/log/000001.json, ...         entries
     <map>/snapshots/000050.json, ...   what all entries up to that number add up to
@@ -7,6 +7,10 @@ Entries are numbered objects that are only ever created, never replaced. Two wri
 same number race in one create-only put; the loser reads the winner's entry, checks its own
 precondition against it, and takes the next number. So an entry always holds for exactly the state
 before it, on every store and without a lock.
+
+The files of a version stand in a folder of a generation, which ``retired`` or ``collected`` ends: from then
+on a remover may take the files whenever it gets to it, and a publish that began before is not recorded any
+more. Whoever publishes the version again puts its files into the next generation, which no remover knows.
 
 Every ``EVERY`` entries a writer leaves a snapshot. A reader begins with the newest one that it can read and
 asks for the entries after it alone: its calls are bounded, however long the log is. ``firstfix.log_garbage``
@@ -24,6 +28,7 @@ import threading
 import time
 import uuid
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from itertools import islice
@@ -90,8 +95,25 @@ class MapLog:
         with self._lock:
             return MapState() if self._seen is None else self._seen.state
 
+    def changed_since(self, time: datetime) -> set[str]:
+        """The versions of the entries that were written after that time, by the store's clock: those in the
+        entries are their writers'."""
+        changed = set()
+        for seq, item in scan_after(self._store, self._folder, 0).items():
+            if item.last_modified > time:
+                with suppress(NotFound):
+                    entry, _ = self._read(seq)
+                    changed |= set() if entry is None else {entry.version}
+        return changed
+
     def append(
-        self, event: Event, version: str, *, build_id: str = "", needed: Callable[[MapState], bool]
+        self,
+        event: Event,
+        version: str,
+        *,
+        build_id: str = "",
+        generation: int = 0,
+        needed: Callable[[MapState], bool],
     ) -> LogEntry | None:
         """Adds an entry, if it is still needed in the state that it follows.
 
@@ -108,7 +130,7 @@ class MapLog:
                 return None
             seq = seen.state.last_seq + 1
             now = datetime.now(timezone.utc).isoformat(timespec="seconds")
-            entry = LogEntry(seq, event, check_version(version), now, build_id, writer)
+            entry = LogEntry(seq, event, check_version(version), now, build_id, writer, generation)
             if self._create(entry):
                 newer = scan_after(self._store, self._snapshots, max(0, seq - EVERY))
                 if self._is_part(entry, list(newer)):

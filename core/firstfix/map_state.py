@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from datetime import datetime
 from enum import Enum
 from typing import Any
@@ -15,6 +15,7 @@ from .json_record import text_of, whole_number_of
 HISTORY = 200  # newest entries that a state keeps
 MARKS = 1000  # newest entries that are the last of their kind: of one event, version and build
 MAX_SKIPPED = 1000
+MAX_ENDED = 10_000
 SNAPSHOT_FORMAT = 1
 
 
@@ -22,6 +23,7 @@ class Event(str, Enum):
     PUBLISHED = "published"
     ACTIVATED = "activated"
     RETIRED = "retired"
+    COLLECTED = "collected"  # files of a publish that never ended; readers that do not know it skip it
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,7 @@ class LogEntry:
         time: of writing, UTC, ISO 8601; for people: the order is seq's.
         build_id: of the build that caused it; empty when a person did.
         writer: unique to one append, so that a writer whose reply was lost knows its own entry.
+        generation: of ``published``: of the folder with the files.
     """
 
     seq: int
@@ -41,6 +44,7 @@ class LogEntry:
     time: str
     build_id: str = ""
     writer: str = ""
+    generation: int = 0
 
     def to_json(self) -> bytes:
         values = {**asdict(self), "event": self.event.value}
@@ -59,8 +63,11 @@ class LogEntry:
             raise ValueError("its time has no zone")
         event, version = text_of(record, "event"), check_version(text_of(record, "version"))
         build_id, writer = text_of(record, "build_id", ""), text_of(record, "writer", "")
+        generation = whole_number_of({"generation": 0, **record}, "generation")
         known = {one.value: one for one in Event}
-        return cls(seq, known[event], version, time, build_id, writer) if event in known else None
+        if event not in known:
+            return None
+        return cls(seq, known[event], version, time, build_id, writer, generation)
 
 
 @dataclass(frozen=True)
@@ -75,6 +82,9 @@ class MapState:
             then what to fall back to.
         last_seq: of the last entry, readable or not; 0 for an empty log.
         skipped: numbers of entries that are missing or could not be read: what they said is not known.
+        generations: of the published versions: which folder their files stand in.
+        ended: version to the ``seq`` of the entry that ended its last generation; the newest of them.
+        exists: the map ever had a version to serve.
     """
 
     entries: tuple[LogEntry, ...] = ()
@@ -82,6 +92,14 @@ class MapState:
     activated: tuple[str, ...] = ()
     last_seq: int = 0
     skipped: tuple[int, ...] = ()
+    generations: Mapping[str, int] = field(default_factory=dict)
+    ended: Mapping[str, int] = field(default_factory=dict)
+    exists: bool = False
+
+    def generation(self, version: str) -> int:
+        """Of the folder that the version's files stand in, or are put into to publish it: 0, or the ``seq``
+        of the entry that ended the generation before it."""
+        return self.generations.get(version, self.ended.get(version, 0))
 
     @property
     def active(self) -> str | None:
@@ -95,20 +113,29 @@ class MapState:
     def after(self, entries: Sequence[LogEntry], last_seq: int, skipped: Iterable[int] = ()) -> MapState:
         """The state once these entries followed."""
         published, activated = list(self.published), list(self.activated)
+        generations, ended, exists = dict(self.generations), dict(self.ended), self.exists
         for entry in entries:
             version = entry.version
             if entry.event is Event.PUBLISHED:
+                exists = True
                 if version not in published:
                     published.append(version)
+                    generations[version] = entry.generation
             elif entry.event is Event.ACTIVATED:
                 if version in published:
                     activated = [version, *(v for v in activated if v != version)]
             else:
+                ended[version] = entry.seq
+            if entry.event is Event.RETIRED:
                 published = [v for v in published if v != version]
                 activated = [v for v in activated if v != version]
+                generations.pop(version, None)
+        ended = dict(sorted(ended.items(), key=lambda item: item[1])[-MAX_ENDED:])
         kept = _that_matter((*self.entries, *entries), published)
         all_skipped = tuple(sorted({*self.skipped, *skipped}))[-MAX_SKIPPED:]
-        return MapState(kept, tuple(published), tuple(activated), last_seq, all_skipped)
+        return MapState(
+            kept, tuple(published), tuple(activated), last_seq, all_skipped, generations, ended, exists
+        )
 
     def to_json(self) -> bytes:
         """As a snapshot."""
@@ -142,7 +169,14 @@ class MapState:
         skipped = tuple(record["skipped"])
         if not all(type(number) is int for number in skipped):
             raise TypeError("the numbers of skipped entries are none")
-        return cls(tuple(entries), published, activated, last_seq, skipped)
+        generations, ended = (
+            {check_version(version): whole_number_of(numbers, version) for version in numbers}
+            for numbers in (record["generations"], record["ended"])
+        )
+        if set(generations) != set(published) or type(record["exists"]) is not bool:
+            raise ValueError("its generations are not those of its versions")
+        exists: bool = record["exists"]
+        return cls(tuple(entries), published, activated, last_seq, skipped, generations, ended, exists)
 
 
 def _that_matter(entries: Sequence[LogEntry], published: Iterable[str]) -> tuple[LogEntry, ...]:

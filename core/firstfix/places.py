@@ -10,7 +10,7 @@ import numpy as np
 
 from .calibration import Calibration
 from .candidates import Candidate
-from .evidence import Fit, evidence
+from .evidence import Evidence, Fit
 from .map_index import MapIndex
 from .preprocess import PreparedQuery
 from .prior import Prior
@@ -108,9 +108,14 @@ def _contenders(settled: Sequence[Place], look_at: Callable[[Place], Place], at_
     return looked
 
 
+def place_evidence(calibration: Calibration, places: Sequence[Place]) -> Evidence:
+    """What speaks for the first of ranked places, and for those that tie with it."""
+    return calibration.evidence([place.fit for place in places])
+
+
 def _promising(calibration: Calibration, places: list[Place]) -> bool:
     """Whether the best may be accepted yet. Before the self-test has measured anything all may."""
-    return not calibration.cases or calibration.probability(evidence([p.fit for p in places])) >= PROMISING
+    return not calibration.cases or calibration.probability(place_evidence(calibration, places)) >= PROMISING
 
 
 def _distinct(places: Iterable[Place]) -> list[Place]:

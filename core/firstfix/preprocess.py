@@ -20,7 +20,7 @@ from .transform import Matrix
 from .voxel_filter import at_most, within_range
 
 _SPARSE_POINTS = 400
-_DENSE_POINTS = 6000
+_DENSE_POINTS = 4000
 _RETURNS = 20_000
 _VOXELLED = 40_000  # points, of which one a voxel is kept: more find hardly another voxel
 

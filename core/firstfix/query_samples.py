@@ -13,7 +13,7 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields
-from datetime import datetime, timedelta, timezone
+from datetime import datetime, timedelta
 from typing import Any
 
 from .errors import InvalidOption, NotFound, UnreadableRecord
@@ -101,20 +101,22 @@ class QuerySamples:
             self._store.delete(_key(sample_id, ending))
 
     def prune(self, *, older_than_s: float, max_bytes: int) -> int:
-        """Removes what is too old, by the id, then the oldest until the rest is within ``max_bytes``.
+        """Removes what is too old by the store's times, then the oldest until the rest is within max_bytes.
 
         Returns:
             the bytes that are left.
         """
-        limit = (datetime.now(timezone.utc) - timedelta(seconds=older_than_s)).strftime(_TIME_FORM)
+        cutoff = self._store.now() - timedelta(seconds=older_than_s)
         sizes: dict[str, int] = {}
+        times: dict[str, datetime] = {}
         for item in self._store.scan(FOLDER):
             name = item.key.rpartition("/")[2].rpartition(".")[0]
             if _ID.fullmatch(name):
                 sizes[name] = sizes.get(name, 0) + item.size_bytes
+                times[name] = max(times.get(name, item.last_modified), item.last_modified)
         left = sum(sizes.values())
-        for sample_id in sorted(sizes):
-            if sample_id.split("-")[0] >= limit and left <= max_bytes:
+        for sample_id in sorted(times, key=lambda name: (times[name], name)):
+            if times[sample_id] >= cutoff and left <= max_bytes:
                 break
             self.delete(sample_id)
             left -= sizes[sample_id]

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from .catalog import Catalog
+from .doomed_keys import is_doomed
 from .errors import NotFound
 from .ids import new_build_id
 from .map_state import Event
+from .store import CHUNK_BYTES, Store
 
 
 def rebuild(catalog: Catalog, map_id: str) -> str:
@@ -35,11 +40,33 @@ def rebuild(catalog: Catalog, map_id: str) -> str:
             f"the active version of map {map_id} was built without a record: hand the map in again"
         )
     request = catalog.build_request(made_by)
-    for role in ("source", "trajectory"):
-        named = request.get(role)
-        if named and "key" in named and not catalog.store.exists(named["key"]):
-            raise NotFound(f"the {role} of map {map_id} is gone: hand the map in again")
+    _check_files(catalog.store, map_id, request)
     request.pop("traceparent", None)  # of a request long ago
     build_id = new_build_id()
     catalog.put_build(build_id, request)
+    # As for a map that is handed in; where a file has just gone, the build fails and this says why.
+    _check_files(catalog.store, map_id, request, own_copy_for=build_id)
     return build_id
+
+
+def _check_files(store: Store, map_id: str, request: Mapping[str, Any], *, own_copy_for: str = "") -> None:
+    """
+    Args:
+        own_copy_for: a build that is on record, and gets a copy of what somebody is about to remove.
+
+    Raises:
+        NotFound: a file that the request names is gone.
+    """
+    for role in ("source", "trajectory"):
+        named = request.get(role)
+        if not named or "key" not in named:
+            continue
+        key = str(named["key"])
+        try:
+            doomed = bool(own_copy_for) and is_doomed(store, key)  # before the size: it may go in between
+            size = store.size(key)
+            if doomed:
+                pieces = (store.get_range(key, start, CHUNK_BYTES) for start in range(0, size, CHUNK_BYTES))
+                store.put_pieces(f"{key}.{own_copy_for}", pieces)
+        except NotFound:
+            raise NotFound(f"the {role} of map {map_id} is gone: hand the map in again") from None

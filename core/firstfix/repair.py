@@ -31,6 +31,7 @@ from .sha256 import sha256_of
 from .shared_stages import ROOT as STAGES
 from .store import Store
 from .store_copy import pieces_of
+from .version_objects import VersionFolder
 
 QUARANTINE = "quarantine"
 
@@ -137,22 +138,27 @@ class Repair:
             self._copies = {}
             for map_id in self._catalog.folder_names():
                 for key in self._store.list(f"maps/{map_id}/sources"):
-                    self._copies.setdefault(key.rsplit("/", 1)[-1], []).append(key)
-                for version in self._catalog.state(map_id).published:
-                    self._copies_of(map_id, version)
+                    self._copies.setdefault(sha256_named(key), []).append(key)
+                state = self._catalog.state(map_id)
+                for version in state.published:
+                    self._copies_of(VersionFolder(map_id, version, state.generation(version)))
             for key in self._store.list(STAGES):
                 self._copies.setdefault(key.rsplit("/", 1)[-1], []).append(key)
         return self._copies
 
-    def _copies_of(self, map_id: str, version: str) -> None:
+    def _copies_of(self, folder: VersionFolder) -> None:
         assert self._copies is not None
         with suppress(FirstfixError):  # a version that cannot be read has nothing to give
-            for name, entry in self._catalog.manifest(map_id, version).files.items():
-                key = f"maps/{map_id}/versions/{version}/{name}"
-                self._copies.setdefault(entry.sha256, []).append(key)
+            for name, entry in self._catalog.manifest(folder.map_id, folder.version).files.items():
+                self._copies.setdefault(entry.sha256, []).append(f"{folder.key}/{name}")
 
     def _local_copy(self, key: str) -> Path | None:
         parts = key.split("/")
         if self._cache is None or parts[2:3] != ["versions"] or parts[-1] == FILE_NAME:
             return None
-        return self._cache / parts[3] / "/".join(parts[4:])
+        return self._cache / parts[3].split(".")[0] / "/".join(parts[4:])
+
+
+def sha256_named(key: str) -> str:
+    """The sha256 that a source is named by, whether it is every build's or a copy for one."""
+    return key.rsplit("/", 1)[-1].split(".")[0]

@@ -15,7 +15,7 @@ import json
 import logging
 import shutil
 from dataclasses import dataclass
-from datetime import datetime, timedelta, timezone
+from datetime import datetime, timedelta
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -183,7 +183,7 @@ def collect_stages(store: Store, older_than_s: float, *, max_bytes: int | None =
 
     A build that wanted one of them makes it again. Several may collect at the same time.
     """
-    cutoff = datetime.now(timezone.utc) - timedelta(seconds=older_than_s)
+    cutoff = store.now() - timedelta(seconds=older_than_s)
     sizes: dict[str, int] = {}
     times: dict[str, datetime] = {}
     for item in store.scan(ROOT):

@@ -2,7 +2,7 @@
 
 Correctness stands on create-only puts alone, never on rename or compare-and-swap: they work on every
 store. ``probe`` finds out a store that only pretends to have them. What is put is durable when the
-call returns, also in a directory (it is synced to disk).
+call returns, also in a directory, where it gets its name only after its bytes are on disk.
 """
 
 from __future__ import annotations
@@ -13,24 +13,25 @@ import shutil
 import uuid
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from datetime import datetime, timedelta, timezone
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import obstore
 from obstore import exceptions
 
+from .durable_files import DurableFiles
 from .errors import InvalidOption, NotFound, ReadOnly, StoreError, StoreUnsafe, TooLarge
 from .json_record import UnreadableRecords
-from .lasting_files import LastingFiles
 from .object_keys import check_folder, check_key
 from .sha256 import sha256_of
 from .store_backend import open_backend, translated
 from .store_url import StoreUrl
 
 CHUNK_BYTES = 16 << 20
+_READ_BYTES = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class Store:
     def __init__(self, backend: Any, *, root: Path | None = None, read_only: bool = False) -> None:
         self._backend = backend
         self._root = root  # the directory of a file store
-        self._files = None if root is None else LastingFiles(root)
+        self._files = None if root is None else DurableFiles(root)
         self._read_only = read_only
         self.unreadable = UnreadableRecords()
 
@@ -88,6 +89,9 @@ class Store:
         know compares the content. A file is read into memory; for large ones see ``upload``.
         """
         self._writing(key)
+        if self._files is not None:
+            with translated(key, writing=True), _pieces(data) as pieces:
+                return self._files.create(key, pieces)
         try:
             with translated(key, writing=True):
                 obstore.put(self._backend, key, data, mode="create")
@@ -95,15 +99,12 @@ class Store:
             return False
         except exceptions.NotSupportedError:
             raise StoreUnsafe("this store has no create-only put") from None
-        self._sync(key)
         return True
 
     def put(self, key: str, data: bytes) -> None:
         """Atomic put that replaces what was there."""
         self._writing(key)
-        with translated(key, writing=True):
-            obstore.put(self._backend, key, data)
-        self._sync(key)
+        self._replace(key, data)
 
     def upload(self, key: str, path: Path) -> bool:
         """Puts a file under a key that names its content: for such keys the last of two equal puts
@@ -116,16 +117,20 @@ class Store:
         self._writing(key)
         with suppress(NotFound):
             if self.size(key) == path.stat().st_size and self.sha256(key) == sha256_of(path):
+                if self._files is not None:
+                    self._files.sync_name(key)
                 return False
-        with translated(key, writing=True):
-            obstore.put(self._backend, key, path)
-        self._sync(key)
+        self._replace(key, path)
         return True
 
     def put_pieces(self, key: str, pieces: Iterable[bytes]) -> None:
         """Puts one object from its pieces, a few of which are in memory at a time. Where a piece cannot be
         had the error leaves, and there is no object: so it can be checked as it passes."""
         self._writing(key)
+        if self._files is not None:
+            with translated(key, writing=True):
+                self._files.replace(key, pieces)
+            return
         source = iter(pieces)
         with ThreadPoolExecutor(1, thread_name_prefix="pieces") as other:
 
@@ -136,7 +141,6 @@ class Store:
 
             with translated(key, writing=True):
                 obstore.put(self._backend, key, made(), chunk_size=CHUNK_BYTES, max_concurrency=2)
-        self._sync(key)
 
     def get(self, key: str, *, max_bytes: int | None = None) -> bytes:
         """The whole object.
@@ -244,7 +248,8 @@ class Store:
                 for chunk in obstore.list(self._backend, folder or None, offset=after)
                 for meta in chunk
             ]
-        return sorted(found, key=lambda item: item.key)
+        # some stores take the key for no more than a hint
+        return sorted((f for f in found if after is None or f.key > after), key=lambda item: item.key)
 
     def folders(self, prefix: str = "") -> builtins.list[str]:
         """Names of the folders directly below a folder, sorted."""
@@ -260,7 +265,8 @@ class Store:
         with suppress(NotFound), translated(key):
             obstore.delete(self._backend, key)
         if self._files is not None:
-            self._files.remove_empty_folders(key)
+            with translated(key, writing=True):
+                self._files.removed(key)
 
     def local_path(self, key: str) -> Path | None:
         """The object as a file of a file store, to map in place; None for other stores.
@@ -302,6 +308,19 @@ class Store:
             with suppress(StoreError):
                 self.delete(key)
 
+    def now(self) -> datetime:
+        """The store's own time: of an object that is put just now. The age of an object is the difference
+        of two such times, so that a wrong clock on this machine makes nothing old."""
+        while True:
+            key = f"probe/{uuid.uuid4().hex}"
+            self.put(key, b"now")
+            try:
+                with suppress(NotFound), translated(key):  # somebody removes leftovers of any age
+                    modified: datetime = obstore.head(self._backend, key)["last_modified"]
+                    return modified
+            finally:
+                self.delete(key)
+
     def remove_leftovers(self, *, older_than_s: float = 86400.0, dry_run: bool = False) -> builtins.list[str]:
         """Removes what killed processes left: probes, and in a directory the parts of puts that never
         ended, which no listing shows. A cloud drops unfinished uploads by a rule of the bucket's own.
@@ -309,7 +328,7 @@ class Store:
         Returns:
             their names, of a dry run too, which leaves them.
         """
-        cutoff = datetime.now(timezone.utc) - timedelta(seconds=older_than_s)
+        cutoff = self.now() - timedelta(seconds=older_than_s)
         probes = [found.key for found in self.scan("probe") if found.last_modified <= cutoff]
         if not dry_run:
             for key in probes:
@@ -321,6 +340,20 @@ class Store:
         if self._read_only:
             raise ReadOnly(f"{key}: this store was opened for reading only")
 
-    def _sync(self, key: str) -> None:
-        if self._files is not None:
-            self._files.sync(key)
+    def _replace(self, key: str, data: bytes | Path) -> None:
+        with translated(key, writing=True):
+            if self._files is None:
+                obstore.put(self._backend, key, data)
+            else:
+                with _pieces(data) as pieces:
+                    self._files.replace(key, pieces)
+
+
+@contextmanager
+def _pieces(data: bytes | Path) -> Iterator[Iterable[bytes]]:
+    """Bytes as they are, a file a few at a time."""
+    if isinstance(data, bytes):
+        yield (data,)
+    else:
+        with data.open("rb") as file:
+            yield iter(lambda: file.read(_READ_BYTES), b"")

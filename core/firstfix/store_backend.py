@@ -78,7 +78,7 @@ def translated(key: str, *, writing: bool = False) -> Iterator[None]:
             raise StoreUnavailable(f"{key}: {_brief(error)}") from None
         raise NotFound(f"no object {key}") from None
     except (exceptions.PermissionDeniedError, exceptions.UnauthenticatedError, PermissionError) as error:
-        raise StoreError(f"{key}: the store refuses these credentials: {_brief(error)}") from None
+        raise StoreError(f"{key}: the store refuses these credentials ({_brief(error)})") from None
     except (exceptions.BaseError, OSError) as error:
         raise StoreUnavailable(f"{key}: {_brief(error)}") from None
 

@@ -31,6 +31,7 @@ from .manifest import FILE_NAME
 from .map_log import MapLog
 from .record_kinds import why_unreadable
 from .store import Store, StoredObject
+from .version_objects import VersionFolder
 
 _AT_ONCE = 4
 _REPLACED = ("/status.json", "/stages.json")  # of a build; everything else is created once
@@ -107,8 +108,10 @@ class _Copy:
         """Sources, and what its log lets be served."""
         checked = CheckedObjects(self._target, map_id)
         self._copy_sources(map_id, checked)
-        for version in MapLog(self._source, f"maps/{map_id}/log").state().published:
-            self._copy_version(f"maps/{map_id}/versions/{version}", version, checked)
+        state = MapLog(self._source, f"maps/{map_id}/log").state()
+        for version in state.published:
+            folder = VersionFolder(map_id, version, state.generation(version))
+            self._copy_version(folder.key, version, checked)
         there = {item.key: item for item in self._target.scan(f"maps/{map_id}")}
         for key in self._copied & there.keys():
             checked.note(there[key])
@@ -157,7 +160,7 @@ class _Copy:
 
     def _copy_sources(self, map_id: str, checked: CheckedObjects) -> None:
         keys = self._source.list(f"maps/{map_id}/sources")
-        damaged = self._copy_files({key: key.rsplit("/", 1)[-1] for key in keys}, checked)
+        damaged = self._copy_files({key: key.rsplit("/", 1)[-1].split(".")[0] for key in keys}, checked)
         self._report.damaged += filter(self._source.exists, damaged)  # others were collected meanwhile
 
     def _copy_version(self, folder: str, version: str, checked: CheckedObjects) -> None:

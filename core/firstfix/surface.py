@@ -9,6 +9,7 @@ import numpy as np
 import small_gicp
 from numpy.typing import NDArray
 
+from .sample import rows_by_chance
 from .slabs import slabs
 from .transform import Matrix
 
@@ -58,8 +59,8 @@ class Surface:
         return Surface(self.points[rows], self.normals[rows], self.oriented[rows])
 
     def at_most(self, count: int) -> Surface:
-        """An even part, where the points are in spatial order."""
-        return self.at(slice(None, None, -(-len(self) // count)))
+        """As many of its points; all where there are no more (``rows_by_chance``)."""
+        return self if len(self) <= count else self.at(rows_by_chance(len(self), count))
 
     def moved(self, T: Matrix) -> Surface:
         """In the left frame of T."""

@@ -17,7 +17,7 @@ from collections import OrderedDict
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from datetime import datetime, timezone
+from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
 from .catalog import source_key
@@ -112,7 +112,7 @@ class Uploads:
             record["file_name"],
             record["sha256"],
             tuple(parts),
-            max(item.last_modified for item in found) if found else datetime.now(timezone.utc),
+            max(item.last_modified for item in found) if found else self._store.now(),
         )
 
     def append(self, upload: Upload, data: bytes) -> Upload:
@@ -160,7 +160,7 @@ class Uploads:
         self._store.put(key, json.dumps({"sha256": sha256}).encode())  # equal from whoever puts it
         return sha256
 
-    def keep_as_source(self, upload: Upload, map_id: str) -> str:
+    def keep_as_source(self, upload: Upload, map_id: str, *, build_id: str = "") -> str:
         """Makes one object of the parts, as ``Catalog.put_source`` does of a file; returns its sha256.
 
         Raises:
@@ -168,7 +168,7 @@ class Uploads:
             StoreError: the store gives other bytes than it took.
         """
         sha256 = self.finish(upload)
-        key = source_key(map_id, sha256)
+        key = source_key(map_id, sha256, build_id)
         with suppress(NotFound):
             if self._store.size(key) == upload.size_bytes and self._store.sha256(key) == sha256:
                 return sha256

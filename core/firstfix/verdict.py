@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from .evidence import MOST_MARGIN, Evidence, evidence
+from .evidence import MOST_MARGIN, Evidence
 from .localization import Hypothesis, Reason, Verdict
 from .map_index import MapIndex
 from .places import Place
@@ -31,7 +31,11 @@ class Claim:
 
 @dataclass(frozen=True)
 class Judgement:
-    """The verdict on ranked hypotheses; ``probability`` is the best one's."""
+    """The verdict on ranked hypotheses.
+
+    Attributes:
+        probability: 0..1 that the true place is the best hypothesis, or one of those that tie with it.
+    """
 
     verdict: Verdict
     reasons: tuple[Reason, ...]
@@ -48,20 +52,14 @@ def judge(claims: Sequence[Claim], min_probability: float | None) -> Judgement:
     """
     if not claims:
         return Judgement(Verdict.REJECTED, (Reason.NO_CANDIDATE,), (), 0.0)
-    fits = [claim.place.fit for claim in claims]
-    hypotheses = tuple(
-        Hypothesis(
-            claim.T_map_sensor,
-            claim.place.fit,
-            claim.index.calibration.probability(evidence(fits, number)),
-            claim.place.template,
-            claim.map_id,
-        )
-        for number, claim in enumerate(claims)
-    )
     calibration = claims[0].index.calibration
     needed = calibration.min_probability if min_probability is None else min_probability
-    best, probability = evidence(fits), hypotheses[0].probability
+    best = calibration.evidence([claim.place.fit for claim in claims])
+    probability = calibration.probability(best)
+    hypotheses = tuple(
+        Hypothesis(claim.T_map_sensor, claim.place.fit, share, claim.place.template, claim.map_id)
+        for claim, share in zip(claims, _shares(claims, best.tied, probability), strict=True)
+    )
 
     def judged(verdict: Verdict, *reasons: Reason) -> Judgement:
         return Judgement(verdict, reasons, hypotheses, probability)
@@ -73,8 +71,18 @@ def judge(claims: Sequence[Claim], min_probability: float | None) -> Judgement:
         return judged(Verdict.REJECTED, Reason.LOW_OVERLAP)
     if calibration.accepts(best, min_probability):
         return judged(Verdict.LOCALIZED)
-    if would_do(replace(best, margin=MOST_MARGIN)):  # but for its rivals
+    if would_do(replace(best, margin=MOST_MARGIN)):  # but for its rivals, tied or not
         return judged(Verdict.AMBIGUOUS, Reason.SEVERAL_PLACES)
     if would_do(replace(best, fit=replace(best.fit, seen_through=0.0))):
         return judged(Verdict.REJECTED, Reason.FREE_SPACE_VIOLATION)
     return judged(Verdict.REJECTED, Reason.LOW_PROBABILITY)
+
+
+def _shares(claims: Sequence[Claim], tied: int, probability: float) -> list[float]:
+    """Each place's part: those that tie have equal ones, the others at most what these leave."""
+    fits = [claim.place.fit for claim in claims]
+    others = [
+        claim.index.calibration.probability(claim.index.calibration.evidence(fits, number))
+        for number, claim in enumerate(claims[tied:], tied)
+    ]
+    return [probability / tied] * tied + [min(other, 1 - probability) for other in others]

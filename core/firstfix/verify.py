@@ -24,12 +24,12 @@ from .checked_objects import CheckedObjects
 from .errors import NotFound, TooLarge
 from .ids import is_name
 from .json_record import max_bytes
-from .manifest import FILE_NAME
 from .manifest import MAX_BYTES as MAX_MANIFEST_BYTES
 from .map_log import MapLog
 from .record_kinds import FOLDERS, RecordForm, form_of
-from .repair import Repair
+from .repair import Repair, sha256_named
 from .store import Store, StoredObject
+from .version_objects import VersionFolder
 
 
 @dataclass(frozen=True)
@@ -118,22 +118,23 @@ class Verification:
                 self._found(key, "an entry of the log is missing: what it said is not known")
         checked = None if self._max_age is None else CheckedObjects(self._store, map_id)
         for version in state.published:
-            yield from self._version(map_id, version, items, checked)
+            folder = VersionFolder(map_id, version, state.generation(version))
+            yield from self._version(folder, items, checked)
         for key, item in items.items():
             if key.startswith(f"maps/{map_id}/sources/"):
-                yield from self._file(item, key.rsplit("/", 1)[-1], checked)
+                yield from self._file(item, sha256_named(key), checked)
         if checked is not None:
             checked.save(set(items))
 
     def _version(
-        self, map_id: str, version: str, items: dict[str, StoredObject], checked: CheckedObjects | None
+        self, folder: VersionFolder, items: dict[str, StoredObject], checked: CheckedObjects | None
     ) -> Iterator[int]:
-        folder = f"maps/{map_id}/versions/{version}"
-        key = f"{folder}/{FILE_NAME}"
+        key = folder.manifest_key
         try:
             data = self._store.get(key, max_bytes=MAX_MANIFEST_BYTES)
         except NotFound:
-            if version in MapLog(self._store, log_folder(map_id)).state().published:
+            state = MapLog(self._store, log_folder(folder.map_id)).state()
+            if state.generations.get(folder.version) == folder.generation:  # else it was retired meanwhile
                 self._found(key, "the log says that this version can be served, and it has no manifest")
             return
         except TooLarge as error:
@@ -141,16 +142,16 @@ class Verification:
             return
         self._count(len(data))
         yield len(data)
-        if hashlib.sha256(data).hexdigest() != version:
+        if hashlib.sha256(data).hexdigest() != folder.version:
             self._found(key, "the manifest is not the one that the version is named by")
             return
         files: dict[str, Any] = json.loads(data)["files"]
         for name, entry in files.items():
-            item = items.get(f"{folder}/{name}")
+            item = items.get(f"{folder.key}/{name}")
             if item is not None:
                 yield from self._file(item, entry["sha256"], checked)
-            elif not self._store.exists(f"{folder}/{name}"):
-                self._found(f"{folder}/{name}", "a file of the version is missing", entry["sha256"])
+            elif not self._store.exists(f"{folder.key}/{name}"):
+                self._found(f"{folder.key}/{name}", "a file of the version is missing", entry["sha256"])
 
     def _file(self, item: StoredObject, sha256: str, checked: CheckedObjects | None) -> Iterator[int]:
         if checked is not None and self._max_age is not None and checked.is_fresh(item, self._max_age):

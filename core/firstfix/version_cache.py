@@ -3,8 +3,11 @@
     <directory>/<version>/             the files, once every one of them is verified
     <directory>/.<version>.part/       a download under way, or the rest of one that was killed
     <directory>/.<version>.lock        held while fetching: one download, however many ask
-    <directory>/.<version>.verified    size and time of change of every file when it was verified; its own
-                                       time is that of the last use
+    <directory>/.<version>.verified    size and time of change of every file when it was verified, and since
+                                       which start of the machine; its own time is that of the last use
+
+What was verified is on the way to the disk: after a power cut, or any other start of the machine, it is
+verified again.
 
 A file store's version is not copied: its files are verified and mapped where they are. What makes room:
 ``firstfix.version_prune``.
@@ -14,6 +17,7 @@ from __future__ import annotations
 
 import errno
 import fcntl
+import functools
 import json
 import os
 import shutil
@@ -21,16 +25,19 @@ import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from .errors import CorruptVersion, NotFound, OutOfSpace
 from .manifest import Manifest, verify_file
 from .store import Store
 
+_BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
+
 
 def fetch_version_files(store: Store, folder: str, version: str, manifest: Manifest, directory: Path) -> Path:
     """The local folder of a version, every file verified. Safe to call from many threads and processes.
 
-    What was verified before is read again only if a file's size or time of change differs.
+    What was verified since the machine started is read again only if a file's size or time of change differs.
 
     Args:
         folder: key of the version's folder in the store.
@@ -109,15 +116,28 @@ def _stamps(manifest: Manifest, folder: Path) -> dict[str, list[int]]:
 
 def _is_verified(marker: Path, manifest: Manifest, folder: Path) -> bool:
     try:
-        return bool(json.loads(marker.read_bytes()) == {str(folder): _stamps(manifest, folder)})
+        return bool(json.loads(marker.read_bytes()) == _marker_of(manifest, folder))
     except (OSError, ValueError):
         return False
 
 
 def _mark_verified(marker: Path, manifest: Manifest, folder: Path) -> None:
     part = marker.with_name(f"{marker.name}.{uuid.uuid4().hex}.part")
-    part.write_text(json.dumps({str(folder): _stamps(manifest, folder)}))
+    part.write_text(json.dumps(_marker_of(manifest, folder)))
     part.replace(marker)
+
+
+def _marker_of(manifest: Manifest, folder: Path) -> dict[str, Any]:
+    return {"boot": _boot_id(), "folder": str(folder), "files": _stamps(manifest, folder)}
+
+
+@functools.cache
+def _boot_id() -> str:
+    """Of this start of the machine; empty where it is not told."""
+    try:
+        return _BOOT_ID.read_text().strip()
+    except OSError:
+        return ""
 
 
 def _touch(marker: Path) -> None:

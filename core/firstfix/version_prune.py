@@ -87,9 +87,9 @@ def _remove_leftovers(directory: Path, version: str, removed: list[str]) -> None
 def _stands_elsewhere(marker: Path) -> bool:
     """Whether a file of a version that was verified in a file store is still there."""
     try:
-        ((folder, files),) = json.loads(marker.read_bytes()).items()
-        return any((Path(folder) / name).exists() for name in files)
-    except (OSError, ValueError, AttributeError, TypeError):
+        marked = json.loads(marker.read_bytes())
+        return any((Path(marked["folder"]) / name).exists() for name in marked["files"])
+    except (OSError, ValueError, KeyError, TypeError):
         return False
 
 

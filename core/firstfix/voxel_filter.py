@@ -11,6 +11,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from .sample import rows_by_chance
+
 _Float = TypeVar("_Float", bound=np.floating)
 
 _STEPS_A_METRE = 2.0**20
@@ -25,8 +27,8 @@ def within_range(points: NDArray[np.float32], min_range_m: float, max_range_m: f
 
 
 def at_most(points: NDArray[_Float], count: int) -> NDArray[_Float]:
-    """An even part: every second, third, ... so that no more than ``count`` are left."""
-    return points[:: max(1, -(-len(points) // count))]
+    """As many of them, in their order; all where there are no more (``rows_by_chance``)."""
+    return points if len(points) <= count else points[rows_by_chance(len(points), count)]
 
 
 def first_in_voxel(points: NDArray[np.floating], voxel_m: float) -> NDArray[np.int64]:
@@ -62,9 +64,3 @@ def voxel_means(points: NDArray[np.floating], voxel_m: float) -> NDArray[np.floa
     count = np.diff(start, append=len(points))
     steps = np.rint(np.asarray(points, np.float64) * _STEPS_A_METRE)
     return np.add.reduceat(steps[order], start, axis=0) / (count * _STEPS_A_METRE)[:, None]
-
-
-def even_rows(count: int, at_most: int) -> NDArray[np.int64]:
-    """Rows, ascending, that take an even part of ``count``: all of them where they are few enough."""
-    kept = min(count, at_most)
-    return np.arange(kept) * count // max(kept, 1)

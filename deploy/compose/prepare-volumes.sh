@@ -4,8 +4,8 @@ set -eu
 umask 077
 
 mkdir -p /s3/firstfix
-chown 10001:10001 /s3 /s3/firstfix /nats
-chmod 700 /s3 /nats
+chown 10001:10001 /s3 /s3/firstfix /gateway /nats
+chmod 700 /s3 /gateway /nats
 
 printf 'firstfix:%s\n' "$NATS_PASSWORD" >/secrets/nats
 cat >/secrets/replica.json5 <<EOF

@@ -14,5 +14,5 @@ for target in ${TARGETS:-service builder}; do
   docker build --quiet "$@" --target "$target" \
     --build-arg VERSION="$version" --build-arg REVISION="$revision" --build-arg CREATED="$created" \
     -t "firstfix-$target:$version" -t "firstfix-$target:latest" . >/dev/null
-  docker image ls --format '{{.Repository}}:{{.Tag}}  {{.Size}}' "firstfix-$target:latest"
+  docker image ls --no-trunc --format '{{.Repository}}:{{.Tag}}  {{.Size}}  {{.ID}}' "firstfix-$target:latest"
 done

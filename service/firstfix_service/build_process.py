@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from .build_metrics import last_words
-from .group_memory import group_memory_bytes
+from .session_processes import kill_session, session_memory_bytes
 
 EXIT_TRY_AGAIN = 75  # EX_TEMPFAIL: stopped, or the store is out of reach
 STOP_GRACE_S = 10.0  # from asking a process to end until it is ended
@@ -90,7 +90,7 @@ class BuildProcess:
                 left_s = max(min(_LOOK_S, end - time.monotonic()), 0.0)
                 return await asyncio.wait_for(self._process.wait(), left_s)
             if self._max_memory_bytes is not None and not self.took_too_much:
-                used = await asyncio.to_thread(group_memory_bytes, self._process.pid)
+                used = await asyncio.to_thread(session_memory_bytes, self._process.pid)
                 if used > self._max_memory_bytes:
                     self.took_too_much = True
                     self.kill()
@@ -99,14 +99,16 @@ class BuildProcess:
 
     async def stop(self) -> int:
         """Asks it to end in good order, and ends it when it does not. Its exit code."""
-        self._signal(signal.SIGTERM)
+        with suppress(ProcessLookupError, PermissionError):  # it leads a group; its sandbox ends with it
+            os.killpg(self._process.pid, signal.SIGTERM)
         with suppress(TimeoutError):
             await asyncio.wait_for(self._process.wait(), STOP_GRACE_S)
         self.kill()  # whatever it left behind as well
         return await self._process.wait()
 
     def kill(self) -> None:
-        self._signal(signal.SIGKILL)
+        """With all that it started."""
+        kill_session(self._process.pid)
 
     def why(self, code: int) -> str:
         """For people: how a process ended that did not say it in its status."""
@@ -120,11 +122,6 @@ class BuildProcess:
 
     def remove_log(self) -> None:
         self._log_path.unlink(missing_ok=True)
-
-    def _signal(self, number: signal.Signals) -> None:
-        """To the process and what it started: it leads a group of its own."""
-        with suppress(ProcessLookupError, PermissionError):
-            os.killpg(self._process.pid, number)
 
 
 def _remove_old_logs(work_dir: Path) -> None:

@@ -24,7 +24,7 @@ from .paging import DEFAULT_LIMIT, After, Limit
 from .parts import Parts, PartsDep
 from .path_parameters import MapId
 from .request_scope import with_traceparent
-from .submission import Submission, from_form, from_json, is_kept
+from .submission import Submission, from_form, from_json, keep_for_good
 
 router = APIRouter(prefix="/maps", tags=["maps"])
 RETRY_AFTER_S = 2
@@ -85,7 +85,7 @@ def get_maps(
 def get_map(map_id: MapId, parts: PartsDep) -> dict[str, Any]:
     """One map, with what the manifest of its active version says."""
     state = parts.catalog.state(map_id)
-    if not state.entries:
+    if not state.exists:
         raise NotFound(f"no map {map_id}")
     described: dict[str, Any] = {
         "map_id": map_id,
@@ -116,20 +116,19 @@ async def _received(request: Request, parts: Parts, caller: Caller) -> AsyncIter
 
 def _record(parts: Parts, build_id: str, submission: Submission, repeated: bool) -> None:
     """Puts the build on record, its files first. A repeated request may find it there."""
-    if repeated:
+    record = _on_record(parts, build_id) if repeated else None
+    if record is None:
+        record = submission.keep(parts)
         try:
-            parts.catalog.build_request(build_id)
-        except NotFound:
-            pass
-        else:
-            return
-    record = submission.keep(parts)
+            parts.catalog.put_build(build_id, with_traceparent(record))
+        except Conflict:  # by the same request at the same time
+            if not repeated:
+                raise
+    keep_for_good(parts, build_id, record, submission)
+
+
+def _on_record(parts: Parts, build_id: str) -> dict[str, Any] | None:
     try:
-        parts.catalog.put_build(build_id, with_traceparent(record))
-    except Conflict:  # by the same request at the same time
-        if not repeated:
-            raise
-    # From here on a garbage collection sees the record. One that began before it may have taken a file
-    # that was in the store already: it is brought back.
-    if not is_kept(parts, record):
-        submission.keep(parts)
+        return parts.catalog.build_request(build_id)
+    except NotFound:
+        return None

@@ -4,7 +4,7 @@ maps those that are held here."""
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 from firstfix.catalog import Catalog
@@ -54,12 +54,12 @@ class LoadAhead:
             superseded: whether the round is to end.
         """
         names = sorted(map_ids) if self._holding is None else self._holding.in_order(map_ids)
-        this = Round(self._catalog, self._resident, self._holding)
+        this = Round(self._catalog, self._resident, self._holding, names)
 
         def one(map_id: str) -> None:
-            if superseded() or self._stop.is_set():
-                return
             try:
+                if superseded() or self._stop.is_set():
+                    return
                 is_settled = see_to(map_id, this)
             finally:
                 this.ended(map_id)
@@ -76,12 +76,22 @@ class LoadAhead:
 
 
 class Round:
-    """Room, until there is none for one of the maps. Thread-safe."""
+    """Room, until there is none for one of the maps: each gets it after those that stand before it in the
+    order, whichever thread is quicker. Thread-safe.
 
-    def __init__(self, catalog: Catalog, resident: ResidentVersions, holding: Holding | None) -> None:
+    Args:
+        order: of the maps, the most important first. Their threads begin in this order.
+    """
+
+    def __init__(
+        self, catalog: Catalog, resident: ResidentVersions, holding: Holding | None, order: Sequence[str]
+    ) -> None:
         self._catalog = catalog
         self._resident = resident
         self._holding = holding
+        self._order = order
+        self._turn = 0  # the place in the order of the first map that is not decided
+        self._decided: set[str] = set()
         self._given: dict[str, int] = {}  # bytes of the maps that are being loaded, or soon will be
         self._is_full = False
         self._changed = threading.Condition()
@@ -100,6 +110,8 @@ class Round:
             return False
         need = self._catalog.manifest(map_id, version).total_bytes
         with self._changed:
+            while not self._is_full and self._order[self._turn] != map_id:
+                self._changed.wait()
             # What was given room may be in memory by now and counted twice: at the limit it is waited for.
             while not self._is_full:
                 versions, size = len(self._given) + 1, sum(self._given.values()) + need
@@ -110,10 +122,19 @@ class Round:
                     self._changed.wait()
                 else:
                     self._is_full = True
+                    self._changed.notify_all()
         return False
+
+    def decided(self, map_id: str) -> None:
+        """Whether the map is to be loaded is known: the next one's turn."""
+        with self._changed:
+            self._decided.add(map_id)
+            while self._turn < len(self._order) and self._order[self._turn] in self._decided:
+                self._turn += 1
+            self._changed.notify_all()
 
     def ended(self, map_id: str) -> None:
         """The map's load, if there was one."""
         with self._changed:
             self._given.pop(map_id, None)
-            self._changed.notify_all()
+        self.decided(map_id)

@@ -263,7 +263,9 @@ class MapCache:
 
         def see_to(map_id: str, this: Round) -> bool:
             try:
-                if self._is_due(map_id, states[map_id], this):
+                is_due = self._is_due(map_id, states[map_id], this)
+                this.decided(map_id)
+                if is_due:
                     self._follow(map_id, states[map_id]).close()
             except FirstfixError as error:
                 _log.warning("cannot serve", map_id=map_id, code=error.code, error=str(error))

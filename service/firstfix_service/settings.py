@@ -91,6 +91,9 @@ class Settings(BaseSettings):
     build_max_memory_bytes: int | None = Field(
         None, ge=1, description="of one build's processes: a build that takes more fails; default: no limit"
     )
+    build_sandbox: Literal["auto", "required", "off"] = Field(
+        "auto", description="confine builds: as far as the kernel can; required: or none is run; off"
+    )
     share_stages: bool | None = Field(
         None, description="keep builds' finished stages in the store for other workers; default: with NATS"
     )

@@ -59,8 +59,20 @@ def build_command(settings: Settings) -> BuildCommand:
         settings.build_niceness,
         settings.stages_are_shared,
         settings.build_max_memory_bytes,
-        {"FIRSTFIX_LOG_LEVEL": settings.log_level, "FIRSTFIX_LOG_JSON": str(settings.log_json).lower()},
+        _environment(settings),
     )
+
+
+def _environment(settings: Settings) -> dict[str, str]:
+    """What the worker is told by variables of the same names as the settings."""
+    told = {
+        "FIRSTFIX_LOG_LEVEL": settings.log_level,
+        "FIRSTFIX_LOG_JSON": str(settings.log_json).lower(),
+        "FIRSTFIX_BUILD_SANDBOX": settings.build_sandbox,
+    }
+    if settings.build_max_memory_bytes is not None:
+        told["FIRSTFIX_BUILD_MAX_MEMORY_BYTES"] = str(settings.build_max_memory_bytes)
+    return told
 
 
 def _source_url_options(settings: Settings) -> list[str]:

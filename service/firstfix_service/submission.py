@@ -13,6 +13,7 @@ from fastapi import Request
 
 from firstfix.build_config import BuildConfig
 from firstfix.catalog import source_key
+from firstfix.doomed_keys import is_doomed
 from firstfix.errors import InvalidOption
 from firstfix.grant import Scope
 from firstfix.ids import check_map_id, check_upload_id
@@ -64,19 +65,22 @@ class Submission:
         described = [self.map_id, _identity(self.source), _identity(self.trajectory), self.config]
         return hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()
 
-    def keep(self, parts: Parts) -> dict[str, Any]:
+    def keep(self, parts: Parts, *, build_id: str = "") -> dict[str, Any]:
         """The build's record, once the files are in the store. Again does no harm, and brings back what a
         garbage collection took in between.
+
+        Args:
+            build_id: the files are kept once more, for this build alone.
 
         Raises:
             NotFound: no such upload.
             Conflict: an upload is not complete.
             StoreError: the store failed.
         """
-        source, file_name = _kept(parts, self.map_id, self.source)
+        source, file_name = _kept(parts, self.map_id, self.source, build_id)
         trajectory = None
         if self.trajectory is not None:
-            named, name = _kept(parts, self.map_id, self.trajectory)
+            named, name = _kept(parts, self.map_id, self.trajectory, build_id)
             trajectory = {**named, "file_name": name}
         return {
             "map_id": self.map_id,
@@ -87,10 +91,20 @@ class Submission:
         }
 
 
-def is_kept(parts: Parts, record: Mapping[str, Any]) -> bool:
-    """Whether the files that a build's record names are in the store."""
-    named = (record[role] for role in ("source", "trajectory"))
-    return all(parts.catalog.store.exists(one["key"]) for one in named if one and "key" in one)
+def keep_for_good(parts: Parts, build_id: str, record: Mapping[str, Any], submission: Submission) -> None:
+    """Sees to the files that a build names, once it is on record: from here on a garbage collection sees
+    the record. One that began before may have removed a file that was in the store already, or may still
+    do it: then the build gets a copy of its own.
+
+    Raises:
+        as ``Submission.keep``.
+    """
+    store = parts.catalog.store
+    keys = [one["key"] for role in ("source", "trajectory") if (one := record.get(role)) and "key" in one]
+    if any(is_doomed(store, key) for key in keys):
+        submission.keep(parts, build_id=build_id)
+    elif not all(map(store.exists, keys)):
+        submission.keep(parts)
 
 
 async def from_form(request: Request, parts: Parts, caller: Caller, directory: Path) -> Submission:
@@ -169,13 +183,13 @@ def _identity(source: Source | None) -> list[str] | None:
     return ["upload", source.upload_id]
 
 
-def _kept(parts: Parts, map_id: str, source: Source) -> tuple[dict[str, str], str]:
+def _kept(parts: Parts, map_id: str, source: Source, build_id: str) -> tuple[dict[str, str], str]:
     """How the record names the source, and the name by whose ending it is read."""
     if isinstance(source, NamedUrl):
         return {"url": source.url}, source.file_name
     if isinstance(source, UploadedFile):
-        sha256 = parts.catalog.put_source(map_id, source.path)
+        sha256 = parts.catalog.put_source(map_id, source.path, build_id=build_id)
         return {"key": source_key(map_id, sha256)}, source.file_name
     upload = parts.uploads.get(source.upload_id)
-    sha256 = parts.uploads.keep_as_source(upload, map_id)
+    sha256 = parts.uploads.keep_as_source(upload, map_id, build_id=build_id)
     return {"key": source_key(map_id, sha256)}, upload.file_name

@@ -51,7 +51,7 @@ def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
 
 def fetched(server: Server, folder: Path, policy: SourcePolicy) -> Path:
     store = Store.open("memory://")
-    return fetch_source("memory://", store, "hall", {"url": server.url}, "hall.ply", folder, policy)
+    return fetch_source("memory://", store, "hall", "b1", {"url": server.url}, "hall.ply", folder, policy)
 
 
 def says(status: int, body: bytes = b"", length: int | None = None, **headers: str) -> Answer:

@@ -1,6 +1,7 @@
 """The build flow as a whole: one digest however it is run, nothing left by what was stopped."""
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -14,19 +15,32 @@ from firstfix.store import Store
 from firstfix_builder.pipeline import STAGES, build_version
 from small_world import CONFIG
 
+# A process for each build, forked from one that has imported what they need. Prints how each of them ended.
 BUILD_AND_DIE = """
 import json, os, sys
 from pathlib import Path
-from firstfix.build_config import BuildConfig
-from firstfix_builder.pipeline import build_version
 
 def main():
-    source, work, config, deadly = sys.argv[1:]
-    def progress(stage, fraction):
-        if stage == deadly:
-            os.kill(os.getpid(), 9)
-    built = build_version(Path(source), BuildConfig.parse(json.loads(config)), Path(work), progress=progress)
-    print(built.manifest.digest)
+    from firstfix.build_config import BuildConfig
+    from firstfix_builder.pipeline import build_version
+
+    source, work, config, *deadly = sys.argv[1:]
+
+    def build(last):
+        def progress(stage, fraction):
+            if stage == last:
+                os.kill(os.getpid(), 9)
+        config_ = BuildConfig.parse(json.loads(config))
+        print(build_version(Path(source), config_, Path(work), progress=progress).manifest.digest, flush=True)
+
+    for last in deadly:
+        child = os.fork()
+        if not child:
+            try:
+                build(last)
+            finally:
+                os._exit(0)
+        print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
 
 if __name__ == "__main__":
     main()
@@ -36,23 +50,10 @@ if __name__ == "__main__":
 def test_a_build_killed_in_every_stage_ends_with_the_same_digest(small_map, small_version, tmp_path):
     script = tmp_path / "build_and_die.py"
     script.write_text(BUILD_AND_DIE)
-
-    def build(deadly: str) -> subprocess.CompletedProcess[str]:
-        command = [
-            sys.executable,
-            str(script),
-            str(small_map),
-            str(tmp_path / "work"),
-            json.dumps(CONFIG),
-            deadly,
-        ]
-        return subprocess.run(command, capture_output=True, text=True)
-
-    for stage in STAGES:
-        assert build(stage).returncode == -9
-    finished = build("none")
-    assert finished.returncode == 0, finished.stderr
-    assert finished.stdout.strip() == small_version.manifest.digest
+    command = [sys.executable, str(script), str(small_map), str(tmp_path / "work"), json.dumps(CONFIG)]
+    done = subprocess.run([*command, *STAGES, "none"], capture_output=True, text=True, check=False)
+    killed = ["-9"] * len(STAGES)
+    assert done.stdout.split() == [*killed, small_version.manifest.digest, "0"], done.stderr
 
 
 def test_finished_stages_are_not_done_again(small_map, small_version, small_work, monkeypatch):
@@ -107,13 +108,16 @@ def test_another_config_is_another_version(small_map, small_version, small_work)
 
 
 @pytest.mark.parametrize("stage", STAGES)
-def test_cancel_stops_before_the_next_stage(small_map, tmp_path, stage):
+def test_cancel_stops_before_the_next_stage(small_map, small_work, stage):
+    for made in (small_work / "stages").iterdir():  # what comes before it is there
+        if STAGES.index(json.loads((made / "stage.json").read_text())["stage"]) >= STAGES.index(stage):
+            shutil.rmtree(made)
     seen: list[str] = []
     with pytest.raises(BuildCancelled):
         build_version(
             small_map,
             BuildConfig.parse(CONFIG),
-            tmp_path,
+            small_work,
             progress=lambda name, fraction: seen.append(name),
             cancelled=lambda: stage in seen,
         )

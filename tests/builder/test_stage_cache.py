@@ -18,6 +18,7 @@ from pydantic import BaseModel
 from firstfix.shared_stages import SharedStages
 from firstfix.store import Store
 from firstfix_builder.stage_cache import StageCache
+from waiting import LIMIT_S
 
 X, Y = "1" * 64, "2" * 64
 
@@ -118,14 +119,14 @@ def test_a_damaged_stage_is_made_again(damage: str, tmp_path: Path) -> None:
 
 
 KILLED = """
-import os, signal, sys, time
+import signal, sys
 from pathlib import Path
 from firstfix_builder.stage_cache import StageCache
 
 def produce(out):
     (out / "a.bin").write_bytes(b"half")
     print("half", flush=True)
-    time.sleep(60)
+    signal.pause()
 
 StageCache(Path(sys.argv[1])).run("mesh", {}, {}, produce)
 """
@@ -152,7 +153,7 @@ def test_two_who_make_the_same_stage_agree(tmp_path: Path) -> None:
     both = threading.Barrier(2)
 
     def produce(out: Path) -> None:
-        both.wait(timeout=20)
+        both.wait(timeout=LIMIT_S)
         (out / "a.bin").write_bytes(b"content")
 
     with ThreadPoolExecutor(2) as pool:

@@ -76,3 +76,25 @@ def test_square_by_square_the_same_is_seen(monkeypatch):
     alike = np.einsum("ij,ij->i", parted.normals, whole.normals[row])
     assert (np.abs(alike) > 0.9).mean() > 0.95  # the others stand in corners
     assert (alike[parted.oriented & whole.oriented[row]] > 0).mean() > 0.97
+
+
+def two_storeys() -> tuple[Simulator, np.ndarray]:
+    """A building of 24 by 12 m, both of whose storeys look alike, and its viewpoints column by column."""
+    lower, upper = box([0, 0, 0], [24, 12, 2.8]), box([0, 0, 3], [24, 12, 5.8])
+    simulator = Simulator(np.concatenate([lower[0], upper[0]]), np.concatenate([lower[1], upper[1] + 8]))
+    columns = [[x, y, z] for x in np.arange(1, 24) for y in np.arange(1, 12) for z in (1.0, 4.0)]
+    return simulator, np.array(columns)
+
+
+def test_no_storey_is_passed_over(monkeypatch):
+    """Where there are more viewpoints than are looked from, each storey is looked at as well as the other."""
+    simulator, viewpoints = two_storeys()
+    monkeypatch.setattr(visible_points_module, "VIEWPOINTS", -(-len(viewpoints) // 4))
+    looked_from = []
+    ranges = simulator.ranges
+    monkeypatch.setattr(simulator, "ranges", lambda T, sensor: looked_from.append(T) or ranges(T, sensor))
+    (seen,) = visible_points(simulator, viewpoints, SENSOR, 0.05)
+    z = np.concatenate(looked_from)[:, 2, 3]
+    assert 0.4 < (z < 2).mean() < 0.6
+    points_below = (seen[:, 2] < 2.9).mean()
+    assert 0.45 < points_below < 0.55

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
+import select
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -25,8 +27,10 @@ from firstfix.errors import (
 )
 from firstfix.manifest import Manifest
 from firstfix.store import Store
+from firstfix_builder import build_reporter
 from firstfix_builder.fetch_source import SourcePolicy
 from firstfix_builder.worker import run_build
+from waiting import LIMIT_S, let_pass, wait_until
 
 STAGES = ("one", "two")
 
@@ -150,13 +154,22 @@ def test_the_status_is_written_twice_a_second_at_most(place: Place, monkeypatch:
     monkeypatch.setattr(Catalog, "set_build_status", record)
 
     def many_ticks(progress: Callable[[str, float], None], cancelled: Callable[[], bool]) -> None:
-        start = time.monotonic()
-        while (passed := time.monotonic() - start) < 1.8:
-            progress("two", passed / 1.8)
-            time.sleep(0.001)
+        for tick in itertools.count():
+            progress("two", 1 - 1 / (1 + tick))
+            let_pass(0.001)
+            if len(written) >= 4:
+                return
 
+    waits: list[float] = []
+
+    def select_and_note(*arguments: Any) -> Any:
+        waits.append(arguments[-1])
+        return select.select(*arguments)
+
+    monkeypatch.setattr(build_reporter, "select", SimpleNamespace(select=select_and_note))
     assert place.run(TinyPipeline(many_ticks)) == 0
-    assert 4 <= len(written) <= 6  # at the start, three while it runs, the end
+    assert set(waits) == {0.5}
+    assert 4 < len(written) <= 2 + len(waits)  # at the start, one after each wait, the end
     assert [status["state"] for status in written] == ["running"] * (len(written) - 1) + ["succeeded"]
     fractions = [status["progress"] for status in written]
     assert fractions == sorted(fractions)
@@ -166,10 +179,8 @@ def test_the_status_is_written_twice_a_second_at_most(place: Place, monkeypatch:
 def test_a_cancelled_build_publishes_nothing(place: Place) -> None:
     def until_cancelled(progress: Callable[[str, float], None], cancelled: Callable[[], bool]) -> None:
         place.catalog.request_cancel("b1")
-        for _ in range(500):
-            if cancelled():
-                raise BuildCancelled("seen")
-            time.sleep(0.01)
+        wait_until(cancelled)
+        raise BuildCancelled("seen")
 
     assert place.run(TinyPipeline(until_cancelled)) == 3
     assert place.catalog.build_status("b1")["state"] == "cancelled"
@@ -179,7 +190,7 @@ def test_a_cancelled_build_publishes_nothing(place: Place) -> None:
 def test_a_cancel_that_no_stage_looks_for_stops_the_publish(place: Place) -> None:
     def wait(progress: Callable[[str, float], None], cancelled: Callable[[], bool]) -> None:
         place.catalog.request_cancel("b1")
-        time.sleep(1.7)
+        wait_until(cancelled)
 
     assert place.run(TinyPipeline(wait)) == 3
     assert place.catalog.log("hall") == []
@@ -240,7 +251,7 @@ def test_builds_that_share_a_folder_run_one_after_the_other(place: Place) -> Non
 
     def act(progress: Callable[[str, float], None], cancelled: Callable[[], bool]) -> None:
         running.append("in")
-        time.sleep(0.3)
+        let_pass(0.3)
         running.append("out")
 
     threads = [
@@ -338,7 +349,7 @@ def test_an_object_elsewhere_on_the_same_server_is_a_source(s3_url: str, tmp_pat
 def test_the_command_line_with_the_real_pipeline(place: Place) -> None:
     def run(*arguments: str) -> int:
         command = [sys.executable, "-m", "firstfix_builder.worker", "--store", place.url, *arguments]
-        return subprocess.run(command, capture_output=True, timeout=120, check=False).returncode
+        return subprocess.run(command, capture_output=True, timeout=LIMIT_S, check=False).returncode
 
     place.request("b2", config={"sensor": "no-such-lidar"})
     assert run("--work", str(place.work), "--build", "b2") == 1

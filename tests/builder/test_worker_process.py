@@ -6,8 +6,7 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import pytest
 
 from firstfix.catalog import Catalog
 from firstfix.store import Store
+from waiting import LIMIT_S, let_pass, wait_until
 
 # One stage that is done soon and one that hangs until a file appears; a pool beside them.
 PROGRAM = """
@@ -65,13 +65,6 @@ if __name__ == "__main__":
 """
 
 
-def _wait_for(what: Callable[[], bool], seconds: float = 20) -> None:
-    deadline = time.monotonic() + seconds
-    while not what():
-        assert time.monotonic() < deadline, "it did not come"
-        time.sleep(0.02)
-
-
 def _is_alive(pid: int) -> bool:
     try:
         state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
@@ -102,8 +95,8 @@ class Place:
         """A worker in the midst of its second stage, its status on record."""
         with self.start(*options) as worker:
             try:
-                _wait_for((self.work / "hangs").exists)
-                _wait_for(lambda: self.catalog.build_status("b1")["stage"] == "two")
+                wait_until((self.work / "hangs").exists)
+                wait_until(lambda: self.catalog.build_status("b1")["stage"] == "two")
                 yield worker
             finally:
                 worker.kill()
@@ -114,7 +107,7 @@ class Place:
     def finish(self) -> None:
         (self.work / "go").write_text("")
         with self.start() as worker:
-            assert worker.wait(30) == 0
+            assert worker.wait(LIMIT_S) == 0
         status = self.catalog.build_status("b1")
         assert status["state"] == "succeeded"
         assert status["version"] == self.catalog.active_version("hall")
@@ -133,10 +126,10 @@ def test_a_stopped_worker_leaves_the_build_queued_and_is_gone_soon(
 ) -> None:
     with place.hanging() as worker:
         worker.send_signal(number)
-        assert worker.wait(5) == 75
+        assert worker.wait(LIMIT_S) == 75
     status = place.catalog.build_status("b1")
     assert (status["state"], status["stage"]) == ("queued", "two")
-    _wait_for(lambda: not _is_alive(place.pool_pid()), 5)
+    wait_until(lambda: not _is_alive(place.pool_pid()))
     place.finish()
 
 
@@ -144,7 +137,7 @@ def test_a_stop_of_the_whole_process_group_is_no_failure(tmp_path: Path) -> None
     place = Place(tmp_path, {"in_pool": True})
     with place.hanging() as worker:
         os.killpg(worker.pid, signal.SIGTERM)  # the pool breaks under the stage in the same moment
-        assert worker.wait(5) == 75
+        assert worker.wait(LIMIT_S) == 75
     assert place.catalog.build_status("b1")["state"] == "queued"
     place.finish()
 
@@ -152,8 +145,8 @@ def test_a_stop_of_the_whole_process_group_is_no_failure(tmp_path: Path) -> None
 def test_a_killed_worker_is_gone_on_with(place: Place) -> None:
     with place.hanging() as worker:
         worker.send_signal(signal.SIGKILL)
-        worker.wait(5)
-    _wait_for(lambda: not _is_alive(place.pool_pid()), 5)  # the pool does not outlive it
+        worker.wait(LIMIT_S)
+    wait_until(lambda: not _is_alive(place.pool_pid()))  # the pool does not outlive it
     place.finish()
 
 
@@ -161,19 +154,19 @@ def test_a_worker_stops_when_whoever_started_it_is_gone(place: Place) -> None:
     with place.hanging("tied") as worker:
         assert worker.stdin is not None
         worker.stdin.close()
-        assert worker.wait(5) == 75
+        assert worker.wait(LIMIT_S) == 75
     assert place.catalog.build_status("b1")["state"] == "queued"
-    _wait_for(lambda: not _is_alive(place.pool_pid()), 5)
+    wait_until(lambda: not _is_alive(place.pool_pid()))
     place.finish()
 
 
 def test_a_cancel_that_the_stages_ignore_ends_the_process(place: Place) -> None:
     with place.hanging() as worker:
         place.catalog.request_cancel("b1")
-        assert worker.wait(10) == 3
+        assert worker.wait(LIMIT_S) == 3
     assert place.catalog.build_status("b1")["state"] == "cancelled"
     assert place.catalog.log("hall") == []
-    _wait_for(lambda: not _is_alive(place.pool_pid()), 5)
+    wait_until(lambda: not _is_alive(place.pool_pid()))
 
 
 def test_a_kill_after_the_publish_and_before_the_last_status(place: Place) -> None:
@@ -190,7 +183,7 @@ def test_workers_killed_at_random_moments_lose_nothing(place: Place) -> None:
     (place.work / "go").write_text("")
     for delay_s in (0.3, 0.5, 0.7, 0.9):
         with place.start() as worker:
-            time.sleep(delay_s)
+            let_pass(delay_s)
             os.kill(worker.pid, signal.SIGKILL)
             worker.wait()
     place.finish()

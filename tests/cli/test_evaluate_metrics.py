@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from firstfix.localization import Localization, Reason, Verdict
+from firstfix.localization import Hypothesis, Localization, Reason, Verdict
 from firstfix.scan import Scan
 from firstfix.transform import inverse, make_transform, rotation_z, transform_points
 from firstfix_cli.evaluate import angle_shares, outcome_of, random_yaws, report_of, turned
@@ -35,6 +35,8 @@ def test_the_keys_are_the_documented_ones():
         "success_0.2m",
         "success_0.5m",
         "success_1m",
+        "first_0.2m",
+        "among_0.2m",
         "median_error_m",
         "median_error_deg",
         "false_accept_rate",
@@ -133,3 +135,25 @@ def test_random_yaws_are_the_seeds():
     assert not np.array_equal(random_yaws(9, 5), random_yaws(9, 6))
     assert np.ptp(random_yaws(500, 5)) > 6
     assert not random_yaws(9, None).any()
+
+
+def with_hypotheses(*off_m: float, yaw_deg: float = 0.0) -> Localization:
+    turn = make_transform(rotation_z(np.radians(yaw_deg)), np.zeros(3))
+    poses = [TRUTH @ make_transform(np.eye(3), [0, off, 0]) @ turn for off in off_m]
+    hypotheses = tuple(Hypothesis(pose, None, 0.1, 0) for pose in poses)
+    return Localization(Verdict.AMBIGUOUS, (Reason.SEVERAL_PLACES,), hypotheses=hypotheses)
+
+
+def test_what_was_not_found_is_told_from_what_was_ranked_wrongly():
+    first, second, nowhere = with_hypotheses(0.1, 7.0), with_hypotheses(7.0, 0.15), with_hypotheses(7.0, 0.3)
+    found = report(first, second, nowhere, REJECTED, elsewhere=(first,))
+    assert found["first_0.2m"] == 0.25
+    assert found["among_0.2m"] == 0.5
+    assert found["success_0.2m"] == 0.0
+    outcome = outcome_of("a", TRUTH, second, 1.0)
+    assert outcome.first_error_m == pytest.approx(7.0)
+    assert outcome.among_error_m == pytest.approx(0.15)
+
+
+def test_a_hypothesis_that_is_turned_away_is_not_the_true_place():
+    assert report(with_hypotheses(0.1, yaw_deg=20))["among_0.2m"] == 0.0

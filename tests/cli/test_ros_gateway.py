@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -37,18 +37,12 @@ from firstfix.transform import make_transform, rotation_z
 from firstfix_cli.ros_gateway import RosGateway, open_session
 from firstfix_client.first_fix import Wishes
 from ros_samples import ROS2, cdr, cloud_of_points
+from waiting import LIMIT_S, wait_until
 
 POSE = make_transform(rotation_z(0.5), [12.0, -4.0, 1.5])
 FOUND = Localization(Verdict.LOCALIZED, (), POSE, None, np.eye(6), 0.99)
 REJECTED = Localization(Verdict.REJECTED, (Reason.LOW_OVERLAP,))
 GID = bytes(range(16))
-
-
-def wait_for(condition: Callable[[], object]) -> None:
-    end = time.monotonic() + 20
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.02)
 
 
 @pytest.fixture
@@ -129,7 +123,7 @@ class Gateway:
 
     def __exit__(self, *_: object) -> None:
         self._stop.set()
-        self._thread.join(20)
+        self._thread.join(LIMIT_S)
         assert not self._thread.is_alive()
         self.session.close()
 
@@ -139,12 +133,12 @@ class Gateway:
 def test_a_robot_gets_its_first_fix_and_then_rest(router: str, namespace: str, humble: bool):
     robot = Robot(router, namespace, humble=humble)
     with Gateway(router) as gateway:
-        wait_for(lambda: robot.is_heard)
+        wait_until(lambda: robot.is_heard)
         robot.publish(50)
-        wait_for(lambda: (namespace, "not localized") in gateway.told)
+        wait_until(lambda: (namespace, "not localized") in gateway.told)
         robot.publish(100)
-        wait_for(lambda: robot.poses)
-        wait_for(lambda: not robot.is_heard)
+        wait_until(lambda: robot.poses)
+        wait_until(lambda: not robot.is_heard)
     ((message, attachment),) = robot.poses
     assert (message.header.frame_id, message.header.stamp.sec) == ("map", 7)
     assert message.pose.pose.position.x == 12
@@ -157,17 +151,17 @@ def test_a_robot_gets_its_first_fix_and_then_rest(router: str, namespace: str, h
 def test_the_service_asks_for_another(router: str):
     robot = Robot(router, "/robot1")
     with Gateway(router, at_start=False) as gateway:
-        wait_for(lambda: ("/robot1", "idle") in gateway.told)
+        wait_until(lambda: ("/robot1", "idle") in gateway.told)
         assert not robot.is_heard
         for number in (1, 2):
             success, message, attachment = robot.call()
             assert success
             assert "looking" in message
             assert (attachment.sequence, attachment.gid) == (41, GID)
-            wait_for(lambda: robot.is_heard)
+            wait_until(lambda: robot.is_heard)
             robot.publish(100)
-            wait_for(lambda number=number: len(robot.poses) == number)
-            wait_for(lambda: not robot.is_heard)
+            wait_until(lambda number=number: len(robot.poses) == number)
+            wait_until(lambda: not robot.is_heard)
     assert [attachment.sequence for _, attachment in robot.poses] == [1, 2]
     assert len({attachment.gid for _, attachment in robot.poses}) == 1
     robot.session.close()
@@ -177,13 +171,13 @@ def test_each_robot_gets_its_own(router: str):
     robots = [Robot(router, f"/robot{number}") for number in range(3)]
     stranger = Robot(router, "/robot9", domain=7)
     with Gateway(router) as gateway:
-        wait_for(lambda: all(robot.is_heard for robot in robots))
+        wait_until(lambda: all(robot.is_heard for robot in robots))
         for robot in robots[1:]:
             robot.publish(100)
-        wait_for(lambda: all(robot.poses for robot in robots[1:]))
+        wait_until(lambda: all(robot.poses for robot in robots[1:]))
         assert not robots[0].poses
         robots[1].token.undeclare()
-        wait_for(lambda: ("/robot1", "gone") in gateway.told)
+        wait_until(lambda: ("/robot1", "gone") in gateway.told)
         assert sorted(gateway.gateway.robots) == ["/robot0", "/robot2"]
         assert not stranger.is_heard
     for robot in (*robots, stranger):
@@ -201,7 +195,7 @@ def test_it_shows_in_the_graph_and_leaves_nothing_behind(router: str):
         return {("", "NN") if one is None else (one.topic, one.kind) for one in found}
 
     with Gateway(router):
-        wait_for(
+        wait_until(
             lambda: (
                 ours()
                 == {
@@ -212,7 +206,7 @@ def test_it_shows_in_the_graph_and_leaves_nothing_behind(router: str):
                 }
             )
         )
-    wait_for(lambda: not ours())
+    wait_until(lambda: not ours())
     watcher.close()
     robot.session.close()
 
@@ -220,7 +214,7 @@ def test_it_shows_in_the_graph_and_leaves_nothing_behind(router: str):
 def test_a_call_without_an_attachment_is_nobodys(router: str):
     robot = Robot(router, "/robot1")
     with Gateway(router, at_start=False) as gateway:
-        wait_for(lambda: ("/robot1", "idle") in gateway.told)
+        wait_until(lambda: ("/robot1", "idle") in gateway.told)
         assert list(robot.session.get(robot.locate.key, timeout=5)) == []
         assert not gateway.gateway.robots["/robot1"].fix.wanted
     robot.session.close()
@@ -234,11 +228,11 @@ def test_the_command(router: str):
         [sys.executable, "-u", "-m", "firstfix_cli.main", *arguments], stdout=subprocess.PIPE, text=True
     )
     try:
-        wait_for(lambda: robot.is_heard)
+        wait_until(lambda: robot.is_heard)
         robot.publish(100)
-        wait_for(lambda: robot.poses)
+        wait_until(lambda: robot.poses)
         program.send_signal(signal.SIGTERM)
-        out, _ = program.communicate(timeout=20)
+        out, _ = program.communicate(timeout=LIMIT_S)
     finally:
         program.kill()
         service.stop()

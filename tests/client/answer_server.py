@@ -13,6 +13,8 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
+from waiting import LIMIT_S
+
 
 class AnswerServer:
     """One route for everything: answers with what the test queued, the last one again and again."""
@@ -45,7 +47,7 @@ class AnswerServer:
     def stop(self) -> None:
         self._server.should_exit = True
         self._server.force_exit = True
-        self._thread.join(5)
+        self._thread.join(LIMIT_S)
 
 
 def ok(body: bytes = b"{}", status: int = 200, **headers: str) -> Response:

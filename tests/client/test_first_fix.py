@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -20,6 +18,7 @@ from firstfix.transform import inverse, make_transform, rotation_z
 from firstfix_client import ServiceUnreachable
 from firstfix_client.first_fix import FirstFix, State, Wishes
 from ros_samples import ROS2, cdr, cloud_of_points
+from waiting import LIMIT_S, wait_until
 
 S = 10**9
 POSE = make_transform(rotation_z(0.5), [12.0, -4.0, 1.5])
@@ -37,13 +36,6 @@ def cloud(points: int = 5, stamp_ns: int = 7 * S) -> bytes:
     return cdr(cloud_of_points(np.ones((points, 3)), stamp_ns=stamp_ns, frame_id="lidar"))
 
 
-def wait_for(condition: Callable[[], object]) -> None:
-    end = time.monotonic() + 20
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.005)
-
-
 class Asked:
     """Answers as it is told, in order; the last for ever."""
 
@@ -56,7 +48,7 @@ class Asked:
 
     def __call__(self, scan: Scan, options: LocalizeOptions) -> Localization:
         self.queries.append((scan, options))
-        assert self.gate.wait(20)
+        assert self.gate.wait(LIMIT_S)
         answer = self.answers.pop(0) if len(self.answers) > 1 else self.answers[0]
         if isinstance(answer, Exception):
             raise answer
@@ -80,7 +72,7 @@ def test_one_cloud_is_enough():
         fix.want()
         assert fix.status.state is State.WAITING
         fix.on_cloud(cloud(9))
-        wait_for(lambda: fix.status.state is State.LOCALIZED)
+        wait_until(lambda: fix.status.state is State.LOCALIZED)
         assert not fix.wanted
         fix.on_cloud(cloud())
     assert [len(scan) for scan, _ in asked.queries] == [9]
@@ -97,7 +89,7 @@ def test_it_goes_on_until_a_cloud_is_localized():
         for number in range(5):
             tried = number + 1
             fix.on_cloud(cloud())
-            wait_for(lambda tried=tried: fix.status.tries == tried and fix.status.state is not State.ASKING)
+            wait_until(lambda tried=tried: fix.status.tries == tried and fix.status.state is not State.ASKING)
             seen.append((fix.status.state, fix.status.error))
     assert seen == [
         (State.NOT_LOCALIZED, ""),
@@ -114,10 +106,10 @@ def test_a_damaged_cloud_fails_and_the_next_one_counts():
     with first_fix(asked) as fix:
         fix.want()
         fix.on_cloud(cloud()[:-5])
-        wait_for(lambda: fix.status.state is State.FAILED)
+        wait_until(lambda: fix.status.state is State.FAILED)
         assert fix.status.error.startswith("PointCloud2: ")
         fix.on_cloud(cloud())
-        wait_for(lambda: fix.status.state is State.LOCALIZED)
+        wait_until(lambda: fix.status.state is State.LOCALIZED)
 
 
 def test_only_the_newest_cloud_is_asked_for():
@@ -126,11 +118,11 @@ def test_only_the_newest_cloud_is_asked_for():
     with first_fix(asked) as fix:
         fix.want()
         fix.on_cloud(cloud(1))
-        wait_for(lambda: asked.queries)
+        wait_until(lambda: asked.queries)
         for points in (2, 3, 4):
             fix.on_cloud(cloud(points))
         asked.gate.set()
-        wait_for(lambda: fix.status.state is State.LOCALIZED)
+        wait_until(lambda: fix.status.state is State.LOCALIZED)
     assert [len(scan) for scan, _ in asked.queries] == [1, 4]
 
 
@@ -140,13 +132,13 @@ def test_a_cloud_that_came_while_it_asked_is_forgotten_with_the_fix():
     with first_fix(asked) as fix:
         fix.want()
         fix.on_cloud(cloud(1))
-        wait_for(lambda: asked.queries)
+        wait_until(lambda: asked.queries)
         fix.on_cloud(cloud(2))
         asked.gate.set()
-        wait_for(lambda: fix.status.state is State.LOCALIZED)
+        wait_until(lambda: fix.status.state is State.LOCALIZED)
         fix.want()
         fix.on_cloud(cloud(3))
-        wait_for(lambda: len(asked.poses) == 2)
+        wait_until(lambda: len(asked.poses) == 2)
     assert [len(scan) for scan, _ in asked.queries] == [1, 3]
 
 
@@ -156,13 +148,13 @@ def test_who_asks_anew_while_it_asks_gets_a_newer_fix():
     with first_fix(asked) as fix:
         fix.want()
         fix.on_cloud(cloud(1))
-        wait_for(lambda: asked.queries)
+        wait_until(lambda: asked.queries)
         fix.want()
         asked.gate.set()
-        wait_for(lambda: asked.poses)
+        wait_until(lambda: asked.poses)
         assert fix.wanted, "the answer belongs to the wish before"
         fix.on_cloud(cloud(2))
-        wait_for(lambda: fix.status.state is State.LOCALIZED)
+        wait_until(lambda: fix.status.state is State.LOCALIZED)
     assert len(asked.poses) == 2
 
 
@@ -172,7 +164,7 @@ def test_gravity_and_the_mounting_are_looked_up():
         fix.on_imu(cdr(ros_samples.imu([0, 0, -9.81], stamp_ns=7 * S, frame_id="imu")))
         fix.want()
         fix.on_cloud(cloud())
-        wait_for(lambda: fix.status.state is State.LOCALIZED)
+        wait_until(lambda: fix.status.state is State.LOCALIZED)
     (_, options) = asked.queries[0]
     np.testing.assert_allclose(options.gravity, [0, 0, -1], atol=1e-12)
     np.testing.assert_array_equal(options.T_base_sensor, BASE_LIDAR)
@@ -187,7 +179,7 @@ def test_a_gravity_that_cannot_be_turned_is_left_out():
         fix.on_imu(cdr(ros_samples.imu([0, 0, 9.81], stamp_ns=7 * S, frame_id="elsewhere")))
         fix.want()
         fix.on_cloud(cloud())
-        wait_for(lambda: fix.status.state is State.LOCALIZED)
+        wait_until(lambda: fix.status.state is State.LOCALIZED)
     assert asked.queries[0][1].gravity is None
 
 
@@ -196,7 +188,7 @@ def test_the_robots_pose_is_never_the_sensors():
     with first_fix(asked, base_frame="base_footprint") as fix:
         fix.want()
         fix.on_cloud(cloud())
-        wait_for(lambda: fix.status.state is State.FAILED)
+        wait_until(lambda: fix.status.state is State.FAILED)
         assert fix.status.error == "no transform joins the frames 'base_footprint' and 'lidar' (yet)"
     assert not asked.poses
 
@@ -207,7 +199,7 @@ def test_a_pose_that_cannot_be_published_is_told():
     with first_fix(asked) as fix:
         fix.want()
         fix.on_cloud(cloud())
-        wait_for(lambda: fix.status.state is State.FAILED)
+        wait_until(lambda: fix.status.state is State.FAILED)
         assert "ZeroDivisionError" in fix.status.error
 
 

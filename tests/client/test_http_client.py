@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import socket
 import threading
-import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -26,6 +25,7 @@ from firstfix.errors import (
 from firstfix.localization import Verdict
 from firstfix.options import LocalizeOptions
 from firstfix_client import Client, RetryPolicy, ServiceUnreachable
+from waiting import LIMIT_S, let_pass
 
 QUICK = RetryPolicy(attempts=4, first_wait_s=0.01, max_wait_s=0.05)
 
@@ -99,19 +99,15 @@ def test_nonsense_is_a_clear_error(server, body):
 
 def test_a_busy_service_is_asked_again_when_it_says(server):
     server.answers = [problem("overloaded", 503, **{"Retry-After": "1"}), ok(answer_bytes())]
-    started = time.monotonic()
     assert Client(server.url, retry=QUICK).localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
-    assert 1.0 <= time.monotonic() - started < 3
     first, second = (int(request[2]["deadline_ms"]) for request in server.requests)
     assert second <= first - 1000  # the service is told what is left, not what there was
 
 
 def test_it_does_not_wait_past_the_deadline(server):
-    server.answers = [problem("overloaded", 503, **{"Retry-After": "30"})]
-    started = time.monotonic()
+    server.answers = [problem("overloaded", 503, **{"Retry-After": "3000"})]
     with pytest.raises(Overloaded):
-        Client(server.url, timeout_s=5).localize(SCAN, map_id="hall")
-    assert time.monotonic() - started < 2
+        Client(server.url, timeout_s=100).localize(SCAN, map_id="hall")
     assert len(server.requests) == 1
 
 
@@ -131,15 +127,16 @@ def test_it_gives_up_after_its_attempts(server):
 
 
 def test_a_slow_service_ends_at_the_timeout(server):
+    given_up = threading.Event()
+
     def slow() -> Response:
-        time.sleep(1.5)
+        assert given_up.wait(LIMIT_S)
         return ok(answer_bytes())
 
     server.answers = [slow]
-    started = time.monotonic()
     with pytest.raises(DeadlineExceeded, match=r"0\.3 s"):
         Client(server.url, timeout_s=0.3).localize(SCAN, map_id="hall")
-    assert time.monotonic() - started < 1.2
+    given_up.set()
 
 
 def test_a_proxy_without_upstream_is_asked_again_only_for_what_repeats(server):
@@ -165,7 +162,7 @@ def test_a_service_that_comes_up_in_time_is_reached():
         address = listener.getsockname()
 
     def answer_once() -> None:
-        time.sleep(0.4)
+        let_pass(0.4)
         with socket.create_server(address) as late:
             connection, _ = late.accept()
             with connection:
@@ -174,9 +171,9 @@ def test_a_service_that_comes_up_in_time_is_reached():
 
     thread = threading.Thread(target=answer_once, daemon=True)
     thread.start()
-    retry = RetryPolicy(attempts=100, first_wait_s=0.05, max_wait_s=0.05)
-    assert Client(f"http://127.0.0.1:{address[1]}", retry=retry).maps() == []
-    thread.join(5)
+    retry = RetryPolicy(attempts=10_000, first_wait_s=0.05, max_wait_s=0.05)
+    assert Client(f"http://127.0.0.1:{address[1]}", retry=retry, timeout_s=LIMIT_S).maps() == []
+    thread.join(LIMIT_S)
 
 
 def test_a_connection_that_breaks_mid_answer_is_tried_again():
@@ -195,7 +192,7 @@ def test_a_connection_that_breaks_mid_answer_is_tried_again():
     thread.start()
     url = f"http://127.0.0.1:{listener.getsockname()[1]}"
     assert Client(url, retry=QUICK).maps() == []
-    thread.join(5)
+    thread.join(LIMIT_S)
     listener.close()
     assert len(served) == 2
 

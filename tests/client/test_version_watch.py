@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from firstfix_client import VersionChange, ZenohClient
+from waiting import LIMIT_S
 
 zenoh = pytest.importorskip("zenoh")
 
@@ -102,9 +103,9 @@ def test_it_ends_when_it_is_closed(teller: Teller, client: ZenohClient):
     ended: list[VersionChange] = []
     thread = threading.Thread(target=lambda: ended.extend(watch))
     thread.start()
-    assert teller.looks.acquire(timeout=10)
+    assert teller.looks.acquire(timeout=LIMIT_S)
     watch.close()
     watch.close()
-    thread.join(20)
+    thread.join(LIMIT_S)
     assert not thread.is_alive()
     assert ended == []

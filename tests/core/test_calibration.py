@@ -77,7 +77,7 @@ def test_accepting_takes_overlap_margin_and_probability():
     calibration = Calibration(min_overlap=0.5, min_margin=0.1)
     good = Evidence(Fit(0.97, 0.85, 0.0), 0.3)
     assert calibration.accepts(good)
-    assert not calibration.accepts(Evidence(good.fit, 0.09))
+    assert not calibration.accepts(Evidence(good.fit, 0.3, tied=2))
     assert not calibration.accepts(Evidence(Fit(0.49, 0.85, 0.0), 0.3), min_probability=0.0)
     doubtful = Evidence(Fit(0.7, 0.6, 0.02), 0.2)
     assert not calibration.accepts(doubtful)

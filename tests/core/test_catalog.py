@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from firstfix import version_cache
 from firstfix.catalog import Catalog
 from firstfix.errors import (
     Conflict,
@@ -218,6 +220,21 @@ def test_every_damaged_file_is_refused_by_name(
     assert not (tmp_path / "cache" / version).exists()
     catalog.store.put(key, data)
     make_version(tmp_path / "v").verify_directory(catalog.fetch_version("hall", version, tmp_path / "cache"))
+
+
+def test_after_a_start_of_the_machine_everything_is_verified_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A power cut may have taken bytes of a fetched file whose size and time are right."""
+    catalog = Catalog(Store.open("memory://"))
+    version = catalog.publish("hall", tmp_path / "made", make_version(tmp_path / "made"))
+    path = catalog.fetch_version("hall", version, tmp_path / "cache") / "a.npy"
+    content, stat = path.read_bytes(), path.stat()
+    with path.open("r+b") as file:
+        file.write(bytes(len(content)))
+    os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+    monkeypatch.setattr(version_cache, "_boot_id", lambda: "of the next start")
+    assert (catalog.fetch_version("hall", version, tmp_path / "cache") / "a.npy").read_bytes() == content
 
 
 def test_damage_to_what_was_verified_before_is_found(any_store_url: str, tmp_path: Path) -> None:

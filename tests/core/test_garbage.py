@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 import pytest
@@ -13,6 +12,7 @@ from firstfix.manifest import Manifest
 from firstfix.map_log import EVERY
 from firstfix.store import Store
 from firstfix.uploads import Uploads
+from waiting import let_pass
 
 NOW = Ages(things_s=-5, builds_s=-5)  # whatever its age
 
@@ -114,7 +114,7 @@ def test_a_removal_that_was_killed_is_finished(catalog: Catalog, tmp_path: Path)
 def test_an_upload_that_goes_on_is_young(catalog: Catalog):
     uploads = Uploads(catalog.store)
     uploads.create("u1", size_bytes=30, file_name="x")
-    time.sleep(2.1)
+    let_pass(2.1)
     uploads.append(uploads.get("u1"), b"abc")
     assert remove_abandoned(catalog, older_than_s=2).count == 0
     assert uploads.get("u1").offset == 3

@@ -1,8 +1,13 @@
 from __future__ import annotations
 
+import ast
 import json
+from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from firstfix.redact import HIDDEN, redact, redactor
 
@@ -50,6 +55,10 @@ def test_the_rest_is_left():
         "build 20300101t000000000000-0123abcd",
         "version " + "0123456789abcdef" * 4,
         "two@places",
+        "s3://bucket/scans/hall@2.laz is no map",
+        "https://host:8080/hall@2.laz is no map",
+        "https://host/x?by=me@example.org",
+        "a credential comes in one header Authorization, after the word Bearer",
     ):
         assert redact(text) == text
 
@@ -107,3 +116,116 @@ def test_a_long_line_costs_no_more_than_its_length(line: str):
 def test_a_secret_that_is_not_there_leaves_json_as_it_is():
     line = json.dumps({"nats_credentials": None, "token": None, "password": "abc12345"})
     assert json.loads(redact(line)) == {"nats_credentials": None, "token": None, "password": HIDDEN}
+
+
+def test_a_header_is_hidden_and_the_sentence_around_it_stays():
+    shown = redact(f"header Authorization: Bearer {KEY} is not for map hall")
+    assert shown == "header Authorization: *** is not for map hall"
+    assert redact("(b'authorization', b'ApiKey a b'), (b'host', b'x')") == (
+        "(b'authorization', b'***'), (b'host', b'x')"
+    )
+
+
+def test_a_secret_behind_a_mark_is_hidden():
+    assert redact("password=***hunter2 of hall") == "password=*** of hall"
+
+
+def test_a_message_names_the_file_that_a_secret_is_in():
+    places = {
+        "FIRSTFIX_NATS_CREDENTIALS": "/run/firstfix/nats",
+        "GOOGLE_APPLICATION_CREDENTIALS": "/run/gcp/key.json",
+        "AWS_SHARED_CREDENTIALS_FILE": "/run/aws/credentials",
+        "AWS_WEB_IDENTITY_TOKEN_FILE": "/run/aws/token",
+    }
+    message = f"no file {', '.join(places.values())}"
+    assert redactor(places)(message) == message
+
+
+ROOT = Path(__file__).parents[2]
+FILL = "hall-2"
+
+
+def messages() -> Iterator[str]:
+    """Every text that an error is raised with or that is logged, its gaps filled with a harmless word."""
+    for package in ("core", "service", "builder", "cli"):
+        for path in sorted((ROOT / package).rglob("*.py")):
+            for node in ast.walk(ast.parse(path.read_text())):
+                if isinstance(node, ast.Call):
+                    for one in (*node.args, *(keyword.value for keyword in node.keywords)):
+                        if isinstance(one, ast.JoinedStr):
+                            parts = (
+                                part.value if isinstance(part, ast.Constant) else FILL for part in one.values
+                            )
+                            yield "".join(map(str, parts))
+                        elif isinstance(one, ast.Constant) and isinstance(one.value, str):
+                            yield one.value
+
+
+def test_no_message_of_ours_is_eaten():
+    ours = {text for text in messages() if " " in text}
+    assert len(ours) > 500
+    assert {text: redact(text) for text in ours if redact(text) != text} == {}
+
+
+PIECES = st.sampled_from(
+    [
+        "token",
+        "Password",
+        "authorization",
+        "sig",
+        "credentials",
+        "Bearer",
+        "Basic",
+        "eyJ",
+        "ffx_0123456789ab_",
+        "5e" * 8,
+    ]
+    + [
+        ":",
+        "=",
+        ",",
+        " ",
+        "  ",
+        "'",
+        '"',
+        "\\",
+        "b'",
+        "://",
+        "@",
+        "/",
+        ".",
+        "-",
+        "***",
+        "*",
+        "null",
+        "a",
+        "hunter2",
+    ]
+    + ["abcdefgh", "\n", "&", "?", ";", "(", ")", "{", "}", "8080", "user", "h"]
+)
+
+
+@given(st.lists(PIECES, max_size=24).map("".join))
+def test_once_more_changes_nothing(text: str):
+    once = redact(text)
+    assert redact(once) == once
+
+
+WORDS = st.lists(
+    st.sampled_from(["the", "map", "hall", "(2)", "was", "asked", "for", "a", "token,", "build;", "404"])
+)
+SECRETS = {
+    KEY: "ffx_0123456789ab_***",
+    JWT: "***",
+    f"Authorization: Bearer {KEY}": "Authorization: ***",
+    f"authorization=Bearer {JWT}": "authorization=***",
+    "Basic dXNlcjpodW50ZXIy": "Basic ***",
+    "https://user:hunter2@host/x": "https://***@host/x",
+    "password=hunter2": "password=***",
+    '"token": "hunter2"': '"token": "***"',
+}
+
+
+@given(WORDS, st.sampled_from(sorted(SECRETS)), WORDS)
+def test_what_stands_around_a_secret_stays(before: list[str], secret: str, after: list[str]):
+    assert redact(" ".join([*before, secret, *after])) == " ".join([*before, SECRETS[secret], *after])

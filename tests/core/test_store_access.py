@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import secrets
-import time
 from pathlib import Path
 
 import pytest
@@ -14,6 +13,7 @@ from firstfix.errors import ReadOnly, StoreError, StoreUnavailable
 from firstfix.manifest import Manifest
 from firstfix.store import Store
 from servers import free_port, running_versitygw
+from waiting import let_pass
 
 BUCKET = "maps"
 REREAD_S = 0.5  # obstore goes on for a tenth of a second with what it has just read
@@ -102,10 +102,10 @@ def test_rotated_keys_are_picked_up(
         with pytest.raises(StoreError, match="credentials"):
             store.get("k")
         hand_out(*new)
-        time.sleep(REREAD_S)
+        let_pass(REREAD_S)
         assert store.get("k") == b"before"
         path.unlink()
-        time.sleep(REREAD_S)
+        let_pass(REREAD_S)
         with pytest.raises(StoreError) as caught:
             store.get("k")
         assert new[1] not in str(caught.value)

@@ -2,7 +2,6 @@ import numpy as np
 
 from firstfix.calibration import Calibration
 from firstfix.engine_config import EngineConfig
-from firstfix.evidence import evidence
 from firstfix.localization import Reason, Verdict
 from firstfix.map_index import MapIndex
 from firstfix.places import Place
@@ -34,14 +33,22 @@ def test_a_good_place_without_rivals_is_localized():
     answer = judged(*places)
     assert answer.verdict is Verdict.LOCALIZED
     assert answer.reasons == ()
-    assert answer.probability == CALIBRATION.probability(evidence([p.fit for p in places]))
+    assert answer.probability == CALIBRATION.probability(CALIBRATION.evidence([p.fit for p in places]))
 
 
 def test_a_twin_makes_it_ambiguous_and_both_are_returned():
     answer = judged(place(0, 0.95), place(1, 0.94))
     assert (answer.verdict, answer.reasons) == (Verdict.AMBIGUOUS, (Reason.SEVERAL_PLACES,))
     assert [h.template for h in answer.hypotheses] == [0, 1]
-    assert answer.hypotheses[0].probability >= answer.hypotheses[1].probability
+    assert answer.hypotheses[0].probability == answer.hypotheses[1].probability == answer.probability / 2
+
+
+def test_of_places_that_tie_the_probability_is_that_the_truth_is_among_them():
+    alone = judged(place(0, 0.95), place(2, 0.5))
+    tied = judged(place(0, 0.95), place(1, 0.95), place(2, 0.5))
+    assert (tied.verdict, tied.reasons) == (Verdict.AMBIGUOUS, (Reason.SEVERAL_PLACES,))
+    assert tied.probability == alone.probability
+    assert sum(h.probability for h in tied.hypotheses) <= 1
 
 
 def test_a_twin_with_a_wall_in_the_way_is_no_rival():

@@ -74,8 +74,8 @@ def test_what_is_held_stays_until_it_is_given_back(place: Place) -> None:
 def test_what_another_process_holds_stays_until_it_is_killed(place: Place) -> None:
     folder = place.fetch(1)
     code = (
-        "import sys, time; from pathlib import Path; from firstfix.version_cache import HeldFolder\n"
-        "held = HeldFolder(Path(sys.argv[1])); print('held', flush=True); time.sleep(60)"
+        "import signal, sys; from pathlib import Path; from firstfix.version_cache import HeldFolder\n"
+        "held = HeldFolder(Path(sys.argv[1])); print('held', flush=True); signal.pause()"
     )
     holder = subprocess.Popen([sys.executable, "-c", code, str(folder)], stdout=subprocess.PIPE)
     try:

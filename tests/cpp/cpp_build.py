@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from waiting import LIMIT_S
+
 REPO = Path(__file__).resolve().parents[2]
 
 LIBRARIES = ("libzstd", "libcurl", "nlohmann_json")
@@ -25,7 +27,7 @@ class Build:
         environment = {name: value for name, value in os.environ.items() if name != "FIRSTFIX_API_KEY"}
         command = [self.folder / program, *map(str, arguments)]
         return subprocess.run(
-            command, capture_output=True, text=True, check=False, timeout=120, env={**environment, **more}
+            command, capture_output=True, text=True, check=False, timeout=LIMIT_S, env={**environment, **more}
         )
 
 
@@ -37,7 +39,7 @@ def build(folder: Path, flags: str, *targets: str) -> Build:
         ["cmake", "--build", folder, "--parallel", "2", "--target", *(targets or ("all",))],
     )
     for command in commands:
-        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=3000)
         assert done.returncode == 0, f"{done.stdout[-3000:]}\n{done.stderr[-3000:]}"
     return Build(folder)
 

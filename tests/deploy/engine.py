@@ -6,12 +6,13 @@ import fcntl
 import os
 import shutil
 import subprocess
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+
+from waiting import wait_until
 
 ROOT = Path(__file__).parents[2]
 LOCK = Path("/tmp/firstfix-images.lock")  # of whoever uses the engine
@@ -51,10 +52,7 @@ def _own_engine(log: Path) -> Iterator[None]:
     with log.open("wb") as out:
         engine = subprocess.Popen(["dockerd"], stdout=out, stderr=out)
     try:
-        for _ in range(60):
-            if _answers() or engine.poll() is not None:
-                break
-            time.sleep(0.5)
+        wait_until(lambda: _answers() or engine.poll() is not None)
         if not _answers():
             pytest.skip(f"dockerd does not start here: {log.read_text()[-300:]}")
         yield

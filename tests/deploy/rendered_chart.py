@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 
 from servers import program
+from waiting import LIMIT_S
 
 REPO = Path(__file__).resolve().parents[2]
 CHART = REPO / "deploy" / "kubernetes" / "firstfix"
@@ -34,7 +35,7 @@ def rendered(
     command = [helm, "template", release, str(CHART), "--kube-version", "1.32", "--values", "-"]
     command += [part for file in value_files for part in ("--values", str(file))]
     run = subprocess.run(
-        command, input=json.dumps(values or {}), capture_output=True, text=True, timeout=60, check=False
+        command, input=json.dumps(values or {}), capture_output=True, text=True, timeout=LIMIT_S, check=False
     )
     if run.returncode:
         raise Refused(run.stderr)

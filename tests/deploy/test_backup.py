@@ -23,6 +23,7 @@ from firstfix.transform import pose_error
 from firstfix_client import Client
 from servers import free_port, running
 from small_world import CONFIG
+from waiting import LIMIT_S
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "operations" / "backup.md").read_text()
 MAPS, BACKUP = "s3://maps", "s3://maps-backup"
@@ -38,7 +39,7 @@ def run(command: str, places: dict[str, str]) -> str:
     """What a documented command prints, with its places replaced by those of the test."""
     words = [places.get(word, word) for word in shlex.split(command)]
     line = [sys.executable, "-m", "firstfix_cli.main", *words[1:]]
-    done = subprocess.run(line, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(line, capture_output=True, text=True, timeout=LIMIT_S, check=False)
     assert not done.returncode, done.stderr
     return done.stdout
 
@@ -135,6 +136,6 @@ def test_damage_fails_the_nightly_job(store: Path, tmp_path: Path):
     (kept,) = (store / "maps" / "hall" / "sources").iterdir()
     kept.write_bytes(b"x")
     line = [sys.executable, "-m", "firstfix_cli.main", "copy-store", str(store), str(tmp_path / "backup")]
-    done = subprocess.run(line, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(line, capture_output=True, text=True, timeout=LIMIT_S, check=False)
     assert done.returncode == 2
     assert kept.name in done.stderr

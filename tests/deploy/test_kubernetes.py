@@ -372,3 +372,62 @@ def test_the_chart_has_the_programs_version():
 
     chart = yaml.safe_load((CHART / "Chart.yaml").read_text())
     assert chart["version"] == chart["appVersion"] == firstfix.__version__
+
+
+def test_builders_have_keys_of_their_own_where_there_are_such():
+    given = {
+        **STORE,
+        "store": {"url": "s3://maps", "existingSecret": "all"},
+        "nats": NATS["nats"],
+        "dask": {"enabled": True},
+    }
+
+    def secrets(builder: dict[str, Any]) -> dict[str, str]:
+        pods = pod_specs(rendered(values={**given, "builder": {"enabled": True, **builder}}))
+        named = {name: pod["containers"][0].get("envFrom") for name, pod in pods}
+        return {name: sources[0]["secretRef"]["name"] for name, sources in named.items() if sources}
+
+    builders = {"firstfix-builder", "firstfix-dask-worker"}
+    assert set(secrets({}).values()) == {"all"}
+    own = secrets({"existingSecret": "builds"})
+    assert {name for name, secret in own.items() if secret == "builds"} == builders
+    assert {name for name, secret in own.items() if secret == "all"} == {"firstfix", "firstfix-garbage"}
+
+
+def test_builders_have_an_identity_of_their_own_where_there_is_one():
+    role = {"eks.amazonaws.com/role-arn": "arn:aws:iam::1:role/builds"}
+    builder = {"enabled": True, "serviceAccountAnnotations": role}
+    found = rendered(values={**STORE, **NATS, "builder": builder})
+    accounts = {
+        one["metadata"]["name"]: one["metadata"].get("annotations")
+        for one in of_kind(found, "ServiceAccount")
+    }
+    assert accounts == {"firstfix": None, "firstfix-builder": role}
+    named = {name: pod["serviceAccountName"] for name, pod in pod_specs(found)}
+    assert named == {
+        "firstfix": "firstfix",
+        "firstfix-builder": "firstfix-builder",
+        "firstfix-garbage": "firstfix",
+    }
+    shared = {pod["serviceAccountName"] for _, pod in pod_specs(rendered(values={**STORE, **NATS}))}
+    assert shared == {"firstfix"}
+
+
+def test_builders_reach_the_store_and_nats_alone(full: list[dict[str, Any]]):
+    (policy,) = (
+        one for one in of_kind(full, "NetworkPolicy") if one["metadata"]["name"] == "firstfix-builder"
+    )
+    ports = {port["port"] for rule in policy["spec"]["egress"] for port in rule["ports"]}
+    assert ports == {53, 443, 4222}
+
+
+def test_a_digest_wins_over_the_tag():
+    digest = f"sha256:{'5e' * 32}"
+    image = {"registry": "registry.example", "tag": "2", "digests": {"builder": digest}}
+    found = dict(pod_specs(rendered(values={**STORE, **NATS, "image": image})))
+    assert found["firstfix"]["containers"][0]["image"] == "registry.example/firstfix-service:2"
+    assert (
+        found["firstfix-builder"]["containers"][0]["image"] == f"registry.example/firstfix-builder:2@{digest}"
+    )
+    with pytest.raises(Refused, match="digests"):
+        rendered(values={**STORE, "image": {"digests": {"service": "latest"}}})

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -19,6 +18,7 @@ from firstfix import wire
 from firstfix.transform import quaternion_of
 from firstfix_cli.local_service import LocalService, local_service
 from small_world import CONFIG, SENSOR
+from waiting import LIMIT_S
 
 PLACE = "yard"
 
@@ -36,7 +36,7 @@ class Shop:
 def firstfix(*arguments: object, code: int = 0) -> str:
     """Standard output of a command that ends with this exit code."""
     command = [sys.executable, "-m", "firstfix_cli.main", *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=240, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
     assert done.returncode == code, done.stderr
     return done.stdout
 
@@ -158,6 +158,6 @@ def test_the_service_process_is_gone_afterwards(small_map, tmp_path):
 
 def _stderr(*arguments: object, code: int = 2) -> str:
     command = [sys.executable, "-m", "firstfix_cli.main", *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, env=os.environ, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
     assert done.returncode == code
     return done.stderr

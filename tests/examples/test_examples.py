@@ -24,6 +24,7 @@ from firstfix.transform import inverse, make_transform, quaternion_of, rotation_
 from firstfix_builder.pipeline import build_version
 from firstfix_cli.local_service import LocalService, local_service
 from firstfix_client import Client
+from waiting import LIMIT_S
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 POSE = re.compile(r"x (\S+) y (\S+) z ([-\d.]+)")
@@ -69,7 +70,7 @@ def office_drive() -> list[PosedScan]:
 
 def run(name: str, url: str, *arguments: object, code: int = 0) -> str:
     command = [sys.executable, str(EXAMPLES / f"{name}.py"), "--url", url, *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
     assert done.returncode == code, done.stdout + done.stderr
     return done.stdout + done.stderr
 

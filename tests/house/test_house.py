@@ -13,6 +13,7 @@ REPO = Path(__file__).resolve().parents[2]
 REGISTRY = re.compile(
     r"(pypi|pythonhosted|npmjs|registry\.[a-z]+|crates|proxy\.golang)\.(org|com|io|dev)\b|--(extra-)?index-url=?\s*http"
 )
+STRIDE = re.compile(r"\[\s*::\s*(?!-?\d+\s*[\],])")  # by a computed step: a constant one is no sample
 MACHINE = re.compile(r"(?<![\w.])/(work|root|tmp/(venv|clone))/")
 
 
@@ -26,6 +27,19 @@ def tracked_texts() -> list[tuple[str, str]]:
         if path.is_file() and name != Path(__file__).relative_to(REPO).as_posix():
             texts.append((name, path.read_bytes().decode("utf-8", errors="ignore")))
     return texts
+
+
+def test_no_sample_is_a_stride_through_a_list():
+    """``firstfix.sample`` takes samples: a stride takes what repeats with its period always or never."""
+    packages = ("core/", "builder/", "service/", "clients/python/", "cli/", "benchmarks/")
+    found = [
+        f"{name}: {line.strip()}"
+        for name, text in tracked_texts()
+        if name.startswith(packages) and name.endswith(".py")
+        for line in text.splitlines()
+        if STRIDE.search(line)
+    ]
+    assert not found
 
 
 @pytest.mark.parametrize("pattern", [REGISTRY, MACHINE], ids=["registry host", "machine path"])

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,6 +16,7 @@ from firstfix.localization import Localization, Reason, Verdict
 from firstfix.ros.pose_message import TYPE
 from firstfix.transform import make_transform, rotation_z
 from ros_samples import ROS2, cdr, cloud_of_points
+from waiting import wait_until
 
 POSE = make_transform(rotation_z(0.5), [12.0, -4.0, 1.5])
 LOCALIZED, REJECTED = 100, 200
@@ -59,13 +59,6 @@ def cloud(points: int) -> bytes:
     return cdr(cloud_of_points(spread, stamp_ns=7 * 10**9))
 
 
-def wait_for(condition: Callable[[], object]) -> None:
-    end = time.monotonic() + 20
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.01)
-
-
 def diagnosis(graph: Graph) -> tuple[bytes, str, dict[str, str]]:
     (tell,) = graph.timers
     tell()
@@ -79,15 +72,15 @@ def test_a_cloud_becomes_an_initial_pose(node: Any, graph: Graph, service: FakeS
     resting = ros_samples.imu([0, 0, 9.81], stamp_ns=7 * 10**9, frame_id="os_sensor")
     graph.subscriptions["imu"][1](cdr(resting))
     on_cloud(cloud(REJECTED))
-    wait_for(lambda: diagnosis(graph)[1] == "not localized")
+    wait_until(lambda: diagnosis(graph)[1] == "not localized")
     assert diagnosis(graph)[0] == b"\x01"
     on_cloud(cloud(LOCALIZED))
-    wait_for(lambda: graph.published["initialpose"])
+    wait_until(lambda: graph.published["initialpose"])
     pose = ROS2.deserialize_cdr(graph.published["initialpose"][0], TYPE)
     assert (pose.header.frame_id, pose.header.stamp.sec, pose.pose.pose.position.x) == ("map", 7, 12)
     assert service.queries[1]["T_base_sensor"] == "0.5,0.0,1.0,0.0,0.0,0.0,1.0"
     np.testing.assert_allclose([float(v) for v in service.queries[1]["gravity"].split(",")], [0, 0, -1])
-    wait_for(lambda: diagnosis(graph)[1] == "localized")
+    wait_until(lambda: diagnosis(graph)[1] == "localized")
     level, _, values = diagnosis(graph)
     assert (level, values["verdict"], values["map_id"]) == (b"\x00", "localized", "hall")
 
@@ -95,19 +88,19 @@ def test_a_cloud_becomes_an_initial_pose(node: Any, graph: Graph, service: FakeS
 def test_it_rests_until_it_is_asked_again(node: Any, graph: Graph, service: FakeService):
     on_cloud = graph.subscriptions["points"][1]
     on_cloud(cloud(LOCALIZED))
-    wait_for(lambda: diagnosis(graph)[1] == "localized")
+    wait_until(lambda: diagnosis(graph)[1] == "localized")
     on_cloud(cloud(LOCALIZED))
     response = graph.services["~/locate"](None, SimpleNamespace())
     assert response.success
     on_cloud(cloud(LOCALIZED))
-    wait_for(lambda: len(graph.published["initialpose"]) == 2)
+    wait_until(lambda: len(graph.published["initialpose"]) == 2)
     assert len(service.scans) == 2
 
 
 def test_without_the_mounting_nothing_is_asked(node: Any, graph: Graph, service: FakeService):
     graph.frames.clear()
     graph.subscriptions["points"][1](cloud(LOCALIZED))
-    wait_for(lambda: diagnosis(graph)[0] == b"\x02")
+    wait_until(lambda: diagnosis(graph)[0] == b"\x02")
     assert "no transform joins the frames 'base_link' and 'os_sensor'" in diagnosis(graph)[1]
     assert not service.scans
 

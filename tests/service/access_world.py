@@ -10,6 +10,7 @@ from service_world import SCAN_BODY, XYZ, Reply, Service
 
 from firstfix.api_keys import ApiKeys
 from firstfix.grant import Grant
+from waiting import LIMIT_S
 
 HEADERS = {"Content-Type": XYZ}
 
@@ -29,6 +30,6 @@ def get(service: Service, path: str, key: str | None) -> httpx.Response:
 
 def ask_zenoh(service: Service, key: str | None, map_id: str = "hall") -> Reply:
     selector = zenoh.Selector(f"firstfix/{map_id}/localize", {})
-    (reply,) = service.session.get(selector, payload=SCAN_BODY, encoding=XYZ, attachment=key, timeout=20)
+    (reply,) = service.session.get(selector, payload=SCAN_BODY, encoding=XYZ, attachment=key, timeout=LIMIT_S)
     sample = reply.ok or reply.err
     return Reply(reply.ok is not None, sample.payload.to_bytes(), str(sample.encoding))

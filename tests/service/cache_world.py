@@ -13,6 +13,7 @@ from firstfix_service.map_cache import MapCache
 from firstfix_service.metrics import Metrics
 from firstfix_service.query import ServedVersion
 from firstfix_service.workers import LocalWorkers
+from waiting import LIMIT_S
 
 
 class Cache(MapCache):
@@ -25,7 +26,7 @@ class Cache(MapCache):
         return served
 
     def hold(self, *map_ids: str, version: str | None = None) -> Leases:
-        return self.lease(map_ids, version).result(20)
+        return self.lease(map_ids, version).result(LIMIT_S)
 
 
 class World:

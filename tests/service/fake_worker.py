@@ -14,6 +14,15 @@ from firstfix.catalog import Catalog
 from firstfix.store import Store
 
 
+def hang(tied_to_stdin: bool) -> None:
+    """Until it is killed, or whoever holds its stdin is."""
+    if tied_to_stdin:
+        sys.stdin.read()
+        os._exit(75)
+    while True:
+        signal.pause()
+
+
 def main() -> int:
     parser = argparse.ArgumentParser()
     for name in ("--store", "--build", "--work"):
@@ -45,14 +54,14 @@ def main() -> int:
         return 75
     if do == "hang_once" and not (work / "hung").exists():
         (work / "hung").touch()
-        time.sleep(60)
+        hang(chosen.tied_to_stdin)
     if do == "hang_until_orphaned":
         sys.stdin.read()
         return 75
     if do == "allocate_600_mib":
         data = bytearray(600 << 20)
         data[::4096] = b"x" * len(data[::4096])
-        time.sleep(60)
+        hang(chosen.tied_to_stdin)
     if do == "until_cancelled":
         while not catalog.is_cancel_requested(chosen.build):
             time.sleep(0.05)

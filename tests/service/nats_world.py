@@ -14,13 +14,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from service_world import free_port, wait_for
+from service_world import free_port
 
 from benchmarks.nats_server import NatsServer
 from benchmarks.tiny_worker import config_telling
 from firstfix.build_records import FINAL_STATES
 from firstfix.catalog import Catalog
 from firstfix.store import Store
+from waiting import LIMIT_S, wait_until
 
 TINY_WORKER = (sys.executable, "-m", "benchmarks.tiny_worker")
 FAKE_WORKER = (sys.executable, str(Path(__file__).with_name("fake_worker.py")))
@@ -42,7 +43,7 @@ class Worker:
 
     def stop(self) -> int:
         self.process.send_signal(signal.SIGTERM)
-        return self.process.wait(30)
+        return self.process.wait(LIMIT_S)
 
     def made(self) -> list[str]:
         """Stages that were made here, in order."""
@@ -113,10 +114,10 @@ class NatsWorld:
             status = self.catalog.build_status(build_id)
             return (status["state"], status["stage"]) == ("running", stage)
 
-        wait_for(there, 40)
+        wait_until(there)
 
-    def wait_until_ended(self, build_id: str, timeout_s: float = 40) -> dict[str, Any]:
-        wait_for(lambda: self.state(build_id) in FINAL_STATES, timeout_s)
+    def wait_until_ended(self, build_id: str) -> dict[str, Any]:
+        wait_until(lambda: self.state(build_id) in FINAL_STATES)
         return self.catalog.build_status(build_id)
 
     def in_stream(self, stream: str = "FIRSTFIX_BUILDS") -> list[str]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import socket
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -27,6 +26,7 @@ from firstfix.store import Store
 from firstfix_service.app import create_app
 from firstfix_service.server import Server
 from firstfix_service.settings import Settings
+from waiting import LIMIT_S, wait_until
 
 XYZ = "application/vnd.firstfix.xyz"
 SCAN_BODY = np.arange(300, dtype="<f4").reshape(100, 3).tobytes()
@@ -59,7 +59,7 @@ class FakeLocalizer:
     def localize(self, scan: Scan, options: LocalizeOptions | None = None) -> Localization:
         self.behaviour.started.release()
         if self.behaviour.gate is not None:
-            assert self.behaviour.gate.wait(20)
+            assert self.behaviour.gate.wait(LIMIT_S)
         if self.behaviour.raises is not None:
             raise self.behaviour.raises
         T = np.eye(4)
@@ -128,7 +128,7 @@ class Service:
         if content_encoding:
             parameters["content_encoding"] = content_encoding
         selector = zenoh.Selector(key or f"firstfix/{map_id}/localize", parameters)
-        replies = list(self.session.get(selector, payload=body, encoding=media_type, timeout=20))
+        replies = list(self.session.get(selector, payload=body, encoding=media_type, timeout=LIMIT_S))
         assert len(replies) == 1, "exactly one reply"
         sample = replies[0].ok or replies[0].err
         return Reply(replies[0].ok is not None, sample.payload.to_bytes(), str(sample.encoding))
@@ -174,7 +174,7 @@ def running_service(directory: Path, **changes: Any) -> Iterator[Service]:
     server = Server(app, settings)
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()
-    wait_for(lambda: server.started or not thread.is_alive())
+    wait_until(lambda: server.started or not thread.is_alive())
     assert server.started, "the service did not start"
     port = server.servers[0].sockets[0].getsockname()[1]
     session = None
@@ -186,9 +186,9 @@ def running_service(directory: Path, **changes: Any) -> Iterator[Service]:
         if settings.zenoh_enabled:
             session = client_session(endpoint)
             token = f"firstfix/@any/localize/{settings.replica or '*'}"
-            wait_for(lambda: list(session.liveliness().get(token, timeout=5)))
+            wait_until(lambda: list(session.liveliness().get(token, timeout=5)))
         url = f"http://127.0.0.1:{port}"
-        with httpx.Client(base_url=url, timeout=30) as http:
+        with httpx.Client(base_url=url, timeout=LIMIT_S) as http:
             catalog = Catalog(Store.open(settings.store))
             made = directory / "made"
             yield Service(url, endpoint, http, session, catalog, behaviour, settings, made, app, stop)
@@ -198,7 +198,7 @@ def running_service(directory: Path, **changes: Any) -> Iterator[Service]:
         if session is not None:
             session.close()
         stop()
-        thread.join(30)
+        thread.join(LIMIT_S)
         assert not thread.is_alive(), "the service did not stop"
 
 
@@ -208,10 +208,3 @@ def client_session(endpoint: str) -> Any:
     config.insert_json5("connect/endpoints", json.dumps([endpoint]))
     config.insert_json5("scouting/multicast/enabled", "false")
     return zenoh.open(config)
-
-
-def wait_for(condition: Callable[[], object], timeout_s: float = 20.0) -> None:
-    end = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.02)

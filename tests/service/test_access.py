@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from access_world import ask_zenoh, get, give, localize
 from fastapi.routing import APIRoute, iter_route_contexts
-from service_world import Service, publish, running_service, wait_for
+from service_world import Service, publish, running_service
 from starlette.routing import Route
 
 from firstfix.api_keys import ApiKeys
@@ -22,6 +22,7 @@ from firstfix_client import Client, ZenohClient
 from firstfix_service.app import create_app
 from firstfix_service.authorize import SCOPES, authorize
 from firstfix_service.settings import Settings
+from waiting import wait_until
 
 
 @pytest.fixture
@@ -40,7 +41,7 @@ def guarded(tmp_path: Path, keys: dict[str, str]) -> Iterator[Service]:
     with running_service(tmp_path, auth="on", keys_refresh_s=0.1) as running:
         for map_id, label in (("hall", "1"), ("attic", "2")):
             publish(running.catalog, map_id, label, running.scratch)
-        wait_for(lambda: running.http.get("/readyz").json().get("maps") == 2)
+        wait_until(lambda: running.http.get("/readyz").json().get("maps") == 2)
         yield running
 
 
@@ -150,14 +151,14 @@ def test_without_a_map_only_the_callers_compete(guarded: Service, keys: dict[str
     only_hall = localize(guarded, keys["hall-localize"], "")
     assert only_hall.json()["map_id"] == "hall"
     none = give(guarded, "localize", maps=("yard-*",))
-    wait_for(lambda: get(guarded, "/maps", none).is_success)
+    wait_until(lambda: get(guarded, "/maps", none).is_success)
     assert localize(guarded, none, "").status_code == 404
 
 
 def test_builds_of_other_maps_do_not_exist(guarded: Service, keys: dict[str, str]):
     guarded.catalog.put_build("b-1", {"map_id": "attic"})
     other = give(guarded, "build", maps=("hall",))
-    wait_for(lambda: get(guarded, "/maps", other).is_success)
+    wait_until(lambda: get(guarded, "/maps", other).is_success)
     assert get(guarded, "/builds/b-1", keys["build"]).json()["map_id"] == "attic"
     for method in ("GET", "DELETE"):
         bearer = {"Authorization": f"Bearer {other}"}
@@ -170,7 +171,7 @@ def test_builds_of_other_maps_do_not_exist(guarded: Service, keys: dict[str, str
 
 def test_a_map_is_handed_in_only_under_a_name_of_the_callers(guarded: Service):
     key = give(guarded, "build", maps=("hall-*",))
-    wait_for(lambda: get(guarded, "/maps", key).is_success)
+    wait_until(lambda: get(guarded, "/maps", key).is_success)
 
     def post(map_id: str) -> httpx.Response:
         return guarded.http.post(
@@ -190,16 +191,16 @@ def test_a_map_is_handed_in_only_under_a_name_of_the_callers(guarded: Service):
 
 def test_keys_come_and_go_while_the_service_runs(guarded: Service):
     key = give(guarded, "localize")
-    wait_for(lambda: localize(guarded, key).is_success)
+    wait_until(lambda: localize(guarded, key).is_success)
     ApiKeys(guarded.catalog.store).revoke(key.split("_")[1])
-    wait_for(lambda: localize(guarded, key).status_code == 401)
+    wait_until(lambda: localize(guarded, key).status_code == 401)
 
 
 def test_a_key_expires_without_a_look_at_the_store(tmp_path: Path):
     with running_service(tmp_path, auth="on", keys_refresh_s=0.1, zenoh=False) as service:
         key = give(service, "localize", expires=datetime.now(timezone.utc) + timedelta(seconds=3))
-        wait_for(lambda: get(service, "/maps", key).is_success)
-        wait_for(lambda: "has expired" in get(service, "/maps", key).text)
+        wait_until(lambda: get(service, "/maps", key).is_success)
+        wait_until(lambda: "has expired" in get(service, "/maps", key).text)
 
 
 def test_known_keys_outlive_the_store_for_a_while(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -208,17 +209,17 @@ def test_known_keys_outlive_the_store_for_a_while(tmp_path: Path, monkeypatch: p
     ) as service:
         publish(service.catalog, "hall", "1", service.scratch)
         key = give(service, "localize")
-        wait_for(lambda: localize(service, key).is_success)
+        wait_until(lambda: localize(service, key).is_success)
 
         def gone(self: Store, *_: object) -> list[str]:
             raise StoreUnavailable("gone")
 
         monkeypatch.setattr(Store, "list", gone)
         assert localize(service, key).is_success
-        wait_for(lambda: localize(service, key).status_code == 503)
+        wait_until(lambda: localize(service, key).status_code == 503)
         assert localize(service, key).json()["code"] == "store_unavailable"
         monkeypatch.undo()
-        wait_for(lambda: localize(service, key).is_success)
+        wait_until(lambda: localize(service, key).is_success)
 
 
 def test_zenoh_queries_carry_their_key(guarded: Service, keys: dict[str, str]):

@@ -6,14 +6,16 @@ from pathlib import Path
 
 import httpx
 from access_world import ask_zenoh, get, give, localize
-from service_world import publish, running_service, wait_for
+from service_world import publish, running_service
+
+from waiting import wait_until
 
 
 def test_queries_of_one_caller_are_limited_alone(tmp_path: Path):
     with running_service(tmp_path, auth="on", keys_refresh_s=0.1, localize_per_s=0.01) as service:
         publish(service.catalog, "hall", "1", service.scratch)
         one, other = give(service, "localize"), give(service, "localize")
-        wait_for(lambda: get(service, "/maps", one).is_success and get(service, "/maps", other).is_success)
+        wait_until(lambda: get(service, "/maps", one).is_success and get(service, "/maps", other).is_success)
         assert localize(service, one).is_success
         refused = localize(service, one)
         assert (refused.status_code, refused.json()["code"]) == (429, "rate_limited")
@@ -49,7 +51,7 @@ def test_bad_credentials_are_limited_by_address_and_good_ones_are_not(tmp_path: 
         assert [status("wrong", "192.0.2.1") for _ in range(4)] == [401, 401, 429, 429]
         assert status("wrong", "192.0.2.2") == 401, "another address"
         good = give(service, "localize")
-        wait_for(lambda: status(good, "192.0.2.3") == 200)
+        wait_until(lambda: status(good, "192.0.2.3") == 200)
         assert status(good, "192.0.2.1") == 200, "robots share addresses"
 
 
@@ -69,7 +71,7 @@ def test_changes_of_a_map_are_limited_by_caller(tmp_path: Path):
             publish(service.catalog, map_id, "1", service.scratch)
             publish(service.catalog, map_id, "2", service.scratch)
         one, other = give(service, "build"), give(service, "build")
-        wait_for(lambda: get(service, "/maps", one).is_success and get(service, "/maps", other).is_success)
+        wait_until(lambda: get(service, "/maps", one).is_success and get(service, "/maps", other).is_success)
 
         def roll_back(key: str, map_id: str) -> httpx.Response:
             return service.http.post(f"/maps/{map_id}/rollback", headers={"Authorization": f"Bearer {key}"})

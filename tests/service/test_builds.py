@@ -3,19 +3,19 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
-from service_world import Service, running_service, wait_for
+from service_world import Service, running_service
 
 from firstfix.build_records import FINAL_STATES
 from firstfix.manifest import Manifest
 from firstfix.rebuild import rebuild
 from firstfix.store import Store
+from waiting import wait_until
 
 WORKER = (sys.executable, str(Path(__file__).with_name("fake_worker.py")))
 CLOUD = b"0 0 0\n1 1 1\n"
@@ -43,7 +43,7 @@ def status_of(service: Service, response: httpx.Response) -> dict[str, Any]:
 
 
 def wait_until_ended(service: Service, response: httpx.Response) -> dict[str, Any]:
-    wait_for(lambda: status_of(service, response)["state"] in FINAL_STATES)
+    wait_until(lambda: status_of(service, response)["state"] in FINAL_STATES)
     return status_of(service, response)
 
 
@@ -79,7 +79,7 @@ def test_the_worker_runs_at_low_priority_and_says_how_it_ended(tmp_path: Path):
         niceness = int((tmp_path / "work/order.txt").read_text().split()[1])
         assert niceness >= service.settings.build_niceness
         line = 'firstfix_builds_total{state="succeeded"} 1.0'  # counted just after the worker says so
-        wait_for(lambda: line in service.http.get("/metrics").text)
+        wait_until(lambda: line in service.http.get("/metrics").text)
 
 
 @pytest.mark.parametrize(
@@ -131,22 +131,20 @@ def test_builds_run_one_by_one_in_order(tmp_path: Path):
 def test_a_restart_resumes_what_ran_and_what_waited(tmp_path: Path):
     with building_service(tmp_path) as service:
         ran, waited = upload(service, "ran", do="hang_once"), upload(service, "waited")
-        wait_for(lambda: (tmp_path / "work/hung").exists())
+        wait_until(lambda: (tmp_path / "work/hung").exists())
         assert status_of(service, ran)["state"] == "running"
         assert status_of(service, waited)["state"] == "queued"
-        began = time.monotonic()
-    assert time.monotonic() - began < 15, "the service does not wait for the build"
     with building_service(tmp_path) as service:
         assert wait_until_ended(service, ran)["state"] == "succeeded"
         assert wait_until_ended(service, waited)["state"] == "succeeded"
     order = [line.split()[0] for line in (tmp_path / "work/order.txt").read_text().splitlines()]
-    assert order == ["ran", "ran", "waited"]
+    assert order == ["ran", "ran", "waited"], "the first service did not wait for the build, which hung"
 
 
 def test_a_running_build_is_cancelled(tmp_path: Path):
     with building_service(tmp_path) as service:
         running, waiting = upload(service, do="until_cancelled"), upload(service, "waiting")
-        wait_for(lambda: status_of(service, running)["state"] == "running")
+        wait_until(lambda: status_of(service, running)["state"] == "running")
         cancelled = service.http.delete(waiting.headers["location"])
         assert (cancelled.status_code, cancelled.json()["state"]) == (202, "cancelled")
         assert service.http.delete(running.headers["location"]).status_code == 202
@@ -163,7 +161,7 @@ def test_queries_are_answered_while_a_build_runs(tmp_path: Path):
     with building_service(tmp_path) as service:
         publish(service.catalog, "hall", "1", service.scratch)
         build = upload(service, do="until_cancelled")
-        wait_for(lambda: status_of(service, build)["state"] == "running")
+        wait_until(lambda: status_of(service, build)["state"] == "running")
         assert service.ask("http").ok
         service.http.delete(build.headers["location"])
         wait_until_ended(service, build)
@@ -277,7 +275,7 @@ def test_a_map_is_built_again_from_what_was_kept(tmp_path: Path):
         # the fake worker publishes nothing
         service.catalog.publish("hall", tmp_path / "made", manifest, build_id=first["build_id"])
         build_id = rebuild(service.catalog, "hall")
-        wait_for(lambda: service.catalog.build_status(build_id)["state"] in FINAL_STATES)
+        wait_until(lambda: service.catalog.build_status(build_id)["state"] in FINAL_STATES)
         assert service.catalog.build_status(build_id)["state"] == "succeeded"
 
 

@@ -9,16 +9,9 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from service_world import (
-    SCAN_BODY,
-    XYZ,
-    Behaviour,
-    FakeLocalizer,
-    Service,
-    publish,
-    running_service,
-    wait_for,
-)
+from service_world import SCAN_BODY, XYZ, Behaviour, FakeLocalizer, Service, publish, running_service
+
+from waiting import LIMIT_S, wait_until
 
 
 @pytest.fixture
@@ -45,12 +38,12 @@ def send_query(service: Service) -> socket.socket:
 
 def test_a_query_whose_caller_has_gone_leaves_the_queue(gated: Service):
     running = send_query(gated)
-    assert gated.behaviour.started.acquire(timeout=20)
+    assert gated.behaviour.started.acquire(timeout=LIMIT_S)
     waiting = [send_query(gated) for _ in range(3)]
-    wait_for(lambda: admitted(gated) == 4)
+    wait_until(lambda: admitted(gated) == 4)
     for connection in waiting:
         connection.close()
-    wait_for(lambda: admitted(gated) == 1)
+    wait_until(lambda: admitted(gated) == 1)
     assert 'firstfix_localize_failures_total{code="client_gone",transport="http"} 3.0' in (
         gated.http.get("/metrics").text
     )
@@ -59,19 +52,19 @@ def test_a_query_whose_caller_has_gone_leaves_the_queue(gated: Service):
     gated.behaviour.gate.set()
     assert b"200 OK" in running.recv(100)
     running.close()
-    wait_for(lambda: admitted(gated) == 0)
+    wait_until(lambda: admitted(gated) == 0)
     assert not gated.behaviour.started.acquire(blocking=False), "they were never begun"
 
 
 def test_a_query_that_runs_keeps_its_place_when_its_caller_has_gone(gated: Service):
     connection = send_query(gated)
-    assert gated.behaviour.started.acquire(timeout=20)
+    assert gated.behaviour.started.acquire(timeout=LIMIT_S)
     connection.close()
-    wait_for(lambda: "client_gone" in gated.http.get("/metrics").text)
+    wait_until(lambda: "client_gone" in gated.http.get("/metrics").text)
     assert admitted(gated) == 1
     assert gated.behaviour.gate is not None
     gated.behaviour.gate.set()
-    wait_for(lambda: admitted(gated) == 0)
+    wait_until(lambda: admitted(gated) == 0)
     assert gated.ask("http").ok
 
 
@@ -81,7 +74,7 @@ def test_a_map_that_is_being_loaded_keeps_nobody_elses_queries_out(tmp_path: Pat
 
     def load(directory: Path) -> FakeLocalizer:
         if (directory / "label.txt").read_text() == "9":
-            assert gate.wait(30)
+            assert gate.wait(LIMIT_S)
         return behaviour.load(directory)
 
     with (
@@ -93,11 +86,11 @@ def test_a_map_that_is_being_loaded_keeps_nobody_elses_queries_out(tmp_path: Pat
             assert service.ask("http").ok
             publish(service.catalog, "huge", "9", service.scratch)
             asked = [threads.submit(service.ask, "http", map_id="huge") for _ in range(6)]
-            wait_for(lambda: admitted(service) == 6)
+            wait_until(lambda: admitted(service) == 6)
             for _ in range(10):
                 assert service.ask("http").x == 1
         finally:
             gate.set()
-        codes = [one.result(30).json.get("code", "ok") for one in asked]
+        codes = [one.result(LIMIT_S).json.get("code", "ok") for one in asked]
         assert set(codes) <= {"ok", "overloaded"}
         assert codes.count("ok") >= 4

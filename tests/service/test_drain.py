@@ -6,12 +6,12 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import httpx
 
 from servers import free_port
+from waiting import LIMIT_S, wait_until
 
 
 def test_it_is_not_ready_any_more_before_it_stops(tmp_path: Path):
@@ -31,25 +31,22 @@ def test_it_is_not_ready_any_more_before_it_stops(tmp_path: Path):
     url = f"http://127.0.0.1:{port}"
     try:
         with httpx.Client() as calls:
-            _wait_for(lambda: calls.get(f"{url}/readyz").status_code == 200)
+            wait_until(lambda: is_ready(calls, url) is True)
             service.send_signal(signal.SIGTERM)
-            _wait_for(lambda: calls.get(f"{url}/readyz").status_code == 503)
+            wait_until(lambda: is_ready(calls, url) is False)
         # Requests are answered, of new callers too.
         assert "about to stop" in httpx.get(f"{url}/readyz").json()["detail"]
         assert httpx.get(f"{url}/maps").status_code == 200
         assert httpx.get(f"{url}/healthz").status_code == 200
-        assert service.wait(30) == -signal.SIGTERM, (tmp_path / "log").read_text()[-2000:]
+        assert service.wait(LIMIT_S) == -signal.SIGTERM, (tmp_path / "log").read_text()[-2000:]
     finally:
         service.kill()
         service.wait()
 
 
-def _wait_for(condition) -> None:
-    for _ in range(600):
-        try:
-            if condition():
-                return
-        except httpx.TransportError:
-            pass  # it does not listen yet
-        time.sleep(0.05)
-    raise AssertionError("never came")
+def is_ready(calls: httpx.Client, url: str) -> bool | None:
+    """None: it does not listen yet."""
+    try:
+        return calls.get(f"{url}/readyz").is_success
+    except httpx.TransportError:
+        return None

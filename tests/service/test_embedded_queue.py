@@ -10,14 +10,15 @@ import sys
 import time
 from pathlib import Path
 
-from service_world import running_service, wait_for
+from service_world import running_service
 from test_builds import WORKER, building_service, status_of, upload, wait_until_ended
 
 from firstfix.build_attempts import BuildAttempts
 from firstfix.catalog import Catalog
 from firstfix.store import Store
-from firstfix_service.group_memory import group_memory_bytes
+from firstfix_service.session_processes import session_memory_bytes
 from firstfix_service.work_folder import WorkFolder
+from waiting import wait_until
 
 
 def order(work: Path) -> list[str]:
@@ -31,7 +32,7 @@ def test_two_services_on_one_store_share_the_builds(tmp_path: Path):
         building_service(tmp_path, work_dir=tmp_path / "two", build_lease_s=5) as two,
     ):
         long = upload(one, "long", do="until_cancelled")
-        wait_for(lambda: status_of(one, long)["state"] == "running")
+        wait_until(lambda: status_of(one, long)["state"] == "running")
         responses = [upload(service, f"m{i}") for i, service in enumerate((one, two) * 3)]
         for response in responses:
             assert wait_until_ended(two, response)["state"] == "succeeded"
@@ -72,8 +73,8 @@ def test_a_service_that_is_killed_with_its_build_fails_it_in_the_end(tmp_path: P
             with (tmp_path / "log").open("ab") as log:
                 command = [sys.executable, "-m", "firstfix_cli.main", "serve"]
                 service = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
-            wait_for(lambda times=times: len(order(tmp_path / "work")) == times)
-            wait_for(lambda: status_of(recorder, response)["stage"] == "describe")
+            wait_until(lambda times=times: len(order(tmp_path / "work")) == times)
+            wait_until(lambda: status_of(recorder, response)["stage"] == "describe")
             service.send_signal(signal.SIGKILL)
             service.wait()
         with building_service(tmp_path, build_attempts=2):
@@ -83,12 +84,12 @@ def test_a_service_that_is_killed_with_its_build_fails_it_in_the_end(tmp_path: P
 
 
 def test_restarts_in_good_order_are_not_held_against_a_build(tmp_path: Path):
-    response = None
+    response, hung = None, tmp_path / "work" / "hung"
     for _ in range(3):
+        hung.unlink(missing_ok=True)  # before a service is there that could run the build
         with building_service(tmp_path, build_attempts=1) as service:
             response = response or upload(service, do="hang_once")
-            (tmp_path / "work" / "hung").unlink(missing_ok=True)
-            wait_for(lambda: (tmp_path / "work" / "hung").exists())
+            wait_until(hung.exists)
     with building_service(tmp_path, build_attempts=1) as service:
         assert response is not None
         assert wait_until_ended(service, response)["state"] == "succeeded"
@@ -138,11 +139,11 @@ child.wait()
     try:
         assert process.stdout is not None
         assert process.stdout.readline() == b"ready\n"
-        assert 200 << 20 < group_memory_bytes(process.pid) < 300 << 20
+        assert 200 << 20 < session_memory_bytes(process.pid) < 300 << 20
     finally:
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
-    assert group_memory_bytes(process.pid) == 0
+    assert session_memory_bytes(process.pid) == 0
 
 
 def test_what_is_shared_is_collected_by_the_service(tmp_path: Path):
@@ -152,4 +153,4 @@ def test_what_is_shared_is_collected_by_the_service(tmp_path: Path):
     os.utime(old, (time.time() - 8 * 86400,) * 2)
     store.put(f"stages/{'b' * 64}/stage.json", b"{}")
     with building_service(tmp_path, share_stages=True):
-        wait_for(lambda: Catalog(store).store.list("stages") == [f"stages/{'b' * 64}/stage.json"])
+        wait_until(lambda: Catalog(store).store.list("stages") == [f"stages/{'b' * 64}/stage.json"])

@@ -12,6 +12,7 @@ from structlog.testing import capture_logs
 from firstfix.errors import InvalidOption
 from firstfix_service.exposure import check_exposure, is_loopback
 from firstfix_service.settings import Settings
+from waiting import LIMIT_S
 
 PUBLIC: list[dict[str, Any]] = [
     {"host": "0.0.0.0"},
@@ -79,7 +80,7 @@ from firstfix_service.settings import Settings
 serve(Settings(store=sys.argv[1] + "/store", host="0.0.0.0", port=0))
 """
     command = [sys.executable, "-c", code, str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S)
     assert done.returncode != 0
     lines = [json.loads(line)["event"] for line in done.stderr.splitlines()]
     assert any("cannot start: HTTP on 0.0.0.0" in line and "FIRSTFIX_AUTH=on" in line for line in lines)

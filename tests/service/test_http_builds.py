@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import json
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import httpx
 import pytest
-from service_world import Service, running_service, wait_for
+from service_world import Service, running_service
 
 from firstfix.build_records import new_status
+from waiting import LIMIT_S, wait_until
 
 
 @pytest.fixture
@@ -71,9 +71,10 @@ def test_events_until_the_end(recorder: Service):
         for progress in (0.2, 0.7):
             status = new_status("running", map_id="hall", stage="simulate", progress=progress)
             recorder.catalog.set_build_status("b1", status)
-            time.sleep(1.3)
+            wait_until(lambda told=progress: told in seen)
         recorder.catalog.set_build_status("b1", new_status("succeeded", map_id="hall", version="a" * 64))
 
+    seen: list[float] = []
     with recorder.http.stream("GET", "/builds/b1/events") as response:
         assert response.headers["content-type"].startswith("text/event-stream")
         assert response.headers["cache-control"] == "no-store"
@@ -82,7 +83,10 @@ def test_events_until_the_end(recorder: Service):
         assert next(found) == ("progress", {"build_id": "b1", **new_status("queued", map_id="hall")})
         worker = threading.Thread(target=work)
         worker.start()
-        rest = list(found)
+        rest = []
+        for name, told in found:
+            rest.append((name, told))
+            seen.append(told["progress"])
         worker.join()
     assert {name for name, _ in rest[:-1]} == {"progress"}
     assert [status["progress"] for _, status in rest[:-1]] == [0.2, 0.7]
@@ -99,7 +103,7 @@ def test_a_build_that_has_ended_says_so_at_once(recorder: Service):
 
 def test_streams_are_bounded_and_given_back(recorder: Service):
     put(recorder, "b1")
-    with httpx.Client(base_url=recorder.url, timeout=30) as other:
+    with httpx.Client(base_url=recorder.url, timeout=LIMIT_S) as other:
         with (
             other.stream("GET", "/builds/b1/events") as first,
             other.stream("GET", "/builds/b1/events") as second,
@@ -108,7 +112,7 @@ def test_streams_are_bounded_and_given_back(recorder: Service):
             assert [next(lines) for lines in streams] == ["event: progress"] * 2
             refused = recorder.http.get("/builds/b1/events")
             assert (refused.status_code, refused.json()["code"]) == (503, "overloaded")
-        wait_for(lambda: _opens(recorder))
+        wait_until(lambda: _opens(recorder))
 
 
 def _opens(service: Service) -> bool:

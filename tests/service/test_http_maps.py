@@ -1,6 +1,8 @@
 from __future__ import annotations
 
-from service_world import Service, publish, wait_for
+from service_world import Service, publish
+
+from waiting import wait_until
 
 
 def test_maps_and_versions_are_listed(service: Service):
@@ -21,7 +23,7 @@ def test_maps_and_versions_are_listed(service: Service):
 def test_rolling_back_takes_effect_at_once(service: Service):
     first = service.catalog.active_version("hall")
     second = publish(service.catalog, "hall", "2", service.scratch)
-    wait_for(lambda: service.ask("http").x == 2)
+    wait_until(lambda: service.ask("http").x == 2)
     answer = service.http.post(f"/maps/hall/versions/{first}/activate")
     assert answer.json() == {"map_id": "hall", "active_version": first, "serving_version": first}
     assert service.ask("http").x == 1

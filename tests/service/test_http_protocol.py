@@ -7,9 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from service_world import SCAN_BODY, XYZ, Service, publish, running_service, wait_for
+from service_world import SCAN_BODY, XYZ, Service, publish, running_service
 
 from firstfix_service import http_protocol
+from waiting import LIMIT_S, wait_until
 
 HEAD = b"POST /localize?map=hall HTTP/1.1\r\nHost: x\r\nContent-Type: " + XYZ.encode() + b"\r\n"
 GET = b"GET /healthz HTTP/1.1\r\nHost: x\r\n"
@@ -25,7 +26,7 @@ def service(tmp_path: Path) -> Iterator[Service]:
 
 def connect(service: Service) -> socket.socket:
     port = int(service.url.rpartition(":")[2])
-    return socket.create_connection(("127.0.0.1", port), timeout=20)
+    return socket.create_connection(("127.0.0.1", port), timeout=LIMIT_S)
 
 
 def all_of(connection: socket.socket) -> bytes:
@@ -140,7 +141,7 @@ def test_a_caller_that_leaves_is_forgotten(service: Service):
     for _ in range(20):
         with connect(service) as connection:
             connection.sendall(HEAD + b"Content-Length: 1200\r\n\r\n" + SCAN_BODY[:600])
-    wait_for(lambda: "firstfix_body_bytes 0.0" in service.http.get("/metrics").text)
+    wait_until(lambda: "firstfix_body_bytes 0.0" in service.http.get("/metrics").text)
 
 
 def test_many_requests_down_one_line_are_answered_in_order(service: Service):

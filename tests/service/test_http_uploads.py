@@ -14,9 +14,10 @@ import httpx
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from service_world import Service, running_service, wait_for
+from service_world import Service, running_service
 
 from firstfix.uploads import PART_BYTES
+from waiting import wait_until
 
 PART = {"Content-Type": "application/offset+octet-stream"}
 DATA = bytes(range(256)) * 100
@@ -94,7 +95,7 @@ def test_a_connection_that_breaks_costs_nothing_that_arrived(shared: Service):
             f"Upload-Offset: 0\r\nContent-Length: {size}\r\n\r\n"
         )
         connection.sendall(head.encode() + bytes(PART_BYTES + 1000))
-    wait_for(lambda: offset_of(shared, url) == PART_BYTES + 1000)
+    wait_until(lambda: offset_of(shared, url) == PART_BYTES + 1000)
     assert send(shared, url, PART_BYTES + 1000, bytes(4000)).status_code == 204
     assert shared.http.get(url).json()["complete"]
 

@@ -4,9 +4,10 @@ import hashlib
 import time
 from pathlib import Path
 
-from service_world import Service, publish, wait_for
+from service_world import Service, publish
 
 from firstfix.manifest import Manifest
+from waiting import wait_until
 
 PNG = b"\x89PNG and so on"
 
@@ -90,7 +91,7 @@ def test_retiring_a_version(service: Service):
     assert (refused.status_code, refused.json()["code"]) == (409, "conflict")
     forced = service.http.delete(f"/maps/hall/versions/{second}", params={"force": "true"})
     assert forced.json() == {"map_id": "hall", "version": second, "active_version": first}
-    wait_for(lambda: service.ask("http").x == 1)
+    wait_until(lambda: service.ask("http").x == 1)
     assert service.http.get(f"/maps/hall/versions/{second}").status_code == 404
     last = service.http.delete(f"/maps/hall/versions/{first}", params={"force": "true"})
     assert last.json()["active_version"] is None

@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from service_world import publish, running_service, wait_for
+from service_world import publish, running_service
 from token_world import AUDIENCE, ISSUER, OTHER, Issuer, key_set, signed
 
 from firstfix.errors import FirstfixError, InvalidOption, Overloaded, Unauthorized
 from firstfix_service import jwks as jwks_module
 from firstfix_service.jwks import Jwks
+from waiting import wait_until, wait_until_async
 
 
 @pytest.mark.parametrize(
@@ -70,8 +71,7 @@ def test_who_comes_while_keys_are_fetched_waits_for_the_same_answer(issuer: Issu
         issuer.gate = threading.Event()
         keys = Jwks(issuer.url)
         waiting = [asyncio.create_task(keys.key("es256", "ES256")) for _ in range(20)]
-        while not issuer.asked:
-            await asyncio.sleep(0.01)
+        await wait_until_async(lambda: issuer.asked)
         issuer.gate.set()
         assert all(await asyncio.gather(*waiting))
         assert issuer.asked == 1
@@ -142,7 +142,7 @@ def test_a_service_takes_tokens_and_keys_side_by_side(tmp_path: Path, issuer: Is
         def status(token: str, path: str = "/maps/hall") -> int:
             return service.http.get(path, headers={"Authorization": f"Bearer {token}"}).status_code
 
-        wait_for(lambda: status(signed(maps="hall")) == 200)
+        wait_until(lambda: status(signed(maps="hall")) == 200)
         assert status(signed(maps="yard")) == 403
         assert status(signed(maps="hall"), "/metrics") == 403
         assert status(signed(maps="hall", scope="openid")) == 403

@@ -9,12 +9,14 @@ from typing import Any
 
 import pytest
 from cache_world import Cache, World
-from service_world import FakeLocalizer, wait_for
+from service_world import FakeLocalizer
 
 from firstfix.errors import StoreUnavailable
+from firstfix.manifest import Manifest
 from firstfix.rendezvous import rendezvous_order
 from firstfix.store import Store
 from firstfix_service.holding import Holding
+from waiting import let_pass, wait_until
 
 NAMES = [f"map-{k:02}" for k in range(24)]
 REPLICAS = ["r1", "r2", "r3"]
@@ -127,6 +129,22 @@ def test_without_room_for_all_the_first_holder_alone_shows_a_map(world: World):
     assert cache.served.take_touched() >= {other, *seconds}
 
 
+def test_the_first_holders_maps_come_first_however_slowly_the_store_tells_of_them(
+    world: World, monkeypatch: pytest.MonkeyPatch
+):
+    firsts = held(REPLICAS)
+    manifest = world.catalog.manifest
+
+    def slow_for_the_last_of_them(map_id: str, version: str) -> Manifest:
+        if map_id == max(firsts):
+            let_pass(0.3)
+        return manifest(map_id, version)
+
+    monkeypatch.setattr(world.catalog, "manifest", slow_for_the_last_of_them)
+    sharing(world, copies=2, max_versions=len(firsts)).poll()
+    assert loaded(world) == firsts
+
+
 def test_a_round_that_is_superseded_ends_and_the_next_one_goes_on(world: World):
     cache = sharing(world)
     cache.poll()
@@ -205,7 +223,7 @@ def test_it_loads_no_more_when_it_is_told_to_stop(world: World):
     cache.poll()
     assert not world.behaviour.loads
     assert cache.get(NAMES[0]).map_id == NAMES[0]
-    wait_for(lambda: cache.served.version(NAMES[0]) is not None)
+    wait_until(lambda: cache.served.version(NAMES[0]) is not None)
 
 
 def test_a_map_that_was_seen_before_its_version_was_activated_is_loaded(world: World):

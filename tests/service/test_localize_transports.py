@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zstandard
-from service_world import SCAN_BODY, XYZ, Behaviour, Service, publish, running_service, wait_for
+from service_world import SCAN_BODY, XYZ, Behaviour, Service, publish, running_service
 
 from firstfix import wire_query, wire_sequence
 from firstfix.compact_scan import CompactScan
@@ -18,6 +18,7 @@ from firstfix.errors import FirstfixError, all_errors
 from firstfix.localization import Localization, Verdict
 from firstfix.scan import Scan
 from firstfix.scan_view import COLUMNS, ROWS
+from waiting import wait_until
 
 both = pytest.mark.parametrize("transport", ["http", "zenoh"])
 
@@ -135,7 +136,7 @@ def test_a_full_queue_says_so_at_once(tmp_path: Path, transport: str):
     ):
         publish(service.catalog, "hall", "1", service.scratch)
         waiting = [threads.submit(service.ask, transport) for _ in range(2)]
-        wait_for(lambda: "firstfix_queries_admitted 2.0" in service.http.get("/metrics").text)
+        wait_until(lambda: "firstfix_queries_admitted 2.0" in service.http.get("/metrics").text)
         refused = service.ask(transport)
         assert (refused.json["code"], refused.json["status"]) == ("overloaded", 503)
         assert behaviour.gate is not None
@@ -159,7 +160,7 @@ def test_another_version_can_be_named(service: Service, transport: str):
     first = service.catalog.active_version("hall")
     assert service.ask(transport).x == 1
     publish(service.catalog, "hall", "2", service.scratch)
-    wait_for(lambda: service.ask(transport).x == 2)
+    wait_until(lambda: service.ask(transport).x == 2)
     assert service.ask(transport, options={"version": str(first)}).x == 1
 
 

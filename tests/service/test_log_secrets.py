@@ -14,12 +14,13 @@ from pathlib import Path
 import httpx
 import pytest
 import structlog
-from service_world import SCAN_BODY, XYZ, free_port, wait_for
+from service_world import SCAN_BODY, XYZ, free_port
 
 from firstfix.api_keys import ApiKeys
 from firstfix.grant import Grant
 from firstfix.store import Store
 from firstfix_service.log_setup import set_up_logging
+from waiting import LIMIT_S, wait_until
 
 SECRETS = {
     "AWS_SECRET_ACCESS_KEY": "wJalrXUtnFEMI/K7MDENG/bPxRfiCYEXAMPLEKEY",
@@ -58,8 +59,8 @@ serve(Settings(store=sys.argv[1], port=int(sys.argv[2]), work_dir=sys.argv[1] + 
         command = [sys.executable, "-c", code, str(store), str(port)]
         process = subprocess.Popen(command, stdout=file, stderr=file, env=environment)
         try:
-            with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=20) as http:
-                wait_for(lambda: process.poll() is not None or is_up(http), 60)
+            with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=LIMIT_S) as http:
+                wait_until(lambda: process.poll() is not None or is_up(http))
                 good = {"Authorization": f"Bearer {token}"}
                 asked = [
                     http.get("/maps", headers=good),
@@ -93,7 +94,7 @@ serve(Settings(store=sys.argv[1], port=int(sys.argv[2]), work_dir=sys.argv[1] + 
                 assert all(answer.status_code >= 400 for answer in asked[4:])
         finally:
             process.terminate()
-            process.wait(30)
+            process.wait(LIMIT_S)
     text = log.read_text()
     assert "request" in text
     assert "refused a credential" in text

@@ -13,13 +13,14 @@ from typing import Any
 
 import pytest
 import structlog
-from service_world import Service, publish, running_service, wait_for
+from service_world import Service, publish, running_service
 
 from firstfix.errors import StoreUnavailable
 from firstfix_service.build_metrics import last_words
 from firstfix_service.log_setup import set_up_logging
 from firstfix_service.settings import Settings
 from firstfix_service.settings_summary import settings_summary, without_secrets
+from waiting import LIMIT_S, wait_until
 
 TRACE, CALLER = "4bf92f3577b34da6a3ce929d0e0e4736", "00f067aa0ba902b7"
 TRACEPARENT = f"00-{TRACE}-{CALLER}-01"
@@ -61,7 +62,7 @@ def log(monkeypatch: pytest.MonkeyPatch) -> Iterator[Log]:
 def service(tmp_path: Path, log: Log) -> Iterator[Service]:
     with running_service(tmp_path, poll_interval_s=0.1) as running:
         publish(running.catalog, "hall", "1", running.scratch)
-        wait_for(lambda: running.http.get("/readyz").json().get("maps") == 1)
+        wait_until(lambda: running.http.get("/readyz").json().get("maps") == 1)
         yield running
 
 
@@ -74,7 +75,7 @@ def ask(service: Service, transport: str, request_id: str) -> None:
 
 
 def line_of(log: Log, request_id: str) -> dict[str, Any]:
-    wait_for(lambda: log.of(event="request", request_id=request_id))
+    wait_until(lambda: log.of(event="request", request_id=request_id))
     (line,) = log.of(event="request", request_id=request_id)
     return line
 
@@ -130,7 +131,7 @@ def test_a_failure_is_logged_with_its_code(service: Service, log: Log, transport
 
 def test_an_odd_request_id_is_replaced(service: Service, log: Log):
     service.ask_zenoh(options={"request_id": 'a"b'})
-    wait_for(lambda: log.of(event="request", transport="zenoh"))
+    wait_until(lambda: log.of(event="request", transport="zenoh"))
     (line,) = log.of(event="request", transport="zenoh")
     assert len(line["request_id"]) == 32
 
@@ -186,7 +187,7 @@ def test_a_worker_under_the_service_logs_json_with_the_builds_ids(tmp_path: Path
         run_builds=True,
         build_command=(sys.executable, "-m", "firstfix_builder.worker"),
     ):
-        wait_for(lambda: catalog.build_status("b1")["state"] == "failed", 60)
+        wait_until(lambda: catalog.build_status("b1")["state"] == "failed")
         log_path = tmp_path / "work" / "b1.log"
         lines = [json.loads(line) for line in log_path.read_text().splitlines()]
     failed = next(line for line in lines if line["event"] == "build b1 failed in fetch_source")
@@ -202,7 +203,7 @@ def test_a_worker_run_by_hand_logs_plain_lines(tmp_path: Path):
         [*command, "--build", "b1", "--work", str(tmp_path / "work")],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=LIMIT_S,
     )
     assert done.returncode == 2
     assert "ERROR" in done.stderr

@@ -10,13 +10,14 @@ from pathlib import Path
 
 import pytest
 from cache_world import World
-from service_world import FakeLocalizer, wait_for
+from service_world import FakeLocalizer
 
 from firstfix.errors import CorruptVersion, NotFound, StoreUnavailable
 from firstfix.store import Store
 from firstfix_service import version_loader
 from firstfix_service.map_poller import MapPoller
 from firstfix_service.query import ServedVersion
+from waiting import LIMIT_S, let_pass, wait_until
 
 
 @pytest.fixture
@@ -51,13 +52,13 @@ def test_many_askers_cause_one_load(world: World):
     world.publish("hall", "1")
 
     def slow(directory: Path) -> FakeLocalizer:
-        time.sleep(0.2)
+        let_pass(0.2)  # the others ask meanwhile
         return world.behaviour.load(directory)
 
     cache = world.cache(load=slow)
     futures = [cache.lease(["hall"]) for _ in range(8)]
     refreshed = cache.refresh("hall")
-    served = [refreshed, *(future.result(20).served[0] for future in futures)]
+    served = [refreshed, *(future.result(LIMIT_S).served[0] for future in futures)]
     assert world.behaviour.loads == ["1"]
     assert len({id(s) for s in served}) == 1
 
@@ -217,7 +218,7 @@ def test_files_in_use_never_leave_the_disk(remote: World):
     asked = cache.lease(["b"])
     assert (remote.cache_dir / first).is_dir()
     held.close()
-    asked.result(20).close()
+    asked.result(LIMIT_S).close()
     cache.get("a")
     cache.get("b")
     assert not (remote.cache_dir / first).exists()
@@ -246,7 +247,7 @@ def test_what_is_loaded_goes_on_when_the_store_does_not(world: World, monkeypatc
     monkeypatch.setattr(cache._watch, "look", fails)
     poller = MapPoller(cache, 0.01)
     poller.start()
-    wait_for(lambda: polls >= 3)
+    wait_until(lambda: polls >= 3)
     poller.close()
     assert label(cache.get("hall")) == 1
 
@@ -266,7 +267,7 @@ def test_the_poller_outlives_a_defect(world: World):
     hook: Callable[[], None] = after
     poller = MapPoller(cache, 0.01, after=hook)
     poller.start()
-    assert done.wait(10)
+    assert done.wait(LIMIT_S)
     poller.close()
 
 
@@ -276,11 +277,11 @@ def test_a_version_that_a_query_uses_stays_until_it_is_given_back(world: World):
     cache = world.cache(max_versions=1)
     held = cache.hold("a")
     asked = cache.lease(["b"])
-    time.sleep(0.1)
+    let_pass(0.1)
     assert not asked.done(), "the limit holds also while a query goes on"
     assert list(world.workers._localizers) == list(held.served)
     held.close()
-    asked.result(20).close()
+    asked.result(LIMIT_S).close()
     assert len(world.workers._localizers) == 1
 
 
@@ -290,11 +291,11 @@ def test_what_is_bid_go_is_loaded_again_for_who_asks(world: World):
     cache = world.cache(max_versions=1)
     held = cache.hold("a")
     first = cache.lease(["b"])
-    wait_for(lambda: ("a", held.served[0].version) not in cache._resident)
+    wait_until(lambda: ("a", held.served[0].version) not in cache._resident)
     second = cache.lease(["a"])
     held.close()
-    first.result(20).close()
-    second.result(20).close()
+    first.result(LIMIT_S).close()
+    second.result(LIMIT_S).close()
     assert world.behaviour.loads == ["1"] * 3
 
 
@@ -308,7 +309,7 @@ def test_a_query_over_more_maps_than_the_limit_gets_them_all(world: World):
     both.close()
     held.close()
     cache.get("a")
-    wait_for(lambda: len(world.workers._localizers) == 1)
+    wait_until(lambda: len(world.workers._localizers) == 1)
 
 
 def test_one_bad_map_of_several_gives_the_others_back(world: World):
@@ -331,7 +332,7 @@ def test_ten_maps_of_which_three_fit_are_all_answered_within_the_limit(world: Wo
     def load(directory: Path) -> FakeLocalizer:
         nonlocal most
         most = max(most, len(world.workers._localizers) + 1)
-        time.sleep(0.002)
+        let_pass(0.002)
         return world.behaviour.load(directory)
 
     cache = world.cache(max_versions=3, load=load)
@@ -371,9 +372,12 @@ def test_the_old_version_serves_until_the_new_one_is_loaded(world: World):
     first = world.publish("hall", "1")
     gate = threading.Event()
 
+    begun = threading.Event()
+
     def load(directory: Path) -> FakeLocalizer:
         if (directory / "label.txt").read_text() == "2":
-            assert gate.wait(20)
+            begun.set()
+            assert gate.wait(LIMIT_S)
         return world.behaviour.load(directory)
 
     cache = world.cache(max_versions=1, load=load)
@@ -381,15 +385,15 @@ def test_the_old_version_serves_until_the_new_one_is_loaded(world: World):
     second = world.publish("hall", "2")
     polling = threading.Thread(target=cache.poll)
     polling.start()
-    time.sleep(0.05)
+    assert begun.wait(LIMIT_S)
     lease = cache.lease(["hall"])
     assert lease.done(), "nobody waits for the new one"
     assert lease.result().served[0].version == first
     gate.set()
-    polling.join(20)
+    polling.join(LIMIT_S)
     assert cache.get("hall").version == second
     lease.result().close()
-    wait_for(lambda: len(world.workers._localizers) == 1)
+    wait_until(lambda: len(world.workers._localizers) == 1)
 
 
 def test_a_slow_load_holds_up_no_other(world: World):
@@ -399,7 +403,7 @@ def test_a_slow_load_holds_up_no_other(world: World):
 
     def load(directory: Path) -> FakeLocalizer:
         if (directory / "label.txt").read_text() == "1":
-            assert gate.wait(20)
+            assert gate.wait(LIMIT_S)
         return world.behaviour.load(directory)
 
     cache = world.cache(load=load)
@@ -408,7 +412,7 @@ def test_a_slow_load_holds_up_no_other(world: World):
     assert not any(future.done() for future in slow)
     gate.set()
     for future in slow:
-        future.result(20).close()
+        future.result(LIMIT_S).close()
     assert sorted(world.behaviour.loads) == ["1", "2"]
 
 

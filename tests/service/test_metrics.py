@@ -12,16 +12,7 @@ import pytest
 import yaml
 from prometheus_client import CollectorRegistry
 from prometheus_client.parser import text_string_to_metric_families
-from service_world import (
-    SCAN_BODY,
-    XYZ,
-    Behaviour,
-    FakeLocalizer,
-    Service,
-    publish,
-    running_service,
-    wait_for,
-)
+from service_world import SCAN_BODY, XYZ, Behaviour, FakeLocalizer, Service, publish, running_service
 
 import firstfix
 from firstfix.build_records import FINAL_STATES
@@ -35,6 +26,7 @@ from firstfix_builder.pipeline import STAGES as BUILDER_STAGES
 from firstfix_service import build_metrics
 from firstfix_service.metered_store import OPERATIONS, metered
 from firstfix_service.metrics import Metrics
+from waiting import LIMIT_S, wait_until
 
 DEPLOY = Path(__file__).resolve().parents[2] / "deploy"
 
@@ -66,7 +58,7 @@ def rejecting(service: Service, monkeypatch: pytest.MonkeyPatch) -> Service:
 
 
 def test_reasons_and_probabilities_of_answers_are_counted(rejecting: Service):
-    wait_for(lambda: rejecting.ask("zenoh").ok)
+    wait_until(lambda: rejecting.ask("zenoh").ok)
     assert value(rejecting, "firstfix_reasons_total", reason="low_overlap") >= 1
     assert value(rejecting, "firstfix_reasons_total", reason="no_candidate") == 0
     assert value(rejecting, "firstfix_probability_bucket", verdict="rejected", le="0.05") == 0
@@ -74,7 +66,7 @@ def test_reasons_and_probabilities_of_answers_are_counted(rejecting: Service):
 
 
 def test_every_query_is_timed(service: Service):
-    wait_for(lambda: service.ask("http").ok)
+    wait_until(lambda: service.ask("http").ok)
     before = value(service, "firstfix_localize_seconds_count", transport="http")
     service.ask("http")
     service.ask("http", map_id="attic")
@@ -116,7 +108,7 @@ def test_the_store_is_timed_and_its_failures_counted(tmp_path: Path, monkeypatch
     assert count("firstfix_store_seconds_count", operation="size") == 1, (
         "a part of the download is not counted"
     )
-    assert 0 < count("firstfix_store_seconds_sum", operation="put") < 60
+    assert 0 < count("firstfix_store_seconds_sum", operation="put") < LIMIT_S
 
     def fails(self: Store, key: str) -> int:
         raise StoreUnavailable("gone")
@@ -176,12 +168,12 @@ def test_the_service_knows_the_builders_stages():
 
 
 def test_version_process_and_zenoh_are_shown(service: Service):
-    wait_for(lambda: value(service, "firstfix_zenoh_maps") == 1)
+    wait_until(lambda: value(service, "firstfix_zenoh_maps") == 1)
     assert value(service, "firstfix_zenoh_connections") == 1, "the test's own session"
     infos = [dict(labels) for name, labels in samples(service) if name == "firstfix_info"]
     assert [info["version"] for info in infos] == [firstfix.__version__]
     assert value(service, "process_resident_memory_bytes") > 1e6
-    assert value(service, "firstfix_catalog_age_seconds") < 20
+    assert value(service, "firstfix_catalog_age_seconds") < LIMIT_S
 
 
 QUERY_STAGES = {"queue", "map", "decode", "preprocess", "describe", "search", "register", "verify"}
@@ -193,7 +185,7 @@ def test_no_label_takes_what_callers_make_up(tmp_path: Path):
     with running_service(tmp_path, samples_share=1.0, behaviour=Behaviour()) as service:
         publish(service.catalog, "hall", "1", service.scratch)
         publish(service.catalog, "attic-of-the-museum", "unreadable", service.scratch)
-        wait_for(lambda: service.ask("http").ok)
+        wait_until(lambda: service.ask("http").ok)
         for transport in ("http", "zenoh"):
             service.ask(transport)
             service.ask(transport, map_id="some-map")

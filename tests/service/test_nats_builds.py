@@ -13,7 +13,7 @@ from typing import Any
 import httpx
 import pytest
 from nats_world import FAKE_WORKER, LEASE_S, NatsWorld, nats_world
-from service_world import Service, running_service, wait_for
+from service_world import Service, running_service
 from test_builds import status_of, upload
 
 from benchmarks.nats_server import nats_server_program
@@ -24,6 +24,7 @@ from firstfix_service.nats_address import NatsAddress
 from firstfix_service.nats_builds import NatsBuilds
 from firstfix_service.settings import Settings
 from small_world import CONFIG
+from waiting import wait_until
 
 pytestmark = pytest.mark.skipif(nats_server_program() is None, reason="no nats-server on this machine")
 
@@ -90,9 +91,9 @@ def test_a_posted_map_is_built_by_a_worker_elsewhere(world: NatsWorld):
         status = world.wait_until_ended(build_id)
         assert status["state"] == "succeeded"
         assert status_of(service, response)["version"] == service.catalog.active_version("hall")
-        wait_for(lambda: world.in_stream() == [])
+        wait_until(lambda: world.in_stream() == [])
         assert worker.made() == list(STAGES)
-        wait_for(lambda: 'builds_total{state="succeeded"} 1.0' in health(worker, "metrics").text)
+        wait_until(lambda: 'builds_total{state="succeeded"} 1.0' in health(worker, "metrics").text)
         assert health(worker, "healthz").status_code == health(worker, "readyz").status_code == 200
 
 
@@ -127,11 +128,11 @@ def test_a_real_build_goes_on_at_another_worker(world: NatsWorld, small_map: Pat
     key = f"maps/yard/sources/{world.catalog.put_source('yard', small_map)}"
     request = {"map_id": "yard", "source": {"key": key}, "file_name": "yard.ply", "config": CONFIG}
     world.catalog.put_build("b1", request)
-    wait_for(lambda: stages_shared(world) >= 3, 100)
+    wait_until(lambda: stages_shared(world) >= 3)
     first.kill()
     log = world.folder / "w2" / "slot-0" / "b1.log"  # goes when the build has succeeded
     world.start_worker("w2", command=command)
-    wait_for(lambda: log.exists() and log.read_text().count(" fetched: ") >= 3, 60)
+    wait_until(lambda: log.exists() and log.read_text().count(" fetched: ") >= 3)
     status = world.wait_until_ended("b1", 150)
     assert (status["state"], status["version"]) == ("succeeded", world.catalog.active_version("yard"))
 
@@ -152,7 +153,7 @@ def test_the_build_does_not_outlive_its_worker(world: NatsWorld):
     world.wait_until_in(build_id, "describe")
     pid = int((worker.work / "slot-0" / "order.txt").read_text().split()[-1])
     worker.kill()
-    wait_for(lambda: not is_alive(pid))
+    wait_until(lambda: not is_alive(pid))
 
 
 def is_alive(pid: int) -> bool:
@@ -169,7 +170,7 @@ def test_a_build_that_kills_its_worker_time_after_time_is_buried(world: NatsWorl
     assert (status["state"], status["error"]["code"]) == ("failed", "build_attempts_exceeded")
     assert "3 attempts died in the stage describe" in status["error"]["detail"]
     assert world.wait_until_ended(after)["state"] == "succeeded"
-    wait_for(lambda: world.in_stream() == [])
+    wait_until(lambda: world.in_stream() == [])
     assert world.in_stream("FIRSTFIX_DEAD_BUILDS") == [build_id]
 
 
@@ -193,7 +194,7 @@ def test_a_waiting_and_a_running_build_are_cancelled(world: NatsWorld):
         assert (cancelled.status_code, cancelled.json()["state"]) == (202, "cancelled")
         assert service.http.delete(running.headers["location"]).json()["state"] == "running"
         assert world.wait_until_ended(running.json()["build_id"])["state"] == "cancelled"
-        wait_for(lambda: world.in_stream() == [])
+        wait_until(lambda: world.in_stream() == [])
         assert service.http.delete(running.headers["location"]).json()["code"] == "conflict"
     assert world.catalog.map_ids() == []
 
@@ -204,7 +205,7 @@ def test_a_map_that_is_posted_while_nats_is_away_is_built_later(
     monkeypatch.setattr(nats_queue, "RECONCILE_S", 0.5)
     with running_service(world.folder, zenoh=False, build_queue=world.server.url) as service:
         first = post(service, "before")
-        wait_for(lambda: world.in_stream() == [first.json()["build_id"]])
+        wait_until(lambda: world.in_stream() == [first.json()["build_id"]])
         world.server.stop()
         response = post(service, "while")
         assert response.status_code == 202
@@ -237,7 +238,7 @@ def test_a_build_outlasts_a_restart_of_nats(world: NatsWorld, number: signal.Sig
     after = world.record()
     world.server.start()
     assert world.wait_until_ended(after)["state"] == "succeeded"
-    wait_for(lambda: world.in_stream() == [])
+    wait_until(lambda: world.in_stream() == [])
     assert len(world.catalog.store.list(f"builds/{build_id}/attempts")) == 2, "one attempt, and its end"
 
 
@@ -280,7 +281,7 @@ def test_what_is_no_build_does_not_hold_up_the_others(world: NatsWorld):
     submit(world, "nosuchbuild")
     world.start_worker("w1")
     assert world.wait_until_ended(world.record())["state"] == "succeeded"
-    wait_for(lambda: world.in_stream() == [])
+    wait_until(lambda: world.in_stream() == [])
     assert world.in_stream("FIRSTFIX_DEAD_BUILDS") == ["nosuchbuild"]
 
 
@@ -289,7 +290,7 @@ def test_deployments_that_share_a_server_do_not_see_each_others_builds(world: Na
     assert world.wait_until_ended(world.record())["state"] == "succeeded"
     with pytest.raises(Exception, match="stream not found"):
         world.in_stream("FIRSTFIX_BUILDS")
-    wait_for(lambda: world.in_stream("OTHER_BUILDS") == [])
+    wait_until(lambda: world.in_stream("OTHER_BUILDS") == [])
 
 
 def test_the_user_comes_from_a_file_and_no_build_gets_it(tmp_path: Path):

@@ -24,6 +24,7 @@ from firstfix.decode import MEDIA_TYPES
 from firstfix.uploads import Uploads
 from firstfix_service.app import create_app
 from firstfix_service.settings import Settings
+from waiting import LIMIT_S
 
 EXAMPLES = 12  # an operation
 
@@ -85,6 +86,6 @@ def test_every_call_keeps_its_promise(call: APIOperation, service: Service, know
     def holds(case: Case, there: bool) -> None:
         if there:
             case.path_parameters = {name: known[name] for name in case.path_parameters or {}}
-        case.call_and_validate(base_url=service.url, checks=CHECKS, timeout=20)
+        case.call_and_validate(base_url=service.url, checks=CHECKS, timeout=LIMIT_S)
 
     holds()

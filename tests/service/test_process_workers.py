@@ -7,13 +7,11 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from service_world import wait_for
 
 from firstfix.errors import CorruptVersion, DeadlineExceeded, MalformedData, WorkerLost
 from firstfix.options import LocalizeOptions
@@ -21,6 +19,7 @@ from firstfix.transform import pose_error
 from firstfix.wire import MEDIA_TYPE, encode_scan
 from firstfix_service.process_workers import ProcessWorkers
 from firstfix_service.query import Query, ServedVersion
+from waiting import LIMIT_S, let_pass, wait_until
 
 
 @pytest.fixture(scope="module")
@@ -101,15 +100,15 @@ def test_queries_survive_kills(workers: ProcessWorkers, query: Query):
         asking = [threads.submit(ask) for _ in range(2)]
         killed = set()
         for k in range(4):
-            wait_for(lambda: len(workers.pids) == 2, 60)
+            wait_until(lambda: len(workers.pids) == 2)
             pid = workers.pids[k % 2]
             os.kill(pid, signal.SIGKILL)
             killed.add(pid)
-            time.sleep(0.5)
+            let_pass(0.5)  # at work again, or on the way there
         end.set()
-        outcomes = [asked.result(120) for asked in asking]
+        outcomes = [asked.result(LIMIT_S) for asked in asking]
     assert sum(good for good, _ in outcomes) > 0
-    wait_for(lambda: len(workers.pids) == 2, 60)
+    wait_until(lambda: len(workers.pids) == 2)
     assert not killed & set(workers.pids)
     assert workers.answer(query).map_id == "yard", "the new ones know the version"
 
@@ -123,9 +122,9 @@ def test_a_worker_that_is_stuck_is_killed_and_replaced(query: Query, yard):
         os.kill(stuck, signal.SIGSTOP)
         with pytest.raises(DeadlineExceeded):
             workers.answer(query)
-        wait_for(lambda: gone(stuck) and workers.pids, 60)
-        wait_for(lambda: deaths == [1])
-        wait_for(lambda: _answers(workers, query), 60)
+        wait_until(lambda: gone(stuck) and workers.pids)
+        wait_until(lambda: deaths == [1])
+        wait_until(lambda: _answers(workers, query))
     finally:
         workers.close()
 
@@ -163,7 +162,7 @@ workers = ProcessWorkers(2, query_timeout_s=30)
 while len(workers.pids) < 2:
     time.sleep(0.02)
 print(*workers.pids, flush=True)
-time.sleep(60)
+time.sleep(3600)
 """
     service = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
     assert service.stdout is not None
@@ -171,4 +170,4 @@ time.sleep(60)
     assert len(pids) == 2
     service.kill()
     service.wait()
-    wait_for(lambda: all(gone(pid) for pid in pids))
+    wait_until(lambda: all(gone(pid) for pid in pids))

@@ -8,7 +8,6 @@ import re
 import shutil
 import signal
 import threading
-import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -16,7 +15,7 @@ from pathlib import Path
 import httpx
 import numpy as np
 import pytest
-from service_world import Service, running_service, wait_for
+from service_world import Service, running_service
 
 from firstfix.localization import Localization
 from firstfix.localizer import Localizer
@@ -24,6 +23,7 @@ from firstfix.manifest import Manifest
 from firstfix.map_index import ENGINE_FILE, MapIndex
 from firstfix.transform import pose_error
 from firstfix.wire import MEDIA_TYPE, encode_scan
+from waiting import LIMIT_S, let_pass, wait_until
 
 SHIFT_M = 100.0  # by which the versions of different maps, and of different age, lie apart
 pytestmark = pytest.mark.slow
@@ -150,16 +150,16 @@ def test_a_version_is_swapped_under_queries_without_an_error(service: Service, y
     with ThreadPoolExecutor(4) as threads:
         asking = [threads.submit(ask, k) for k in range(4)]
         try:
-            wait_for(lambda: service.http.get("/readyz").is_success, 60)
+            wait_until(lambda: service.http.get("/readyz").is_success)
             wanted = 0
             for wanted in (1, 2):
-                time.sleep(1)
+                let_pass(1)  # queries go on with the version before
                 version = yards.publish(service, "yard", wanted)
-                wait_for(lambda v=version: _serves(service, yards, v), 60)
+                wait_until(lambda v=version: _serves(service, yards, v))
         finally:
             end.set()
         for asked in asking:
-            versions = asked.result(60)
+            versions = asked.result(LIMIT_S)
             assert versions == sorted(versions), "nobody sees the old one after the new one"
             assert versions[-1] == wanted
 
@@ -190,16 +190,16 @@ def test_workers_are_killed_under_queries(service: Service, yards: Yards):
         asking = [threads.submit(ask, k) for k in range(4)]
         try:
             for _ in range(4):
-                wait_for(lambda: len(worker_pids()) == 2, 60)
+                wait_until(lambda: len(worker_pids()) == 2)
                 os.kill(worker_pids()[0], signal.SIGKILL)
                 answered = outcomes.count("ok")
-                wait_for(lambda n=answered: outcomes.count("ok") >= n + 5, 60)
+                wait_until(lambda n=answered: outcomes.count("ok") >= n + 5)
         finally:
             end.set()
         for asked in asking:
-            asked.result(120)
+            asked.result(LIMIT_S)
     assert set(outcomes) <= {"ok", "worker_lost"}
-    wait_for(lambda: "firstfix_worker_deaths_total 4.0" in service.http.get("/metrics").text)
+    wait_until(lambda: "firstfix_worker_deaths_total 4.0" in service.http.get("/metrics").text)
 
 
 def test_no_worker_outlives_the_service(tmp_path: Path, yards: Yards):

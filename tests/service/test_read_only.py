@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from service_world import Service, publish, running_service, wait_for
+from service_world import Service, publish, running_service
 
 from firstfix.catalog import Catalog
 from firstfix.errors import ReadOnly
 from firstfix.store import Store
+from waiting import wait_until
 
 
 @pytest.fixture
@@ -28,7 +29,7 @@ def listing(tmp_path: Path) -> list[str]:
 @pytest.mark.parametrize("transport", ["http", "zenoh"])
 def test_it_answers(read_only: tuple[Service, str], transport: str):
     service, version = read_only
-    wait_for(lambda: service.http.get("/readyz").is_success)
+    wait_until(lambda: service.http.get("/readyz").is_success)
     assert service.ask(transport).x == 1
     assert service.http.get("/maps").json()["maps"] == [{"map_id": "hall", "active_version": version}]
 

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from service_world import Service, wait_for
+from service_world import Service
 
 from firstfix.build_records import new_status
 from firstfix.errors import Overloaded
 from firstfix_cli.main import run
+from waiting import wait_until
 
 
 def ended(*arguments: object) -> int:
@@ -37,7 +38,7 @@ def ends_as(service: Service, state: str, **more: Any) -> threading.Thread:
     """A builder's part: the first build that comes ends so."""
 
     def build() -> None:
-        wait_for(service.catalog.build_ids)
+        wait_until(service.catalog.build_ids)
         (build_id,) = service.catalog.build_ids()
         service.catalog.set_build_status(build_id, new_status(state, map_id="hall", **more))
 

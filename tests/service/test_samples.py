@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import gzip
 import json
+import os
 import threading
+import time
 from collections.abc import Iterator
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
@@ -12,15 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from service_world import (
-    SCAN_BODY,
-    XYZ,
-    FakeLocalizer,
-    Service,
-    publish,
-    running_service,
-    wait_for,
-)
+from service_world import SCAN_BODY, XYZ, FakeLocalizer, Service, publish, running_service
 
 from firstfix.errors import InvalidOption, NotFound, StoreUnavailable
 from firstfix.evidence import Fit
@@ -34,6 +28,7 @@ from firstfix_cli.main import run
 from firstfix_service.metrics import Metrics
 from firstfix_service.query_recorder import RawQuery
 from firstfix_service.sample_keeper import MAX_WAITING, SampleKeeper, SamplePolicy
+from waiting import wait_until
 
 LOCALIZED_POINTS = 200  # a scan of so many is localized, every other one rejected
 
@@ -56,7 +51,7 @@ def judging(monkeypatch: pytest.MonkeyPatch) -> None:
 def service(tmp_path: Path) -> Iterator[Service]:
     with running_service(tmp_path, samples_share=1.0) as running:
         publish(running.catalog, "hall", "1", running.scratch)
-        wait_for(lambda: running.http.get("/readyz").json().get("maps") == 1)
+        wait_until(lambda: running.http.get("/readyz").json().get("maps") == 1)
         yield running
 
 
@@ -70,7 +65,7 @@ def test_a_rejected_query_is_kept_as_it_came(service: Service, transport: str):
     options = {"min_probability": "0.5"}
     reply = service.ask(transport, body=body, content_encoding="gzip", options=options)
     kept = kept_by(service)
-    wait_for(lambda: len(kept.ids()) == 1)
+    wait_until(lambda: len(kept.ids()) == 1)
     sample = kept.get(kept.ids()[0])
     assert kept.body(sample.sample_id) == body
     assert (sample.media_type, sample.content_encoding) == (XYZ, "gzip")
@@ -85,10 +80,10 @@ def test_a_rejected_query_is_kept_as_it_came(service: Service, transport: str):
 def test_a_localized_query_is_not_kept(service: Service):
     assert service.ask("http", body=bytes(12 * LOCALIZED_POINTS)).json["verdict"] == "localized"
     service.ask("http")  # kept after the other would have been
-    wait_for(lambda: kept_by(service).ids())
+    wait_until(lambda: kept_by(service).ids())
     assert len(kept_by(service).ids()) == 1
     counted = 'firstfix_samples_total{result="kept"} 1.0'  # after it is in the store
-    wait_for(lambda: counted in service.http.get("/metrics").text)
+    wait_until(lambda: counted in service.http.get("/metrics").text)
 
 
 def test_nothing_is_kept_by_default(tmp_path: Path):
@@ -193,7 +188,7 @@ def test_a_store_that_fails_costs_the_samples_alone(tmp_path: Path, monkeypatch:
         broken.setattr(Store, "put", fails)
         kept.keeper.start()
         kept.keeper.offer(query(), REJECTED, None)
-        wait_for(lambda: kept.count("failed") == 1)
+        wait_until(lambda: kept.count("failed") == 1)
     kept.keeper.offer(query(), REJECTED, None)
     kept.keeper.close()
     assert kept.count("kept") == 1
@@ -216,16 +211,18 @@ def sample_of(sample_id: str, **changes: Any) -> QuerySample:
     return QuerySample(**{**values, **changes})
 
 
-def aged(samples: QuerySamples, days: float, number: int) -> str:
-    time = datetime.now(timezone.utc) - timedelta(days=days)
-    sample_id = new_sample_id(f"{number:08x}", time)
+def aged(samples: QuerySamples, directory: Path, days: float, number: int) -> str:
+    then = datetime.now(timezone.utc) - timedelta(days=days)
+    sample_id = new_sample_id(f"{number:08x}", then)
     samples.put(sample_of(sample_id), bytes(1000))
+    for path in (directory / "samples").glob(f"{sample_id}.*"):
+        os.utime(path, (then.timestamp(), then.timestamp()))
     return sample_id
 
 
 def test_old_samples_go(tmp_path: Path):
     kept = Kept(tmp_path, max_age_s=5 * 86400.0)
-    old, young = aged(kept.samples, 6, 1), aged(kept.samples, 4, 2)
+    old, young = aged(kept.samples, tmp_path, 6, 1), aged(kept.samples, tmp_path, 4, 2)
     assert kept.samples.ids() == [old, young]
     kept.finish()
     assert kept.samples.ids() == [young]
@@ -235,7 +232,7 @@ def test_old_samples_go(tmp_path: Path):
 
 def test_the_oldest_go_when_all_together_are_too_large(tmp_path: Path):
     kept = Kept(tmp_path, max_bytes=3000, per_minute=6000)
-    ids = [aged(kept.samples, 1 - number / 10, number) for number in range(4)]
+    ids = [aged(kept.samples, tmp_path, 1 - number / 10, number) for number in range(4)]
     left = kept.samples.prune(older_than_s=1e9, max_bytes=3000)
     assert left <= 3000
     assert kept.samples.ids() == ids[-1:], "each is 1 kB of body and a record"
@@ -255,6 +252,8 @@ def test_half_a_sample_is_none_and_is_removed_in_time(tmp_path: Path):
     samples = QuerySamples(Store.open(str(tmp_path)))
     sample_id = new_sample_id("0" * 8, datetime.now(timezone.utc) - timedelta(days=2))
     Store.open(str(tmp_path)).put(f"samples/{sample_id}.body", b"1234")
+    then = time.time() - 2 * 86400
+    os.utime(tmp_path / "samples" / f"{sample_id}.body", (then, then))
     assert samples.ids() == []
     assert samples.prune(older_than_s=86400, max_bytes=10**9) == 0
     assert list((tmp_path / "samples").iterdir()) == []
@@ -280,7 +279,7 @@ def ended(*arguments: object) -> int:
 @pytest.fixture
 def sample_id(service: Service) -> str:
     service.ask("http", body=gzip.compress(SCAN_BODY), content_encoding="gzip")
-    wait_for(lambda: kept_by(service).ids())
+    wait_until(lambda: kept_by(service).ids())
     return kept_by(service).ids()[0]
 
 
@@ -341,7 +340,7 @@ def test_another_version_can_be_asked(service: Service, sample_id: str, capsys: 
     asked = ("evaluate", "--samples", service.settings.store, "--map", "hall", "--url", service.url)
     assert ended(*asked, "--version", first) == 0
     assert "moved 0.00 m" in capsys.readouterr().out
-    wait_for(lambda: service.ask("http").json["hypotheses"][0]["T_map_sensor"]["position"][0] == 2)
+    wait_until(lambda: service.ask("http").json["hypotheses"][0]["T_map_sensor"]["position"][0] == 2)
     assert ended(*asked) == 0
     assert "moved 1.00 m" in capsys.readouterr().out
 
@@ -350,7 +349,7 @@ def test_what_is_asked_again_is_not_kept_again(service: Service, sample_id: str)
     asked = ("evaluate", "--samples", service.settings.store, "--map", "hall", "--url", service.url)
     assert ended(*asked) == 0
     service.ask("http")  # kept after the other would have been
-    wait_for(lambda: len(kept_by(service).ids()) > 1)
+    wait_until(lambda: len(kept_by(service).ids()) > 1)
     assert len(kept_by(service).ids()) == 2
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from service_world import running_service, wait_for
+from service_world import running_service
 
 from firstfix.errors import InvalidOption, StoreUnavailable, StoreUnsafe
 from firstfix.store import Store
 from firstfix_service import start
+from waiting import wait_until
 
 
 @pytest.fixture(autouse=True)
@@ -29,7 +30,7 @@ def test_a_store_that_is_cut_off_is_waited_for(broken_s3, tmp_path: Path):
             assert (response.status_code, response.json()["code"]) == (503, "store_unavailable")
             assert "retry-after" in response.headers
         link.mend()
-        wait_for(lambda: service.http.get("/readyz").is_success)
+        wait_until(lambda: service.http.get("/readyz").is_success)
         assert service.http.get("/maps").json() == {"maps": [], "next": None}
 
 
@@ -40,7 +41,7 @@ def test_a_store_that_hangs_does_not_keep_the_process_from_listening(broken_s3, 
         assert service.http.get("/healthz").is_success
         assert service.http.get("/readyz").json()["detail"] == "the object store has not answered yet"
         link.mend()
-        wait_for(lambda: service.http.get("/readyz").is_success, 60)
+        wait_until(lambda: service.http.get("/readyz").is_success)
 
 
 def test_what_is_found_later_is_told_and_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -59,7 +60,7 @@ def test_what_is_found_later_is_told_and_tried_again(tmp_path: Path, monkeypatch
             seen.add(response.json().get("code"))
             return response.is_success
 
-        wait_for(is_ready)
+        wait_until(is_ready)
     assert "store_unsafe" in seen
 
 
@@ -73,7 +74,7 @@ def test_what_waiting_does_not_mend_is_told_and_kept(tmp_path: Path, monkeypatch
 
     monkeypatch.setattr(Store, "probe", probe)
     with running_service(tmp_path, zenoh=False) as service:
-        wait_for(lambda: service.http.get("/readyz").json()["code"] == "invalid_option")
+        wait_until(lambda: service.http.get("/readyz").json()["code"] == "invalid_option")
     assert len(tries) == 2
 
 

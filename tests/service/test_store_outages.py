@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from service_world import Service, running_service, wait_for
+from service_world import Service, running_service
 
 from firstfix.catalog import Catalog
 from firstfix.manifest import Manifest
 from firstfix.store import Store
 from toxiproxy import Link
+from waiting import let_pass, wait_until
 
-SOON = {"deadline_ms": "2000"}  # no query of these may wait for the store
+SOON = {"deadline_ms": "10000"}  # no query of these may wait for the store
 FAULTS: dict[str, Callable[[Link], None]] = {
     "cut": Link.cut,
     "hangs": lambda link: link.poison("timeout", timeout=0),
@@ -43,25 +43,23 @@ def test_what_is_loaded_goes_on_and_what_is_new_comes_after(
     direct = Catalog(Store.open(s3_url))  # others reach the store
     publish(direct, "1", tmp_path / "made")
     with running_service(tmp_path, store=url) as service:
-        wait_for(lambda: service.http.get("/readyz").is_success)
+        wait_until(lambda: service.http.get("/readyz").is_success)
         FAULTS[fault](link)
         second = publish(direct, "2", tmp_path / "made", 3_000_000)
-        end = time.monotonic() + 4
-        while time.monotonic() < end:  # through several polls
+        for _ in range(40):  # through several polls
             for transport in ("http", "zenoh"):
                 assert service.ask(transport, options=SOON).x == 1
+            let_pass(0.1)
         assert service.http.get("/readyz").is_success
         assert not (tmp_path / "cache" / second).exists(), "no half of it is seen"
         link.mend()
-        began = time.monotonic()
-        wait_for(lambda: service.ask("http", options=SOON).x == 2, 60)
-        print(f"{fault}: new version {time.monotonic() - began:.1f} s after the store came back")
+        wait_until(lambda: service.ask("http", options=SOON).x == 2)
 
 
 def test_writing_into_a_store_that_is_gone_says_so(broken_s3: tuple[str, Link], tmp_path: Path):
     url, link = broken_s3
     with running_service(tmp_path, store=url, zenoh=False) as service:
-        wait_for(lambda: service.http.get("/readyz").is_success)
+        wait_until(lambda: service.http.get("/readyz").is_success)
         link.cut()
         assert_unavailable(service, "POST", "/maps")
         assert_unavailable(service, "GET", "/maps")

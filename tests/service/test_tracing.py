@@ -10,10 +10,11 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from service_world import XYZ, Behaviour, Service, free_port, publish, running_service, wait_for
+from service_world import XYZ, Behaviour, Service, free_port, publish, running_service
 
 from firstfix.errors import StoreUnavailable
 from otlp_collector import Collector, SpanSeen, running_collector
+from waiting import LIMIT_S, wait_until
 
 TRACE, CALLER = "4bf92f3577b34da6a3ce929d0e0e4736", "00f067aa0ba902b7"
 TRACEPARENT = f"00-{TRACE}-{CALLER}-01"
@@ -32,7 +33,7 @@ def collector(monkeypatch: pytest.MonkeyPatch) -> Iterator[Collector]:
 def service(tmp_path: Path, collector: Collector) -> Iterator[Service]:
     with running_service(tmp_path) as running:
         publish(running.catalog, "hall", "1", running.scratch)
-        wait_for(lambda: running.http.get("/readyz").json().get("maps") == 1)
+        wait_until(lambda: running.http.get("/readyz").json().get("maps") == 1)
         yield running
 
 
@@ -47,7 +48,7 @@ def ask(service: Service, transport: str, traceparent: str | None = TRACEPARENT,
 
 def root(collector: Collector) -> SpanSeen:
     """The span of the only query."""
-    wait_for(lambda: [*collector.named("POST /localize"), *collector.named("zenoh localize")])
+    wait_until(lambda: [*collector.named("POST /localize"), *collector.named("zenoh localize")])
     (found,) = [*collector.named("POST /localize"), *collector.named("zenoh localize")]
     return found
 
@@ -73,7 +74,7 @@ def test_a_query_is_one_span_with_its_stages_below(service: Service, collector: 
     assert span.resource["service.name"] == "firstfix"
     assert span.resource["service.instance.id"] == "r1"
 
-    wait_for(lambda: len(collector.below(span)) == 4)
+    wait_until(lambda: len(collector.below(span)) == 4)
     stages = collector.below(span)
     assert [stage.name for stage in stages] == STAGES
     assert {stage.trace_id for stage in stages} == {TRACE}
@@ -113,7 +114,7 @@ def test_a_bad_traceparent_begins_a_trace_of_its_own(service: Service, collector
 def test_a_trace_that_the_caller_does_not_keep_is_not_kept(service: Service, collector: Collector):
     ask(service, "http", traceparent=TRACEPARENT[:-1] + "0")
     ask(service, "http")
-    wait_for(lambda: len(collector.below(root(collector))) == 4)
+    wait_until(lambda: len(collector.below(root(collector))) == 4)
     assert len(collector.spans) == 5
 
 
@@ -122,7 +123,7 @@ def test_requests_have_spans_and_probes_have_none(service: Service, collector: C
     service.http.get("/healthz")
     service.http.get("/metrics")
     service.http.get("/maps")
-    wait_for(lambda: collector.named("GET /maps"))
+    wait_until(lambda: collector.named("GET /maps"))
     assert {span.name for span in collector.spans} == {"GET /maps/{map_id}", "GET /maps"}
     (missing,) = collector.named("GET /maps/{map_id}")
     assert missing.attributes["http.response.status_code"] == 404
@@ -136,7 +137,7 @@ def test_a_build_is_recorded_with_the_span_that_asked_for_it(service: Service, c
         files={"source": ("map.xyz", b"1 2 3")},
         headers={"traceparent": TRACEPARENT},
     )
-    wait_for(lambda: collector.named("POST /maps"))
+    wait_until(lambda: collector.named("POST /maps"))
     (span,) = collector.named("POST /maps")
     request = service.catalog.build_request(answer.json()["build_id"])
     assert request["traceparent"] == f"00-{TRACE}-{span.span_id}-01"
@@ -162,7 +163,7 @@ def test_a_collector_that_is_away_keeps_nobody(tmp_path: Path, monkeypatch: pyte
     with running_service(tmp_path) as service:
         publish(service.catalog, "hall", "1", service.scratch)
         for transport in ("http", "zenoh"):
-            wait_for(lambda transport=transport: service.ask(transport).ok)
+            wait_until(lambda transport=transport: service.ask(transport).ok)
 
 
 def test_without_a_collector_the_sdk_is_not_even_imported(tmp_path: Path):
@@ -181,7 +182,7 @@ async def main(directory):
 asyncio.run(main(sys.argv[1]))
 """
     done = subprocess.run(
-        [sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True, timeout=LIMIT_S
     )
     assert "sdk: []" in done.stdout, done.stderr
 

@@ -6,7 +6,7 @@ import asyncio
 from pathlib import Path
 
 import pytest
-from service_world import publish, running_service, wait_for
+from service_world import publish, running_service
 
 from firstfix.catalog import Catalog
 from firstfix.store import Store
@@ -14,6 +14,7 @@ from firstfix_service import verify_keeper
 from firstfix_service.metrics import Metrics
 from firstfix_service.settings import Settings
 from firstfix_service.verify_keeper import CALL_BYTES, verify_once
+from waiting import wait_until
 
 
 @pytest.fixture
@@ -84,6 +85,6 @@ def test_a_service_does_it_where_it_may_write(
     Store.open(str(tmp_path / "store"))
     with running_service(tmp_path, zenoh=False, **settings) as service:
         if not settings:
-            wait_for(lambda: bool(begun))
+            wait_until(lambda: bool(begun))
         assert service.http.get("/healthz").is_success
     assert bool(begun) == (not settings)

@@ -10,25 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 import zenoh
-from service_world import (
-    SCAN_BODY,
-    XYZ,
-    Service,
-    client_session,
-    free_port,
-    publish,
-    running_service,
-    wait_for,
-)
+from service_world import SCAN_BODY, XYZ, Service, client_session, free_port, publish, running_service
 
 import firstfix
 from firstfix.catalog import Catalog
 from firstfix.store import Store
 from firstfix_client import ZenohClient
+from waiting import LIMIT_S, wait_until
 
 
 def get(service: Service, key: str) -> list[dict[str, Any]]:
-    replies = service.session.get(key, timeout=10)
+    replies = service.session.get(key, timeout=LIMIT_S)
     return [json.loads((reply.ok or reply.err).payload.to_bytes()) for reply in replies]
 
 
@@ -39,7 +31,7 @@ def served(service: Service) -> dict[str, str]:
 
 def test_the_maps_are_listed_as_over_http(service: Service):
     publish(service.catalog, "attic", "5", service.scratch)
-    wait_for(lambda: set(served(service)) == {"attic", "hall"})
+    wait_until(lambda: set(served(service)) == {"attic", "hall"})
     (listed,) = get(service, "firstfix/maps")
     for one in listed["maps"]:
         assert one.pop("serving_version") == one["active_version"]
@@ -53,7 +45,7 @@ def test_the_maps_are_listed_as_over_http(service: Service):
 def test_a_maps_version_can_be_asked_for(service: Service):
     first = service.catalog.active_version("hall")
     second = publish(service.catalog, "hall", "2", service.scratch)
-    wait_for(lambda: served(service) == {"hall": second})
+    wait_until(lambda: served(service) == {"hall": second})
     (versions,) = get(service, "firstfix/hall/version")
     assert versions == {
         "map_id": "hall",
@@ -69,18 +61,18 @@ def test_a_maps_version_can_be_asked_for(service: Service):
 
 
 def test_every_change_is_published(service: Service):
-    wait_for(lambda: served(service))
+    wait_until(lambda: served(service))
     heard: list[dict[str, Any]] = []
     key = "firstfix/*/version"
     peer = client_session(service.endpoint)
     peer.declare_subscriber(key, lambda sample: heard.append(json.loads(sample.payload.to_bytes())))
-    wait_for(lambda: list(peer.get("firstfix/maps", timeout=5)))  # the declaration has arrived before it
+    wait_until(lambda: list(peer.get("firstfix/maps", timeout=5)))  # the declaration has arrived before it
     first = str(service.catalog.active_version("hall"))
     second = publish(service.catalog, "hall", "2", service.scratch)
-    wait_for(lambda: heard and heard[-1]["serving_version"] == second)
+    wait_until(lambda: heard and heard[-1]["serving_version"] == second)
     for version in (first, second):
         service.catalog.retire("hall", version, force=True)
-    wait_for(lambda: heard[-1]["version"] is None)
+    wait_until(lambda: heard[-1]["version"] is None)
     assert heard[-1]["serving_version"] is None
     assert [one["seq"] for one in heard] == sorted(one["seq"] for one in heard)
     assert {one["replica"] for one in heard} == {"r1"}
@@ -89,15 +81,15 @@ def test_every_change_is_published(service: Service):
 
 def test_a_version_that_is_refused_is_told_apart_from_the_one_that_answers(service: Service):
     first = str(service.catalog.active_version("hall"))
-    wait_for(lambda: served(service) == {"hall": first})
+    wait_until(lambda: served(service) == {"hall": first})
     bad = publish(service.catalog, "hall", "unreadable", service.scratch)
-    wait_for(lambda: get(service, "firstfix/hall/version")[0]["version"] == bad)
+    wait_until(lambda: get(service, "firstfix/hall/version")[0]["version"] == bad)
     (versions,) = get(service, "firstfix/hall/version")
     assert (versions["serving_version"], versions["previous"]) == (first, first)
 
 
 def test_a_replica_describes_itself(service: Service):
-    wait_for(lambda: served(service))
+    wait_until(lambda: served(service))
     (described,) = get(service, "firstfix/@replicas/r1")
     version = service.catalog.active_version("hall")
     assert described == {
@@ -128,7 +120,7 @@ def test_a_watch_over_two_replicas_tells_each_change_once_and_in_order(tmp_path:
             versions.append(publish(catalog, "hall", str(label), tmp_path / "made"))
             changes.append(next(watch))
             for one in (first, second):
-                wait_for(lambda one=one, x=label: one.ask("http").x == x)
+                wait_until(lambda one=one, x=label: one.ask("http").x == x)
         catalog.activate("hall", versions[0])
         changes.append(next(watch))
         publish(catalog, "attic", "9", tmp_path / "made")
@@ -144,17 +136,17 @@ def test_a_watch_can_be_closed_from_elsewhere(service: Service):
         assert next(watch).map_id == "hall"
         rest = threads.submit(list, watch)
         watch.close()
-        assert rest.result(20) == []
+        assert rest.result(LIMIT_S) == []
 
 
 @pytest.mark.parametrize(
     "key", ["firstfix/@any/localize", "firstfix/@any/localize/r1", "firstfix/@any/localize/*"]
 )
 def test_maps_can_be_left_to_the_service(service: Service, key: str):
-    wait_for(lambda: served(service))
+    wait_until(lambda: served(service))
     selector = zenoh.Selector(key, {"map": "hall"})
     for asked in (key, selector):
-        (reply,) = service.session.get(asked, payload=SCAN_BODY, encoding=XYZ, timeout=10)
+        (reply,) = service.session.get(asked, payload=SCAN_BODY, encoding=XYZ, timeout=LIMIT_S)
         assert json.loads(reply.ok.payload.to_bytes())["map_id"] == "hall"
         assert str(reply.ok.key_expr) == key.replace("*", "r1")
     with ZenohClient(service.endpoint) as client:
@@ -171,7 +163,7 @@ def test_maps_can_be_left_to_the_service(service: Service, key: str):
 )
 def test_several_maps_are_named_by_a_parameter(service: Service, maps: str, code: str, text: str):
     selector = zenoh.Selector("firstfix/@any/localize", {"map": maps})
-    (reply,) = service.session.get(selector, payload=SCAN_BODY, encoding=XYZ, timeout=10)
+    (reply,) = service.session.get(selector, payload=SCAN_BODY, encoding=XYZ, timeout=LIMIT_S)
     problem = json.loads(reply.err.payload.to_bytes())
     assert problem["code"] == code
     assert text in problem["detail"]
@@ -189,7 +181,7 @@ def test_a_key_that_names_its_map_takes_no_others(service: Service):
 def test_a_map_may_have_any_name(service: Service):
     for name in ("localize", "version", "maps", "replicas"):
         publish(service.catalog, name, "7", service.scratch)
-    wait_for(lambda: len(served(service)) == 5)
+    wait_until(lambda: len(served(service)) == 5)
     for name in ("localize", "version", "maps", "replicas"):
         assert service.ask("zenoh", map_id=name).x == 7
     assert {one["map_id"] for one in get(service, "firstfix/*/version")} == set(served(service))

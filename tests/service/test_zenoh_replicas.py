@@ -7,7 +7,6 @@ import json
 import random
 import signal
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -16,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 import zenoh
-from service_world import client_session, free_port, publish, running_service, wait_for
+from service_world import client_session, free_port, publish, running_service
 from zenoh_world import ZenohWorld
 
 from firstfix.catalog import Catalog
@@ -27,6 +26,7 @@ from firstfix_client import RetryPolicy, ZenohClient
 from firstfix_service.settings import Settings
 from firstfix_service.zenoh_config import client_config, session_config
 from firstfix_service.zenoh_replicas import ZenohReplicas
+from waiting import LIMIT_S, let_pass, wait_until
 
 SCAN = np.ones((50, 3), np.float32)
 MAPS = [f"map-{k:02}" for k in range(12)]
@@ -100,18 +100,18 @@ def test_each_map_has_its_holders_and_another_takes_over_for_one_that_dies(tmp_p
                 for name in alive
             }
 
-        wait_for(lambda: is_shared_by(*names), 60)
+        wait_until(lambda: is_shared_by(*names))
         with ZenohClient(config=world.config_of("operator")) as client:
             held = {one.replica: one.held for one in client.replicas()}
         assert held == {name: sum(name in some for some in holders(names).values()) for name in names}
         with Fleet(world.config_of("robot"), 3) as fleet:
-            wait_for(lambda: fleet.answers > 30, 60)
+            wait_until(lambda: fleet.answers > 30)
             running["r2"].send_signal(signal.SIGKILL)
-            wait_for(lambda: is_shared_by("r1", "r3"), 60)
+            wait_until(lambda: is_shared_by("r1", "r3"))
             before = fleet.answers
             stack.enter_context(world.replica("r2", store, **settings))
-            wait_for(lambda: is_shared_by(*names), 60)
-            wait_for(lambda: fleet.answers > before + 30, 60)
+            wait_until(lambda: is_shared_by(*names))
+            wait_until(lambda: fleet.answers > before + 30)
         assert fleet.failures == []
 
 
@@ -139,16 +139,16 @@ class Seen:
     def __call__(self, names: frozenset[str], superseded: Callable[[], bool]) -> None:
         self.views.append(names)
         self.superseded = superseded
-        assert self.gate.wait(20)
+        assert self.gate.wait(LIMIT_S)
 
 
 @pytest.fixture
 def watch(router: str) -> Iterator[Callable[..., tuple[ZenohReplicas, Seen]]]:
     with ExitStack() as stack:
 
-        def make(name: str) -> tuple[ZenohReplicas, Seen]:
+        def make(name: str, settled_s: float = 0.2) -> tuple[ZenohReplicas, Seen]:
             session, seen = client_session(router), Seen()
-            made = ZenohReplicas(session, name, seen, settled_s=0.2)
+            made = ZenohReplicas(session, name, seen, settled_s=settled_s)
             stack.callback(session.close)
             stack.callback(made.close)
             stack.callback(seen.gate.set)
@@ -162,15 +162,15 @@ def test_a_replica_counts_from_when_it_joins_until_it_closes(watch):
     assert first.start() == {"r1"}
     first.join()
     second, _ = watch("r2")
-    wait_for(lambda: second.names == {"r2"})
+    wait_until(lambda: second.names == {"r2"})
     assert second.start() == {"r1", "r2"}
-    time.sleep(0.5)
+    let_pass(0.5)
     assert seen.views == [], "it has not joined"
     second.join()
     second.join()
-    wait_for(lambda: seen.views == [{"r1", "r2"}])
+    wait_until(lambda: seen.views == [{"r1", "r2"}])
     second.close()
-    wait_for(lambda: seen.views == [{"r1", "r2"}, {"r1"}])
+    wait_until(lambda: seen.views == [{"r1", "r2"}, {"r1"}])
 
 
 def test_a_replica_that_is_about_to_stop_leaves_its_maps_and_goes_on_answering(tmp_path: Path):
@@ -180,24 +180,24 @@ def test_a_replica_that_is_about_to_stop_leaves_its_maps_and_goes_on_answering(t
         def shows(key: str) -> bool:
             return bool(list(service.session.liveliness().get(key, timeout=5)))
 
-        wait_for(lambda: shows("firstfix/@replicas/r1") and shows("firstfix/hall/localize/r1"))
+        wait_until(lambda: shows("firstfix/@replicas/r1") and shows("firstfix/hall/localize/r1"))
         service.stop()
-        wait_for(lambda: not shows("firstfix/@replicas/r1"))
+        wait_until(lambda: not shows("firstfix/@replicas/r1"))
         assert shows("firstfix/hall/localize/r1")
         assert service.ask_zenoh(key="firstfix/hall/localize/r1").ok
 
 
 def test_what_comes_and_goes_within_a_moment_is_not_told(watch, router):
-    first, seen = watch("r1")
+    first, seen = watch("r1", settled_s=5.0)
     first.start()
     session = client_session(router)
     for _ in range(5):
         token = session.liveliness().declare_token("firstfix/@replicas/r2")
-        time.sleep(0.05)
+        let_pass(0.05)
         token.undeclare()
-        time.sleep(0.05)
+        let_pass(0.05)
     kept = session.liveliness().declare_token("firstfix/@replicas/r3")
-    wait_for(lambda: seen.views)
+    wait_until(lambda: seen.views)
     assert seen.views == [{"r1", "r3"}]
     kept.undeclare()
     session.close()
@@ -209,14 +209,14 @@ def test_a_change_while_the_last_one_is_seen_to_supersedes_it(watch, router):
     session = client_session(router)
     seen.gate.clear()
     token = session.liveliness().declare_token("firstfix/@replicas/r2")
-    wait_for(lambda: seen.views == [{"r1", "r2"}])
+    wait_until(lambda: seen.views == [{"r1", "r2"}])
     assert not seen.superseded()
     other = session.liveliness().declare_token("firstfix/@replicas/r3")
-    wait_for(seen.superseded)
+    wait_until(seen.superseded)
     other.undeclare()
-    time.sleep(0.1)
+    wait_until(lambda: first.names == {"r1", "r2"})
     seen.gate.set()
-    wait_for(lambda: len(seen.views) == 2)
+    wait_until(lambda: len(seen.views) == 2)
     assert seen.views[1] == {"r1", "r2"}, "told again, as it was not seen to"
     token.undeclare()
     session.close()
@@ -236,14 +236,14 @@ def test_who_is_cut_off_does_not_take_the_others_for_dead(tmp_path: Path):
             assert watches[-1].start() == {name}, "there is no router yet"
             watches[-1].join()
         with world.router():
-            wait_for(lambda: seen.views and seen.views[-1] == both, 60)
+            wait_until(lambda: seen.views and seen.views[-1] == both)
         views = len(seen.views)
-        time.sleep(1.5)
+        let_pass(1.5)
         assert len(seen.views) == views, "it is alone, and knows why"
         with world.router():
-            wait_for(lambda: watches[0].names == watches[1].names == both, 60)
+            wait_until(lambda: watches[0].names == watches[1].names == both)
             watches[1].close()
-            wait_for(lambda: seen.views[-1] == {"r1"}, 60)
+            wait_until(lambda: seen.views[-1] == {"r1"})
 
 
 def test_it_watches_as_a_client_of_whom_it_connects_with():
@@ -264,7 +264,7 @@ def test_a_defect_in_taking_over_does_not_end_the_watch(watch, router, monkeypat
     tokens = []
     for name in ("r2", "r3"):
         tokens.append(session.liveliness().declare_token(f"firstfix/@replicas/{name}"))
-        wait_for(lambda name=name: seen.views and name in seen.views[-1])
+        wait_until(lambda name=name: seen.views and name in seen.views[-1])
     session.close()
 
 
@@ -275,7 +275,7 @@ def test_replicas_that_are_named_need_no_zenoh(tmp_path: Path):
     mine = {map_id for map_id in MAPS if rendezvous_order(map_id, ["r1", "r2"])[0] == "r1"}
     named = {"holders": 1, "replica_names": ("r1", "r2"), "zenoh": False}
     with running_service(tmp_path, **named) as service:
-        wait_for(lambda: service.http.get("/readyz").is_success)
+        wait_until(lambda: service.http.get("/readyz").is_success)
         holding = service.http.get("/readyz").json()["holding"]
         assert holding == {"copies": 1, "replicas": 2, "maps": len(mine), "loaded": len(mine)}
         assert {MAPS[int(label)] for label in service.behaviour.loads} == mine

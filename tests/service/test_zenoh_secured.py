@@ -4,7 +4,6 @@ die, hang and come back."""
 from __future__ import annotations
 
 import signal
-import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -12,13 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zenoh
-from service_world import SCAN_BODY, XYZ, publish, wait_for
+from service_world import SCAN_BODY, XYZ, publish
 from zenoh_world import ZenohWorld, make_certificates
 
 from firstfix.catalog import Catalog
 from firstfix.localization import Verdict
 from firstfix.store import Store
 from firstfix_client import RetryPolicy, ServiceUnreachable, ZenohClient
+from waiting import LIMIT_S, let_pass, wait_until
 
 SCAN = np.ones((50, 3), np.float32)
 PATIENT = RetryPolicy(attempts=200, first_wait_s=0.05, max_wait_s=0.2)
@@ -34,7 +34,7 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ZenohWorld]:
     world = ZenohWorld(folder / "zenoh")
     with world.router(), world.replica("r0", str(folder / "store")):
         with world.session("robot") as session:
-            wait_for(lambda: "r0" in world.replicas(session, "attic"))
+            wait_until(lambda: "r0" in world.replicas(session, "attic"))
         yield world
 
 
@@ -43,7 +43,7 @@ def client(world: ZenohWorld, user: str = "robot", timeout_s: float = 10.0) -> Z
 
 
 def answered(session: zenoh.Session, key: str) -> bool:
-    replies = list(session.get(key, payload=SCAN_BODY, encoding=XYZ, timeout=5))
+    replies = list(session.get(key, payload=SCAN_BODY, encoding=XYZ, timeout=LIMIT_S))
     return any(reply.ok is not None for reply in replies)
 
 
@@ -93,7 +93,7 @@ def test_only_replicas_tell_of_versions(world: ZenohWorld):
         liar.put("firstfix/hall/version", b"a lie")
         assert answered(liar, "firstfix/hall/version")
         real.put("firstfix/hall/version", b"the truth")
-        wait_for(lambda: heard)
+        wait_until(lambda: heard)
     assert heard == [b"the truth"]
 
 
@@ -140,12 +140,12 @@ def test_a_replica_that_dies_or_hangs_at_work_costs_no_answer(own_world: ZenohWo
         ThreadPoolExecutor(4) as threads,
     ):
         with own_world.session("robot") as session:
-            wait_for(lambda: own_world.replicas(session, "hall") == {"r1", "r2"})
+            wait_until(lambda: own_world.replicas(session, "hall") == {"r1", "r2"})
         done = [threads.submit(robot.localize, SCAN, map_id="hall") for _ in range(4)]
         for answer in done:
             assert answer.result().verdict is Verdict.LOCALIZED
         running = [threads.submit(robot.localize, SCAN, map_id="hall") for _ in range(8)]
-        time.sleep(0.1)
+        let_pass(0.1)  # they are under way, with either; whenever it comes, no answer is lost
         victim.send_signal(how)
         for answer in running:
             assert answer.result().verdict is Verdict.LOCALIZED
@@ -168,12 +168,12 @@ def test_a_router_that_restarts_is_found_again_by_all(own_world: ZenohWorld):
             assert robot.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
             assert next(watch).version == second != first
             with own_world.session("robot") as session:
-                wait_for(lambda: own_world.replicas(session, "hall") == {"r1"})
+                wait_until(lambda: own_world.replicas(session, "hall") == {"r1"})
 
 
 def test_a_replica_waits_for_its_router(own_world: ZenohWorld):
     store, log = str(own_world.folder.parent / "store"), own_world.folder / "r1.log"
     with own_world.replica("r1", store, has_router=False):
-        wait_for(lambda: "answering over zenoh" in log.read_text(), 60)
+        wait_until(lambda: "answering over zenoh" in log.read_text())
         with own_world.router(), client(own_world, timeout_s=60.0) as robot:
             assert robot.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED

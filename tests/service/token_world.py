@@ -13,6 +13,7 @@ import jwt
 from cryptography.hazmat.primitives.asymmetric import ec, ed25519, rsa
 
 from firstfix_service.settings import Settings
+from waiting import LIMIT_S
 
 ISSUER, AUDIENCE = "https://login.example.org/", "firstfix"
 KEYS: dict[str, Any] = {
@@ -75,7 +76,7 @@ class Issuer:
             def do_GET(self) -> None:
                 issuer.asked += 1
                 if issuer.gate is not None:
-                    issuer.gate.wait(20)
+                    issuer.gate.wait(LIMIT_S)
                 body = issuer.document
                 data = body if isinstance(body, bytes) else json.dumps(body).encode()
                 self.send_response(issuer.status)

@@ -16,9 +16,9 @@ import zenoh
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
-from service_world import wait_for
 
 from servers import free_port, running
+from waiting import wait_until
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "deploy" / "zenoh"
 _INSTALLED = "/etc/firstfix/zenoh"
@@ -92,7 +92,7 @@ class ZenohWorld:
         try:
             if has_router:
                 with self.session("robot") as session:
-                    wait_for(lambda: name in self.replicas(session) or process.poll() is not None, 60)
+                    wait_until(lambda: name in self.replicas(session) or process.poll() is not None)
             assert process.poll() is None, (self.folder / f"{name}.log").read_text()[-2000:]
             yield process
         finally:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.errors import MalformedData
+from firstfix.sample import rows_by_chance
 from firstfix.transform import make_transform
 
 from .map_data import MapData
@@ -51,7 +52,7 @@ def subtract_origin(data: MapData) -> MapData:
     The median decides, so that stray points do not. Coordinates within 10 km stay as they are.
     """
     coordinates = data.coordinates
-    sample = coordinates[:: max(1, len(coordinates) // _SAMPLED_POINTS), :2]
+    sample = coordinates[rows_by_chance(len(coordinates), _SAMPLED_POINTS), :2]
     centre = np.median(sample, axis=0)
     if np.abs(centre).max() <= LARGE_COORDINATE_M:
         return data

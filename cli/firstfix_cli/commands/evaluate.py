@@ -156,6 +156,8 @@ def _lines(report: dict[str, Any], outcomes: list[Outcome]) -> list[str]:
         f"{report['n']} scans: {verdicts}",
         f"  position (yaw within 5 deg)  {success}",
         f"  yaw (position within 1 m)    {angles}",
+        f"  true place (within 0.2 m)    {report['first_0.2m']:.1%} ranked first, "
+        f"{report['among_0.2m']:.1%} among the hypotheses",
         f"  median error                 {median}",
         f"  false among localized        {report['false_accept_rate']:.1%}",
         f"  ms                           {', '.join(f'{k} {v:.0f}' for k, v in report['ms'].items())}",
@@ -167,10 +169,12 @@ def _write_details(path: Path, outcomes: list[Outcome]) -> None:
         writer = csv.writer(file)
         writer.writerow(
             ["scan", "verdict", "reasons", "probability", "error_m", "error_deg", "yaw_error_deg", "ms"]
+            + ["first_error_m", "among_error_m"]
         )
         for o in outcomes:
             reasons = "+".join(reason.value for reason in o.answer.reasons)
             numbers = [o.answer.probability, o.error_m, o.error_deg, o.yaw_error_deg, o.ms]
+            numbers += [o.first_error_m, o.among_error_m]
             writer.writerow([o.name, o.answer.verdict.value, reasons, *(f"{v:.4f}" for v in numbers)])
 
 

@@ -124,9 +124,7 @@ std::vector<MapInfo> Client::maps() {
 Bytes compact_body(CompactScan scan) {
   Bytes body = encode_query(scan);
   while (body.size() >= kMaxCompactBytes && scan.points.size() > kFewestPoints) {
-    const auto rows = detail::even_rows(scan.points.size(), scan.points.size() * 9 / 10);
-    for (std::size_t k = 0; k < rows.size(); ++k) scan.points[k] = scan.points[rows[k]];
-    scan.points.resize(rows.size());
+    scan.points = detail::at_most(scan.points, scan.points.size() * 9 / 10);
     body = encode_query(scan);
   }
   return body;

@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from firstfix import wire, wire_query, wire_sequence
 from firstfix.compact_scan import CompactScan
 from firstfix.errors import InvalidOption
+from firstfix.sample import rows_by_chance
 from firstfix.scan import Scan
 from firstfix.scan_sequence import ScanSequence
-from firstfix.voxel_filter import even_rows
 
 if TYPE_CHECKING:
     from firstfix.query_parameters import QueryParameters
@@ -119,7 +119,7 @@ def _compact_body(scan: CompactScan) -> bytes:
     """With fewer points where a scan so rich takes too many bytes, down to where they still suffice."""
     body = wire_query.encode_query(scan)
     while len(body) >= MAX_COMPACT_BYTES and len(scan) > FEWEST_POINTS:
-        kept = even_rows(len(scan), len(scan) * 9 // 10)
+        kept = rows_by_chance(len(scan), len(scan) * 9 // 10)
         scan = replace(scan, points=scan.points[kept])
         body = wire_query.encode_query(scan)
     return body

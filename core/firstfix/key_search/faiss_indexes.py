@@ -10,6 +10,8 @@ import faiss
 import numpy as np
 from numpy.typing import NDArray
 
+from ..sample import rows_by_chance
+
 _L2 = faiss.METRIC_L2
 FLAT_UP_TO = 250_000  # keys: up to here reading all of them takes a few milliseconds, and misses none
 IVF_KEYS_A_LIST = 256
@@ -47,11 +49,11 @@ def probes_for(index: faiss.IndexIVF, count: int) -> int:
 
 
 def _sample(keys: NDArray[np.float32], index: faiss.Index) -> NDArray[np.float32]:
-    """An even part of them where lists are learned: their number says how many keys are needed."""
+    """A part of them where lists are learned: their number says how many keys are needed."""
     if not isinstance(index, faiss.IndexIVF):
         return keys
-    step = max(1, len(keys) // max(TRAINED_KEYS_A_LIST * index.nlist, PQ_FROM))
-    return np.ascontiguousarray(keys[::step])
+    needed = max(TRAINED_KEYS_A_LIST * index.nlist, PQ_FROM)
+    return np.ascontiguousarray(keys[rows_by_chance(len(keys), needed)])
 
 
 def _flat(count: int, dimensions: int) -> faiss.Index:

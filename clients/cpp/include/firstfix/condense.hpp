@@ -131,8 +131,7 @@ inline CompactScan condense(const Scan& scan, const QueryParameters& parameters 
   const auto near = detail::within_range(scan.points, parameters.min_range_m, parameters.max_range_m);
   const auto means = detail::voxel_means(detail::at_most(near, detail::kVoxelled), parameters.voxel_m);
   CompactScan compact;
-  for (const std::size_t row : detail::even_rows(means.size(), points)) {
-    const auto& [x, y, z] = means[row];
+  for (const auto& [x, y, z] : detail::at_most(means, points)) {
     compact.points.push_back({static_cast<float>(x), static_cast<float>(y), static_cast<float>(z)});
   }
   compact.nearest_m = detail::nearest_by_direction(detail::at_most(near, detail::kReturns));

@@ -69,9 +69,7 @@ inline double votes(const std::vector<Vector3>& normals, const Vector3& directio
 // Of unit surface normals of either sign: the direction that the most of them confirm as up.
 inline Vector3 estimate_up(const std::vector<Vector3>& all_normals) {
   constexpr std::size_t kVoters = 2000;
-  std::vector<Vector3> normals;
-  const std::size_t step = std::max<std::size_t>(1, all_normals.size() / kVoters);
-  for (std::size_t i = 0; i < all_normals.size(); i += step) normals.push_back(all_normals[i]);
+  const std::vector<Vector3> normals = at_most(all_normals, kVoters);
   Vector3 up{0, 0, 1};
   double most = -1;
   for (const Vector3& direction : cone()) {

@@ -64,20 +64,27 @@ inline std::vector<Point> within_range(const std::vector<Point>& points, double 
   return kept;
 }
 
-// Every second, third, ... so that no more than `count` are left.
-inline std::vector<Point> at_most(const std::vector<Point>& points, std::size_t count) {
-  const std::size_t step = std::max<std::size_t>(1, (points.size() + count - 1) / count);
-  std::vector<Point> kept;
-  kept.reserve(points.size() / step + 1);
-  for (std::size_t i = 0; i < points.size(); i += step) kept.push_back(points[i]);
-  return kept;
+// 32 bits, as good as by chance: the last steps of MurmurHash3.
+inline std::uint32_t mixed(std::uint32_t x) {
+  x ^= x >> 16;
+  x *= 0x85ebca6bu;
+  x ^= x >> 13;
+  x *= 0xc2b2ae35u;
+  return x ^ (x >> 16);
 }
 
-// Rows, ascending, that take an even part of `count`.
-inline std::vector<std::size_t> even_rows(std::size_t count, std::size_t at_most) {
-  std::vector<std::size_t> rows(std::min(count, at_most));
-  for (std::size_t k = 0; k < rows.size(); ++k) rows[k] = k * count / rows.size();
-  return rows;
+// As many of them, in their order: one by chance out of each of `count` equal runs. All where there are no more. A
+// stride would take rows that repeat with its period, such as the beams of a scan, always or never.
+template <typename T>
+std::vector<T> at_most(const std::vector<T>& points, std::size_t count) {
+  if (points.size() <= count) return points;
+  std::vector<T> kept;
+  kept.reserve(count);
+  for (std::uint64_t i = 0; i < count; ++i) {
+    const std::uint64_t start = i * points.size() / count, end = (i + 1) * points.size() / count;
+    kept.push_back(points[start + (mixed(static_cast<std::uint32_t>(i)) * (end - start) >> 32)]);
+  }
+  return kept;
 }
 
 // Rows, ascending, of the first point in every cube.

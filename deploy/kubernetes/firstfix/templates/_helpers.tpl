@@ -26,6 +26,7 @@ helm.sh/chart: {{ .root.Chart.Name }}-{{ .root.Chart.Version }}
 {{- $image := index .root.Values.image .image -}}
 {{- with .root.Values.image.registry }}{{ $image = printf "%s/%s" . $image }}{{ end -}}
 {{ $image }}:{{ .root.Values.image.tag | default .root.Chart.AppVersion }}
+{{- with index .root.Values.image.digests .image }}@{{ . }}{{ end }}
 {{- end }}
 
 {{/* Settings as environment variables: words as they are, all else as JSON. */}}
@@ -79,6 +80,22 @@ envFrom:
 {{- end }}
 {{- end }}
 
+{{/* Of those who build: keys of their own where there are such. */}}
+{{- define "firstfix.buildSecrets" -}}
+{{- with .Values.builder.existingSecret | default .Values.store.existingSecret }}
+envFrom:
+  - secretRef: {name: {{ . }}}
+{{- end }}
+{{- end }}
+
+{{- define "firstfix.buildServiceAccount" -}}
+{{- if and .Values.serviceAccount.create .Values.builder.serviceAccountAnnotations -}}
+{{ include "firstfix.name" . }}-builder
+{{- else -}}
+{{ include "firstfix.serviceAccount" . }}
+{{- end }}
+{{- end }}
+
 {{- define "firstfix.podSecurity" -}}
 runAsNonRoot: true
 runAsUser: 10001
@@ -96,7 +113,7 @@ capabilities: {drop: [ALL]}
 
 {{/* Where pods go. enableServiceLinks: the links of a Service named firstfix would set FIRSTFIX_PORT. */}}
 {{- define "firstfix.pod" -}}
-serviceAccountName: {{ include "firstfix.serviceAccount" .root }}
+serviceAccountName: {{ eq .image "builder" | ternary (include "firstfix.buildServiceAccount" .root) (include "firstfix.serviceAccount" .root) }}
 automountServiceAccountToken: false
 enableServiceLinks: false
 securityContext: {{- include "firstfix.podSecurity" . | nindent 2 }}

@@ -1,0 +1,348 @@
+"""Power cuts at random moments of uploads, builds and publications: what is lost of what was acknowledged.
+
+    python -m benchmarks.power_cuts [--cuts 50] [--seed 0] [--json FILE]
+
+A service with its store, work folder and cache on an ext4 image builds posted maps with
+``benchmarks.tiny_worker`` (all of the real path but the stages' work), while files are uploaded in parts
+and versions are switched. At random moments the file system is shut down: what was written and not synced
+is lost, as by a power cut. Then the image is mounted again, looked through, and the service is started on it.
+It needs root, for it mounts the image. "Serving" is here that the service shows the active version and that
+every file of every published version is whole: there is no index in them that could answer.
+"""
+
+from __future__ import annotations
+
+import argparse
+import base64
+import hashlib
+import json
+import os
+import random
+import signal
+import subprocess
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import httpx
+
+from firstfix.catalog import Catalog
+from firstfix.errors import FirstfixError
+from firstfix.map_state import Event
+from firstfix.store import Store
+
+from .disk_image import DiskImage, why_no_images
+from .kill_deployment import Deployment
+
+IMAGE_BYTES = 16 << 30  # sparse: the service wants room on its disk
+MAPS = ("hall", "yard")
+PART_BYTES, PARTS = 300_000, 4
+WAIT_S = 180.0  # for what takes seconds
+MOMENTS = ("upload", "build", "publish", "any")
+
+
+@dataclass
+class Acknowledged:
+    """What the service said that it has."""
+
+    builds: set[str] = field(default_factory=set)
+    succeeded: dict[str, tuple[str, str]] = field(default_factory=dict)  # build to map and version
+    upload_bytes: dict[str, int] = field(default_factory=dict)
+    switches: Counter[str] = field(default_factory=Counter)  # of each map
+
+    def missing_in(self, catalog: Catalog) -> list[str]:
+        """What a store has lost of it."""
+        lost = [f"build {name}" for name in sorted(self.builds - set(catalog.build_ids()))]
+        for build_id, (map_id, version) in self.succeeded.items():
+            if catalog.build_status(build_id)["version"] != version:
+                lost.append(f"the end of build {build_id}")
+            if version not in catalog.state(map_id).published:
+                lost.append(f"version {version[:12]} of {map_id}")
+        for map_id, count in self.switches.items():
+            entries = catalog.log(map_id)
+            if sum(not e.build_id and e.event is Event.ACTIVATED for e in entries) < count:
+                lost.append(f"a switch of {map_id}")
+        for upload_id, size in self.upload_bytes.items():
+            parts = catalog.store.scan(f"uploads/{upload_id}/parts")
+            if sum(part.size_bytes for part in parts) < size:
+                lost.append(f"bytes of upload {upload_id}")
+        return lost
+
+
+class Callers:
+    """Those who use the service until it is gone: one uploads, one hands in maps, one switches versions."""
+
+    def __init__(self, deployment: Deployment, said: Acknowledged, seed: int) -> None:
+        self._http = httpx.Client(base_url=f"http://127.0.0.1:{deployment.port}", timeout=60.0)
+        self._deployment = deployment
+        self._catalog = Catalog(Store.open(deployment.store_url))
+        self._said = said
+        self._rng = random.Random(seed)
+        self._stop = threading.Event()
+        works = (self._upload, self._hand_in, self._switch)
+        self._threads = [threading.Thread(target=self._run, args=(work,)) for work in works]
+        self.is_uploading = False
+        self.hands_in = True
+
+    def start(self) -> None:
+        for thread in self._threads:
+            thread.start()
+
+    def stop(self) -> None:
+        self._stop.set()
+        for thread in self._threads:
+            thread.join()
+        self._http.close()
+
+    def _run(self, work: Callable[[], None]) -> None:
+        while not self._stop.is_set():
+            with suppress(httpx.HTTPError, FirstfixError, KeyError, ValueError):  # the power is gone
+                work()
+            self._stop.wait(0.05)
+
+    def _upload(self) -> None:
+        name = base64.b64encode(b"a.xyz").decode()
+        headers = {"Upload-Length": str(PARTS * PART_BYTES), "Upload-Metadata": f"filename {name}"}
+        begun = self._http.post("/uploads", headers=headers)
+        if begun.status_code != 201:
+            return
+        upload_id = begun.headers["Location"].rsplit("/", 1)[-1]
+        self._said.upload_bytes[upload_id] = 0
+        for part in range(PARTS):
+            if self._stop.is_set():
+                return
+            self.is_uploading = True
+            answer = self._http.patch(
+                f"/uploads/{upload_id}",
+                content=bytes([48 + part]) * PART_BYTES,
+                headers={
+                    "Upload-Offset": str(part * PART_BYTES),
+                    "Content-Type": "application/offset+octet-stream",
+                },
+            )
+            self.is_uploading = False
+            if answer.status_code != 204:
+                return
+            self._said.upload_bytes[upload_id] = int(answer.headers["Upload-Offset"])
+        del self._said.upload_bytes[upload_id]  # it is removed
+        self._http.delete(f"/uploads/{upload_id}")
+
+    def _hand_in(self) -> None:
+        for build_id in self._said.builds - self._said.succeeded.keys():
+            status = self._http.get(f"/builds/{build_id}").json()
+            if status["state"] == "succeeded":
+                self._said.succeeded[build_id] = (status["map_id"], status["version"])
+        if self.hands_in and len(self._said.builds - self._said.succeeded.keys()) < 3:
+            number = self._rng.randrange(10**9)
+            build_id = self._deployment.post(MAPS[number % len(MAPS)], number)
+            if build_id is not None:
+                self._said.builds.add(build_id)
+
+    def _switch(self) -> None:
+        map_id = self._rng.choice(MAPS)
+        self._stop.wait(0.5)
+        # Past the service, which would want to load the version: there is no index in a tiny worker's.
+        self._catalog.roll_back(map_id)
+        self._said.switches[map_id] += 1
+
+
+def power_cuts(folder: Path, *, cuts: int, seed: int = 0) -> dict[str, Any]:
+    """The figures. ``lost``, ``torn``, ``broken``, ``not_serving`` and ``not_succeeded`` are to be empty.
+
+    Args:
+        folder: empty; of the image and where it is mounted.
+
+    Raises:
+        RuntimeError: no image can be mounted here.
+    """
+    if why := why_no_images():
+        raise RuntimeError(why)
+    rng = random.Random(seed)
+    disk = DiskImage.make(folder / "image", folder / "disk", size_bytes=IMAGE_BYTES)
+    said = Acknowledged()
+    met: Counter[str] = Counter()
+    found: dict[str, list[str]] = {"lost": [], "torn": [], "broken": [], "not_serving": []}
+    began = time.monotonic()
+    disk.mount()
+    for number in range(cuts + 1):
+        deployment = Deployment(disk.mount_point, None)
+        deployment.start()
+        try:
+            found["not_serving"] += _not_serving(deployment)
+            callers = Callers(deployment, said, rng.randrange(10**9))
+            callers.start()
+            try:
+                if number == cuts:
+                    callers.hands_in = False
+                    _wait_until(lambda: said.builds == said.succeeded.keys())
+                else:
+                    met[_wait_for_a_moment(disk, deployment, callers, rng)] += 1
+                    disk.cut_power()
+            finally:
+                _end(deployment)
+                callers.stop()
+        finally:
+            _unmount(disk)
+        disk.mount()
+        found["lost"] += [f"cut {number}: {what}" for what in said.missing_in(_catalog(disk))]
+        found["torn"] += [f"cut {number}: {key}" for key in _torn(_catalog(disk).store)]
+        found["broken"] += [f"cut {number}: {what}" for what in _broken(_catalog(disk), folder / "cache")]
+    catalog = _catalog(disk)
+    ended = {build_id: str(catalog.build_status(build_id)["state"]) for build_id in sorted(said.builds)}
+    versions = sum(len(catalog.state(map_id).published) for map_id in MAPS)
+    _unmount(disk)
+    return {
+        "seed": seed,
+        "seconds": round(time.monotonic() - began, 1),
+        "cuts": dict(met),
+        "builds_acknowledged": len(said.builds),
+        "versions_published": versions,
+        "switches_acknowledged": said.switches.total(),
+        **found,
+        "not_succeeded": {name: state for name, state in ended.items() if state != "succeeded"},
+        "file_system_is_whole": disk.is_whole(),
+    }
+
+
+def _catalog(disk: DiskImage) -> Catalog:
+    return Catalog(Store.open(f"file://{disk.mount_point / 'store'}"))
+
+
+def _not_serving(deployment: Deployment) -> list[str]:
+    """What a service that was started again does not show of what its store has."""
+    http = httpx.Client(base_url=f"http://127.0.0.1:{deployment.port}", timeout=60.0)
+
+    def is_there() -> bool:
+        with suppress(httpx.HTTPError):
+            return http.get("/readyz").status_code == 200 or http.get("/healthz").status_code == 200
+        return False
+
+    with http:
+        if not _wait_until(is_there):
+            return ["the service does not start"]
+        catalog = Catalog(Store.open(deployment.store_url))
+        active = {map_id: catalog.active_version(map_id) for map_id in catalog.map_ids()}
+        shown = {map_id: http.get(f"/maps/{map_id}").json().get("active_version") for map_id in active}
+    return [f"version {active[name]} of {name}" for name in active if shown[name] != active[name]]
+
+
+def _torn(store: Store) -> list[str]:
+    """Objects that are not what was put: empty ones, records that are no JSON, sources with another sha256.
+    The files of versions are those of ``_broken``."""
+    torn = []
+    for item in store.scan():
+        name = item.key.rsplit("/", 1)[-1]
+        if name == "cancel":  # empty by its nature
+            continue
+        if not item.size_bytes or (
+            "/versions/" not in item.key and not _is_right(item.key, store.get(item.key))
+        ):
+            torn.append(item.key)
+    return torn
+
+
+def _is_right(key: str, content: bytes) -> bool:
+    name = key.rsplit("/", 1)[-1]
+    if name.endswith(".json"):
+        try:
+            json.loads(content)
+        except ValueError:
+            return False
+    if "/sources/" in key:
+        return hashlib.sha256(content).hexdigest() == name.split(".")[0]
+    if key.startswith("uploads/") and "/parts/" in key:
+        return content == content[:1] * PART_BYTES
+    return True
+
+
+def _broken(catalog: Catalog, cache: Path) -> list[str]:
+    """Published versions of which a file is missing or differs."""
+    broken = []
+    for map_id in catalog.map_ids():
+        for version in catalog.state(map_id).published:
+            try:
+                catalog.fetch_version(map_id, version, cache)
+            except FirstfixError as error:
+                broken.append(f"{map_id} {version[:12]}: {error}")
+    return broken
+
+
+def _wait_for_a_moment(disk: DiskImage, deployment: Deployment, callers: Callers, rng: random.Random) -> str:
+    """Waits until what is drawn by lot goes on, and a little longer. What it was."""
+    moment = rng.choice(MOMENTS)
+    if moment == "upload":
+        _wait_until(lambda: callers.is_uploading)
+        time.sleep(rng.uniform(0.0, 0.05))
+    elif moment == "build":
+        _wait_until(lambda: bool(deployment.members[0].build_pids()))
+        time.sleep(rng.uniform(0.0, 4.0))
+    elif moment == "publish":
+        catalog = _catalog(disk)
+        before = {map_id: _folders(catalog, map_id) for map_id in MAPS}
+        _wait_until(lambda: any(_folders(catalog, map_id) != before[map_id] for map_id in MAPS))
+        time.sleep(rng.uniform(0.0, 0.15))
+    else:
+        time.sleep(rng.uniform(0.0, 4.0))
+    return moment
+
+
+def _folders(catalog: Catalog, map_id: str) -> list[str]:
+    return catalog.store.folders(f"maps/{map_id}/versions")
+
+
+def _wait_until(condition: Callable[[], bool]) -> bool:
+    deadline = time.monotonic() + WAIT_S
+    while not condition():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.005)
+    return True
+
+
+def _end(deployment: Deployment) -> None:
+    """Kills the service and its builds, which are of sessions of their own."""
+    for member in deployment.members:
+        for pid in member.build_pids():
+            with suppress(ProcessLookupError):
+                os.killpg(pid, signal.SIGKILL)
+        member.kill()
+
+
+def _unmount(disk: DiskImage) -> None:
+    """As soon as nothing on it is open."""
+
+    def is_free() -> bool:
+        with suppress(subprocess.CalledProcessError):
+            disk.unmount()
+            return True
+        return False
+
+    if not _wait_until(is_free):
+        raise RuntimeError(f"somebody has a file open below {disk.mount_point}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="benchmarks.power_cuts", description=__doc__.split("\n\n")[0])
+    parser.add_argument("--cuts", type=int, default=50)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
+    chosen = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        figures = power_cuts(Path(folder), cuts=chosen.cuts, seed=chosen.seed)
+    text = json.dumps(figures, indent=1)
+    print(text)
+    if chosen.json:
+        chosen.json.write_text(text + "\n")
+    wrong = ("lost", "torn", "broken", "not_serving", "not_succeeded")
+    if any(figures[name] for name in wrong) or not figures["file_system_is_whole"]:
+        raise SystemExit(1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,95 @@
+"""Confines this process, before it has read anything of a stranger's."""
+
+from __future__ import annotations
+
+import resource
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from .kernel import drop_capabilities, end_with_parent, gain_no_privileges
+from .landlock import SIGNALS_VERSION, allow_only, landlock_version
+from .seccomp import refuse_system_calls
+
+MAX_OPEN_FILES = 4096
+# The system's programs and libraries, and what libraries look for there when they are loaded.
+_SYSTEM = ("/usr", "/bin", "/lib", "/lib32", "/lib64", "/opt/firstfix")
+_SYSTEM_FILES = (
+    "/etc/ld.so.cache",
+    "/etc/localtime",
+    "/etc/mime.types",
+    "/etc/fonts",
+    "/etc/ssl/openssl.cnf",
+    "/dev/urandom",
+    "/dev/random",
+    "/proc",  # without what it has of processes outside: Landlock keeps their memory and environment back
+    "/sys/devices/system",
+)
+_WRITABLE = ("/dev/null", "/dev/shm")  # the second for multiprocessing's semaphores
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Of one process.
+
+    Attributes:
+        memory_bytes: of private memory that it may reserve, used or not.
+        file_bytes: of one file.
+    """
+
+    memory_bytes: int
+    file_bytes: int
+
+
+def confine(*, read: tuple[Path, ...], write: tuple[Path, ...], limits: Limits) -> list[str]:
+    """For good, and for all that this process starts. What the kernel has no means for, in words.
+
+    Args:
+        read, write: folders, beside those of the system and of Python.
+    """
+    missing = []
+    end_with_parent()
+    _limit(limits)
+    gain_no_privileges()
+    try:
+        allow_only(
+            run=[*map(Path, _SYSTEM), *_python_folders()],
+            read=[*map(Path, _SYSTEM_FILES), *read],
+            write=[*map(Path, _WRITABLE), *write],
+        )
+    except OSError as error:
+        missing.append(
+            f"files of its user can be read, processes of its user too (no Landlock: {error.strerror})"
+        )
+    else:
+        if landlock_version() < SIGNALS_VERSION:
+            missing.append(
+                f"processes of its user can be signalled (Landlock before version {SIGNALS_VERSION})"
+            )
+    drop_capabilities()
+    try:
+        refuse_system_calls()
+    except OSError as error:
+        missing.append(f"the network is open (no seccomp: {error.strerror})")
+    return missing
+
+
+def _limit(limits: Limits) -> None:
+    wanted = {
+        resource.RLIMIT_CORE: 0,
+        resource.RLIMIT_NOFILE: MAX_OPEN_FILES,
+        resource.RLIMIT_DATA: limits.memory_bytes,
+        resource.RLIMIT_FSIZE: limits.file_bytes,
+    }
+    for kind, value in wanted.items():
+        _, hard = resource.getrlimit(kind)
+        within = value if hard == resource.RLIM_INFINITY else min(value, hard)
+        resource.setrlimit(kind, (within, within))
+
+
+def _python_folders() -> list[Path]:
+    """Where this interpreter and its modules are."""
+    executable = Path(sys.executable)
+    named = [sys.prefix, sys.base_prefix, sys.exec_prefix, *filter(None, sys.path)]
+    folders = {executable.parent, executable.resolve().parent, *(Path(name).resolve() for name in named)}
+    return sorted(folder for folder in folders if folder != Path("/"))

@@ -1,0 +1,97 @@
+"""Takes files out of a folder whose owner is not trusted, and may change it meanwhile.
+
+A link in that folder could lead the reader to a file of its own, such as its credentials. So no link is
+followed, at no level; and what was taken stands where the other one cannot reach.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+
+from firstfix.errors import BuildFailed
+
+MAX_FILES = 100_000
+MAX_DEPTH = 8
+_FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
+
+
+def take_files(root: Path, folder: str, into: Path) -> None:
+    """Links the files below ``root/folder`` into a new folder, or copies them.
+
+    Args:
+        root: a folder that the other one cannot replace.
+        folder: below it, as the other one named it.
+
+    Raises:
+        BuildFailed: the name leads elsewhere, or there is something that is no plain file.
+    """
+    into.mkdir(parents=True)
+    try:
+        with _opened(root, folder) as handle:
+            _take(handle, into, MAX_DEPTH, _Budget(MAX_FILES))
+    except OSError as error:
+        raise BuildFailed(f"the build's files cannot be taken over: {error.strerror}") from None
+
+
+class _Budget:
+    def __init__(self, left: int) -> None:
+        self.left = left
+
+    def spend(self) -> None:
+        self.left -= 1
+        if self.left < 0:
+            raise BuildFailed(f"the build made more than {MAX_FILES} files")
+
+
+@contextmanager
+def _opened(root: Path, folder: str) -> Iterator[int]:
+    parts = PurePosixPath(folder).parts
+    if not parts or any(part in ("/", "..") for part in parts):
+        raise BuildFailed("the build named a folder outside its own")
+    handle = os.open(root, _FOLDER)
+    try:
+        for part in parts:
+            inner = os.open(part, _FOLDER, dir_fd=handle)
+            os.close(handle)
+            handle = inner
+        yield handle
+    finally:
+        os.close(handle)
+
+
+def _take(folder: int, into: Path, depth: int, budget: _Budget) -> None:
+    for name in os.listdir(folder):
+        budget.spend()
+        mode = os.stat(name, dir_fd=folder, follow_symlinks=False).st_mode
+        if stat.S_ISREG(mode):
+            _take_file(folder, name, into / name)
+        elif stat.S_ISDIR(mode) and depth:
+            inner = os.open(name, _FOLDER, dir_fd=folder)
+            try:
+                (into / name).mkdir()
+                _take(inner, into / name, depth - 1, budget)
+            finally:
+                os.close(inner)
+        else:
+            raise BuildFailed("the build made something that is no plain file")
+
+
+def _take_file(folder: int, name: str, target: Path) -> None:
+    """Looked at again where it is out of reach: it may have been replaced since it was looked at."""
+    try:
+        os.link(name, target, src_dir_fd=folder, follow_symlinks=False)
+    except OSError:  # another file system, or one without links
+        handle = os.open(name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=folder)
+        with os.fdopen(handle, "rb") as source:
+            if not stat.S_ISREG(os.fstat(source.fileno()).st_mode):
+                raise BuildFailed("the build made something that is no plain file") from None
+            with target.open("xb") as copy:
+                shutil.copyfileobj(source, copy)
+    if not stat.S_ISREG(target.lstat().st_mode):
+        target.unlink()
+        raise BuildFailed("the build made something that is no plain file")

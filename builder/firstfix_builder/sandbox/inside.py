@@ -1,0 +1,176 @@
+"""The build's own process, in its sandbox: it confines itself, is told its job, and says what it comes to.
+
+    python -m firstfix_builder.sandbox.inside --work DIR --sources DIR --say-to HANDLE ...
+
+Standard input brings the job. Nothing but the standard library is imported before the process is confined.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import os
+import shutil
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .confine import Limits, confine
+
+if TYPE_CHECKING:
+    from .messages import Lines, Speaker
+
+TICK_S = 0.1
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Flows:
+    """What can be done to a source: ``pipeline.build_version`` and ``pipeline.read_source``."""
+
+    build_version: Callable[..., object]
+    read_source: Callable[..., object]
+
+
+def pipeline_flows() -> Flows:
+    """They take seconds to import."""
+    from ..pipeline import build_version, read_source
+
+    return Flows(build_version, read_source)
+
+
+def main(flows: Callable[[], Flows] = pipeline_flows) -> int:
+    parser = argparse.ArgumentParser()
+    for name in ("--work", "--sources"):
+        parser.add_argument(name, required=True, type=Path)
+    for name in ("--say-to", "--memory-bytes", "--file-bytes"):
+        parser.add_argument(name, required=True, type=int)
+    parser.add_argument("--required", action="store_true")
+    chosen = parser.parse_args()
+    os.set_inheritable(chosen.say_to, False)
+    missing = confine(
+        read=(chosen.sources,),
+        write=(chosen.work,),
+        limits=Limits(chosen.memory_bytes, chosen.file_bytes),
+    )
+    os.chdir(chosen.work)
+
+    from .messages import Lines, Speaker
+
+    speaker, lines = Speaker(chosen.say_to), Lines(0)
+    speaker.say(confined=missing)
+    if missing and chosen.required:
+        return 1
+    available = flows()
+    message = None
+    while message is None:
+        message = lines.next(3600.0)
+    return run_job(available, message["job"], chosen.work, speaker, lines)
+
+
+class Outside:
+    """What the worker outside does for the build: cancels it, and brings and takes finished stages."""
+
+    def __init__(self, speaker: Speaker, lines: Lines, work: Path) -> None:
+        self._speaker = speaker
+        self._lines = lines
+        self._work = work
+        self._asking = threading.Lock()
+        self._answered = threading.Event()
+        self._answer: Any = None
+        self._cancelled = threading.Event()
+        self._said: tuple[str, float] = "", 0.0
+        threading.Thread(target=self._listen, daemon=True, name="outside").start()
+
+    def is_cancelled(self) -> bool:
+        return self._cancelled.is_set()
+
+    def tick(self, stage: str, fraction: float) -> None:
+        said, at = self._said
+        if stage != said or fraction >= 1.0 or time.monotonic() - at >= TICK_S:
+            self._said = stage, time.monotonic()
+            self._speaker.say(stage=stage, done=fraction)
+
+    def fetch(self, key: str, folder: Path) -> bool:
+        """As ``SharedStages.fetch``."""
+        brought = self._ask(fetch=key)
+        if not brought:
+            return False
+        for path in (self._work / brought).iterdir():
+            shutil.move(path, folder / path.name)
+        (self._work / brought).rmdir()
+        return True
+
+    def put(self, key: str, name: str, folder: Path) -> int:
+        """As ``SharedStages.put``."""
+        return int(self._ask(share=[key, name, str(folder.resolve().relative_to(self._work.resolve()))]))
+
+    def _ask(self, **message: Any) -> Any:
+        with self._asking:
+            self._answered.clear()
+            self._speaker.say(**message)
+            self._answered.wait()
+            return self._answer
+
+    def _listen(self) -> None:
+        while True:
+            try:
+                message = self._lines.next(3600.0)
+            except EOFError:
+                os._exit(1)  # the worker is gone
+            if message is None:
+                continue
+            if "cancel" in message:
+                self._cancelled.set()
+            elif "answer" in message:
+                self._answer = message["answer"]
+                self._answered.set()
+
+
+def run_job(flows: Flows, job: dict[str, Any], work: Path, speaker: Speaker, lines: Lines) -> int:
+    from firstfix.build_config import BuildConfig
+
+    from ..build_log import set_up_build_log
+    from ..build_trace import BuildTrace
+    from .failures import described
+
+    set_up_build_log(job["build_id"], level=job["log_level"], as_json=job["log_json"])
+    outside = Outside(speaker, lines, work)
+
+    class Trace(BuildTrace):
+        """For the log's lines. The spans are made outside, where the network is."""
+
+        def mark_cached(self, stage: str) -> None:
+            speaker.say(cached=stage)
+
+    with Trace(job["build_id"], "", job["traceparent"], {}) as trace:
+
+        def progress(stage: str, fraction: float) -> None:
+            trace.tick(stage)
+            outside.tick(stage, fraction)
+
+        try:
+            flow = flows.read_source if job["read_only"] else flows.build_version
+            flow(
+                Path(job["source"]),
+                BuildConfig.parse(job["config"]),
+                work,
+                trajectory=None if job["trajectory"] is None else Path(job["trajectory"]),
+                progress=progress,
+                cancelled=outside.is_cancelled,
+                shared=outside if job["share"] else None,
+            )
+        except Exception as error:
+            _log.exception("build %s failed in %s", job["build_id"], trace.stage)
+            speaker.say(failed=described(error, work.parent))
+            return 1
+    speaker.say(built=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

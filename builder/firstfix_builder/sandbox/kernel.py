@@ -1,0 +1,61 @@
+"""The system calls that Python has no function for."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+
+_libc = ctypes.CDLL(None, use_errno=True)
+_SET_PDEATHSIG, _SET_NO_NEW_PRIVS = 1, 38
+_CAPSET = {"x86_64": 126, "aarch64": 91}
+_CAPABILITY_VERSION_3 = 0x20080522
+
+
+def prctl(option: int, *arguments: int) -> None:
+    """
+    Raises:
+        OSError: the kernel refuses.
+    """
+    given = [ctypes.c_ulong(value) for value in (*arguments, 0, 0, 0, 0)][:4]
+    if _libc.prctl(option, *given) != 0:
+        raise _failure("prctl")
+
+
+def system_call(number: int, *arguments: object) -> int:
+    """Its result.
+
+    Raises:
+        OSError: the kernel refuses.
+    """
+    result: int = _libc.syscall(ctypes.c_long(number), *arguments)
+    if result < 0:
+        raise _failure(f"system call {number}")
+    return result
+
+
+def gain_no_privileges() -> None:
+    """Neither by a program with a set-user bit nor in any other way, from now on."""
+    prctl(_SET_NO_NEW_PRIVS, 1)
+
+
+def end_with_parent() -> None:
+    """This process is killed when the one that started it ends, however that ended."""
+    parent = os.getppid()
+    prctl(_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # it has ended meanwhile
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+def drop_capabilities() -> None:
+    """All of them, also of root: its user alone is left."""
+    number = _CAPSET.get(os.uname().machine)
+    if number is None:
+        return
+    header = (ctypes.c_uint32 * 2)(_CAPABILITY_VERSION_3, 0)
+    system_call(number, header, (ctypes.c_uint32 * 6)())
+
+
+def _failure(what: str) -> OSError:
+    number = ctypes.get_errno()
+    return OSError(number, f"{what}: {os.strerror(number)}")

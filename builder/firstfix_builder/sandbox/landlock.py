@@ -1,0 +1,81 @@
+"""Landlock: the files that this process and all that it starts may read and write. The kernel's word of it:
+Documentation/userspace-api/landlock.rst.
+
+It also keeps a process from looking into others that are not in the same sandbox (their memory, their
+``/proc/<pid>/environ``), and from signalling them.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import stat
+import struct
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from .kernel import system_call
+
+_CREATE_RULESET, _ADD_RULE, _RESTRICT_SELF = 444, 445, 446  # on every machine
+_VERSION, _PATH_BENEATH = 1, 1
+_EXECUTE, _WRITE_FILE, _READ_FILE, _READ_DIR = 1, 2, 4, 8
+_REFER, _TRUNCATE, _IOCTL_DEVICE = 1 << 13, 1 << 14, 1 << 15
+_FIRST_RIGHTS = (1 << 13) - 1  # what the first version knew
+_OF_FILES = _EXECUTE | _WRITE_FILE | _READ_FILE | _TRUNCATE | _IOCTL_DEVICE
+_READ = _READ_FILE | _READ_DIR
+_MAKE_DEVICES = 1 << 6 | 1 << 11  # characters, blocks
+_NO_TCP, _NO_SIGNAL_NOR_ABSTRACT_SOCKET = 3, 3
+SIGNALS_VERSION = 6
+
+
+def landlock_version() -> int:
+    """0 where the kernel has none, or it is switched off."""
+    try:
+        return system_call(_CREATE_RULESET, None, ctypes.c_size_t(0), ctypes.c_uint32(_VERSION))
+    except OSError:
+        return 0
+
+
+def allow_only(*, run: Iterable[Path], read: Iterable[Path], write: Iterable[Path]) -> None:
+    """All other files are refused from now on, with EACCES. Needs PR_SET_NO_NEW_PRIVS, and a process
+    without other threads: they would stay as they are.
+
+    Args:
+        run: folders and files that may be read and executed.
+        write: folders in which anything may be made, or devices.
+
+    Raises:
+        OSError: the kernel has no Landlock, or refuses.
+    """
+    version = landlock_version()
+    rights = _FIRST_RIGHTS
+    for since, right in ((2, _REFER), (3, _TRUNCATE), (5, _IOCTL_DEVICE)):
+        if version >= since:
+            rights |= right
+    ruleset = struct.pack("=QQQ", rights, _NO_TCP, _NO_SIGNAL_NOR_ABSTRACT_SOCKET)
+    size = 24 if version >= SIGNALS_VERSION else 16 if version >= 4 else 8
+    handle = system_call(_CREATE_RULESET, ruleset, ctypes.c_size_t(size), ctypes.c_uint32(0))
+    try:
+        _add(handle, run, (_EXECUTE | _READ) & rights)
+        _add(handle, read, _READ & rights)
+        _add(handle, write, rights & ~(_EXECUTE | _MAKE_DEVICES | _IOCTL_DEVICE))
+        system_call(_RESTRICT_SELF, ctypes.c_int(handle), ctypes.c_uint32(0))
+    finally:
+        os.close(handle)
+
+
+def _add(ruleset: int, paths: Iterable[Path], rights: int) -> None:
+    for path in _there(paths):
+        handle = os.open(path, os.O_PATH | os.O_CLOEXEC)
+        try:
+            is_folder = stat.S_ISDIR(os.fstat(handle).st_mode)
+            rule = struct.pack("=Qi", rights if is_folder else rights & _OF_FILES, handle)
+            system_call(
+                _ADD_RULE, ctypes.c_int(ruleset), ctypes.c_int(_PATH_BENEATH), rule, ctypes.c_uint32(0)
+            )
+        finally:
+            os.close(handle)
+
+
+def _there(paths: Iterable[Path]) -> Sequence[Path]:
+    return sorted({path for path in paths if path.exists()})

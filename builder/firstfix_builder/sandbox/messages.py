@@ -1,0 +1,73 @@
+"""What a build in its sandbox and the worker outside tell each other: one JSON object a line, over two pipes.
+
+to the build    {"job": {...}}, {"cancel": true}, {"answer": ...} to the last "fetch" or "share"
+from the build  {"confined": [what the kernel has no means for]}, {"stage": name, "done": 0..1},
+                {"cached": stage}, {"fetch": key}, {"share": [key, stage, folder]},
+                {"built": true} or {"failed": {"code", "detail"}}
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import threading
+import time
+from typing import Any
+
+from firstfix.errors import BuildFailed
+
+MAX_LINE_BYTES = 256 << 10
+
+
+class Lines:
+    """Reads messages from a pipe. One thread's."""
+
+    def __init__(self, handle: int) -> None:
+        self._handle = handle
+        self._buffer = b""
+
+    def next(self, timeout_s: float) -> dict[str, Any] | None:
+        """None when none came in that time.
+
+        Raises:
+            EOFError: the other side has closed.
+            BuildFailed: it does not hold to the form.
+        """
+        end = time.monotonic() + timeout_s
+        while b"\n" not in self._buffer:
+            if len(self._buffer) > MAX_LINE_BYTES:
+                raise BuildFailed("the build said too much at once")
+            readable, _, _ = select.select([self._handle], [], [], max(end - time.monotonic(), 0.0))
+            if not readable:
+                return None
+            arrived = os.read(self._handle, 64 << 10)
+            if not arrived:
+                raise EOFError
+            self._buffer += arrived
+        line, _, self._buffer = self._buffer.partition(b"\n")
+        try:
+            message = json.loads(line)
+        except ValueError:
+            message = None
+        if not isinstance(message, dict) or len(message) == 0:
+            raise BuildFailed("the build said something that is no message")
+        return message
+
+
+class Speaker:
+    """Writes messages to a pipe. Thread-safe."""
+
+    def __init__(self, handle: int) -> None:
+        self._handle = handle
+        self._lock = threading.Lock()
+
+    def say(self, **message: Any) -> None:
+        """
+        Raises:
+            BrokenPipeError: nobody hears it.
+        """
+        line = json.dumps(message).encode() + b"\n"
+        with self._lock:
+            while line:
+                line = line[os.write(self._handle, line) :]

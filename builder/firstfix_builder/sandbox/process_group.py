@@ -1,0 +1,46 @@
+"""How many processes and threads a group has. Not by RLIMIT_NPROC: it counts all that a user has on the
+machine, other containers' too, and does not hold for root."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+# A build has a process for each processor, and in each of them libraries have a few threads for each.
+MAX_PROCESSES = 64 + 4 * (os.cpu_count() or 1)
+MAX_THREADS = 1024 + 16 * (os.cpu_count() or 1) ** 2
+
+
+def too_many_processes(group: int) -> str:
+    """What the group has too many of, in words; empty when it holds to the limits."""
+    processes = threads = 0
+    for count in _threads(group):
+        processes += 1
+        threads += count
+    if processes > MAX_PROCESSES:
+        return f"the build started more than {MAX_PROCESSES} processes"
+    if threads > MAX_THREADS:
+        return f"the build started more than {MAX_THREADS} threads"
+    return ""
+
+
+def wait_until_ended(group: int, timeout_s: float) -> None:
+    """Until none of the group runs, each of which was killed."""
+    end = time.monotonic() + timeout_s
+    while any(_threads(group)) and time.monotonic() < end:
+        time.sleep(0.01)
+
+
+def _threads(group: int) -> Iterator[int]:
+    """Of each process of the group that has not ended."""
+    for folder in Path("/proc").iterdir():
+        if folder.name.isdigit():
+            try:
+                # After the name, which may hold anything: state, parent, group, and the threads as the 18th.
+                fields = (folder / "stat").read_bytes().rpartition(b")")[2].split()
+            except OSError:  # ended meanwhile
+                continue
+            if int(fields[2]) == group and fields[0] not in (b"Z", b"X"):
+                yield int(fields[17])

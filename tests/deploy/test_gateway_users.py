@@ -1,0 +1,127 @@
+"""deploy/compose/prepare-gateway.py on a real gateway: what services and workers may do there."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from engine import ROOT
+
+from firstfix.api_keys import ApiKeys
+from firstfix.catalog import Catalog
+from firstfix.errors import StoreError
+from firstfix.grant import Grant
+from firstfix.manifest import Manifest
+from firstfix.shared_stages import SharedStages
+from firstfix.store import Store
+from firstfix_builder.worker import run_build
+from servers import free_port, running_versitygw
+
+SCRIPT = ROOT / "deploy" / "compose" / "prepare-gateway.py"
+SECRETS = {"SERVICE_SECRET_KEY": "s-service-secret", "WORKER_SECRET_KEY": "s-worker-secret"}
+
+
+class Gateway:
+    def __init__(self, url: str, root: dict[str, str]) -> None:
+        self.url = url
+        self._root = root
+
+    def prepare(self, **secrets: str) -> None:
+        environment = {**os.environ, **self._root, **SECRETS, **secrets, "S3_ENDPOINT": self.url}
+        subprocess.run([sys.executable, SCRIPT], env=environment, check=True, timeout=240)
+
+    def as_user(self, name: str, monkeypatch: pytest.MonkeyPatch, secret: str = "") -> Store:
+        monkeypatch.setenv("AWS_ACCESS_KEY_ID", f"firstfix-{name}")
+        monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", secret or SECRETS[f"{name.upper()}_SECRET_KEY"])
+        return Store.open(self.store_url)
+
+    @property
+    def store_url(self) -> str:
+        return f"s3://firstfix?endpoint={self.url}&region=us-east-1&allow_http=true"
+
+
+@pytest.fixture(scope="module")
+def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Gateway]:
+    folder, port = tmp_path_factory.mktemp("gateway"), free_port()
+    (folder / "data" / "firstfix").mkdir(parents=True)
+    (folder / "iam").mkdir()
+    options = ("--iam-dir", str(folder / "iam"), "--iam-cache-disable")
+    with running_versitygw(folder, port, "root-key", "root-secret", *options):
+        root = {"ROOT_ACCESS_KEY": "root-key", "ROOT_SECRET_KEY": "root-secret"}
+        made = Gateway(f"http://127.0.0.1:{port}", root)
+        made.prepare()
+        made.prepare()  # as at every start
+        yield made
+
+
+def test_a_service_does_all_that_it_has_to(gateway: Gateway, monkeypatch: pytest.MonkeyPatch):
+    store = gateway.as_user("service", monkeypatch)
+    store.probe()
+    _, token = ApiKeys(store).create("robot", Grant.parse(["admin"], ["*"]))
+    assert token
+    for folder in ("maps", "builds", "uploads", "samples", "idempotency"):
+        assert store.put_new(f"{folder}/x", b"x")
+        assert store.get(f"{folder}/x") == b"x"
+        assert f"{folder}/x" in store.list(folder)
+        store.delete(f"{folder}/x")
+
+
+def test_a_worker_builds(gateway: Gateway, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    service = Catalog(gateway.as_user("service", monkeypatch))
+    (tmp_path / "upload").write_bytes(np.random.default_rng(0).bytes(20 << 20))  # in several parts
+    key = f"maps/hall/sources/{service.put_source('hall', tmp_path / 'upload')}"
+    service.put_build("b1", {"map_id": "hall", "source": {"key": key}, "file_name": "hall.ply", "config": {}})
+    gateway.as_user("worker", monkeypatch)
+
+    class Built:
+        directory = tmp_path / "version"
+
+    def build_version(source: Path, config: object, work: Path, **_: object) -> Built:
+        Built.directory.mkdir()
+        (Built.directory / "index.bin").write_bytes(source.read_bytes())
+        built = Built()
+        built.manifest = Manifest.for_directory(Built.directory)  # type: ignore[attr-defined]
+        stages = SharedStages(Store.open(gateway.store_url))
+        assert stages.put("a" * 64, "one", Built.directory) > 0
+        return built
+
+    assert run_build(gateway.store_url, "b1", tmp_path / "work", build_version, ("one",)) == 0  # type: ignore[arg-type]
+    assert service.active_version("hall") == service.build_status("b1")["version"]
+
+
+@pytest.mark.parametrize("key", ["keys/x", "samples/x", "uploads/x/upload.json", "idempotency/x"])
+def test_a_worker_gets_at_nothing_else(gateway: Gateway, monkeypatch: pytest.MonkeyPatch, key: str):
+    gateway.as_user("service", monkeypatch).put(key, b"secret")
+    worker = gateway.as_user("worker", monkeypatch)
+    with pytest.raises(StoreError, match="refuses"):
+        worker.get(key)
+    with pytest.raises(StoreError, match="refuses"):
+        worker.put(key, b"mine")
+    with pytest.raises(StoreError, match="Access Denied"):
+        worker.delete(key)
+    with pytest.raises(StoreError, match="refuses"):
+        ApiKeys(worker).create("mine", Grant.parse(["admin"], ["*"]))
+
+
+def test_neither_rules_the_gateway(gateway: Gateway):
+    for name in ("service", "worker"):
+        keys = {
+            "ROOT_ACCESS_KEY": f"firstfix-{name}",
+            "ROOT_SECRET_KEY": SECRETS[f"{name.upper()}_SECRET_KEY"],
+        }
+        environment = {**os.environ, **keys, **SECRETS, "S3_ENDPOINT": gateway.url}
+        done = subprocess.run([sys.executable, SCRIPT], env=environment, capture_output=True, check=False)
+        assert b"HTTP Error 403" in done.stderr
+
+
+def test_a_new_secret_takes_the_place_of_the_old_one(gateway: Gateway, monkeypatch: pytest.MonkeyPatch):
+    gateway.prepare(WORKER_SECRET_KEY="another-secret")
+    gateway.as_user("worker", monkeypatch, "another-secret").probe()
+    with pytest.raises(StoreError):
+        gateway.as_user("worker", monkeypatch).probe()
+    gateway.prepare()

@@ -1,0 +1,23 @@
+"""The power is cut at random moments, a few times: ``python -m benchmarks.power_cuts`` does it 50 times."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks.disk_image import why_no_images
+from benchmarks.power_cuts import power_cuts
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+def test_power_cuts_take_nothing_that_was_acknowledged(tmp_path: Path):
+    if why := why_no_images():
+        pytest.skip(why)
+    figures = power_cuts(tmp_path, cuts=2, seed=3)
+    assert sum(figures["cuts"].values()) == 2
+    assert figures["builds_acknowledged"] > 0
+    for name in ("lost", "torn", "broken", "not_serving", "not_succeeded"):
+        assert not figures[name], name
+    assert figures["file_system_is_whole"]
