@@ -8,6 +8,7 @@ from pathlib import Path
 
 from . import real, smoke
 from .encodings import suite as encodings
+from .hostile import suite as hostile
 from .paper import suite as paper
 from .peers import suite as peers
 from .retrieval import suite as retrieval
@@ -17,6 +18,7 @@ from .service import suite as service
 
 SUITES = {
     "encodings": encodings.run,
+    "hostile": hostile.run,
     "paper": paper.run,
     "peers": peers.run,
     "real": real.run,

@@ -31,7 +31,8 @@ from .map_log import MapLog
 from .map_state import Event, LogEntry, MapState
 from .sha256 import sha256_of
 from .store import Store
-from .version_objects import VersionFolder, VersionObjects, manifest_first
+from .version_garbage import collect_versions
+from .version_objects import VersionFolder, VersionObjects
 
 _log = logging.getLogger(__name__)
 _MAX_COLLECTIONS = 5  # that one publish meets
@@ -277,24 +278,8 @@ class Catalog(BuildRecords):
             the keys that were removed, or with ``dry_run`` would be.
         """
         cutoff = (now or self.store.now()) - timedelta(seconds=older_than_s)
-        log = self._map_log(map_id)
-        state = self.state(map_id)
-        recent = log.changed_since(cutoff)
-        removed: list[str] = []
-        for folder, items in self._objects.scan(map_id).items():
-            version, has_ended = folder.version, folder.generation < state.generation(folder.version)
-            if version in recent or any(item.last_modified > cutoff for item in items):
-                continue
-            if version in state.published and not has_ended:
-                continue
-            if state.skipped and not has_ended:  # an entry that is lost may have published it
-                continue
-            if dry_run or has_ended or _give_up(log, folder, state):
-                keys = manifest_first([item.key for item in items])
-                if not dry_run:
-                    self._objects.remove(folder, keys)
-                removed += keys
-        return removed
+        seen = self.state(map_id)
+        return collect_versions(map_id, seen, self._map_log(map_id), self._objects, cutoff, dry_run=dry_run)
 
     def _published(self, map_id: str, version: str) -> VersionFolder:
         """
@@ -339,16 +324,6 @@ class _Collected(Exception):
 
 def _folder(map_id: str, version: str, state: MapState) -> VersionFolder:
     return VersionFolder(map_id, version, state.generation(version))
-
-
-def _give_up(log: MapLog, folder: VersionFolder, seen: MapState) -> bool:
-    """Ends the generation, unless somebody did something with the version since: from then on no publish
-    counts on the folder. False: it is not to be removed."""
-
-    def needed(state: MapState) -> bool:
-        return not any(e.version == folder.version and e.seq > seen.last_seq for e in state.entries)
-
-    return log.append(Event.COLLECTED, folder.version, needed=needed) is not None
 
 
 def source_key(map_id: str, sha256: str, build_id: str = "") -> str:

@@ -76,7 +76,12 @@ class DurableFiles:
         _sync_folder(folder)
 
     def remove_parts(self, before: datetime, *, dry_run: bool = False) -> list[str]:
-        """Removes what puts left that were killed before that time: files that no listing shows."""
+        """Removes what puts left that were killed before that time: files that no listing shows, and folders
+        without a file, which one does show.
+
+        Returns:
+            the names of the files.
+        """
         removed = []
         for path in self._root.rglob("*#*"):
             with suppress(FileNotFoundError):
@@ -84,6 +89,11 @@ class DurableFiles:
                     if not dry_run:
                         path.unlink()
                     removed.append(path.relative_to(self._root).as_posix())
+        if not dry_run:
+            for folder in sorted(self._root.glob("*/**"), reverse=True):  # the deeper ones first
+                with suppress(OSError):  # it is not empty, or somebody removed it
+                    if folder.parent != self._root and folder.stat().st_mtime <= before.timestamp():
+                        folder.rmdir()
         return removed
 
     @contextmanager

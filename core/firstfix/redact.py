@@ -14,7 +14,7 @@ _PATTERNS: tuple[tuple[re.Pattern[str], str], ...] = (
     (re.compile(r"\bffx_([0-9a-f]{12})_[0-9a-f]+"), rf"ffx_\1_{HIDDEN}"),
     # a JSON Web Token: parts that begin with {" in base64
     (re.compile(r"(?<![\w-])eyJ[\w-]+\.[\w.-]+"), HIDDEN),
-    # a header's value: a scheme and a credential, not the sentence after it. In JSON and in a pair it is quoted
+    # a header's value: a scheme and a credential, not the sentence after it; in JSON it is quoted
     (
         re.compile(
             r"""(?ix) (authorization (?: \\?["']\s*[:,]\s*b?\\?["'] | \s*[=:]\s*b?\\?["'] ))[^"'\\\r\n]+"""

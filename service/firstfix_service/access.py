@@ -17,6 +17,7 @@ from firstfix.store import Store
 from .caller import Caller
 from .exposure import exposed_at
 from .key_ring import KeyRing
+from .lanes import KEYS
 from .metrics import Metrics
 from .rate_limit import RateLimit
 from .settings import Settings
@@ -119,7 +120,7 @@ async def open_access(settings: Settings, store: Store, metrics: Metrics) -> Asy
     running: list[asyncio.Task[None]] = []
     if settings.auth == "on":
         keys = KeyRing(ApiKeys(store), settings.keys_max_age_s)
-        await asyncio.to_thread(keys.refresh)
+        await KEYS.run(keys.refresh)
         running.append(_every(settings.keys_refresh_s, _in_thread(keys.refresh)))
     if keys is not None and settings.jwt_jwks is not None:
         from .jwks import REFRESH_S  # PyJWT is loaded only where there are tokens
@@ -151,7 +152,7 @@ def _every(interval_s: float, work: Callable[[], Awaitable[None]]) -> asyncio.Ta
 
 
 def _in_thread(work: Callable[[], None]) -> Callable[[], Awaitable[None]]:
-    return lambda: asyncio.to_thread(work)
+    return lambda: KEYS.run(work)
 
 
 def _limit(what: str, per_s: float, burst: float) -> RateLimit | None:

@@ -27,6 +27,7 @@ from .assemble import assemble
 from .authorize import authorize
 from .metrics import Metrics
 from .openapi import DocumentedApp
+from .permission import WhilePermitted
 from .query import LocalizesScans
 from .read_only import refuse_changes
 from .request_log import RequestLog
@@ -98,6 +99,7 @@ def create_app(settings: Settings, *, load: Callable[[Path], LocalizesScans] | N
     for module in _OF_THE_STORE:
         app.include_router(module.router, dependencies=[Depends(refuse_changes)])
     problems.add_handlers(app)
+    app.add_middleware(WhilePermitted)
     app.add_middleware(RequestLog, metrics=metrics, requests=requests)
     app.add_middleware(StartFailure)
     return app

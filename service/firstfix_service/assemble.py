@@ -27,6 +27,7 @@ from .georeference_cache import GeoreferenceCache
 from .health import Health
 from .holding import open_holding
 from .janitor import keep_clean
+from .lanes import START
 from .localize import LocalizeUseCase
 from .map_cache import MapCache
 from .map_poller import MapPoller
@@ -71,10 +72,10 @@ async def assemble(
     replica = settings.replica or uuid.uuid4().hex[:12]
     holding = open_holding(settings, replica)
     await _start_tracing(requests, replica, stack)
-    store = metered(await asyncio.to_thread(_open_store, settings), metrics)
+    store = metered(await START.run(_open_store, settings), metrics)
     access = await stack.enter_async_context(open_access(settings, store, metrics))
     catalog = Catalog(store)
-    await asyncio.to_thread(_remove_abandoned_uploads, settings.work_dir / "uploads")
+    await START.run(_remove_abandoned_uploads, settings.work_dir / "uploads")
     workers = _workers(settings, metrics, load)
     maps = MapCache(
         catalog,
@@ -89,8 +90,8 @@ async def assemble(
         poll_interval_s=settings.poll_interval_s,
         sweep_interval_s=settings.sweep_interval_s,
     )
-    stack.push_async_callback(asyncio.to_thread, maps.close)
-    stack.push_async_callback(asyncio.to_thread, workers.close)  # first: it ends the loads under way
+    stack.push_async_callback(START.run, maps.close)
+    stack.push_async_callback(START.run, workers.close)  # first: it ends the loads under way
     pool = QueryPool(settings.workers, settings.queue_size)
     stack.push_async_callback(pool.close)
     metrics.queries_admitted.set_function(lambda: pool.admitted)
@@ -140,7 +141,7 @@ async def assemble(
 
     poller = MapPoller(maps, settings.poll_interval_s, polled, health.catalog_failed)
     poller.start()
-    stack.push_async_callback(asyncio.to_thread, poller.close)
+    stack.push_async_callback(START.run, poller.close)
     _log.info(
         "ready to take requests",
         version=firstfix.__version__,
@@ -170,9 +171,9 @@ def _open_store(settings: Settings) -> Store:
 
 
 async def _start_tracing(requests: Requests, replica: str, stack: AsyncExitStack) -> None:
-    requests.tracing = await asyncio.to_thread(start_tracing, replica)
+    requests.tracing = await START.run(start_tracing, replica)
     if requests.tracing is not None:
-        stack.push_async_callback(asyncio.to_thread, requests.tracing.close)
+        stack.push_async_callback(START.run, requests.tracing.close)
 
 
 async def _start_samples(
@@ -182,10 +183,10 @@ async def _start_samples(
     if not policy.is_on:
         return None
     if settings.samples_store is not None:
-        store = metered(await asyncio.to_thread(Store.open, settings.samples_store), metrics)
+        store = metered(await START.run(Store.open, settings.samples_store), metrics)
     keeper = SampleKeeper(QuerySamples(store), policy, metrics)
     keeper.start()
-    stack.push_async_callback(asyncio.to_thread, keeper.close)
+    stack.push_async_callback(START.run, keeper.close)
     return keeper
 
 
@@ -199,10 +200,10 @@ async def _start_zenoh(
     from .zenoh_replicas import ZenohReplicas
 
     settings, loop = parts.settings, asyncio.get_running_loop()
-    endpoint = await asyncio.to_thread(
+    endpoint = await START.run(
         ZenohEndpoint, settings, replica, parts.use_case, parts.pool, parts.access, loop, requests
     )
-    stack.push_async_callback(asyncio.to_thread, endpoint.close)
+    stack.push_async_callback(START.run, endpoint.close)
     parts.metrics.zenoh_connections.set_function(lambda: endpoint.connections)
     parts.metrics.zenoh_maps.set_function(lambda: endpoint.maps_shown)
     shown = None
@@ -213,7 +214,7 @@ async def _start_zenoh(
             return {"queries": parts.pool.admitted, "limit": settings.workers + settings.queue_size}
 
         shown = ZenohCatalog(endpoint.session, replica, parts.maps, parts.catalog, load)
-        stack.push_async_callback(asyncio.to_thread, shown.close)
+        stack.push_async_callback(START.run, shown.close)
     _log.info("answering over zenoh", replica=replica)
     showing = threading.Lock()
 
@@ -231,12 +232,12 @@ async def _start_zenoh(
         parts.maps.share(names, show, superseded)
 
     replicas = ZenohReplicas(endpoint.session, replica, changed, client_config(settings))
-    stack.push_async_callback(asyncio.to_thread, replicas.close)
-    parts.maps.holding.see(await asyncio.to_thread(replicas.start))
+    stack.push_async_callback(START.run, replicas.close)
+    parts.maps.holding.see(await START.run(replicas.start))
 
     async def leave() -> None:
         await draining.wait()
-        await asyncio.to_thread(replicas.leave)
+        await START.run(replicas.leave)
 
     run_with(stack, leave(), "leave-replicas")
 

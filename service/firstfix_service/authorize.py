@@ -5,7 +5,6 @@ What is not in the table needs ``admin``: a route that somebody forgets to enter
 
 from __future__ import annotations
 
-import asyncio
 from typing import Annotated
 
 from fastapi import Depends, Request
@@ -15,7 +14,9 @@ from firstfix.grant import Scope
 
 from .caller import Caller
 from .client_address import client_address
+from .lanes import AUTH
 from .parts import Parts, parts_of
+from .permission import Permission
 from .request_scope import note
 from .settings import Settings
 
@@ -66,9 +67,9 @@ LIMITED = {
 
 
 async def authorize(request: Request) -> None:
-    """A dependency of every route. Leaves the ``Caller`` in ``request.state.caller``; where a map id stands
-    in the path, or that of a build, the caller may go there. The map in a body or query is the route's to
-    check.
+    """A dependency of every route. Leaves the ``Caller`` in ``request.state.caller``, and the ``Permission``
+    to be asked for again in ``request.state.permission``; where a map id stands in the path, or that of a
+    build, the caller may go there. The map in a body or query is the route's to check.
 
     Raises:
         Unauthorized, Forbidden, RateLimited: as they say.
@@ -80,12 +81,15 @@ async def authorize(request: Request) -> None:
     if scope is PUBLIC or (name == "metrics" and (settings.metrics_public or settings.auth != "on")):
         return  # whether or not the store has answered yet
     parts = await parts_of(request)
-    caller = await parts.access.caller(_credential(request), _address(request, parts))
+    credential, address = _credential(request), _address(request, parts)
+    caller = await parts.access.caller(credential, address)
     request.state.caller = caller
     note(caller=caller.name)
-    caller.check(scope, request.path_params.get("map_id"))
+    map_id = request.path_params.get("map_id")
+    caller.check(scope, map_id)
+    request.state.permission = Permission(parts.access, credential, address, scope, map_id)
     if (build_id := request.path_params.get("build_id")) is not None and not caller.sees_every_map:
-        status = await asyncio.to_thread(parts.catalog.shown_status, build_id)
+        status = await AUTH.run(parts.catalog.shown_status, build_id)
         if not caller.sees(status["map_id"]):
             raise NotFound(f"no build {build_id}")
     if name in LIMITED:

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from .build_metrics import last_words
+from .lanes import BUILDS
 from .session_processes import kill_session, session_memory_bytes
 
 EXIT_TRY_AGAIN = 75  # EX_TEMPFAIL: stopped, or the store is out of reach
@@ -90,7 +91,7 @@ class BuildProcess:
                 left_s = max(min(_LOOK_S, end - time.monotonic()), 0.0)
                 return await asyncio.wait_for(self._process.wait(), left_s)
             if self._max_memory_bytes is not None and not self.took_too_much:
-                used = await asyncio.to_thread(session_memory_bytes, self._process.pid)
+                used = await BUILDS.run(session_memory_bytes, self._process.pid)
                 if used > self._max_memory_bytes:
                     self.took_too_much = True
                     self.kill()

@@ -19,6 +19,7 @@ from firstfix.errors import BuildAttemptsExceeded, BuildFailed, FirstfixError, S
 
 from .build_metrics import count_build
 from .build_process import EXIT_TRY_AGAIN, STOP_GRACE_S, BuildCommand, BuildProcess
+from .lanes import BUILDS
 from .metrics import Metrics
 from .work_folder import WorkFolder
 
@@ -97,7 +98,7 @@ class BuildRunner:
     async def _take_whole(self, build_id: str) -> Attempt | Turn:
         """``_take``, also when it is cancelled in the midst of it: an attempt that nobody ends would
         count as lost."""
-        taking = asyncio.create_task(asyncio.to_thread(self._take, build_id))
+        taking = asyncio.create_task(BUILDS.run(self._take, build_id))
         try:
             return await asyncio.shield(taking)
         except asyncio.CancelledError:
@@ -136,12 +137,12 @@ class BuildRunner:
             if code is not None:
                 return code
             try:
-                if not await asyncio.to_thread(self._attempts.beat, attempt):
+                if not await BUILDS.run(self._attempts.beat, attempt):
                     _log.warning("build was given to another worker", build_id=attempt.build_id)
                     process.kill()
                     await process.stop()
                     return None
-                if kill_at == math.inf and await asyncio.to_thread(
+                if kill_at == math.inf and await BUILDS.run(
                     self._catalog.is_cancel_requested, attempt.build_id
                 ):
                     # The process sees it by itself: one that does not end is ended.
@@ -153,7 +154,7 @@ class BuildRunner:
 
     async def _put_back_soon(self, attempt: Attempt) -> None:
         with suppress(TimeoutError, FirstfixError):
-            await asyncio.wait_for(asyncio.to_thread(self._put_back, attempt), LAST_WORD_S)
+            await asyncio.wait_for(BUILDS.run(self._put_back, attempt), LAST_WORD_S)
 
     def _put_back(self, attempt: Attempt) -> None:
         """After a stop, which is not held against the build."""
@@ -212,7 +213,7 @@ class BuildRunner:
         """Until the store takes it: an end that is not on record would count as a lost attempt."""
         while True:
             try:
-                return await asyncio.to_thread(record, *arguments)
+                return await BUILDS.run(record, *arguments)
             except StoreError as error:
                 _log.warning("the store did not take a build's end", error=str(error))
                 await asyncio.sleep(STORE_PAUSE_S)

@@ -20,6 +20,7 @@ from firstfix.errors import BuildAttemptsExceeded, InvalidOption, NotFound, Stor
 from firstfix.store import Store
 
 from .build_runner import BuildRunner, Turn
+from .lanes import BUILDS
 from .log_setup import set_up_logging
 from .metrics import Metrics
 from .nats_queue import NatsBuildQueue
@@ -125,7 +126,7 @@ class BuildWorker:
 
     async def _let_go(self, build_id: str, message: Any) -> None:
         """The build has ended: its message goes, once what is to be known of it is kept."""
-        error = (await asyncio.to_thread(self._catalog.held_status, build_id))["error"]
+        error = (await BUILDS.run(self._catalog.held_status, build_id))["error"]
         if error is not None and error["code"] == BuildAttemptsExceeded.code:
             await self._builds.bury(build_id, error["detail"])
         await message.ack_sync()

@@ -22,12 +22,22 @@ def client_address(peer: str | None, forwarded_for: Iterable[str], trusted: Iter
     networks = tuple(trusted)
     address = _parsed(peer or "")
     hops = [hop.strip() for value in forwarded_for for hop in value.split(",")]
-    while address is not None and hops and any(address in network for network in networks):
+    while address is not None and hops and _is_in(address, networks):
         said = _parsed(hops.pop())
         if said is None:
             break
         address = said
     return UNKNOWN if address is None else _named(address)
+
+
+def is_within(peer: str | None, networks: Iterable[Network]) -> bool:
+    """Whether the address of a connection is one of these networks'."""
+    address = _parsed(peer or "")
+    return address is not None and _is_in(address, networks)
+
+
+def _is_in(address: IPv4Address | IPv6Address, networks: Iterable[Network]) -> bool:
+    return any(address in network for network in networks)
 
 
 def _parsed(text: str) -> IPv4Address | IPv6Address | None:

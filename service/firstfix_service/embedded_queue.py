@@ -18,6 +18,7 @@ from firstfix.errors import FirstfixError, UnreadableRecord
 
 from .build_process import BuildCommand
 from .build_runner import BuildRunner, Turn
+from .lanes import UPKEEP
 from .metrics import Metrics
 from .unfinished_builds import UnfinishedBuilds
 from .work_folder import WorkFolder
@@ -85,7 +86,7 @@ class EmbeddedBuildQueue:
 
     async def _run_one(self, runner: BuildRunner) -> bool:
         """Runs the oldest build that nobody else runs. False when there is none, or it is to wait."""
-        for build_id in await asyncio.to_thread(self._unfinished.find):
+        for build_id in await UPKEEP.run(self._unfinished.find):
             try:
                 turn = await runner.run(build_id)
             except UnreadableRecord:  # damaged just now: the others go on

@@ -17,8 +17,10 @@ from starlette.types import Receive, Scope, Send
 from firstfix.build_records import FINAL_STATES
 from firstfix.errors import FirstfixError, StoreUnavailable
 
+from .lanes import READS
 from .parts import Parts, PartsDep
 from .path_parameters import BuildId
+from .permission import Permission, PermissionDep
 
 router = APIRouter(prefix="/builds", tags=["builds"])
 _log = structlog.get_logger(__name__)
@@ -40,12 +42,15 @@ _EVENTS: dict[int | str, dict[str, Any]] = {
 
 
 @router.get("/{build_id}/events", response_class=StreamingResponse, responses=_EVENTS)
-async def get_build_events(build_id: BuildId, parts: PartsDep) -> StreamingResponse:
-    """The build's status as it changes, until it ends."""
-    status = await asyncio.to_thread(parts.catalog.build_status, build_id)
+async def get_build_events(
+    build_id: BuildId, parts: PartsDep, permission: PermissionDep
+) -> StreamingResponse:
+    """The build's status as it changes, until it ends or the caller's key or token is worth nothing any
+    more."""
+    status = await READS.run(parts.catalog.build_status, build_id)
     place = ExitStack()
     place.enter_context(parts.event_streams.one())
-    return _Stream(_events(parts, build_id, status), place)
+    return _Stream(_events(parts, permission, build_id, status), place)
 
 
 class _Stream(StreamingResponse):
@@ -61,7 +66,9 @@ class _Stream(StreamingResponse):
             await super().__call__(scope, receive, send)
 
 
-async def _events(parts: Parts, build_id: str, status: dict[str, Any]) -> AsyncIterator[bytes]:
+async def _events(
+    parts: Parts, permission: Permission, build_id: str, status: dict[str, Any]
+) -> AsyncIterator[bytes]:
     """Also ends when the service stops, and is cancelled when the caller has gone."""
     said: dict[str, Any] | None = None
     last = time.monotonic()
@@ -77,7 +84,12 @@ async def _events(parts: Parts, build_id: str, status: dict[str, Any]) -> AsyncI
         if parts.closing.is_set():
             return
         try:
-            status = await asyncio.to_thread(parts.catalog.build_status, build_id)
+            await permission.check(status["map_id"])
+        except FirstfixError as error:
+            _log.info("a stream of events ended: its caller may not see it any more", code=error.code)
+            return
+        try:
+            status = await READS.run(parts.catalog.build_status, build_id)
         except StoreUnavailable as error:  # it comes back, or the caller gives up
             _log.warning("cannot read the build's status", build_id=build_id, error=str(error))
         except FirstfixError:  # its record was removed

@@ -13,6 +13,7 @@ from firstfix.ids import check_map_id
 from .api_models import Build, BuildPage
 from .authorize import CallerDep
 from .cancel_build import cancel_build as cancel_build_anywhere
+from .lanes import CHANGES, LISTS, READS
 from .paging import DEFAULT_LIMIT, After, Limit
 from .parts import PartsDep
 from .path_parameters import BuildId
@@ -23,6 +24,7 @@ LOOKED_AT = 1000  # records that one page looks at, however few of them it shows
 
 
 @router.get("")
+@LISTS.route
 def get_builds(
     parts: PartsDep,
     caller: CallerDep,
@@ -56,6 +58,7 @@ def get_builds(
 
 
 @router.get("/{build_id}")
+@READS.route
 def get_build(build_id: BuildId, parts: PartsDep, response: Response) -> Build:
     """State, stage, progress, error, and the version once it has succeeded. `unreadable`: its record in the
     store is damaged."""
@@ -66,6 +69,7 @@ def get_build(build_id: BuildId, parts: PartsDep, response: Response) -> Build:
 
 
 @router.delete("/{build_id}", status_code=202)
+@CHANGES.route
 def cancel_build(build_id: BuildId, parts: PartsDep) -> Build:
     """Asks the build to stop. One that waits is cancelled at once, a running one within seconds: its
     status says when."""

@@ -9,6 +9,7 @@ from fastapi import APIRouter, Query
 from firstfix.garbage import DAY_S, Ages, Garbage, collect_garbage
 
 from .api_models import GarbageReport
+from .lanes import UPKEEP
 from .parts import PartsDep
 from .path_parameters import MapId
 
@@ -21,6 +22,7 @@ OlderThanH = Annotated[
 
 
 @router.post("/maps/{map_id}/collect-garbage")
+@UPKEEP.route
 def collect_garbage_of_map(
     map_id: MapId, parts: PartsDep, dry_run: DryRun = False, older_than_h: OlderThanH = 24.0
 ) -> GarbageReport:
@@ -31,6 +33,7 @@ def collect_garbage_of_map(
 
 
 @router.post("/collect-garbage")
+@UPKEEP.route
 def collect_all_garbage(
     parts: PartsDep,
     dry_run: DryRun = False,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from typing import Any
 
 from fastapi import APIRouter, Request
@@ -12,6 +11,7 @@ from firstfix.geopose import Georeference
 
 from .api_models import GeoreferenceBody, GeoreferenceRecord
 from .json_body import read_model
+from .lanes import CHANGES, READS
 from .parts import Parts, PartsDep
 from .path_parameters import MapId
 
@@ -30,11 +30,12 @@ async def put_georeference(map_id: MapId, request: Request, parts: PartsDep) -> 
     seconds."""
     body = await read_model(request, GeoreferenceBody)
     georeference = _georeference(body)
-    await asyncio.to_thread(_set, parts, map_id, georeference)
+    await CHANGES.run(_set, parts, map_id, georeference)
     return _record(map_id, georeference)
 
 
 @router.get("")
+@READS.route
 def get_georeference(map_id: MapId, parts: PartsDep) -> GeoreferenceRecord:
     """Where the map lies; 404 if nobody said."""
     georeference = parts.georeferences.get(map_id)
@@ -44,6 +45,7 @@ def get_georeference(map_id: MapId, parts: PartsDep) -> GeoreferenceRecord:
 
 
 @router.delete("", status_code=204)
+@CHANGES.route
 def delete_georeference(map_id: MapId, parts: PartsDep) -> None:
     """Takes it back."""
     if parts.georeferences.get(map_id) is None:

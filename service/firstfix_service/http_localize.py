@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import time
 from collections import Counter
@@ -23,6 +22,7 @@ from .answer_models import Answer
 from .authorize import CallerDep
 from .caller import Caller
 from .client_gone import unless_client_leaves
+from .lanes import READS
 from .localize import check_maps, check_media_type
 from .parts import Parts, PartsDep
 from .pose_reply import JSON, PARAMETERS, PoseReply, form_of
@@ -113,7 +113,7 @@ async def _localize(
     media_type = request.headers.get("content-type", "")
     check_media_type(media_type)
     if is_geographic and map_id and "," not in map_id:  # of several it is known once one has answered
-        await asyncio.to_thread(parts.georeference_cache.of, map_id)
+        await READS.run(parts.georeference_cache.of, map_id)
     parts.use_case.check_room(map_id, caller)
     body = await parts.bodies.read(request)
     try:
@@ -132,7 +132,7 @@ async def _localize(
 async def _geographic(parts: Parts, answer: Localization) -> bytes:
     """The geographic pose of the robot if its mount is known, else of the sensor."""
     assert answer.T_map_sensor is not None
-    georeference = await asyncio.to_thread(parts.georeference_cache.of, answer.map_id)
+    georeference = await READS.run(parts.georeference_cache.of, answer.map_id)
     T_map_body = answer.T_map_sensor if answer.T_map_base is None else answer.T_map_base
     return json.dumps(georeference.geopose(T_map_body)).encode()
 

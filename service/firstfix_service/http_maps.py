@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import shutil
 import uuid
 from collections.abc import AsyncIterator
@@ -19,6 +18,7 @@ from firstfix.ids import is_name, new_build_id
 from .api_models import Build, MapDetails, MapPage
 from .authorize import CallerDep
 from .caller import Caller
+from .lanes import COPIES, LISTS, READS
 from .maps_request import BODY, IDEMPOTENCY_KEY_TEXT
 from .paging import DEFAULT_LIMIT, After, Limit
 from .parts import Parts, PartsDep
@@ -52,19 +52,20 @@ async def post_map(
     build_id = new_build_id()
     async with _received(request, parts, caller) as submission:
         if idempotency_key is not None:
-            fingerprint = await asyncio.to_thread(submission.fingerprint)
-            build_id = await asyncio.to_thread(
+            fingerprint = await COPIES.run(submission.fingerprint)
+            build_id = await COPIES.run(
                 claim_build, parts.catalog.store, idempotency_key, fingerprint, build_id
             )
-        await asyncio.to_thread(_record, parts, build_id, submission, idempotency_key is not None)
+        await COPIES.run(_record, parts, build_id, submission, idempotency_key is not None)
     if parts.builds is not None:
         await parts.builds.submit(build_id)
-    status = await asyncio.to_thread(parts.catalog.build_status, build_id)
+    status = await READS.run(parts.catalog.build_status, build_id)
     headers = {"Location": f"/builds/{build_id}", "Retry-After": str(RETRY_AFTER_S)}
     return JSONResponse({"build_id": build_id, **status}, 202, headers)
 
 
 @router.get("")
+@LISTS.route
 def get_maps(
     parts: PartsDep, caller: CallerDep, limit: Limit = DEFAULT_LIMIT, after: After = None
 ) -> MapPage:
@@ -82,6 +83,7 @@ def get_maps(
 
 
 @router.get("/{map_id}", response_model=MapDetails, response_model_exclude_unset=True)
+@READS.route
 def get_map(map_id: MapId, parts: PartsDep) -> dict[str, Any]:
     """One map, with what the manifest of its active version says."""
     state = parts.catalog.state(map_id)
@@ -109,7 +111,7 @@ async def _received(request: Request, parts: Parts, caller: Caller) -> AsyncIter
         try:
             yield await from_form(request, parts, caller, directory)
         finally:
-            await asyncio.to_thread(shutil.rmtree, directory, ignore_errors=True)
+            await COPIES.run(shutil.rmtree, directory, ignore_errors=True)
     else:
         raise UnsupportedFormat("POST /maps takes multipart/form-data or application/json")
 

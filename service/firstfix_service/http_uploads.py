@@ -5,7 +5,6 @@ Parts stand in the store, so any replica goes on with an upload that another one
 
 from __future__ import annotations
 
-import asyncio
 import uuid
 from typing import Annotated, Any
 
@@ -18,6 +17,7 @@ from firstfix.uploads import Upload
 from . import tus
 from .api_models import UploadStatus
 from .disk_space import check_free_store
+from .lanes import CHANGES, COPIES, LISTS, READS
 from .parts import PartsDep
 from .path_parameters import UploadId
 from .upload import harmless_name
@@ -63,6 +63,7 @@ async def describe_uploads(parts: PartsDep) -> Response:
     status_code=201,
     responses={201: {**_headers("Location", "Upload-Offset", "Upload-Expires"), "description": "begun"}},
 )
+@LISTS.route
 def begin_upload(
     parts: PartsDep,
     response: Response,
@@ -106,6 +107,7 @@ def begin_upload(
 
 
 @router.head("/{upload_id}", response_class=Response, responses={200: _STATE_HEADERS})
+@READS.route
 def get_upload_offset(upload_id: UploadId, parts: PartsDep, tus_resumable: TusResumable = None) -> Response:
     """Where to go on: `Upload-Offset`."""
     tus.check_version(tus_resumable)
@@ -113,6 +115,7 @@ def get_upload_offset(upload_id: UploadId, parts: PartsDep, tus_resumable: TusRe
 
 
 @router.get("/{upload_id}")
+@READS.route
 def get_upload(upload_id: UploadId, parts: PartsDep) -> UploadStatus:
     """The same for eyes."""
     return _status(parts.uploads.get(upload_id))
@@ -141,18 +144,19 @@ async def append_to_upload(
     offset = tus.number("Upload-Offset", upload_offset)
     checksum = None if upload_checksum is None else tus.Checksum(upload_checksum)
     with parts.upload_streams.one():
-        upload = await asyncio.to_thread(parts.uploads.get, upload_id)
+        upload = await READS.run(parts.uploads.get, upload_id)
         if offset != upload.offset:
             raise Conflict(f"upload {upload_id} goes on at {upload.offset}, not at {offset}")
         store, reserve = parts.catalog.store, parts.settings.min_free_bytes
-        await asyncio.to_thread(check_free_store, store, upload.size_bytes - offset, reserve)
+        await READS.run(check_free_store, store, upload.size_bytes - offset, reserve)
         upload = await append_body(parts.uploads, upload, request, checksum, parts.settings.body_timeout_s)
         if upload.complete:
-            await asyncio.to_thread(parts.uploads.finish, upload)
+            await COPIES.run(parts.uploads.finish, upload)
     return Response(status_code=204, headers=tus.headers_of(upload))
 
 
 @router.delete("/{upload_id}", status_code=204)
+@CHANGES.route
 def delete_upload(upload_id: UploadId, parts: PartsDep, tus_resumable: TusResumable = None) -> Response:
     """Gives an upload up, or removes what a map was made of: the map keeps its own copy."""
     tus.check_version(tus_resumable)

@@ -9,6 +9,7 @@ from fastapi import APIRouter, Header, Query, Request, Response
 from firstfix.errors import NotFound
 
 from .api_models import Activation, Retirement, VersionDetails, VersionPage, VersionReport
+from .lanes import CHANGES, LISTS, READS
 from .paging import DEFAULT_LIMIT, After, Limit
 from .parts import PartsDep
 from .path_parameters import MapId, Version
@@ -28,6 +29,7 @@ _PICTURE: dict[int | str, dict[str, Any]] = {
 
 
 @router.get("/versions")
+@READS.route
 def get_versions(
     map_id: MapId, parts: PartsDep, limit: Limit = DEFAULT_LIMIT, after: After = None
 ) -> VersionPage:
@@ -47,6 +49,7 @@ def get_versions(
 
 
 @router.get("/versions/{version}", response_model=VersionDetails)
+@READS.route
 def get_version(map_id: MapId, version: Version, parts: PartsDep) -> dict[str, Any]:
     """One version, with its manifest."""
     manifest = parts.catalog.manifest(map_id, version)
@@ -59,6 +62,7 @@ def get_version(map_id: MapId, version: Version, parts: PartsDep) -> dict[str, A
 
 
 @router.get("/versions/{version}/report", response_model=VersionReport)
+@READS.route
 def get_report(map_id: MapId, version: Version, parts: PartsDep) -> dict[str, Any]:
     """What the build measured: success, reliability of the probabilities, and where in the map a robot can
     find itself."""
@@ -77,6 +81,7 @@ def get_report(map_id: MapId, version: Version, parts: PartsDep) -> dict[str, An
 @router.get("/versions/{version}/preview", response_class=Response, responses=_PICTURE)
 @router.get("/versions/{version}/reliability", response_class=Response, responses=_PICTURE)
 @router.get("/versions/{version}/localizability", response_class=Response, responses=_PICTURE)
+@LISTS.route
 def get_picture(
     map_id: MapId,
     version: Version,
@@ -98,6 +103,7 @@ def get_picture(
 
 
 @router.post("/versions/{version}/activate")
+@CHANGES.route
 def activate(map_id: MapId, version: Version, parts: PartsDep) -> Activation:
     """Lets a published version answer from now on: back or forward. This replica follows before it
     answers, others within their poll interval."""
@@ -107,6 +113,7 @@ def activate(map_id: MapId, version: Version, parts: PartsDep) -> Activation:
 
 
 @router.post("/rollback")
+@CHANGES.route
 def roll_back(map_id: MapId, parts: PartsDep) -> Activation:
     """Lets the version answer that was active before the active one; twice comes back. 409 where there is
     none."""
@@ -116,6 +123,7 @@ def roll_back(map_id: MapId, parts: PartsDep) -> Activation:
 
 
 @router.delete("/versions/{version}")
+@CHANGES.route
 def retire(
     map_id: MapId,
     version: Version,

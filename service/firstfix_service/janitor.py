@@ -10,6 +10,8 @@ from firstfix.catalog import Catalog
 from firstfix.errors import FirstfixError
 from firstfix.garbage import remove_abandoned
 
+from .lanes import UPKEEP
+
 _log = structlog.get_logger(__name__)
 PERIOD_S = 3600.0
 
@@ -18,7 +20,7 @@ async def keep_clean(catalog: Catalog) -> None:
     """Until it is cancelled. Replicas may do it at the same time: each removes what is still there."""
     while True:
         try:
-            found = await asyncio.to_thread(remove_abandoned, catalog)
+            found = await UPKEEP.run(remove_abandoned, catalog)
             if found.count:
                 _log.info("removed what was abandoned", objects=found.count)
         except FirstfixError as error:  # the next time

@@ -17,6 +17,7 @@ import structlog
 from firstfix.errors import InvalidOption, Overloaded, Unauthorized
 
 from .exposure import is_loopback
+from .lanes import KEYS
 
 _log = structlog.get_logger(__name__)
 REFRESH_S = 300.0
@@ -89,7 +90,7 @@ class Jwks:
     async def _refresh(self) -> None:
         self._tried_at = self._clock()
         try:
-            self._keys = _parse(await self._fetch() if self._is_url else await asyncio.to_thread(self._load))
+            self._keys = _parse(await self._fetch() if self._is_url else await KEYS.run(self._load))
             self._read_at = self._clock()
         except (httpx.HTTPError, OSError, ValueError, RecursionError) as error:
             _log.warning(

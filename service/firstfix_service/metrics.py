@@ -36,6 +36,13 @@ class Metrics:
             buckets=_SECONDS,
             registry=registry,
         )
+        self.http_connections = Gauge("firstfix_http_connections", "HTTP connections", registry=registry)
+        self.http_connections_ended = Counter(
+            "firstfix_http_connections_ended",
+            "HTTP connections that the service ended, by what the caller had to do in time",
+            ["why"],
+            registry=registry,
+        )
         self.verdicts = Counter(
             "firstfix_localizations", "Answers by verdict", ["transport", "verdict"], registry=registry
         )

@@ -10,6 +10,7 @@ import structlog
 from firstfix.catalog import Catalog
 from firstfix.errors import FirstfixError
 
+from .lanes import UPKEEP
 from .metrics import Metrics
 from .nats_address import NatsAddress
 from .nats_builds import NatsBuilds
@@ -75,6 +76,6 @@ class NatsBuildQueue:
 
     async def _reconcile(self) -> None:
         await self.builds.make_streams()
-        for build_id in await asyncio.to_thread(self._unfinished.find):
+        for build_id in await UPKEEP.run(self._unfinished.find):
             if await self.builds.submit(build_id):
                 _log.info("build handed over", build_id=build_id)

@@ -9,7 +9,7 @@ import json
 import sys
 from typing import Any
 
-from fastapi import FastAPI
+from fastapi import FastAPI, Request, Response
 from pydantic import BaseModel
 
 from .answer_models import GeoPose
@@ -31,6 +31,19 @@ class DocumentedApp(FastAPI):
                 schemas.update(_schemas_of(model))
         assert self.openapi_schema is not None
         return self.openapi_schema
+
+    def setup(self) -> None:
+        """The route of the document. Its bytes are made once: it needs no key, and making it takes longer
+        than a query."""
+        made: list[bytes] = []
+
+        async def openapi(request: Request) -> Response:
+            if not made:
+                made.append(json.dumps(self.openapi(), separators=(",", ":")).encode())
+            return Response(made[0], media_type="application/json")
+
+        assert self.openapi_url is not None
+        self.add_route(self.openapi_url, openapi, include_in_schema=False)
 
 
 def _schemas_of(model: type[BaseModel]) -> dict[str, Any]:

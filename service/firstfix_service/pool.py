@@ -17,6 +17,7 @@ from typing import Any, Protocol, TypeVar
 
 from firstfix.errors import DeadlineExceeded, FirstfixError, Overloaded
 
+from .lanes import START
 from .pool_queue import FairQueue, Job, State
 
 T = TypeVar("T")
@@ -110,7 +111,7 @@ class QueryPool:
         self._closed = True
         for job in self._queue.waiting():
             self._refuse(job, Overloaded("the service is stopping"))
-        await asyncio.to_thread(self._executor.shutdown)
+        await START.run(self._executor.shutdown)
         await asyncio.sleep(0)  # the last ones' results
 
     def _prepared(self, job: Job, future: Future[Any]) -> None:

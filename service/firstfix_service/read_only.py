@@ -11,7 +11,7 @@ from .settings import Settings
 _READING = frozenset({"GET", "HEAD", "OPTIONS"})
 
 
-def refuse_changes(request: Request) -> None:
+async def refuse_changes(request: Request) -> None:
     """Dependency of the routes that work on the store. The store itself, opened read-only, refuses too.
 
     Raises:

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import socket
+from functools import partial
 
 import structlog
 import uvicorn
 from fastapi import FastAPI
 
 from .app import create_app
+from .connections import ConnectionLimits, Connections, Ended
 from .http_protocol import LimitedHttpProtocol
 from .log_setup import set_up_logging
+from .metrics import Metrics
 from .settings import Settings
 
 _log = structlog.get_logger(__name__)
@@ -19,18 +23,26 @@ STOP_WITHIN_S = 20  # for requests under way, then they are broken off
 
 
 def uvicorn_config(app: FastAPI, settings: Settings) -> uvicorn.Config:
+    metrics: Metrics = app.state.metrics
+    limits = ConnectionLimits.of(settings)
+
+    def ended(why: Ended) -> None:
+        metrics.http_connections_ended.labels(why.value).inc()
+
+    connections = Connections(limits, settings.trusted_proxies, ended)
+    metrics.http_connections.set_function(connections.__len__)
     return uvicorn.Config(
         app,
         host=settings.host,
         port=settings.port,
         loop="auto",  # uvloop where it is installed
-        http=LimitedHttpProtocol,
+        http=partial(LimitedHttpProtocol, connections=connections),  # type: ignore[arg-type]
         ws="none",
         access_log=False,  # RequestLog writes one line a request
         log_config=None,
         server_header=False,
         proxy_headers=False,
-        timeout_keep_alive=30,
+        timeout_keep_alive=math.ceil(limits.idle_s),
         timeout_graceful_shutdown=STOP_WITHIN_S,
         lifespan="on",
     )

@@ -38,6 +38,18 @@ class Settings(BaseSettings):
     max_inflight_bytes: int = Field(512 * MIB, ge=1, description="of all query bodies held at the same time")
     body_timeout_s: float = Field(30.0, gt=0, description="for a query's body to arrive")
 
+    max_connections: int | None = Field(
+        None, ge=1, description="HTTP connections; default: as the limit of open files allows, up to 4096"
+    )
+    max_connections_per_address: int = Field(
+        256, ge=0, description="HTTP connections of one address, and at most half of all; 0: any number"
+    )
+    head_timeout_s: float = Field(20.0, gt=0, description="for the head of a request to arrive")
+    keep_alive_s: float = Field(30.0, gt=0, description="that a connection is kept for the next request")
+    answer_timeout_s: float = Field(
+        30.0, gt=0, description="for an answer to be taken in, and a second for each 500 bytes"
+    )
+
     worker_processes: bool = Field(
         True, description="answer queries in processes of their own; false: in threads of this one"
     )

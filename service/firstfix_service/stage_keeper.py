@@ -10,6 +10,7 @@ from firstfix.errors import FirstfixError
 from firstfix.shared_stages import collect_stages
 from firstfix.store import Store
 
+from .lanes import UPKEEP
 from .settings import Settings
 
 _log = structlog.get_logger(__name__)
@@ -21,7 +22,7 @@ async def keep_stages_within(settings: Settings, store: Store) -> None:
     older_than_s = settings.shared_stages_days * 86400.0
     while True:
         try:
-            collected = await asyncio.to_thread(
+            collected = await UPKEEP.run(
                 collect_stages, store, older_than_s, max_bytes=settings.shared_stages_max_bytes
             )
         except FirstfixError as error:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +13,7 @@ from python_multipart.multipart import MultipartParser, parse_options_header
 
 from firstfix.errors import InvalidOption, MalformedData, TooLarge
 
+from .lanes import COPIES
 from .request_body import check_declared_length
 
 if TYPE_CHECKING:
@@ -72,9 +72,9 @@ async def receive_form(
                 raise TooLarge(f"the upload has over {max_bytes} bytes")
             batch += part
             if len(batch) >= _BATCH_BYTES:
-                await asyncio.to_thread(parser.write, bytes(batch))
+                await COPIES.run(parser.write, bytes(batch))
                 batch.clear()
-        await asyncio.to_thread(parser.write, bytes(batch))
+        await COPIES.run(parser.write, bytes(batch))
     except MultipartParseError as error:
         raise MalformedData(f"not a multipart form: {error}") from None
     finally:

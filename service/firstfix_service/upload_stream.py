@@ -11,6 +11,7 @@ from starlette.requests import ClientDisconnect
 from firstfix.errors import DeadlineExceeded, TooLarge
 from firstfix.uploads import PART_BYTES, Upload, Uploads
 
+from .lanes import COPIES
 from .tus import Checksum
 
 
@@ -51,7 +52,7 @@ async def append_body(
 
 
 async def _append(uploads: Uploads, upload: Upload, data: bytearray) -> Upload:
-    return await asyncio.to_thread(uploads.append, upload, bytes(data))
+    return await COPIES.run(uploads.append, upload, bytes(data))
 
 
 async def _pieces(request: Request, stall_s: float) -> AsyncIterator[bytes]:

@@ -13,6 +13,7 @@ from firstfix.errors import FirstfixError
 from firstfix.store import Store
 from firstfix.verify import Verification, VerifyReport
 
+from .lanes import UPKEEP
 from .metrics import Metrics
 from .settings import Settings
 
@@ -44,7 +45,7 @@ async def verify_once(settings: Settings, store: Store, metrics: Metrics) -> Non
     """
     verification = Verification(store, max_age=timedelta(days=settings.verify_days))
     steps, told = verification.steps(), _Told(metrics)
-    while (seconds := await asyncio.to_thread(_timed, steps)) is not None:
+    while (seconds := await UPKEEP.run(_timed, steps)) is not None:
         metrics.verify_seconds.inc(seconds)
         read = told.tell(verification.report)
         await asyncio.sleep(max(read, CALL_BYTES) / settings.verify_bytes_per_s)

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import structlog
 
+from .lanes import START
+
 _log = structlog.get_logger(__name__)
 WAIT_S = 1.0
 
@@ -51,7 +53,7 @@ class WorkFolder:
     async def wait_for(cls, path: Path) -> WorkFolder:
         """At a deployment the next process may be there before the last one is gone."""
         waits = False
-        while (folder := await asyncio.to_thread(cls.take, path)) is None:
+        while (folder := await START.run(cls.take, path)) is None:
             if not waits:
                 _log.info("another process runs builds in this folder", work_dir=str(path))
             waits = True

@@ -10,6 +10,7 @@ from __future__ import annotations
 import ctypes
 import json
 import os
+import platform
 import shutil
 import signal
 import socket
@@ -22,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from firstfix.errors import BuildFailed, TooLarge
+from firstfix_builder.sandbox import seccomp
 from firstfix_builder.sandbox.inside import Flows, main
 
 
@@ -34,14 +36,14 @@ def attempts(names: dict[str, Any]) -> dict[str, str]:
         "udp": lambda: socket.socket(socket.AF_INET, socket.SOCK_DGRAM),
         "ipv6": lambda: socket.socket(socket.AF_INET6),
         "unix": lambda: socket.socket(socket.AF_UNIX).connect(names["unix"]),
-        "io_uring": lambda: system_call(425, 8, bytes(120)),
+        "io_uring": lambda: system_call("io_uring_setup", 8, bytes(120)),
         "store": lambda: (store / "secret").read_text(),
         "store's folder": lambda: list(store.iterdir()),
         "parent's environment": lambda: Path(f"/proc/{parent}/environ").read_bytes(),
         "parent's memory": lambda: Path(f"/proc/{parent}/mem").read_bytes(),
         "parent's files": lambda: Path(f"/proc/{parent}/fd/0").readlink(),
-        "parent's root": lambda: list(Path(f"/proc/{parent}/root/etc").iterdir()),
-        "ptrace": lambda: system_call(101, 16, parent, 0, 0),
+        "parent's root": lambda: list(Path("/proc", str(parent), "root", "etc").iterdir()),
+        "ptrace": lambda: system_call("ptrace", 16, parent, 0, 0),
         "signal": lambda: os.kill(parent, signal.SIGUSR1),
         "passwords": lambda: Path("/etc/passwd").read_text(),
         "write outside": lambda: local.write_text("x"),
@@ -51,7 +53,7 @@ def attempts(names: dict[str, Any]) -> dict[str, str]:
         "link from outside": lambda: os.link(store / "secret", "linked"),
         "run what it wrote": run_own,
         "session": lambda: subprocess.run(["true"], start_new_session=True, check=True),
-        "namespace": lambda: system_call(272, 0x10000000),
+        "namespace": lambda: system_call("unshare", 0x10000000),
         "core": lambda: __import__("resource").setrlimit(4, (1 << 20, 1 << 20)),
     }
     found = {}
@@ -71,7 +73,8 @@ def run_own() -> Any:
     return subprocess.run([program.absolute()], check=True)
 
 
-def system_call(number: int, *arguments: Any) -> int:
+def system_call(name: str, *arguments: Any) -> int:
+    number = seccomp._REFUSED[name][seccomp._MACHINES[platform.machine()][0]]
     libc = ctypes.CDLL(None, use_errno=True)
     result: int = libc.syscall(number, *arguments)
     if result < 0:

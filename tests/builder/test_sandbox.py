@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import signal
 import socket
 import struct
@@ -15,15 +16,17 @@ from typing import Any
 import pytest
 
 from firstfix.catalog import Catalog
-from firstfix.errors import BuildFailed, FirstfixError, TooLarge
+from firstfix.errors import BuildCancelled, BuildFailed, FirstfixError, TooLarge
 from firstfix.shared_stages import SharedStages
 from firstfix.store import Store
+from firstfix_builder import build_stages
 from firstfix_builder.sandbox import seccomp
 from firstfix_builder.sandbox.hand_over import take_files
 from firstfix_builder.sandbox.landlock import SIGNALS_VERSION, landlock_version
 from firstfix_builder.sandbox.sandboxed_build import Built, SandboxedBuild
 from firstfix_builder.stage_names import STAGES
-from firstfix_builder.worker import run_build
+from firstfix_builder.worker import _build_here, run_build
+from small_world import CONFIG
 
 PROGRAM = (str(Path(__file__).with_name("sandbox_programs.py")),)
 SECRET = "a secret of the store"
@@ -250,6 +253,44 @@ def test_the_worker_goes_on_after_a_hostile_build(tmp_path: Path):
     assert "processes in read_map" in ended["b1"][1]["error"]["detail"]
     assert ended["b2"][0] == 0
     assert catalog.active_version("hall") == ended["b2"][1]["version"]
+
+
+def test_with_a_cluster_the_source_is_read_in_the_sandbox(
+    tmp_path: Path, small_map: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """The worker, which then has the network and the store, finds the first stage's result in its cache."""
+    source = tmp_path / "work" / "sources" / "yard.ply"
+    source.parent.mkdir(parents=True)
+    shutil.copy(small_map, source)
+    sandbox = SandboxedBuild(
+        tmp_path / "work",
+        "b1",
+        required=True,
+        shared=None,
+        max_memory_bytes=None,
+        log_level="info",
+        log_json=False,
+    )
+    monkeypatch.setattr(build_stages, "read_map", lambda *_, **__: pytest.fail("the worker reads the source"))
+    seen: list[str] = []
+
+    def stop_after_the_first_stage() -> bool:
+        return len(seen) > 0 and seen[-1] != "read_map"
+
+    with pytest.raises(BuildCancelled):
+        _build_here(
+            source,
+            CONFIG,
+            tmp_path / "work",
+            scheduler=None,
+            store_url="memory://",
+            sandbox=sandbox,
+            trajectory=None,
+            progress=lambda stage, fraction: seen.append(stage),
+            cancelled=stop_after_the_first_stage,
+            shared=None,
+        )
+    assert set(seen) == {"read_map", "reconstruct_mesh"}
 
 
 def test_nothing_is_taken_from_elsewhere(tmp_path: Path):

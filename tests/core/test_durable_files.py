@@ -227,3 +227,16 @@ def test_a_folder_that_others_remove_meanwhile_is_made_again(tmp_path: Path) -> 
     finally:
         stop.set()
         remover.join()
+
+
+def test_what_a_power_cut_left_is_removed_with_its_folders(tmp_path: Path) -> None:
+    store = Store.open(f"file://{tmp_path}")
+    store.put("builds/b1/request.json", b"{}")
+    for left in ("builds/b2/attempts", "builds/b3", "uploads/u1/parts"):
+        (tmp_path / left).mkdir(parents=True)
+    (tmp_path / "builds/b3/request.json#12").write_bytes(b"")
+    assert store.remove_leftovers(older_than_s=60) == []
+    assert store.folders("builds") == ["b1", "b2", "b3"], "they may be in use this moment"
+    assert store.remove_leftovers(older_than_s=-5) == ["builds/b3/request.json#12"]
+    assert store.folders("builds") == ["b1"]
+    assert store.folders("uploads") == []

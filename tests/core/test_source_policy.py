@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import posixpath
+import re
+import unicodedata
 from urllib.parse import quote, unquote
 
 import httpx
@@ -186,7 +188,8 @@ def test_a_key_in_a_bucket_is_below_the_prefix(rest: str):
 )
 def test_a_name_in_any_language_is_taken_when_it_is_encoded(name: str):
     url = f"https://files.example.org/maps/{quote(name, safe='')}-1"
-    try:
+    if re.search(r"[./\\;%]", unicodedata.normalize("NFKC", name.replace(".", ""))):
+        with pytest.raises(InvalidOption, match="read as another"):
+            check_source_url(url, ALLOWED)
+    else:
         assert check_source_url(url, ALLOWED) == url
-    except InvalidOption as error:
-        assert "read as another" in str(error)

@@ -6,7 +6,11 @@ Settings come from the environment. ``FAKE_SECONDS``: how long a query takes.
 from __future__ import annotations
 
 import os
+import sys
 import time
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).parents[1]))  # pytest has it there, this process of its own has not
 
 from service_world import Behaviour
 

@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 from service_world import SCAN_BODY, XYZ, Service, publish, running_service
 
-from firstfix_service import http_protocol
 from waiting import LIMIT_S, wait_until
 
 HEAD = b"POST /localize?map=hall HTTP/1.1\r\nHost: x\r\nContent-Type: " + XYZ.encode() + b"\r\n"
@@ -113,21 +112,16 @@ def test_what_two_readers_could_read_differently_is_refused(service: Service, ki
     assert service.http.get("/healthz").is_success
 
 
-def test_headers_that_never_end_are_given_up(service: Service, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(http_protocol, "HEAD_TIMEOUT_S", 0.3)
-    with connect(service) as silent, connect(service) as slow:
-        slow.sendall(GET)
-        assert all_of(silent) == b""
-        assert all_of(slow) == b""
+HEADERS_IN_ONE_SEND = {
+    "9,000 headers": GET + b"A: b\r\n" * 9000 + b"\r\n",
+    "100 KB of headers": GET + (b"X-A: " + b"b" * 10_000 + b"\r\n") * 10 + b"\r\n",
+    "a long path": b"GET /healthz?" + b"a" * 70_000 + b" HTTP/1.1\r\nHost: x\r\n\r\n",
+}
 
 
-def test_the_next_request_has_its_own_time(service: Service, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(http_protocol, "HEAD_TIMEOUT_S", 0.3)
-    with connect(service) as connection:
-        connection.sendall(GET + b"\r\n")
-        assert connection.recv(1 << 16).startswith(b"HTTP/1.1 200")
-        connection.sendall(GET)
-        assert all_of(connection) == b""
+@pytest.mark.parametrize("kind", HEADERS_IN_ONE_SEND)
+def test_a_head_over_its_limits_is_refused_however_few_sends_it_takes(service: Service, kind: str):
+    assert exchange(service, HEADERS_IN_ONE_SEND[kind]).startswith(b"HTTP/1.1 431")
 
 
 def test_a_body_that_drips_is_given_up(service: Service):

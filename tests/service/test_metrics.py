@@ -24,6 +24,7 @@ from firstfix.localization import Hypothesis, Localization, Reason, Verdict
 from firstfix.store import Store
 from firstfix_builder.pipeline import STAGES as BUILDER_STAGES
 from firstfix_service import build_metrics
+from firstfix_service.connections import Ended
 from firstfix_service.metered_store import OPERATIONS, metered
 from firstfix_service.metrics import Metrics
 from waiting import LIMIT_S, wait_until
@@ -209,6 +210,7 @@ def test_no_label_takes_what_callers_make_up(tmp_path: Path):
             "route": routes | {"unknown"},
             "status": {"0", "200", "202", "400", "404", "405", "415", "503"},
             "state": set(FINAL_STATES),
+            "why": {why.value for why in Ended},
             "operation": set(OPERATIONS),
             "version": {firstfix.__version__},
             "kind": {kind.value for kind in RecordKind},

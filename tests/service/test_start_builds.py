@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from pydantic import ValidationError
 
+from firstfix_builder.worker import MAX_MEMORY_VARIABLE, SANDBOX_VARIABLE
 from firstfix_service.settings import Settings
 from firstfix_service.start_builds import build_command
 
@@ -30,3 +31,14 @@ def test_with_a_cluster_stages_are_in_the_store():
 def test_an_executor_that_is_none_is_refused_at_the_start(executor: str):
     with pytest.raises(ValidationError, match="build_executor"):
         Settings(store="s3://maps", build_executor=executor)
+
+
+def test_a_build_is_told_of_its_sandbox_and_its_memory():
+    plain = build_command(Settings(store="memory://")).environment
+    assert plain["FIRSTFIX_BUILD_SANDBOX"] == "auto"
+    assert "FIRSTFIX_BUILD_MAX_MEMORY_BYTES" not in plain
+    limited = Settings(store="memory://", build_sandbox="required", build_max_memory_bytes=1 << 30)
+    told = build_command(limited).environment
+    assert told["FIRSTFIX_BUILD_SANDBOX"] == "required"
+    assert told["FIRSTFIX_BUILD_MAX_MEMORY_BYTES"] == str(1 << 30)
+    assert {SANDBOX_VARIABLE, MAX_MEMORY_VARIABLE} <= set(told)

@@ -1,0 +1,136 @@
+"""What a hostile caller does with one connection, over and over: raw bytes, slowly, or without end.
+
+Each attack gets an open connection and returns, or fails with what the service did to it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+from asyncio import StreamReader, StreamWriter
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+
+DRIP_S = 1.0  # between two of the bytes of a slow one
+FORM_BYTES = 1 << 20
+_HOST = b"Host: firstfix\r\n"
+_form_number = itertools.count()
+
+
+@dataclass(frozen=True)
+class Target:
+    """Attributes: key: the attacker's own, for attacks by a caller who may come in."""
+
+    map_id: str
+    key: str
+
+    @property
+    def authorization(self) -> bytes:
+        return f"Authorization: Bearer {self.key}\r\n".encode()
+
+
+Act = Callable[[Target, StreamReader, StreamWriter], Awaitable[None]]
+
+
+@dataclass(frozen=True)
+class Attack:
+    """Attributes:
+    connections: at the same time.
+    rounds: on each connection's place, at most; then it stays away.
+    """
+
+    act: Act
+    connections: int
+    rounds: int = 100
+
+
+async def slow_head(target: Target, reader: StreamReader, writer: StreamWriter) -> None:
+    """A header a second, without end."""
+    await _send(writer, b"GET /healthz HTTP/1.1\r\n" + _HOST)
+    while not reader.at_eof():
+        await _send(writer, b"X-A: b\r\n")
+        await asyncio.sleep(DRIP_S)
+
+
+async def slow_body(target: Target, reader: StreamReader, writer: StreamWriter) -> None:
+    """A query whose body comes a byte a second."""
+    about = b"Content-Type: application/vnd.firstfix.xyz\r\nContent-Length: 120000\r\n\r\n"
+    path = f"POST /localize?map={target.map_id} HTTP/1.1\r\n".encode()
+    await _send(writer, path + _HOST + target.authorization + about)
+    while not reader.at_eof():
+        await _send(writer, b"x")
+        await asyncio.sleep(DRIP_S)
+
+
+async def unread_body(target: Target, reader: StreamReader, writer: StreamWriter) -> None:
+    """A map without a key: its body goes on after the refusal."""
+    await _send(writer, b"POST /maps HTTP/1.1\r\n" + _HOST + b"Content-Length: 1000000\r\n\r\n")
+    await reader.readuntil(b"\r\n\r\n")
+    while True:
+        await _send(writer, b"x")
+        await asyncio.sleep(DRIP_S)
+
+
+async def empty_lines(target: Target, reader: StreamReader, writer: StreamWriter) -> None:
+    """A good request, then empty lines for ever."""
+    await _send(writer, b"GET /healthz HTTP/1.1\r\n" + _HOST + b"\r\n")
+    await reader.readuntil(b"\r\n\r\n")
+    while True:
+        await _send(writer, b"\r\n")
+        await asyncio.sleep(DRIP_S)
+
+
+async def unread_answers(target: Target, reader: StreamReader, writer: StreamWriter) -> None:
+    """Asks for long answers and takes none of them in."""
+    transport = writer.transport
+    transport.pause_reading()  # type: ignore[attr-defined]
+    for _ in range(200):
+        await _send(writer, b"GET /openapi.json HTTP/1.1\r\n" + _HOST + b"\r\n")
+        await asyncio.sleep(DRIP_S)
+
+
+async def long_head(target: Target, reader: StreamReader, writer: StreamWriter) -> None:
+    """9,000 headers in one send."""
+    await _send(writer, b"GET /healthz HTTP/1.1\r\n" + _HOST + b"A: b\r\n" * 9000 + b"\r\n")
+    await reader.read()
+    await asyncio.sleep(DRIP_S)
+
+
+async def silence(target: Target, reader: StreamReader, writer: StreamWriter) -> None:
+    """Nothing at all."""
+    await reader.read()
+
+
+async def upload(target: Target, reader: StreamReader, writer: StreamWriter) -> None:
+    """A whole map of its own, as fast as it is taken."""
+    content = b"%020d" % next(_form_number) + bytes(FORM_BYTES)
+    form = b"".join(
+        b'--B\r\nContent-Disposition: form-data; name="%s"%s\r\n\r\n%s\r\n' % field
+        for field in (
+            (b"map_id", b"", f"{target.map_id}-flood".encode()),
+            (b"source", b'; filename="a.ply"', content),
+        )
+    )
+    about = (
+        b"Content-Type: multipart/form-data; boundary=B\r\nConnection: close\r\nContent-Length: %d\r\n\r\n"
+    )
+    form += b"--B--\r\n"
+    await _send(writer, b"POST /maps HTTP/1.1\r\n" + _HOST + target.authorization + about % len(form) + form)
+    await reader.read()
+
+
+async def _send(writer: StreamWriter, data: bytes) -> None:
+    writer.write(data)
+    await writer.drain()
+
+
+ATTACKS = {
+    "slow heads": Attack(slow_head, 200),
+    "slow bodies": Attack(slow_body, 100),
+    "unread bodies": Attack(unread_body, 200),
+    "empty lines": Attack(empty_lines, 200),
+    "unread answers": Attack(unread_answers, 50),
+    "long heads": Attack(long_head, 20, rounds=20),
+    "1,000 connections": Attack(silence, 1000),
+    "floods of uploads": Attack(upload, 8, rounds=25),
+}

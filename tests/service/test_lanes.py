@@ -1,0 +1,169 @@
+"""Work that takes long has threads of its own: nobody's request, key or build waits for it."""
+
+from __future__ import annotations
+
+import ast
+import asyncio
+import inspect
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextvars import ContextVar
+from pathlib import Path
+
+import httpx
+import pytest
+from access_world import get, give
+from fastapi.dependencies.models import Dependant
+from fastapi.routing import APIRoute, iter_route_contexts
+from service_world import Service, running_service
+
+import firstfix_service
+from firstfix.api_keys import ApiKeys
+from firstfix.catalog import Catalog
+from firstfix.errors import StoreUnavailable
+from firstfix_service.app import create_app
+from firstfix_service.lanes import BUILDS, Lane
+from firstfix_service.request_scope import Requests, note
+from firstfix_service.settings import Settings
+from waiting import LIMIT_S, wait_until
+
+SOURCES = sorted(Path(firstfix_service.__file__).parent.glob("*.py"))
+SHARED = {"to_thread", "run_in_threadpool", "run_sync", "set_default_executor"}
+SLOW_POSTS = 40  # more than any shared pool has threads
+
+
+def test_nothing_runs_in_an_executor_that_everybody_shares():
+    for path in SOURCES:
+        for node in ast.walk(ast.parse(path.read_text())):
+            name = getattr(node, "attr", getattr(node, "id", None))
+            assert name not in SHARED, f"{path.name}:{getattr(node, 'lineno', 0)}"
+            if isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "run_in_executor":
+                assert not (isinstance(node.args[0], ast.Constant) and node.args[0].value is None), path.name
+
+
+def called(dependant: Dependant) -> list[Callable[..., object]]:
+    below = [call for dependency in dependant.dependencies for call in called(dependency)]
+    return below if dependant.call is None else [dependant.call, *below]
+
+
+def test_no_route_runs_in_the_threads_of_the_framework():
+    app = create_app(Settings(store="memory://"))
+    for route in iter_route_contexts(app.routes):
+        if isinstance(route.original_route, APIRoute):
+            for call in called(route.dependant):
+                assert inspect.iscoroutinefunction(call), f"{route.name}: {call}"
+
+
+async def as_caller(name: str, lane: Lane, work: Callable[[], object]) -> object:
+    with Requests().scope("http", None, request_id="", traceparent=None, started=time.monotonic()):
+        note(caller=name)
+        return await lane.run(work)
+
+
+def test_one_caller_never_has_all_threads():
+    lane, gate = Lane("test", 3), threading.Event()
+
+    async def main() -> None:
+        greedy = [
+            asyncio.create_task(as_caller("greedy", lane, lambda: gate.wait(LIMIT_S))) for _ in range(10)
+        ]
+        await asyncio.sleep(0)
+        async with asyncio.timeout(LIMIT_S):
+            assert await as_caller("other", lane, lambda: "done") == "done"
+        gate.set()
+        assert await asyncio.gather(*greedy) == [True] * 10
+
+    asyncio.run(main())
+
+
+def test_callers_take_turns():
+    lane, order, gate = Lane("test", 1), [], threading.Event()
+
+    async def main() -> None:
+        first = asyncio.create_task(lane.run(gate.wait, LIMIT_S))
+        await asyncio.sleep(0)
+        asked = [("a", 1), ("a", 2), ("a", 3), ("b", 1), ("b", 2)]
+        tasks = [
+            asyncio.create_task(as_caller(name, lane, lambda one=(name, n): order.append(one)))
+            for name, n in asked
+        ]
+        await asyncio.sleep(0)
+        gate.set()
+        await asyncio.gather(first, *tasks)
+
+    asyncio.run(main())
+    assert order == [("a", 1), ("b", 1), ("a", 2), ("b", 2), ("a", 3)]
+
+
+def test_work_runs_in_its_callers_context_and_raises_what_it_raises():
+    name: ContextVar[str] = ContextVar("name")
+
+    def fail() -> None:
+        raise ValueError(name.get())
+
+    async def main() -> None:
+        name.set("here")
+        with pytest.raises(ValueError, match="here"):
+            await Lane("test", 1).run(fail)
+
+    asyncio.run(main())
+
+
+def test_work_that_nobody_waits_for_any_more_is_not_begun():
+    lane, gate, begun = Lane("test", 1), threading.Event(), []
+
+    async def main() -> None:
+        first = asyncio.create_task(lane.run(gate.wait, LIMIT_S))
+        given_up = asyncio.create_task(lane.run(begun.append, 1))
+        await asyncio.sleep(0)
+        given_up.cancel()
+        await asyncio.sleep(0)
+        gate.set()
+        await first
+        await lane.run(lambda: None)
+
+    asyncio.run(main())
+    assert begun == []
+
+
+def test_slow_maps_hold_up_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    copying, gate = threading.Semaphore(0), threading.Event()
+
+    def slowly(*_: object) -> str:
+        copying.release()
+        assert gate.wait(LIMIT_S)
+        raise StoreUnavailable("the test has ended")
+
+    monkeypatch.setattr(Catalog, "put_source", slowly)
+    with (
+        running_service(tmp_path, zenoh=False, auth="on", keys_refresh_s=0.1, builds_per_hour=0) as service,
+        ThreadPoolExecutor(SLOW_POSTS) as callers,
+    ):
+        service.catalog.put_build("b1", {"map_id": "hall"})
+        mine, other = give(service, "build"), give(service, "build", maps=("hall",))
+        wait_until(lambda: get(service, "/builds/b1", other).is_success)
+        posts = [callers.submit(post_slowly, service, mine) for _ in range(SLOW_POSTS)]
+        try:
+            for _ in range(2):
+                assert copying.acquire(timeout=LIMIT_S)
+            for path in ("/builds/b1", "/builds", "/maps", "/readyz"):
+                assert get(service, path, other).is_success, path
+            asyncio.run(asyncio.wait_for(BUILDS.run(lambda: None), LIMIT_S))
+            ApiKeys(service.catalog.store).revoke(mine.split("_")[1])
+            wait_until(lambda: get(service, "/builds/b1", mine).status_code == 401)
+        finally:
+            gate.set()
+        for post in posts:
+            post.result()
+
+
+def post_slowly(service: Service, key: str) -> int:
+    return httpx.post(
+        f"{service.url}/maps",
+        files={"source": ("a.ply", b"ply")},
+        data={"map_id": "hall"},
+        headers={"Authorization": f"Bearer {key}"},
+        timeout=2 * LIMIT_S,
+    ).status_code
