@@ -244,6 +244,7 @@ class BuildStages:
                 _simulator(mesh),
                 self.config.sensor_model,
                 engine_of(fitted),
+                self._ticks("build_index"),
             )
 
         inputs = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import httpx
@@ -26,9 +27,14 @@ class _Broken(Exception):
         self.etag = etag
 
 
-def fetch_http(url: str, path: Path, max_bytes: int) -> None:
+def fetch_http(
+    url: str, path: Path, max_bytes: int, told: Callable[[float], None] = lambda done: None
+) -> None:
     """Writes what stands at the URL to a file, whole or not at all. A connection that breaks is gone on with
     where it broke, if the server can. Redirects are not followed: they lead where nobody has looked.
+
+    Args:
+        told: called as it arrives with the share that is done, 0..1.
 
     Raises:
         NotFound: there is nothing.
@@ -43,7 +49,7 @@ def fetch_http(url: str, path: Path, max_bytes: int) -> None:
         with httpx.Client(follow_redirects=False, timeout=TIMEOUT_S) as client:
             for attempt in range(1, ATTEMPTS + 1):
                 try:
-                    _fetch(client, url, part, max_bytes, etag)
+                    _fetch(client, url, part, max_bytes, etag, told)
                     break
                 except _Broken as error:
                     etag = error.etag
@@ -55,7 +61,9 @@ def fetch_http(url: str, path: Path, max_bytes: int) -> None:
         part.unlink(missing_ok=True)
 
 
-def _fetch(client: httpx.Client, url: str, part: Path, max_bytes: int, etag: str) -> None:
+def _fetch(
+    client: httpx.Client, url: str, part: Path, max_bytes: int, etag: str, told: Callable[[float], None]
+) -> None:
     """One attempt, which appends to the part while the server's file is still that of the ETag."""
     have = part.stat().st_size if part.exists() else 0
     headers = {"Accept-Encoding": "identity"}
@@ -77,6 +85,7 @@ def _fetch(client: httpx.Client, url: str, part: Path, max_bytes: int, etag: str
                     if written > max_bytes:
                         raise TooLarge(f"the source has over {max_bytes} bytes")
                     file.write(piece)
+                    told(min(written / (expected if expected >= written else max_bytes), 1.0))
     except httpx.TransportError as error:
         raise _Broken(str(error) or type(error).__name__, etag) from None
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -49,12 +49,14 @@ def fetch_source(
     file_name: str,
     folder: Path,
     policy: SourcePolicy | None = None,
+    told: Callable[[float], None] = lambda done: None,
 ) -> Path:
     """A local file with the content that a request names, under a name with the same ending.
 
     Args:
         named: {"key": an upload of this map} or {"url": an object elsewhere}.
         folder: where it goes; what an earlier run brought there whole is used again.
+        told: called as it arrives with the share that is done, 0..1.
 
     Raises:
         InvalidOption: a key of another map, a URL that the policy or the store forbids.
@@ -72,31 +74,31 @@ def fetch_source(
         if path.exists() and sha256_of(path) == sha256:
             return path
         try:
-            _download(store, key, path, policy.max_bytes)
+            _download(store, key, path, policy.max_bytes, told)
         except NotFound:  # collected as the build was asked for: then there is a copy for it
-            _download(store, source_key(map_id, sha256, build_id), path, policy.max_bytes)
+            _download(store, source_key(map_id, sha256, build_id), path, policy.max_bytes, told)
         return path
     url = str(named.get("url", ""))
     path = folder / hashlib.sha256(url.encode()).hexdigest() / _safe_name(file_name)
     if urlsplit(url).scheme in ("http", "https"):
-        fetch_http(check_source_url(url, policy.urls), path, policy.max_bytes)
+        fetch_http(check_source_url(url, policy.urls), path, policy.max_bytes, told)
         return path
     where = _allowed(url, StoreUrl.parse(store_url), policy.roots)
     parent, _, name = where.prefix.rpartition("/")
     # Fetched anew in every run: unlike an upload, what stands at a URL may have changed.
     try:
-        _download(Store.open_at(replace(where, prefix=parent)), name, path, policy.max_bytes)
+        _download(Store.open_at(replace(where, prefix=parent)), name, path, policy.max_bytes, told)
     except StoreError as error:  # a stranger's store: no fault of ours that would pass by trying again
         raise BuildFailed(f"the source's store does not give it: {error}") from None
     return path
 
 
-def _download(store: Store, key: str, path: Path, max_bytes: int) -> None:
+def _download(store: Store, key: str, path: Path, max_bytes: int, told: Callable[[float], None]) -> None:
     size = store.size(key)
     if size > max_bytes:
         raise TooLarge(f"{key} has {size} bytes, the limit is {max_bytes}")
     path.parent.mkdir(parents=True, exist_ok=True)
-    store.download(key, path)
+    store.download(key, path, told)
 
 
 def _allowed(url: str, own: StoreUrl, roots: Sequence[Path]) -> StoreUrl:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -32,21 +33,27 @@ def write_index_files(
     simulator: Simulator,
     sensor: SensorModel,
     engine: EngineConfig,
+    progress: Callable[[float], None],
 ) -> None:
     """Key search, tiles, surface, view and picture.
 
     Args:
+        progress: called after each with the share that is done, 0..1.
         directory: has templates, clusters and, if there is one, the keys' projection.
         cloud: (m, 3) the map's points; None: it is a mesh.
     """
     templates = Templates.load(directory, engine.descriptor.make())
     _write_keys(directory, templates, engine)
     TemplateTiles.of(templates.position_m).save(directory)
+    progress(0.2)
     surface = map_surface(
         cloud, simulator, templates.position_m, sensor, SURFACE_STEP_M, engine.registration.map_voxel_m
     )
+    progress(0.7)
     MapSurface.of(surface, engine.registration).save(directory)
+    progress(0.8)
     MapView.of(surface.points, engine.verification.reach_m).save(directory)
+    progress(0.9)
     np.save(directory / MAP_FILE, surface.points)
     draw_preview(surface.points, templates.position_m, directory / "preview.png")
 

@@ -123,7 +123,8 @@ def run_build(
             tick(all_stages[0], 0.0)
             try:
                 catalog.store.probe()
-                sources = _fetch_all(store_url, catalog, build_id, request, work / "sources", policy)
+                told = partial(tick, all_stages[0])
+                sources = _fetch_all(store_url, catalog, build_id, request, work / "sources", policy, told)
                 built = build_version(
                     sources["source"],
                     _mapping(request, "config"),
@@ -135,7 +136,13 @@ def run_build(
                 if reporter.is_cancelled():
                     raise BuildCancelled("cancelled before it was published")
                 tick("publish", 0.0)
-                version = catalog.publish(map_id, built.directory, built.manifest, build_id=build_id)
+                version = catalog.publish(
+                    map_id,
+                    built.directory,
+                    built.manifest,
+                    build_id=build_id,
+                    told=partial(tick, "publish"),
+                )
                 status = new_status(
                     "succeeded", map_id=map_id, stage="publish", progress=1.0, version=version
                 )
@@ -164,6 +171,7 @@ def _fetch_all(
     request: Mapping[str, Any],
     folder: Path,
     policy: SourcePolicy | None,
+    told: Callable[[float], None],
 ) -> dict[str, Path]:
     """Local files of the source, and of the trajectory if the request has one."""
     map_id = str(request.get("map_id", ""))
@@ -172,9 +180,24 @@ def _fetch_all(
     if trajectory:
         named["trajectory"] = (trajectory, str(trajectory.get("file_name") or _ending_of(trajectory)))
     return {
-        role: fetch_source(store_url, catalog.store, map_id, build_id, where, file_name, folder, policy)
-        for role, (where, file_name) in named.items()
+        role: fetch_source(
+            store_url,
+            catalog.store,
+            map_id,
+            build_id,
+            where,
+            file_name,
+            folder,
+            policy,
+            _share(told, number, len(named)),
+        )
+        for number, (role, (where, file_name)) in enumerate(named.items())
     }
+
+
+def _share(told: Callable[[float], None], number: int, count: int) -> Callable[[float], None]:
+    """What one of several files tells, as a share of them all."""
+    return lambda done: told((number + done) / count)
 
 
 def _ending_of(named: Mapping[str, Any]) -> str:

@@ -16,6 +16,7 @@ publishes is created once and named by its content.
 from __future__ import annotations
 
 import json
+import math
 import re
 import uuid
 from collections import Counter
@@ -104,13 +105,35 @@ class BuildAttempts:
         self._store.put(f"{key}.beat", uuid.uuid4().bytes)
         return True
 
-    def end(self, attempt: Attempt, how: AttemptEnd, *, stage: str = "", why: str = "") -> None:
-        """Says how it ended; of several who say it the first is right."""
+    def end(
+        self, attempt: Attempt, how: AttemptEnd, *, stage: str = "", why: str = "", ran_s: float = 0.0
+    ) -> None:
+        """Says how it ended; of several who say it the first is right.
+
+        Args:
+            ran_s: for how long its process ran; of a lost attempt nobody knows.
+        """
         key = _key(attempt)
-        record = {"end": how.value, "stage": stage, "why": why[:1000], "time": _now()}
+        record = {
+            "end": how.value,
+            "stage": stage,
+            "why": why[:1000],
+            "time": _now(),
+            "ran_s": round(ran_s, 3),
+        }
         self._create(f"{key}.end.json", record)
         for name in ("beat", "look"):
             self._store.delete(f"{key}.{name}")
+
+    def ran_s(self, build_id: str) -> float:
+        """For how long the attempts that have ended ran, together."""
+        total_s = 0.0
+        for number, kinds in _scan(self._store, build_id).items():
+            if "end.json" in kinds:
+                ran_s = _read(self._store, f"{_folder(build_id)}/{number:06d}.end.json").get("ran_s")
+                if isinstance(ran_s, int | float) and math.isfinite(ran_s):
+                    total_s += max(ran_s, 0.0)
+        return total_s
 
     def _gone(self, build_id: str, number: int) -> str | None:
         """Why the holder of an open attempt is taken for dead; None when it is not."""

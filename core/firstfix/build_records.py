@@ -187,7 +187,9 @@ def parse_request(record: dict[str, Any]) -> dict[str, Any]:
                 text_of(named, field)
     if not isinstance(record.get("config") or {}, dict):
         raise TypeError("config is no object")
-    text_of(record, "file_name", "")
+    for name in ("file_name", "owner"):
+        if record.get(name) is not None:
+            text_of(record, name)
     return record
 
 

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -141,13 +142,24 @@ class Catalog(BuildRecords):
         """
         return self._objects.read_file(self._published(map_id, version), name, max_bytes=max_bytes)
 
-    def publish(self, map_id: str, directory: Path, manifest: Manifest, *, build_id: str = "") -> str:
+    def publish(
+        self,
+        map_id: str,
+        directory: Path,
+        manifest: Manifest,
+        *,
+        build_id: str = "",
+        told: Callable[[float], None] = lambda done: None,
+    ) -> str:
         """Puts a version's files, then its manifest, then says so in the log and activates it.
 
         Repeating it after a kill at any point completes it. With a build id each log entry is written
         once for that build, so that a repeat does not undo what somebody did in between. A garbage
         collection of the version at the same time does no harm: either it sees the publish, or the publish
         sees it and puts the files anew.
+
+        Args:
+            told: called as the files are put with the share that is done, 0..1.
 
         Returns:
             the version's digest.
@@ -165,7 +177,7 @@ class Catalog(BuildRecords):
 
         for _ in range(_MAX_COLLECTIONS):
             generation = self.state(map_id).generation(version)
-            self._objects.put(VersionFolder(map_id, version, generation), directory, manifest)
+            self._objects.put(VersionFolder(map_id, version, generation), directory, manifest, told)
 
             def is_needed(state: MapState, generation: int = generation) -> bool:
                 if version in state.published or done(Event.PUBLISHED, state):

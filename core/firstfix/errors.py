@@ -26,11 +26,14 @@
     |- BuildError                 a build ended without a version
     |  |- BuildFailed             a stage could not do its work
     |  |- BuildAttemptsExceeded   its worker died time after time
+    |  |- BuildTimedOut           it took longer than it may
+    |  |- BuildStalled            it made no progress for too long
     |  |- ClusterUnavailable      the machines that build are out of reach: try again
     |  `- BuildCancelled          somebody asked for it
     |- Unauthorized               no credential, or none that is worth anything
     |- Forbidden                  the credential does not allow this
     |- RateLimited                too many requests of one caller: try again later
+    |- QuotaExceeded              one caller has as much as one caller may have
     |- Overloaded                 the queue is full: try again later
     |- WorkerLost                 the process that worked on it died: try again
     `- DeadlineExceeded           the answer would have come too late
@@ -157,6 +160,14 @@ class BuildAttemptsExceeded(BuildError):
     code = "build_attempts_exceeded"
 
 
+class BuildTimedOut(BuildError):
+    code = "build_timed_out"
+
+
+class BuildStalled(BuildError):
+    code = "build_stalled"
+
+
 class ClusterUnavailable(BuildError):
     code = "cluster_unavailable"
 
@@ -182,6 +193,19 @@ class RateLimited(FirstfixError):
     code = "rate_limited"
 
     def __init__(self, message: str, retry_after_s: float = 1.0) -> None:
+        super().__init__(message)
+        self.retry_after_s = retry_after_s
+
+
+class QuotaExceeded(FirstfixError):
+    """
+    Attributes:
+        retry_after_s: when waiting should have helped; None: the caller has to give something up first.
+    """
+
+    code = "quota_exceeded"
+
+    def __init__(self, message: str, *, retry_after_s: float | None = None) -> None:
         super().__init__(message)
         self.retry_after_s = retry_after_s
 

@@ -7,6 +7,7 @@
     idempotency   keys of requests that nobody repeats any more
     logs          entries of maps' logs that snapshots have summed up
     changes       notices of changes that everybody has read
+    callers       what was counted to callers on days that are over, and builds that nobody put on record
     leftovers     what processes that were killed left of a look at the store, of a put, or of a collection
 
 A source is kept as long as the record of a build names it, and the record as long as the version that
@@ -21,6 +22,7 @@ from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 
 from .build_records import FINAL_STATES
+from .caller_usage import FOLDER as CALLERS
 from .catalog import Catalog, log_folder
 from .doomed_keys import FOLDER as DOOMED
 from .doomed_keys import announced
@@ -31,6 +33,7 @@ from .log_garbage import change_garbage, leave_snapshot, log_garbage
 from .store import StoredObject
 
 DAY_S = 86400.0
+USAGE_DAYS = 7  # entries of builds that wait for longer stop counting for their callers
 
 
 @dataclass(frozen=True)
@@ -88,9 +91,10 @@ def collect_garbage(
         found.keys["builds"] = _builds(catalog, now - timedelta(seconds=ages.builds_s))
         found.keys["uploads"] = _by_folder(catalog, "uploads", cutoff)
         found.keys[IDEMPOTENCY] = [item.key for item in _older(catalog, IDEMPOTENCY, cutoff)]
+        found.keys[CALLERS] = _usage(catalog, now)
         found.keys["changes"] = change_garbage(catalog.store, cutoff)
         if not dry_run:
-            for kind in ("builds", "uploads", IDEMPOTENCY, "changes"):
+            for kind in ("builds", "uploads", IDEMPOTENCY, CALLERS, "changes"):
                 _remove(catalog, found.keys[kind])
         lists = [item.key for item in _older(catalog, DOOMED, cutoff)]
         if not dry_run:
@@ -117,10 +121,12 @@ def remove_abandoned(catalog: Catalog, *, older_than_s: float = DAY_S) -> Garbag
     Raises:
         StoreError: the store failed.
     """
-    cutoff = catalog.store.now() - timedelta(seconds=older_than_s)
+    now = catalog.store.now()
+    cutoff = now - timedelta(seconds=older_than_s)
     found = Garbage()
     found.keys["uploads"] = _by_folder(catalog, "uploads", cutoff)
     found.keys[IDEMPOTENCY] = [item.key for item in _older(catalog, IDEMPOTENCY, cutoff)]
+    found.keys[CALLERS] = _usage(catalog, now)
     for keys in found.keys.values():
         _remove(catalog, keys)
     return found
@@ -140,6 +146,10 @@ def _logs(catalog: Catalog, map_ids: list[str], cutoff: datetime, *, dry_run: bo
 
 def _older(catalog: Catalog, folder: str, cutoff: datetime) -> list[StoredObject]:
     return [item for item in catalog.store.scan(folder) if item.last_modified < cutoff]
+
+
+def _usage(catalog: Catalog, now: datetime) -> list[str]:
+    return [item.key for item in _older(catalog, CALLERS, now - timedelta(days=USAGE_DAYS))]
 
 
 def _by_folder(

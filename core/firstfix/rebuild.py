@@ -41,7 +41,8 @@ def rebuild(catalog: Catalog, map_id: str) -> str:
         )
     request = catalog.build_request(made_by)
     _check_files(catalog.store, map_id, request)
-    request.pop("traceparent", None)  # of a request long ago
+    for name in ("traceparent", "owner"):  # of a request long ago, and of who made that
+        request.pop(name, None)
     build_id = new_build_id()
     catalog.put_build(build_id, request)
     # As for a map that is handed in; where a file has just gone, the build fails and this says why.

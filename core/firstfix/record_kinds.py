@@ -18,7 +18,8 @@ from .json_record import RecordKind, max_bytes, parse_record
 from .map_state import LogEntry, MapState
 from .query_samples import parse_sample
 from .shared_stages import parse_stage
-from .uploads import parse_upload, parse_whole
+from .upload_record import UploadRecord
+from .uploads import parse_whole
 
 FOLDERS = ("builds", "changes", "checked", "idempotency", "keys", "maps", "samples", "stages", "uploads")
 
@@ -77,7 +78,7 @@ FORMS = (
         lambda _, r: parse_georeference(r),
     ),
     _form(RecordKind.CHANGE_NOTICE, r"changes/\d{8,}\.json", lambda _, r: parse_notice(r)),
-    _form(RecordKind.UPLOAD, r"uploads/[^/]+/upload\.json", lambda _, r: parse_upload(r)),
+    _form(RecordKind.UPLOAD, r"uploads/[^/]+/upload\.json", lambda _, r: UploadRecord.parse(r)),
     _form(RecordKind.UPLOAD_WHOLE, r"uploads/[^/]+/whole\.json", lambda _, r: parse_whole(r)),
     _form(RecordKind.API_KEY, r"keys/([0-9a-f]{12})\.json", parse_key),
     _form(RecordKind.SAMPLE, r"samples/[^/]+\.json", lambda _, r: parse_sample(r)),

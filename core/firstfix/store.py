@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import builtins
 import hashlib
-import shutil
 import uuid
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -177,10 +176,13 @@ class Store:
             found = obstore.get_range(self._backend, key, start=start, end=min(start + length, size))
             return bytes(found)
 
-    def download(self, key: str, path: Path) -> str:
+    def download(self, key: str, path: Path, told: Callable[[float], None] = lambda done: None) -> str:
         """Writes the object to a file, whole or not at all; returns the sha256 of what was written.
 
         It asks for chunk after chunk, so that each has its own timeout and retries.
+
+        Args:
+            told: called after each chunk with the share that is done, 0..1.
 
         Raises:
             NotFound: no such key.
@@ -189,9 +191,11 @@ class Store:
         part = path.with_name(f".{path.name}.{uuid.uuid4().hex}.part")
         try:
             with part.open("wb") as file:
+                size = self.size(key)
                 for piece in self.pieces(key):
                     digest.update(piece)
                     file.write(piece)
+                    told(file.tell() / size)
             part.replace(path)
         finally:
             part.unlink(missing_ok=True)
@@ -282,9 +286,10 @@ class Store:
             raise NotFound(f"no object {key}")
         return path
 
-    def free_bytes(self) -> int | None:
-        """What still fits on the disk of a file store; None for other stores, which do not tell."""
-        return None if self._root is None else shutil.disk_usage(self._root).free
+    @property
+    def directory(self) -> Path | None:
+        """Where a file store is; None for other stores, which do not tell how much room they have."""
+        return self._root
 
     def probe(self) -> None:
         """Puts a key twice: every promise of this project rests on the second put losing. A read-only

@@ -1,8 +1,8 @@
 """A store into another one: a backup, its restoration, a move to another cloud.
 
 What lasts is copied: maps, with their logs, sources and georeferences; builds; API keys. Not copied are
-``stages/``, ``uploads/``, ``idempotency/``, ``changes/`` and ``checked/``, which make themselves anew, and
-``samples/``.
+``stages/``, ``uploads/``, ``idempotency/``, ``callers/``, ``changes/`` and ``checked/``, which make
+themselves anew, and ``samples/``.
 
 Both stores may be in use. The logs are read first and written last: so every version that the copy's logs
 name was whole when it was read, and nobody who reads the copy sees a version before its files. Nothing is

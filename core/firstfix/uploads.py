@@ -12,26 +12,39 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
+import re
 import threading
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
 from .catalog import source_key
-from .errors import ChecksumMismatch, Conflict, NotFound, StoreError, TooLarge, UnreadableRecord
+from .errors import (
+    ChecksumMismatch,
+    Conflict,
+    NotFound,
+    StoreError,
+    TooLarge,
+    UnreadableRecord,
+)
 from .ids import check_upload_id, check_version, is_name
-from .json_record import RecordKind, read_record, text_of, whole_number_of
-from .store import Store
+from .json_record import RecordKind, read_record
+from .store import Store, StoredObject
+from .upload_record import UploadRecord
 
 if TYPE_CHECKING:
     from hashlib import _Hash
 
+_log = logging.getLogger(__name__)
 PART_BYTES = 16 << 20
 MAX_PARTS = 10_000
 _DIGESTS_KEPT = 64
+_RECORDS_KEPT = 10_000
+_PART_NAME = re.compile(r"[0-9]{20}")
 
 
 @dataclass(frozen=True)
@@ -42,6 +55,7 @@ class Upload:
         size_bytes: of the whole file, as announced.
         file_name: its ending says how to read it.
         sha256: of the whole file, as announced; None: the sender did not say.
+        owner: the caller who announced it; None: a release that did not record callers did.
         parts: their sizes in bytes, in order, without a gap.
         last_modified: when the last of it came.
     """
@@ -50,6 +64,7 @@ class Upload:
     size_bytes: int
     file_name: str
     sha256: str | None
+    owner: str | None
     parts: tuple[int, ...]
     last_modified: datetime
 
@@ -70,18 +85,30 @@ class Uploads:
         self._store = store
         # What passed through here is hashed as it passes, or a file would have to be read again for it.
         self._digests: OrderedDict[str, tuple[int, _Hash]] = OrderedDict()
+        self._records: OrderedDict[str, UploadRecord] = OrderedDict()  # created once, so never out of date
         self._lock = threading.Lock()
 
-    def create(self, upload_id: str, *, size_bytes: int, file_name: str, sha256: str | None = None) -> None:
+    def create(
+        self,
+        upload_id: str,
+        *,
+        size_bytes: int,
+        file_name: str,
+        sha256: str | None = None,
+        owner: str | None = None,
+    ) -> None:
         """Announces a file.
+
+        Args:
+            owner: the caller whose upload it is.
 
         Raises:
             Conflict: there is an upload of that id.
         """
         if sha256 is not None:
             check_version(sha256)
-        record = {"size_bytes": size_bytes, "file_name": file_name, "sha256": sha256}
-        if not self._store.put_new(f"{_folder(upload_id)}/upload.json", json.dumps(record).encode()):
+        record = UploadRecord(size_bytes, file_name, sha256, owner)
+        if not self._store.put_new(f"{_folder(upload_id)}/upload.json", record.to_json()):
             raise Conflict(f"there is an upload {upload_id} already")
 
     def get(self, upload_id: str) -> Upload:
@@ -93,27 +120,40 @@ class Uploads:
         folder = _folder(upload_id)
         found = self._store.scan(folder)
         try:
-            record = read_record(self._store, f"{folder}/upload.json", RecordKind.UPLOAD, parse_upload)
+            record = self._read(upload_id)
         except NotFound:
             raise NotFound(f"no upload {upload_id}") from None
-        sizes = {
-            int(item.key.rsplit("/", 1)[-1]): item.size_bytes
-            for item in found
-            if item.key.startswith(f"{folder}/parts/")
-        }
-        parts: list[int] = []
-        offset = 0
-        while offset in sizes:
-            parts.append(sizes[offset])
-            offset += sizes[offset]
         return Upload(
             upload_id,
-            record["size_bytes"],
-            record["file_name"],
-            record["sha256"],
-            tuple(parts),
+            record.size_bytes,
+            record.file_name,
+            record.sha256,
+            record.owner,
+            _parts_in_order(found, f"{folder}/parts/", record.size_bytes),
             max(item.last_modified for item in found) if found else self._store.now(),
         )
+
+    def _read(self, upload_id: str) -> UploadRecord:
+        key = f"{_folder(upload_id)}/upload.json"
+        return read_record(self._store, key, RecordKind.UPLOAD, UploadRecord.parse)
+
+    def announced(self) -> dict[str, UploadRecord]:
+        """Every upload that can be gone on with, by its id. One listing; a record is read once.
+
+        An upload whose record cannot be read is left out: it belongs to nobody, and it expires.
+        """
+        found = {}
+        for upload_id in self.ids():
+            record = self._records.get(upload_id)
+            if record is None:
+                try:
+                    record = self._read(upload_id)
+                except (NotFound, UnreadableRecord):  # it is being removed; or it is nobody's
+                    continue
+            found[upload_id] = record
+        with self._lock:
+            self._records = OrderedDict(list(found.items())[-_RECORDS_KEPT:])
+        return found
 
     def append(self, upload: Upload, data: bytes) -> Upload:
         """The upload with one more part, at most ``PART_BYTES``, at its end.
@@ -125,14 +165,18 @@ class Uploads:
         offset = upload.offset
         if not data:
             return upload
+        if len(data) > PART_BYTES:
+            raise TooLarge(f"a part of an upload has at most {PART_BYTES} bytes")
         if offset + len(data) > upload.size_bytes:
             raise TooLarge(f"upload {upload.upload_id} was announced with {upload.size_bytes} bytes")
         if len(upload.parts) >= MAX_PARTS:
             raise TooLarge(f"an upload has at most {MAX_PARTS} parts: send larger ones")
         key = _part_key(upload.upload_id, offset)
         # not won, but the same bytes: the reply to our own put was lost, or both writers send one file
-        if not self._store.put_new(key, data) and self._store.get(key) != data:
-            raise Conflict(f"another writer went on with upload {upload.upload_id} from {offset}")
+        if not self._store.put_new(key, data):
+            self._mend(key, upload.size_bytes - offset, data)
+            if self._store.get(key) != data:
+                raise Conflict(f"another writer went on with upload {upload.upload_id} from {offset}")
         self._hash(upload.upload_id, offset, data)
         return replace(upload, parts=(*upload.parts, len(data)))
 
@@ -197,6 +241,13 @@ class Uploads:
         """Every upload that has left something in the store, sorted."""
         return [name for name in self._store.folders("uploads") if is_name(name)]
 
+    def _mend(self, key: str, left_bytes: int, data: bytes) -> None:
+        """Puts the data in place of a part that no ``append`` can have written: it would be in the way for
+        ever. Such a part holds nothing that was acknowledged, so replacing it loses nothing."""
+        if not _can_be_part(self._store.size(key), left_bytes):
+            _log.warning("%s is damaged and is written again", key)
+            self._store.put(key, data)
+
     def _hash(self, upload_id: str, offset: int, data: bytes) -> None:
         with self._lock:
             hashed, digest = self._digests.pop(upload_id, (0, hashlib.sha256()))
@@ -223,18 +274,6 @@ class Uploads:
             offset += size
 
 
-def parse_upload(record: dict[str, Any]) -> dict[str, Any]:
-    """
-    Raises:
-        KeyError, TypeError, InvalidOption: not what an upload announces.
-    """
-    whole_number_of(record, "size_bytes")
-    text_of(record, "file_name")
-    if record["sha256"] is not None:
-        check_version(record["sha256"])
-    return record
-
-
 def parse_whole(record: dict[str, Any]) -> str:
     """The sha256 of a whole upload.
 
@@ -246,6 +285,30 @@ def parse_whole(record: dict[str, Any]) -> str:
 
 def _folder(upload_id: str) -> str:
     return f"uploads/{check_upload_id(upload_id)}"
+
+
+def _parts_in_order(found: Iterable[StoredObject], prefix: str, size_bytes: int) -> tuple[int, ...]:
+    """Sizes of the parts without a gap from the start, of what a listing shows.
+
+    A listing is not to be trusted: it can hold names that are no offsets, and parts that are empty (a power
+    cut took their bytes), overlap, or go beyond the announced size. The first of those ends the parts.
+    """
+    sizes = {
+        int(name): item.size_bytes
+        for item in found
+        if item.key.startswith(prefix) and _PART_NAME.fullmatch(name := item.key.removeprefix(prefix))
+    }
+    parts: list[int] = []
+    offset = 0
+    while len(parts) < MAX_PARTS and _can_be_part(sizes.get(offset, 0), size_bytes - offset):
+        parts.append(sizes[offset])
+        offset += sizes[offset]
+    return tuple(parts)
+
+
+def _can_be_part(size_bytes: int, left_bytes: int) -> bool:
+    """Whether ``append`` can have written a part of that size where so many bytes were left to come."""
+    return 0 < size_bytes <= min(PART_BYTES, left_bytes)
 
 
 def _part_key(upload_id: str, offset: int) -> str:

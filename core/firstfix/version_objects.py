@@ -12,6 +12,7 @@ import logging
 import re
 import threading
 from collections import OrderedDict
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -113,19 +114,32 @@ class VersionObjects:
             raise CorruptVersion(f"{name} of version {version} of map {map_id} was altered")
         return data
 
-    def put(self, folder: VersionFolder, directory: Path, manifest: Manifest) -> None:
+    def put(
+        self,
+        folder: VersionFolder,
+        directory: Path,
+        manifest: Manifest,
+        told: Callable[[float], None] = lambda done: None,
+    ) -> None:
         """Every file, then the manifest; then it looks whether all of it is there. Repeating it after a kill
         at any point completes it, and mends what a fault altered since: the version is named by what it has
         to be.
+
+        Args:
+            told: called after each file with the share of the bytes that is there, 0..1.
 
         Raises:
             CorruptVersion: a file in the directory is not what the manifest says.
             StoreUnavailable: what was put is gone again, time after time.
         """
         manifest.verify_directory(directory)
+        all_bytes = sum(entry.bytes for entry in manifest.files.values())
         for _ in range(_MAX_ROUNDS):
+            put_bytes = 0
             for name in manifest.files:
                 self._store.upload(f"{folder.key}/{name}", directory / name)
+                put_bytes += manifest.files[name].bytes
+                told(put_bytes / all_bytes if all_bytes else 1.0)
             content, key = manifest.to_json(), folder.manifest_key
             with suppress(NotFound):  # somebody removes it this moment: again
                 if not self._store.put_new(key, content) and self._store.get(key) != content:

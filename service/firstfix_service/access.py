@@ -43,9 +43,9 @@ class Access:
     def __init__(self, settings: Settings, keys: KeyRing | None, tokens: TokenVerifier | None) -> None:
         self._keys, self._tokens = keys, tokens
         exposed = bool(exposed_at(settings))
-        per_s = _chosen(settings.localize_per_s, DEFAULT_LOCALIZE_PER_S, exposed)
-        per_hour = _chosen(settings.builds_per_hour, DEFAULT_BUILDS_PER_HOUR, exposed)
-        changes_per_min = _chosen(settings.changes_per_min, DEFAULT_CHANGES_PER_MIN, exposed)
+        per_s = chosen_limit(settings.localize_per_s, DEFAULT_LOCALIZE_PER_S, exposed)
+        per_hour = chosen_limit(settings.builds_per_hour, DEFAULT_BUILDS_PER_HOUR, exposed)
+        changes_per_min = chosen_limit(settings.changes_per_min, DEFAULT_CHANGES_PER_MIN, exposed)
         per_min = settings.auth_failures_per_min
         self._limits = {
             "localize": _limit("queries", per_s, _LOCALIZE_BURST_S * per_s),
@@ -159,8 +159,12 @@ def _limit(what: str, per_s: float, burst: float) -> RateLimit | None:
     return RateLimit(what, per_s, burst) if per_s else None
 
 
-def _chosen(given: float | None, default: float, exposed: bool) -> float:
-    """A limit; 0: none."""
+def chosen_limit(given: float | None, default: float, exposed: bool) -> float:
+    """A limit; 0: none.
+
+    Args:
+        default: where strangers can be some of the callers.
+    """
     if given is not None:
         return given
     return default if exposed else 0.0

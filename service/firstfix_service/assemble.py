@@ -14,6 +14,7 @@ from pathlib import Path
 import structlog
 
 import firstfix
+from firstfix.caller_usage import CallerUsage
 from firstfix.catalog import Catalog
 from firstfix.errors import InvalidOption, StoreUnavailable
 from firstfix.georeferences import Georeferences
@@ -22,6 +23,8 @@ from firstfix.store import Store
 from firstfix.uploads import Uploads
 
 from .access import open_access
+from .build_quota import BuildQuota
+from .disk_space import DiskSpace
 from .exposure import check_exposure
 from .georeference_cache import GeoreferenceCache
 from .health import Health
@@ -33,6 +36,7 @@ from .map_cache import MapCache
 from .map_poller import MapPoller
 from .metered_store import metered
 from .metrics import Metrics
+from .paced_body import Pace
 from .parts import Parts
 from .places import Places
 from .pool import QueryPool
@@ -46,6 +50,7 @@ from .settings import Settings
 from .settings_summary import settings_summary
 from .start_builds import run_with, start_builds
 from .tracing import start_tracing
+from .upload_quota import UploadQuota
 from .verify_keeper import keep_verified
 from .workers import LocalWorkers, Workers
 
@@ -112,6 +117,14 @@ async def assemble(
         if settings.verify_bytes_per_s:
             run_with(stack, keep_verified(settings, store, metrics), "verify-keeper")
     georeferences = Georeferences(store)
+    uploads, usage = Uploads(store), CallerUsage(catalog)
+    upload_quota = UploadQuota(
+        uploads,
+        max_open=settings.max_open_uploads,
+        max_open_per_caller=settings.max_open_uploads_per_caller,
+        max_bytes_per_caller=settings.max_upload_bytes_per_caller,
+    )
+    pace = Pace(settings.body_timeout_s, settings.upload_min_bytes_per_s, settings.upload_timeout_s)
     parts = Parts(
         settings,
         metrics,
@@ -123,9 +136,14 @@ async def assemble(
         builds,
         health,
         access,
-        Uploads(store),
-        Places(settings.max_upload_streams, "uploads"),
-        Places(settings.max_event_streams, "streams of events"),
+        uploads,
+        upload_quota,
+        Places(settings.max_upload_streams, settings.max_upload_streams_per_caller, "uploads"),
+        pace,
+        BuildQuota.of(settings, usage),
+        usage,
+        DiskSpace(settings.min_free_bytes),
+        Places(settings.max_event_streams, settings.max_event_streams_per_caller, "streams of events"),
         georeferences,
         GeoreferenceCache(georeferences, settings.georeference_ttl_s),
         closing,

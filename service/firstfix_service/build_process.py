@@ -15,6 +15,8 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from firstfix.errors import BuildError
+
 from .build_metrics import last_words
 from .lanes import BUILDS
 from .session_processes import kill_session, session_memory_bytes
@@ -55,6 +57,7 @@ class BuildProcess:
         self._log_path = log_path
         self._max_memory_bytes = max_memory_bytes
         self.took_too_much = False  # it was ended for its memory
+        self.overdue: BuildError | None = None  # it was ended for its time, and this is why
 
     @classmethod
     async def start(cls, how: BuildCommand, build_id: str, work_dir: Path) -> BuildProcess:

@@ -14,11 +14,20 @@ import structlog
 
 from firstfix.build_attempts import Attempt, AttemptEnd, BuildAttempts
 from firstfix.build_records import FINAL_STATES, new_status
+from firstfix.caller_usage import CallerUsage
 from firstfix.catalog import Catalog
-from firstfix.errors import BuildAttemptsExceeded, BuildFailed, FirstfixError, StoreError
+from firstfix.errors import (
+    BuildAttemptsExceeded,
+    BuildError,
+    BuildFailed,
+    FirstfixError,
+    NotFound,
+    StoreError,
+)
 
 from .build_metrics import count_build
 from .build_process import EXIT_TRY_AGAIN, STOP_GRACE_S, BuildCommand, BuildProcess
+from .build_watch import BuildLimits, BuildWatch
 from .lanes import BUILDS
 from .metrics import Metrics
 from .work_folder import WorkFolder
@@ -49,16 +58,22 @@ class BuildRunner:
         *,
         lease_s: float,
         max_attempts: int,
+        limits: BuildLimits,
     ) -> None:
         self._catalog = catalog
         self._metrics = metrics
         self._folder = folder
         self._command = command
-        self._beat_s = lease_s / 6
+        self._limits = limits
+        # A build that may not hang for long is looked at as often as that asks for.
+        self._beat_s = min(lease_s, limits.timeout_s, limits.stall_s) / 6
+        self._usage = CallerUsage(catalog)
         self._attempts = BuildAttempts(
             catalog.store, folder.holder, lease_s=lease_s, max_attempts=max_attempts
         )
         self.running: str | None = None
+        self._watch = BuildWatch(limits, 0.0)  # of the build that was taken last
+        self._owner: str | None = None  # of the same
 
     async def run(self, build_id: str) -> Turn:
         """One turn. When it is cancelled the build's process is stopped and the build is queued again.
@@ -84,12 +99,14 @@ class BuildRunner:
         try:
             process = await BuildProcess.start(self._command, attempt.build_id, self._folder.path)
         except OSError as error:
-            return await self._insist(self._close, attempt, f"no worker: {error.strerror}")
+            return await self._insist(self._close, attempt, BuildFailed(f"no worker: {error.strerror}"))
         try:
             code = await self._supervise(process, attempt)
         except asyncio.CancelledError:
             await process.stop()
             raise
+        finally:
+            self._watch.stop()
         _log.info("build process ended", build_id=attempt.build_id, exit_code=code)
         if code is None:
             return Turn.HELD
@@ -113,6 +130,8 @@ class BuildRunner:
         status = self._catalog.build_status(build_id)
         if status["state"] in FINAL_STATES:
             return Turn.ENDED
+        self._owner = self._catalog.build_request(build_id).get("owner")
+        self._watch = BuildWatch(self._limits, self._attempts.ran_s(build_id))
         try:
             attempt = self._attempts.claim(build_id, status["stage"])
         except BuildAttemptsExceeded as error:
@@ -125,7 +144,7 @@ class BuildRunner:
             return attempt
         if status["state"] not in FINAL_STATES:
             self._end(build_id, status, "cancelled")
-        self._attempts.end(attempt, AttemptEnd.ENDED)
+        self._end_attempt(attempt, AttemptEnd.ENDED)
         return Turn.ENDED
 
     async def _supervise(self, process: BuildProcess, attempt: Attempt) -> int | None:
@@ -147,9 +166,12 @@ class BuildRunner:
                 ):
                     # The process sees it by itself: one that does not end is ended.
                     kill_at = time.monotonic() + 3 * STOP_GRACE_S
-            except StoreError as error:
+                self._watch.see(await BUILDS.run(self._catalog.build_status, attempt.build_id))
+            except (StoreError, NotFound) as error:
                 _log.warning("build's lease was not renewed", build_id=attempt.build_id, error=str(error))
-            if time.monotonic() > kill_at:
+                self._watch.see(None)
+            process.overdue = process.overdue or self._watch.overdue()
+            if process.overdue is not None or time.monotonic() > kill_at:
                 process.kill()
 
     async def _put_back_soon(self, attempt: Attempt) -> None:
@@ -161,7 +183,7 @@ class BuildRunner:
         status = self._catalog.held_status(attempt.build_id)
         if status["state"] not in FINAL_STATES | {"queued"}:
             self._catalog.set_build_status(attempt.build_id, {**status, "state": "queued"})
-        self._attempts.end(attempt, AttemptEnd.STOPPED)
+        self._end_attempt(attempt, AttemptEnd.STOPPED)
 
     def _record_end(self, attempt: Attempt, process: BuildProcess, code: int) -> Turn:
         """Says what became of a build whose process ended, as far as the process could not."""
@@ -170,16 +192,17 @@ class BuildRunner:
             self._put_back(attempt)
             return Turn.PUT_BACK
         cancelled = self._catalog.is_cancel_requested(attempt.build_id)
-        if status["state"] not in FINAL_STATES and code < 0 and not process.took_too_much and not cancelled:
-            self._attempts.end(attempt, AttemptEnd.DIED, stage=status["stage"], why=process.why(code))
+        to_be_ended = process.took_too_much or process.overdue is not None or cancelled
+        if status["state"] not in FINAL_STATES and code < 0 and not to_be_ended:
+            self._end_attempt(attempt, AttemptEnd.DIED, stage=status["stage"], why=process.why(code))
             self._catalog.set_build_status(attempt.build_id, {**status, "state": "queued"})
             return Turn.DIED
-        turn = self._close(attempt, process.why(code))
+        turn = self._close(attempt, process.overdue or BuildFailed(process.why(code)))
         if status["state"] == "succeeded":
             process.remove_log()
         return turn
 
-    def _close(self, attempt: Attempt, why: str) -> Turn:
+    def _close(self, attempt: Attempt, error: BuildError) -> Turn:
         """Records the end of the build, if it is not on record."""
         build_id = attempt.build_id
         status = self._catalog.held_status(build_id)
@@ -188,9 +211,20 @@ class BuildRunner:
         elif self._catalog.is_cancel_requested(build_id):
             self._end(build_id, status, "cancelled")
         else:
-            self._end(build_id, status, "failed", {"code": BuildFailed.code, "detail": why})
-        self._attempts.end(attempt, AttemptEnd.ENDED)
+            self._end(build_id, status, "failed", {"code": error.code, "detail": str(error)})
+        self._end_attempt(attempt, AttemptEnd.ENDED)
         return Turn.ENDED
+
+    def _end_attempt(self, attempt: Attempt, how: AttemptEnd, *, stage: str = "", why: str = "") -> None:
+        """Records the attempt's end, and its time as used by the build's owner."""
+        ran_s = self._watch.ran_s
+        self._attempts.end(attempt, how, stage=stage, why=why, ran_s=ran_s)
+        if self._owner is None:
+            return
+        try:
+            self._usage.charge(self._owner, attempt.build_id, attempt.number, ran_s)
+        except StoreError as error:  # a build's end is worth more than its bill
+            _log.warning("build's minutes were not counted", build_id=attempt.build_id, error=str(error))
 
     def _end(
         self, build_id: str, status: dict[str, Any], state: str, error: dict[str, str] | None = None

@@ -26,7 +26,7 @@ from .metrics import Metrics
 from .nats_queue import NatsBuildQueue
 from .settings import Settings
 from .stage_keeper import keep_stages_within
-from .start_builds import build_command, run_with
+from .start_builds import build_command, build_limits, run_with
 from .work_folder import WorkFolder
 from .worker_health import WorkerHealth
 
@@ -75,6 +75,7 @@ class BuildWorker:
             build_command(self._settings),
             lease_s=self._settings.build_lease_s,
             max_attempts=self._settings.build_attempts,
+            limits=build_limits(self._settings),
         )
         waiting: Any = None
         try:

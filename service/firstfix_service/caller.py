@@ -14,7 +14,8 @@ EVERYTHING = Grant(frozenset({Scope.ADMIN}))
 class Caller:
     """
     Attributes:
-        name: for logs and rate limits: ``key:<key id>``, ``jwt:<subject>`` or ``address:<address>``.
+        name: for logs, limits and as owner of what is handed in: ``key:<key id>``, ``jwt:<subject>`` or
+            ``address:<address>``. No two callers share one.
         grant: what the credential allows; everything, where nobody is asked for one.
     """
 
@@ -34,6 +35,20 @@ class Caller:
             raise Forbidden(f"this needs the scope {scope.value}")
         if map_id is not None and not self.sees(map_id):
             raise Forbidden(f"not allowed for map {map_id[:80]!r}")
+
+    @property
+    def repeats_as(self) -> str:
+        """Under whose name repeated requests belong together: where nobody is asked for a credential it is
+        one for all, as the address of a robot can change between two tries."""
+        return NOBODY_ASKED.name if self.name.startswith("address:") else self.name
+
+    def owns(self, owner: str | None) -> bool:
+        """Whether the caller may use what the owner handed in: its own, and with ``admin`` everybody's.
+
+        Args:
+            owner: None: it was handed in to a release that did not record callers, and is everybody's.
+        """
+        return owner in (None, self.name) or self.grant.allows(Scope.ADMIN)
 
     @property
     def sees_every_map(self) -> bool:

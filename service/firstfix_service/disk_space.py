@@ -1,29 +1,103 @@
-"""Room for what arrives: asked for before it is taken."""
+"""Room on the disks for what arrives: promised before it is taken, so that no two get the same bytes."""
 
 from __future__ import annotations
 
 import shutil
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from firstfix.errors import OutOfSpace
-from firstfix.store import Store
 
 
-def check_free_disk(directory: Path, wanted_bytes: int, reserve_bytes: int) -> None:
+class DiskSpace:
+    """What of the disks' free bytes is promised: one ledger of the process. Thread-safe.
+
+    Args:
+        min_free_bytes: that stay free on every disk.
     """
-    Raises:
-        OutOfSpace: less than the reserve would be left on the directory's disk.
+
+    def __init__(self, min_free_bytes: int) -> None:
+        self._min_free_bytes = min_free_bytes
+        self._open: list[Reservation] = []
+        self._lock = threading.Lock()
+
+    @contextmanager
+    def reserve(self, what: str, directory: Path | None) -> Iterator[Reservation]:
+        """A reservation on the directory's disk, of nothing yet. What it is promised is given back when the
+        block ends, however it ends. The disk is not asked: that is for a thread to do.
+
+        Args:
+            what: for people: whose disk it is.
+            directory: None: a store that is no directory, and has any room.
+        """
+        reservation = Reservation(self, what, directory)
+        with self._lock:
+            self._open.append(reservation)
+        try:
+            yield reservation
+        finally:
+            with self._lock:
+                self._open.remove(reservation)
+
+    @property
+    def promised_bytes(self) -> int:
+        """Promised and not yet written, on all disks."""
+        with self._lock:
+            return sum(one.outstanding_bytes for one in self._open)
+
+    def ensure(self, reservation: Reservation, size_bytes: int, next_bytes: int) -> None:
+        """See ``Reservation``: makes it up to ``size_bytes``, of which ``next_bytes`` are written next."""
+        if reservation.directory is None:
+            return
+        if reservation.device is None:
+            reservation.device = reservation.directory.stat().st_dev
+        free = shutil.disk_usage(reservation.directory).free
+        with self._lock:
+            reservation.written_bytes = reservation.taken_bytes
+            more = max(size_bytes - reservation.promised_bytes, 0)
+            promised = sum(one.outstanding_bytes for one in self._open if one.device == reservation.device)
+            room = free - self._min_free_bytes
+            # A promise counts beside those of others; what is written needs room whatever was promised.
+            if (more and promised + more > room) or (next_bytes and next_bytes > room):
+                raise OutOfSpace(f"{reservation.what} has no room for {max(more, next_bytes)} more bytes")
+            reservation.promised_bytes += more
+            reservation.taken_bytes += next_bytes
+
+
+class Reservation:
+    """One caller's share of a disk. What it was promised stays promised until it is written.
+
+    Attributes:
+        promised_bytes: in all, written ones too.
+        taken_bytes: that were or are just being written.
+        written_bytes: that the disk itself counts as used.
     """
-    _check("this service's disk", shutil.disk_usage(directory).free, wanted_bytes, reserve_bytes)
 
+    def __init__(self, ledger: DiskSpace, what: str, directory: Path | None) -> None:
+        self.what = what
+        self.directory = directory
+        self.device: int | None = None
+        self.promised_bytes = self.taken_bytes = self.written_bytes = 0
+        self._ledger = ledger
 
-def check_free_store(store: Store, wanted_bytes: int, reserve_bytes: int) -> None:
-    """As ``check_free_disk``, of a store that is a directory. Others do not tell."""
-    free = store.free_bytes()
-    if free is not None:
-        _check("the store's disk", free, wanted_bytes, reserve_bytes)
+    @property
+    def outstanding_bytes(self) -> int:
+        return self.promised_bytes - self.written_bytes
 
+    def ensure(self, size_bytes: int) -> None:
+        """Makes it a promise of so many bytes in all, if it is not one already.
 
-def _check(where: str, free_bytes: int, wanted_bytes: int, reserve_bytes: int) -> None:
-    if free_bytes - wanted_bytes < reserve_bytes:
-        raise OutOfSpace(f"{where} has no room for {wanted_bytes} bytes")
+        Raises:
+            OutOfSpace: there is not so much beside what others were promised.
+        """
+        self._ledger.ensure(self, size_bytes, 0)
+
+    def take(self, size_bytes: int) -> None:
+        """To be called before so many bytes are written, after those of the last call were.
+
+        Raises:
+            OutOfSpace: they were not promised and there is no room, or the disk has run full otherwise.
+        """
+        self._ledger.ensure(self, self.taken_bytes + size_bytes, size_bytes)

@@ -1,4 +1,5 @@
-"""The embedded build queue: one build at a time, each in a process of its own, at low priority.
+"""The embedded build queue: one build at a time, each in a process of its own, at low priority. Callers take
+turns.
 
 The queue is the store itself: a build is durable before its caller hears of it, and whatever has not
 ended when the service starts is run again. The process picks up what it had done, by its stage cache.
@@ -18,6 +19,8 @@ from firstfix.errors import FirstfixError, UnreadableRecord
 
 from .build_process import BuildCommand
 from .build_runner import BuildRunner, Turn
+from .build_watch import BuildLimits
+from .fair_order import FairOrder
 from .lanes import UPKEEP
 from .metrics import Metrics
 from .unfinished_builds import UnfinishedBuilds
@@ -38,6 +41,7 @@ class EmbeddedBuildQueue:
         work_dir: Path,
         lease_s: float,
         max_attempts: int,
+        limits: BuildLimits,
         poll_interval_s: float = 5.0,
     ) -> None:
         self._catalog = catalog
@@ -46,8 +50,10 @@ class EmbeddedBuildQueue:
         self._work_dir = work_dir
         self._lease_s = lease_s
         self._max_attempts = max_attempts
+        self._limits = limits
         self._poll_interval_s = poll_interval_s
         self._unfinished = UnfinishedBuilds(catalog, metrics)
+        self._order = FairOrder()
         self._wake = asyncio.Event()
         self._runner: BuildRunner | None = None
 
@@ -67,6 +73,7 @@ class EmbeddedBuildQueue:
             self._command,
             lease_s=self._lease_s,
             max_attempts=self._max_attempts,
+            limits=self._limits,
         )
         try:
             while True:
@@ -85,12 +92,14 @@ class EmbeddedBuildQueue:
             folder.release()
 
     async def _run_one(self, runner: BuildRunner) -> bool:
-        """Runs the oldest build that nobody else runs. False when there is none, or it is to wait."""
-        for build_id in await UPKEEP.run(self._unfinished.find):
+        """Runs the build that is next of those that nobody else runs. False when there is none, or it is to
+        wait."""
+        for build in self._order.of(await UPKEEP.run(self._unfinished.find)):
             try:
-                turn = await runner.run(build_id)
+                turn = await runner.run(build.build_id)
             except UnreadableRecord:  # damaged just now: the others go on
                 continue
             if turn is not Turn.HELD:
+                self._order.served(build.owner)
                 return turn is not Turn.PUT_BACK
         return False

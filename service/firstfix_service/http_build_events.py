@@ -17,6 +17,7 @@ from starlette.types import Receive, Scope, Send
 from firstfix.build_records import FINAL_STATES
 from firstfix.errors import FirstfixError, StoreUnavailable
 
+from .authorize import CallerDep
 from .lanes import READS
 from .parts import Parts, PartsDep
 from .path_parameters import BuildId
@@ -43,13 +44,13 @@ _EVENTS: dict[int | str, dict[str, Any]] = {
 
 @router.get("/{build_id}/events", response_class=StreamingResponse, responses=_EVENTS)
 async def get_build_events(
-    build_id: BuildId, parts: PartsDep, permission: PermissionDep
+    build_id: BuildId, parts: PartsDep, caller: CallerDep, permission: PermissionDep
 ) -> StreamingResponse:
     """The build's status as it changes, until it ends or the caller's key or token is worth nothing any
     more."""
     status = await READS.run(parts.catalog.build_status, build_id)
     place = ExitStack()
-    place.enter_context(parts.event_streams.one())
+    place.enter_context(parts.event_streams.one(caller.name))
     return _Stream(_events(parts, permission, build_id, status), place)
 
 

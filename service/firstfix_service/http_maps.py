@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
-import shutil
-import uuid
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, nullcontext
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Request, Response
 from fastapi.responses import JSONResponse
 
 from firstfix.errors import Conflict, NotFound, UnsupportedFormat
-from firstfix.idempotency import claim_build
+from firstfix.idempotency import CallersKey, claim_build, claimed_build
 from firstfix.ids import is_name, new_build_id
 
 from .api_models import Build, MapDetails, MapPage
 from .authorize import CallerDep
 from .caller import Caller
+from .form_room import form_room
 from .lanes import COPIES, LISTS, READS
 from .maps_request import BODY, IDEMPOTENCY_KEY_TEXT
 from .paging import DEFAULT_LIMIT, After, Limit
 from .parts import Parts, PartsDep
 from .path_parameters import MapId
+from .request_body import check_declared_length, declared_length
 from .request_scope import with_traceparent
 from .submission import Submission, from_form, from_json, keep_for_good
 
@@ -48,15 +48,15 @@ async def post_map(
         Header(min_length=1, max_length=255, pattern="^[\\x21-\\x7e]+$", description=IDEMPOTENCY_KEY_TEXT),
     ] = None,
 ) -> Response:
-    """Hands in a map: it is built into a new version, which then becomes the active one."""
+    """Hands in a map: it is built into a new version, which then becomes the active one. 429
+    `quota_exceeded`: as many builds of this caller wait or run as may, or have run long enough today."""
     build_id = new_build_id()
-    async with _received(request, parts, caller) as submission:
-        if idempotency_key is not None:
+    key = None if idempotency_key is None else CallersKey(caller.repeats_as, idempotency_key)
+    async with _place(parts, caller, build_id, key), _received(request, parts, caller) as submission:
+        if key is not None:
             fingerprint = await COPIES.run(submission.fingerprint)
-            build_id = await COPIES.run(
-                claim_build, parts.catalog.store, idempotency_key, fingerprint, build_id
-            )
-        await COPIES.run(_record, parts, build_id, submission, idempotency_key is not None)
+            build_id = await COPIES.run(claim_build, parts.catalog.store, key, fingerprint, build_id)
+        await COPIES.run(_record, parts, build_id, submission, key is not None)
     if parts.builds is not None:
         await parts.builds.submit(build_id)
     status = await READS.run(parts.catalog.build_status, build_id)
@@ -100,18 +100,30 @@ def get_map(map_id: MapId, parts: PartsDep) -> dict[str, Any]:
 
 
 @asynccontextmanager
+async def _place(parts: Parts, caller: Caller, build_id: str, key: CallersKey | None) -> AsyncIterator[None]:
+    """One of the caller's places for builds, before anything of a form is taken. A request whose build is on
+    record asks for none: it hands in nothing new."""
+    if key is not None and await READS.run(_is_repeated, parts, key):
+        yield
+        return
+    async with parts.build_quota.one(caller.name, build_id):
+        yield
+
+
+@asynccontextmanager
 async def _received(request: Request, parts: Parts, caller: Caller) -> AsyncIterator[Submission]:
     """What the request hands in; files of a form are on this disk meanwhile."""
     media_type = request.headers.get("content-type", "").split(";", 1)[0].strip().lower()
     if media_type == "application/json":
-        yield await from_json(request, parts, caller)
+        submission = await from_json(request, parts, caller)
+        with parts.upload_streams.one(caller.name) if submission.copies_uploads else nullcontext():
+            yield submission
     elif media_type == "multipart/form-data":
-        directory = parts.settings.work_dir / "uploads" / uuid.uuid4().hex
-        directory.mkdir(parents=True)
-        try:
-            yield await from_form(request, parts, caller, directory)
-        finally:
-            await COPIES.run(shutil.rmtree, directory, ignore_errors=True)
+        folder, declared_bytes = parts.settings.work_dir / "uploads", declared_length(request) or 0
+        check_declared_length(request, parts.settings.max_upload_bytes)
+        with parts.upload_streams.one(caller.name):
+            async with form_room(parts.disks, parts.catalog.store, folder, declared_bytes) as room:
+                yield await from_form(request, parts, caller, room)
     else:
         raise UnsupportedFormat("POST /maps takes multipart/form-data or application/json")
 
@@ -121,12 +133,18 @@ def _record(parts: Parts, build_id: str, submission: Submission, repeated: bool)
     record = _on_record(parts, build_id) if repeated else None
     if record is None:
         record = submission.keep(parts)
+        parts.usage.begin(submission.caller.name, build_id)
         try:
             parts.catalog.put_build(build_id, with_traceparent(record))
         except Conflict:  # by the same request at the same time
             if not repeated:
                 raise
     keep_for_good(parts, build_id, record, submission)
+
+
+def _is_repeated(parts: Parts, key: CallersKey) -> bool:
+    build_id = claimed_build(parts.catalog.store, key)
+    return build_id is not None and _on_record(parts, build_id) is not None
 
 
 def _on_record(parts: Parts, build_id: str) -> dict[str, Any] | None:

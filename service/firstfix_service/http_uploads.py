@@ -10,14 +10,15 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Request, Response
 
-from firstfix.errors import Conflict, InvalidOption, Overloaded, TooLarge, UnsupportedFormat
+from firstfix.errors import Conflict, InvalidOption, TooLarge, UnsupportedFormat
 from firstfix.ids import check_version
 from firstfix.uploads import Upload
 
 from . import tus
 from .api_models import UploadStatus
-from .disk_space import check_free_store
+from .authorize import CallerDep
 from .lanes import CHANGES, COPIES, LISTS, READS
+from .own_upload import own_upload
 from .parts import PartsDep
 from .path_parameters import UploadId
 from .upload import harmless_name
@@ -66,6 +67,7 @@ async def describe_uploads(parts: PartsDep) -> Response:
 @LISTS.route
 def begin_upload(
     parts: PartsDep,
+    caller: CallerDep,
     response: Response,
     upload_length: Annotated[
         str, Header(description="bytes of the whole file", json_schema_extra=_DIGITS, examples=["5000000000"])
@@ -81,7 +83,8 @@ def begin_upload(
     tus_resumable: TusResumable = None,
 ) -> UploadStatus:
     """Announces a file. Its bytes follow by PATCH to the Location; what is not gone on with for a day is
-    removed."""
+    removed. The upload is its caller's: to others, but those with the scope `admin`, it is not there. 429
+    `quota_exceeded`: this caller has as many uploads or bytes open as one may have."""
     tus.check_version(tus_resumable)
     size_bytes = tus.number("Upload-Length", upload_length)
     if size_bytes < 1:
@@ -94,13 +97,10 @@ def begin_upload(
     sha256 = told.get("sha256")
     if sha256 is not None:
         check_version(sha256)
-    if len(parts.uploads.ids()) >= parts.settings.max_open_uploads:
-        raise Overloaded(f"{parts.settings.max_open_uploads} uploads are open: try again, or remove some")
-    check_free_store(parts.catalog.store, size_bytes, parts.settings.min_free_bytes)
-    upload_id = f"u{uuid.uuid4().hex}"
-    parts.uploads.create(
-        upload_id, size_bytes=size_bytes, file_name=harmless_name(told["filename"]), sha256=sha256
-    )
+    upload_id, name = f"u{uuid.uuid4().hex}", harmless_name(told["filename"])
+    with parts.disks.reserve("the store's disk", parts.catalog.store.directory) as room:
+        room.ensure(size_bytes)  # what has no room is refused at once; its bytes are promised as they come
+    parts.upload_quota.begin(caller.name, upload_id, size_bytes=size_bytes, file_name=name, sha256=sha256)
     upload = parts.uploads.get(upload_id)
     response.headers.update({**tus.headers_of(upload), "Location": f"/uploads/{upload_id}"})
     return _status(upload)
@@ -108,17 +108,19 @@ def begin_upload(
 
 @router.head("/{upload_id}", response_class=Response, responses={200: _STATE_HEADERS})
 @READS.route
-def get_upload_offset(upload_id: UploadId, parts: PartsDep, tus_resumable: TusResumable = None) -> Response:
+def get_upload_offset(
+    upload_id: UploadId, parts: PartsDep, caller: CallerDep, tus_resumable: TusResumable = None
+) -> Response:
     """Where to go on: `Upload-Offset`."""
     tus.check_version(tus_resumable)
-    return Response(headers=tus.headers_of(parts.uploads.get(upload_id)))
+    return Response(headers=tus.headers_of(own_upload(parts.uploads, caller, upload_id)))
 
 
 @router.get("/{upload_id}")
 @READS.route
-def get_upload(upload_id: UploadId, parts: PartsDep) -> UploadStatus:
+def get_upload(upload_id: UploadId, parts: PartsDep, caller: CallerDep) -> UploadStatus:
     """The same for eyes."""
-    return _status(parts.uploads.get(upload_id))
+    return _status(own_upload(parts.uploads, caller, upload_id))
 
 
 @router.patch("/{upload_id}", status_code=204, responses={204: _STATE_HEADERS}, openapi_extra=_PART)
@@ -126,6 +128,7 @@ async def append_to_upload(
     upload_id: UploadId,
     request: Request,
     parts: PartsDep,
+    caller: CallerDep,
     upload_offset: Annotated[
         str, Header(description="where the body begins: what HEAD says", json_schema_extra=_DIGITS)
     ],
@@ -143,13 +146,13 @@ async def append_to_upload(
         raise UnsupportedFormat(f"a part of an upload is {tus.MEDIA_TYPE}")
     offset = tus.number("Upload-Offset", upload_offset)
     checksum = None if upload_checksum is None else tus.Checksum(upload_checksum)
-    with parts.upload_streams.one():
-        upload = await READS.run(parts.uploads.get, upload_id)
+    with parts.upload_streams.one(caller.name):
+        upload = await READS.run(own_upload, parts.uploads, caller, upload_id)
         if offset != upload.offset:
             raise Conflict(f"upload {upload_id} goes on at {upload.offset}, not at {offset}")
-        store, reserve = parts.catalog.store, parts.settings.min_free_bytes
-        await READS.run(check_free_store, store, upload.size_bytes - offset, reserve)
-        upload = await append_body(parts.uploads, upload, request, checksum, parts.settings.body_timeout_s)
+        with parts.disks.reserve("the store's disk", parts.catalog.store.directory) as room:
+            await READS.run(room.ensure, upload.size_bytes - offset)
+            upload = await append_body(parts.uploads, upload, request, checksum, parts.upload_pace, room)
         if upload.complete:
             await COPIES.run(parts.uploads.finish, upload)
     return Response(status_code=204, headers=tus.headers_of(upload))
@@ -157,10 +160,12 @@ async def append_to_upload(
 
 @router.delete("/{upload_id}", status_code=204)
 @CHANGES.route
-def delete_upload(upload_id: UploadId, parts: PartsDep, tus_resumable: TusResumable = None) -> Response:
+def delete_upload(
+    upload_id: UploadId, parts: PartsDep, caller: CallerDep, tus_resumable: TusResumable = None
+) -> Response:
     """Gives an upload up, or removes what a map was made of: the map keeps its own copy."""
     tus.check_version(tus_resumable)
-    parts.uploads.get(upload_id)
+    own_upload(parts.uploads, caller, upload_id)
     parts.uploads.remove(upload_id)
     return Response(status_code=204, headers={"Tus-Resumable": tus.VERSION})
 

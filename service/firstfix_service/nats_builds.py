@@ -26,6 +26,7 @@ _log = structlog.get_logger(__name__)
 API_TIMEOUT_S = 3.0
 RECONNECT_S = 1
 CONSUMER = "workers"
+AHEAD = 4  # builds in the stream that no worker has asked for yet: their order is settled
 _SUBJECT_TAKEN = 10077  # JSStreamStoreFailedF: the subject has its one message
 _OTHER_CONFIG = 10058  # JSStreamNameExistErr: a stream of another release, or edited by an operator
 _DEAD_MAX_AGE_S = 90 * 86400.0
@@ -158,6 +159,16 @@ class NatsBuilds:
             there = await self._jetstream.stream_info(config.name)
             config.num_replicas = there.config.num_replicas  # the operator's
             await self._jetstream.update_stream(config)
+
+    async def room(self) -> int:
+        """How many more builds can be submitted before the stream is further ahead of the workers than it
+        has to be: one for each worker that waits, and a few so that none has to.
+
+        Raises:
+            nats.errors.Error: the server does not answer, or refuses.
+        """
+        told = await self._jetstream.consumer_info(self._stream, CONSUMER)
+        return AHEAD + (told.num_waiting or 0) - (told.num_pending or 0)
 
     async def submit(self, build_id: str) -> bool:
         """False when the build waits in the stream already, or is being run.

@@ -8,21 +8,26 @@ from typing import Annotated
 
 from fastapi import Depends, Request
 
+from firstfix.caller_usage import CallerUsage
 from firstfix.catalog import Catalog
 from firstfix.georeferences import Georeferences
 from firstfix.uploads import Uploads
 
 from .access import Access
 from .build_queue import BuildQueue
+from .build_quota import BuildQuota
+from .disk_space import DiskSpace
 from .georeference_cache import GeoreferenceCache
 from .health import Health
 from .localize import LocalizeUseCase
 from .map_cache import MapCache
 from .metrics import Metrics
+from .paced_body import Pace
 from .places import Places
 from .pool import QueryPool
 from .request_body import BodyReader
 from .settings import Settings
+from .upload_quota import UploadQuota
 
 
 @dataclass(frozen=True)
@@ -43,7 +48,12 @@ class Parts:
     health: Health
     access: Access
     uploads: Uploads
+    upload_quota: UploadQuota
     upload_streams: Places
+    upload_pace: Pace
+    build_quota: BuildQuota
+    usage: CallerUsage
+    disks: DiskSpace
     event_streams: Places
     georeferences: Georeferences
     georeference_cache: GeoreferenceCache

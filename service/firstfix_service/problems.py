@@ -46,11 +46,14 @@ STATUS: dict[type[FirstfixError], int] = {
     errors.BuildError: 500,
     errors.BuildFailed: 500,
     errors.BuildAttemptsExceeded: 500,
+    errors.BuildTimedOut: 500,
+    errors.BuildStalled: 500,
     errors.ClusterUnavailable: 503,
     errors.BuildCancelled: 409,
     errors.Unauthorized: 401,
     errors.Forbidden: 403,
     errors.RateLimited: 429,
+    errors.QuotaExceeded: 429,
     errors.Overloaded: 503,
     errors.WorkerLost: 503,
     errors.DeadlineExceeded: 504,
@@ -103,8 +106,9 @@ def problem_of(error: BaseException) -> Problem:
         return Problem(FirstfixError.code, 500, "an unexpected error: it was logged with the request's id")
     mapped = next(cls for cls in type(error).__mro__ if cls in STATUS)
     headers = HEADERS.get(mapped, {})
-    if isinstance(error, errors.RateLimited | errors.Overloaded):
-        headers = {"Retry-After": str(max(1, math.ceil(error.retry_after_s)))}
+    retry_after_s = getattr(error, "retry_after_s", None)
+    if retry_after_s is not None:
+        headers = {"Retry-After": str(max(1, math.ceil(retry_after_s)))}
     return Problem(error.code, STATUS[mapped], redact(str(error)), headers)
 
 

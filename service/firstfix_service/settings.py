@@ -36,7 +36,9 @@ class Settings(BaseSettings):
     max_body_bytes: int = Field(64 * MIB, ge=1, description="of a query's body as it arrives")
     max_decoded_bytes: int = Field(64 * MIB, ge=1, description="of a query's body without Content-Encoding")
     max_inflight_bytes: int = Field(512 * MIB, ge=1, description="of all query bodies held at the same time")
-    body_timeout_s: float = Field(30.0, gt=0, description="for a query's body to arrive")
+    body_timeout_s: float = Field(
+        30.0, gt=0, description="for a query's body to arrive; for the next piece of a file"
+    )
 
     max_connections: int | None = Field(
         None, ge=1, description="HTTP connections; default: as the limit of open files allows, up to 4096"
@@ -100,6 +102,12 @@ class Settings(BaseSettings):
     build_lease_s: float = Field(
         30.0, gt=0, description="without a sign of life from a worker until its build is another's"
     )
+    build_timeout_s: float = Field(
+        86400.0, gt=0, description="that a build may run, all its attempts together, or it fails"
+    )
+    build_stall_s: float = Field(
+        7200.0, gt=0, description="that a build may run without any progress, or it fails"
+    )
     build_max_memory_bytes: int | None = Field(
         None, ge=1, description="of one build's processes: a build that takes more fails; default: no limit"
     )
@@ -124,14 +132,30 @@ class Settings(BaseSettings):
         None, description="PEM file of certificate and key that this process shows to NATS"
     )
 
-    max_open_uploads: int = Field(32, ge=0, description="begun at /uploads and not yet removed, in the store")
+    max_open_uploads: int = Field(
+        256, ge=0, description="begun at /uploads and not yet removed, in the store"
+    )
+    max_open_uploads_per_caller: int = Field(32, ge=1, description="the same, of one caller")
+    max_upload_bytes_per_caller: int = Field(
+        100 * GIB, ge=1, description="of the open uploads of one caller together, as announced"
+    )
     max_upload_streams: int = Field(
-        8, ge=1, description="uploads that this process takes at the same time, 32 MiB of memory each"
+        16,
+        ge=1,
+        description="uploads and forms that this process takes at the same time, 32 MiB of memory each",
+    )
+    max_upload_streams_per_caller: int = Field(4, ge=1, description="the same, of one caller")
+    upload_min_bytes_per_s: int = Field(
+        1024, ge=0, description="mean rate of a file's body over `body_timeout_s`, or it is given up"
+    )
+    upload_timeout_s: float = Field(
+        6 * 3600.0, gt=0, description="for one request that brings a file; a large file can come in several"
     )
     min_free_bytes: int = Field(
         GIB, ge=0, description="left free by uploads on the disks of the work directory and of a file store"
     )
-    max_event_streams: int = Field(64, ge=0, description="streams of build events at the same time")
+    max_event_streams: int = Field(128, ge=0, description="streams of build events at the same time")
+    max_event_streams_per_caller: int = Field(16, ge=1, description="the same, of one caller")
     verify_bytes_per_s: int = Field(
         4 * MIB, ge=0, description="read from the store in the background to find damage; 0: none"
     )
@@ -222,6 +246,14 @@ class Settings(BaseSettings):
         None,
         ge=0,
         description="activations, rollbacks and so on of one map by one caller; 0 and default as above, 60",
+    )
+    max_builds_per_caller: int | None = Field(
+        None, ge=0, description="builds of one caller that wait or run; 0 and default as above, 50"
+    )
+    build_minutes_per_day: float | None = Field(
+        None,
+        ge=0,
+        description="that one caller's builds run (UTC day); 0 and default as above, 1440",
     )
     auth_failures_per_min: float = Field(
         60.0, ge=0, description="of one address until it is answered 429; 0: any number"

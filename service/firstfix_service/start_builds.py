@@ -12,6 +12,7 @@ from firstfix.catalog import Catalog
 
 from .build_process import BuildCommand
 from .build_queue import BuildQueue
+from .build_watch import BuildLimits
 from .embedded_queue import EmbeddedBuildQueue
 from .metrics import Metrics
 from .nats_queue import NatsBuildQueue
@@ -45,6 +46,7 @@ def start_builds(
         work_dir=settings.work_dir,
         lease_s=settings.build_lease_s,
         max_attempts=settings.build_attempts,
+        limits=build_limits(settings),
     )
     run_with(stack, queue.run(), "build-queue")
     if settings.stages_are_shared:
@@ -73,6 +75,10 @@ def _environment(settings: Settings) -> dict[str, str]:
     if settings.build_max_memory_bytes is not None:
         told["FIRSTFIX_BUILD_MAX_MEMORY_BYTES"] = str(settings.build_max_memory_bytes)
     return told
+
+
+def build_limits(settings: Settings) -> BuildLimits:
+    return BuildLimits(settings.build_timeout_s, settings.build_stall_s)
 
 
 def _source_url_options(settings: Settings) -> list[str]:

@@ -6,7 +6,6 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from fastapi import Request
@@ -21,10 +20,10 @@ from firstfix.sha256 import sha256_of
 from firstfix.source_policy import check_source_url
 
 from .caller import Caller
-from .disk_space import check_free_disk
+from .form_room import FormRoom
 from .json_body import parse_object, read_object
+from .own_upload import own_upload
 from .parts import Parts
-from .request_body import declared_length
 from .upload import UploadedFile, harmless_name, receive_form
 
 _TEXTS, _FILES = {"map_id", "config"}, {"source", "trajectory"}
@@ -53,12 +52,23 @@ Source = UploadedFile | NamedUrl | NamedUpload
 
 @dataclass(frozen=True)
 class Submission:
-    """A map to be built. Attributes: config: of the build, as it was given; it has been checked."""
+    """A map to be built.
 
+    Attributes:
+        caller: who hands it in.
+        config: of the build, as it was given; it has been checked.
+    """
+
+    caller: Caller
     map_id: str
     source: Source
     trajectory: Source | None
     config: Mapping[str, Any]
+
+    @property
+    def copies_uploads(self) -> bool:
+        """Whether the store has to copy files, which can take as long as sending them."""
+        return any(isinstance(source, NamedUpload) for source in (self.source, self.trajectory))
 
     def fingerprint(self) -> str:
         """Equal for equal submissions: of files in the body the content counts."""
@@ -73,14 +83,15 @@ class Submission:
             build_id: the files are kept once more, for this build alone.
 
         Raises:
-            NotFound: no such upload.
+            NotFound: no such upload of this caller.
+            OutOfSpace: the store has no room for another copy of an upload.
             Conflict: an upload is not complete.
             StoreError: the store failed.
         """
-        source, file_name = _kept(parts, self.map_id, self.source, build_id)
+        source, file_name = self._kept(parts, self.source, build_id)
         trajectory = None
         if self.trajectory is not None:
-            named, name = _kept(parts, self.map_id, self.trajectory, build_id)
+            named, name = self._kept(parts, self.trajectory, build_id)
             trajectory = {**named, "file_name": name}
         return {
             "map_id": self.map_id,
@@ -88,7 +99,21 @@ class Submission:
             "file_name": file_name,
             "trajectory": trajectory,
             "config": self.config,
+            "owner": self.caller.name,
         }
+
+    def _kept(self, parts: Parts, source: Source, build_id: str) -> tuple[dict[str, str], str]:
+        """How the record names the source, and the name by whose ending it is read."""
+        if isinstance(source, NamedUrl):
+            return {"url": source.url}, source.file_name
+        if isinstance(source, UploadedFile):
+            sha256 = parts.catalog.put_source(self.map_id, source.path, build_id=build_id)
+            return {"key": source_key(self.map_id, sha256)}, source.file_name
+        upload = own_upload(parts.uploads, self.caller, source.upload_id)
+        with parts.disks.reserve("the store's disk", parts.catalog.store.directory) as room:
+            room.ensure(upload.size_bytes)
+            sha256 = parts.uploads.keep_as_source(upload, self.map_id, build_id=build_id)
+        return {"key": source_key(self.map_id, sha256)}, upload.file_name
 
 
 def keep_for_good(parts: Parts, build_id: str, record: Mapping[str, Any], submission: Submission) -> None:
@@ -107,21 +132,28 @@ def keep_for_good(parts: Parts, build_id: str, record: Mapping[str, Any], submis
         submission.keep(parts)
 
 
-async def from_form(request: Request, parts: Parts, caller: Caller, directory: Path) -> Submission:
-    """The submission of a multipart form, its files in the directory.
+async def from_form(request: Request, parts: Parts, caller: Caller, room: FormRoom) -> Submission:
+    """The submission of a multipart form, its files in the room's directory.
 
     Raises:
         InvalidOption, MalformedData, TooLarge: the form cannot be used.
-        OutOfSpace: this disk has no room for it.
+        OutOfSpace: there is no room for it, here or in the store.
+        DeadlineExceeded: it does not keep the pace.
         Forbidden: the caller may not build this map.
     """
-    check_free_disk(directory, declared_length(request) or 0, parts.settings.min_free_bytes)
     form = await receive_form(
-        request, directory, text_fields=_TEXTS, file_fields=_FILES, max_bytes=parts.settings.max_upload_bytes
+        request,
+        room.directory,
+        text_fields=_TEXTS,
+        file_fields=_FILES,
+        max_bytes=parts.settings.max_upload_bytes,
+        pace=parts.upload_pace,
+        take=room.take,
     )
     if "source" not in form.files:
         raise InvalidOption("the form has no file 'source'")
     return Submission(
+        caller,
         _map_id(caller, form.texts.get("map_id", "")),
         form.files["source"],
         form.files.get("trajectory"),
@@ -145,6 +177,7 @@ async def from_json(request: Request, parts: Parts, caller: Caller) -> Submissio
         raise InvalidOption("config is a JSON object")
     trajectory = body.get("trajectory")
     return Submission(
+        caller,
         _map_id(caller, str(body.get("map_id", ""))),
         _named(parts, body.get("source"), "source"),
         None if trajectory is None else _named(parts, trajectory, "trajectory"),
@@ -181,15 +214,3 @@ def _identity(source: Source | None) -> list[str] | None:
     if isinstance(source, NamedUrl):
         return ["url", source.url]
     return ["upload", source.upload_id]
-
-
-def _kept(parts: Parts, map_id: str, source: Source, build_id: str) -> tuple[dict[str, str], str]:
-    """How the record names the source, and the name by whose ending it is read."""
-    if isinstance(source, NamedUrl):
-        return {"url": source.url}, source.file_name
-    if isinstance(source, UploadedFile):
-        sha256 = parts.catalog.put_source(map_id, source.path, build_id=build_id)
-        return {"key": source_key(map_id, sha256)}, source.file_name
-    upload = parts.uploads.get(source.upload_id)
-    sha256 = parts.uploads.keep_as_source(upload, map_id, build_id=build_id)
-    return {"key": source_key(map_id, sha256)}, upload.file_name

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
@@ -14,7 +15,7 @@ from python_multipart.multipart import MultipartParser, parse_options_header
 from firstfix.errors import InvalidOption, MalformedData, TooLarge
 
 from .lanes import COPIES
-from .request_body import check_declared_length
+from .paced_body import Pace, paced_pieces
 
 if TYPE_CHECKING:
     from python_multipart.multipart import MultipartCallbacks
@@ -44,19 +45,27 @@ class Form:
 
 
 async def receive_form(
-    request: Request, directory: Path, *, text_fields: set[str], file_fields: set[str], max_bytes: int
+    request: Request,
+    directory: Path,
+    *,
+    text_fields: set[str],
+    file_fields: set[str],
+    max_bytes: int,
+    pace: Pace,
+    take: Callable[[int], None],
 ) -> Form:
     """The form of a request.
 
     Args:
         directory: for the files, which the caller removes.
+        take: called, in a thread, before so many bytes are written: raises where there is no room.
 
     Raises:
-        TooLarge: over the limit, by its declared length or as it arrives.
+        DeadlineExceeded: the body does not keep the pace.
+        TooLarge: over the limit.
         InvalidOption: a field that is not asked for, or twice the same.
         MalformedData: not a multipart form, or cut off.
     """
-    check_declared_length(request, max_bytes)
     _, parameters = parse_options_header(request.headers.get("content-type"))
     boundary = parameters.get(b"boundary")
     if not boundary or len(boundary) > MAX_BOUNDARY_BYTES:
@@ -64,17 +73,22 @@ async def receive_form(
     writer = _FormWriter(directory, text_fields, file_fields)
     try:
         parser = MultipartParser(boundary, writer.callbacks())
+
+        def write(data: bytes) -> None:
+            take(len(data))
+            parser.write(data)
+
         size = 0
         batch = bytearray()
-        async for part in request.stream():
+        async for part in paced_pieces(request, pace):
             size += len(part)
             if size > max_bytes:
                 raise TooLarge(f"the upload has over {max_bytes} bytes")
             batch += part
             if len(batch) >= _BATCH_BYTES:
-                await COPIES.run(parser.write, bytes(batch))
+                await COPIES.run(write, bytes(batch))
                 batch.clear()
-        await COPIES.run(parser.write, bytes(batch))
+        await COPIES.run(write, bytes(batch))
     except MultipartParseError as error:
         raise MalformedData(f"not a multipart form: {error}") from None
     finally:

@@ -2,42 +2,48 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import AsyncIterator
-
 from fastapi import Request
 from starlette.requests import ClientDisconnect
 
 from firstfix.errors import DeadlineExceeded, TooLarge
 from firstfix.uploads import PART_BYTES, Upload, Uploads
 
+from .disk_space import Reservation
 from .lanes import COPIES
+from .paced_body import Pace, paced_pieces
 from .tus import Checksum
 
 
 async def append_body(
-    uploads: Uploads, upload: Upload, request: Request, checksum: Checksum | None, stall_s: float
+    uploads: Uploads,
+    upload: Upload,
+    request: Request,
+    checksum: Checksum | None,
+    pace: Pace,
+    room: Reservation,
 ) -> Upload:
     """The upload with the body at its end. One part of it is in memory at a time. When the connection
-    breaks or stalls, what has arrived is kept, but for a body with a checksum: that one counts as a whole.
+    breaks or is too slow, what has arrived is kept, but for a body with a checksum: that one counts as a
+    whole.
 
     Raises:
         TooLarge: more than was announced, or a body with a checksum of more than one part.
         ChecksumMismatch: the body is not what the checksum says: nothing of it is kept.
         Conflict: another writer goes on with this upload.
-        DeadlineExceeded: nothing came for ``stall_s``.
+        DeadlineExceeded: the body does not keep the pace.
+        OutOfSpace: the store's disk has run full.
     """
     waiting = bytearray()
     broken: BaseException | None = None
     try:
-        async for piece in _pieces(request, stall_s):
+        async for piece in paced_pieces(request, pace):
             waiting += piece
             if upload.offset + len(waiting) > upload.size_bytes:
                 raise TooLarge(f"the upload was announced with {upload.size_bytes} bytes")
             if checksum is not None and len(waiting) > PART_BYTES:
                 raise TooLarge(f"a body with a checksum has at most {PART_BYTES} bytes")
             while checksum is None and len(waiting) >= PART_BYTES:
-                upload = await _append(uploads, upload, waiting[:PART_BYTES])
+                upload = await _append(uploads, upload, waiting[:PART_BYTES], room)
                 del waiting[:PART_BYTES]
     except (ClientDisconnect, DeadlineExceeded) as error:
         if checksum is not None:
@@ -45,24 +51,15 @@ async def append_body(
         broken = error
     if checksum is not None:
         checksum.check(bytes(waiting))
-    upload = await _append(uploads, upload, waiting)
+    upload = await _append(uploads, upload, waiting, room)
     if broken is not None:
         raise broken
     return upload
 
 
-async def _append(uploads: Uploads, upload: Upload, data: bytearray) -> Upload:
-    return await COPIES.run(uploads.append, upload, bytes(data))
+async def _append(uploads: Uploads, upload: Upload, data: bytearray, room: Reservation) -> Upload:
+    def append() -> Upload:
+        room.take(len(data))
+        return uploads.append(upload, bytes(data))
 
-
-async def _pieces(request: Request, stall_s: float) -> AsyncIterator[bytes]:
-    stream = aiter(request.stream())
-    while True:
-        try:
-            async with asyncio.timeout(stall_s):
-                piece = await anext(stream)
-        except StopAsyncIteration:
-            return
-        except TimeoutError:
-            raise DeadlineExceeded(f"nothing of the body came for {stall_s:g} s") from None
-        yield piece
+    return await COPIES.run(append)

@@ -76,6 +76,14 @@ def test_a_file_arrives(server: Server, tmp_path: Path):
     assert server.asked[0]["accept-encoding"] == "identity"
 
 
+def test_it_tells_how_far_it_is(server: Server, tmp_path: Path):
+    server.answers = [says(200, DATA)]
+    told: list[float] = []
+    fetch_http(server.url, tmp_path / "a", 1 << 20, told.append)
+    assert told == sorted(told)
+    assert told[-1] == 1.0
+
+
 def test_a_connection_that_breaks_is_gone_on_with(server: Server, tmp_path: Path):
     rest = says(206, DATA[1000:], ETag='"1"', Content_Range=f"bytes 1000-{len(DATA) - 1}/{len(DATA)}")
     server.answers = [says(200, DATA[:1000], len(DATA), ETag='"1"'), says(503), rest]

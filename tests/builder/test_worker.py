@@ -28,6 +28,7 @@ from firstfix.errors import (
 from firstfix.manifest import Manifest
 from firstfix.store import Store
 from firstfix_builder import build_reporter
+from firstfix_builder.build_reporter import BuildReporter
 from firstfix_builder.fetch_source import SourcePolicy
 from firstfix_builder.worker import run_build
 from waiting import LIMIT_S, let_pass, wait_until
@@ -123,6 +124,28 @@ def test_it_works_on_a_real_s3_server(s3_url: str, tmp_path: Path) -> None:
     place = make_place(s3_url, tmp_path)
     assert place.run(TinyPipeline()) == 0
     assert place.catalog.active_version("hall") == place.catalog.build_status("b1")["version"]
+
+
+def test_what_waits_for_the_network_tells_how_far_it_is(
+    place: Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A build without progress is ended: a slow connection is not one that hangs."""
+    (tmp_path / "poses").write_bytes(b"1 2 3 4")
+    sha256 = place.catalog.put_source("hall", tmp_path / "poses")
+    place.request("b2", trajectory={"key": f"maps/hall/sources/{sha256}", "file_name": "poses.tum"})
+    told: list[tuple[str, float]] = []
+    tick = BuildReporter.tick
+
+    def heard(reporter: BuildReporter, stage: str, fraction: float) -> None:
+        told.append((stage, fraction))
+        tick(reporter, stage, fraction)
+
+    monkeypatch.setattr(BuildReporter, "tick", heard)
+    monkeypatch.setattr("firstfix.store.CHUNK_BYTES", 4)
+    assert place.run(TinyPipeline(), "b2") == 0
+    fetched = [fraction for stage, fraction in told if stage == "fetch_source"]
+    assert fetched == pytest.approx([0.0, 4 / 14, 7 / 14, 11 / 14, 1.0])
+    assert [fraction for stage, fraction in told if stage == "publish"] == [0.0, 1.0]
 
 
 def test_a_trajectory_comes_with_its_own_name(place: Place, tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import pytest
 from firstfix.build_records import new_status
 from firstfix.catalog import Catalog, source_key
 from firstfix.garbage import Ages, collect_garbage, remove_abandoned
-from firstfix.idempotency import claim_build
+from firstfix.idempotency import CallersKey, claim_build
 from firstfix.manifest import Manifest
 from firstfix.map_log import EVERY
 from firstfix.store import Store
@@ -51,7 +51,7 @@ def test_what_is_served_can_be_built_again(catalog: Catalog, tmp_path: Path):
     build(catalog, tmp_path, "b-failed", "failed")
     catalog.store.put(source_key("hall", "0" * 64), b"of a service that was killed")
     Uploads(catalog.store).create("u1", size_bytes=3, file_name="x")
-    claim_build(catalog.store, "key", "f", "b-served")
+    claim_build(catalog.store, CallersKey("key:a", "key"), "f", "b-served")
     catalog.store.put("probe/abc", b"first")
     before = set(catalog.store.list())
     would = collect_garbage(catalog, ages=NOW, dry_run=True)
@@ -72,7 +72,7 @@ def test_nothing_young_is_touched(catalog: Catalog, tmp_path: Path):
     build(catalog, tmp_path, "b-failed", "failed")
     catalog.store.put(source_key("hall", "0" * 64), b"being posted")
     Uploads(catalog.store).create("u1", size_bytes=3, file_name="x")
-    claim_build(catalog.store, "key", "f", "b1")
+    claim_build(catalog.store, CallersKey("key:a", "key"), "f", "b1")
     assert collect_garbage(catalog).count == 0
     assert remove_abandoned(catalog).count == 0
 

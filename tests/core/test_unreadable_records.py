@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -20,7 +19,7 @@ from firstfix.garbage import Ages, collect_garbage
 from firstfix.geopose import Georeference
 from firstfix.georeferences import Georeferences
 from firstfix.grant import Grant
-from firstfix.idempotency import claim_build
+from firstfix.idempotency import CallersKey, claim_build
 from firstfix.json_record import RecordKind, max_bytes
 from firstfix.manifest import Manifest
 from firstfix.map_log import EVERY
@@ -33,7 +32,7 @@ from firstfix.uploads import Uploads
 
 STAGES = ("a" * 64, "b" * 64)
 SAMPLES = ("20260101t000000000000-0000000a", "20260102t000000000000-0000000b")
-IDEMPOTENCY = ("key-1", "key-2")
+IDEMPOTENCY = (CallersKey("robot", "key-1"), CallersKey("robot", "key-2"))
 
 
 def wrong_types(record: bytes) -> bytes:
@@ -142,7 +141,7 @@ def everything(store: Store, scratch: Path) -> dict[str, Any]:
         upload = _said(uploads.get, upload_id)
         found[f"upload {upload_id}"] = upload if isinstance(upload, str) else uploads.finish(upload)
     for key in IDEMPOTENCY:
-        found[f"claim {key}"] = _said(claim_build, store, key, "same", "b9")
+        found[f"claim {key.key}"] = _said(claim_build, store, key, "same", "b9")
     for stage in STAGES:
         folder = scratch / new_stage_name()
         folder.mkdir()
@@ -165,7 +164,7 @@ def new_stage_name() -> str:
 
 
 def damaged_key(store: Store, kind: RecordKind) -> str:
-    claim = hashlib.sha256(IDEMPOTENCY[0].encode()).hexdigest()
+    claim = IDEMPOTENCY[0].name.split("/")[-1]
     first = next(key for key in ApiKeys(store).all()[0] if key.name == "first")
     return DAMAGED[kind][0].format(claim=claim, key=first.key_id)
 

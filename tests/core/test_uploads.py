@@ -138,3 +138,92 @@ def test_too_many_parts(monkeypatch: pytest.MonkeyPatch):
         upload = uploads.append(upload, b"x")
     with pytest.raises(TooLarge, match="parts"):
         uploads.append(upload, b"x")
+
+
+def part(offset: int | str) -> str:
+    return f"uploads/u1/parts/{offset:0>20}"
+
+
+@pytest.mark.parametrize(
+    ("objects", "offset"),
+    [
+        ({part(0): b""}, 0),
+        ({part(0): DATA[:100], part(100): b""}, 100),
+        ({part(0): DATA[:100], part(50): DATA[50:150], part(100): DATA[100:200]}, 200),
+        ({part(0): DATA[:100], part(100): bytes(len(DATA) - 99)}, 100),
+        ({part(0): bytes(len(DATA) + 1)}, 0),
+        ({part(0): DATA[:100], part("9" * 20): b"x", part(len(DATA)): b"x"}, 100),
+        ({part(0): DATA[:100], "uploads/u1/parts/first": b"x", "uploads/u1/parts/0": b"x"}, 100),
+        ({"uploads/u1/parts/" + "1" * 150: b"x"}, 0),
+        ({part(0): DATA[:100], "uploads/u1/parts/00000000000000000100/x": b"x"}, 100),
+    ],
+    ids=[
+        "empty",
+        "empty-later",
+        "overlap",
+        "overrun",
+        "overrun-first",
+        "far-away",
+        "no-number",
+        "long",
+        "deep",
+    ],
+)
+def test_parts_that_nobody_appended_end_the_upload_there(objects: dict[str, bytes], offset: int):
+    """A part of 0 bytes made ``get`` loop for ever."""
+    store = Store.open("memory://")
+    uploads = Uploads(store)
+    begun(uploads)
+    for key, data in objects.items():
+        store.put_new(key, data)
+    upload = uploads.get("u1")
+    assert upload.offset == offset
+    whole = uploads.append(upload, DATA[offset:])
+    assert uploads.finish(whole) == sha256(DATA)
+    assert uploads.get("u1").complete
+    uploads.keep_as_source(uploads.get("u1"), "hall")
+    assert store.get(source_key("hall", sha256(DATA))) == DATA
+
+
+def test_more_parts_than_there_may_be_are_not_counted(monkeypatch: pytest.MonkeyPatch):
+    store = Store.open("memory://")
+    begun(Uploads(store))
+    for offset in range(5):
+        store.put_new(part(offset), DATA[offset : offset + 1])
+    monkeypatch.setattr("firstfix.uploads.MAX_PARTS", 3)
+    assert Uploads(store).get("u1").parts == (1, 1, 1)
+
+
+def test_a_part_is_bounded(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("firstfix.uploads.PART_BYTES", 100)
+    store = Store.open("memory://")
+    uploads = Uploads(store)
+    begun(uploads)
+    with pytest.raises(TooLarge, match="at most 100"):
+        uploads.append(uploads.get("u1"), bytes(101))
+    store.put_new(part(0), bytes(101))
+    assert uploads.get("u1").offset == 0, "no append wrote it, and to read it would take its memory"
+
+
+@pytest.mark.parametrize(
+    "record", [b"", b"[]", b"{}", b'{"size_bytes": "x", "file_name": "a", "sha256": null}']
+)
+def test_a_record_that_cannot_be_read_stands_in_nobodys_way(record: bytes):
+    store = Store.open("memory://")
+    uploads = Uploads(store)
+    begun(uploads)
+    store.put_new("uploads/u2/upload.json", record)
+    store.put_new("uploads/u3/parts/00000000000000000000", b"a part without a record")
+    assert set(uploads.announced()) == {"u1"}
+    with pytest.raises(StoreError, match="u2"):
+        uploads.get("u2")
+
+
+def test_the_owner_is_in_the_record():
+    store = Store.open("memory://")
+    uploads = Uploads(store)
+    uploads.create("u1", size_bytes=3, file_name="x", owner="key:a")
+    store.put_new("uploads/old/upload.json", b'{"size_bytes": 3, "file_name": "x", "sha256": null}')
+    for _ in range(2):
+        assert {name: r.owner for name, r in uploads.announced().items()} == {"u1": "key:a", "old": None}
+    assert (uploads.get("u1").owner, uploads.get("old").owner) == ("key:a", None)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -55,6 +56,16 @@ def main() -> int:
     if do == "hang_once" and not (work / "hung").exists():
         (work / "hung").touch()
         hang(chosen.tied_to_stdin)
+    if do == "hang_with_a_child":
+        child = subprocess.Popen(["sleep", "600"])
+        (work / "child.txt").write_text(str(child.pid))
+        os.kill(os.getpid(), signal.SIGSTOP)  # deaf to everything but SIGKILL
+    if do == "work_for_ever":
+        for number in range(10**9):
+            progress = 0.5 + number % 1000 / 2000
+            status = new_status("running", map_id=map_id, stage="describe", progress=progress)
+            catalog.set_build_status(chosen.build, status)
+            time.sleep(0.05)
     if do == "hang_until_orphaned":
         sys.stdin.read()
         return 75

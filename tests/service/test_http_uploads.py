@@ -28,7 +28,9 @@ def shared() -> Iterator[Service]:
     """One service for the tests that leave nothing behind which another would trip over."""
     with (
         tempfile.TemporaryDirectory() as directory,
-        running_service(Path(directory), zenoh=False, max_open_uploads=10_000) as service,
+        running_service(
+            Path(directory), zenoh=False, max_open_uploads=10_000, max_open_uploads_per_caller=10_000
+        ) as service,
     ):
         yield service
 

@@ -11,7 +11,8 @@ import httpx
 import pytest
 from service_world import Service, running_service
 
-from firstfix.idempotency import claim_build
+from firstfix.idempotency import CallersKey, claim_build
+from firstfix_service.caller import NOBODY_ASKED
 from firstfix_service.submission import NamedUrl, Submission
 
 BODY = {"map_id": "hall", "source": {"url": "s3://maps/hall.laz"}, "config": {"level": False}}
@@ -72,8 +73,9 @@ def test_it_holds_over_replicas(tmp_path: Path):
 
 
 def test_a_service_killed_between_claim_and_record_is_made_good(recorder: Service):
-    submission = Submission("hall", NamedUrl("s3://maps/hall.laz"), None, {"level": False})
-    claim_build(recorder.catalog.store, "night-1", submission.fingerprint(), "b-of-the-dead")
+    submission = Submission(NOBODY_ASKED, "hall", NamedUrl("s3://maps/hall.laz"), None, {"level": False})
+    key = CallersKey(NOBODY_ASKED.name, "night-1")
+    claim_build(recorder.catalog.store, key, submission.fingerprint(), "b-of-the-dead")
     answer = post(recorder, "night-1")
     assert answer.json()["build_id"] == "b-of-the-dead"
     assert recorder.catalog.build_ids() == ["b-of-the-dead"]
