@@ -206,13 +206,13 @@ def _orphans(catalog: Catalog) -> list[str]:
     """Files of the store that no version, no build and no log refers to."""
     store = catalog.store
     referred = {str(catalog.build_request(b)["source"]["key"]) for b in catalog.build_ids()}
-    kept = set(store.list("changes"))
+    kept = {*store.list("changes"), *store.list("checked")}
     for map_id in catalog.map_ids():
         for version in catalog.state(map_id).published:
             folder = f"maps/{map_id}/versions/{version}"
             names = catalog.manifest(map_id, version).files
             kept |= {f"{folder}/manifest.json", *(f"{folder}/{name}" for name in names)}
-        kept |= set(store.list(f"maps/{map_id}/log"))
+        kept |= {*store.list(f"maps/{map_id}/log"), *store.list(f"maps/{map_id}/snapshots")}
     builds = set(store.list("builds"))
     root = store.local_path(f"builds/{catalog.build_ids()[0]}/request.json")
     assert root is not None

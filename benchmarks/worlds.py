@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from firstfix.build_config import ViewpointConfig
 from firstfix.decode import read_scan_file
-from firstfix.manifest import sha256_of
 from firstfix.scan import Scan
+from firstfix.sha256 import sha256_of
 from firstfix_builder.mesh import Mesh
 from firstfix_builder.read_map import read_map, read_trajectory
 from firstfix_builder.simulate import Simulator

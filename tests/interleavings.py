@@ -84,7 +84,8 @@ def run_interleaved(
     kill_at: int | None = None,
     monkeypatch: pytest.MonkeyPatch,
 ) -> int:
-    """Runs both to their end, the first one first, the other one after each of the switches.
+    """Runs both to their end, the first one first, the other one after each of the switches. A switch before
+    call 0 lets the second one begin.
 
     Args:
         switches: numbers of calls to the store, of both together.

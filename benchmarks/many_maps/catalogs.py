@@ -13,7 +13,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from firstfix.manifest import FILE_NAME, FileEntry, Manifest
-from firstfix.map_log import Event, LogEntry
+from firstfix.map_state import Event, LogEntry
 
 MARK = "mark.txt"  # what makes a version its map's own
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
-from firstfix.manifest import sha256_of
+from firstfix.sha256 import sha256_of
 
 
 def content_hash(path: Path) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.build_config import DisturbConfig
+from firstfix.levelling import turned
 from firstfix.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, make_transform, rotation_z
@@ -48,7 +49,8 @@ def disturbed_scans(
         At most ``count`` pairs of scan and T_level_sensor: fewer where free spots are rare.
     """
     scans: list[tuple[Scan, Matrix]] = []
-    directions = sensor.directions()
+    directions, R_base_sensor = sensor.directions(), sensor.R_base_sensor
+    upright = turned(directions, R_base_sensor)
     for _ in range(20 * count):
         if len(scans) == count:
             break
@@ -57,13 +59,13 @@ def disturbed_scans(
         at[2] += rng.normal(0, config.height_m)
         if simulator.distance(at[None])[0] < _CLEARANCE_M:
             continue
-        T = make_transform(_tilted(rng, config.tilt_deg), at)
+        T = make_transform(_tilted(rng, config.tilt_deg) @ R_base_sensor, at)
         ranges = next(simulator.ranges(T[None], sensor))[0]
         ranges = ranges + rng.normal(0, config.noise_m, ranges.shape).astype(np.float32)
         ranges[rng.random(ranges.shape) < config.dropout] = np.inf
         severity = rng.uniform(0, 2)  # a quiet night, a rush hour: real overlaps vary as widely
-        _occlude(ranges, directions, rng.poisson(config.occluders * severity), _PERSON, rng)
-        _occlude(ranges, directions, rng.poisson(config.strangers * severity), _STRANGER, rng)
+        _occlude(ranges, upright, rng.poisson(config.occluders * severity), _PERSON, rng)
+        _occlude(ranges, upright, rng.poisson(config.strangers * severity), _STRANGER, rng)
         seen = np.isfinite(ranges)
         scans.append((Scan.from_points(directions[seen] * ranges[seen, None]), T))
     return scans

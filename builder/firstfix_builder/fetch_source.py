@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 
 from firstfix.catalog import source_key
 from firstfix.errors import BuildFailed, InvalidOption, NotFound, StoreError, TooLarge
-from firstfix.manifest import sha256_of
+from firstfix.sha256 import sha256_of
 from firstfix.source_policy import check_source_url
 from firstfix.store import Store
 from firstfix.store_url import StoreUrl

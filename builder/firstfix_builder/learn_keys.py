@@ -61,7 +61,7 @@ def learn_keys(
         nonlocal done
         if cancelled():
             raise BuildCancelled("cancelled while learning keys")
-        prepared = preprocess(ScanSequence.single(case[0]), None, engine.preprocess)
+        prepared = preprocess(ScanSequence.single(case[0]), None, engine.preprocess, sensor.R_base_sensor)
         done += 1
         progress(done / len(scans))
         return None if prepared is None else descriptor.describe(prepared.scans[0].batch)

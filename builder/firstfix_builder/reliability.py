@@ -37,9 +37,15 @@ class Case:
 
 
 def fit(cases: Sequence[Case]) -> Calibration:
-    if not cases:
+    """The calibration that the cases teach.
+
+    Those whose best places tie teach nothing. They are never localized, and which margin a place without an
+    equal needs is learned from such places alone.
+    """
+    single = [case for case in cases if case.evidence.tied == 1]
+    if not single:
         return Calibration()
-    return Calibration.fit(*zip(*((c.evidence, c.right, c.weight) for c in cases), strict=True))
+    return Calibration.fit(*zip(*((c.evidence, c.right, c.weight) for c in single), strict=True))
 
 
 def reliability_of(cases: Sequence[Case]) -> dict[str, Any]:

@@ -21,9 +21,10 @@ from firstfix.errors import BuildCancelled
 from firstfix.evidence import Evidence, Fit
 from firstfix.localization import Localization
 from firstfix.localizer import Localizer
+from firstfix.options import LocalizeOptions
 from firstfix.scan import Scan
 from firstfix.sensor import SensorModel
-from firstfix.transform import Matrix, inverse, pose_error
+from firstfix.transform import Matrix, inverse, make_transform, pose_error
 
 from .disturb import disturbed_scans, elsewhere
 from .localizability import Spot, grid_of
@@ -162,6 +163,7 @@ def self_test(
     )
     outside = disturbed_scans(other, sensor, spots, 1.0, config.outside, config.disturb, rng)
     queries: list[tuple[Scan, Matrix | None]] = [*inside, *((scan, None) for scan, _ in outside)]
+    asked_with = LocalizeOptions(T_base_sensor=make_transform(sensor.R_base_sensor, np.zeros(3)))
     done = 0
 
     def run(query: tuple[Scan, Matrix | None]) -> _Outcome:
@@ -169,7 +171,7 @@ def self_test(
         if cancelled():
             raise BuildCancelled("cancelled during the self-test")
         scan, T_level_sensor = query
-        answer = localizer.localize(scan)
+        answer = localizer.localize(scan, asked_with)
         done += 1
         progress(done / len(queries))
         if T_level_sensor is None:

@@ -59,12 +59,18 @@ class Simulator:
         distances: NDArray[np.float32] = self.scene.compute_distance(query).numpy()
         return distances
 
-    def ranges(self, T_map_sensor: NDArray[np.float64], sensor: SensorModel) -> Iterator[NDArray[np.float32]]:
+    def ranges(
+        self,
+        T_map_sensor: NDArray[np.float64],
+        sensor: SensorModel,
+        directions: NDArray[np.float32] | None = None,
+    ) -> Iterator[NDArray[np.float32]]:
         """Clean ranges at (n, 4, 4) poses, in chunks of (k, rays), inf where there is no return.
 
-        Ray i of a pose points along ``sensor.directions()[i]`` in the sensor frame.
+        Args:
+            directions: (rays, 3) unit rays in the frame of the poses; None: ``sensor.directions()``.
         """
-        directions = sensor.directions()
+        directions = sensor.directions() if directions is None else directions
         at_once = max(1, RAYS_AT_ONCE // len(directions))
         for start in range(0, len(T_map_sensor), at_once):
             T = T_map_sensor[start : start + at_once]

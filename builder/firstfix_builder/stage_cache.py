@@ -34,7 +34,7 @@ from pydantic import BaseModel
 
 import firstfix
 from firstfix.errors import StoreUnavailable
-from firstfix.manifest import sha256_of
+from firstfix.sha256 import sha256_of
 
 from .build_trace import mark_cached
 

@@ -52,14 +52,16 @@ def view_distance_m(simulator: Simulator, positions: NDArray[np.floating], senso
     """
     chosen = positions[rows_by_place(positions, _VIEW_VIEWPOINTS, _VIEW_CELL_M)]
     probe = sensor.coarser(4000)
-    directions = probe.directions()
+    directions = probe.directions_at_any_heading()
     horizontal = np.linalg.norm(directions[:, :2], axis=1)
+    columns = round(360 / probe.azimuth_step_deg)
+    turn = np.arctan2(directions[:, 1], directions[:, 0]) / (2 * np.pi)
+    column = np.rint(turn * columns).astype(int) % columns
     furthest = []
-    for ranges in simulator.ranges(upright(chosen), probe):
-        away = np.where(np.isfinite(ranges), ranges * horizontal, 0).reshape(
-            len(ranges), len(probe.elevations_deg), -1
-        )
-        furthest.append(away.max(axis=1).ravel())
+    for ranges in simulator.ranges(upright(chosen), probe, directions):
+        away = np.zeros((columns, len(ranges)), np.float32)
+        np.maximum.at(away, column, (np.where(np.isfinite(ranges), ranges, 0) * horizontal).T)
+        furthest.append(away.ravel())
     seen = np.concatenate(furthest)
     seen = seen[seen > 0]
     return float(np.percentile(seen, 75)) if len(seen) else sensor.max_range_m
@@ -91,11 +93,12 @@ class TemplatesChunk(Chunk):
         simulator = simulator_near(
             inputs["mesh"], np.array(self.low), np.array(self.high), self.sensor.max_range_m
         )
-        descriptor, directions = self.descriptor.make(), self.sensor.directions()
+        descriptor, directions = self.descriptor.make(), self.sensor.directions_at_any_heading()
         described = []
         for start in range(0, len(positions), SCANS_AT_ONCE):
             here = slice(start, start + SCANS_AT_ONCE)
-            ranges = np.concatenate(list(simulator.ranges(upright(positions[here]), self.sensor)))
+            T = upright(positions[here])
+            ranges = np.concatenate(list(simulator.ranges(T, self.sensor, directions)))
             described.append(descriptor.describe(scan_batch(ranges, directions, height_m[here])))
         return {
             "position_m": positions.astype(np.float32),

@@ -70,14 +70,14 @@ def visible_points(
     """For every square (m, 6): points about ``step_m`` apart, from clean scans at some of (n, 3) positions,
     and the mean direction from each to those who saw it, short where they stood all around."""
     probe = sensor.coarser(RAYS)
-    directions = probe.directions()
+    directions = probe.directions_at_any_heading()
     squares = _Squares.over(positions)
     parts: list[list[NDArray[np.float64]]] = [[] for _ in range(squares.count)]
     chosen = positions[rows_by_place(positions, max(VIEWPOINTS, _occupied(positions)), VIEWPOINT_M)]
     chosen, loose = chosen[np.argsort(squares.of(chosen), kind="stable")], 0
     for start in range(0, len(chosen), AT_ONCE):
         here = chosen[start : start + AT_ONCE]
-        ranges = np.concatenate(list(simulator.ranges(upright(here), probe)))
+        ranges = np.concatenate(list(simulator.ranges(upright(here), probe, directions)))
         scans = scan_batch(ranges, directions, np.zeros(len(here)))
         to_viewer = -scans.points / np.linalg.norm(scans.points, axis=1, keepdims=True)
         seen = voxel_means(np.column_stack([scans.points + here[scans.scan_of_point], to_viewer]), step_m)

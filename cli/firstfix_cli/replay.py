@@ -49,8 +49,7 @@ def replay(
     Args:
         version: to ask; None: the active one, whichever was asked then.
     """
-    for sample_id in samples.ids():
-        sample = samples.get(sample_id)
+    for sample in samples.each():
         if not sample.is_about(map_id):
             continue
         then = Localization.from_mapping(sample.answer)
@@ -58,7 +57,7 @@ def replay(
         now, error = None, ""
         try:
             options = replace(LocalizeOptions.from_strings(given), version=version)
-            now = ask(sample, samples.body(sample_id), options)
+            now = ask(sample, samples.body(sample.sample_id), options)
         except FirstfixError as problem:
             error = f"{problem} ({problem.code})"
         yield Replayed(sample, then, now, error, *_moved(map_id, then, now))

@@ -17,21 +17,19 @@ import json
 import re
 import secrets
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from typing import Any
 
-from .errors import Conflict, FirstfixError, InvalidOption, NotFound
+from .errors import Conflict, InvalidOption, NotFound, UnreadableRecord
 from .grant import Grant
+from .json_record import RecordKind, read_each, read_record, text_of, texts_of
 from .store import Store
 
 _FOLDER = "keys"
 _KEY_ID = re.compile(r"[0-9a-f]{12}")
 _TOKEN = re.compile(r"ffx_([0-9a-f]{12})_([0-9a-f]{64})")
 _RECORD, _REVOKED = ".json", ".revoked"
-_MAX_RECORD_BYTES = 64 << 10
-_READERS = 8  # at the same time: a store far away answers each in tens of milliseconds
 MAX_NAME_CHARS = 100
 
 
@@ -137,11 +135,9 @@ class ApiKeys:
             if name.endswith(_RECORD) and _KEY_ID.fullmatch(name.removesuffix(_RECORD))
         )
         unread = [key_id for key_id in ids if key_id not in self._read]
-        if unread:
-            with ThreadPoolExecutor(_READERS) as readers:
-                for key in readers.map(self._record, unread):
-                    if key is not None:
-                        self._read[key.key_id] = key
+        for key_id, key in read_each(unread, self._record).items():
+            if key is not None:
+                self._read[key_id] = key
         found = [
             replace(self._read[key_id], revoked=f"{key_id}{_REVOKED}" in names)
             for key_id in ids
@@ -152,12 +148,11 @@ class ApiKeys:
 
     def _record(self, key_id: str) -> ApiKey | None:
         """None when it was removed since, or is no record."""
-        key = _key(key_id, _RECORD)
         try:
-            if self._store.size(key) > _MAX_RECORD_BYTES:
-                return None
-            return _from_record(key_id, json.loads(self._store.get(key)))
-        except (NotFound, ValueError, RecursionError):
+            return read_record(
+                self._store, _key(key_id, _RECORD), RecordKind.API_KEY, lambda found: parse_key(key_id, found)
+            )
+        except (NotFound, UnreadableRecord):
             return None
 
 
@@ -167,22 +162,19 @@ def parse_token(token: str) -> tuple[str, str] | None:
     return None if match is None else (match[1], match[2])
 
 
-def _from_record(key_id: str, record: Mapping[str, Any]) -> ApiKey:
+def parse_key(key_id: str, record: Mapping[str, Any]) -> ApiKey:
     """
     Raises:
-        ValueError: not a record.
+        ValueError, KeyError, TypeError, InvalidOption: not a key's record.
     """
-    try:
-        times = record["created_time"], record["expires_time"]
-        if any(time is not None and datetime.fromisoformat(time).tzinfo is None for time in times):
-            raise ValueError("a time has no zone")
-        grant = Grant.parse(record["scopes"], record["maps"])
-        sha256 = record["sha256"]
-        if not isinstance(sha256, str) or not sha256.isascii():
-            raise ValueError("the hash is none")
-        return ApiKey(key_id, str(record["name"]), grant, sha256, *times)
-    except (KeyError, TypeError, AttributeError, FirstfixError) as error:
-        raise ValueError(f"not a key's record: {error}") from None
+    created, expires = text_of(record, "created_time"), record["expires_time"]
+    if any(datetime.fromisoformat(time).tzinfo is None for time in (created, expires) if time is not None):
+        raise ValueError("a time has no zone")
+    sha256 = text_of(record, "sha256")
+    if not sha256.isascii():
+        raise ValueError("the hash is none")
+    grant = Grant.parse(texts_of(record, "scopes"), texts_of(record, "maps"))
+    return ApiKey(key_id, text_of(record, "name"), grant, sha256, created, expires)
 
 
 def _key(key_id: str, ending: str) -> str:

@@ -20,14 +20,14 @@ import math
 import re
 import uuid
 from collections import Counter
-from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from enum import Enum
 from typing import Any
 
-from .errors import BuildAttemptsExceeded, NotFound, StoreError
+from .errors import BuildAttemptsExceeded, NotFound, UnreadableRecord
 from .ids import check_build_id
+from .json_record import RecordKind, read_record, text_of
 from .store import Store
 
 _NAME = re.compile(r"(\d{6,})\.(json|beat|look|end\.json)")
@@ -138,7 +138,7 @@ class BuildAttempts:
     def _gone(self, build_id: str, number: int) -> str | None:
         """Why the holder of an open attempt is taken for dead; None when it is not."""
         key = f"{_folder(build_id)}/{number:06d}"
-        if _read(self._store, f"{key}.json").get("holder") == self._holder:
+        if self._is_own(f"{key}.json"):
             return "the process that ran the build's worker ended"
         self._store.put(f"{key}.look", uuid.uuid4().bytes)
         seen = {
@@ -154,12 +154,19 @@ class BuildAttempts:
             return None
         return f"its worker was not heard of for {look_s - beat_s:.0f} s"
 
+    def _is_own(self, key: str) -> bool:
+        """Whether this holder made the attempt. Of one that cannot be read its beat says how it stands."""
+        try:
+            return _read(self._store, key)["holder"] == self._holder
+        except UnreadableRecord:
+            return False
+
     def _check_failures(self, build_id: str, last: int) -> None:
         died: Counter[str] = Counter()
         for number in range(1, last + 1):
             try:
                 ended = _read(self._store, f"{_folder(build_id)}/{number:06d}.end.json")
-            except NotFound:
+            except (NotFound, UnreadableRecord):  # it has ended; how, nobody can tell
                 continue
             if ended.get("end") in (AttemptEnd.DIED, AttemptEnd.LOST):
                 stage, why = str(ended.get("stage", "")), str(ended.get("why", ""))
@@ -193,12 +200,19 @@ def _scan(store: Store, build_id: str) -> dict[int, set[str]]:
     return {number: kinds for number, kinds in found.items() if "json" in kinds}
 
 
+def parse_attempt(record: dict[str, Any]) -> dict[str, Any]:
+    """
+    Raises:
+        ValueError, TypeError, KeyError: neither an attempt nor the end of one.
+    """
+    text_of(record, "end" if "end" in record else "holder")
+    for name in ("stage", "why", "time"):
+        text_of(record, name, "")
+    return record
+
+
 def _read(store: Store, key: str) -> dict[str, Any]:
-    with suppress(ValueError):
-        record = json.loads(store.get(key))
-        if isinstance(record, dict):
-            return record
-    raise StoreError(f"{key} is no JSON object")
+    return read_record(store, key, RecordKind.BUILD_ATTEMPT, parse_attempt)
 
 
 def _folder(build_id: str) -> str:

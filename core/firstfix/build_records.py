@@ -8,6 +8,9 @@
 
 One process at a time runs a build (its attempts see to that), so the status needs no precondition: what
 the last run wrote is true.
+
+A build of which the request or the status cannot be read (``UnreadableRecord``) is ``unreadable`` where
+builds are listed, and is not run; all other builds go on. ``firstfix.repair`` mends it or moves it aside.
 """
 
 from __future__ import annotations
@@ -16,13 +19,15 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from .errors import Conflict, NotFound, StoreError
-from .ids import check_build_id, is_name
+from .errors import Conflict, NotFound, UnreadableRecord
+from .ids import check_build_id, check_version, is_name
+from .json_record import RecordKind, read_record, text_of
 from .redact import redact
 from .store import Store
 
 STATES = ("queued", "running", "succeeded", "failed", "cancelled")
 FINAL_STATES = frozenset({"succeeded", "failed", "cancelled"})
+UNREADABLE = "unreadable"  # shown in place of a state; never recorded
 
 
 class BuildRecords:
@@ -48,9 +53,11 @@ class BuildRecords:
         """
         Raises:
             NotFound: no such build.
+            UnreadableRecord: the request is damaged.
         """
         try:
-            return _from_json(self.store.get(_key(build_id, "request.json")), build_id)
+            key = _key(build_id, "request.json")
+            return read_record(self.store, key, RecordKind.BUILD_REQUEST, parse_request)
         except NotFound:
             raise NotFound(f"no build {build_id}") from None
 
@@ -60,25 +67,60 @@ class BuildRecords:
 
         Raises:
             NotFound: no such build.
+            UnreadableRecord: the status is damaged, or there is none yet and the request is damaged.
         """
         try:
-            return _from_json(self.store.get(_key(build_id, "status.json")), build_id)
+            key = _key(build_id, "status.json")
+            return read_record(self.store, key, RecordKind.BUILD_STATUS, parse_status)
         except NotFound:
             request = self.build_request(build_id)
-            return new_status("queued", map_id=str(request.get("map_id", "")))
+            return new_status("queued", map_id=request.get("map_id", ""))
+
+    def shown_status(self, build_id: str) -> dict[str, Any]:
+        """As ``build_status``; of a build with a damaged record a status that says so: its state is
+        ``unreadable``, its map the one of the record that can be read, if any.
+
+        Raises:
+            NotFound: no such build.
+        """
+        try:
+            return self.build_status(build_id)
+        except UnreadableRecord as error:
+            return {
+                **new_status("failed", map_id=self._map_of(build_id)),
+                "state": UNREADABLE,
+                "error": {"code": error.code, "detail": "a record of this build is damaged"},
+            }
+
+    def held_status(self, build_id: str) -> dict[str, Any]:
+        """As ``build_status``, for whoever has the build and is to write its status: a damaged one is as if
+        there were none yet."""
+        try:
+            return self.build_status(build_id)
+        except UnreadableRecord:
+            return new_status("queued", map_id=self._map_of(build_id))
+
+    def _map_of(self, build_id: str) -> str:
+        try:
+            return str(self.build_request(build_id).get("map_id", ""))
+        except (NotFound, UnreadableRecord):
+            return ""
 
     def set_build_status(self, build_id: str, status: Mapping[str, Any]) -> None:
         self.store.put(_key(build_id, "status.json"), _to_json(status))
 
     def build_stages(self, build_id: str) -> list[dict[str, Any]]:
-        """``stage``, ``seconds`` and ``cached`` of each stage of the last run that ended, if any."""
+        """``stage``, ``seconds`` and ``cached`` of each stage of the last run that ended, if any.
+
+        Raises:
+            UnreadableRecord: they are damaged.
+        """
         try:
-            stages = _from_json(self.store.get(_key(build_id, "stages.json")), build_id)["stages"]
-            return [dict(stage) for stage in stages]
+            return read_record(
+                self.store, _key(build_id, "stages.json"), RecordKind.BUILD_STAGES, parse_stages
+            )
         except NotFound:
             return []
-        except (KeyError, TypeError, ValueError):
-            raise StoreError(f"the stages of build {build_id} cannot be read") from None
 
     def set_build_stages(self, build_id: str, stages: Sequence[Mapping[str, Any]]) -> None:
         self.store.put(_key(build_id, "stages.json"), _to_json({"stages": [dict(stage) for stage in stages]}))
@@ -89,6 +131,7 @@ class BuildRecords:
         Raises:
             NotFound: no such build.
             Conflict: it has ended.
+            UnreadableRecord: whether it has ended cannot be told.
         """
         state = self.build_status(build_id)["state"]
         if state in FINAL_STATES:
@@ -129,11 +172,54 @@ def _to_json(record: Mapping[str, Any]) -> bytes:
     return json.dumps(record, sort_keys=True, allow_nan=False).encode("utf-8")
 
 
-def _from_json(data: bytes, build_id: str) -> dict[str, Any]:
-    try:
-        record = json.loads(data)
-    except ValueError:
-        record = None
-    if not isinstance(record, dict):
-        raise StoreError(f"a record of build {build_id} is no JSON object")
+def parse_request(record: dict[str, Any]) -> dict[str, Any]:
+    """
+    Raises:
+        ValueError, TypeError, KeyError: not a build's request.
+    """
+    map_id = text_of(record, "map_id", "")
+    if map_id and not is_name(map_id):
+        raise ValueError(f"map_id is {map_id[:80]!r}")
+    for name in ("source", "trajectory"):
+        named = record.get(name)
+        if named is not None:
+            for field in named:
+                text_of(named, field)
+    if not isinstance(record.get("config") or {}, dict):
+        raise TypeError("config is no object")
+    for name in ("file_name", "owner"):
+        if record.get(name) is not None:
+            text_of(record, name)
     return record
+
+
+def parse_status(record: dict[str, Any]) -> dict[str, Any]:
+    """
+    Raises:
+        ValueError, TypeError, KeyError, InvalidOption: not a build's status.
+    """
+    error, version = record.get("error"), record.get("version")
+    if not isinstance(progress := record.get("progress", 0.0), int | float):
+        raise TypeError("progress is no number")
+    if error is not None:
+        error = {"code": text_of(error, "code"), "detail": text_of(error, "detail")}
+    if (map_id := text_of(record, "map_id")) and not is_name(map_id):
+        raise ValueError(f"map_id is {map_id[:80]!r}")
+    return {
+        **new_status(text_of(record, "state"), map_id=map_id, stage=text_of(record, "stage", "")),
+        "progress": min(max(progress, 0.0), 1.0),
+        "error": error,
+        "version": None if version is None else check_version(version),
+    }
+
+
+def parse_stages(record: dict[str, Any]) -> list[dict[str, Any]]:
+    """
+    Raises:
+        ValueError, TypeError, KeyError: not what ``set_build_stages`` records.
+    """
+    stages = [dict(stage) for stage in record["stages"]]
+    for stage in stages:
+        text_of(stage, "stage")
+        float(stage["seconds"])
+    return stages

@@ -14,7 +14,7 @@ import re
 from datetime import datetime, timezone
 
 from .build_records import FINAL_STATES, BuildRecords
-from .errors import NotFound
+from .errors import NotFound, UnreadableRecord
 from .ids import check_build_id, is_name
 
 FOLDER = "callers"
@@ -45,6 +45,8 @@ class CallerUsage:
                 continue
             try:
                 state = self._records.build_status(build_id)["state"]
+            except UnreadableRecord:  # it is not run
+                continue
             except NotFound:  # about to be put on record, or nobody lived to do so: that one expires
                 continue
             if state in FINAL_STATES:

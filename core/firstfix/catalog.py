@@ -5,6 +5,7 @@
     maps/<map_id>/versions/<digest>/...             files of a version; see ``firstfix.version_objects``
     maps/<map_id>/versions/<digest>/manifest.json   written last
     maps/<map_id>/log/000001.json, ...              see ``firstfix.map_log``
+    maps/<map_id>/snapshots/000050.json, ...        the same
     changes/00000001.json, ...                      see ``firstfix.change_log``
     builds/<build_id>/...                           see ``firstfix.build_records``
 
@@ -26,8 +27,10 @@ from .build_records import BuildRecords
 from .change_log import ChangeLog
 from .errors import Conflict, NotFound, StoreError, StoreUnavailable
 from .ids import check_build_id, check_map_id, check_version, is_name
-from .manifest import Manifest, sha256_of
-from .map_log import Event, LogEntry, MapLog, MapState
+from .manifest import Manifest
+from .map_log import MapLog
+from .map_state import Event, LogEntry, MapState
+from .sha256 import sha256_of
 from .store import Store
 from .version_garbage import collect_versions
 from .version_objects import VersionFolder, VersionObjects
@@ -87,6 +90,8 @@ class Catalog(BuildRecords):
         return self._map_log(map_id).known_state()
 
     def log(self, map_id: str) -> list[LogEntry]:
+        """The newest entries of the map's log, and of the older ones those that still matter
+        (``MapState.entries``)."""
         return list(self.state(map_id).entries)
 
     def active_version(self, map_id: str) -> str | None:
@@ -301,7 +306,7 @@ class Catalog(BuildRecords):
     def _map_log(self, map_id: str) -> MapLog:
         check_map_id(map_id)
         with self._lock:
-            return self._logs.get(map_id) or MapLog(self.store, f"maps/{map_id}/log")
+            return self._logs.get(map_id) or MapLog(self.store, log_folder(map_id))
 
     def _note(self, map_id: str) -> None:
         """After the entry, which is what holds: without a notice readers only see it later."""
@@ -318,6 +323,11 @@ class Catalog(BuildRecords):
         sha256 = sha256_of(path)
         self.store.upload(source_key(map_id, sha256, build_id), path)
         return sha256
+
+
+def log_folder(map_id: str) -> str:
+    """Where the entries of a map's log stand."""
+    return f"maps/{check_map_id(map_id)}/log"
 
 
 class _Collected(Exception):

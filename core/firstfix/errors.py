@@ -18,6 +18,7 @@
     |- StoreError                 the object store failed
     |  |- StoreUnavailable        it does not answer
     |  |- StoreUnsafe             it lets a create-only put overwrite
+    |  |- UnreadableRecord        one record in it is damaged: all others are as they were
     |  `- OutOfSpace              there is no room for it
     |- VersionError               a published version cannot be served
     |  |- CorruptVersion          a file is missing or its sha256 differs
@@ -115,6 +116,20 @@ class StoreUnavailable(StoreError):
 
 class StoreUnsafe(StoreError):
     code = "store_unsafe"
+
+
+class UnreadableRecord(StoreError):
+    """
+    Attributes:
+        kind: of the record (``firstfix.json_record.RecordKind``).
+        key: of the record in the store.
+    """
+
+    code = "unreadable_record"
+
+    def __init__(self, message: str, kind: str = "", key: str = "") -> None:
+        super().__init__(message)
+        self.kind, self.key = kind, key
 
 
 class OutOfSpace(StoreError):

@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import json
 import re
+from typing import Any
 
-from .errors import InvalidOption, StoreError, StoreUnavailable
+from .errors import StoreUnavailable
 from .geopose import Georeference
 from .ids import check_map_id
+from .json_record import RecordKind, read_record
 from .store import Store
 
 _RECORD_NAME = re.compile(r"(\d{6,})\.json")
@@ -29,17 +31,13 @@ class Georeferences:
         """The one that counts, or None.
 
         Raises:
-            StoreError: the record cannot be read: a pose at a wrong place is worse than none.
+            UnreadableRecord: it is damaged: a pose at a wrong place is worse than none, so the one before
+                does not count again.
         """
         last = self._last(map_id)
         if not last:
             return None
-        key = _key(map_id, last)
-        try:
-            record = json.loads(self._store.get(key))
-            return None if record is None else Georeference.from_mapping(record)
-        except (ValueError, AttributeError, InvalidOption) as error:
-            raise StoreError(f"{key} is no georeference: {error}") from None
+        return read_record(self._store, _key(map_id, last), RecordKind.GEOREFERENCE, parse_georeference)
 
     def set(self, map_id: str, georeference: Georeference | None) -> None:
         """Lets this one count from now on; None takes the last one back. Of two at once both are kept,
@@ -55,6 +53,14 @@ class Georeferences:
         """Number of the last record; 0: there is none."""
         names = [key.rsplit("/", 1)[-1] for key in self._store.list(_folder(map_id))]
         return max((int(match[1]) for name in names if (match := _RECORD_NAME.fullmatch(name))), default=0)
+
+
+def parse_georeference(record: dict[str, Any] | None) -> Georeference | None:
+    """
+    Raises:
+        InvalidOption: no georeference.
+    """
+    return None if record is None else Georeference.from_mapping(record)
 
 
 def _folder(map_id: str) -> str:

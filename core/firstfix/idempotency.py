@@ -11,8 +11,11 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import dataclass
+from typing import Any
 
-from .errors import IdempotencyConflict, NotFound, StoreError
+from .errors import IdempotencyConflict, NotFound
+from .ids import check_build_id
+from .json_record import RecordKind, read_record, text_of
 from .store import Store
 
 FOLDER = "idempotency"
@@ -51,6 +54,7 @@ def claim_build(store: Store, key: CallersKey, fingerprint: str, build_id: str) 
 
     Raises:
         IdempotencyConflict: the key was used for another request.
+        UnreadableRecord: which request it was used for is damaged: the caller needs another key.
     """
     record = json.dumps({"fingerprint": fingerprint, "build_id": build_id}).encode()
     if store.put_new(key.name, record):
@@ -64,10 +68,15 @@ def claim_build(store: Store, key: CallersKey, fingerprint: str, build_id: str) 
     return claimed
 
 
+def parse_claim(record: dict[str, Any]) -> tuple[str, str]:
+    """The build and the fingerprint of a claim.
+
+    Raises:
+        KeyError, TypeError, InvalidOption: not a claim.
+    """
+    return check_build_id(text_of(record, "build_id")), text_of(record, "fingerprint")
+
+
 def _read(store: Store, key: CallersKey) -> tuple[str, str]:
     """Build and fingerprint that the key was first used with."""
-    try:
-        first = json.loads(store.get(key.name))
-        return str(first["build_id"]), str(first["fingerprint"])
-    except (ValueError, KeyError, TypeError) as error:
-        raise StoreError(f"{key.name} is no record of a key: {error!r}") from None
+    return read_record(store, key.name, RecordKind.IDEMPOTENCY_KEY, parse_claim)

@@ -23,6 +23,7 @@ _Float = TypeVar("_Float", bound=np.floating)
 MAX_TILT_DEG = 35.0
 LEVEL_WEIGHT = 0.1  # of a level surface against an upright one: walls are plumb, floors and roads may slope
 _COARSE_STEP_DEG = 4.0
+_VOTE_WIDTH = np.radians(5.0)
 _VOTERS = 2000  # normals enough: all 10,000 of a scan give the same up to 0.1 degrees
 _FLOOR_RADIUS_M = 12.0
 _FLOOR_BIN_M = 0.1
@@ -49,9 +50,20 @@ def estimate_up(normals: NDArray[np.floating]) -> NDArray[np.float64]:
     A vote over a grid of directions, then three rounds of reweighted least squares: the smallest
     eigenvector of (upright - level) scatter is at right angles to the walls and along the floor's normal.
     """
-    candidates = _cone()
+    candidates = directions_about_z(MAX_TILT_DEG)
     normals = at_most(normals, _VOTERS)
-    up = candidates[int(np.argmax(_votes(normals, candidates, np.radians(5.0)) * _tilt_prior(candidates)))]
+    voted = candidates[int(np.argmax(votes(normals, candidates) * _tilt_prior(candidates)))]
+    return refined_up(normals, voted)
+
+
+def estimate_up_near(normals: NDArray[np.floating], expected: NDArray[np.float64]) -> NDArray[np.float64]:
+    """As ``estimate_up``, within MAX_TILT_DEG of where up is expected, (3,) in the sensor frame."""
+    R_expected_sensor = levelling_rotation(expected)
+    return R_expected_sensor.T @ estimate_up(np.ascontiguousarray(turned(normals, R_expected_sensor)))
+
+
+def refined_up(normals: NDArray[np.floating], up: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A direction that (n, 3) normals voted for, to the unit up vector (docs/method.md 6.2)."""
     for width_deg in (5.0, 2.5, 1.5):
         width = np.radians(width_deg)
         along = normals @ up
@@ -64,6 +76,16 @@ def estimate_up(normals: NDArray[np.floating]) -> NDArray[np.float64]:
             break
         up = refined
     return up
+
+
+def votes(normals: NDArray[np.floating], directions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How many of (n, 3) normals confirm each of (d, 3) directions as up (docs/method.md 6.1)."""
+    along2 = (normals.astype(np.float32) @ directions.T.astype(np.float32)) ** 2  # (n, directions)
+    scale = np.float32(-1 / (2 * _VOTE_WIDTH**2))
+    found: NDArray[np.float64] = (np.exp(along2 * scale) + np.exp((1 - along2) * scale)).sum(
+        axis=0, dtype=np.float64
+    )
+    return found
 
 
 def levelling_rotation(up: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -123,26 +145,15 @@ def floor_height(
 
 
 @cache
-def _cone() -> NDArray[np.float64]:
-    """Directions within MAX_TILT_DEG of z, about _COARSE_STEP_DEG apart."""
+def directions_about_z(within_deg: float) -> NDArray[np.float64]:
+    """(d, 3) unit vectors within an angle of z, _COARSE_STEP_DEG apart or nearly."""
     directions = [(0.0, 0.0, 1.0)]
-    for tilt_deg in np.arange(_COARSE_STEP_DEG, MAX_TILT_DEG + 1e-9, _COARSE_STEP_DEG):
+    for tilt_deg in np.arange(_COARSE_STEP_DEG, within_deg + 1e-9, _COARSE_STEP_DEG):
         tilt = np.radians(tilt_deg)
         around = max(6, round(2 * np.pi * np.sin(tilt) / np.radians(_COARSE_STEP_DEG)))
         for azimuth in np.linspace(0, 2 * np.pi, around, endpoint=False):
             directions.append((np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)))
     return np.array(directions)
-
-
-def _votes(
-    normals: NDArray[np.floating], directions: NDArray[np.float64], width: float
-) -> NDArray[np.float64]:
-    along2 = (normals.astype(np.float32) @ directions.T.astype(np.float32)) ** 2  # (n, directions)
-    scale = np.float32(-1 / (2 * width**2))
-    votes: NDArray[np.float64] = (np.exp(along2 * scale) + np.exp((1 - along2) * scale)).sum(
-        axis=0, dtype=np.float64
-    )
-    return votes
 
 
 def _tilt_prior(directions: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -11,6 +11,7 @@ from .candidates import search
 from .compact_scan import CompactScan, ScanDescriptor
 from .covariance import pose_covariance
 from .errors import InvalidOption
+from .evidence import MOST_MARGIN
 from .localization import Localization, Reason, Verdict
 from .map_index import MapIndex
 from .options import LocalizeOptions
@@ -23,12 +24,19 @@ from .transform import inverse
 from .unregistered import Proposal, answer_unregistered, propose
 from .verdict import Claim, judge
 
+CONVINCING_OVERLAP = 0.75  # with less, the other ways up are tried too, however probable the place is
+
 
 class FindsPlaces(Protocol):
     """What ``localize_among`` needs of a map."""
 
     def claims(
-        self, sequence: ScanSequence, options: LocalizeOptions, watch: Stopwatch, map_id: str = ""
+        self,
+        sequence: ScanSequence,
+        options: LocalizeOptions,
+        watch: Stopwatch,
+        map_id: str = "",
+        otherwise: bool = False,
     ) -> list[Claim] | None: ...
 
     def proposals(
@@ -47,20 +55,33 @@ class Localizer:
         return localize_among({"": self}, scan, options)
 
     def claims(
-        self, sequence: ScanSequence, options: LocalizeOptions, watch: Stopwatch, map_id: str = ""
+        self,
+        sequence: ScanSequence,
+        options: LocalizeOptions,
+        watch: Stopwatch,
+        map_id: str = "",
+        otherwise: bool = False,
     ) -> list[Claim] | None:
-        """The places of this map that may be it, best first; None where the scan has too few points."""
-        index = self.index
+        """The places of this map that may be it, best first; None where the scan has too few points.
+
+        Args:
+            otherwise: not with the up that is the likeliest, but with the others that the scan may have.
+        """
+        index, mounting = self.index, options.T_base_sensor
         with watch.stage("preprocess"):
-            prepared = preprocess(sequence, options.gravity, index.config.preprocess)
-        if prepared is None:
-            return None
+            R_base_sensor = None if mounting is None else mounting[:3, :3]
+            prepared = preprocess(sequence, options.gravity, index.config.preprocess, R_base_sensor)
+            if prepared is None:
+                return None
+            scans = prepared.scans
+            if otherwise:
+                scans = prepared.levelled_otherwise(options.gravity, index.config.preprocess)
         with watch.stage("describe"):
-            described = [one.described_by(index.cascade.descriptor) for one in prepared.scans]
+            described = [one.described_by(index.cascade.descriptor) for one in scans]
         places: list[Place] = []
-        for effort in _efforts(index, options):
+        for effort in (1,) if otherwise else _efforts(index, options):
             with watch.stage("search"):
-                candidates = search(index, described, prepared.scans, options, effort)
+                candidates = search(index, described, scans, options, effort)
             with watch.stage("register"):
                 places = find_places(index, prepared, candidates, options.prior)
             if places and index.calibration.accepts(place_evidence(index.calibration, places)):
@@ -100,13 +121,41 @@ def localize_among(
         each = [localizer.proposals(scan, options, watch, map_id) for map_id, localizer in maps.items()]
         return replace(answer_unregistered([one for of_map in each for one in of_map]), timings_ms=watch.ms)
     sequence = ScanSequence.single(scan) if isinstance(scan, (Scan, CompactScan)) else scan
-    found = [localizer.claims(sequence, options, watch, map_id) for map_id, localizer in maps.items()]
-    if all(claims is None for claims in found):
+
+    def found(otherwise: bool) -> list[list[Claim] | None]:
+        return [one.claims(sequence, options, watch, map_id, otherwise) for map_id, one in maps.items()]
+
+    claims = found(otherwise=False)
+    if all(of_map is None for of_map in claims):
         return Localization(Verdict.REJECTED, (Reason.TOO_FEW_POINTS,), timings_ms=watch.ms)
+    if not any(_explain_scan(of_map) for of_map in claims if of_map):
+        more = found(otherwise=True)
+        claims = [_distinct([*(one or ()), *(other or ())]) for one, other in zip(claims, more, strict=True)]
     with watch.stage("verify"):
-        together = [claim for claims in found if claims is not None for claim in claims]
+        together = [claim for of_map in claims if of_map is not None for claim in of_map]
         answer = _verify(sorted(together, key=lambda claim: -claim.place.fit.support), options)
     return replace(answer, timings_ms=watch.ms)
+
+
+def _explain_scan(claims: Sequence[Claim]) -> bool:
+    """Whether the best of a map's claims would be accepted but for its rivals, and so well that the scan was
+    levelled rightly.
+
+    Levelled wrongly, up to two thirds of a scan may lie on surfaces of the map that nothing contradicts.
+    """
+    calibration = claims[0].index.calibration
+    best = place_evidence(calibration, [claim.place for claim in claims])
+    alone = replace(best, margin=MOST_MARGIN, tied=1)
+    return best.fit.overlap >= CONVINCING_OVERLAP and calibration.accepts(alone)
+
+
+def _distinct(claims: Sequence[Claim]) -> list[Claim]:
+    """The better one of two that are the same place of a map, best first."""
+    kept: list[Claim] = []
+    for claim in sorted(claims, key=lambda claim: -claim.place.fit.support):
+        if not any(claim.place.is_same_as(known.place) for known in kept):
+            kept.append(claim)
+    return kept
 
 
 def _verify(claims: list[Claim], options: LocalizeOptions) -> Localization:

@@ -17,6 +17,7 @@ from typing import Any
 
 from .errors import CorruptVersion, IncompatibleVersion, InvalidOption
 from .object_keys import check_key
+from .sha256 import sha256_of
 
 FORMAT = 5  # 3: before the map was stored ready to use; such a version needs a rebuild
 READABLE = (4, 5)  # 4: before keys and cells were kept by tile; it is queried as it is
@@ -161,16 +162,6 @@ def verify_file(path: Path, name: str, entry: FileEntry) -> None:
             raise CorruptVersion(f"{name} has another sha256 than the manifest says")
     except OSError as error:
         raise CorruptVersion(f"{name} cannot be read: {error.strerror}") from None
-
-
-def sha256_of(path: Path) -> str:
-    """Hex digest of a file, read in pieces."""
-    digest = hashlib.sha256()
-    buffer = memoryview(bytearray(1 << 20))
-    with path.open("rb", buffering=0) as file:
-        while count := file.readinto(buffer):
-            digest.update(buffer[:count])
-    return digest.hexdigest()
 
 
 def _entry(item: Mapping[str, Any]) -> FileEntry:

@@ -1,5 +1,8 @@
 """The log of a map: what was published, activated, retired and collected, and by that what is served.
 
+    <map>/log/000001.json, ...         entries
+    <map>/snapshots/000050.json, ...   what all entries up to that number add up to
+
 Entries are numbered objects that are only ever created, never replaced. Two writers that want the
 same number race in one create-only put; the loser reads the winner's entry, checks its own
 precondition against it, and takes the next number. So an entry always holds for exactly the state
@@ -8,144 +11,65 @@ before it, on every store and without a lock.
 The files of a version stand in a folder of a generation, which ``retired`` or ``collected`` ends: from then
 on a remover may take the files whenever it gets to it, and a publish that began before is not recorded any
 more. Whoever publishes the version again puts its files into the next generation, which no remover knows.
+
+Every ``EVERY`` entries a writer leaves a snapshot. A reader begins with the newest one that it can read and
+asks for the entries after it alone: its calls are bounded, however long the log is. ``firstfix.log_garbage``
+removes entries long after they are in snapshots. A writer that was stopped for so long between its look and
+its put could create a removed number again: so it looks at the snapshots after its put, and an entry that a
+snapshot of the same or a higher number does not know was not part of the log: it is taken back, and the
+writer begins again.
 """
 
 from __future__ import annotations
 
-import json
 import logging
 import random
-import re
 import threading
 import time
 import uuid
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from datetime import datetime, timezone
-from enum import Enum
+from itertools import islice
 from typing import Any
 
-from .errors import FirstfixError, StoreUnavailable
+from .errors import NotFound, StoreError, StoreUnavailable, UnreadableRecord
 from .ids import check_version
+from .json_record import RecordKind, read_each, read_record
+from .map_state import MAX_SKIPPED, Event, LogEntry, MapState
+from .numbered import scan_after
 from .store import Store
 
 _log = logging.getLogger(__name__)
-_ENTRY_NAME = re.compile(r"(\d{6,})\.json")
+EVERY = 50  # entries from one snapshot to the next
 _MAX_RACES = 200
-
-
-class Event(str, Enum):
-    PUBLISHED = "published"
-    ACTIVATED = "activated"
-    RETIRED = "retired"
-    COLLECTED = "collected"  # files of a publish that never ended; readers that do not know it skip it
+_MAX_LOOKS = 5  # of one reader, while what it was about to read is collected
 
 
 @dataclass(frozen=True)
-class LogEntry:
-    """One event.
+class _Seen:
+    """What one reader knows of a log.
 
     Attributes:
-        seq: 1, 2, ...
-        time: of writing, UTC, ISO 8601; for people: the order is seq's.
-        build_id: of the build that caused it; empty when a person did.
-        writer: unique to one append, so that a writer whose reply was lost knows its own entry.
-        generation: of ``published``: of the folder with the files.
+        base: a state, by which to begin the next look.
+        entries: those after it by their numbers; None: it cannot be read.
+        state: what both add up to.
+        has_foreign: an entry is of a later firstfix: this one is not to sum it up for others.
     """
 
-    seq: int
-    event: Event
-    version: str
-    time: str
-    build_id: str = ""
-    writer: str = ""
-    generation: int = 0
-
-    def to_json(self) -> bytes:
-        values = {**asdict(self), "event": self.event.value}
-        del values["seq"]  # it is the object's name
-        return json.dumps(values, sort_keys=True).encode("ascii")
+    base: MapState
+    entries: dict[int, LogEntry | None]
+    state: MapState
+    has_foreign: bool = False
 
     @classmethod
-    def from_json(cls, seq: int, data: bytes) -> LogEntry:
-        """
-        Raises:
-            ValueError: not an entry, or an event that this reader does not know.
-        """
-        try:
-            values: dict[str, Any] = json.loads(data)
-            if datetime.fromisoformat(values["time"]).tzinfo is None:
-                raise ValueError("its time has no zone")
-            return cls(
-                seq,
-                Event(values["event"]),
-                check_version(values["version"]),
-                values["time"],
-                str(values.get("build_id", "")),
-                str(values.get("writer", "")),
-                int(values.get("generation", 0)),
-            )
-        except (KeyError, TypeError, AttributeError, FirstfixError) as error:
-            raise ValueError(f"not a log entry: {error}") from None
-
-
-@dataclass(frozen=True)
-class MapState:
-    """What a log adds up to.
-
-    Attributes:
-        entries: in order.
-        published: versions that can be served, in the order they were first published.
-        activated: those of them that were ever active, the latest activation first: the active one,
-            then what to fall back to.
-        last_seq: of the last entry, readable or not; 0 for an empty log.
-        generations: of the published versions: which folder their files stand in.
-        ended: version to the ``seq`` of the entry that ended its last generation.
-    """
-
-    entries: tuple[LogEntry, ...] = ()
-    published: tuple[str, ...] = ()
-    activated: tuple[str, ...] = ()
-    last_seq: int = 0
-    generations: Mapping[str, int] = field(default_factory=dict)
-    ended: Mapping[str, int] = field(default_factory=dict)
-
-    @property
-    def exists(self) -> bool:
-        """Whether the map ever had a version to serve."""
-        return any(entry.event is Event.PUBLISHED for entry in self.entries)
-
-    def generation(self, version: str) -> int:
-        """Of the folder that the version's files stand in, or are put into to publish it: 0, or the ``seq``
-        of the entry that ended the generation before it."""
-        return self.generations.get(version, self.ended.get(version, 0))
-
-    @property
-    def active(self) -> str | None:
-        return self.activated[0] if self.activated else None
-
-    @classmethod
-    def of(cls, entries: tuple[LogEntry, ...], last_seq: int) -> MapState:
-        published: list[str] = []
-        activated: list[str] = []
-        generations: dict[str, int] = {}
-        ended: dict[str, int] = {}
-        for entry in entries:
-            version = entry.version
-            if entry.event is Event.PUBLISHED:
-                if version not in published:
-                    published.append(version)
-                    generations[version] = entry.generation
-            elif entry.event is Event.ACTIVATED:
-                if version in published:
-                    activated = [version, *(v for v in activated if v != version)]
-            else:
-                ended[version] = entry.seq
-            if entry.event is Event.RETIRED:
-                published = [v for v in published if v != version]
-                activated = [v for v in activated if v != version]
-                generations.pop(version, None)
-        return cls(entries, tuple(published), tuple(activated), last_seq, generations, ended)
+    def of(cls, base: MapState, entries: dict[int, LogEntry | None], has_foreign: bool) -> _Seen:
+        """With a later base, once many entries follow: so that a reader that lives long lists few."""
+        if len(entries) > 2 * EVERY:
+            listed = list(entries.items())
+            base, entries = _added_up(base, dict(listed[:-EVERY])), dict(listed[-EVERY:])
+        return cls(base, entries, _added_up(base, entries), has_foreign)
 
 
 class MapLog:
@@ -154,7 +78,8 @@ class MapLog:
     def __init__(self, store: Store, folder: str) -> None:
         self._store = store
         self._folder = folder
-        self._entries: dict[int, LogEntry | None] = {}  # None: unreadable, skipped
+        self._snapshots = snapshots_of(folder)
+        self._seen: _Seen | None = None
         self._lock = threading.Lock()
 
     def state(self) -> MapState:
@@ -163,30 +88,22 @@ class MapLog:
         An entry that cannot be read, or of an event of a later firstfix, is skipped with a warning:
         the others still say what to serve.
         """
-        names = [key.rsplit("/", 1)[-1] for key in self._store.list(self._folder)]
-        found = sorted(int(match[1]) for name in names if (match := _ENTRY_NAME.fullmatch(name)))
-        for seq in found:
-            if seq not in self._entries:
-                self._read(seq)
-        with self._lock:
-            entries = tuple(entry for seq in found if (entry := self._entries[seq]) is not None)
-        return MapState.of(entries, found[-1] if found else 0)
+        return self._look().state
 
     def known_state(self) -> MapState:
         """What it added up to when it was last read: the store is not asked."""
         with self._lock:
-            read = sorted(self._entries)
-            entries = tuple(entry for seq in read if (entry := self._entries[seq]) is not None)
-        return MapState.of(entries, read[-1] if read else 0)
+            return MapState() if self._seen is None else self._seen.state
 
     def changed_since(self, time: datetime) -> set[str]:
         """The versions of the entries that were written after that time, by the store's clock: those in the
         entries are their writers'."""
         changed = set()
-        for item in self._store.scan(self._folder):
-            match = _ENTRY_NAME.fullmatch(item.key.rsplit("/", 1)[-1])
-            if match and item.last_modified > time and (entry := self._entry(int(match[1]))) is not None:
-                changed.add(entry.version)
+        for seq, item in scan_after(self._store, self._folder, 0).items():
+            if item.last_modified > time:
+                with suppress(NotFound):
+                    entry, _ = self._read(seq)
+                    changed |= set() if entry is None else {entry.version}
         return changed
 
     def append(
@@ -208,38 +125,153 @@ class MapLog:
         """
         writer = uuid.uuid4().hex
         for race in range(_MAX_RACES):
-            state = self.state()
-            if not needed(state):
+            seen = self._look()
+            if not needed(seen.state):
                 return None
-            seq = state.last_seq + 1
+            seq = seen.state.last_seq + 1
             now = datetime.now(timezone.utc).isoformat(timespec="seconds")
             entry = LogEntry(seq, event, check_version(version), now, build_id, writer, generation)
-            if self._store.put_new(self._key(seq), entry.to_json()):
-                with self._lock:
-                    self._entries[seq] = entry
-                return entry
-            # Lost the race, or won it and lost the reply: then the entry there is this writer's.
-            there = self._read(seq)
-            if there is not None and there.writer == writer:
-                return there
+            if self._create(entry):
+                newer = scan_after(self._store, self._snapshots, max(0, seq - EVERY))
+                if self._is_part(entry, list(newer)):
+                    new = _Seen.of(seen.base, {**seen.entries, seq: entry}, seen.has_foreign)
+                    self._keep(new)
+                    if seq >= EVERY and not newer:
+                        self._put_snapshot(new)
+                    return entry
+                self._store.delete(self._key(seq))
+                self._forget()
             time.sleep(random.uniform(0, 0.01 * min(race + 1, 20)))
         raise StoreUnavailable(f"{self._folder}: {_MAX_RACES} races lost in a row")
 
-    def _entry(self, seq: int) -> LogEntry | None:
-        with self._lock:
-            if seq in self._entries:
-                return self._entries[seq]
-        return self._read(seq)
+    def leave_snapshot(self) -> None:
+        """Puts a snapshot, where there are many entries after the newest one: of a log that was written by
+        a release that left none, or whose writer was killed."""
+        seen = self._look()
+        last = seen.state.last_seq
+        if last - max(scan_after(self._store, self._snapshots, 0), default=0) >= EVERY:
+            self._put_snapshot(seen)
 
-    def _read(self, seq: int) -> LogEntry | None:
+    def _create(self, entry: LogEntry) -> bool:
+        """False: lost the race. One that was won, with the reply lost, left this writer's entry there."""
+        if self._store.put_new(self._key(entry.seq), entry.to_json()):
+            return True
         try:
-            entry: LogEntry | None = LogEntry.from_json(seq, self._store.get(self._key(seq)))
-        except ValueError as error:
-            _log.warning("skipping %s: %s", self._key(seq), error)
-            entry = None
+            there, _ = self._read(entry.seq)
+        except NotFound:  # collected: this writer is far behind
+            return False
+        return there is not None and there.writer == entry.writer
+
+    def _is_part(self, entry: LogEntry, snapshots: Sequence[int]) -> bool:
+        """Whether readers take the entry: no snapshot has its number or a higher one, or the next one that
+        can be read knows it."""
+        for number in snapshots:
+            if number >= entry.seq and (state := self._read_snapshot(number)) is not None:
+                return any((e.seq, e.writer) == (entry.seq, entry.writer) for e in state.entries)
+        return True
+
+    def _look(self) -> _Seen:
         with self._lock:
-            self._entries[seq] = entry
-        return entry
+            seen = self._seen
+        base = self._newest_snapshot() if seen is None else seen.base
+        known = {} if seen is None else seen.entries
+        for _ in range(_MAX_LOOKS):
+            found = list(scan_after(self._store, self._folder, base.last_seq))
+            if found and len(found) < found[-1] - base.last_seq:  # some are missing: a snapshot has them
+                newer = self._newest_snapshot(base.last_seq)
+                if newer.last_seq > base.last_seq:
+                    base, known = newer, {}
+                    continue
+            try:
+                return self._remember(seen, base, known, found)
+            except NotFound:  # collected just now
+                base, known = self._newest_snapshot(), {}
+        raise StoreUnavailable(f"{self._folder}: its entries were collected while they were read")
+
+    def _remember(
+        self, seen: _Seen | None, base: MapState, known: dict[int, LogEntry | None], found: list[int]
+    ) -> _Seen:
+        unread = [seq for seq in found if known.get(seq) is None]
+        if seen is not None and base is seen.base and not unread and found == list(seen.entries):
+            return seen
+        read = read_each(unread, self._read)
+        entries = {seq: known.get(seq) or read[seq][0] for seq in found}
+        new = _Seen.of(base, entries, any(is_foreign for _, is_foreign in read.values()))
+        self._keep(new)
+        return new
+
+    def _keep(self, new: _Seen) -> None:
+        with self._lock:
+            if self._seen is None or self._seen.state.last_seq <= new.state.last_seq:
+                self._seen = new
+
+    def _forget(self) -> None:
+        with self._lock:
+            self._seen = None
+
+    def _read(self, seq: int) -> tuple[LogEntry | None, bool]:
+        """The entry, None where it cannot be used; and whether it is of a later firstfix.
+
+        Raises:
+            NotFound: it is not there.
+        """
+
+        def parse(record: dict[str, Any]) -> LogEntry | None:
+            return LogEntry.parse(seq, record)
+
+        try:
+            entry = read_record(self._store, self._key(seq), RecordKind.LOG_ENTRY, parse)
+        except UnreadableRecord:
+            return None, False
+        if entry is None:
+            _log.warning("skipping %s: an event of a later firstfix", self._key(seq))
+        return entry, entry is None
+
+    def _newest_snapshot(self, after: int = 0) -> MapState:
+        """The newest one that can be read; where there is none the state of an empty log."""
+        for number in reversed(scan_after(self._store, self._snapshots, after)):
+            if (state := self._read_snapshot(number)) is not None:
+                return state
+        return MapState()
+
+    def _read_snapshot(self, number: int) -> MapState | None:
+        return read_snapshot(self._store, self._snapshots, number)
+
+    def _put_snapshot(self, seen: _Seen) -> None:
+        """A reader's help and no more: where it cannot be put the next writer puts one."""
+        if seen.has_foreign:
+            return
+        state = seen.state
+        try:
+            self._store.put_new(f"{self._snapshots}/{state.last_seq:06d}.json", state.to_json())
+        except StoreError as error:
+            _log.warning("no snapshot of %s: %s", self._folder, error)
 
     def _key(self, seq: int) -> str:
         return f"{self._folder}/{seq:06d}.json"
+
+
+def snapshots_of(folder: str) -> str:
+    """The folder of the snapshots, beside that of the log."""
+    return "/".join((*folder.split("/")[:-1], "snapshots"))
+
+
+def read_snapshot(store: Store, folder: str, number: int) -> MapState | None:
+    """A snapshot by its number; None: it cannot be read, or was collected."""
+
+    def parse(record: dict[str, Any]) -> MapState:
+        return MapState.parse(number, record)
+
+    try:
+        return read_record(store, f"{folder}/{number:06d}.json", RecordKind.LOG_SNAPSHOT, parse)
+    except (NotFound, UnreadableRecord):
+        return None
+
+
+def _added_up(base: MapState, entries: dict[int, LogEntry | None]) -> MapState:
+    if not entries:
+        return base
+    last = max(entries)
+    numbers = range(base.last_seq + 1, last + 1)
+    skipped = islice((seq for seq in numbers if entries.get(seq) is None), MAX_SKIPPED)
+    return base.after([entry for entry in entries.values() if entry is not None], last, skipped)

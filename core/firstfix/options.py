@@ -24,9 +24,10 @@ class LocalizeOptions:
 
     Attributes:
         gravity: (3,) direction of gravity in the sensor frame, as a resting IMU reports it negated
-            (pointing down), or None: it is estimated from the scan.
+            (pointing down), or None: it is estimated from the scan, in any orientation of the sensor.
         prior: where the robot is known to be; None: anywhere in the map.
-        T_base_sensor: (4, 4) mounting; when given the answer also has T_map_base.
+        T_base_sensor: (4, 4) mounting; when given the answer also has T_map_base, and up is looked for near
+            the robot's z first.
         max_candidates: how many candidates are registered at most; None: the map's own default.
         min_probability: below it the answer is not ``localized``; None: the map's own default.
         deadline_ms: the answer is worthless after this; None: none.

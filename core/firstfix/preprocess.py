@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +11,13 @@ from small_gicp import voxelgrid_sampling
 from .compact_scan import CompactScan, ScanDescriptor
 from .descriptor import Described, Descriptor, ScanBatch
 from .engine_config import PreprocessConfig
-from .levelling import Level, estimate_up, floor_height, levelling_rotation, turned
+from .levelling import Level, estimate_up_near, floor_height, levelling_rotation, turned
 from .scan import Scan
 from .scan_sequence import ScanSequence
 from .scan_view import ScanView, directions
 from .surface import Surface
 from .transform import Matrix
+from .up_hypotheses import other_ups
 from .voxel_filter import at_most, within_range
 
 _SPARSE_POINTS = 400
@@ -33,6 +34,7 @@ class PreparedScan:
         T_last_scan: (4, 4) its pose in the frame of the query's last scan.
         R_level_sensor: (3, 3).
         batch: all points within range, levelled: for the descriptor.
+        seen: (p, 3) float32 the same points in the sensor frame.
         described: by the robot already, if so; then ``batch`` may be coarser than what it described.
         view: what the sensor saw: for free space.
         thinned: points in the sensor frame, one a voxel.
@@ -41,6 +43,7 @@ class PreparedScan:
     T_last_scan: Matrix
     R_level_sensor: NDArray[np.float64]
     batch: ScanBatch
+    seen: NDArray[np.float32]
     described: ScanDescriptor | None
     view: ScanView
     thinned: Surface
@@ -56,6 +59,17 @@ class PreparedScan:
             return self.described.rows
         return descriptor.describe(self.batch)
 
+    @property
+    def up(self) -> NDArray[np.float64]:
+        """(3,) unit vector against gravity, sensor frame."""
+        return self.R_level_sensor[2]
+
+    def with_up(self, up: NDArray[np.float64], default_height_m: float) -> PreparedScan:
+        """The scan levelled by (3,) another up of its sensor frame. No robot has described that."""
+        level = _level_by(up, self.thinned)
+        R_level_sensor, batch = _levelled(self.seen, level, default_height_m)
+        return replace(self, R_level_sensor=R_level_sensor, batch=batch, described=None)
+
 
 @dataclass(frozen=True)
 class PreparedQuery:
@@ -70,20 +84,38 @@ class PreparedQuery:
     dense: Surface
     sparse: Surface
 
+    def levelled_otherwise(
+        self, gravity: NDArray[np.float64] | None, config: PreprocessConfig
+    ) -> tuple[PreparedScan, ...]:
+        """Every scan again, by each other up that the last of them may have."""
+        last = self.scans[-1]
+        known = last.T_last_scan[:3, :3] @ last.up
+        ups = other_ups(self.dense.normals, known, gravity)
+        return tuple(
+            scan.with_up(scan.T_last_scan[:3, :3].T @ up, config.default_height_m)
+            for up in ups
+            for scan in self.scans
+        )
+
 
 def preprocess(
-    sequence: ScanSequence, gravity: NDArray[np.float64] | None, config: PreprocessConfig
+    sequence: ScanSequence,
+    gravity: NDArray[np.float64] | None,
+    config: PreprocessConfig,
+    R_base_sensor: NDArray[np.float64] | None = None,
 ) -> PreparedQuery | None:
     """None where too few points are left to say anything.
 
     Args:
         gravity: (3,) direction of gravity in the last scan's sensor frame; None: estimated from the
             surfaces, for every scan. A scan that the robot has levelled stays as it is.
+        R_base_sensor: (3, 3) mounting on a robot that stands nearly upright; None: that of the sensor itself.
+            Up is estimated near it.
     """
     scans = []
     for scan, T_last_scan in zip(sequence.scans, sequence.T_last_scan, strict=True):
         down = None if gravity is None else T_last_scan[:3, :3].T @ gravity
-        prepared = _prepare(scan, T_last_scan, down, config)
+        prepared = _prepare(scan, T_last_scan, down, config, R_base_sensor)
         if prepared is not None:
             scans.append(prepared)
     if not scans:
@@ -127,21 +159,36 @@ class _Returns:
 
 
 def _prepare(
-    scan: Scan | CompactScan, T_last_scan: Matrix, down: NDArray[np.float64] | None, config: PreprocessConfig
+    scan: Scan | CompactScan,
+    T_last_scan: Matrix,
+    down: NDArray[np.float64] | None,
+    config: PreprocessConfig,
+    R_base_sensor: NDArray[np.float64] | None,
 ) -> PreparedScan | None:
     returns = _Returns.of(scan, config)
     if len(returns.voxels) < config.min_points:
         return None
     thinned = Surface.around(returns.voxels, -returns.voxels)
     described = scan.described if isinstance(scan, CompactScan) else None
-    level = _level_of(thinned, down) if described is None else Level(described.up, described.height_m)
-    R_level_sensor = levelling_rotation(level.up)
-    height_m = config.default_height_m if level.height_m is None else level.height_m
-    batch = ScanBatch.single(turned(returns.seen, R_level_sensor), height_m)
-    return PreparedScan(T_last_scan, R_level_sensor, batch, described, returns.view, thinned)
+    if described is not None:
+        level = Level(described.up, described.height_m)
+    else:
+        expected = np.array([0.0, 0.0, 1.0]) if R_base_sensor is None else R_base_sensor[2]
+        up = estimate_up_near(thinned.normals, expected) if down is None else -down
+        level = _level_by(up, thinned)
+    R_level_sensor, batch = _levelled(returns.seen, level, config.default_height_m)
+    return PreparedScan(T_last_scan, R_level_sensor, batch, returns.seen, described, returns.view, thinned)
 
 
-def _level_of(surface: Surface, down: NDArray[np.float64] | None) -> Level:
-    up = estimate_up(surface.normals) if down is None else -down
+def _level_by(up: NDArray[np.float64], surface: Surface) -> Level:
     R = levelling_rotation(up)
     return Level(up, floor_height(turned(surface.points, R), turned(surface.normals, R)))
+
+
+def _levelled(
+    seen: NDArray[np.float32], level: Level, default_height_m: float
+) -> tuple[NDArray[np.float64], ScanBatch]:
+    """R_level_sensor (3, 3), and all points after it."""
+    R_level_sensor = levelling_rotation(level.up)
+    height_m = default_height_m if level.height_m is None else level.height_m
+    return R_level_sensor, ScanBatch.single(turned(seen, R_level_sensor), height_m)

@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, fields
 from datetime import datetime, timedelta
 from typing import Any
 
-from .errors import InvalidOption, NotFound, StoreError
+from .errors import InvalidOption, NotFound, UnreadableRecord
+from .json_record import RecordKind, read_record, text_of, texts_of, whole_number_of
 from .store import Store
 
 FOLDER = "samples"
@@ -74,13 +76,18 @@ class QuerySamples:
         """
         Raises:
             NotFound: no such sample, or no longer.
+            UnreadableRecord: its record is damaged.
         """
         try:
-            return QuerySample(**json.loads(self._store.get(_key(sample_id, "json"))))
+            return read_record(self._store, _key(sample_id, "json"), RecordKind.SAMPLE, parse_sample)
         except NotFound:
             raise NotFound(f"no sample {sample_id}") from None
-        except (ValueError, TypeError):
-            raise StoreError(f"the record of sample {sample_id} cannot be read") from None
+
+    def each(self) -> Iterator[QuerySample]:
+        """Oldest first, but those that were removed meanwhile or cannot be read."""
+        for sample_id in self.ids():
+            with suppress(NotFound, UnreadableRecord):
+                yield self.get(sample_id)
 
     def body(self, sample_id: str) -> bytes:
         """
@@ -114,6 +121,24 @@ class QuerySamples:
             self.delete(sample_id)
             left -= sizes[sample_id]
         return left
+
+
+def parse_sample(record: dict[str, Any]) -> QuerySample:
+    """
+    Raises:
+        ValueError, KeyError, TypeError: not a sample's record.
+    """
+    sample = QuerySample(**record)
+    for one in fields(QuerySample):
+        if one.name not in ("options", "answer", "body_bytes"):
+            text_of(record, one.name, "")
+    whole_number_of(record, "body_bytes")
+    if not isinstance(sample.options, dict):
+        raise TypeError("options is no object")
+    text_of(record["answer"], "verdict")
+    texts_of(record["answer"], "reasons")
+    float(record["answer"]["probability"])
+    return sample
 
 
 def new_sample_id(random_hex: str, now: datetime) -> str:

@@ -9,7 +9,7 @@ from .catalog import Catalog
 from .doomed_keys import is_doomed
 from .errors import NotFound
 from .ids import new_build_id
-from .map_log import Event
+from .map_state import Event
 from .store import CHUNK_BYTES, Store
 
 

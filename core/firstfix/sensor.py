@@ -10,6 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InvalidOption
+from .levelling import MAX_TILT_DEG, turned
+from .transform import rotation_z
+
+MIN_FAN_DEG = 15.0  # between headings of a sensor on its side, however narrow its beams are
 
 
 @dataclass(frozen=True)
@@ -23,6 +27,8 @@ class SensorModel:
         min_range_m, max_range_m: returns outside are not reported.
         mount_height_m: of the sensor above the floor it drives on.
         range_noise_m: standard deviation of a range.
+        mount_roll_deg, mount_pitch_deg: of the sensor on a robot that stands level: roll about x, then pitch
+            about y. Roll 180 hangs head down.
     """
 
     name: str
@@ -32,6 +38,8 @@ class SensorModel:
     max_range_m: float
     mount_height_m: float
     range_noise_m: float = 0.02
+    mount_roll_deg: float = 0.0
+    mount_pitch_deg: float = 0.0
 
     def __post_init__(self) -> None:
         elevations = np.asarray(self.elevations_deg, np.float64)
@@ -42,6 +50,8 @@ class SensorModel:
             "max_range_m": self.min_range_m < self.max_range_m <= 1000,
             "mount_height_m": 0 <= self.mount_height_m <= 100,
             "range_noise_m": 0 <= self.range_noise_m <= 1,
+            "mount_roll_deg": abs(self.mount_roll_deg) <= 180,
+            "mount_pitch_deg": abs(self.mount_pitch_deg) <= 180,
         }
         for name, ok in checks.items():
             if not ok:
@@ -55,6 +65,28 @@ class SensorModel:
         e, a = np.meshgrid(elevation, azimuth, indexing="ij")
         rays = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=-1)
         return np.ascontiguousarray(rays.reshape(-1, 3), np.float32)
+
+    @property
+    def R_base_sensor(self) -> NDArray[np.float64]:
+        """(3, 3) the mounting: from the sensor frame to that of a robot that stands level."""
+        roll, pitch = np.radians([self.mount_roll_deg, self.mount_pitch_deg])
+        about_x = [[1, 0, 0], [0, np.cos(roll), -np.sin(roll)], [0, np.sin(roll), np.cos(roll)]]
+        about_y = [[np.cos(pitch), 0, np.sin(pitch)], [0, 1, 0], [-np.sin(pitch), 0, np.cos(pitch)]]
+        return np.array(about_y) @ np.array(about_x)
+
+    def directions_at_any_heading(self) -> NDArray[np.float32]:
+        """(beams * columns, 3) unit rays in the frame of a robot that stands level: where it may look.
+
+        A sensor that stands upright or hangs head down looks all round at one heading. One that sits on its
+        side does not: its rays are shared out over headings enough to look all round.
+        """
+        rays = turned(self.directions(), self.R_base_sensor)
+        if abs(self.R_base_sensor[2, 2]) >= np.cos(np.radians(MAX_TILT_DEG)):
+            return rays
+        headings = int(np.ceil(360 / max(np.ptp(self.elevations_deg), MIN_FAN_DEG)))
+        for number, yaw in enumerate(np.linspace(0, 2 * np.pi, headings, endpoint=False)):
+            rays[number::headings] = turned(rays[number::headings], rotation_z(yaw))
+        return rays
 
     def coarser(self, max_rays: int) -> SensorModel:
         """The same field of view with fewer rays: what template simulation needs to stay cheap."""

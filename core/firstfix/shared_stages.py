@@ -5,6 +5,7 @@
     stages/<key>/chunks/...    parts of one that is being made (``firstfix_builder.chunks``)
 
 The key names all that went into the stage (``firstfix_builder.stage_cache``), so a stage never changes.
+What is put once more is compared by its checksums, and mended where it differs.
 One without its ``stage.json`` does not exist. All of it is a cache: it can be deleted at any time.
 """
 
@@ -18,15 +19,15 @@ from datetime import datetime, timedelta
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from .errors import CorruptVersion, FirstfixError, InvalidOption, NotFound, TooLarge
+from .errors import CorruptVersion, FirstfixError, NotFound, TooLarge, UnreadableRecord
 from .ids import check_version
-from .manifest import sha256_of
+from .json_record import RecordKind, read_record, text_of, whole_number_of
+from .sha256 import sha256_of
 from .store import Store
 
 _log = logging.getLogger(__name__)
 ROOT = "stages"
 RECORD = "stage.json"
-MAX_RECORD_BYTES = 4 << 20
 DEFAULT_MAX_BYTES = 20 << 30
 
 
@@ -85,8 +86,6 @@ class SharedStages:
             TooLarge: it has more than max_bytes.
         """
         sent = 0
-        if self._store.exists(_key(key, RECORD)):
-            return 0
         paths = sorted(path for path in folder.rglob("*") if path.is_file())
         files = [
             _File(path.relative_to(folder).as_posix(), sha256_of(path), path.stat().st_size) for path in paths
@@ -101,30 +100,31 @@ class SharedStages:
             "stage": name,
             "files": {file.name: {"sha256": file.sha256, "bytes": file.bytes} for file in files},
         }
-        self._store.put_new(_key(key, RECORD), json.dumps(record, sort_keys=True).encode())
+        self._put_record(key, json.dumps(record, sort_keys=True).encode())
         _log.info("stage %s shared: %d bytes", name, sent)
         return sent
+
+    def _put_record(self, key: str, record: bytes) -> None:
+        """Once every file is there. A record that cannot be read is replaced."""
+        if not self._store.put_new(_key(key, RECORD), record):
+            try:
+                self._files(key)
+            except (CorruptVersion, UnreadableRecord):
+                self._store.put(_key(key, RECORD), record)
 
     def _files(self, key: str) -> list[_File]:
         """What the stage's record names.
 
         Raises:
             NotFound: there is none.
-            CorruptVersion: it cannot be understood, or names a place outside the stage.
+            UnreadableRecord: it is damaged, or names a place outside the stage.
+            CorruptVersion: it names more than may be fetched.
         """
         where = _key(key, RECORD)
-        if self._store.size(where) > MAX_RECORD_BYTES:
-            raise CorruptVersion(f"{where} is too large")
-        try:
-            record: dict[str, Any] = json.loads(self._store.get(where))["files"]
-            files = [
-                _File(name, check_version(entry["sha256"]), int(entry["bytes"]))
-                for name, entry in record.items()
-            ]
-        except (ValueError, TypeError, KeyError, AttributeError, InvalidOption):
-            raise CorruptVersion(f"{where} cannot be understood") from None
-        if any(PurePosixPath(file.name).is_absolute() or ".." in file.name.split("/") for file in files):
-            raise CorruptVersion(f"{where} names a place outside the stage")
+        files = [
+            _File(name, entry["sha256"], entry["bytes"])
+            for name, entry in read_record(self._store, where, RecordKind.SHARED_STAGE, parse_stage).items()
+        ]
         if sum(file.bytes for file in files) > self._max_bytes:
             raise CorruptVersion(f"{where} names more than {self._max_bytes} bytes")
         return files
@@ -145,6 +145,22 @@ class SharedStages:
         self._store.delete(_key(stage, RECORD))
         self._store.delete(where)
         raise CorruptVersion(f"{file.name} is missing or differs from its sha256")
+
+
+def parse_stage(record: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """The files that a stage's record names, with their sha256 and bytes.
+
+    Raises:
+        ValueError, KeyError, TypeError, AttributeError, InvalidOption: not a stage's record, or it names a
+            place outside the stage.
+    """
+    files: dict[str, dict[str, Any]] = {}
+    text_of(record, "stage", "")
+    for name, entry in record["files"].items():
+        if PurePosixPath(name).is_absolute() or ".." in name.split("/"):
+            raise ValueError("it names a place outside the stage")
+        files[name] = {"sha256": check_version(entry["sha256"]), "bytes": whole_number_of(entry, "bytes")}
+    return files
 
 
 @dataclass(frozen=True)

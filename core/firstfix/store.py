@@ -22,8 +22,10 @@ import obstore
 from obstore import exceptions
 
 from .durable_files import DurableFiles
-from .errors import InvalidOption, NotFound, ReadOnly, StoreError, StoreUnsafe
+from .errors import InvalidOption, NotFound, ReadOnly, StoreError, StoreUnsafe, TooLarge
+from .json_record import UnreadableRecords
 from .object_keys import check_folder, check_key
+from .sha256 import sha256_of
 from .store_backend import open_backend, translated
 from .store_url import StoreUrl
 
@@ -33,11 +35,16 @@ _READ_BYTES = 1 << 20
 
 @dataclass(frozen=True)
 class StoredObject:
-    """One object as a listing shows it."""
+    """One object as a listing shows it.
+
+    Attributes:
+        e_tag: another one once the object was put again; empty where the store has none.
+    """
 
     key: str
     size_bytes: int
     last_modified: datetime
+    e_tag: str = ""
 
 
 class Store:
@@ -47,6 +54,9 @@ class Store:
     start with a dot. Every method raises InvalidOption on another key, StoreUnavailable when the
     store does not answer, StoreError when it refuses; those that write raise ReadOnly when the store
     was opened so.
+
+    Attributes:
+        unreadable: the records in it that could not be read.
     """
 
     def __init__(self, backend: Any, *, root: Path | None = None, read_only: bool = False) -> None:
@@ -54,6 +64,7 @@ class Store:
         self._root = root  # the directory of a file store
         self._files = None if root is None else DurableFiles(root)
         self._read_only = read_only
+        self.unreadable = UnreadableRecords()
 
     @classmethod
     def open(cls, url: str, *, read_only: bool = False) -> Store:
@@ -96,12 +107,15 @@ class Store:
 
     def upload(self, key: str, path: Path) -> bool:
         """Puts a file under a key that names its content: for such keys the last of two equal puts
-        does no harm. Streams. False when an object of that size is there already and nothing was sent.
+        does no harm. Streams. False when the same content is there already and nothing was sent.
+
+        An object of the same size is read and compared by its sha256, and replaced where it differs: what
+        a fault altered is mended by putting it again. Reading costs little, as few objects are there
+        already; a checksum that the store keeps may be of the damaged bytes, or none of the content.
         """
         self._writing(key)
-        size = path.stat().st_size
         with suppress(NotFound):
-            if self.size(key) == size:
+            if self.size(key) == path.stat().st_size and self.sha256(key) == sha256_of(path):
                 if self._files is not None:
                     self._files.sync_name(key)
                 return False
@@ -127,15 +141,23 @@ class Store:
             with translated(key, writing=True):
                 obstore.put(self._backend, key, made(), chunk_size=CHUNK_BYTES, max_concurrency=2)
 
-    def get(self, key: str) -> bytes:
+    def get(self, key: str, *, max_bytes: int | None = None) -> bytes:
         """The whole object.
+
+        Args:
+            max_bytes: nothing is read of a larger one.
 
         Raises:
             NotFound: no such key.
+            TooLarge: it has more than ``max_bytes``.
         """
         check_key(key)
         with translated(key):
-            return bytes(obstore.get(self._backend, key).bytes())
+            found = obstore.get(self._backend, key)
+            size = int(found.meta["size"])
+            if max_bytes is not None and size > max_bytes:
+                raise TooLarge(f"{key} has {size} bytes, the limit is {max_bytes}")
+            return bytes(found.bytes())
 
     def get_range(self, key: str, start: int, length: int) -> bytes:
         """Up to ``length`` bytes from ``start``: fewer at the end of the object.
@@ -165,21 +187,39 @@ class Store:
         Raises:
             NotFound: no such key.
         """
-        size = self.size(key)
         digest = hashlib.sha256()
         part = path.with_name(f".{path.name}.{uuid.uuid4().hex}.part")
         try:
             with part.open("wb") as file:
-                for start in range(0, size, CHUNK_BYTES):
-                    with translated(key):
-                        end = min(start + CHUNK_BYTES, size)
-                        chunk = obstore.get_range(self._backend, key, start=start, end=end)
-                    digest.update(chunk)
-                    file.write(chunk)
-                    told(end / size)
+                size = self.size(key)
+                for piece in self.pieces(key):
+                    digest.update(piece)
+                    file.write(piece)
+                    told(file.tell() / size)
             part.replace(path)
         finally:
             part.unlink(missing_ok=True)
+        return digest.hexdigest()
+
+    def pieces(self, key: str) -> Iterator[bytes]:
+        """The object, chunk after chunk, of which each has its own timeout and retries.
+
+        Raises:
+            NotFound: no such key.
+        """
+        size = self.size(key)
+        for start in range(0, size, CHUNK_BYTES):
+            yield self.get_range(key, start, CHUNK_BYTES)
+
+    def sha256(self, key: str) -> str:
+        """Hex digest of the object, which is read for it.
+
+        Raises:
+            NotFound: no such key.
+        """
+        digest = hashlib.sha256()
+        for piece in self.pieces(key):
+            digest.update(piece)
         return digest.hexdigest()
 
     def size(self, key: str) -> int:
@@ -199,20 +239,21 @@ class Store:
             return False
         return True
 
-    def list(self, prefix: str = "") -> builtins.list[str]:
-        """Keys below a folder, at any depth, sorted."""
-        return [found.key for found in self.scan(prefix)]
+    def list(self, prefix: str = "", *, after: str | None = None) -> builtins.list[str]:
+        """Keys below a folder, at any depth, sorted; only those that sort after a key, if one is given."""
+        return [found.key for found in self.scan(prefix, after=after)]
 
-    def scan(self, prefix: str = "") -> builtins.list[StoredObject]:
-        """Objects below a folder, at any depth, sorted by key."""
+    def scan(self, prefix: str = "", *, after: str | None = None) -> builtins.list[StoredObject]:
+        """Objects below a folder, at any depth, sorted by key; only those after a key, if one is given."""
         folder = check_folder(prefix)
         with translated(prefix or "/"):
             found = [
-                StoredObject(meta["path"], int(meta["size"]), meta["last_modified"])
-                for chunk in obstore.list(self._backend, folder or None)
+                StoredObject(meta["path"], int(meta["size"]), meta["last_modified"], meta["e_tag"] or "")
+                for chunk in obstore.list(self._backend, folder or None, offset=after)
                 for meta in chunk
             ]
-        return sorted(found, key=lambda item: item.key)
+        # some stores take the key for no more than a hint
+        return sorted((f for f in found if after is None or f.key > after), key=lambda item: item.key)
 
     def folders(self, prefix: str = "") -> builtins.list[str]:
         """Names of the folders directly below a folder, sorted."""

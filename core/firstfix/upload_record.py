@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass
+from typing import Any
 
-from .errors import StoreError
+from .ids import check_version
+from .json_record import text_of, whole_number_of
 
 
 @dataclass(frozen=True)
@@ -27,19 +29,15 @@ class UploadRecord:
         return json.dumps(asdict(self)).encode()
 
     @classmethod
-    def from_json(cls, upload_id: str, data: bytes) -> UploadRecord:
+    def parse(cls, record: dict[str, Any]) -> UploadRecord:
         """
         Raises:
-            StoreError: the record cannot be read.
+            KeyError, TypeError, ValueError, InvalidOption: not what an upload announces.
         """
-        try:
-            found = json.loads(data)
-            sha256, owner = found["sha256"], found.get("owner")
-            return cls(
-                int(found["size_bytes"]),
-                str(found["file_name"]),
-                None if sha256 is None else str(sha256),
-                None if owner is None else str(owner),
-            )
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise StoreError(f"the record of upload {upload_id} cannot be read: {error!r}") from None
+        sha256, owner = record["sha256"], record.get("owner")
+        return cls(
+            whole_number_of(record, "size_bytes"),
+            text_of(record, "file_name"),
+            None if sha256 is None else check_version(sha256),
+            None if owner is None else text_of(record, "owner"),
+        )

@@ -2,7 +2,7 @@
 
     uploads/<upload_id>/upload.json         what was announced; created once
     uploads/<upload_id>/parts/<offset>      the bytes from there on; created once
-    uploads/<upload_id>/whole.json          all of it is there and was checked; created once
+    uploads/<upload_id>/whole.json          all of it is there and was checked
 
 Parts are only ever created: two writers that go on from one offset race in one create-only put, and the
 loser hears of it. So whoever reaches the store can go on with an upload that another replica began.
@@ -17,13 +17,22 @@ import re
 import threading
 from collections import OrderedDict
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .catalog import source_key
-from .errors import ChecksumMismatch, Conflict, NotFound, StoreError, StoreUnavailable, TooLarge
+from .errors import (
+    ChecksumMismatch,
+    Conflict,
+    NotFound,
+    StoreError,
+    TooLarge,
+    UnreadableRecord,
+)
 from .ids import check_upload_id, check_version, is_name
+from .json_record import RecordKind, read_record
 from .store import Store, StoredObject
 from .upload_record import UploadRecord
 
@@ -106,12 +115,12 @@ class Uploads:
         """
         Raises:
             NotFound: no such upload: it never was, or was removed.
-            StoreError: its record cannot be read.
+            UnreadableRecord: what was announced is damaged.
         """
         folder = _folder(upload_id)
         found = self._store.scan(folder)
         try:
-            record = UploadRecord.from_json(upload_id, self._store.get(f"{folder}/upload.json"))
+            record = self._read(upload_id)
         except NotFound:
             raise NotFound(f"no upload {upload_id}") from None
         return Upload(
@@ -124,6 +133,10 @@ class Uploads:
             max(item.last_modified for item in found) if found else self._store.now(),
         )
 
+    def _read(self, upload_id: str) -> UploadRecord:
+        key = f"{_folder(upload_id)}/upload.json"
+        return read_record(self._store, key, RecordKind.UPLOAD, UploadRecord.parse)
+
     def announced(self) -> dict[str, UploadRecord]:
         """Every upload that can be gone on with, by its id. One listing; a record is read once.
 
@@ -134,14 +147,8 @@ class Uploads:
             record = self._records.get(upload_id)
             if record is None:
                 try:
-                    data = self._store.get(f"{_folder(upload_id)}/upload.json")
-                    record = UploadRecord.from_json(upload_id, data)
-                except NotFound:  # it is being removed
-                    continue
-                except StoreUnavailable:
-                    raise
-                except StoreError as error:
-                    _log.warning("%s", error)
+                    record = self._read(upload_id)
+                except (NotFound, UnreadableRecord):  # it is being removed; or it is nobody's
                     continue
             found[upload_id] = record
         with self._lock:
@@ -185,8 +192,8 @@ class Uploads:
             raise Conflict(f"upload {upload.upload_id} has {upload.offset} of its {upload.size_bytes} bytes")
         key = f"{_folder(upload.upload_id)}/whole.json"
         try:
-            return check_version(str(json.loads(self._store.get(key))["sha256"]))
-        except NotFound:
+            return read_record(self._store, key, RecordKind.UPLOAD_WHOLE, parse_whole)
+        except (NotFound, UnreadableRecord):  # the parts say it too
             pass
         sha256 = self._digest(upload)
         if upload.sha256 not in (None, sha256):
@@ -194,7 +201,7 @@ class Uploads:
             raise ChecksumMismatch(
                 f"the file of upload {upload.upload_id} has the sha256 {sha256}, not {upload.sha256}"
             )
-        self._store.put_new(key, json.dumps({"sha256": sha256}).encode())
+        self._store.put(key, json.dumps({"sha256": sha256}).encode())  # equal from whoever puts it
         return sha256
 
     def keep_as_source(self, upload: Upload, map_id: str, *, build_id: str = "") -> str:
@@ -206,11 +213,9 @@ class Uploads:
         """
         sha256 = self.finish(upload)
         key = source_key(map_id, sha256, build_id)
-        try:
-            if self._store.size(key) == upload.size_bytes:
+        with suppress(NotFound):
+            if self._store.size(key) == upload.size_bytes and self._store.sha256(key) == sha256:
                 return sha256
-        except NotFound:
-            pass
         digest = hashlib.sha256()
 
         def pieces() -> Iterator[bytes]:
@@ -267,6 +272,15 @@ class Uploads:
         for size in upload.parts:
             yield self._store.get(_part_key(upload.upload_id, offset))
             offset += size
+
+
+def parse_whole(record: dict[str, Any]) -> str:
+    """The sha256 of a whole upload.
+
+    Raises:
+        KeyError, TypeError, InvalidOption: it says none.
+    """
+    return check_version(record["sha256"])
 
 
 def _folder(upload_id: str) -> str:

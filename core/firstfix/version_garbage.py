@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from .map_log import Event, MapLog, MapState
+from .map_log import MapLog
+from .map_state import Event, MapState
 from .version_objects import VersionFolder, VersionObjects, manifest_first
 
 
@@ -30,6 +31,8 @@ def collect_versions(
         if version in recent or any(item.last_modified > cutoff for item in items):
             continue
         if version in seen.published and not has_ended:
+            continue
+        if seen.skipped and not has_ended:  # an entry that is lost may have published it
             continue
         if dry_run or has_ended or _give_up(log, folder, seen):
             keys = manifest_first([item.key for item in items])

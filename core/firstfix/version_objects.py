@@ -8,6 +8,7 @@ maps/<map_id>/versions/<digest>.<seq>/...     those that were put after entry <s
 from __future__ import annotations
 
 import hashlib
+import logging
 import re
 import threading
 from collections import OrderedDict
@@ -22,6 +23,7 @@ from .manifest import FILE_NAME, MAX_BYTES, Manifest
 from .store import Store, StoredObject
 from .version_cache import fetch_version_files
 
+_log = logging.getLogger(__name__)
 _MANIFESTS_KEPT = 256  # each may be some 100 kB
 _MAX_ROUNDS = 5  # of putting what is not there
 _FOLDER_NAME = re.compile(r"([0-9a-f]{64})(?:\.(\d{6,}))?")
@@ -120,7 +122,8 @@ class VersionObjects:
         told: Callable[[float], None] = lambda done: None,
     ) -> None:
         """Every file, then the manifest; then it looks whether all of it is there. Repeating it after a kill
-        at any point completes it.
+        at any point completes it, and mends what a fault altered since: the version is named by what it has
+        to be.
 
         Args:
             told: called after each file with the share of the bytes that is there, 0..1.
@@ -140,9 +143,8 @@ class VersionObjects:
             content, key = manifest.to_json(), folder.manifest_key
             with suppress(NotFound):  # somebody removes it this moment: again
                 if not self._store.put_new(key, content) and self._store.get(key) != content:
-                    raise CorruptVersion(
-                        f"the manifest of version {folder.version} of map {folder.map_id} was altered"
-                    )
+                    _log.warning("%s was altered: it is mended", key)
+                    self._store.put(key, content)
                 if self._is_whole(folder, manifest):
                     return
         raise StoreUnavailable(f"{folder.key}: somebody removes what is put")

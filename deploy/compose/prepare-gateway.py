@@ -27,9 +27,9 @@ SERVICE, WORKER = "firstfix-service", "firstfix-worker"
 WAIT_S = 120.0
 READ = ["s3:GetObject"]
 CHANGE = [*READ, "s3:PutObject", "s3:DeleteObject", "s3:AbortMultipartUpload", "s3:ListMultipartUploadParts"]
-# What a build reads and writes: sources and versions, records, finished stages, and the notes by which
-# replicas learn of a new version. probe: what a store is tried with when a worker starts.
-WORKERS_FOLDERS = ("maps", "builds", "stages", "changes", "probe")
+# What a build reads and writes: sources and versions, records, finished stages, what its caller has used, and
+# the notes by which replicas learn of a new version. probe: what a store is tried with when a worker starts.
+WORKERS_FOLDERS = ("maps", "builds", "stages", "changes", "callers", "probe")
 
 
 def main() -> None:

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
 _log = structlog.get_logger(__name__)
 _API_KEY = "ffx_"
-# Of one caller, where strangers can be some.
-DEFAULT_LOCALIZE_PER_S, DEFAULT_BUILDS_PER_HOUR = 50.0, 60.0
+# Of one caller, where strangers can be some; changes: of one map.
+DEFAULT_LOCALIZE_PER_S, DEFAULT_BUILDS_PER_HOUR, DEFAULT_CHANGES_PER_MIN = 50.0, 60.0, 60.0
 _LOCALIZE_BURST_S = 5.0
 
 
@@ -45,10 +45,12 @@ class Access:
         exposed = bool(exposed_at(settings))
         per_s = chosen_limit(settings.localize_per_s, DEFAULT_LOCALIZE_PER_S, exposed)
         per_hour = chosen_limit(settings.builds_per_hour, DEFAULT_BUILDS_PER_HOUR, exposed)
+        changes_per_min = chosen_limit(settings.changes_per_min, DEFAULT_CHANGES_PER_MIN, exposed)
         per_min = settings.auth_failures_per_min
         self._limits = {
             "localize": _limit("queries", per_s, _LOCALIZE_BURST_S * per_s),
             "build": _limit("builds", per_hour / 3600, per_hour),
+            "change": _limit("changes of this map", changes_per_min / 60, changes_per_min),
         }
         self._failures = _limit("credentials that are worth nothing", per_min / 60, per_min)
 
@@ -95,15 +97,16 @@ class Access:
         caller.check(scope, map_id)
         return caller
 
-    def take(self, what: str, caller: Caller) -> None:
-        """Counts a query (``localize``) or a build (``build``) of this caller.
+    def take(self, what: str, caller: Caller, map_id: str = "") -> None:
+        """Counts a query (``localize``), a build (``build``) or a change of a map (``change``) of this
+        caller. Changes count by map: each is an entry in that map's log.
 
         Raises:
             RateLimited: there were too many.
         """
         limit = self._limits[what]
         if limit is not None:
-            limit.take(caller.name)
+            limit.take(f"{caller.name} {map_id}" if map_id else caller.name)
 
 
 @asynccontextmanager

@@ -107,7 +107,7 @@ class Build(BaseModel):
     )
     build_id: str
     map_id: str
-    state: Literal["queued", "running", "succeeded", "failed", "cancelled"]
+    state: Literal["queued", "running", "succeeded", "failed", "cancelled", "unreadable"]
     stage: str
     progress: float = Field(ge=0, le=1)
     error: BuildError | None

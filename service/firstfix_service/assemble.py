@@ -51,6 +51,7 @@ from .settings_summary import settings_summary
 from .start_builds import run_with, start_builds
 from .tracing import start_tracing
 from .upload_quota import UploadQuota
+from .verify_keeper import keep_verified
 from .workers import LocalWorkers, Workers
 
 _log = structlog.get_logger(__name__)
@@ -113,6 +114,8 @@ async def assemble(
     builds = start_builds(settings, catalog, metrics, stack)
     if not settings.read_only:
         run_with(stack, keep_clean(catalog), "janitor")
+        if settings.verify_bytes_per_s:
+            run_with(stack, keep_verified(settings, store, metrics), "verify-keeper")
     georeferences = Georeferences(store)
     uploads, usage = Uploads(store), CallerUsage(catalog)
     upload_quota = UploadQuota(

@@ -55,7 +55,15 @@ SCOPES: dict[str, Scope | None] = {
     "collect_all_garbage": Scope.ADMIN,
 }
 # Routes whose requests are counted, as what.
-LIMITED = {"localize": "localize", "post_map": "build"}
+LIMITED = {
+    "localize": "localize",
+    "post_map": "build",
+    "activate": "change",
+    "roll_back": "change",
+    "retire": "change",
+    "put_georeference": "change",
+    "delete_georeference": "change",
+}
 
 
 async def authorize(request: Request) -> None:
@@ -81,11 +89,11 @@ async def authorize(request: Request) -> None:
     caller.check(scope, map_id)
     request.state.permission = Permission(parts.access, credential, address, scope, map_id)
     if (build_id := request.path_params.get("build_id")) is not None and not caller.sees_every_map:
-        status = await AUTH.run(parts.catalog.build_status, build_id)
+        status = await AUTH.run(parts.catalog.shown_status, build_id)
         if not caller.sees(status["map_id"]):
             raise NotFound(f"no build {build_id}")
     if name in LIMITED:
-        parts.access.take(LIMITED[name], caller)
+        parts.access.take(LIMITED[name], caller, request.path_params.get("map_id", ""))
 
 
 async def caller_of(request: Request) -> Caller:

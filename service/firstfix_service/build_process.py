@@ -91,8 +91,9 @@ class BuildProcess:
         end = time.monotonic() + timeout_s
         while True:
             with suppress(TimeoutError):
-                left_s = max(min(_LOOK_S, end - time.monotonic()), 0.0)
-                return await asyncio.wait_for(self._process.wait(), left_s)
+                # wait_for would lose a cancellation that comes as the process ends (gh-86296)
+                async with asyncio.timeout(max(min(_LOOK_S, end - time.monotonic()), 0.0)):
+                    return await self._process.wait()
             if self._max_memory_bytes is not None and not self.took_too_much:
                 used = await BUILDS.run(session_memory_bytes, self._process.pid)
                 if used > self._max_memory_bytes:
@@ -106,7 +107,8 @@ class BuildProcess:
         with suppress(ProcessLookupError, PermissionError):  # it leads a group; its sandbox ends with it
             os.killpg(self._process.pid, signal.SIGTERM)
         with suppress(TimeoutError):
-            await asyncio.wait_for(self._process.wait(), STOP_GRACE_S)
+            async with asyncio.timeout(STOP_GRACE_S):
+                await self._process.wait()
         self.kill()  # whatever it left behind as well
         return await self._process.wait()
 

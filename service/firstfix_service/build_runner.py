@@ -180,14 +180,14 @@ class BuildRunner:
 
     def _put_back(self, attempt: Attempt) -> None:
         """After a stop, which is not held against the build."""
-        status = self._catalog.build_status(attempt.build_id)
+        status = self._catalog.held_status(attempt.build_id)
         if status["state"] not in FINAL_STATES | {"queued"}:
             self._catalog.set_build_status(attempt.build_id, {**status, "state": "queued"})
         self._end_attempt(attempt, AttemptEnd.STOPPED)
 
     def _record_end(self, attempt: Attempt, process: BuildProcess, code: int) -> Turn:
         """Says what became of a build whose process ended, as far as the process could not."""
-        status = self._catalog.build_status(attempt.build_id)
+        status = self._catalog.held_status(attempt.build_id)
         if code == EXIT_TRY_AGAIN:
             self._put_back(attempt)
             return Turn.PUT_BACK
@@ -205,7 +205,7 @@ class BuildRunner:
     def _close(self, attempt: Attempt, error: BuildError) -> Turn:
         """Records the end of the build, if it is not on record."""
         build_id = attempt.build_id
-        status = self._catalog.build_status(build_id)
+        status = self._catalog.held_status(build_id)
         if status["state"] in FINAL_STATES:
             self._count(build_id, status["state"])
         elif self._catalog.is_cancel_requested(build_id):

@@ -16,7 +16,7 @@ from typing import Any
 import structlog
 
 from firstfix.catalog import Catalog
-from firstfix.errors import BuildAttemptsExceeded, InvalidOption, NotFound, StoreError
+from firstfix.errors import BuildAttemptsExceeded, InvalidOption, NotFound, StoreError, UnreadableRecord
 from firstfix.store import Store
 
 from .build_runner import BuildRunner, Turn
@@ -119,13 +119,15 @@ class BuildWorker:
         except NotFound as error:
             await self._builds.bury(build_id, str(error))
             await message.ack_sync()
+        except UnreadableRecord:  # once it is mended the queue finds it on record
+            await message.ack_sync()
         except StoreError as error:
             _log.warning("build waits for the store", build_id=build_id, code=error.code, error=str(error))
             await message.nak(PUT_BACK_S)
 
     async def _let_go(self, build_id: str, message: Any) -> None:
         """The build has ended: its message goes, once what is to be known of it is kept."""
-        error = (await BUILDS.run(self._catalog.build_status, build_id))["error"]
+        error = (await BUILDS.run(self._catalog.held_status, build_id))["error"]
         if error is not None and error["code"] == BuildAttemptsExceeded.code:
             await self._builds.bury(build_id, error["detail"])
         await message.ack_sync()

@@ -60,7 +60,7 @@ class CatalogWatch:
     def _list_again(self) -> list[str]:
         """Returns the maps that are new."""
         assert self._position is not None
-        self._position = min(self._position, self._catalog.changes.end())  # somebody may have removed some
+        self._position = self._catalog.changes.go_on_from(self._position)  # some may have been collected
         names = self._catalog.folder_names()
         new = sorted(set(names) - set(self._names))
         self._names = names

@@ -15,7 +15,7 @@ from pathlib import Path
 import structlog
 
 from firstfix.catalog import Catalog
-from firstfix.errors import FirstfixError
+from firstfix.errors import FirstfixError, UnreadableRecord
 
 from .build_process import BuildCommand
 from .build_runner import BuildRunner, Turn
@@ -87,7 +87,8 @@ class EmbeddedBuildQueue:
                     _log.exception("the build queue stumbled")
                 if pause:
                     with suppress(TimeoutError):
-                        await asyncio.wait_for(self._wake.wait(), self._poll_interval_s)
+                        async with asyncio.timeout(self._poll_interval_s):
+                            await self._wake.wait()
         finally:
             folder.release()
 
@@ -95,7 +96,10 @@ class EmbeddedBuildQueue:
         """Runs the build that is next of those that nobody else runs. False when there is none, or it is to
         wait."""
         for build in self._order.of(await UPKEEP.run(self._unfinished.find)):
-            turn = await runner.run(build.build_id)
+            try:
+                turn = await runner.run(build.build_id)
+            except UnreadableRecord:  # damaged just now: the others go on
+                continue
             if turn is not Turn.HELD:
                 self._order.served(build.owner)
                 return turn is not Turn.PUT_BACK

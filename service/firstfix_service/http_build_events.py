@@ -81,7 +81,8 @@ async def _events(
             yield b": still there\n\n"
             last = time.monotonic()
         with suppress(TimeoutError):
-            await asyncio.wait_for(parts.closing.wait(), LOOK_S)
+            async with asyncio.timeout(LOOK_S):
+                await parts.closing.wait()
         if parts.closing.is_set():
             return
         try:

@@ -30,7 +30,7 @@ def get_builds(
     caller: CallerDep,
     map_id: Annotated[str | None, Query(max_length=63, description="only this map's")] = None,
     state: Annotated[
-        Literal["queued", "running", "succeeded", "failed", "cancelled"] | None,
+        Literal["queued", "running", "succeeded", "failed", "cancelled", "unreadable"] | None,
         Query(description="only those in this state"),
     ] = None,
     limit: Limit = DEFAULT_LIMIT,
@@ -45,7 +45,7 @@ def get_builds(
     following = None
     for looked_at, build_id in enumerate(older, 1):
         try:
-            status = parts.catalog.build_status(build_id)
+            status = parts.catalog.shown_status(build_id)
         except NotFound:  # its record was collected just now
             continue
         wanted = map_id in (None, status["map_id"]) and state in (None, status["state"])
@@ -60,8 +60,9 @@ def get_builds(
 @router.get("/{build_id}")
 @READS.route
 def get_build(build_id: BuildId, parts: PartsDep, response: Response) -> Build:
-    """State, stage, progress, error, and the version once it has succeeded."""
-    status = parts.catalog.build_status(build_id)
+    """State, stage, progress, error, and the version once it has succeeded. `unreadable`: its record in the
+    store is damaged."""
+    status = parts.catalog.shown_status(build_id)
     if status["state"] not in FINAL_STATES:
         response.headers["Retry-After"] = str(RETRY_AFTER_S)
     return Build.model_validate({"build_id": build_id, **status})

@@ -33,7 +33,8 @@ _OPTION_TEXT = {
     "gravity": "direction of gravity in the sensor frame, `x,y,z`, or the sensor's `roll_deg,pitch_deg`",
     "prior": "where the sensor is known to be in the map: `x,y,z,radius_m`, and it may be "
     "`,yaw_deg,yaw_range_deg`",
-    "T_base_sensor": "the sensor on the robot, `x,y,z,qx,qy,qz,qw`: the answer then has `T_map_base`",
+    "T_base_sensor": "the sensor on the robot, `x,y,z,qx,qy,qz,qw`: the answer then has `T_map_base`, and up "
+    "is looked for near the robot's z first",
     "max_candidates": "how many places are tried at most",
     "min_probability": "below it the answer is not `localized`",
     "deadline_ms": "the answer is worthless after this time",

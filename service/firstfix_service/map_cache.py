@@ -14,7 +14,7 @@ import structlog
 from firstfix.catalog import Catalog
 from firstfix.errors import FirstfixError, NotFound, StoreError, VersionError
 from firstfix.ids import check_map_id, check_version
-from firstfix.map_log import MapState
+from firstfix.map_state import MapState
 
 from .catalog_watch import CatalogWatch
 from .holding import Holding

@@ -16,12 +16,12 @@ from .metrics import Metrics
 # Store's calls that ask something of the store; the others are made of these.
 OPERATIONS = (
     *("put_new", "put", "put_pieces", "upload"),
-    *("get", "get_range", "download", "size", "scan", "folders", "delete"),
+    *("get", "get_range", "download", "sha256", "size", "scan", "folders", "delete"),
 )
 
 
 def metered(store: Store, metrics: Metrics) -> Store:
-    """The same store, which from now on tells the metrics what it does.
+    """The same store, which from now on tells the metrics what it does, and which records are damaged.
 
     An operation that is made of others counts once, as what the caller asked for.
     """
@@ -48,6 +48,7 @@ def metered(store: Store, metrics: Metrics) -> Store:
 
         return run
 
+    store.unreadable.listen(lambda error: metrics.unreadable_records.labels(error.kind).inc())
     for name in OPERATIONS:
         setattr(store, name, timed(name))
     return store

@@ -10,6 +10,7 @@ from prometheus_client.exposition import choose_encoder
 import firstfix
 from firstfix.build_records import FINAL_STATES
 from firstfix.errors import DeadlineExceeded, FirstfixError, Overloaded
+from firstfix.json_record import RecordKind
 from firstfix.localization import Reason, Verdict
 
 TRANSPORTS = ("http", "zenoh")
@@ -150,6 +151,29 @@ class Metrics:
             ["operation", "code"],
             registry=registry,
         )
+        self.unreadable_records = Counter(
+            "firstfix_unreadable_records",
+            "Records in the store that were found damaged, by kind: each once, and passed over",
+            ["kind"],
+            registry=registry,
+        )
+        self.verified_objects = Counter(
+            "firstfix_verified_objects",
+            "Objects in the store that were read to find damage",
+            ["result"],
+            registry=registry,
+        )
+        self.verify_bytes = Counter(
+            "firstfix_verify_bytes", "Bytes of the store that were read to find damage", registry=registry
+        )
+        self.verify_seconds = Counter(
+            "firstfix_verify_seconds", "Time spent reading the store to find damage", registry=registry
+        )
+        self.damaged_objects = Gauge(
+            "firstfix_damaged_objects",
+            "Damaged objects that the last whole look through the store found",
+            registry=registry,
+        )
         self.zenoh_connections = Gauge(
             "firstfix_zenoh_connections", "zenoh routers, peers and clients connected with", registry=registry
         )
@@ -192,6 +216,10 @@ class Metrics:
             self.reasons.labels(reason.value)
         for state in FINAL_STATES:
             self.builds.labels(state)
+        for kind in RecordKind:
+            self.unreadable_records.labels(kind.value)
+        for result in ("right", "damaged"):
+            self.verified_objects.labels(result)
 
     def exposition(self, accept: str = "") -> tuple[bytes, str]:
         """The body of /metrics and its media type: Prometheus text, or OpenMetrics, which has exemplars, for

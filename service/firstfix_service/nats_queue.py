@@ -78,7 +78,8 @@ class NatsBuildQueue:
                 except Exception:  # one odd build must not end the queue
                     _log.exception("the build queue stumbled")
                 with suppress(TimeoutError):
-                    await asyncio.wait_for(self._wake.wait(), pause_s)
+                    async with asyncio.timeout(pause_s):
+                        await self._wake.wait()
         finally:
             await self.builds.close()
 

@@ -38,6 +38,7 @@ STATUS: dict[type[FirstfixError], int] = {
     errors.StoreError: 502,
     errors.StoreUnavailable: 503,
     errors.StoreUnsafe: 502,
+    errors.UnreadableRecord: 502,
     errors.OutOfSpace: 507,
     errors.VersionError: 503,
     errors.CorruptVersion: 503,

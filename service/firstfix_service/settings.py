@@ -156,6 +156,12 @@ class Settings(BaseSettings):
     )
     max_event_streams: int = Field(128, ge=0, description="streams of build events at the same time")
     max_event_streams_per_caller: int = Field(16, ge=1, description="the same, of one caller")
+    verify_bytes_per_s: int = Field(
+        4 * MIB, ge=0, description="read from the store in the background to find damage; 0: none"
+    )
+    verify_days: float = Field(
+        30.0, ge=1, le=3650, description="after which a file that was found right is read once more"
+    )
     georeference_ttl_s: float = Field(
         5.0, ge=0, description="within which a changed georeference counts on every replica"
     )
@@ -235,6 +241,11 @@ class Settings(BaseSettings):
     )
     builds_per_hour: float | None = Field(
         None, ge=0, description="maps that one caller hands in; 0 and default as above, 60"
+    )
+    changes_per_min: float | None = Field(
+        None,
+        ge=0,
+        description="activations, rollbacks and so on of one map by one caller; 0 and default as above, 60",
     )
     max_builds_per_caller: int | None = Field(
         None, ge=0, description="builds of one caller that wait or run; 0 and default as above, 50"

@@ -16,7 +16,7 @@ from firstfix.doomed_keys import is_doomed
 from firstfix.errors import InvalidOption
 from firstfix.grant import Scope
 from firstfix.ids import check_map_id, check_upload_id
-from firstfix.manifest import sha256_of
+from firstfix.sha256 import sha256_of
 from firstfix.source_policy import check_source_url
 
 from .caller import Caller

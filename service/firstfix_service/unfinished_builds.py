@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from firstfix.build_records import FINAL_STATES
 from firstfix.catalog import Catalog
-from firstfix.errors import NotFound
+from firstfix.errors import NotFound, UnreadableRecord
 
 from .metrics import Metrics
 
@@ -46,7 +46,7 @@ class UnfinishedBuilds:
                     self._ended.add(build_id)
                     continue
                 found.append(self._known.get(build_id) or self._read(build_id))
-            except NotFound:  # a folder without a request is no build
+            except (NotFound, UnreadableRecord):  # no request: no build; damaged: all others go on
                 continue
         self._known = {build.build_id: build for build in found}
         self._metrics.builds_waiting.set(len(found))

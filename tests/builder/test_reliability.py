@@ -38,6 +38,15 @@ def test_what_was_not_asked_teaches_but_is_not_counted():
     assert fit(asked + twins).probability(twins[0].evidence) < fit(asked).probability(twins[0].evidence)
 
 
+def test_equal_places_do_not_move_the_calibration():
+    asked = cases(200, 5)
+    ties = [Case(200 + c.query, Evidence(c.evidence.fit, 0.4, tied=2), c.query % 2 == 0) for c in asked]
+    assert fit(asked + ties) == fit(asked)
+    assert fit(ties) == Calibration()
+    found = reliability_of(asked + ties)
+    assert sum(part["cases"] for part in found["bins"]) == 400  # that they come true is still measured
+
+
 def test_nothing_asked_leaves_the_prior_and_no_claim():
     assert fit([]) == Calibration()
     assert reliability_of([]) == {"expected_calibration_error": None, "bins": []}

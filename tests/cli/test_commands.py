@@ -216,6 +216,29 @@ def test_random_yaw_turns_the_scans_the_same_way_for_a_seed(service, tmp_path, s
     assert figures["median_error_deg"] > 5
 
 
+def test_queries_carry_the_gravity_of_their_poses(service, tmp_path, scan):
+    hanging = make_transform(POSE[:3, :3] @ np.diag([1.0, -1.0, -1.0]), POSE[:3, 3])
+    rows = [(scan(LOCALIZED), POSE), (scan(OFF), hanging), (scan(FALSE), None)]
+    poses = write_poses(tmp_path / "poses.csv", rows)
+    asked = ["evaluate", poses, "--map", "hall", "--url", service.url, "--gravity-from-poses"]
+    for noise_deg in (0, 3, 3):
+        assert ended([*asked, noise_deg]) == 0
+    gravity = [query.get("gravity") for query in service.queries]
+    assert gravity[2::3] == [None] * 3, "who knows how a scan of another place leaned"
+    np.testing.assert_allclose(np.array(gravity[0].split(","), float), [0, 0, -1], atol=1e-9)
+    np.testing.assert_allclose(np.array(gravity[1].split(","), float), [0, 0, 1], atol=1e-9)
+    assert gravity[3:6] == gravity[6:9], "the noise is the same in every run"
+    assert gravity[3] != gravity[0]
+
+
+@pytest.mark.parametrize("noise_deg", ["-1", "91", "nan"])
+def test_no_other_noise_of_gravity(service, poses, capsys, noise_deg):
+    asked = ["evaluate", poses, "--map", "hall", "--url", service.url]
+    assert ended([*asked, f"--gravity-from-poses={noise_deg}"]) == 2
+    assert "noise of gravity" in capsys.readouterr().err
+    assert not service.queries
+
+
 def test_an_evaluation_that_cannot_read_a_scan_names_it(service, poses, tmp_path, capsys):
     (tmp_path / f"{OFF}.npy").unlink()
     assert ended(["evaluate", poses, "--map", "hall", "--url", service.url]) == 2

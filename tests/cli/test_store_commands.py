@@ -196,3 +196,29 @@ def test_maps_are_built_again_and_stores_copied(versions, tmp_path, capsys):
     copied = json.loads(capsys.readouterr().out)
     assert copied["damaged"] == []
     assert Catalog(Store.open(str(tmp_path / "copy"))).build_ids() == catalog.build_ids()
+
+
+def test_a_store_is_verified_and_repaired(versions, tmp_path, capsys):
+    store = Store.open(str(tmp_path / "store"))
+    place = ["--store", tmp_path / "store"]
+    assert ended(["maps", "verify", *place]) == 0
+    assert "0 mended, 0 damaged" in capsys.readouterr().out
+    damaged = f"maps/hall/versions/{versions[1]}/points.bin"
+    store.put(damaged, b"owt")
+    store.put("builds/b1/request.json", b"{")
+    assert ended(["maps", "verify", *place]) == 2
+    said = capsys.readouterr().out
+    assert damaged in said
+    assert "the build_request" in said
+    assert "0 mended, 2 damaged" in said
+    assert store.exists("builds/b1/request.json"), "only --repair changes anything"
+    assert ended(["maps", "verify", *place, "--repair", "--json"]) == 2
+    found = {entry["key"]: entry["mended"] for entry in json.loads(capsys.readouterr().out)["findings"]}
+    assert found[damaged] == ""
+    assert "quarantine/" in found["builds/b1/request.json"]
+    cache = tmp_path / "fetched" / versions[1]
+    cache.mkdir(parents=True)
+    (cache / "points.bin").write_text("two")
+    assert ended(["maps", "verify", *place, "--repair", "--cache", tmp_path / "fetched"]) == 0
+    assert "1 mended, 0 damaged" in capsys.readouterr().out
+    assert ended(["maps", "verify", *place]) == 0

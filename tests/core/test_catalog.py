@@ -24,7 +24,7 @@ from firstfix.errors import (
     TooLarge,
 )
 from firstfix.manifest import Manifest
-from firstfix.map_log import Event
+from firstfix.map_state import Event
 from firstfix.store import Store
 
 

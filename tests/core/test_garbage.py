@@ -9,6 +9,7 @@ from firstfix.catalog import Catalog, source_key
 from firstfix.garbage import Ages, collect_garbage, remove_abandoned
 from firstfix.idempotency import CallersKey, claim_build
 from firstfix.manifest import Manifest
+from firstfix.map_log import EVERY
 from firstfix.store import Store
 from firstfix.uploads import Uploads
 from waiting import let_pass
@@ -118,3 +119,32 @@ def test_an_upload_that_goes_on_is_young(catalog: Catalog):
     assert remove_abandoned(catalog, older_than_s=2).count == 0
     assert uploads.get("u1").offset == 3
     assert remove_abandoned(catalog, older_than_s=-5).count == 2
+
+
+def test_entries_that_snapshots_have_summed_up_go(catalog: Catalog, tmp_path: Path):
+    for name in ("one", "two"):
+        publish(catalog, tmp_path, name)
+    for _ in range(6 * EVERY):
+        catalog.roll_back("hall")
+    state, listed = catalog.state("hall"), catalog.store.list("maps/hall/log")
+    assert collect_garbage(catalog, ages=Ages(things_s=-5)).keys["logs"] == [], "a week is not over"
+    ages = Ages(things_s=-5, logs_s=-5)
+    found = collect_garbage(catalog, ages=ages, dry_run=True).keys["logs"]
+    assert catalog.store.list("maps/hall/log") == listed
+    assert collect_garbage(catalog, ages=ages).keys["logs"] == found
+    assert len(catalog.store.list("maps/hall/log")) <= 2 * EVERY
+    assert len(catalog.store.list("maps/hall/snapshots")) == 3
+    assert Catalog(catalog.store).state("hall") == state
+    assert Catalog(catalog.store).versions("hall") == catalog.versions("hall")
+
+
+def test_a_long_log_without_snapshots_gets_one(catalog: Catalog, tmp_path: Path):
+    for name in ("one", "two"):
+        publish(catalog, tmp_path, name)
+    for _ in range(2 * EVERY):
+        catalog.roll_back("hall")
+    for key in catalog.store.list("maps/hall/snapshots"):  # as a release before left it
+        catalog.store.delete(key)
+    collect_garbage(Catalog(catalog.store))
+    (key,) = catalog.store.list("maps/hall/snapshots")
+    assert key.endswith(f"{2 * EVERY + 4:06d}.json")

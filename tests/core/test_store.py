@@ -12,7 +12,7 @@ import pytest
 
 from firstfix import store as store_module
 from firstfix import store_backend
-from firstfix.errors import InvalidOption, NotFound, StoreError, StoreUnavailable, StoreUnsafe
+from firstfix.errors import InvalidOption, NotFound, StoreError, StoreUnavailable, StoreUnsafe, TooLarge
 from firstfix.store import Store
 from firstfix.store_url import StoreUrl
 
@@ -296,3 +296,25 @@ def test_an_object_of_pieces_is_there_whole_or_not_at_all(any_store_url: str) ->
     assert not store.exists("whole")
     store.put_pieces("whole", pieces(False))
     assert store.get("whole") == b"".join(pieces(False))
+
+
+def test_an_upload_of_the_same_size_replaces_a_damaged_object(store: Store, tmp_path: Path) -> None:
+    (tmp_path / "whole").write_bytes(b"whole")
+    store.put("k", b"whore")
+    assert store.upload("k", tmp_path / "whole")
+    assert store.get("k") == b"whole"
+    assert not store.upload("k", tmp_path / "whole")
+
+
+def test_a_large_object_is_not_read_where_a_small_one_is_expected(store: Store) -> None:
+    store.put("k", b"x" * 1000)
+    assert store.get("k", max_bytes=1000) == b"x" * 1000
+    with pytest.raises(TooLarge):
+        store.get("k", max_bytes=999)
+
+
+def test_a_listing_after_a_key(store: Store) -> None:
+    for name in ("a/1", "a/2", "a/3", "b/1"):
+        store.put(name, b"")
+    assert store.list("a", after="a/1") == ["a/2", "a/3"]
+    assert store.list("a", after="a/3") == []

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from firstfix.api_keys import ApiKeys
+from firstfix.build_records import new_status
 from firstfix.catalog import Catalog
+from firstfix.checked_objects import CheckedObjects
 from firstfix.errors import Conflict
+from firstfix.garbage import Ages, collect_garbage
 from firstfix.geopose import Georeference
 from firstfix.georeferences import Georeferences
 from firstfix.grant import Grant
 from firstfix.manifest import Manifest
+from firstfix.map_log import EVERY
 from firstfix.store import Store
 from firstfix.store_copy import copy_store
 
@@ -39,7 +44,7 @@ def source(tmp_path: Path) -> Catalog:
     (tmp_path / "hall.laz").write_bytes(b"cloud")
     catalog.put_source("hall", tmp_path / "hall.laz")
     catalog.put_build("b1", {"map_id": "hall"})
-    catalog.set_build_status("b1", {"state": "running"})
+    catalog.set_build_status("b1", new_status("queued", map_id="hall"))
     Georeferences(catalog.store).set("hall", Georeference(48.0, 11.0, 500.0, (0.0, 0.0, 0.0, 1.0)))
     ApiKeys(catalog.store).create("robot-7", Grant.parse(["localize"], ["*"]))
     for key in MADE_ANEW:
@@ -64,8 +69,9 @@ def test_what_lasts_is_copied(source: Catalog, any_store_url: str, tmp_path: Pat
     (kept,) = target.store.list("maps/hall/sources")
     assert target.store.get(kept) == b"cloud"
     assert not {"stages", "uploads", "idempotency", "samples"} & set(target.store.folders())
-    assert report.objects == len([k for k in target.store.list() if not k.startswith("changes/")])
-    assert report.bytes == sum(o.size_bytes for o in target.store.scan() if not o.key.startswith("changes/"))
+    copied = [o for o in target.store.scan() if not o.key.startswith(("changes/", "checked/"))]
+    assert report.objects == len(copied)
+    assert report.bytes == sum(o.size_bytes for o in copied)
 
 
 def test_a_copy_is_brought_up_to_date(source: Catalog, tmp_path: Path) -> None:
@@ -74,13 +80,14 @@ def test_a_copy_is_brought_up_to_date(source: Catalog, tmp_path: Path) -> None:
     assert copy_store(source.store, target.store).objects == 0
     noticed = target.changes.end()
     newest = publish(source, "hall", b"5", tmp_path)
-    source.set_build_status("b1", {"state": "failing"})  # as long as "running"
+    failed = new_status("failed", map_id="hall")  # as long as "queued"
+    source.set_build_status("b1", failed)
     ApiKeys(source.store).revoke(ApiKeys(source.store).all()[0][0].key_id)
     # two files, manifest, two entries of the log, status, revocation
     assert copy_store(source.store, target.store).objects == 7
     assert target.active_version("hall") == newest
     assert target.changes.since(noticed)[0] == ["hall"], "services on the copy are told"
-    assert target.build_status("b1") == {"state": "failing"}
+    assert target.build_status("b1") == failed
     assert ApiKeys(target.store).all()[0][0].revoked
 
 
@@ -148,3 +155,60 @@ def test_a_version_of_another_format_is_copied(tmp_path: Path) -> None:
     assert target.store.list(f"maps/hall/versions/{version}") == source.store.list(
         f"maps/hall/versions/{version}"
     )
+
+
+def test_damage_of_the_same_size_in_the_copy_is_mended(source: Catalog, tmp_path: Path) -> None:
+    target = Catalog(Store.open(str(tmp_path / "target")))
+    copy_store(source.store, target.store)
+    version = source.active_version("hall")
+    (kept,) = source.store.list("maps/hall/sources")
+    keys = [f"maps/hall/versions/{version}/{name}" for name in ("a.npy", "manifest.json")]
+    keys += [kept, "builds/b1/request.json", "maps/hall/log/000001.json"]
+    for key in keys:
+        target.store.put(key, b"x" * target.store.size(key))
+    report = copy_store(source.store, target.store)
+    assert sorted(report.mended) == sorted(keys)
+    assert {key: target.store.get(key) for key in keys} == {key: source.store.get(key) for key in keys}
+
+
+def test_a_copy_does_not_read_everything_every_night(source: Catalog, tmp_path: Path) -> None:
+    class Counts(Store):
+        read: list[str]
+
+        def pieces(self, key: str) -> Iterator[bytes]:
+            self.read.append(key)
+            return super().pieces(key)
+
+    target = Counts.open(str(tmp_path / "target"))
+    assert isinstance(target, Counts)
+    target.read = []
+    copy_store(source.store, target)
+    assert copy_store(source.store, target).objects == 0
+    assert target.read == [], "what was copied was checked on the way"
+    checked = CheckedObjects(target, "hall")
+    checked.save(set())  # as if it were long ago
+    copy_store(source.store, target)
+    assert target.read
+    assert all(key.startswith("maps/hall/") for key in target.read)
+
+
+def test_a_damaged_record_does_not_replace_a_good_one(source: Catalog, tmp_path: Path) -> None:
+    target = Catalog(Store.open(str(tmp_path / "target")))
+    copy_store(source.store, target.store)
+    good = target.store.get("builds/b1/status.json")
+    source.store.put("builds/b1/status.json", b"")
+    assert copy_store(source.store, target.store).damaged == ["builds/b1/status.json"]
+    assert target.store.get("builds/b1/status.json") == good
+
+
+def test_a_log_of_which_old_entries_were_collected_is_copied(source: Catalog, tmp_path: Path) -> None:
+    for _ in range(4 * EVERY):
+        source.roll_back("attic") if len(source.state("attic").activated) > 1 else publish(
+            source, "attic", b"5", tmp_path
+        )
+    collect_garbage(source, ages=Ages(things_s=-60, logs_s=-60))
+    assert "maps/attic/log/000001.json" not in source.store.list("maps/attic/log")
+    target = Catalog(Store.open("memory://"))
+    assert copy_store(source.store, target.store).damaged == []
+    assert target.state("attic") == source.state("attic")
+    assert copy_store(source.store, target.store).objects == 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -13,6 +14,7 @@ import pytest
 from engine import ROOT
 
 from firstfix.api_keys import ApiKeys
+from firstfix.caller_usage import CallerUsage
 from firstfix.catalog import Catalog
 from firstfix.errors import StoreError
 from firstfix.grant import Grant
@@ -92,6 +94,19 @@ def test_a_worker_builds(gateway: Gateway, monkeypatch: pytest.MonkeyPatch, tmp_
 
     assert run_build(gateway.store_url, "b1", tmp_path / "work", build_version, ("one",)) == 0  # type: ignore[arg-type]
     assert service.active_version("hall") == service.build_status("b1")["version"]
+    usage = CallerUsage(Catalog(gateway.as_user("worker", monkeypatch)))
+    usage.charge("robot-7", "b1", 1, 60.0)  # as the worker does when an attempt has ended
+    assert usage.minutes_today("robot-7") == 1.0
+
+
+def test_each_folder_of_the_store_is_a_workers_or_is_not():
+    """A new folder is denied to workers until it is in a list: builds would fail in compose alone."""
+    not_workers = {"keys", "samples", "idempotency", "doomed", "checked"}
+    text = "".join(path.read_text() for path in (ROOT / "core" / "firstfix").glob("*.py"))
+    folders = set(re.findall(r'^_?(?:FOLDER|ROOT) = "(\w+)"', text, re.M))
+    assert len(folders) >= 6
+    workers = re.findall(r"^WORKERS_FOLDERS = \((.+)\)", SCRIPT.read_text(), re.M)[0]
+    assert folders <= not_workers | set(re.findall(r"\w+", workers))
 
 
 @pytest.mark.parametrize("key", ["keys/x", "samples/x", "uploads/x/upload.json", "idempotency/x"])

@@ -68,17 +68,6 @@ def test_a_given_gravity_is_used(localizer, small_scans):
     assert pose_error(T, answer.hypotheses[0].T_map_sensor)[0] < 0.05
 
 
-def test_only_a_given_gravity_helps_a_sensor_on_its_side(localizer, small_scans):
-    scan, T = small_scans[0]
-    on_its_side = make_transform(Rotation.from_euler("x", 80, degrees=True).as_matrix(), np.zeros(3))
-    turned, T_turned = Scan.from_points(scan.points @ on_its_side[:3, :3]), T @ on_its_side
-    down = T_turned[:3, :3].T @ [0, 0, -1.0]
-    told = localizer.localize(turned, LocalizeOptions(gravity=down))
-    assert told.verdict is Verdict.LOCALIZED
-    assert pose_error(T_turned, told.T_map_sensor)[0] < 0.05
-    assert localizer.localize(turned).verdict is not Verdict.LOCALIZED
-
-
 def test_base_pose_follows_from_the_mounting(localizer, small_scans):
     T_base_sensor = make_transform(rotation_z(0.3), [0.2, 0, 0.6])
     answer = localizer.localize(small_scans[2][0], LocalizeOptions(T_base_sensor=T_base_sensor))

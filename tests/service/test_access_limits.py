@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import httpx
 from access_world import ask_zenoh, get, give, localize
 from service_world import publish, running_service
 
@@ -62,3 +63,28 @@ def test_forwarded_addresses_of_strangers_are_not_believed(tmp_path: Path):
             for n in range(3)
         ]
         assert statuses == [401, 429, 429]
+
+
+def test_changes_of_a_map_are_limited_by_caller(tmp_path: Path):
+    with running_service(tmp_path, auth="on", keys_refresh_s=0.1, changes_per_min=2, zenoh=False) as service:
+        for map_id in ("hall", "yard"):
+            publish(service.catalog, map_id, "1", service.scratch)
+            publish(service.catalog, map_id, "2", service.scratch)
+        one, other = give(service, "build"), give(service, "build")
+        wait_until(lambda: get(service, "/maps", one).is_success and get(service, "/maps", other).is_success)
+
+        def roll_back(key: str, map_id: str) -> httpx.Response:
+            return service.http.post(f"/maps/{map_id}/rollback", headers={"Authorization": f"Bearer {key}"})
+
+        statuses = [roll_back(one, "hall").status_code for _ in range(3)]
+        assert statuses == [200, 200, 429]
+        refused = roll_back(one, "hall")
+        assert refused.json()["code"] == "rate_limited"
+        assert 1 <= int(refused.headers["retry-after"]) <= 60
+        version = service.catalog.active_version("hall")
+        headers = {"Authorization": f"Bearer {one}"}
+        activate = f"/maps/hall/versions/{version}/activate"
+        assert service.http.post(activate, headers=headers).status_code == 429, "changes count together"
+        assert roll_back(one, "yard").status_code == 200, "another map"
+        assert roll_back(other, "hall").status_code == 200, "another caller"
+        assert len(service.catalog.log("hall")) == 4 + 3

@@ -14,6 +14,7 @@ from service_world import Service, running_service
 from firstfix.build_records import FINAL_STATES
 from firstfix.manifest import Manifest
 from firstfix.rebuild import rebuild
+from firstfix.store import Store
 from waiting import wait_until
 
 WORKER = (sys.executable, str(Path(__file__).with_name("fake_worker.py")))
@@ -277,3 +278,12 @@ def test_a_map_is_built_again_from_what_was_kept(tmp_path: Path):
         build_id = rebuild(service.catalog, "hall")
         wait_until(lambda: service.catalog.build_status(build_id)["state"] in FINAL_STATES)
         assert service.catalog.build_status(build_id)["state"] == "succeeded"
+
+
+def test_a_build_is_run_although_another_ones_record_is_damaged(tmp_path: Path):
+    store = Store.open(str(tmp_path / "store"))
+    store.put("builds/a-broken-request/request.json", b"{")
+    store.put("builds/a-broken-status/request.json", b'{"map_id": "hall"}')
+    store.put("builds/a-broken-status/status.json", b"")
+    with building_service(tmp_path) as service:
+        assert wait_until_ended(service, upload(service))["state"] == "succeeded"

@@ -14,17 +14,17 @@ from firstfix_service.catalog_watch import LOGS_A_SECOND, CatalogWatch
 class Counts(Store):
     calls: Counter[str]
 
-    def get(self, key: str) -> bytes:
+    def get(self, key: str, *, max_bytes: int | None = None) -> bytes:
         self.calls["get"] += 1
-        return super().get(key)
+        return super().get(key, max_bytes=max_bytes)
 
     def exists(self, key: str) -> bool:
         self.calls["exists"] += 1
         return super().exists(key)
 
-    def scan(self, prefix: str = "") -> list[StoredObject]:
+    def scan(self, prefix: str = "", *, after: str | None = None) -> list[StoredObject]:
         self.calls["list"] += 1
-        return super().scan(prefix)
+        return super().scan(prefix, after=after)
 
     def folders(self, prefix: str = "") -> list[str]:
         self.calls["list"] += 1

@@ -131,7 +131,7 @@ def test_work_that_nobody_waits_for_any_more_is_not_begun():
 def test_slow_maps_hold_up_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     copying, gate = threading.Semaphore(0), threading.Event()
 
-    def slowly(*_: object) -> str:
+    def slowly(*_: object, **__: object) -> str:
         copying.release()
         assert gate.wait(LIMIT_S)
         raise StoreUnavailable("the test has ended")

@@ -19,6 +19,7 @@ from firstfix.build_records import FINAL_STATES
 from firstfix.catalog import Catalog
 from firstfix.errors import StoreUnavailable, all_errors
 from firstfix.evidence import Fit
+from firstfix.json_record import RecordKind
 from firstfix.localization import Hypothesis, Localization, Reason, Verdict
 from firstfix.store import Store
 from firstfix_builder.pipeline import STAGES as BUILDER_STAGES
@@ -121,7 +122,7 @@ def test_the_store_is_timed_and_its_failures_counted(tmp_path: Path, monkeypatch
 
 
 def test_every_operation_of_the_store_is_metered():
-    derived = {"open", "open_at", "exists", "list"}
+    derived = {"open", "open_at", "exists", "list", "pieces", "now"}
     of_the_disk = {"local_path", "directory", "probe", "remove_leftovers"}
     public = {name for name in vars(Store) if not name.startswith("_")}
     assert public == derived | of_the_disk | set(OPERATIONS)
@@ -212,10 +213,12 @@ def test_no_label_takes_what_callers_make_up(tmp_path: Path):
             "why": {why.value for why in Ended},
             "operation": set(OPERATIONS),
             "version": {firstfix.__version__},
+            "kind": {kind.value for kind in RecordKind},
         }
         results = {
             "firstfix_cache_lookups": {"hit", "miss"},
             "firstfix_version_loads": {"ok", *CODES},
+            "firstfix_verified_objects": {"right", "damaged"},
             "firstfix_samples": {"kept", "failed", "dropped", "rate_limited", "too_large"},
         }
         seen = 0

@@ -133,7 +133,7 @@ def test_a_real_build_goes_on_at_another_worker(world: NatsWorld, small_map: Pat
     log = world.folder / "w2" / "slot-0" / "b1.log"  # goes when the build has succeeded
     world.start_worker("w2", command=command)
     wait_until(lambda: log.exists() and log.read_text().count(" fetched: ") >= 3)
-    status = world.wait_until_ended("b1", 150)
+    status = world.wait_until_ended("b1")
     assert (status["state"], status["version"]) == ("succeeded", world.catalog.active_version("yard"))
 
 

@@ -13,7 +13,7 @@ from firstfix.build_records import new_status
 from firstfix.catalog import Catalog, source_key
 from firstfix.errors import NotFound
 from firstfix.garbage import Ages, collect_garbage
-from firstfix.map_log import Event
+from firstfix.map_state import Event
 from firstfix.rebuild import rebuild
 from firstfix.store import Store
 from firstfix.uploads import Uploads

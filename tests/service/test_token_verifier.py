@@ -181,3 +181,10 @@ def test_tokens_need_an_issuer_and_an_audience(key_file: Path):
     for missing in ("jwt_issuer", "jwt_audience"):
         with pytest.raises(InvalidOption, match="FIRSTFIX_JWT"):
             TokenVerifier(settings(key_file, **{missing: None}))
+
+
+def test_long_subjects_are_told_apart(key_file: Path):
+    """A name is an owner: two callers must not have one."""
+    names = {caller_of(key_file, signed(sub="x" * 300 + end)).name for end in "ab"}
+    assert len(names) == 2
+    assert max(map(len, names)) < 300

@@ -41,6 +41,14 @@ def evaluate(
     random_yaw: Annotated[
         int | None, typer.Option(metavar="SEED", help="Turn every scan by a random yaw.")
     ] = None,
+    gravity_from_poses: Annotated[
+        float | None,
+        typer.Option(
+            metavar="NOISE_DEG",
+            help="Each query carries the gravity of its pose, as from an IMU whose roll and pitch are off by"
+            " this much (standard deviation).",
+        ),
+    ] = None,
     json_file: Annotated[
         Path | None, typer.Option("--json", help="Write the figures here; -: print them and nothing else.")
     ] = None,
@@ -65,7 +73,8 @@ def evaluate(
     if (poses is None) == (samples is None):
         raise InvalidOption("give either POSES.csv or --samples")
     if samples is not None:
-        if zenoh or details or plot or random_yaw is not None or encoding != "scan":
+        altered = random_yaw is not None or gravity_from_poses is not None
+        if zenoh or details or plot or altered or encoding != "scan":
             raise InvalidOption("--samples goes with --url or --store, --version and --json alone")
         _replay(samples, map_id, url, store, version, timeout_s, json_file)
         return
@@ -73,7 +82,7 @@ def evaluate(
     rows = read_poses_csv(poses)
     asked = None if url or zenoh else store
     with answerer(map_id, url=url, zenoh=zenoh, store=asked, timeout_s=timeout_s, encoding=encoding) as ask:
-        outcomes, scans = _outcomes(rows, ask, random_yaw, version)
+        outcomes, scans = _outcomes(rows, ask, random_yaw, gravity_from_poses, version)
     report = report_of(outcomes)
     _tell(_lines(report, outcomes), report, json_file)
     if details is not None:
@@ -115,7 +124,11 @@ def _tell(lines: list[str], report: dict[str, Any], json_file: Path | None) -> N
 
 
 def _outcomes(
-    rows: list[PosedScan], ask: Answerer, seed: int | None, version: str | None
+    rows: list[PosedScan],
+    ask: Answerer,
+    seed: int | None,
+    gravity_noise_deg: float | None,
+    version: str | None,
 ) -> tuple[list[Outcome], dict[str, Scan]]:
     """Every query's outcome, and the scans that a picture may need."""
     from rich.console import Console
@@ -125,17 +138,20 @@ def _outcomes(
     from firstfix.options import LocalizeOptions
 
     from ..evaluate import outcome_of, random_yaws, turned
+    from ..pose_gravity import gravity_at, imu_errors
 
     outcomes: list[Outcome] = []
     scans: dict[str, Scan] = {}
     yaws = random_yaws(len(rows), seed)
+    errors = imu_errors(len(rows), gravity_noise_deg)
     steps = track(
-        list(zip(rows, yaws, strict=True)), "localize", console=Console(stderr=True), transient=True
+        list(zip(rows, yaws, errors, strict=True)), "localize", console=Console(stderr=True), transient=True
     )
-    for row, yaw in steps:
+    for row, yaw, error in steps:
         scan, T_map_sensor = turned(read_scan_file(row.path), row.T_map_sensor, float(yaw))
+        gravity = None if error is None else gravity_at(T_map_sensor, error)
         started = time.perf_counter()
-        answer = ask(scan, LocalizeOptions(version=version))
+        answer = ask(scan, LocalizeOptions(gravity=gravity, version=version))
         ms = (time.perf_counter() - started) * 1000
         outcomes.append(outcome_of(str(row.path), T_map_sensor, answer, ms))
         if len(scans) < PICTURED_SCANS:

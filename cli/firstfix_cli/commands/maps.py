@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -138,6 +140,41 @@ def collect_garbage(
         return
     for kind, count in found["objects"].items():
         typer.echo(f"{kind:12} {count:8,} {'objects to remove' if dry_run else 'objects removed'}")
+
+
+@app.command()
+def verify(
+    store: Annotated[str, typer.Option(envvar="FIRSTFIX_STORE", help="The service's object store.")],
+    repair: Annotated[
+        bool,
+        typer.Option("--repair", help="Mend what can be mended, and move aside records that cannot be read."),
+    ] = False,
+    cache: Annotated[
+        Path | None, typer.Option(help="Folder of fetched versions on this machine, to mend from.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Read everything in a store, and say what is damaged: records, logs, versions, sources.
+
+    The exit code is 2 where something is damaged and was not mended.
+    """
+    from firstfix.repair import Repair
+    from firstfix.store import Store as ObjectStore
+    from firstfix.verify import Verification
+
+    opened = ObjectStore.open(store, read_only=not repair)
+    report = Verification(opened, repair=Repair(opened, cache) if repair else None).run()
+    if as_json:
+        typer.echo(json.dumps(asdict(report)))
+    else:
+        for finding in report.findings:
+            typer.echo(f"{finding.key}: {finding.problem}")
+            typer.echo(f"    {finding.mended or 'damaged'}")
+        counted = f"{report.objects:,} objects checked, {report.bytes / 1e6:,.1f} MB read"
+        mended = len(report.findings) - len(report.damaged)
+        typer.echo(f"{counted}: {mended} mended, {len(report.damaged)} damaged")
+    if report.damaged:
+        raise typer.Exit(2)
 
 
 def _print_state(map_id: str, version: str, state: str, as_json: bool) -> None:

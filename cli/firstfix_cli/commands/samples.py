@@ -33,7 +33,7 @@ def list_samples(
 ) -> None:
     """List the kept queries, oldest first."""
     kept = _samples(store)
-    found = [sample for sample in map(kept.get, kept.ids()) if map_id is None or sample.is_about(map_id)]
+    found = [sample for sample in kept.each() if map_id is None or sample.is_about(map_id)]
     if as_json:
         typer.echo(json.dumps({"samples": [asdict(sample) for sample in found]}))
         return
@@ -56,12 +56,11 @@ def fetch(
     """Write kept queries as files: SAMPLE.json beside the body, which ``firstfix localize`` reads."""
     kept = _samples(store)
     out.mkdir(parents=True, exist_ok=True)
-    for one in kept.ids() if sample_id is None else [sample_id]:
-        sample = kept.get(one)
+    for sample in kept.each() if sample_id is None else [kept.get(sample_id)]:
         body = _plain_body(kept, sample)
-        path = out / f"{one}{_suffix(sample.media_type)}"
+        path = out / f"{sample.sample_id}{_suffix(sample.media_type)}"
         path.write_bytes(body)
-        (out / f"{one}.json").write_text(json.dumps(asdict(sample), indent=1) + "\n")
+        (out / f"{sample.sample_id}.json").write_text(json.dumps(asdict(sample), indent=1) + "\n")
         typer.echo(path)
 
 

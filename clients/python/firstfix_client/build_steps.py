@@ -96,7 +96,7 @@ class BuildSteps:
                 return status
             if status.state == "cancelled":
                 raise BuildCancelled(f"build {build_id} was cancelled")
-            if status.state == "failed":
+            if status.state in ("failed", "unreadable"):
                 raise BuildFailed(status.error_detail or f"build {build_id} failed")
             yield Sleep(min(POLL_S, deadline.remaining_s()))
 

@@ -54,10 +54,11 @@ class BuildStatus:
     """How far a build is.
 
     Attributes:
-        state: queued, running, succeeded, failed or cancelled.
+        state: queued, running, succeeded, failed or cancelled; unreadable: its record in the store is
+            damaged.
         progress: 0..1 within the stage.
         version: digest, once succeeded.
-        error_code, error_detail: when failed.
+        error_code, error_detail: when failed or unreadable.
     """
 
     build_id: str

@@ -1,0 +1,188 @@
+"""A sensor may hang head down, sit on its side or lie anyhow: the map tells which way is up."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from firstfix import wire
+from firstfix.build_config import BuildConfig, DisturbConfig
+from firstfix.condense import condense, describe
+from firstfix.decode import decode_query
+from firstfix.localization import Localization, Verdict
+from firstfix.localizer import Localizer
+from firstfix.map_index import MapIndex
+from firstfix.options import LocalizeOptions
+from firstfix.preprocess import PreparedQuery
+from firstfix.query_parameters import QueryParameters
+from firstfix.scan import Scan
+from firstfix.scan_sequence import ScanSequence
+from firstfix.sensor import SensorModel
+from firstfix.transform import inverse, make_transform, pose_error
+from firstfix.wire_query import MEDIA_TYPE, encode_query
+from firstfix_builder.disturb import disturbed_scans, elsewhere
+from firstfix_builder.pipeline import build_version
+from firstfix_builder.simulate import Simulator
+from small_world import CONFIG, SENSOR
+
+HEAD_DOWN = np.diag([1.0, -1.0, -1.0])
+ON_ITS_SIDE = Rotation.from_euler("x", 90, degrees=True).as_matrix()
+NOSE_DOWN = Rotation.from_euler("y", 90, degrees=True).as_matrix()
+
+
+@pytest.fixture(scope="module")
+def localizer(small_version):
+    return Localizer(MapIndex.load(small_version.directory))
+
+
+def remounted(scan, T_map_sensor, R_base_sensor):
+    """The same returns in the frame of a sensor that is mounted otherwise, and its pose."""
+    T_base_sensor = make_transform(R_base_sensor, np.zeros(3))
+    return Scan.from_points(scan.points @ R_base_sensor), T_map_sensor @ T_base_sensor
+
+
+def is_right(answer: Localization, T_map_sensor) -> bool:
+    """Whether the first hypothesis is: some of the scans are ambiguous, whichever way up they are."""
+    if not answer.hypotheses:
+        return False
+    off_m, off_deg = pose_error(T_map_sensor, answer.hypotheses[0].T_map_sensor)
+    return off_m < 0.1 and off_deg < 1.0
+
+
+def assert_answered_as_upright(localizer, scans, turns):
+    """The place is the same, and about as many are sure of it."""
+    localized = {"upright": 0, "turned": 0}
+    for number, ((scan, T), R) in enumerate(zip(scans, turns, strict=True)):
+        turned, T_turned = remounted(scan, T, R)
+        answer = localizer.localize(turned)
+        assert is_right(answer, T_turned), number
+        localized["turned"] += answer.verdict is Verdict.LOCALIZED
+        localized["upright"] += localizer.localize(scan).verdict is Verdict.LOCALIZED
+    assert localized["turned"] >= localized["upright"] - 1 > 0, localized
+
+
+@pytest.mark.parametrize(
+    "R", [HEAD_DOWN, ON_ITS_SIDE, NOSE_DOWN], ids=["head down", "on its side", "nose down"]
+)
+def test_a_sensor_in_any_mounting_is_answered_as_an_upright_one(localizer, small_scans, R):
+    assert_answered_as_upright(localizer, small_scans[:4], [R] * 4)
+
+
+def test_a_sensor_in_any_orientation_is_answered_as_an_upright_one(localizer, small_scans):
+    assert_answered_as_upright(localizer, small_scans[:8], Rotation.random(8, random_state=8).as_matrix())
+
+
+@pytest.fixture
+def looked_otherwise(monkeypatch):
+    """How often other ways up were looked at."""
+    calls = []
+    look = PreparedQuery.levelled_otherwise
+    monkeypatch.setattr(PreparedQuery, "levelled_otherwise", lambda *given: calls.append(1) or look(*given))
+    return calls
+
+
+def test_an_upright_scan_that_is_localized_pays_for_no_other_way_up(localizer, small_scans, looked_otherwise):
+    for scan, _ in small_scans[:8]:
+        looked_otherwise.clear()
+        assert localizer.localize(scan).verdict is not Verdict.LOCALIZED or not looked_otherwise
+    looked_otherwise.clear()
+    localizer.localize(remounted(*small_scans[0], HEAD_DOWN)[0])
+    assert looked_otherwise == [1]
+
+
+@pytest.mark.parametrize("R", [HEAD_DOWN, ON_ITS_SIDE], ids=["head down", "on its side"])
+def test_with_its_mounting_or_with_gravity_it_pays_for_none_either(
+    localizer, small_scans, looked_otherwise, R
+):
+    mounting = make_transform(R, [0.1, 0.2, 0.5])
+    for scan, T in small_scans[2:4]:
+        other, T_other = remounted(scan, T, R)
+        answer = localizer.localize(other, LocalizeOptions(T_base_sensor=mounting))
+        assert is_right(answer, T_other)
+        np.testing.assert_allclose(answer.T_map_base @ mounting, answer.T_map_sensor, atol=1e-9)
+        gravity = T_other[:3, :3].T @ [0, 0, -9.8]
+        assert is_right(localizer.localize(other, LocalizeOptions(gravity=gravity)), T_other)
+    assert not looked_otherwise
+
+
+def test_a_mounting_that_is_wrong_is_a_hint_and_no_more(localizer, small_scans):
+    scan, T = small_scans[0]
+    wrong = LocalizeOptions(T_base_sensor=make_transform(ON_ITS_SIDE, np.zeros(3)))
+    assert is_right(localizer.localize(scan, wrong), T)
+
+
+def test_a_shaken_gravity_is_held_against_the_surfaces(localizer, small_scans):
+    for scan, T in small_scans[:3]:
+        other, T_other = remounted(scan, T, HEAD_DOWN)
+        off = Rotation.from_euler("xy", [9, -8], degrees=True).as_matrix()
+        gravity = T_other[:3, :3].T @ off @ [0, 0, -9.8]
+        assert is_right(localizer.localize(other, LocalizeOptions(gravity=gravity)), T_other)
+
+
+def test_every_encoding_with_points_works_head_down(localizer, small_version, small_scans):
+    parameters = QueryParameters.from_engine(small_version.manifest.engine)
+    for scan, T in small_scans[2:4]:
+        other, T_other = remounted(scan, T, HEAD_DOWN)
+        bodies = {
+            "range image": wire.encode_scan(other, form="range_image"),
+            "compact": encode_query(condense(other)),
+            "compact, described upright by the robot": encode_query(condense(other, parameters)),
+        }
+        for name, body in bodies.items():
+            media_type = wire.MEDIA_TYPE if name == "range image" else MEDIA_TYPE
+            answer = localizer.localize(decode_query(body, media_type))
+            assert is_right(answer, T_other), name
+
+
+def test_a_descriptor_alone_works_head_down_with_gravity(localizer, small_version, small_scans):
+    parameters = QueryParameters.from_engine(small_version.manifest.engine)
+    scan, T = small_scans[0]
+    other, T_other = remounted(scan, T, HEAD_DOWN)
+    gravity = T_other[:3, :3].T @ [0, 0, -9.8]
+    told = localizer.localize(decode_query(encode_query(describe(other, parameters, gravity)), MEDIA_TYPE))
+    offs = [pose_error(T_other, hypothesis.T_map_sensor) for hypothesis in told.hypotheses]
+    assert any(off_m < 2 and off_deg < 20 for off_m, off_deg in offs)
+
+
+def test_several_scans_head_down_give_the_pose_of_the_last(localizer, small_scans):
+    part = [remounted(scan, T, HEAD_DOWN) for scan, T in small_scans[3:6]]
+    poses = [inverse(part[0][1]) @ T for _, T in part]
+    answer = localizer.localize(ScanSequence.along([scan for scan, _ in part], poses))
+    assert is_right(answer, part[-1][1])
+
+
+def test_scans_of_another_place_gain_no_pose_by_more_ways_up(localizer):
+    rng = np.random.default_rng(6)
+    spots = np.column_stack([rng.uniform(-15, 15, (60, 2)), np.full(60, 0.8)])
+    strange = disturbed_scans(
+        Simulator(*elsewhere(rng)), SensorModel.from_mapping(SENSOR), spots, 1.0, 12, DisturbConfig(), rng
+    )
+    turns = Rotation.random(len(strange), random_state=1).as_matrix()
+    for (scan, T), R in zip(strange, turns, strict=True):
+        assert localizer.localize(remounted(scan, T, R)[0]).verdict is not Verdict.LOCALIZED
+
+
+def test_a_map_is_built_for_a_sensor_that_hangs_head_down(small_world, small_map, tmp_path):
+    """It looks up to 52 degrees down and hardly up: the templates and the self-test look so too."""
+    hanging = replace(
+        SensorModel.from_mapping(SENSOR),
+        elevations_deg=tuple(np.linspace(-7, 52, 16)),
+        mount_roll_deg=180.0,
+    )
+    config = BuildConfig.parse({**CONFIG, "sensor": hanging.to_mapping()})
+    version = build_version(small_map, config, tmp_path)
+    assert version.manifest.sensor["mount_roll_deg"] == 180.0
+    assert version.manifest.self_test["success"]["0.2m"] >= 0.9
+    localizer = Localizer(MapIndex.load(version.directory))
+    scans = disturbed_scans(
+        Simulator(small_world.vertices, small_world.triangles),
+        hanging,
+        localizer.index.cascade.templates.position_m,
+        1.0,
+        8,
+        DisturbConfig(occluders=3),
+        np.random.default_rng(11),
+    )
+    assert all(T[2, 2] < -0.9 for _, T in scans)
+    assert sum(is_right(localizer.localize(scan), T) for scan, T in scans) >= 7
