@@ -36,7 +36,7 @@ from .nats_server import NatsServer
 
 END_S = 900.0
 MAPS = ("hall", "yard")
-MOMENT_S = 200.0  # at most, to wait for what a kill is to meet
+MOMENT_S = 20.0  # at most, to wait for what a kill is to meet
 
 
 class Reader:
