@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-PATIENCE_S = 120.0  # a busy machine starts a worker slowly
+PATIENCE_S = 300.0  # a busy machine starts a worker slowly
 _ROOT = Path(__file__).resolve().parents[1]
 
 

@@ -28,7 +28,7 @@ from .hostile_bodies import Body, crafted_bodies, damaged, good_bodies
 from .memory import PeakMemory, memory_of_children
 
 DEADLINE_S = 10.0
-GRACE_S = 2.0  # for the way there and back on a busy machine
+GRACE_S = 20.0  # for the way there and back on a busy machine
 MAX_GROWTH_BYTES = 200_000_000
 _NO_DEFECT = {503, 504}
 

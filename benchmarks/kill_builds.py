@@ -34,7 +34,7 @@ from firstfix.store import Store
 from .kill_deployment import Deployment
 from .nats_server import NatsServer
 
-END_S = 180.0
+END_S = 900.0
 MAPS = ("hall", "yard")
 MOMENT_S = 20.0  # at most, to wait for what a kill is to meet
 

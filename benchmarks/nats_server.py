@@ -10,7 +10,7 @@ import subprocess
 import time
 from pathlib import Path
 
-START_S = 20.0
+START_S = 200.0
 
 
 def nats_server_program() -> str | None:

@@ -38,7 +38,7 @@ from .kill_deployment import Deployment
 from .power_cut_callers import MAPS, PART_BYTES, Acknowledged, Callers
 
 IMAGE_BYTES = 16 << 30  # sparse: the service wants room on its disk
-WAIT_S = 180.0  # for what takes seconds
+WAIT_S = 900.0  # for what takes seconds
 MOMENTS = ("upload", "build", "publish", "any")
 
 

@@ -79,10 +79,13 @@ def small_version(small_map: Path, once_a_run: OnceARun) -> BuiltVersion:
 @pytest.fixture
 def small_work(small_version: BuiltVersion, tmp_path: Path) -> Path:
     """A work folder of its own that holds the stages of the small version's build."""
-    shutil.copytree(
-        small_version.directory.parent / "stages", tmp_path / "work" / "stages", copy_function=os.link
-    )
-    return tmp_path / "work"
+    return begun_as(small_version, tmp_path / "work")
+
+
+def begun_as(built: BuiltVersion, work: Path) -> Path:
+    """A work folder whose builds go on from the stages of a version that was built."""
+    shutil.copytree(built.directory.parent / "stages", work / "stages", copy_function=os.link)
+    return work
 
 
 @pytest.fixture(scope="session")

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import httpx
 
-START_S = 120.0
+START_S = 300.0
 BUCKET = "maps"
 
 

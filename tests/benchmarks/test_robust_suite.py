@@ -16,7 +16,7 @@ from firstfix.localization import Localization, Verdict
 from firstfix.localizer import Localizer
 from firstfix.map_index import MapIndex
 from firstfix.transform import make_transform, rotation_z
-from small_world import CONFIG
+from small_world import CONFIG, SENSOR, begun_as
 
 SOME = (
     Case("clean", CLEAN),
@@ -32,7 +32,7 @@ NOT_OURS = replace(WRONG, inside=False, error_m=np.inf, error_deg=np.inf, yaw_er
 
 
 @pytest.fixture(scope="module")
-def figures(small_map: Path, tmp_path_factory: pytest.TempPathFactory):
+def figures(small_map: Path, small_version, tmp_path_factory: pytest.TempPathFactory):
     def world(name: str, place: str, changed: Scenery | None = None) -> BenchWorld:
         files = WorldFiles(Scenery(small_map), changed)
         return BenchWorld(name, place, CONFIG, lambda cache: files)
@@ -41,7 +41,9 @@ def figures(small_map: Path, tmp_path_factory: pytest.TempPathFactory):
     absent = replace(yard, name="absent", missing="not here")
     # the same yard under another name: a scan of "elsewhere" that looks right must count as a false accept
     others = (yard, absent, world("twin", "elsewhere"))
-    return measure((yard, absent), SOME, Sizes(6, 4, 3), tmp_path_factory.mktemp("robust"), others)
+    folder = tmp_path_factory.mktemp("robust")
+    begun_as(small_version, folder / "yard" / SENSOR["name"])
+    return measure((yard, absent), SOME, Sizes(6, 4, 3), folder, others)
 
 
 def test_every_case_has_its_row(figures):
@@ -65,7 +67,8 @@ def test_a_right_looking_scan_from_outside_is_a_false_accept(figures):
     assert figures["total"]["everything"]["false_accepts"] >= row["false_accepts"]
 
 
-def test_the_same_seed_gives_the_same_scans(figures, small_map, tmp_path):
+def test_the_same_seed_gives_the_same_scans(figures, small_map, small_version, tmp_path):
+    begun_as(small_version, tmp_path / "yard" / SENSOR["name"])
     files = WorldFiles(Scenery(small_map))
     yard = BenchWorld("yard", "yard", CONFIG, lambda cache: files)
     again = measure((yard,), SOME[1:2], Sizes(6, 4, 3), tmp_path, ())["worlds"]["yard"]["cases"][
