@@ -92,7 +92,7 @@ def test_no_storey_is_passed_over(monkeypatch):
     monkeypatch.setattr(visible_points_module, "VIEWPOINTS", -(-len(viewpoints) // 4))
     looked_from = []
     ranges = simulator.ranges
-    monkeypatch.setattr(simulator, "ranges", lambda T, sensor: looked_from.append(T) or ranges(T, sensor))
+    monkeypatch.setattr(simulator, "ranges", lambda T, *rays: looked_from.append(T) or ranges(T, *rays))
     (seen,) = visible_points(simulator, viewpoints, SENSOR, 0.05)
     z = np.concatenate(looked_from)[:, 2, 3]
     assert 0.4 < (z < 2).mean() < 0.6
