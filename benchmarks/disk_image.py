@@ -37,7 +37,7 @@ class DiskImage:
         return cls(image, mount_point)
 
     def mount(self) -> None:
-        """What the journal holds is applied, as at the start after a power cut."""
+        """Applies the journal, as a start after a power cut does."""
         self.mount_point.mkdir(parents=True, exist_ok=True)
         # The journal is written each second: names come to disk well before the bytes of young files.
         _run("mount", "-o", "loop,commit=1", str(self.image), str(self.mount_point))
@@ -71,7 +71,7 @@ class DiskImage:
 
 
 def why_no_images() -> str | None:
-    """Why this process cannot make and mount images; None when it can."""
+    """The reason why this process cannot make and mount images; None if it can."""
     for program in ("mkfs.ext4", "e2fsck", "mount", "umount"):
         if shutil.which(program) is None:
             return f"no {program} on this machine"

@@ -1,4 +1,4 @@
-"""Those who use a service whose power is cut, and what it said that it has: for ``benchmarks.power_cuts``."""
+"""Callers of a service whose power is cut, and what it acknowledged: for ``benchmarks.power_cuts``."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PART_BYTES, PARTS = 300_000, 4
 
 @dataclass
 class Acknowledged:
-    """What the service said that it has."""
+    """Everything that the service acknowledged."""
 
     builds: set[str] = field(default_factory=set)
     succeeded: dict[str, tuple[str, str]] = field(default_factory=dict)  # build to map and version
@@ -33,7 +33,7 @@ class Acknowledged:
     switches: Counter[str] = field(default_factory=Counter)  # of each map
 
     def missing_in(self, catalog: Catalog) -> list[str]:
-        """What a store has lost of it."""
+        """The acknowledged things that a store has lost."""
         lost = [f"build {name}" for name in sorted(self.builds - set(catalog.build_ids()))]
         for build_id, (map_id, version) in self.succeeded.items():
             if catalog.build_status(build_id)["version"] != version:
@@ -52,7 +52,7 @@ class Acknowledged:
 
 
 class Callers:
-    """Those who use the service until it is gone: one uploads, one hands in maps, one switches versions."""
+    """Callers until the service is gone: one uploads, one hands in maps, one switches versions."""
 
     def __init__(self, deployment: Deployment, said: Acknowledged, seed: int) -> None:
         self._http = httpx.Client(base_url=f"http://127.0.0.1:{deployment.port}", timeout=60.0)

@@ -1,4 +1,4 @@
-"""Power cuts at random moments of uploads, builds and publications: what is lost of what was acknowledged.
+"""Power cuts at random moments of uploads, builds and publications: is anything lost that was acknowledged?
 
     python -m benchmarks.power_cuts [--cuts 50] [--seed 0] [--json FILE]
 
@@ -106,7 +106,7 @@ def _catalog(disk: DiskImage) -> Catalog:
 
 
 def _not_serving(deployment: Deployment) -> list[str]:
-    """What a service that was started again does not show of what its store has."""
+    """Contents of the store that a restarted service does not show."""
     http = httpx.Client(base_url=f"http://127.0.0.1:{deployment.port}", timeout=60.0)
 
     def is_there() -> bool:
@@ -164,7 +164,7 @@ def _broken(catalog: Catalog, cache: Path) -> list[str]:
 
 
 def _wait_for_a_moment(disk: DiskImage, deployment: Deployment, callers: Callers, rng: random.Random) -> str:
-    """Waits until what is drawn by lot goes on, and a little longer. What it was."""
+    """Waits until a randomly chosen kind of work goes on, and a little longer. Returns its name."""
     moment = rng.choice(MOMENTS)
     if moment == "upload":
         _wait_until(lambda: callers.is_uploading)

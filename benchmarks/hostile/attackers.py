@@ -23,7 +23,7 @@ AGAIN_S = 0.5  # until an attacker that was thrown out comes again
 
 
 async def attack(attack: Attack, target: Target, port: int, share: float, seconds: float) -> Counter[str]:
-    """How many connections were opened, thrown out and refused, until SIGTERM.
+    """Counts of connections that were opened, ended by the service and refused, until SIGTERM.
 
     Args:
         share: of the attack's connections.

@@ -1,4 +1,4 @@
-"""What a hostile caller does with one connection, over and over: raw bytes, slowly, or without end.
+"""Attacks: what a hostile caller does with one connection, again and again, in raw bytes.
 
 Each attack gets an open connection and returns, or fails with what the service did to it.
 """

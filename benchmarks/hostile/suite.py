@@ -111,7 +111,7 @@ def table(figures: dict[str, Any]) -> str:
 
 @dataclass
 class Seen:
-    """What another caller saw meanwhile.
+    """The queries of another caller during an attack.
 
     Attributes:
         failures: of its queries and of the health checks, in words.

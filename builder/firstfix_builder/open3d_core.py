@@ -1,5 +1,5 @@
-"""open3d without its plots for web browsers: they import Dash and Plotly, which takes a process longer than
-all the rest of open3d, and there is nobody here to look at them."""
+"""open3d without its plots for web browsers, with which the builder draws nothing: they import Dash and
+Plotly, which takes a process longer than all the rest of open3d."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _PLOTS = "open3d.visualization.draw_plotly"
 
 
 def _nothing_to_look_at(*_: object, **__: object) -> None:
-    raise NotImplementedError(f"{_PLOTS} is left out by {__name__}")
+    raise RuntimeError(f"{_PLOTS} is left out by {__name__}")
 
 
 if _PLOTS not in sys.modules:

@@ -109,7 +109,7 @@ class _Outcome:
 
     @property
     def without_the_truth(self) -> Evidence | None:
-        """What would be found if neither the true place nor its equals were in the map: a hard negative.
+        """A hard negative: the evidence if neither the true place nor its equals were in the map.
 
         A map's own look-alikes teach more than scans of a strange place: the next aisle of a hall explains
         four fifths of a scan. An equal of the true place teaches nothing: nobody could tell that it is wrong.

@@ -43,7 +43,7 @@ DEFAULT_MAX_AGE_S = 30 * 86400.0
 
 
 class StagesElsewhere(Protocol):
-    """Where stages come from and go to besides: ``SharedStages``, or somebody who asks those."""
+    """A second place for stages: ``SharedStages``, or a proxy of it."""
 
     def fetch(self, key: str, folder: Path) -> bool: ...
 

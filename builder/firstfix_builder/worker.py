@@ -196,7 +196,7 @@ def _fetch_all(
 
 
 def _share(told: Callable[[float], None], number: int, count: int) -> Callable[[float], None]:
-    """What one of several files tells, as a share of them all."""
+    """Progress of one of several files, as a share of them all."""
     return lambda done: told((number + done) / count)
 
 

@@ -50,7 +50,7 @@ class Calibration:
         return np.array([self.bias, self.closeness, self.free_space, self.margin])
 
     def evidence(self, fits: Sequence[Fit], place: int = 0) -> Evidence:
-        """What speaks for one of the places that the scan was compared at, and for those that tie with it."""
+        """Evidence for one of the places that the scan was compared at, and for those that tie with it."""
         return evidence(fits, self.min_margin, place)
 
     def probability(self, evidence: Evidence) -> float:

@@ -1,4 +1,4 @@
-"""What each caller has of the builds, so that one cannot have them all.
+"""Builds and build minutes of each caller, counted in the store, so that one cannot have them all.
 
     callers/<sha256 of the caller>/builds/<build_id>                            before the build is on record
     callers/<sha256 of the caller>/minutes/<day>/<build_id>.<attempt>.<seconds> once an attempt has ended

@@ -326,7 +326,7 @@ class Catalog(BuildRecords):
 
 
 def log_folder(map_id: str) -> str:
-    """Where the entries of a map's log stand."""
+    """Folder of the entries of a map's log."""
     return f"maps/{check_map_id(map_id)}/log"
 
 
@@ -339,6 +339,6 @@ def _folder(map_id: str, version: str, state: MapState) -> VersionFolder:
 
 
 def source_key(map_id: str, sha256: str, build_id: str = "") -> str:
-    """Where an uploaded file stands, or a copy of it for one build alone."""
+    """Key of an uploaded file, or of a copy of it for one build alone."""
     own = f".{check_build_id(build_id)}" if build_id else ""
     return f"maps/{check_map_id(map_id)}/sources/{check_version(sha256)}{own}"

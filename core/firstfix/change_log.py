@@ -83,7 +83,7 @@ class ChangeLog:
         return list(map_ids), number
 
     def go_on_from(self, number: int) -> int:
-        """Where a reader that read up to that number goes on, once it looks at every map anyway: there, or at
+        """The number from which a reader goes on, once it looks at every map anyway: its own, or that of
         the end, where the notices in between were collected or all were removed."""
         end = self.end()
         return number if number < end and self._store.exists(_key(number + 1)) else end

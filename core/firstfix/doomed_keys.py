@@ -1,4 +1,4 @@
-"""What garbage collections are about to remove, for those who want to go on using it.
+"""Keys that garbage collections are about to remove, announced to those who may still want them.
 
     doomed/<random id>    keys, one a line: put before a collection looks whether anybody names them, deleted
                           after it has removed them

@@ -35,7 +35,7 @@ class Fit:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What speaks for the best place, or, where others tie with it, for one of these places being right.
+    """Evidence for the best place; where others tie with it, for one of all these being right.
 
     Attributes:
         fit: of the best place.

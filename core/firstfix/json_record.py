@@ -29,7 +29,7 @@ _REMEMBERED = 10_000  # unreadable records that were told of
 
 
 class RecordKind(str, Enum):
-    """What a record is about: a label of the metric."""
+    """Kinds of records: a label of the metric."""
 
     BUILD_REQUEST = "build_request"
     BUILD_STATUS = "build_status"
@@ -104,7 +104,7 @@ def parse_record(data: bytes, parse: Callable[[Any], T], *, nullable: bool = Fal
 
 
 def read_each(keys: Iterable[K], read: Callable[[K], T]) -> dict[K, T]:
-    """What ``read`` gives for each key, a few at the same time. Its first error leaves."""
+    """Results of ``read`` for each key, a few at the same time. Raises its first error."""
     wanted = list(keys)
     if len(wanted) < 2:
         return {key: read(key) for key in wanted}

@@ -79,7 +79,7 @@ def refined_up(normals: NDArray[np.floating], up: NDArray[np.float64]) -> NDArra
 
 
 def votes(normals: NDArray[np.floating], directions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How many of (n, 3) normals confirm each of (d, 3) directions as up (docs/method.md 6.1)."""
+    """Votes of (n, 3) normals for each of (d, 3) directions as up (docs/method.md 6.1)."""
     along2 = (normals.astype(np.float32) @ directions.T.astype(np.float32)) ** 2  # (n, directions)
     scale = np.float32(-1 / (2 * _VOTE_WIDTH**2))
     found: NDArray[np.float64] = (np.exp(along2 * scale) + np.exp((1 - along2) * scale)).sum(

@@ -1,4 +1,4 @@
-"""What logs no longer need: entries that snapshots have summed up, notices that everybody has read.
+"""Garbage of logs: entries that snapshots have summed up, notices that everybody has read.
 
 What is left is enough to read a log although one snapshot is damaged: the newest ``KEPT`` snapshots that can
 be read, and all entries after the second newest of them. The newest entry is always left, so that a reader
@@ -18,7 +18,7 @@ KEPT = 3  # snapshots
 
 
 def log_garbage(store: Store, folder: str, cutoff: datetime) -> list[str]:
-    """Keys of entries and snapshots of one map's log that nobody needs and that are older than that.
+    """Keys of one map's log that are garbage and older than a time: entries and snapshots.
 
     Args:
         folder: of the log's entries.
@@ -47,7 +47,7 @@ def leave_snapshot(store: Store, folder: str) -> None:
 
 
 def change_garbage(store: Store, cutoff: datetime) -> list[str]:
-    """Keys of notices and marks that nobody needs and that are older than that."""
+    """Keys of notices and marks that are garbage and older than a time."""
     marks = scan_after(store, MARKS, 0, digits=DIGITS)
     if len(marks) < 2:
         return []

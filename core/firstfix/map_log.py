@@ -49,7 +49,7 @@ _MAX_LOOKS = 5  # of one reader, while what it was about to read is collected
 
 @dataclass(frozen=True)
 class _Seen:
-    """What one reader knows of a log.
+    """One reader's copy of a log.
 
     Attributes:
         base: a state, by which to begin the next look.

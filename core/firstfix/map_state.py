@@ -1,4 +1,4 @@
-"""What the log of a map adds up to, entry by entry, without keeping every entry."""
+"""State of a map: its log summed up entry by entry, without keeping every entry."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class LogEntry:
 
 @dataclass(frozen=True)
 class MapState:
-    """What a log adds up to.
+    """Sum of a log's entries.
 
     Attributes:
         entries: in order: the newest, and of the older ones those that still matter: by which a version that

@@ -109,7 +109,7 @@ def _contenders(settled: Sequence[Place], look_at: Callable[[Place], Place], at_
 
 
 def place_evidence(calibration: Calibration, places: Sequence[Place]) -> Evidence:
-    """What speaks for the first of ranked places, and for those that tie with it."""
+    """Evidence for the first of ranked places, and for those that tie with it."""
     return calibration.evidence([place.fit for place in places])
 
 

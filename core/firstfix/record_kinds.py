@@ -89,12 +89,12 @@ FORMS = (
 
 
 def form_of(key: str) -> RecordForm | None:
-    """How the record under a key is read; None: it is no record."""
+    """The reader of the record under a key; None if it is no record."""
     return next((form for form in FORMS if form.pattern.fullmatch(key)), None)
 
 
 def why_unreadable(key: str, data: bytes) -> str | None:
-    """What is wrong with a record; None: nothing, or it is no record."""
+    """Says what is wrong with a record; None if nothing is, or it is no record."""
     form = form_of(key)
     try:
         if form is not None:

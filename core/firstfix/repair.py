@@ -1,4 +1,4 @@
-"""What can be mended in a store, from what else is there.
+"""Repair of a store's damaged objects from other copies of their content.
 
     a file of a version, a source   from any object or local copy of the same sha256
     a build's status                from the map's log; else the build is queued again

@@ -288,7 +288,7 @@ class Store:
 
     @property
     def directory(self) -> Path | None:
-        """Where a file store is; None for other stores, which do not tell how much room they have."""
+        """Directory of a file store; None for other stores, which do not tell how much room they have."""
         return self._root
 
     def probe(self) -> None:

@@ -1,4 +1,4 @@
-"""What was announced of an upload: the content of ``uploads/<upload_id>/upload.json``."""
+"""Record of an announced upload: the content of ``uploads/<upload_id>/upload.json``."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ class Finding:
 
 @dataclass
 class VerifyReport:
-    """What was checked so far.
+    """Report of the objects checked so far.
 
     Attributes:
         objects: that were read, or found missing.
@@ -62,7 +62,7 @@ class VerifyReport:
 
     @property
     def damaged(self) -> list[Finding]:
-        """Those that are still damaged."""
+        """Objects that are still damaged."""
         return [finding for finding in self.findings if not finding.mended]
 
 

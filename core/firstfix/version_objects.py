@@ -31,7 +31,7 @@ _FOLDER_NAME = re.compile(r"([0-9a-f]{64})(?:\.(\d{6,}))?")
 
 @dataclass(frozen=True)
 class VersionFolder:
-    """Where files of a version stand. Attributes: generation: see ``firstfix.map_log``."""
+    """Folder with files of a version. Attributes: generation: see ``firstfix.map_log``."""
 
     map_id: str
     version: str

@@ -1,4 +1,4 @@
-"""How many builds one caller may have waiting and running, and for how long they may run in a day."""
+"""Quota of builds: how many of one caller may wait and run, and for how long in a day."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DEFAULT_BUILDS, DEFAULT_MINUTES_PER_DAY = 50.0, 1440.0  # of one caller, where s
 
 
 class BuildQuota:
-    """One event loop's. Replicas that take builds of one caller at the same moment can let through one each.
+    """For one event loop. Replicas that take one caller's builds at the same moment can let through one each.
 
     Args:
         max_unfinished: builds of one caller that wait or run; 0: any number.

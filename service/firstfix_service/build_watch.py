@@ -62,7 +62,7 @@ class BuildWatch:
             self._moved = self._clock()
 
     def overdue(self) -> BuildError | None:
-        """Why the build is to be ended, if it is."""
+        """The reason to end the build; None if there is none."""
         if self._before_s + self.ran_s > self._limits.timeout_s:
             return BuildTimedOut(f"the build ran for more than {self._limits.timeout_s:g} s")
         if self._clock() - self._moved > self._limits.stall_s:

@@ -38,8 +38,8 @@ class Caller:
 
     @property
     def repeats_as(self) -> str:
-        """Under whose name repeated requests belong together: where nobody is asked for a credential it is
-        one for all, as the address of a robot can change between two tries."""
+        """The name under which repeated requests belong together. Where nobody is asked for a credential it
+        is one for all, as the address of a robot can change between two tries."""
         return NOBODY_ASKED.name if self.name.startswith("address:") else self.name
 
     def owns(self, owner: str | None) -> bool:

@@ -34,7 +34,7 @@ class Admission(Enum):
 
 
 class Ended(Enum):
-    """Why a connection was ended from this side; the label of a metric."""
+    """Reasons to end a connection from this side; the label of a metric."""
 
     HEAD = "head"  # no request came, or it did not arrive as a whole
     BODY = "body"  # the body came too slowly
@@ -46,7 +46,7 @@ class Ended(Enum):
 
 
 class Connection(Protocol):
-    """What this module needs of an HTTP connection."""
+    """An HTTP connection as this module needs it."""
 
     @property
     def peer(self) -> str | None: ...
@@ -56,7 +56,7 @@ class Connection(Protocol):
         """Nothing is being done for the caller: to end the connection loses no work."""
 
     def overdue(self, now: float) -> Ended | None:
-        """Why it is to be ended now, if it is.
+        """The reason to end it now; None if there is none.
 
         Args:
             now: of the event loop's clock.
@@ -114,7 +114,7 @@ def _room(open_files: int) -> int:
 
 
 class Connections:
-    """One event loop's.
+    """For one event loop.
 
     Args:
         trusted: networks of proxies: one connection of theirs carries many callers, so they have no limit

@@ -12,7 +12,7 @@ from firstfix.errors import OutOfSpace
 
 
 class DiskSpace:
-    """What of the disks' free bytes is promised: one ledger of the process. Thread-safe.
+    """Ledger of the process: promised bytes of each disk. Thread-safe.
 
     Args:
         min_free_bytes: that stay free on every disk.

@@ -1,4 +1,4 @@
-"""Whose build is next: callers take turns, so that one who hands in many does not hold up the others."""
+"""Order of waiting builds: callers take turns, so that one who hands in many does not hold up the others."""
 
 from __future__ import annotations
 

@@ -46,8 +46,7 @@ _EVENTS: dict[int | str, dict[str, Any]] = {
 async def get_build_events(
     build_id: BuildId, parts: PartsDep, caller: CallerDep, permission: PermissionDep
 ) -> StreamingResponse:
-    """The build's status as it changes, until it ends or the caller's key or token is worth nothing any
-    more."""
+    """The build's status as it changes, until it ends or the caller's key or token is no longer valid."""
     status = await READS.run(parts.catalog.build_status, build_id)
     place = ExitStack()
     place.enter_context(parts.event_streams.one(caller.name))

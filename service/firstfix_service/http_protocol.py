@@ -22,7 +22,7 @@ _FULL = "too many connections: try again"
 
 
 class Reading(Enum):
-    """What of a request comes next."""
+    """Phases of a request."""
 
     HEAD = "head"
     BODY = "body"
@@ -249,7 +249,7 @@ _TOO_LARGE = (b"431 Request Header Fields Too Large", "request header fields too
 
 
 class _AnswerTransport:
-    """What the cycle of a request and its answer sees of the connection."""
+    """The connection as the cycle of a request and its answer sees it."""
 
     def __init__(self, connection: LimitedHttpProtocol) -> None:
         self._connection = connection

@@ -53,7 +53,7 @@ class Lane:
         self._running: Counter[str] = Counter()
 
     async def run(self, work: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T:
-        """The work's result, in the context of who asks. Work that has begun goes on when nobody waits for
+        """Runs work and returns its result. Work that has begun goes on when nobody waits for
         it any more."""
         request = current_request()
         caller = "" if request is None else str(request.fields.get("caller", ""))
@@ -86,7 +86,7 @@ class Lane:
                 self._executor.submit(self._work, caller, job)
 
     def _next(self) -> str | None:
-        """Whose turn it is. Work of the service itself has no caller, and may have all threads."""
+        """The caller whose turn it is. Work of the service itself has no caller, and may have all threads."""
         most = max(1, self._threads - 1)
         return next((one for one in self._waiting if not one or self._running[one] < most), None)
 

@@ -161,7 +161,7 @@ class NatsBuilds:
             await self._jetstream.update_stream(config)
 
     async def room(self) -> int:
-        """How many more builds can be submitted before the stream is further ahead of the workers than it
+        """Number of builds that can be submitted before the stream is further ahead of the workers than it
         has to be: one for each worker that waits, and a few so that none has to.
 
         Raises:

@@ -14,7 +14,7 @@ from firstfix.errors import DeadlineExceeded
 
 @dataclass(frozen=True)
 class Pace:
-    """How a body has to come. Only the time counts in which the sender is waited for.
+    """Pace that a body has to keep. Only the time counts in which the sender is waited for.
 
     Attributes:
         stall_s: without a byte until it is given up; over each such time the mean rate is looked at.

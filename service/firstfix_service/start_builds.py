@@ -66,7 +66,7 @@ def build_command(settings: Settings) -> BuildCommand:
 
 
 def _environment(settings: Settings) -> dict[str, str]:
-    """What the worker is told by variables of the same names as the settings."""
+    """Environment of the worker: variables with the names of the settings."""
     told = {
         "FIRSTFIX_LOG_LEVEL": settings.log_level,
         "FIRSTFIX_LOG_JSON": str(settings.log_json).lower(),

@@ -103,7 +103,7 @@ class Submission:
         }
 
     def _kept(self, parts: Parts, source: Source, build_id: str) -> tuple[dict[str, str], str]:
-        """How the record names the source, and the name by whose ending it is read."""
+        """The source as the record names it, and the file name by whose ending it is read."""
         if isinstance(source, NamedUrl):
             return {"url": source.url}, source.file_name
         if isinstance(source, UploadedFile):

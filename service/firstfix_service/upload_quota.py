@@ -1,4 +1,4 @@
-"""How many uploads may be open, of one caller and of all."""
+"""Quota of open uploads, of one caller and of all."""
 
 from __future__ import annotations
 

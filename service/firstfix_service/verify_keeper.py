@@ -1,4 +1,4 @@
-"""Reads what is in the store, little by little, to find damage before somebody needs what is damaged."""
+"""Reads the store little by little, to find damage before somebody needs the damaged object."""
 
 from __future__ import annotations
 
@@ -62,14 +62,14 @@ async def verify_once(settings: Settings, store: Store, metrics: Metrics) -> Non
 
 
 class _Told:
-    """What the metrics and the log were told of a report that grows."""
+    """Part of a growing report that the metrics and the log were told."""
 
     def __init__(self, metrics: Metrics) -> None:
         self._metrics = metrics
         self._objects = self._bytes = self._damaged = 0
 
     def tell(self, report: VerifyReport) -> int:
-        """Tells what is new; the bytes of it."""
+        """Tells the metrics and the log what is new. Returns its bytes."""
         for finding in report.findings[self._damaged :]:
             _log.error("damaged in the store", key=finding.key, problem=finding.problem)
         objects, damaged = report.objects - self._objects, len(report.findings) - self._damaged

@@ -82,11 +82,12 @@ def test_another_is_searched_for_once_more_and_wider(index, foreign_scan):
     localizer, asked = searched(index)
     assert localizer.localize(foreign_scan).verdict is not Verdict.LOCALIZED
     clusters = index.config.search.clusters
-    assert asked == [clusters, index.config.search.widened * clusters]
+    assert asked[:2] == [clusters, index.config.search.widened * clusters]
+    assert set(asked[2:]) == {clusters}, "then once by each other way that may be up"
 
 
 def test_who_limits_the_candidates_is_not_overruled(index, foreign_scan):
     localizer, asked = searched(index)
     localizer.localize(foreign_scan, LocalizeOptions(max_candidates=5))
-    assert len(asked) == 1
+    assert set(asked) == {index.config.search.clusters}
     assert len(proposed(index, foreign_scan, options=LocalizeOptions(max_candidates=5))) <= 5

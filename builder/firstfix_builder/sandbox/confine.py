@@ -88,7 +88,7 @@ def _limit(limits: Limits) -> None:
 
 
 def _python_folders() -> list[Path]:
-    """Where this interpreter and its modules are."""
+    """Folders of this interpreter and its modules."""
     executable = Path(sys.executable)
     named = [sys.prefix, sys.base_prefix, sys.exec_prefix, *filter(None, sys.path)]
     folders = {executable.parent, executable.resolve().parent, *(Path(name).resolve() for name in named)}

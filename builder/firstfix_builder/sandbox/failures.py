@@ -1,4 +1,4 @@
-"""Why a build failed, in words that may be shown: they name no path of this machine."""
+"""Reasons why a build failed, in words that may be shown: they name no path of this machine."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Flows:
-    """What can be done to a source: ``pipeline.build_version`` and ``pipeline.read_source``."""
+    """The jobs that a build can do: ``pipeline.build_version`` and ``pipeline.read_source``."""
 
     build_version: Callable[..., object]
     read_source: Callable[..., object]
@@ -73,7 +73,7 @@ def main(flows: Callable[[], Flows] = pipeline_flows) -> int:
 
 
 class Outside:
-    """What the worker outside does for the build: cancels it, and brings and takes finished stages."""
+    """The worker outside: it cancels the build, and brings and takes finished stages."""
 
     def __init__(self, speaker: Speaker, lines: Lines, work: Path) -> None:
         self._speaker = speaker

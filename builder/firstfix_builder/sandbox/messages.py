@@ -1,4 +1,4 @@
-"""What a build in its sandbox and the worker outside tell each other: one JSON object a line, over two pipes.
+"""Messages between a build in its sandbox and the worker outside: one JSON object a line, over two pipes.
 
 to the build    {"job": {...}}, {"cancel": true}, {"answer": ...} to the last "fetch" or "share"
 from the build  {"confined": [what the kernel has no means for]}, {"stage": name, "done": 0..1},

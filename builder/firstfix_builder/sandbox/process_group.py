@@ -1,4 +1,4 @@
-"""How many processes and threads a group has. Not by RLIMIT_NPROC: it counts all that a user has on the
+"""Limits of a group's processes and threads. RLIMIT_NPROC is of no use: it counts all that a user has on the
 machine, other containers' too, and does not hold for root."""
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ MAX_THREADS = 1024 + 16 * (os.cpu_count() or 1) ** 2
 
 
 def too_many_processes(group: int) -> str:
-    """What the group has too many of, in words; empty when it holds to the limits."""
+    """Says which limit the group is over; empty if it holds to all."""
     processes = threads = 0
     for count in _threads(group):
         processes += 1
