@@ -11,7 +11,7 @@ from firstfix.map_index import MapIndex
 from firstfix.transform import pose_error
 from firstfix_builder.learn_keys import discriminants
 from firstfix_builder.pipeline import build_version
-from small_world import CONFIG
+from small_world import CONFIG, begun_as
 
 NARROW = {**CONFIG, "engine": {"search": {"clusters": 30}}, "learn_keys": {"scans": 300}}
 
@@ -50,9 +50,10 @@ def test_with_everything_shrunk_the_widest_directions_stay():
     assert (np.abs(projection).argmax(axis=0) == [0, 1, 2]).all()
 
 
-@pytest.fixture
-def narrow(small_map, small_work):
-    return build_version(small_map, BuildConfig.parse(NARROW), small_work)
+@pytest.fixture(scope="module")
+def narrow(small_map, small_version, tmp_path_factory):
+    work = begun_as(small_version, tmp_path_factory.mktemp("narrow") / "work")
+    return build_version(small_map, BuildConfig.parse(NARROW), work)
 
 
 def test_a_version_is_searched_by_its_learned_keys(narrow, small_scans):
