@@ -206,7 +206,7 @@ def _orphans(catalog: Catalog) -> list[str]:
     """Files of the store that no version, no build and no log refers to."""
     store = catalog.store
     referred = {str(catalog.build_request(b)["source"]["key"]) for b in catalog.build_ids()}
-    kept = {*store.list("changes"), *store.list("checked")}
+    kept = {key for folder in ("changes", "checked", "callers") for key in store.list(folder)}
     for map_id in catalog.map_ids():
         for version in catalog.state(map_id).published:
             folder = f"maps/{map_id}/versions/{version}"

@@ -31,6 +31,7 @@ class CheckedObjects:
         self._store = store
         self._key = f"{FOLDER}/{check_map_id(map_id)}.json"
         self._changed = False
+        self._now = store.now()  # of the round: what counts are days
         try:
             self._checked = read_record(store, self._key, RecordKind.CHECKED_OBJECTS, parse_checked)
         except (NotFound, UnreadableRecord):
@@ -41,12 +42,12 @@ class CheckedObjects:
         put, checked = self._checked.get(item.key, ("", ""))
         if put != _put_of(item):
             return False
-        age = datetime.now(timezone.utc) - datetime.fromisoformat(checked)
+        age = self._now - datetime.fromisoformat(checked)
         return timedelta() <= age < max_age
 
     def note(self, item: StoredObject) -> None:
         """It was read now and found right."""
-        self._checked[item.key] = (_put_of(item), datetime.now(timezone.utc).isoformat())
+        self._checked[item.key] = (_put_of(item), self._now.isoformat())
         self._changed = True
 
     def drop(self, key: str) -> None:

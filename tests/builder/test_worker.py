@@ -24,6 +24,7 @@ from firstfix.errors import (
     NotFound,
     StoreUnavailable,
     TooLarge,
+    UnreadableRecord,
 )
 from firstfix.manifest import Manifest
 from firstfix.store import Store
@@ -315,13 +316,19 @@ def _refused(place: Place, policy: SourcePolicy | None = None, **changes: Any) -
         {"source": {"url": "s3://bucket"}},
         {"source": {"url": "https://host/map.ply"}},
         {"source": {}},
-        {"source": "text"},
-        {"config": [1]},
-        {"map_id": "../x"},
     ],
 )
 def test_a_request_for_what_is_not_the_callers_is_refused(changes: dict[str, Any], place: Place) -> None:
     assert _refused(place, **changes)["code"] == "invalid_option"
+
+
+@pytest.mark.parametrize("changes", [{"source": "text"}, {"config": [1]}, {"map_id": "../x"}])
+def test_a_request_of_another_form_is_not_run(changes: dict[str, Any], place: Place) -> None:
+    place.request("bad", **changes)
+    pipeline = TinyPipeline()
+    with pytest.raises(UnreadableRecord):
+        place.run(pipeline, "bad")
+    assert pipeline.calls == []
 
 
 def test_a_source_that_is_gone_or_too_large(place: Place) -> None:

@@ -13,7 +13,7 @@ import pytest
 import firstfix
 from firstfix.catalog import Catalog, source_key
 from firstfix.garbage import collect_garbage, remove_abandoned
-from firstfix.idempotency import claim_build
+from firstfix.idempotency import CallersKey, claim_build
 from firstfix.manifest import Manifest
 from firstfix.query_samples import QuerySamples, new_sample_id
 from firstfix.shared_stages import SharedStages, collect_stages
@@ -60,7 +60,7 @@ def test_what_came_just_now_is_young(any_store_url: str, wrong_clock: None, tmp_
     catalog.store.put(f"maps/hall/versions/{'0' * 64}/a.npy", b"of a publish under way")
     store.put(source_key("hall", "0" * 64), b"being handed in")
     Uploads(store).create("u1", size_bytes=3, file_name="x")
-    claim_build(store, "key", "f", "b1")
+    claim_build(store, CallersKey("somebody", "key"), "f", "b1")
     store.put("probe/left", b"first")
     SharedStages(store).put("a" * 64, "mesh", tmp_path / "made")
     samples = QuerySamples(store)

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from firstfix.build_records import new_status
+from firstfix.caller_usage import CallerUsage
 from firstfix.catalog import Catalog, source_key
 from firstfix.errors import NotFound
 from firstfix.garbage import Ages, collect_garbage
@@ -18,17 +19,23 @@ from firstfix.rebuild import rebuild
 from firstfix.store import Store
 from firstfix.uploads import Uploads
 from firstfix_builder.fetch_source import fetch_source
+from firstfix_service.caller import Caller
+from firstfix_service.disk_space import DiskSpace
 from firstfix_service.http_maps import _record
 from firstfix_service.submission import NamedUpload, Submission
 from firstfix_service.upload import UploadedFile
 from interleavings import run_interleaved, switch_points
 
 CONTENT = b"0 0 0\n1 1 1\n"
+CALLER = Caller("key:0123456789ab")
 ANY_AGE = Ages(things_s=-5, builds_s=-5)
 
 
 def parts_of(store: Store) -> Any:
-    return SimpleNamespace(catalog=Catalog(store), uploads=Uploads(store))
+    catalog = Catalog(store)
+    return SimpleNamespace(
+        catalog=catalog, uploads=Uploads(store), usage=CallerUsage(catalog), disks=DiskSpace(0)
+    )
 
 
 def collect(store: Store) -> None:
@@ -56,8 +63,8 @@ def submission(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Submissi
         uploads.append(uploads.get("u1"), CONTENT)
 
     if request.param == "file":
-        return Submission("hall", UploadedFile(path, "a.xyz"), None, {}), lambda store: None
-    return Submission("hall", NamedUpload("u1"), None, {}), put_upload
+        return Submission(CALLER, "hall", UploadedFile(path, "a.xyz"), None, {}), lambda store: None
+    return Submission(CALLER, "hall", NamedUpload("u1"), None, {}), put_upload
 
 
 @pytest.mark.parametrize("first", ["post", "collect"])
@@ -90,7 +97,7 @@ def test_a_request_that_is_repeated_after_a_kill_finds_its_source(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "a.xyz").write_bytes(CONTENT)
-    handed_in = Submission("hall", UploadedFile(tmp_path / "a.xyz", "a.xyz"), None, {})
+    handed_in = Submission(CALLER, "hall", UploadedFile(tmp_path / "a.xyz", "a.xyz"), None, {})
 
     def run(kill_at: int, switches: tuple[int, ...]) -> int:
         store = Store.open("memory://")
@@ -116,7 +123,7 @@ def test_a_collection_that_was_killed_leaves_nothing_for_ever(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "a.xyz").write_bytes(CONTENT)
-    handed_in = Submission("hall", UploadedFile(tmp_path / "a.xyz", "a.xyz"), None, {})
+    handed_in = Submission(CALLER, "hall", UploadedFile(tmp_path / "a.xyz", "a.xyz"), None, {})
 
     def run(kill_at: int) -> int:
         store = Store.open("memory://")
@@ -127,7 +134,7 @@ def test_a_collection_that_was_killed_leaves_nothing_for_ever(
         assert fetched(store, "b1", tmp_path / "work") == CONTENT
         Catalog(store).set_build_status("b1", new_status("failed", map_id="hall"))
         collect_garbage(Catalog(store), ages=ANY_AGE)
-        assert [key for key in store.list() if not key.startswith("maps/hall/log/")] == []
+        assert [key for key in store.list() if not key.startswith(("maps/hall/log/", "callers/"))] == []
         return calls
 
     for kill_at in range(run(1000)):
