@@ -1,4 +1,4 @@
-"""What a build could try in its sandbox: stands in for ``pipeline.build_version`` there.
+"""Forbidden things that a build could try in its sandbox: stands in for ``pipeline.build_version`` there.
 
     python -P sandbox_programs.py ...the options of firstfix_builder.sandbox.inside
 
@@ -28,7 +28,7 @@ from firstfix_builder.sandbox.inside import Flows, main
 
 
 def attempts(names: dict[str, Any]) -> dict[str, str]:
-    """What came of each forbidden thing: the error's name, or what was got."""
+    """Result of each forbidden thing: the name of the error, or what was got."""
     store, parent = Path(names["store"]), os.getppid()
     local = Path(names["outside"])
     tries: dict[str, Callable[[], Any]] = {

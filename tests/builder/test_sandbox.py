@@ -88,7 +88,7 @@ def place(tmp_path: Path) -> Place:
 
 @pytest.fixture
 def attempts(place: Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
-    """What came of everything that a build could try."""
+    """Results of everything that a build could try."""
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", SECRET)
     monkeypatch.setenv("FIRSTFIX_STORE", str(place.store))
     signalled = []

@@ -87,7 +87,7 @@ def two_storeys() -> tuple[Simulator, np.ndarray]:
 
 
 def test_no_storey_is_passed_over(monkeypatch):
-    """Where there are more viewpoints than are looked from, each storey is looked at as well as the other."""
+    """Each storey is looked at as well as the other, although not all viewpoints are used."""
     simulator, viewpoints = two_storeys()
     monkeypatch.setattr(visible_points_module, "VIEWPOINTS", -(-len(viewpoints) // 4))
     looked_from = []
