@@ -1,4 +1,4 @@
-"""Objects of a file store after a power cut: on a real file system image, and by the order of system calls."""
+"""Objects of a file store after a power cut: on a real file system image, and by the order of its calls."""
 
 from __future__ import annotations
 
