@@ -1,4 +1,4 @@
-"""What several test files share and what costs much to make: made once a run, on disk, for all workers."""
+"""Costly things that several test files share: made once a run, on disk, for all workers."""
 
 from __future__ import annotations
 

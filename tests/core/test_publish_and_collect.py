@@ -31,7 +31,7 @@ def retired(store: Store, made: tuple[Path, Manifest]) -> None:
 
 
 def never_ended(store: Store, made: tuple[Path, Manifest]) -> None:
-    """What a publish left that was killed before it said so in the log."""
+    """Files of a publish that was killed before its log entry."""
     folder, manifest = made
     at = f"maps/hall/versions/{manifest.digest}"
     for name in FILES:
@@ -40,7 +40,7 @@ def never_ended(store: Store, made: tuple[Path, Manifest]) -> None:
 
 
 def one_file(store: Store, made: tuple[Path, Manifest]) -> None:
-    """What a publish left that was killed after its first file."""
+    """First file of a publish that was killed then."""
     store.upload(f"maps/hall/versions/{made[1].digest}/a.npy", made[0] / "a.npy")
 
 
@@ -52,7 +52,7 @@ def collect(store: Store) -> None:
 
 
 def check_whole(store: Store, made: tuple[Path, Manifest], cache: Path) -> None:
-    """What was published is served, and is so after another collection and another publish."""
+    """Checks that the version is served, also after another collection and another publish."""
     version = made[1].digest
     for _ in range(2):
         catalog = Catalog(store)

@@ -1,4 +1,4 @@
-"""What tests share is made once, whatever becomes of the worker that makes it."""
+"""Shared folders of the tests are made once, also when the worker that makes one is killed."""
 
 from __future__ import annotations
 
