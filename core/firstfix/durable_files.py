@@ -139,9 +139,26 @@ def _open_part(path: Path) -> tuple[Path, int]:
     """A new file beside the path, open for writing. Its folder is made if it is missing."""
     while True:
         part = path.with_name(f"{path.name}#{uuid.uuid4().int}")
-        with suppress(FileNotFoundError):  # somebody has removed the folder, which was empty
-            path.parent.mkdir(parents=True, exist_ok=True)
+        with suppress(FileNotFoundError):  # somebody removed the folder, which was empty
+            _make_folder(path.parent)
             return part, os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+
+
+def _make_folder(folder: Path) -> None:
+    """Makes a folder and those above it, where they are missing.
+
+    Raises:
+        FileNotFoundError: somebody removed one of them meanwhile.
+        OSError: as the file system, also where a file stands in the way.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:  # mkdir looks again whether it is a folder: by then it may be gone
+        if folder.is_dir():
+            return
+        if folder.exists():
+            raise
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(folder)) from None
 
 
 def _name_new(part: Path, path: Path) -> bool:

@@ -229,6 +229,31 @@ def test_a_folder_that_others_remove_meanwhile_is_made_again(tmp_path: Path) -> 
         remover.join()
 
 
+def test_a_folder_that_is_removed_while_it_is_made_is_made_again(tmp_path, monkeypatch) -> None:
+    files = DurableFiles(tmp_path)
+    (tmp_path / "a").mkdir()
+    os_mkdir, found = os.mkdir, []
+
+    def mkdir(path, mode=0o777) -> None:
+        try:
+            os_mkdir(path, mode)
+        except FileExistsError:
+            found.append(path)
+            os.rmdir(path)
+            raise
+
+    monkeypatch.setattr(os, "mkdir", mkdir)
+    assert files.create("a/key", (b"1",))
+    assert found == [tmp_path / "a"]
+    assert (tmp_path / "a/key").read_bytes() == b"1"
+
+
+def test_a_file_in_the_place_of_a_folder_is_an_error(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"")
+    with pytest.raises(FileExistsError):
+        DurableFiles(tmp_path).create("a/key", (b"1",))
+
+
 def test_what_a_power_cut_left_is_removed_with_its_folders(tmp_path: Path) -> None:
     store = Store.open(f"file://{tmp_path}")
     store.put("builds/b1/request.json", b"{}")
