@@ -25,13 +25,13 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from firstfix.build_config import BuildConfig
+from firstfix.builds.config import BuildConfig
 from firstfix_builder.build_stages import BuildStages, engine_of
-from firstfix_builder.chunks import Workers
-from firstfix_builder.dask_workers import DaskWorkers
-from firstfix_builder.die_with_parent import die_with_parent
-from firstfix_builder.local_workers import LocalWorkers
-from firstfix_builder.stage_cache import StageCache, StageResult
+from firstfix_builder.execution.chunks import Workers
+from firstfix_builder.execution.dask_workers import DaskWorkers
+from firstfix_builder.execution.die_with_parent import die_with_parent
+from firstfix_builder.execution.local_workers import LocalWorkers
+from firstfix_builder.execution.stage_cache import StageCache, StageResult
 
 from .dask_cluster import DaskCluster, dask_cluster
 from .worlds import own_world
@@ -197,8 +197,8 @@ class _Killer:
 
 def _floor_m2(folder: Path, config: dict[str, Any], files: Any) -> float:
     """What a coarse look at the world finds."""
-    from firstfix_builder.fit_spacing import sample_fitting_viewpoints
     from firstfix_builder.read_map import read_trajectory
+    from firstfix_builder.templates.fit_spacing import sample_fitting_viewpoints
 
     parsed = BuildConfig.parse({**config, "viewpoints": {"spacing_m": 1.0}})
     poses = None if files.trajectory is None else read_trajectory(files.trajectory)

@@ -13,12 +13,14 @@ import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
-from firstfix import wire, wire_query, wire_sequence
-from firstfix.condense import condense
 from firstfix.descriptor import LayeredOccupancy, PolarGrid
-from firstfix.query_parameters import QueryParameters
 from firstfix.ros.media_types import NAMES as POINT_CLOUDS
-from firstfix.scan import Scan
+from firstfix.scan.condense import condense
+from firstfix.scan.descriptor_parameters import QueryParameters
+from firstfix.scan.scan import Scan
+from firstfix.wire import query as wire_query
+from firstfix.wire import scan as wire
+from firstfix.wire import sequence as wire_sequence
 
 from .ros_bodies import point_cloud2
 

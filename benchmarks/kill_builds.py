@@ -25,11 +25,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from firstfix.build_records import FINAL_STATES
-from firstfix.catalog import Catalog
+from firstfix.builds.records import FINAL_STATES
+from firstfix.builds.shared_stages import collect_stages
+from firstfix.catalog.catalog import Catalog
 from firstfix.errors import FirstfixError
-from firstfix.shared_stages import collect_stages
-from firstfix.store import Store
+from firstfix.store.store import Store
 
 from .kill_deployment import Deployment
 from .nats_server import NatsServer

@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 
 import httpx
 
-from firstfix.catalog import Catalog
+from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.log.map_log import Event
 from firstfix.errors import FirstfixError
-from firstfix.map_log import Event
-from firstfix.store import Store
+from firstfix.store.store import Store
 
 from .kill_deployment import Deployment
 

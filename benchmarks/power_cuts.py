@@ -29,9 +29,9 @@ from typing import Any
 
 import httpx
 
-from firstfix.catalog import Catalog
+from firstfix.catalog.catalog import Catalog
 from firstfix.errors import FirstfixError
-from firstfix.store import Store
+from firstfix.store.store import Store
 
 from .disk_image import DiskImage, why_no_images
 from .kill_deployment import Deployment

@@ -18,14 +18,14 @@ from typing import Any
 
 import numpy as np
 
-from firstfix.build_config import BuildConfig
-from firstfix.catalog import Catalog
+from firstfix.builds.config import BuildConfig
+from firstfix.catalog.catalog import Catalog
 from firstfix.decode import read_scan_file
-from firstfix.localizer import Localizer
-from firstfix.map_index import MapIndex
-from firstfix.scan import Scan
+from firstfix.engine.index import MapIndex
+from firstfix.engine.localizer import Localizer
+from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
-from firstfix.store import Store
+from firstfix.store.store import Store
 from firstfix.transform import Matrix
 from firstfix_cli.evaluate import Outcome, outcome_of, random_yaws, report_of, turned
 from firstfix_cli.local_service import local_service

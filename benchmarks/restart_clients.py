@@ -23,9 +23,9 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
+from firstfix.answer.localization import Localization
 from firstfix.decode import read_scan_file
-from firstfix.localization import Localization
-from firstfix.scan import Scan
+from firstfix.scan.scan import Scan
 from firstfix_client import AsyncClient, Client, ZenohClient
 
 from .service.programs import Replica, free_port

@@ -20,11 +20,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from firstfix.builds.shared_stages import SharedStages
+from firstfix.catalog.manifest import Manifest
 from firstfix.errors import BuildCancelled, StoreUnavailable
-from firstfix.manifest import Manifest
-from firstfix.shared_stages import SharedStages
-from firstfix.store import Store
-from firstfix_builder.stage_cache import StageCache
+from firstfix.store.store import Store
+from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_builder.worker import run_build
 
 STAGES = ("read", "mesh", "describe", "cluster", "index")

@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.build_config import ViewpointConfig
+from firstfix.builds.config import ViewpointConfig
 from firstfix.decode import read_scan_file
-from firstfix.scan import Scan
-from firstfix.sha256 import sha256_of
-from firstfix_builder.mesh import Mesh
+from firstfix.scan.scan import Scan
+from firstfix.store.sha256 import sha256_of
+from firstfix_builder.execution.stage_cache import StageCache
+from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.read_map import read_map, read_trajectory
-from firstfix_builder.simulate import Simulator
-from firstfix_builder.stage_cache import StageCache
-from firstfix_builder.viewpoints import sample_viewpoints
+from firstfix_builder.simulation.simulate import Simulator
+from firstfix_builder.viewpoints.sample import sample_viewpoints
 from firstfix_builder.worlds import NAMES, make_world
 from firstfix_builder.worlds.campus import campus
 from firstfix_builder.worlds.drive import drive

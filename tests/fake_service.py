@@ -13,9 +13,9 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
-from firstfix import wire
-from firstfix.localization import Localization
-from firstfix.scan import Scan
+from firstfix.answer.localization import Localization
+from firstfix.scan.scan import Scan
+from firstfix.wire import scan as wire
 from waiting import LIMIT_S
 
 VERSIONS = ["aa" * 32, "ab" * 32]

@@ -11,7 +11,7 @@ from typing import Any
 import obstore
 import pytest
 
-from firstfix import store as store_module
+from firstfix.store import store as store_module
 
 WAIT_S = 60.0
 

@@ -53,8 +53,8 @@ class OnceARun:
             source: returns the map's file, which it may write into the folder.
             more: further arguments of ``build_version``.
         """
-        from firstfix.build_config import BuildConfig
-        from firstfix.manifest import Manifest
+        from firstfix.builds.config import BuildConfig
+        from firstfix.catalog.manifest import Manifest
         from firstfix_builder.pipeline import BuiltVersion, build_version
 
         def build(folder: Path) -> None:

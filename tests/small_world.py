@@ -91,11 +91,11 @@ def begun_as(built: BuiltVersion, work: Path) -> Path:
 @pytest.fixture(scope="session")
 def small_scans(small_world: SmallWorld, small_version: BuiltVersion):
     """Disturbed scans between the version's templates: (Scan, T_map_sensor)."""
-    from firstfix.build_config import DisturbConfig
-    from firstfix.map_index import MapIndex
+    from firstfix.builds.config import DisturbConfig
+    from firstfix.engine.index import MapIndex
     from firstfix.sensor import SensorModel
-    from firstfix_builder.disturb import disturbed_scans
-    from firstfix_builder.simulate import Simulator
+    from firstfix_builder.simulation.perturb import disturbed_scans
+    from firstfix_builder.simulation.simulate import Simulator
 
     positions = MapIndex.load(small_version.directory).cascade.templates.position_m
     return disturbed_scans(

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from firstfix import wire
-from firstfix.condense import condense, describe
-from firstfix.query_parameters import QueryParameters
-from firstfix.scan import Scan
-from firstfix.wire_query import MEDIA_TYPE, encode_query
+from firstfix.scan.condense import condense, describe
+from firstfix.scan.descriptor_parameters import QueryParameters
+from firstfix.scan.scan import Scan
+from firstfix.wire import scan as wire
+from firstfix.wire.query import MEDIA_TYPE, encode_query
 
 Encode = Callable[[Scan, QueryParameters], bytes]
 

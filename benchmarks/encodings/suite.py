@@ -16,16 +16,16 @@ from typing import Any
 
 import numpy as np
 
-from firstfix.build_config import BuildConfig
+from firstfix.answer.localization import Localization
+from firstfix.builds.config import BuildConfig
 from firstfix.decode import decode_query, read_scan_file
-from firstfix.localization import Localization
-from firstfix.localizer import Localizer
-from firstfix.map_index import MapIndex
-from firstfix.query_parameters import QueryParameters
-from firstfix.scan import Scan
+from firstfix.engine.index import MapIndex
+from firstfix.engine.localizer import Localizer
+from firstfix.scan.descriptor_parameters import QueryParameters
+from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix, pose_error
+from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_builder.pipeline import build_version
-from firstfix_builder.stage_cache import StageCache
 from firstfix_cli.evaluate import Outcome, outcome_of, random_yaws, report_of, turned
 from firstfix_cli.poses_csv import read_poses_csv
 

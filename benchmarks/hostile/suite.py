@@ -21,11 +21,11 @@ from typing import Any
 import httpx
 import numpy as np
 
-from firstfix.api_keys import ApiKeys
-from firstfix.catalog import Catalog
-from firstfix.grant import ALL_MAPS, Grant
-from firstfix.manifest import Manifest
-from firstfix.store import Store
+from firstfix.access.api_keys import ApiKeys
+from firstfix.access.permissions import ALL_MAPS, Grant
+from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.manifest import Manifest
+from firstfix.store.store import Store
 
 from ..many_maps.small_map import make_small_map, query_of
 from ..service.load import Body

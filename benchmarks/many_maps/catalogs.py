@@ -12,8 +12,8 @@ from datetime import datetime, timezone
 from hashlib import sha256
 from pathlib import Path
 
-from firstfix.manifest import FILE_NAME, FileEntry, Manifest
-from firstfix.map_state import Event, LogEntry
+from firstfix.catalog.log.map_state import Event, LogEntry
+from firstfix.catalog.manifest import FILE_NAME, FileEntry, Manifest
 
 MARK = "mark.txt"  # what makes a version its map's own
 

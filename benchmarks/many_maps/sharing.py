@@ -12,13 +12,13 @@ from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
-from firstfix.catalog import Catalog
-from firstfix.rendezvous import rendezvous_order
-from firstfix.store import Store
-from firstfix_service.holding import Holding
-from firstfix_service.map_cache import MapCache
-from firstfix_service.metrics import Metrics
-from firstfix_service.workers import LocalWorkers
+from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.rendezvous import rendezvous_order
+from firstfix.store.store import Store
+from firstfix_service.maps.map_cache import MapCache
+from firstfix_service.maps.placement import Holding
+from firstfix_service.query_workers.base import LocalWorkers
+from firstfix_service.telemetry.metrics import Metrics
 
 from .catalogs import grow_catalog, name_of
 

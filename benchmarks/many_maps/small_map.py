@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from firstfix.build_config import BuildConfig
+from firstfix.builds.config import BuildConfig
 from firstfix_builder.pipeline import build_version
 
 from ..service.load import Body

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from firstfix.clusters import Clusters
 from firstfix.descriptor import Described
 from firstfix.descriptor.pca_sc import PcaScanContext
-from firstfix.engine_config import ClusterConfig, SearchConfig
-from firstfix_builder.cluster import cluster_templates
+from firstfix.engine.config import ClusterConfig, SearchConfig
+from firstfix.engine.retrieval.clusters import Clusters
+from firstfix_builder.templates.cluster import cluster_templates
 
 from .matching import make_cascade, run_cascade, success
 from .scene import DESCRIPTORS, PAPER, Scene, Taken

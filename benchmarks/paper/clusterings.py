@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.clusters import Clusters
 from firstfix.descriptor import rows_of
-from firstfix_builder.cluster import most_typical, neighbour_pairs
-from firstfix_builder.cluster_unconstrained import cluster_pairs
-from firstfix_builder.linkage import Linkage, Pairs, agglomerate
+from firstfix.engine.retrieval.clusters import Clusters
+from firstfix_builder.templates.cluster import most_typical, neighbour_pairs
+from firstfix_builder.templates.cluster_unconstrained import cluster_pairs
+from firstfix_builder.templates.linkage import Linkage, Pairs, agglomerate
 
 from .scene import DESCRIPTORS, PAPER, Taken
 

@@ -7,19 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from firstfix.build_config import EngineOverrides
-from firstfix.calibration import Calibration
-from firstfix.cascade import Cascade
-from firstfix.clusters import Clusters
-from firstfix.engine_config import SearchConfig
-from firstfix.key_search import ENGINES
-from firstfix.localizer import Localizer
-from firstfix.map_index import MapIndex
-from firstfix.map_view import MapView
-from firstfix.registration import MapSurface
+from firstfix.builds.config import EngineOverrides
+from firstfix.engine.calibration import Calibration
+from firstfix.engine.config import SearchConfig
+from firstfix.engine.index import MapIndex
+from firstfix.engine.localizer import Localizer
+from firstfix.engine.registration.align import MapSurface
+from firstfix.engine.retrieval.cascade import Cascade
+from firstfix.engine.retrieval.clusters import Clusters
+from firstfix.engine.retrieval.key_search import ENGINES
+from firstfix.engine.verification.free_space import MapView
 from firstfix.transform import pose_error
-from firstfix_builder.fit_engine import fit_engine
-from firstfix_builder.visible_points import map_surface
+from firstfix_builder.index.visible_points import map_surface
+from firstfix_builder.templates.fit_engine import fit_engine
 
 from .matching import make_cascade, run_cascade, success
 from .published import WITHIN_M

@@ -9,15 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.cascade import Cascade
-from firstfix.clusters import Clusters
 from firstfix.descriptor import Described, rows_of
 from firstfix.descriptor.pca_sc import PcaScanContext
 from firstfix.descriptor.similarity import Columns, similarity
-from firstfix.engine_config import SearchConfig
-from firstfix.key_search import build_key_search
-from firstfix.template_tiles import TemplateTiles
-from firstfix.templates import Templates
+from firstfix.engine.config import SearchConfig
+from firstfix.engine.retrieval.cascade import Cascade
+from firstfix.engine.retrieval.clusters import Clusters
+from firstfix.engine.retrieval.key_search import build_key_search
+from firstfix.engine.retrieval.template_tiles import TemplateTiles
+from firstfix.engine.retrieval.templates import Templates
 
 from .published import WITHIN_M
 from .scene import DESCRIPTORS, Taken

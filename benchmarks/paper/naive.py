@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.descriptor import ScanBatch, rows_of
-from firstfix_builder.cluster import neighbour_pairs
-from firstfix_builder.linkage import Pairs, agglomerate
+from firstfix_builder.templates.cluster import neighbour_pairs
+from firstfix_builder.templates.linkage import Pairs, agglomerate
 
 from .scene import DESCRIPTORS, GRID, PAPER, Taken
 

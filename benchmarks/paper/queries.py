@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.descriptor import ScanBatch
-from firstfix.engine_config import PreprocessConfig
-from firstfix.preprocess import preprocess
-from firstfix.scan import Scan
-from firstfix.scan_sequence import ScanSequence
+from firstfix.engine.config import PreprocessConfig
+from firstfix.engine.preprocess import preprocess
+from firstfix.scan.scan import Scan
+from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import Matrix
 
 from .scene import DESCRIPTORS, SENSOR, Scene, Taken

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from firstfix import descriptor
-from firstfix.build_config import DisturbConfig, ViewpointConfig
+from firstfix.builds.config import DisturbConfig, ViewpointConfig
 from firstfix.descriptor import (
     Described,
     Descriptor,
@@ -28,15 +28,15 @@ from firstfix.descriptor import (
     rows_of,
 )
 from firstfix.descriptor.pca_sc import PcaScanContext
-from firstfix.scan import Scan
+from firstfix.scan.scan import Scan
 from firstfix.sensor import preset
 from firstfix.transform import Matrix
-from firstfix_builder import simulate
-from firstfix_builder.disturb import disturbed_scans
-from firstfix_builder.simulate import Simulator
-from firstfix_builder.stage_cache import StageCache
-from firstfix_builder.templates import scan_batch, upright
-from firstfix_builder.viewpoints import sample_viewpoints
+from firstfix_builder.execution.stage_cache import StageCache
+from firstfix_builder.simulation import simulate
+from firstfix_builder.simulation.perturb import disturbed_scans
+from firstfix_builder.simulation.simulate import Simulator
+from firstfix_builder.templates.make import scan_batch, upright
+from firstfix_builder.viewpoints.sample import sample_viewpoints
 from firstfix_builder.worlds.campus import campus
 from firstfix_builder.worlds.drive import drive
 from firstfix_builder.worlds.make_world import NAMES

@@ -17,8 +17,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from numpy.typing import NDArray
 
-from firstfix.engine_config import LshConfig, SearchConfig
-from firstfix.key_search import build_key_search
+from firstfix.engine.config import LshConfig, SearchConfig
+from firstfix.engine.retrieval.key_search import build_key_search
 
 from .matching import Timed
 from .scene import PAPER, Taken

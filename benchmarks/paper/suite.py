@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from firstfix.engine_config import SearchConfig
+from firstfix.engine.config import SearchConfig
 
 from .ablation import ablate
 from .clusterings import Clusterer

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from firstfix.descriptor import Described, rows_of
 from firstfix.descriptor.pca_sc import PcaScanContext
-from firstfix.engine_config import SearchConfig
+from firstfix.engine.config import SearchConfig
 
 from .clusterings import Clusterer, Clustering
 from .matching import ContextSearch, Timed, make_cascade, one_by_one, run_cascade, success

@@ -6,7 +6,7 @@ import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
 
-from firstfix.scan import Scan
+from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix
 
 from .icp import Icp, cloud_of

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from firstfix.scan import Scan
+from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix, make_transform
 
 from .icp import Icp

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from firstfix.localizer import Localizer
-from firstfix.map_index import MapIndex
-from firstfix.scan import Scan
+from firstfix.engine.index import MapIndex
+from firstfix.engine.localizer import Localizer
+from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix
 
 from .place import PeerPlace

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.build_config import BuildConfig
-from firstfix.scan import Scan
+from firstfix.builds.config import BuildConfig
+from firstfix.scan.scan import Scan
 from firstfix_builder.read_map import read_map
 
 from ..datasets import Dataset

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from firstfix.build_config import BuildConfig
-from firstfix.map_index import MapIndex
-from firstfix.preprocess import preprocess
-from firstfix.scan import Scan
-from firstfix.scan_sequence import ScanSequence
+from firstfix.builds.config import BuildConfig
+from firstfix.engine.index import MapIndex
+from firstfix.engine.preprocess import preprocess
+from firstfix.scan.scan import Scan
+from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import Matrix, inverse, make_transform, rotation_z
 
 from .place import PeerPlace

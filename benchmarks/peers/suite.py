@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from firstfix.build_config import BuildConfig
+from firstfix.builds.config import BuildConfig
 from firstfix.decode import read_scan_file
-from firstfix.scan import Scan
+from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix, pose_error
 from firstfix_builder.pipeline import build_version
 from firstfix_cli.evaluate import random_yaws, turned

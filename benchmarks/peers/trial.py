@@ -9,7 +9,7 @@ from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import Protocol
 
-from firstfix.scan import Scan
+from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix
 
 from .place import PeerPlace

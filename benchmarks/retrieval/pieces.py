@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 
 from firstfix.descriptor import Descriptor
-from firstfix.localizer import Localizer
-from firstfix.sample import rows_by_chance
-from firstfix.scan import Scan
+from firstfix.engine.localizer import Localizer
+from firstfix.portable.sample import rows_by_chance
+from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel, preset
 from firstfix.transform import Matrix
-from firstfix_builder.learn_keys import discriminants
+from firstfix_builder.index.learn_keys import discriminants
 
 from ..robust.cases import ALL
 from ..robust.outcome import ask

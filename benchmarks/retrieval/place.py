@@ -12,18 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from firstfix.build_config import DisturbConfig, SimulateConfig
+from firstfix.builds.config import DisturbConfig, SimulateConfig
 from firstfix.descriptor import Described, Descriptor
-from firstfix.engine_config import OccupancyConfig, PreprocessConfig
-from firstfix.map_index import MapIndex
-from firstfix.preprocess import preprocess
-from firstfix.scan import Scan
-from firstfix.scan_sequence import ScanSequence
+from firstfix.engine.config import OccupancyConfig, PreprocessConfig
+from firstfix.engine.index import MapIndex
+from firstfix.engine.preprocess import preprocess
+from firstfix.scan.scan import Scan
+from firstfix.scan.sequence import ScanSequence
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, transform_points, yaw_of
-from firstfix_builder.disturb import disturbed_scans
-from firstfix_builder.simulate import Simulator
-from firstfix_builder.templates import SCANS_AT_ONCE, scan_batch, upright
+from firstfix_builder.simulation.perturb import disturbed_scans
+from firstfix_builder.simulation.simulate import Simulator
+from firstfix_builder.templates.make import SCANS_AT_ONCE, scan_batch, upright
 
 Gravity = Literal["estimated", "given", "none"]
 Descriptors = Mapping[str, Descriptor]

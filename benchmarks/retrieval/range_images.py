@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.preprocess import preprocess
-from firstfix.scan import Scan
-from firstfix.scan_sequence import ScanSequence
+from firstfix.engine.preprocess import preprocess
+from firstfix.scan.scan import Scan
+from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import Matrix, rotation_z
 
 from .place import Place

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from firstfix.descriptor import Described, Descriptor, rows_of
-from firstfix.engine_config import SearchConfig
-from firstfix.key_search import build_key_search
+from firstfix.engine.config import SearchConfig
+from firstfix.engine.retrieval.key_search import build_key_search
 
 from .place import Asked, Known
 

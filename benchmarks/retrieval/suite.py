@@ -17,11 +17,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from firstfix.build_config import BuildConfig
-from firstfix.localizer import Localizer
-from firstfix.map_index import MapIndex
+from firstfix.builds.config import BuildConfig
+from firstfix.engine.index import MapIndex
+from firstfix.engine.localizer import Localizer
+from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_builder.pipeline import build_version
-from firstfix_builder.stage_cache import StageCache
 
 from ..worlds import WORLDS, BenchWorld
 from .pieces import LEARN_SEED, SEED, Pieces, Sizes

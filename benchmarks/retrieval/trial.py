@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from firstfix.build_config import LearnKeysConfig
+from firstfix.builds.config import LearnKeysConfig
 from firstfix.descriptor import Descriptor, rows_of
-from firstfix_builder.learn_keys import discriminants
+from firstfix_builder.index.learn_keys import discriminants
 
 from .place import Asked, Known
 from .recall import Recall, keys_of, recall_of

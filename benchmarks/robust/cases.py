@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from firstfix.build_config import DisturbConfig
+from firstfix.builds.config import DisturbConfig
 
 CLEAN = DisturbConfig(noise_m=0, dropout=0, occluders=0, strangers=0, height_m=0, tilt_deg=0)
 ALL = DisturbConfig(noise_m=0.02, dropout=0.1, occluders=6, strangers=0, height_m=0.05, tilt_deg=2)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from firstfix.localization import Verdict
+from firstfix.answer.localization import Verdict
 
 from .outcome import Outcome
 

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from firstfix.evidence import Fit
-from firstfix.localization import Localization, Verdict
-from firstfix.localizer import Localizer
-from firstfix.preprocess import preprocess
-from firstfix.scan import Scan
-from firstfix.scan_sequence import ScanSequence
+from firstfix.answer.fit import Fit
+from firstfix.answer.localization import Localization, Verdict
+from firstfix.engine.localizer import Localizer
+from firstfix.engine.preprocess import preprocess
+from firstfix.scan.scan import Scan
+from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import Matrix, inverse, pose_error, quaternion_of
 
 RIGHT_M, RIGHT_DEG = 1.0, 10.0  # further off, an answer "localized" is a false accept

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from firstfix.map_index import MapIndex
-from firstfix.scan import Scan
+from firstfix.engine.index import MapIndex
+from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, transform_points
-from firstfix_builder.disturb import disturbed_scans, elsewhere
-from firstfix_builder.simulate import Simulator
+from firstfix_builder.simulation.perturb import disturbed_scans, elsewhere
+from firstfix_builder.simulation.simulate import Simulator
 
 from ..worlds import Scenery, WorldFiles
 from .cases import Case

@@ -21,7 +21,7 @@ from zlib import crc32
 
 import numpy as np
 
-from firstfix_builder.stage_cache import StageCache
+from firstfix_builder.execution.stage_cache import StageCache
 
 from ..worlds import WORLDS, BenchWorld, Scenery
 from .cases import CASES, FULL, QUICK, Case, Sizes

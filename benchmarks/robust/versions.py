@@ -5,9 +5,9 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from firstfix.build_config import BuildConfig
-from firstfix.localizer import Localizer
-from firstfix.map_index import MapIndex
+from firstfix.builds.config import BuildConfig
+from firstfix.engine.index import MapIndex
+from firstfix.engine.localizer import Localizer
 from firstfix.sensor import SensorModel, preset
 from firstfix_builder.pipeline import build_version
 

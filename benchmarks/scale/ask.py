@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.localization import Localization, Verdict
-from firstfix.localizer import Localizer
-from firstfix.map_index import MapIndex
-from firstfix.options import LocalizeOptions
-from firstfix.prior import Prior
-from firstfix.scan import Scan
+from firstfix.answer.localization import Localization, Verdict
+from firstfix.answer.options import LocalizeOptions
+from firstfix.answer.prior import Prior
+from firstfix.engine.index import MapIndex
+from firstfix.engine.localizer import Localizer
+from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix, pose_error
 
 from .queries import read_scans

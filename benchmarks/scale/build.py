@@ -12,9 +12,9 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from firstfix.build_config import BuildConfig
+from firstfix.builds.config import BuildConfig
 from firstfix_builder.build_stages import engine_of, link
-from firstfix_builder.stage_cache import StageResult
+from firstfix_builder.execution.stage_cache import StageResult
 
 from .extent import Extent
 from .stages import Cost, ScaleStages

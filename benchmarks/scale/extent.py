@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix_builder.clip_mesh import clip_mesh
-from firstfix_builder.mesh import Mesh
+from firstfix_builder.mesh.clip import clip_mesh
+from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.worlds.campus import HALF_M, campus
 from firstfix_builder.worlds.drive import drive
 from firstfix_builder.worlds.write_world import ply_of_mesh

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from firstfix.engine_config import SearchConfig
-from firstfix.key_search import KeySearch, build_key_search, load_key_search
-from firstfix.map_index import MapIndex
-from firstfix.preprocess import preprocess
-from firstfix.scan_sequence import ScanSequence
-from firstfix_builder.make_keys import make_keys
-from firstfix_builder.stage_cache import StageCache
+from firstfix.engine.config import SearchConfig
+from firstfix.engine.index import MapIndex
+from firstfix.engine.preprocess import preprocess
+from firstfix.engine.retrieval.key_search import KeySearch, build_key_search, load_key_search
+from firstfix.scan.sequence import ScanSequence
+from firstfix_builder.execution.stage_cache import StageCache
+from firstfix_builder.index.make_keys import make_keys
 
 from .build import Built
 from .queries import in_level_frame, read_scans

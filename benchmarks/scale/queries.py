@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.build_config import DisturbConfig
-from firstfix.scan import Scan
+from firstfix.builds.config import DisturbConfig
+from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix
-from firstfix_builder.disturb import disturbed_scans
-from firstfix_builder.mesh import Mesh
-from firstfix_builder.simulate import Simulator
-from firstfix_builder.stage_cache import StageCache
+from firstfix_builder.execution.stage_cache import StageCache
+from firstfix_builder.mesh.mesh import Mesh
+from firstfix_builder.simulation.perturb import disturbed_scans
+from firstfix_builder.simulation.simulate import Simulator
 
 from .build import Built
 

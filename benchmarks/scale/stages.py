@@ -14,18 +14,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.build_config import BuildConfig
-from firstfix.clusters import Clusters
+from firstfix.builds.config import BuildConfig
 from firstfix.descriptor import Descriptor
-from firstfix.engine_config import EngineConfig
+from firstfix.engine.config import EngineConfig
+from firstfix.engine.retrieval.clusters import Clusters
+from firstfix.engine.retrieval.templates import Templates
 from firstfix.sensor import SensorModel
-from firstfix.templates import Templates
 from firstfix_builder.build_stages import BuildStages
-from firstfix_builder.fit_spacing import sample_fitting_viewpoints
-from firstfix_builder.mesh import Mesh
-from firstfix_builder.simulate import Simulator
-from firstfix_builder.stage_cache import StageCache, StageResult
-from firstfix_builder.templates import SCANS_AT_ONCE, scan_batch, upright
+from firstfix_builder.execution.stage_cache import StageCache, StageResult
+from firstfix_builder.mesh.mesh import Mesh
+from firstfix_builder.simulation.simulate import Simulator
+from firstfix_builder.templates.fit_spacing import sample_fitting_viewpoints
+from firstfix_builder.templates.make import SCANS_AT_ONCE, scan_batch, upright
 
 from .spent import spent
 

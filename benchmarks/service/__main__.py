@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from firstfix.scan import Scan
+from firstfix.scan.scan import Scan
 
 from .place import Place
 from .suite import PARTS, measure

@@ -10,14 +10,14 @@ from zlib import crc32
 
 import numpy as np
 
-from firstfix.catalog import Catalog
-from firstfix.localizer import Localizer
-from firstfix.manifest import Manifest
-from firstfix.map_index import ENGINE_FILE, MapIndex
-from firstfix.query_parameters import QueryParameters
-from firstfix.scan import Scan
-from firstfix.store import Store
-from firstfix_builder.stage_cache import StageCache
+from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.manifest import Manifest
+from firstfix.engine.index import ENGINE_FILE, MapIndex
+from firstfix.engine.localizer import Localizer
+from firstfix.scan.descriptor_parameters import QueryParameters
+from firstfix.scan.scan import Scan
+from firstfix.store.store import Store
+from firstfix_builder.execution.stage_cache import StageCache
 
 from ..robust.cases import CASES
 from ..robust.queries import queries_of

@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 
+from firstfix.answer.localization import Localization
 from firstfix.decode import read_scan_file
-from firstfix.localization import Localization
-from firstfix.scan import Scan
+from firstfix.scan.scan import Scan
 from firstfix_client import AsyncClient, Client, ZenohClient
 
 XYZ = "application/vnd.firstfix.xyz"

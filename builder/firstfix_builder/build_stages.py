@@ -13,38 +13,38 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.build_config import BuildConfig
-from firstfix.calibration import Calibration
-from firstfix.clusters import Clusters
-from firstfix.engine_config import EngineConfig
+from firstfix.builds.config import BuildConfig
+from firstfix.engine.calibration import Calibration
+from firstfix.engine.config import EngineConfig
+from firstfix.engine.index import CALIBRATION_FILE, ENGINE_FILE, MAP_FILE, MapIndex
+from firstfix.engine.localizer import Localizer
+from firstfix.engine.retrieval.clusters import Clusters
+from firstfix.engine.retrieval.key_projection import save_projection
+from firstfix.engine.retrieval.templates import Templates
 from firstfix.errors import BuildCancelled
-from firstfix.key_projection import save_projection
-from firstfix.localizer import Localizer
-from firstfix.map_index import CALIBRATION_FILE, ENGINE_FILE, MAP_FILE, MapIndex
-from firstfix.templates import Templates
 from firstfix.transform import inverse, make_transform, transform_points
 
-from .chunks import Arrays, Chunk, ChunkResults, Workers, run_chunks
-from .clean_cloud import clean_cloud, point_spacing_m
-from .cluster import cluster_by_pairs, cluster_chunks, cluster_templates
-from .content_hash import content_hash
-from .fit_engine import fit_engine
-from .fit_spacing import sample_fitting_viewpoints
-from .index_files import SURFACE_STEP_M, write_index_files
-from .learn_keys import learn_keys
-from .linkage import Pairs
-from .localizability import draw_localizability
-from .map_level import level_frame
-from .map_tiles import by_tiles
-from .mesh import Mesh
+from .execution.chunks import Arrays, Chunk, ChunkResults, Workers, run_chunks
+from .execution.content_hash import content_hash
+from .execution.stage_cache import StageCache, StageResult
+from .index.index_files import SURFACE_STEP_M, write_index_files
+from .index.learn_keys import learn_keys
+from .mesh.clean_cloud import clean_cloud, point_spacing_m
+from .mesh.level import level_frame
+from .mesh.map_tiles import by_tiles
+from .mesh.mesh import Mesh
+from .mesh.reconstruct import joined_mesh, mesh_chunks
+from .mesh.tiled_mesh import TiledMesh
 from .read_map import read_map, read_trajectory
-from .reconstruct_mesh import joined_mesh, mesh_chunks
-from .reliability import draw_reliability
-from .self_test import self_test
-from .simulate import Simulator
-from .stage_cache import StageCache, StageResult
-from .templates import template_chunks, view_distance_m, write_templates
-from .tiled_mesh import TiledMesh
+from .self_test.localizability import draw_localizability
+from .self_test.reliability import draw_reliability
+from .self_test.run import self_test
+from .simulation.simulate import Simulator
+from .templates.cluster import cluster_by_pairs, cluster_chunks, cluster_templates
+from .templates.fit_engine import fit_engine
+from .templates.fit_spacing import sample_fitting_viewpoints
+from .templates.linkage import Pairs
+from .templates.make import template_chunks, view_distance_m, write_templates
 
 Progress = Callable[[str, float], None]
 RunChunks = Callable[[Sequence[Chunk]], Iterator[Arrays]]

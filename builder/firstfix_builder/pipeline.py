@@ -15,17 +15,17 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from firstfix.build_config import BuildConfig
-from firstfix.clusters import Clusters
-from firstfix.manifest import Manifest
-from firstfix.map_index import ENGINE_FILE, MAP_FILE
+from firstfix.builds.config import BuildConfig
+from firstfix.catalog.manifest import Manifest
+from firstfix.engine.index import ENGINE_FILE, MAP_FILE
+from firstfix.engine.retrieval.clusters import Clusters
 
 from .build_stages import BuildStages, Progress, engine_of, link
-from .chunks import Workers
-from .die_with_parent import die_with_parent
-from .local_workers import LocalWorkers
-from .stage_cache import StageCache, StageResult, StagesElsewhere
-from .stage_names import STAGES as STAGES
+from .execution.chunks import Workers
+from .execution.die_with_parent import die_with_parent
+from .execution.local_workers import LocalWorkers
+from .execution.stage_cache import StageCache, StageResult, StagesElsewhere
+from .execution.stage_names import STAGES as STAGES
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def read_source(
 @contextmanager
 def _workers(cluster: Cluster | None, work: Path, threads: Executor) -> Iterator[Workers]:
     if cluster is not None:
-        from .dask_workers import DaskWorkers
+        from .execution.dask_workers import DaskWorkers
 
         with DaskWorkers(cluster.scheduler, cluster.store_url) as far:
             yield far

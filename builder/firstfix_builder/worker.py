@@ -22,8 +22,10 @@ from pathlib import Path
 from typing import Any, Protocol
 from urllib.parse import urlsplit
 
-from firstfix.build_records import new_status
-from firstfix.catalog import Catalog
+from firstfix.builds.records import new_status
+from firstfix.builds.shared_stages import SharedStages
+from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.manifest import Manifest
 from firstfix.errors import (
     BuildCancelled,
     ClusterUnavailable,
@@ -32,18 +34,16 @@ from firstfix.errors import (
     StoreError,
     StoreUnavailable,
 )
-from firstfix.manifest import Manifest
-from firstfix.shared_stages import SharedStages
-from firstfix.store import Store
+from firstfix.store.store import Store
 
-from .build_log import set_up_build_log
-from .build_reporter import EXIT_CANCELLED, EXIT_TRY_AGAIN, BuildReporter
-from .build_trace import BuildTrace
-from .executor_url import THREADS, dask_address
-from .fetch_source import DEFAULT_MAX_BYTES, SourcePolicy, fetch_source
+from .execution.build_trace import BuildTrace
+from .execution.executor_url import THREADS, dask_address
+from .execution.stage_names import STAGES
+from .job.fetch_source import DEFAULT_MAX_BYTES, SourcePolicy, fetch_source
+from .job.log import set_up_build_log
+from .job.reporter import EXIT_CANCELLED, EXIT_TRY_AGAIN, BuildReporter
 from .sandbox.failures import described
 from .sandbox.sandboxed_build import SandboxedBuild
-from .stage_names import STAGES
 
 EXIT_SUCCEEDED, EXIT_FAILED, EXIT_USAGE = 0, 1, 2
 _EXIT_OF_STATE = {"succeeded": EXIT_SUCCEEDED, "failed": EXIT_FAILED, "cancelled": EXIT_CANCELLED}
@@ -236,7 +236,7 @@ def _build_here(
 ) -> Built:
     """In this process, which has the store and the network that a cluster needs. With a sandbox it parses
     nothing of a stranger's: that is in the stage cache when it begins."""
-    from firstfix.build_config import BuildConfig
+    from firstfix.builds.config import BuildConfig
 
     from .pipeline import Cluster, build_version
 

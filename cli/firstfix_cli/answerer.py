@@ -8,12 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from firstfix.any_scan import AnyScan
+from firstfix.answer.localization import Localization
+from firstfix.answer.options import LocalizeOptions
 from firstfix.errors import InvalidOption, NotFound
-from firstfix.localization import Localization
-from firstfix.options import LocalizeOptions
-from firstfix.scan import Scan
-from firstfix.scan_sequence import ScanSequence
+from firstfix.scan.any_scan import AnyScan
+from firstfix.scan.scan import Scan
+from firstfix.scan.sequence import ScanSequence
 
 from .arguments import PATIENCE_S, cache_directory, client_of
 
@@ -67,8 +67,8 @@ def fetch_active_version(store: str, map_id: str, version: str | None = None) ->
     Raises:
         NotFound: no such map or version.
     """
-    from firstfix.catalog import Catalog
-    from firstfix.store import Store
+    from firstfix.catalog.catalog import Catalog
+    from firstfix.store.store import Store
 
     catalog = Catalog(Store.open(store))
     chosen = version or catalog.active_version(map_id)
@@ -79,9 +79,9 @@ def fetch_active_version(store: str, map_id: str, version: str | None = None) ->
 
 def _in_process(map_id: str, store: str, encoding: Encoding) -> Answerer:
     from firstfix.decode import decode_query
-    from firstfix.localizer import Localizer
-    from firstfix.map_index import MapIndex
-    from firstfix.query_parameters import QueryParameters
+    from firstfix.engine.index import MapIndex
+    from firstfix.engine.localizer import Localizer
+    from firstfix.scan.descriptor_parameters import QueryParameters
     from firstfix_client.scan_body import BodyForm, encoded
 
     loaded: dict[str | None, tuple[str, Localizer]] = {}

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TextIO
 
+from firstfix.answer.localization import Localization
+from firstfix.answer.options import LocalizeOptions
 from firstfix.errors import InvalidOption, MalformedData, NotFound
 from firstfix.formats.point_cloud import SCAN_LIMITS
-from firstfix.localization import Localization
-from firstfix.options import LocalizeOptions
 from firstfix.ros import imu, static_transforms
 from firstfix.ros.bag import Bag, RawMessage, open_bag
 from firstfix.ros.header import Header

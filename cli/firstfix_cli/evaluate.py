@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.localization import Localization, Verdict
-from firstfix.scan import Scan
+from firstfix.answer.localization import Localization, Verdict
+from firstfix.scan.scan import Scan
 from firstfix.transform import (
     Matrix,
     inverse,

@@ -12,7 +12,7 @@ from firstfix.errors import InvalidOption, NotFound
 from .arguments import client_of
 
 if TYPE_CHECKING:
-    from firstfix.catalog import Catalog
+    from firstfix.catalog.catalog import Catalog
     from firstfix_client import Client
 
 Record = dict[str, Any]
@@ -49,8 +49,8 @@ def map_admin(url: str | None, store: str | None) -> Iterator[MapAdmin]:
         with client_of(url) as client:
             yield _ServiceMaps(client)
         return
-    from firstfix.catalog import Catalog
-    from firstfix.store import Store
+    from firstfix.catalog.catalog import Catalog
+    from firstfix.store.store import Store
 
     yield _StoreMaps(Catalog(Store.open(store)))
 
@@ -111,7 +111,7 @@ class _StoreMaps:
         self._catalog.retire(map_id, version, force=force)
 
     def collect_garbage(self, map_id: str | None, *, dry_run: bool) -> Record:
-        from firstfix.garbage import collect_garbage
+        from firstfix.upkeep.garbage import collect_garbage
 
         found = collect_garbage(self._catalog, map_id=map_id, dry_run=dry_run)
         return {"objects": {kind: len(keys) for kind, keys in found.keys.items()}}

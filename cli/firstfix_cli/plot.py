@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.sample import rows_by_chance
-from firstfix.scan import Scan
+from firstfix.portable.sample import rows_by_chance
+from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix, transform_points
 
 from .evaluate import Outcome
@@ -40,7 +40,7 @@ class MapPicture:
     @classmethod
     def load(cls, directory: Path) -> MapPicture:
         """From a version's folder: only the files that a picture needs."""
-        from firstfix.map_index import ENGINE_FILE, MAP_FILE
+        from firstfix.engine.index import ENGINE_FILE, MAP_FILE
 
         flat = json.loads((directory / ENGINE_FILE).read_text())["T_map_level"]
         T_map_level = np.asarray(flat, np.float64).reshape(4, 4)

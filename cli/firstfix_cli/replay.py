@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from firstfix.answer.localization import Localization
+from firstfix.answer.options import LocalizeOptions
+from firstfix.catalog.query_samples import REPLAY, QuerySample, QuerySamples
 from firstfix.errors import FirstfixError
-from firstfix.localization import Localization
-from firstfix.options import LocalizeOptions
-from firstfix.query_samples import REPLAY, QuerySample, QuerySamples
 from firstfix.transform import Matrix, pose_error
 
 from .answerer import fetch_active_version
@@ -88,8 +88,8 @@ def body_answerer(
 
 def _in_process(map_id: str, store: str) -> BodyAnswerer:
     from firstfix.decode import decode_query, undo_content_encoding
-    from firstfix.localizer import Localizer
-    from firstfix.map_index import MapIndex
+    from firstfix.engine.index import MapIndex
+    from firstfix.engine.localizer import Localizer
 
     loaded: dict[str | None, tuple[str, Localizer]] = {}
 

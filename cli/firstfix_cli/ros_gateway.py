@@ -19,8 +19,8 @@ from typing import Any
 
 import zenoh
 
+from firstfix.answer.localization import Localization
 from firstfix.errors import FirstfixError, InvalidOption
-from firstfix.localization import Localization
 from firstfix.ros import point_cloud2, pose_message
 from firstfix.ros.cdr import CdrWriter
 from firstfix.ros.rmw_zenoh import (

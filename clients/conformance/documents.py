@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from firstfix.evidence import Fit
-from firstfix.geopose import Georeference
-from firstfix.localization import Hypothesis, Localization, Reason, Verdict
+from firstfix.answer.fit import Fit
+from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
+from firstfix.catalog.geopose import Georeference
 from firstfix.transform import make_transform, rotation_z
 
 Vector = dict[str, Any]

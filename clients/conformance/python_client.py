@@ -10,14 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from firstfix import wire, wire_query, wire_sequence
-from firstfix.condense import POINTS, condense, describe
-from firstfix.localization import Localization
-from firstfix.options import LocalizeOptions
-from firstfix.prior import Prior
-from firstfix.query_parameters import QueryParameters
-from firstfix.scan import Scan
+from firstfix.answer.localization import Localization
+from firstfix.answer.options import LocalizeOptions
+from firstfix.answer.prior import Prior
+from firstfix.scan.condense import POINTS, condense, describe
+from firstfix.scan.descriptor_parameters import QueryParameters
+from firstfix.scan.scan import Scan
 from firstfix.transform import from_quaternion
+from firstfix.wire import query as wire_query
+from firstfix.wire import scan as wire
+from firstfix.wire import sequence as wire_sequence
 from firstfix_client.errors import error_of_problem
 
 Vector = Mapping[str, Any]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.levelling import levelling_rotation
+from firstfix.scan.levelling import levelling_rotation
 
 Points = NDArray[np.float32]  # (n, 3) metres, sensor frame
 

@@ -7,8 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from .any_scan import AnyScan
-from .content_encoding import undo_content_encoding
 from .errors import InputError, MalformedData, NotFound, TooLarge, UnsupportedFormat
 from .formats.npy import read_npy
 from .formats.pcd import decode_pcd
@@ -19,8 +17,10 @@ from .formats.scanner_bin import decode_scanner_bin
 from .formats.text import decode_text
 from .ros.media_types import CDR, ZENOH_CDR, check_cloud_type
 from .ros.point_cloud2 import decode_point_cloud2
-from .scan import Scan
-from .scan_sequence import ScanSequence
+from .scan.any_scan import AnyScan
+from .scan.scan import Scan
+from .scan.sequence import ScanSequence
+from .wire.content_encoding import undo_content_encoding
 
 __all__ = ["MEDIA_TYPES", "SUFFIXES", "decode_query", "read_scan_file", "undo_content_encoding"]
 
@@ -28,19 +28,19 @@ MAX_SCAN_FILE_BYTES = 1_000_000_000
 
 
 def _decode_wire(body: bytes) -> Scan:
-    from . import wire  # the only decoder that needs zstandard
+    from .wire import scan as wire  # the only decoder that needs zstandard
 
     return wire.decode_scan(body)
 
 
 def _decode_sequence(body: bytes) -> ScanSequence:
-    from . import wire_sequence
+    from .wire import sequence as wire_sequence
 
     return wire_sequence.decode_scans(body)
 
 
 def _decode_compact(body: bytes) -> AnyScan:
-    from . import wire_query
+    from .wire import query as wire_query
 
     return wire_query.decode_query(body)
 

@@ -121,7 +121,7 @@ class StoreUnsafe(StoreError):
 class UnreadableRecord(StoreError):
     """
     Attributes:
-        kind: of the record (``firstfix.json_record.RecordKind``).
+        kind: of the record (``firstfix.store.json_record.RecordKind``).
         key: of the record in the store.
     """
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InvalidOption
-from .levelling import MAX_TILT_DEG, turned
+from .scan.levelling import MAX_TILT_DEG, turned
 from .transform import rotation_z
 
 MIN_FAN_DEG = 15.0  # between headings of a sensor on its side, however narrow its beams are

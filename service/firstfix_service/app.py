@@ -11,30 +11,46 @@ from fastapi import Depends, FastAPI
 
 import firstfix
 
-from . import (
-    http_build_events,
-    http_builds,
-    http_garbage,
-    http_georeference,
-    http_localize,
-    http_maps,
-    http_uploads,
-    http_versions,
-    operations,
-    problems,
+from . import problems
+from .auth.permission import WhilePermitted
+from .http_api.authorize import authorize
+from .http_api.openapi import DocumentedApp
+from .http_api.read_only import refuse_changes
+from .http_api.request_log import RequestLog
+from .http_api.routes import (
+    build_events as http_build_events,
 )
-from .assemble import assemble
-from .authorize import authorize
-from .metrics import Metrics
-from .openapi import DocumentedApp
-from .permission import WhilePermitted
-from .query import LocalizesScans
-from .read_only import refuse_changes
-from .request_log import RequestLog
-from .request_scope import Requests
+from .http_api.routes import (
+    builds as http_builds,
+)
+from .http_api.routes import (
+    garbage as http_garbage,
+)
+from .http_api.routes import (
+    georeference as http_georeference,
+)
+from .http_api.routes import (
+    localize as http_localize,
+)
+from .http_api.routes import (
+    maps as http_maps,
+)
+from .http_api.routes import (
+    operations,
+)
+from .http_api.routes import (
+    uploads as http_uploads,
+)
+from .http_api.routes import (
+    versions as http_versions,
+)
+from .query_workers.query import LocalizesScans
 from .settings import Settings
-from .start import Start
-from .start_failure import StartFailure
+from .startup.composition import assemble
+from .startup.retry import Start
+from .startup.start_failure import StartFailure
+from .telemetry.metrics import Metrics
+from .telemetry.request_scope import Requests
 
 _OF_THE_STORE = (
     http_maps,

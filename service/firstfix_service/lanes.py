@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from functools import partial, wraps
 from typing import Any, ParamSpec, TypeVar
 
-from .request_scope import current_request
+from .telemetry.request_scope import current_request
 
 P = ParamSpec("P")
 T = TypeVar("T")

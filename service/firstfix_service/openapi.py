@@ -1,60 +1,16 @@
-"""The OpenAPI document: what FastAPI finds out by itself, and the bodies that are read by hand.
-
-python -m firstfix_service.openapi > docs/openapi.json
-"""
+"""Prints the OpenAPI document: ``python -m firstfix_service.openapi > docs/openapi.json``."""
 
 from __future__ import annotations
 
 import json
 import sys
-from typing import Any
 
-from fastapi import FastAPI, Request, Response
-from pydantic import BaseModel
-
-from .answer_models import GeoPose
-from .api_models import GeoreferenceBody
-from .maps_request import CONFIG_SCHEMAS
+from .app import create_app
 from .settings import Settings
-
-_REF = "#/components/schemas/{model}"
-
-
-class DocumentedApp(FastAPI):
-    """An app whose document has the schemas that no route's signature names."""
-
-    def openapi(self) -> dict[str, Any]:
-        if self.openapi_schema is None:
-            schemas = super().openapi()["components"]["schemas"]
-            schemas.update(CONFIG_SCHEMAS)
-            for model in (GeoPose, GeoreferenceBody):
-                schemas.update(_schemas_of(model))
-        assert self.openapi_schema is not None
-        return self.openapi_schema
-
-    def setup(self) -> None:
-        """The route of the document. Its bytes are made once: it needs no key, and making it takes longer
-        than a query."""
-        made: list[bytes] = []
-
-        async def openapi(request: Request) -> Response:
-            if not made:
-                made.append(json.dumps(self.openapi(), separators=(",", ":")).encode())
-            return Response(made[0], media_type="application/json")
-
-        assert self.openapi_url is not None
-        self.add_route(self.openapi_url, openapi, include_in_schema=False)
-
-
-def _schemas_of(model: type[BaseModel]) -> dict[str, Any]:
-    schema = model.model_json_schema(ref_template=_REF)
-    return {**schema.pop("$defs", {}), model.__name__: schema}
 
 
 def document() -> str:
     """The document as it is checked in."""
-    from .app import create_app
-
     return json.dumps(create_app(Settings(store="memory://")).openapi(), indent=1, sort_keys=True) + "\n"
 
 

@@ -15,7 +15,7 @@ from firstfix import errors
 from firstfix.errors import FirstfixError
 from firstfix.redact import redact
 
-from .request_scope import note
+from .telemetry.request_scope import note
 
 MEDIA_TYPE = "application/problem+json"
 

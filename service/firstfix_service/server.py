@@ -12,11 +12,11 @@ import uvicorn
 from fastapi import FastAPI
 
 from .app import create_app
-from .connections import ConnectionLimits, Connections, Ended
-from .http_protocol import LimitedHttpProtocol
-from .log_setup import set_up_logging
-from .metrics import Metrics
+from .http_server.connections import ConnectionLimits, Connections, Ended
+from .http_server.protocol import LimitedHttpProtocol
 from .settings import Settings
+from .telemetry.log_setup import set_up_logging
+from .telemetry.metrics import Metrics
 
 _log = structlog.get_logger(__name__)
 STOP_WITHIN_S = 20  # for requests under way, then they are broken off

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.degrade import every_second_ring, ring_of, tilted, without_sectors
-from firstfix.scan import Scan
+from firstfix.scan.scan import Scan
 from firstfix.sensor import preset
 from firstfix.transform import make_transform, rotation_angle_deg, rotation_z, transform_points
 

@@ -4,8 +4,8 @@ import pytest
 
 from benchmarks.encodings.forms import COMPACT, DESCRIPTOR, FORMS, QUICK, RAW
 from benchmarks.encodings.suite import measure, report
-from firstfix.localizer import Localizer
-from firstfix.map_index import MapIndex
+from firstfix.engine.index import MapIndex
+from firstfix.engine.localizer import Localizer
 
 
 @pytest.fixture(scope="module")

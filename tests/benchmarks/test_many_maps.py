@@ -8,8 +8,8 @@ from benchmarks.many_maps.catalogs import grow_catalog, name_of
 from benchmarks.many_maps.one_replica import one_replica
 from benchmarks.many_maps.sharing import movement, shares, takeover, zipf
 from benchmarks.many_maps.small_map import query_of
-from firstfix.catalog import Catalog
-from firstfix.store import Store
+from firstfix.catalog.catalog import Catalog
+from firstfix.store.store import Store
 
 
 def test_the_catalog_is_one_that_was_published(small_version, tmp_path: Path):

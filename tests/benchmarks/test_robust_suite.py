@@ -12,9 +12,9 @@ from benchmarks.robust.figures import calibration_error, figures_of
 from benchmarks.robust.outcome import Outcome, ask, nees
 from benchmarks.robust.suite import measure
 from benchmarks.worlds import BenchWorld, Scenery, WorldFiles
-from firstfix.localization import Localization, Verdict
-from firstfix.localizer import Localizer
-from firstfix.map_index import MapIndex
+from firstfix.answer.localization import Localization, Verdict
+from firstfix.engine.index import MapIndex
+from firstfix.engine.localizer import Localizer
 from firstfix.transform import make_transform, rotation_z
 from small_world import CONFIG, SENSOR, begun_as
 

@@ -13,8 +13,8 @@ import pytest
 from benchmarks.weak_link.link import Conditions, Way, missing
 from benchmarks.weak_link.measure import measure
 from benchmarks.weak_link.robot import CLIENTS
-from firstfix.catalog import Catalog
-from firstfix.store import Store
+from firstfix.catalog.catalog import Catalog
+from firstfix.store.store import Store
 
 PACKET = bytes([0x45]) + bytes(99)  # IPv4, as far as a link looks
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from firstfix.build_config import BuildConfig
+from firstfix.builds.config import BuildConfig
+from firstfix.builds.shared_stages import SharedStages
 from firstfix.errors import BuildCancelled, InvalidOption, MalformedData
-from firstfix.shared_stages import SharedStages
-from firstfix.store import Store
+from firstfix.store.store import Store
 from firstfix_builder.pipeline import STAGES, build_version
 from small_world import CONFIG
 

@@ -15,8 +15,9 @@ from typing import Any
 
 import pytest
 
-from firstfix.build_records import new_status
-from firstfix.catalog import Catalog
+from firstfix.builds.records import new_status
+from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.manifest import Manifest
 from firstfix.errors import (
     BuildCancelled,
     BuildFailed,
@@ -26,11 +27,10 @@ from firstfix.errors import (
     TooLarge,
     UnreadableRecord,
 )
-from firstfix.manifest import Manifest
-from firstfix.store import Store
-from firstfix_builder import build_reporter
-from firstfix_builder.build_reporter import BuildReporter
-from firstfix_builder.fetch_source import SourcePolicy
+from firstfix.store.store import Store
+from firstfix_builder.job import reporter as build_reporter
+from firstfix_builder.job.fetch_source import SourcePolicy
+from firstfix_builder.job.reporter import BuildReporter
 from firstfix_builder.worker import run_build
 from waiting import LIMIT_S, let_pass, wait_until
 
@@ -142,7 +142,7 @@ def test_what_waits_for_the_network_tells_how_far_it_is(
         tick(reporter, stage, fraction)
 
     monkeypatch.setattr(BuildReporter, "tick", heard)
-    monkeypatch.setattr("firstfix.store.CHUNK_BYTES", 4)
+    monkeypatch.setattr("firstfix.store.store.CHUNK_BYTES", 4)
     assert place.run(TinyPipeline(), "b2") == 0
     fetched = [fraction for stage, fraction in told if stage == "fetch_source"]
     assert fetched == pytest.approx([0.0, 4 / 14, 7 / 14, 11 / 14, 1.0])

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from firstfix.catalog import Catalog
-from firstfix.store import Store
+from firstfix.catalog.catalog import Catalog
+from firstfix.store.store import Store
 from waiting import LIMIT_S, let_pass, wait_until
 
 # One stage that is done soon and one that hangs until a file appears; a pool beside them.

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from fake_service import VERSIONS, FakeService
-from firstfix.evidence import Fit
-from firstfix.localization import Hypothesis, Localization, Reason, Verdict
+from firstfix.answer.fit import Fit
+from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
 from firstfix.transform import make_transform, quaternion_of, rotation_z
 from firstfix_cli.main import run
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from firstfix.localization import Hypothesis, Localization, Reason, Verdict
-from firstfix.scan import Scan
+from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
+from firstfix.scan.scan import Scan
 from firstfix.transform import inverse, make_transform, rotation_z, transform_points
 from firstfix_cli.evaluate import angle_shares, outcome_of, random_yaws, report_of, turned
 

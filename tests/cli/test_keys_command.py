@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from firstfix.api_keys import ApiKeys, parse_token
-from firstfix.grant import Grant, Scope
-from firstfix.store import Store
+from firstfix.access.api_keys import ApiKeys, parse_token
+from firstfix.access.permissions import Grant, Scope
+from firstfix.store.store import Store
 from firstfix_cli.main import run
 
 

@@ -7,8 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from firstfix.localization import Localization, Verdict
-from firstfix.scan import Scan
+from firstfix.answer.localization import Localization, Verdict
+from firstfix.scan.scan import Scan
 from firstfix.transform import make_transform, rotation_z
 from firstfix_cli.evaluate import Outcome, outcome_of, report_of
 from firstfix_cli.plot import MapPicture, draw

@@ -11,8 +11,8 @@ import pytest
 
 import ros_samples
 from fake_service import FakeService
-from firstfix.evidence import Fit
-from firstfix.localization import Hypothesis, Localization, Reason, Verdict
+from firstfix.answer.fit import Fit
+from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
 from firstfix.transform import from_quaternion, inverse, make_transform, rotation_z
 from firstfix_cli.main import run
 from ros_samples import BAG_KINDS, cloud_of_points, stores_of, write_bag

@@ -18,8 +18,8 @@ import pytest
 import zenoh
 
 from fake_service import FakeService
-from firstfix.localization import Localization, Reason, Verdict
-from firstfix.options import LocalizeOptions
+from firstfix.answer.localization import Localization, Reason, Verdict
+from firstfix.answer.options import LocalizeOptions
 from firstfix.ros import point_cloud2, pose_message
 from firstfix.ros.cdr import MessageReader
 from firstfix.ros.rmw_zenoh import (
@@ -32,7 +32,7 @@ from firstfix.ros.rmw_zenoh import (
     endpoint,
     parse_token,
 )
-from firstfix.scan import Scan
+from firstfix.scan.scan import Scan
 from firstfix.transform import make_transform, rotation_z
 from firstfix_cli.ros_gateway import RosGateway, open_session
 from firstfix_client.first_fix import Wishes

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from firstfix.build_config import BuildConfig
-from firstfix.catalog import Catalog
+from firstfix.builds.config import BuildConfig
+from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.manifest import Manifest
 from firstfix.errors import InvalidOption, NotFound
-from firstfix.manifest import Manifest
-from firstfix.store import Store
+from firstfix.store.store import Store
 from firstfix_cli.answerer import fetch_active_version
 from firstfix_cli.commands.build import Axis, _given
 from firstfix_cli.main import run

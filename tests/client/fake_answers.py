@@ -6,9 +6,9 @@ import json
 
 import numpy as np
 
-from firstfix.evidence import Fit
-from firstfix.localization import Hypothesis, Localization, Reason, Verdict
-from firstfix.scan import Scan
+from firstfix.answer.fit import Fit
+from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
+from firstfix.scan.scan import Scan
 from firstfix.transform import make_transform, rotation_z
 
 T_MAP_SENSOR = make_transform(rotation_z(0.5), [1.0, 2.0, 3.0])

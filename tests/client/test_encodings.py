@@ -10,12 +10,12 @@ import pytest
 from answer_server import AnswerServer, ok, problem
 from fake_answers import SCAN, answer_bytes
 
-from firstfix import wire_query
-from firstfix.compact_scan import CompactScan, ScanDescriptor
-from firstfix.engine_config import EngineConfig, OccupancyConfig, PcaScConfig
+from firstfix.answer.options import LocalizeOptions
+from firstfix.engine.config import EngineConfig, OccupancyConfig, PcaScConfig
 from firstfix.errors import DescriptorMismatch, NotFound, UnsupportedFormat
-from firstfix.options import LocalizeOptions
-from firstfix.query_parameters import QueryParameters
+from firstfix.scan.compact import CompactScan, ScanDescriptor
+from firstfix.scan.descriptor_parameters import QueryParameters
+from firstfix.wire import query as wire_query
 from firstfix_client import Client
 
 

@@ -14,8 +14,8 @@ from fake_answers import REJECTED, SCAN, answer_bytes
 from starlette.responses import Response
 
 from blocked_async_client import BlockedAsyncClient
+from firstfix.answer.localization import Verdict
 from firstfix.errors import DeadlineExceeded, NotFound, Overloaded, RateLimited
-from firstfix.localization import Verdict
 from firstfix_client import Client, HedgePolicy, RetryPolicy, ServiceUnreachable
 from waiting import LIMIT_S, let_pass, wait_until, wait_until_async
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import ros_samples
+from firstfix.answer.localization import Localization, Reason, Verdict
+from firstfix.answer.options import LocalizeOptions
 from firstfix.errors import MalformedData, Overloaded
-from firstfix.localization import Localization, Reason, Verdict
-from firstfix.options import LocalizeOptions
 from firstfix.ros.pose_message import TYPE
-from firstfix.scan import Scan
+from firstfix.scan.scan import Scan
 from firstfix.transform import inverse, make_transform, rotation_z
 from firstfix_client import ServiceUnreachable
 from firstfix_client.first_fix import FirstFix, State, Wishes

@@ -12,7 +12,8 @@ from answer_server import AnswerServer, ok, problem
 from fake_answers import LOCALIZED, REJECTED, SCAN, T_MAP_SENSOR, answer_bytes
 from starlette.responses import Response
 
-from firstfix import wire
+from firstfix.answer.localization import Verdict
+from firstfix.answer.options import LocalizeOptions
 from firstfix.errors import (
     BuildFailed,
     DeadlineExceeded,
@@ -22,8 +23,7 @@ from firstfix.errors import (
     Overloaded,
     all_errors,
 )
-from firstfix.localization import Verdict
-from firstfix.options import LocalizeOptions
+from firstfix.wire import scan as wire
 from firstfix_client import Client, RetryPolicy, ServiceUnreachable
 from waiting import LIMIT_S, let_pass
 

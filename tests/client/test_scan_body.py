@@ -3,16 +3,18 @@
 import numpy as np
 import pytest
 
-from firstfix import wire, wire_query, wire_sequence
-from firstfix.compact_scan import CompactScan, ScanDescriptor
-from firstfix.condense import condense
 from firstfix.decode import decode_query
 from firstfix.descriptor import LayeredOccupancy, PolarGrid
 from firstfix.errors import InvalidOption
-from firstfix.query_parameters import QueryParameters
-from firstfix.scan import Scan
-from firstfix.scan_sequence import ScanSequence
+from firstfix.scan.compact import CompactScan, ScanDescriptor
+from firstfix.scan.condense import condense
+from firstfix.scan.descriptor_parameters import QueryParameters
+from firstfix.scan.scan import Scan
+from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import make_transform, rotation_z
+from firstfix.wire import query as wire_query
+from firstfix.wire import scan as wire
+from firstfix.wire import sequence as wire_sequence
 from firstfix_client.scan_body import MAX_COMPACT_BYTES, BodyForm, encoded
 
 POINTS = np.random.default_rng(0).uniform(-9, 9, (40, 3)).astype(np.float32)

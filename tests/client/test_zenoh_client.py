@@ -13,13 +13,14 @@ import numpy as np
 import pytest
 from fake_answers import SCAN, T_MAP_SENSOR, answer_bytes, problem_bytes
 
-from firstfix import wire, wire_query
-from firstfix.compact_scan import CompactScan, ScanDescriptor
+from firstfix.answer.localization import Verdict
+from firstfix.answer.options import LocalizeOptions
 from firstfix.descriptor import LayeredOccupancy, PolarGrid
 from firstfix.errors import FirstfixError, InvalidOption, NotFound, Overloaded
-from firstfix.localization import Verdict
-from firstfix.options import LocalizeOptions
-from firstfix.query_parameters import QueryParameters
+from firstfix.scan.compact import CompactScan, ScanDescriptor
+from firstfix.scan.descriptor_parameters import QueryParameters
+from firstfix.wire import query as wire_query
+from firstfix.wire import scan as wire
 from firstfix_client import HedgePolicy, RetryPolicy, ServiceUnreachable, ZenohClient
 from waiting import let_pass, wait_until
 

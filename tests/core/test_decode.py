@@ -11,7 +11,7 @@ from cloud_files import pcd, ply, random_cloud
 
 from firstfix.decode import MEDIA_TYPES, SUFFIXES, decode_query, read_scan_file
 from firstfix.errors import MalformedData, NotFound, TooLarge, UnsupportedFormat
-from firstfix.scan import MAX_POINTS
+from firstfix.scan.scan import MAX_POINTS
 
 CLOUD = random_cloud(300)
 XYZ = np.stack([CLOUD[axis] for axis in "xyz"], axis=1)

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from firstfix.answer.options import LocalizeOptions
 from firstfix.errors import InvalidOption
-from firstfix.options import LocalizeOptions
 from firstfix.sensor import SensorModel, preset
 
 MID_360 = preset("mid-360")

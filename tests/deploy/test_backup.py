@@ -13,13 +13,13 @@ import httpx
 import numpy as np
 import pytest
 
-from firstfix.api_keys import ApiKeys
-from firstfix.catalog import Catalog, source_key
+from firstfix.access.api_keys import ApiKeys
+from firstfix.access.permissions import Grant
+from firstfix.catalog.catalog import Catalog, source_key
 from firstfix.errors import CorruptVersion
-from firstfix.grant import Grant
-from firstfix.rebuild import rebuild
-from firstfix.store import Store
+from firstfix.store.store import Store
 from firstfix.transform import pose_error
+from firstfix.upkeep.rebuild import rebuild
 from firstfix_client import Client
 from servers import free_port, running
 from small_world import CONFIG

@@ -14,7 +14,7 @@ import yaml
 import zenoh
 from engine import ROOT
 
-from firstfix.api_keys import parse_token
+from firstfix.access.api_keys import parse_token
 from servers import program
 
 COMPOSE = ROOT / "deploy" / "compose"

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 from engine import ROOT
 
-from firstfix.api_keys import ApiKeys
-from firstfix.caller_usage import CallerUsage
-from firstfix.catalog import Catalog
+from firstfix.access.api_keys import ApiKeys
+from firstfix.access.permissions import Grant
+from firstfix.builds.caller_usage import CallerUsage
+from firstfix.builds.shared_stages import SharedStages
+from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.manifest import Manifest
 from firstfix.errors import StoreError
-from firstfix.grant import Grant
-from firstfix.manifest import Manifest
-from firstfix.shared_stages import SharedStages
-from firstfix.store import Store
+from firstfix.store.store import Store
 from firstfix_builder.worker import run_build
 from servers import free_port, running_versitygw
 

@@ -6,24 +6,24 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from firstfix import wire
-from firstfix.build_config import BuildConfig, DisturbConfig
-from firstfix.condense import condense, describe
+from firstfix.answer.localization import Localization, Verdict
+from firstfix.answer.options import LocalizeOptions
+from firstfix.builds.config import BuildConfig, DisturbConfig
 from firstfix.decode import decode_query
-from firstfix.localization import Localization, Verdict
-from firstfix.localizer import Localizer
-from firstfix.map_index import MapIndex
-from firstfix.options import LocalizeOptions
-from firstfix.preprocess import PreparedQuery
-from firstfix.query_parameters import QueryParameters
-from firstfix.scan import Scan
-from firstfix.scan_sequence import ScanSequence
+from firstfix.engine.index import MapIndex
+from firstfix.engine.localizer import Localizer
+from firstfix.engine.preprocess import PreparedQuery
+from firstfix.scan.condense import condense, describe
+from firstfix.scan.descriptor_parameters import QueryParameters
+from firstfix.scan.scan import Scan
+from firstfix.scan.sequence import ScanSequence
 from firstfix.sensor import SensorModel
 from firstfix.transform import inverse, make_transform, pose_error
-from firstfix.wire_query import MEDIA_TYPE, encode_query
-from firstfix_builder.disturb import disturbed_scans, elsewhere
+from firstfix.wire import scan as wire
+from firstfix.wire.query import MEDIA_TYPE, encode_query
 from firstfix_builder.pipeline import build_version
-from firstfix_builder.simulate import Simulator
+from firstfix_builder.simulation.perturb import disturbed_scans, elsewhere
+from firstfix_builder.simulation.simulate import Simulator
 from small_world import CONFIG, SENSOR
 
 HEAD_DOWN = np.diag([1.0, -1.0, -1.0])

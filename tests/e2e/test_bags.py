@@ -9,10 +9,10 @@ import pytest
 
 import ros_samples
 from benchmarks.datasets import HALL, SHARED
-from firstfix.localization import Verdict
-from firstfix.localizer import Localizer
-from firstfix.map_index import MapIndex
-from firstfix.options import LocalizeOptions
+from firstfix.answer.localization import Verdict
+from firstfix.answer.options import LocalizeOptions
+from firstfix.engine.index import MapIndex
+from firstfix.engine.localizer import Localizer
 from firstfix.transform import from_quaternion, inverse, pose_error
 from firstfix_cli.bag_replay import Replay, replay
 from ros_samples import BAG_KINDS, cloud_of_points, stores_of, write_bag
@@ -53,7 +53,7 @@ def test_a_drive_in_the_small_world(small_version, small_scans, tmp_path: Path, 
 
 @pytest.fixture(scope="module")
 def hall_localizer(tmp_path_factory: pytest.TempPathFactory) -> Localizer:
-    from firstfix.build_config import BuildConfig
+    from firstfix.builds.config import BuildConfig
     from firstfix_builder.pipeline import build_version
 
     if not HALL.available:

@@ -5,18 +5,18 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from firstfix.build_config import DisturbConfig
-from firstfix.candidates import A_SPOT, SPOT_DEG, SPOT_M, search
-from firstfix.localization import Verdict
-from firstfix.localizer import Localizer
-from firstfix.map_index import MapIndex
-from firstfix.options import LocalizeOptions
-from firstfix.preprocess import preprocess
-from firstfix.scan_sequence import ScanSequence
+from firstfix.answer.localization import Verdict
+from firstfix.answer.options import LocalizeOptions
+from firstfix.builds.config import DisturbConfig
+from firstfix.engine.candidates import A_SPOT, SPOT_DEG, SPOT_M, search
+from firstfix.engine.index import MapIndex
+from firstfix.engine.localizer import Localizer
+from firstfix.engine.preprocess import preprocess
+from firstfix.scan.sequence import ScanSequence
 from firstfix.sensor import SensorModel
 from firstfix.transform import pose_error
-from firstfix_builder.disturb import disturbed_scans, elsewhere
-from firstfix_builder.simulate import Simulator
+from firstfix_builder.simulation.perturb import disturbed_scans, elsewhere
+from firstfix_builder.simulation.simulate import Simulator
 from small_world import SENSOR
 
 

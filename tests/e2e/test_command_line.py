@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 import yaml
 
-from firstfix import wire
 from firstfix.transform import quaternion_of
+from firstfix.wire import scan as wire
 from firstfix_cli.local_service import LocalService, local_service
 from small_world import CONFIG, SENSOR
 from waiting import LIMIT_S

@@ -7,21 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firstfix.compact_scan import CompactScan
-from firstfix.condense import condense, describe
+from firstfix.answer.localization import Localization, Reason, Verdict
+from firstfix.answer.options import LocalizeOptions
+from firstfix.answer.prior import Prior
 from firstfix.decode import decode_query
 from firstfix.descriptor import LayeredOccupancy, PolarGrid
+from firstfix.engine.index import MapIndex
+from firstfix.engine.localizer import Localizer, localize_among
 from firstfix.errors import DescriptorMismatch
-from firstfix.localization import Localization, Reason, Verdict
-from firstfix.localizer import Localizer, localize_among
-from firstfix.map_index import MapIndex
-from firstfix.options import LocalizeOptions
-from firstfix.prior import Prior
-from firstfix.query_parameters import QueryParameters
-from firstfix.scan import Scan
-from firstfix.scan_sequence import ScanSequence
+from firstfix.scan.compact import CompactScan
+from firstfix.scan.condense import condense, describe
+from firstfix.scan.descriptor_parameters import QueryParameters
+from firstfix.scan.scan import Scan
+from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import inverse, pose_error
-from firstfix.wire_query import MEDIA_TYPE, encode_query
+from firstfix.wire.query import MEDIA_TYPE, encode_query
 
 
 @pytest.fixture(scope="module")

@@ -5,11 +5,11 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from firstfix.localization import Reason, Verdict
-from firstfix.localizer import Localizer
-from firstfix.map_index import MapIndex
-from firstfix.options import LocalizeOptions
-from firstfix.prior import Prior
+from firstfix.answer.localization import Reason, Verdict
+from firstfix.answer.options import LocalizeOptions
+from firstfix.answer.prior import Prior
+from firstfix.engine.index import MapIndex
+from firstfix.engine.localizer import Localizer
 from firstfix.transform import pose_error, yaw_of
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from firstfix.build_config import BuildConfig
-from firstfix.localizer import Localizer
-from firstfix.map_index import MapIndex
+from firstfix.builds.config import BuildConfig
+from firstfix.engine.index import MapIndex
+from firstfix.engine.localizer import Localizer
 from firstfix.transform import pose_error
 from firstfix_builder.pipeline import build_version
 from small_world import CONFIG

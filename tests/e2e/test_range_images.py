@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from firstfix.decode import decode_query
-from firstfix.localizer import Localizer
-from firstfix.map_index import MapIndex
+from firstfix.engine.index import MapIndex
+from firstfix.engine.localizer import Localizer
 from firstfix.transform import pose_error
-from firstfix.wire import MEDIA_TYPE, encode_scan
+from firstfix.wire.scan import MEDIA_TYPE, encode_scan
 
 
 def test_a_range_image_is_answered_like_its_scan(small_version, small_scans):

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from firstfix.build_config import BuildConfig
+from firstfix.builds.config import BuildConfig
 from firstfix.decode import read_scan_file
-from firstfix.localizer import Localizer
-from firstfix.map_index import MapIndex
-from firstfix.scan import Scan
+from firstfix.engine.index import MapIndex
+from firstfix.engine.localizer import Localizer
+from firstfix.scan.scan import Scan
+from firstfix.scan.voxel_filter import voxel_means
 from firstfix.transform import make_transform, pose_error, quaternion_of, transform_points
-from firstfix.voxel_filter import voxel_means
 from firstfix_builder.pipeline import build_version
 from firstfix_builder.read_map import read_trajectory
 

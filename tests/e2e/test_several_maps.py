@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from firstfix.build_config import BuildConfig
+from firstfix.answer.localization import Verdict
+from firstfix.answer.options import LocalizeOptions
+from firstfix.answer.prior import Prior
+from firstfix.builds.config import BuildConfig
+from firstfix.engine.index import MapIndex
+from firstfix.engine.localizer import Localizer, localize_among
 from firstfix.errors import InvalidOption
-from firstfix.localization import Verdict
-from firstfix.localizer import Localizer, localize_among
-from firstfix.map_index import MapIndex
-from firstfix.options import LocalizeOptions
-from firstfix.prior import Prior
 from firstfix.transform import pose_error
 from firstfix_builder.pipeline import build_version
 from small_world import CONFIG, SmallWorld

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
+from firstfix.answer.localization import Verdict
 from firstfix.decode import decode_query
-from firstfix.localization import Verdict
-from firstfix.localizer import Localizer
-from firstfix.map_index import MapIndex
-from firstfix.scan import Scan
-from firstfix.scan_sequence import ScanSequence
+from firstfix.engine.index import MapIndex
+from firstfix.engine.localizer import Localizer
+from firstfix.scan.scan import Scan
+from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import inverse, make_transform, pose_error, rotation_z
-from firstfix.wire_sequence import MEDIA_TYPE, encode_scans
+from firstfix.wire.sequence import MEDIA_TYPE, encode_scans
 
 
 @pytest.fixture(scope="module")

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from firstfix.build_config import DisturbConfig
+from firstfix.answer.localization import Localization, Reason, Verdict
+from firstfix.answer.options import LocalizeOptions
+from firstfix.builds.config import DisturbConfig
+from firstfix.engine.index import MapIndex
+from firstfix.engine.localizer import Localizer
 from firstfix.errors import CorruptVersion
-from firstfix.localization import Localization, Reason, Verdict
-from firstfix.localizer import Localizer
-from firstfix.map_index import MapIndex
-from firstfix.options import LocalizeOptions
-from firstfix.scan import Scan
+from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import inverse, make_transform, pose_error, rotation_z
-from firstfix_builder.disturb import disturbed_scans, elsewhere
-from firstfix_builder.simulate import Simulator
+from firstfix_builder.simulation.perturb import disturbed_scans, elsewhere
+from firstfix_builder.simulation.simulate import Simulator
 from small_world import SENSOR
 
 

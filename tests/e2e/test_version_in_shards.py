@@ -5,16 +5,16 @@ import shutil
 import numpy as np
 import pytest
 
-from firstfix.cascade import Cascade
-from firstfix.engine_config import EngineConfig
+from firstfix.answer.options import LocalizeOptions
+from firstfix.answer.prior import Prior
+from firstfix.engine.config import EngineConfig
+from firstfix.engine.index import ENGINE_FILE, MapIndex
+from firstfix.engine.localizer import Localizer
+from firstfix.engine.retrieval.cascade import Cascade
+from firstfix.engine.retrieval.key_search import build_key_search, tile_shards
+from firstfix.engine.retrieval.template_tiles import FILE
 from firstfix.errors import CorruptVersion
-from firstfix.key_search import build_key_search, tile_shards
-from firstfix.localizer import Localizer
-from firstfix.map_index import ENGINE_FILE, MapIndex
-from firstfix.options import LocalizeOptions
-from firstfix.prior import Prior
-from firstfix.template_tiles import FILE
-from firstfix_builder.make_keys import make_keys
+from firstfix_builder.index.make_keys import make_keys
 
 FEW = {"clusters": 20, "candidates": 5}  # of the small world's two hundred
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.build_config import DisturbConfig
-from firstfix.scan import Scan
+from firstfix.builds.config import DisturbConfig
+from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import make_transform, rotation_z
-from firstfix_builder.simulate import Simulator
+from firstfix_builder.simulation.simulate import Simulator
 from small_world import SENSOR, SmallWorld
 
 ROOMS_X = (0.0, 9.0, 22.0)  # of their middles: 9 m apart, and 13 m

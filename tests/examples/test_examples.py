@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from storey_world import CONFIG, ROOMS_X, pose, scan_at, storey
 
-from firstfix.build_config import BuildConfig
-from firstfix.catalog import Catalog
-from firstfix.localization import Verdict
-from firstfix.scan import Scan
-from firstfix.store import Store
+from firstfix.answer.localization import Verdict
+from firstfix.builds.config import BuildConfig
+from firstfix.catalog.catalog import Catalog
+from firstfix.scan.scan import Scan
+from firstfix.store.store import Store
 from firstfix.transform import inverse, make_transform, quaternion_of, rotation_z
 from firstfix_builder.pipeline import build_version
 from firstfix_cli.local_service import LocalService, local_service

@@ -30,7 +30,7 @@ def tracked_texts() -> list[tuple[str, str]]:
 
 
 def test_no_sample_is_a_stride_through_a_list():
-    """``firstfix.sample`` takes samples: a stride takes what repeats with its period always or never."""
+    """``firstfix.portable.sample`` takes samples: a stride of a list repeats with the list's period."""
     packages = ("core/", "builder/", "service/", "clients/python/", "cli/", "benchmarks/")
     found = [
         f"{name}: {line.strip()}"
@@ -90,7 +90,8 @@ def heavy_modules_after(statement: str) -> set[str]:
 
 
 @pytest.mark.parametrize(
-    "module", ["firstfix", "firstfix.scan", "firstfix.descriptor", "firstfix.wire", "firstfix_client"]
+    "module",
+    ["firstfix", "firstfix.scan", "firstfix.descriptor", "firstfix.wire", "firstfix_client"],
 )
 def test_the_robots_modules_import_nothing_heavy(module: str):
     assert heavy_modules_after(f"import {module}") == set()

@@ -5,11 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from firstfix import wire, wire_query, wire_sequence
+from firstfix.answer.localization import Reason, Verdict
+from firstfix.answer.options import LocalizeOptions
 from firstfix.errors import all_errors
-from firstfix.localization import Reason, Verdict
-from firstfix.options import LocalizeOptions
-from firstfix.turns import COEFFICIENTS
+from firstfix.portable.atan2 import COEFFICIENTS
+from firstfix.wire import query as wire_query
+from firstfix.wire import scan as wire
+from firstfix.wire import sequence as wire_sequence
 
 CLIENTS = Path(__file__).resolve().parents[2] / "clients"
 PAGE = (CLIENTS / "PROTOCOL.md").read_text()

@@ -12,7 +12,7 @@ from fake_ros import Graph, install
 
 import ros_samples
 from fake_service import FakeService
-from firstfix.localization import Localization, Reason, Verdict
+from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.ros.pose_message import TYPE
 from firstfix.transform import make_transform, rotation_z
 from ros_samples import ROS2, cdr, cloud_of_points

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import yaml
 
+from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.errors import InvalidOption
-from firstfix.localization import Localization, Reason, Verdict
 from firstfix_client.first_fix import State, Status
 
 PACKAGE = Path(__file__).resolve().parents[2] / "clients" / "ros2"

@@ -8,8 +8,8 @@ import httpx
 import zenoh
 from service_world import SCAN_BODY, XYZ, Reply, Service
 
-from firstfix.api_keys import ApiKeys
-from firstfix.grant import Grant
+from firstfix.access.api_keys import ApiKeys
+from firstfix.access.permissions import Grant
 from waiting import LIMIT_S
 
 HEADERS = {"Content-Type": XYZ}

@@ -6,13 +6,13 @@ from pathlib import Path
 
 from service_world import Behaviour, publish
 
-from firstfix.catalog import Catalog
-from firstfix.store import Store
-from firstfix_service.leases import Leases
-from firstfix_service.map_cache import MapCache
-from firstfix_service.metrics import Metrics
-from firstfix_service.query import ServedVersion
-from firstfix_service.workers import LocalWorkers
+from firstfix.catalog.catalog import Catalog
+from firstfix.store.store import Store
+from firstfix_service.maps.leases import Leases
+from firstfix_service.maps.map_cache import MapCache
+from firstfix_service.query_workers.base import LocalWorkers
+from firstfix_service.query_workers.query import ServedVersion
+from firstfix_service.telemetry.metrics import Metrics
 from waiting import LIMIT_S
 
 

@@ -14,9 +14,9 @@ from urllib.parse import urlsplit
 import httpx
 from service_world import Service, running_service
 
-from firstfix.api_keys import ApiKeys
-from firstfix.grant import Grant
-from firstfix.store import Store
+from firstfix.access.api_keys import ApiKeys
+from firstfix.access.permissions import Grant
+from firstfix.store.store import Store
 
 PART = "application/offset+octet-stream"
 CLOUD = b"0 0 0\n1 1 1\n"

@@ -10,9 +10,9 @@ import sys
 import time
 from pathlib import Path
 
-from firstfix.build_records import new_status
-from firstfix.catalog import Catalog
-from firstfix.store import Store
+from firstfix.builds.records import new_status
+from firstfix.catalog.catalog import Catalog
+from firstfix.store.store import Store
 
 
 def hang(tied_to_stdin: bool) -> None:

@@ -18,13 +18,12 @@ from service_world import free_port
 
 from benchmarks.nats_server import NatsServer
 from benchmarks.tiny_worker import config_telling
-from firstfix.build_records import FINAL_STATES
-from firstfix.catalog import Catalog
-from firstfix.store import Store
+from firstfix.builds.records import FINAL_STATES
+from firstfix.catalog.catalog import Catalog
+from firstfix.store.store import Store
 from waiting import LIMIT_S, wait_until
 
 TINY_WORKER = (sys.executable, "-m", "benchmarks.tiny_worker")
-FAKE_WORKER = (sys.executable, str(Path(__file__).with_name("fake_worker.py")))
 LEASE_S = 2.0
 
 

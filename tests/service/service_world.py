@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import socket
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,18 +17,19 @@ import numpy as np
 import zenoh
 from fastapi import FastAPI
 
-from firstfix.catalog import Catalog
+from firstfix.answer.localization import Localization, Verdict
+from firstfix.answer.options import LocalizeOptions
+from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.manifest import Manifest
 from firstfix.errors import CorruptVersion
-from firstfix.localization import Localization, Verdict
-from firstfix.manifest import Manifest
-from firstfix.options import LocalizeOptions
-from firstfix.scan import Scan
-from firstfix.store import Store
+from firstfix.scan.scan import Scan
+from firstfix.store.store import Store
 from firstfix_service.app import create_app
 from firstfix_service.server import Server
 from firstfix_service.settings import Settings
 from waiting import LIMIT_S, wait_until
 
+FAKE_WORKER = (sys.executable, str(Path(__file__).with_name("fake_worker.py")))  # of builds
 XYZ = "application/vnd.firstfix.xyz"
 SCAN_BODY = np.arange(300, dtype="<f4").reshape(100, 3).tobytes()
 

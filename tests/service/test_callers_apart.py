@@ -9,9 +9,9 @@ import httpx
 import pytest
 from callers_world import CLOUD, callers
 
-from firstfix.caller_usage import CallerUsage
-from firstfix.grant import Grant, Scope
-from firstfix_service.caller import Caller
+from firstfix.access.permissions import Grant, Scope
+from firstfix.builds.caller_usage import CallerUsage
+from firstfix_service.auth.principal import Caller
 from waiting import wait_until
 
 

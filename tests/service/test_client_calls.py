@@ -9,7 +9,7 @@ import httpx
 import pytest
 from service_world import Service, publish, running_service
 
-from firstfix.build_records import new_status
+from firstfix.builds.records import new_status
 from firstfix.errors import ChecksumMismatch, Conflict, DeadlineExceeded, NotFound
 from firstfix_client import Client, RetryPolicy, build_steps, upload_steps
 

@@ -13,9 +13,9 @@ from service_world import publish
 
 from benchmarks.restart_clients import CLIENTS, replica_of, restart_under_queries
 from benchmarks.service.programs import Replica
-from firstfix.catalog import Catalog
-from firstfix.scan import Scan
-from firstfix.store import Store
+from firstfix.catalog.catalog import Catalog
+from firstfix.scan.scan import Scan
+from firstfix.store.store import Store
 
 SCAN = Scan.from_points(np.random.default_rng(1).uniform(-9, 9, (300, 3)))
 

@@ -20,13 +20,13 @@ from fastapi.routing import APIRoute, iter_route_contexts
 from service_world import Service, running_service
 
 import firstfix_service
-from firstfix.api_keys import ApiKeys
-from firstfix.catalog import Catalog
+from firstfix.access.api_keys import ApiKeys
+from firstfix.catalog.catalog import Catalog
 from firstfix.errors import StoreUnavailable
 from firstfix_service.app import create_app
 from firstfix_service.lanes import BUILDS, Lane
-from firstfix_service.request_scope import Requests, note
 from firstfix_service.settings import Settings
+from firstfix_service.telemetry.request_scope import Requests, note
 from waiting import LIMIT_S, wait_until
 
 SOURCES = sorted(Path(firstfix_service.__file__).parent.glob("*.py"))

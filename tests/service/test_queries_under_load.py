@@ -17,12 +17,12 @@ import numpy as np
 import pytest
 from service_world import Service, running_service
 
-from firstfix.localization import Localization
-from firstfix.localizer import Localizer
-from firstfix.manifest import Manifest
-from firstfix.map_index import ENGINE_FILE, MapIndex
+from firstfix.answer.localization import Localization
+from firstfix.catalog.manifest import Manifest
+from firstfix.engine.index import ENGINE_FILE, MapIndex
+from firstfix.engine.localizer import Localizer
 from firstfix.transform import pose_error
-from firstfix.wire import MEDIA_TYPE, encode_scan
+from firstfix.wire.scan import MEDIA_TYPE, encode_scan
 from waiting import LIMIT_S, let_pass, wait_until
 
 SHIFT_M = 100.0  # by which the versions of different maps, and of different age, lie apart
@@ -88,7 +88,7 @@ def worker_pids() -> list[int]:
                 parent = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1])
             except (OSError, IndexError):
                 continue
-            if parent == os.getpid() and b"firstfix_service.worker_process" in command:
+            if parent == os.getpid() and b"firstfix_service.query_workers.process" in command:
                 found.append(int(entry.name))
     return sorted(found)
 

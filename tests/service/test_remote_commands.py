@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from service_world import Service
 
-from firstfix.build_records import new_status
+from firstfix.builds.records import new_status
 from firstfix.errors import Overloaded
 from firstfix_cli.main import run
 from waiting import wait_until

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from service_world import Service, running_service
 
-from firstfix.catalog import Catalog
-from firstfix.manifest import Manifest
-from firstfix.store import Store
+from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.manifest import Manifest
+from firstfix.store.store import Store
 from toxiproxy import Link
 from waiting import let_pass, wait_until
 

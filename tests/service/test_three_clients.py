@@ -12,15 +12,15 @@ import pytest
 from service_world import Behaviour, FakeLocalizer, Service, publish, running_service
 
 from blocked_async_client import BlockedAsyncClient
-from firstfix.build_records import new_status
+from firstfix.answer.localization import Localization, Reason, Verdict
+from firstfix.answer.options import LocalizeOptions
+from firstfix.answer.prior import Prior
+from firstfix.builds.records import new_status
 from firstfix.descriptor import LayeredOccupancy, PolarGrid
 from firstfix.errors import BuildFailed, Conflict, FirstfixError, InvalidOption, InvalidScan, NotFound
-from firstfix.localization import Localization, Reason, Verdict
-from firstfix.options import LocalizeOptions
-from firstfix.prior import Prior
-from firstfix.query_parameters import QueryParameters
-from firstfix.scan import Scan
-from firstfix.scan_sequence import ScanSequence
+from firstfix.scan.descriptor_parameters import QueryParameters
+from firstfix.scan.scan import Scan
+from firstfix.scan.sequence import ScanSequence
 from firstfix_client import Client, ZenohClient
 
 KINDS = ["http", "asyncio", "zenoh"]

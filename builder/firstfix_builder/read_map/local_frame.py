@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.errors import MalformedData
-from firstfix.sample import rows_by_chance
+from firstfix.portable.sample import rows_by_chance
 from firstfix.transform import make_transform
 
 from .map_data import MapData

@@ -132,10 +132,10 @@ class Outside:
 
 
 def run_job(flows: Flows, job: dict[str, Any], work: Path, speaker: Speaker, lines: Lines) -> int:
-    from firstfix.build_config import BuildConfig
+    from firstfix.builds.config import BuildConfig
 
-    from ..build_log import set_up_build_log
-    from ..build_trace import BuildTrace
+    from ..execution.build_trace import BuildTrace
+    from ..job.log import set_up_build_log
     from .failures import described
 
     set_up_build_log(job["build_id"], level=job["log_level"], as_json=job["log_json"])

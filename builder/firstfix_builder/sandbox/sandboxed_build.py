@@ -22,12 +22,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from firstfix.builds.shared_stages import SharedStages
+from firstfix.catalog.manifest import FILE_NAME, MAX_BYTES, Manifest
 from firstfix.errors import BuildFailed, CorruptVersion, FirstfixError
-from firstfix.manifest import FILE_NAME, MAX_BYTES, Manifest
-from firstfix.shared_stages import SharedStages
 
-from ..build_trace import current_build, mark_cached
-from ..stage_names import STAGES
+from ..execution.build_trace import current_build, mark_cached
+from ..execution.stage_names import STAGES
 from .failures import as_error, of_exit
 from .hand_over import take_files
 from .messages import Lines, Speaker

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.sensor import preset
-from firstfix_builder.mesh import Mesh
+from firstfix_builder.mesh.mesh import Mesh
 
 from .drive import smoothed
 from .place import Place

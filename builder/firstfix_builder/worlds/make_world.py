@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from firstfix.errors import InvalidOption
 from firstfix.sensor import SensorModel
-from firstfix_builder.mesh import Mesh
-from firstfix_builder.simulate import Simulator
+from firstfix_builder.mesh.mesh import Mesh
+from firstfix_builder.simulation.simulate import Simulator
 
 from .campus import campus
 from .drive import drive

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.sensor import preset
-from firstfix_builder.mesh import Mesh
+from firstfix_builder.mesh.mesh import Mesh
 
 from .office_rooms import Room, furnish, tour
 from .place import Place

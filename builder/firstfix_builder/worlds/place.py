@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from firstfix.sensor import SensorModel
 from firstfix.transform import make_transform, rotation_between, rotation_z
-from firstfix_builder.mesh import Mesh
+from firstfix_builder.mesh.mesh import Mesh
 
 from .primitives import placed, transformed
 

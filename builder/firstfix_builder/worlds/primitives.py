@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from firstfix.transform import make_transform, rotation_z
-from firstfix_builder.mesh import Mesh
+from firstfix_builder.mesh.mesh import Mesh
 
 _BOX_CORNERS = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], np.float64)
 _BOX_TRIANGLES = np.array(

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from firstfix_builder.mesh import Mesh
+from firstfix_builder.mesh.mesh import Mesh
 
 from .primitives import blob, block, box, cylinder, frustum, lying, placed
 

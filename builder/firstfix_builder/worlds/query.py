@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.scan import Scan
+from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import inverse, make_transform, rotation_between, rotation_z
-from firstfix_builder.mesh import Mesh
-from firstfix_builder.simulate import Simulator
+from firstfix_builder.mesh.mesh import Mesh
+from firstfix_builder.simulation.simulate import Simulator
 
 from .place import Place
 from .primitives import placed

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from firstfix.sensor import SensorModel
 from firstfix.transform import rotation_z
-from firstfix_builder.simulate import Simulator
+from firstfix_builder.simulation.simulate import Simulator
 
 RAYS_PER_SCAN = 12_000  # of a mapping scan; the voxel grid would swallow more
 DROPOUT = 0.05

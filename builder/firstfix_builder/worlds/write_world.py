@@ -9,7 +9,7 @@ import yaml
 from numpy.typing import NDArray
 
 from firstfix.transform import quaternion_of
-from firstfix_builder.mesh import Mesh
+from firstfix_builder.mesh.mesh import Mesh
 
 from .make_world import World
 

@@ -15,7 +15,7 @@ from ..arguments import AsJson, Url, cache_directory
 from ..self_test_lines import self_test_lines
 
 if TYPE_CHECKING:
-    from firstfix.manifest import Manifest
+    from firstfix.catalog.manifest import Manifest
 
 
 CLUSTER_STAGES_S = 7 * 86400.0  # that what a cluster's workers read stays in the store
@@ -92,11 +92,11 @@ def _build_here(
     executor: str,
     as_json: bool,
 ) -> None:
-    from firstfix.build_config import BuildConfig
-    from firstfix.catalog import Catalog
-    from firstfix.shared_stages import collect_stages
-    from firstfix.store import Store
-    from firstfix_builder.executor_url import dask_address
+    from firstfix.builds.config import BuildConfig
+    from firstfix.builds.shared_stages import collect_stages
+    from firstfix.catalog.catalog import Catalog
+    from firstfix.store.store import Store
+    from firstfix_builder.execution.executor_url import dask_address
     from firstfix_builder.pipeline import Cluster, build_version
 
     settings = BuildConfig.parse(given)
@@ -125,7 +125,7 @@ def _given(path: Path | None, sensor: str | None, axis: Axis | None) -> dict[str
     """The build's config as far as it is given: the file, with what the command line says put over it."""
     import yaml
 
-    from firstfix.build_config import BuildConfig
+    from firstfix.builds.config import BuildConfig
     from firstfix.errors import InvalidOption, NotFound
 
     values: dict[str, Any] = {}

@@ -22,8 +22,8 @@ def copy_store(source: From, target: To, as_json: AsJson = False) -> None:
     exit code is 2.
     """
     from firstfix.errors import CorruptVersion
-    from firstfix.store import Store
-    from firstfix.store_copy import copy_store as copy
+    from firstfix.store.store import Store
+    from firstfix.upkeep.backup import copy_store as copy
 
     report = copy(Store.open(source, read_only=True), Store.open(target))
     if as_json:

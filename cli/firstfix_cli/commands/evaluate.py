@@ -13,7 +13,7 @@ import typer
 from ..arguments import MapId, SentAs, TimeoutS, Url, Zenoh
 
 if TYPE_CHECKING:
-    from firstfix.scan import Scan
+    from firstfix.scan.scan import Scan
 
     from ..answerer import Answerer
     from ..evaluate import Outcome
@@ -100,9 +100,9 @@ def _replay(
     timeout_s: float,
     json_file: Path | None,
 ) -> None:
+    from firstfix.catalog.query_samples import QuerySamples
     from firstfix.errors import InvalidOption
-    from firstfix.query_samples import QuerySamples
-    from firstfix.store import Store
+    from firstfix.store.store import Store
 
     from ..replay import body_answerer, lines_of, replay, report_of
 
@@ -134,8 +134,8 @@ def _outcomes(
     from rich.console import Console
     from rich.progress import track
 
+    from firstfix.answer.options import LocalizeOptions
     from firstfix.decode import read_scan_file
-    from firstfix.options import LocalizeOptions
 
     from ..evaluate import outcome_of, random_yaws, turned
     from ..pose_gravity import gravity_at, imu_errors

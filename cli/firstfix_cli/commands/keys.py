@@ -15,7 +15,7 @@ from firstfix.errors import InvalidOption
 from ..arguments import AsJson
 
 if TYPE_CHECKING:
-    from firstfix.api_keys import ApiKey, ApiKeys
+    from firstfix.access.api_keys import ApiKey, ApiKeys
 
 app = typer.Typer(help="Give out, list and take back the API keys of a store.", no_args_is_help=True)
 
@@ -55,7 +55,7 @@ def create(
     as_json: AsJson = False,
 ) -> None:
     """Make a key and print it: it is never shown again."""
-    from firstfix.grant import ALL_MAPS, Grant
+    from firstfix.access.permissions import ALL_MAPS, Grant
 
     grant = Grant.parse(scope, map_pattern or ALL_MAPS)
     given = None if token_env is None else os.environ.get(token_env, "")
@@ -94,8 +94,8 @@ def revoke(
 
 
 def _keys(store: str) -> ApiKeys:
-    from firstfix.api_keys import ApiKeys
-    from firstfix.store import Store
+    from firstfix.access.api_keys import ApiKeys
+    from firstfix.store.store import Store
 
     return ApiKeys(Store.open(store))
 

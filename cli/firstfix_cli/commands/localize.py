@@ -13,8 +13,8 @@ import typer
 from ..arguments import AsJson, MapId, SentAs, Store, TimeoutS, Url, Zenoh
 
 if TYPE_CHECKING:
-    from firstfix.localization import Localization
-    from firstfix.scan_sequence import ScanSequence
+    from firstfix.answer.localization import Localization
+    from firstfix.scan.sequence import ScanSequence
     from firstfix.transform import Matrix
 
     from ..bag_replay import Replayed
@@ -78,9 +78,9 @@ def localize(
     Exit code 0: localized, 3: ambiguous, 4: rejected, for a bag the best of its clouds; 1: no answer, 2: an
     error.
     """
+    from firstfix.answer.options import LocalizeOptions
     from firstfix.decode import read_scan_file
     from firstfix.errors import InvalidOption
-    from firstfix.options import LocalizeOptions
 
     from ..answerer import answerer
     from ..bag_replay import Replay, replay
@@ -117,7 +117,7 @@ def localize(
 def _sequence(path: Path | None) -> ScanSequence:
     from firstfix.decode import read_scan_file
     from firstfix.errors import MalformedData
-    from firstfix.scan_sequence import MAX_SCANS, ScanSequence
+    from firstfix.scan.sequence import MAX_SCANS, ScanSequence
 
     from ..poses_csv import read_poses_csv
 

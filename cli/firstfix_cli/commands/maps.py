@@ -113,9 +113,9 @@ def rebuild(
     store: Annotated[str, typer.Option(envvar="FIRSTFIX_STORE", help="The service's object store.")],
 ) -> None:
     """Build maps again from the files and the config that their active versions were made of."""
-    from firstfix.catalog import Catalog
-    from firstfix.rebuild import rebuild as put_on_record
-    from firstfix.store import Store as ObjectStore
+    from firstfix.catalog.catalog import Catalog
+    from firstfix.store.store import Store as ObjectStore
+    from firstfix.upkeep.rebuild import rebuild as put_on_record
 
     catalog = Catalog(ObjectStore.open(store))
     for map_id in map_ids:
@@ -158,9 +158,9 @@ def verify(
 
     The exit code is 2 where something is damaged and was not mended.
     """
-    from firstfix.repair import Repair
-    from firstfix.store import Store as ObjectStore
-    from firstfix.verify import Verification
+    from firstfix.store.store import Store as ObjectStore
+    from firstfix.upkeep.repair import Repair
+    from firstfix.upkeep.verify import Verification
 
     opened = ObjectStore.open(store, read_only=not repair)
     report = Verification(opened, repair=Repair(opened, cache) if repair else None).run()

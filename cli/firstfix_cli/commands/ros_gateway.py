@@ -39,7 +39,7 @@ def ros_gateway(
     A robot is a namespace with a PointCloud2 topic; it gets a PoseWithCovarianceStamped and a service
     first_fix/locate (std_srvs/srv/Trigger).
     """
-    from firstfix.options import LocalizeOptions
+    from firstfix.answer.options import LocalizeOptions
     from firstfix.ros.header import check_frame
     from firstfix_client.first_fix import Wishes
 

@@ -12,7 +12,7 @@ import typer
 from ..arguments import AsJson
 
 if TYPE_CHECKING:
-    from firstfix.query_samples import QuerySample, QuerySamples
+    from firstfix.catalog.query_samples import QuerySample, QuerySamples
 
 app = typer.Typer(
     help="List, show, fetch and remove queries that a service has kept (FIRSTFIX_SAMPLES_SHARE).",
@@ -83,8 +83,8 @@ def remove(
 
 
 def _samples(store: str) -> QuerySamples:
-    from firstfix.query_samples import QuerySamples
-    from firstfix.store import Store
+    from firstfix.catalog.query_samples import QuerySamples
+    from firstfix.store.store import Store
 
     return QuerySamples(Store.open(store))
 

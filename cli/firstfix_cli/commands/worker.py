@@ -32,7 +32,7 @@ def worker(
 
     What is not given comes from the environment: FIRSTFIX_STORE, FIRSTFIX_BUILD_QUEUE and the others.
     """
-    from firstfix_service.build_worker import run_worker
+    from firstfix_service.builds.worker import run_worker
 
     settings = settings_of(store=store, work=work, build_queue=nats, share_stages=share_stages)
     run_worker(settings, concurrency=concurrency, health_port=health_port)

@@ -15,12 +15,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from firstfix.localization import Localization, Verdict
-    from firstfix.options import LocalizeOptions
-    from firstfix.prior import Prior
-    from firstfix.query_parameters import QueryParameters
-    from firstfix.scan import Scan
-    from firstfix.scan_sequence import ScanSequence
+    from firstfix.answer.localization import Localization, Verdict
+    from firstfix.answer.options import LocalizeOptions
+    from firstfix.answer.prior import Prior
+    from firstfix.scan.descriptor_parameters import QueryParameters
+    from firstfix.scan.scan import Scan
+    from firstfix.scan.sequence import ScanSequence
 
     from .async_client import AsyncClient
     from .client import Client
@@ -59,17 +59,17 @@ _HOME = {
     "BuildStatus": ".records",
     "Client": ".client",
     "HedgePolicy": ".hedge",
-    "Localization": "firstfix.localization",
-    "LocalizeOptions": "firstfix.options",
+    "Localization": "firstfix.answer.localization",
+    "LocalizeOptions": "firstfix.answer.options",
     "MapInfo": ".records",
-    "Prior": "firstfix.prior",
-    "QueryParameters": "firstfix.query_parameters",
+    "Prior": "firstfix.answer.prior",
+    "QueryParameters": "firstfix.scan.descriptor_parameters",
     "ReplicaInfo": ".replica_info",
     "RetryPolicy": ".retry",
-    "Scan": "firstfix.scan",
-    "ScanSequence": "firstfix.scan_sequence",
+    "Scan": "firstfix.scan.scan",
+    "ScanSequence": "firstfix.scan.sequence",
     "ServiceUnreachable": ".errors",
-    "Verdict": "firstfix.localization",
+    "Verdict": "firstfix.answer.localization",
     "VersionChange": ".version_watch",
     "VersionInfo": ".records",
     "VersionWatch": ".version_watch",

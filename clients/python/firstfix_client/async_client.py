@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
-from firstfix.localization import Localization
-from firstfix.options import LocalizeOptions
-from firstfix.prior import Prior
-from firstfix.scan_sequence import ScanSequence
+from firstfix.answer.localization import Localization
+from firstfix.answer.options import LocalizeOptions
+from firstfix.answer.prior import Prior
+from firstfix.scan.sequence import ScanSequence
 
 from .async_build_calls import AsyncBuildCalls
 from .async_map_calls import AsyncMapCalls
@@ -24,7 +24,7 @@ from .scan_body import BodyForm, Encoding, ScanLike
 if TYPE_CHECKING:
     import httpx
 
-    from firstfix.query_parameters import QueryParameters
+    from firstfix.scan.descriptor_parameters import QueryParameters
 
 
 class AsyncClient(AsyncMapCalls, AsyncBuildCalls):

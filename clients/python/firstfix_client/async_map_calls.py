@@ -9,7 +9,7 @@ from .async_calls import AsyncCalls
 from .records import MapInfo, VersionInfo
 
 if TYPE_CHECKING:
-    from firstfix.query_parameters import QueryParameters
+    from firstfix.scan.descriptor_parameters import QueryParameters
 
 
 class AsyncMapCalls(AsyncCalls):

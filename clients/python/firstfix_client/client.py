@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
-from firstfix.localization import Localization
-from firstfix.options import LocalizeOptions
-from firstfix.prior import Prior
-from firstfix.scan_sequence import ScanSequence
+from firstfix.answer.localization import Localization
+from firstfix.answer.options import LocalizeOptions
+from firstfix.answer.prior import Prior
+from firstfix.scan.sequence import ScanSequence
 
 from .build_calls import BuildCalls
 from .hedge import HedgePolicy
@@ -24,7 +24,7 @@ from .scan_body import BodyForm, Encoding, ScanLike
 if TYPE_CHECKING:
     import httpx
 
-    from firstfix.query_parameters import QueryParameters
+    from firstfix.scan.descriptor_parameters import QueryParameters
 
     from .blocking_service import BlockingService
 
@@ -45,8 +45,8 @@ class Client(MapCalls, BuildCalls):
         hedge: when ``localize`` asks a second replica because the first is slow; the first answer wins and
             the other query is cancelled. None: by ``HedgePolicy()`` if there are several URLs; True or a
             policy: also if there is one, which may stand for many replicas; False: never.
-        resolution_m, voxel_m: how whole scans are sent, see ``firstfix.wire.encode_scan``. The default is
-            what the sensor saw, to 1 cm, or to 2.5 cm in a range image; ``voxel_m=0.25`` saves most of the
+        resolution_m, voxel_m: how whole scans are sent, see ``firstfix.wire.scan.encode_scan``. The default
+            is what the sensor saw, to 1 cm, or to 2.5 cm in a range image; ``voxel_m=0.25`` saves most of the
             bytes on a thin link.
         api_key: an API key or a token of the service's issuer; None: FIRSTFIX_API_KEY of the environment, if
             it is there. Redirects are never followed, so nobody but the service gets it.

@@ -12,15 +12,15 @@ from types import TracebackType
 import numpy as np
 from numpy.typing import NDArray
 
+from firstfix.answer.localization import Localization
+from firstfix.answer.options import LocalizeOptions
 from firstfix.errors import FirstfixError, NotFound
 from firstfix.formats.point_cloud import SCAN_LIMITS
-from firstfix.localization import Localization
-from firstfix.options import LocalizeOptions
 from firstfix.ros.header import Header
 from firstfix.ros.imu import GravityWindow, decode_imu
 from firstfix.ros.point_cloud2 import decode_point_cloud2
 from firstfix.ros.pose_message import MAP_FRAME, to_pose_cdr
-from firstfix.scan import Scan
+from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix
 
 Ask = Callable[[Scan, LocalizeOptions], Localization]

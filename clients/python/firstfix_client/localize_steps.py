@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from firstfix.answer.localization import Localization
+from firstfix.answer.options import LocalizeOptions
+from firstfix.answer.prior import Prior
 from firstfix.errors import DescriptorMismatch
-from firstfix.localization import Localization
-from firstfix.options import LocalizeOptions
-from firstfix.prior import Prior
-from firstfix.scan_sequence import ScanSequence
+from firstfix.scan.sequence import ScanSequence
 
 from .http_messages import HttpRequest
 from .http_sender import HttpSender
@@ -21,7 +21,7 @@ from .scan_body import BodyForm, ScanLike, encoded
 from .steps import Steps, work
 
 if TYPE_CHECKING:
-    from firstfix.query_parameters import QueryParameters
+    from firstfix.scan.descriptor_parameters import QueryParameters
 
 
 # Of a body with its media type, to one map or several, with options.

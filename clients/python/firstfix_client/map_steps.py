@@ -12,7 +12,7 @@ from .records import MapInfo, VersionInfo
 from .steps import Steps
 
 if TYPE_CHECKING:
-    from firstfix.query_parameters import QueryParameters
+    from firstfix.scan.descriptor_parameters import QueryParameters
 
 
 class MapSteps:
@@ -29,7 +29,7 @@ class MapSteps:
         return answer.parsed(MapInfo.from_mapping)
 
     def query_parameters(self, map_id: str) -> Steps[QueryParameters]:
-        from firstfix.query_parameters import QueryParameters
+        from firstfix.scan.descriptor_parameters import QueryParameters
 
         manifest = (yield from self.show_map(map_id)).details.get("manifest")
         if not isinstance(manifest, Mapping):

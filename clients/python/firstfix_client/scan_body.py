@@ -10,15 +10,17 @@ from typing import TYPE_CHECKING, Any, Literal, Union, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from firstfix import wire, wire_query, wire_sequence
-from firstfix.compact_scan import CompactScan
 from firstfix.errors import InvalidOption
-from firstfix.sample import rows_by_chance
-from firstfix.scan import Scan
-from firstfix.scan_sequence import ScanSequence
+from firstfix.portable.sample import rows_by_chance
+from firstfix.scan.compact import CompactScan
+from firstfix.scan.scan import Scan
+from firstfix.scan.sequence import ScanSequence
+from firstfix.wire import query as wire_query
+from firstfix.wire import scan as wire
+from firstfix.wire import sequence as wire_sequence
 
 if TYPE_CHECKING:
-    from firstfix.query_parameters import QueryParameters
+    from firstfix.scan.descriptor_parameters import QueryParameters
 
 # Readers of files and makers of compact queries are imported where they are used: most programs use neither,
 # and all of them have to start.
@@ -56,7 +58,7 @@ class BodyForm:
             compact query (under MAX_COMPACT_BYTES, answered as well), or the descriptor alone (under 1.5 KB,
             answered with candidates only).
         parameters: of the map that is asked. A descriptor needs them; a compact query does without.
-        resolution_m, voxel_m: of whole scans, see ``firstfix.wire.encode_scan``.
+        resolution_m, voxel_m: of whole scans, see ``firstfix.wire.scan.encode_scan``.
     """
 
     encoding: Encoding = "scan"
@@ -85,11 +87,11 @@ def encoded(
         )
     one = scan_of(scan)
     if form.encoding == "compact":
-        from firstfix.condense import condense
+        from firstfix.scan.condense import condense
 
         return wire_query.MEDIA_TYPE, _compact_body(condense(one, form.parameters, gravity))
     if form.encoding == "descriptor":
-        from firstfix.condense import describe
+        from firstfix.scan.condense import describe
 
         if form.parameters is None:
             raise InvalidOption("a descriptor needs the parameters of the map: QueryParameters.from_engine")
@@ -110,7 +112,7 @@ def _part(scan: Scan | CompactScan, form: BodyForm) -> Scan | CompactScan:
         return scan
     if form.encoding != "compact":
         return replace(scan, intensity=None)
-    from firstfix.condense import condense
+    from firstfix.scan.condense import condense
 
     return condense(scan, form.parameters)
 

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
+from firstfix.answer.localization import Localization
+from firstfix.answer.options import LocalizeOptions
+from firstfix.answer.prior import Prior
 from firstfix.errors import InvalidOption
 from firstfix.ids import check_map_id
-from firstfix.localization import Localization
-from firstfix.options import LocalizeOptions
-from firstfix.prior import Prior
-from firstfix.scan_sequence import ScanSequence
+from firstfix.scan.sequence import ScanSequence
 
 from . import blocking
 from .answer import Answer
@@ -37,7 +37,7 @@ from .version_watch import VersionWatch
 from .zenoh_ask import ReplicaRoute, ZenohAsk, ZenohQuery
 
 if TYPE_CHECKING:
-    from firstfix.query_parameters import QueryParameters
+    from firstfix.scan.descriptor_parameters import QueryParameters
 
     from .blocking_service import BlockingService
 

@@ -23,8 +23,8 @@ from sensor_msgs.msg import Imu, PointCloud2
 from std_srvs.srv import Trigger
 from tf2_ros import Buffer, TransformException, TransformListener
 
+from firstfix.answer.localization import Localization
 from firstfix.errors import FirstfixError, InputError
-from firstfix.localization import Localization
 from firstfix.transform import Matrix, from_quaternion
 from firstfix_client.first_fix import FirstFix
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..turns import turns
+from ..portable.atan2 import turns
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import MalformedData, TooLarge
-from ..scan import MAX_POINTS
+from ..scan.scan import MAX_POINTS
 
 Body = bytes | memoryview
 Column = NDArray[Any]

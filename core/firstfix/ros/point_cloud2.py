@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import UnsupportedFormat
 from ..formats.point_cloud import INTENSITY_NAMES, Body, Column, Limits, PointCloud, require_xyz
-from ..scan import Scan
+from ..scan.scan import Scan
 from .cdr import MessageReader
 from .header import Header, read_header
 

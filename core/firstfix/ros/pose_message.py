@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..localization import Localization
+from ..answer.localization import Localization
 from ..transform import Matrix, quaternion_of
 from .cdr import CdrWriter
 from .header import Header, Stamp, write_header

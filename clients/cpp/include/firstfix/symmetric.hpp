@@ -1,5 +1,5 @@
 // Eigenvectors of a symmetric 3 x 3 matrix by Jacobi's method with a fixed number of sweeps: equal to
-// firstfix.symmetric to the last bit.
+// firstfix.portable.eigh3 to the last bit.
 #pragma once
 
 #include <algorithm>

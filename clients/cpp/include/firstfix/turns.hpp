@@ -1,4 +1,4 @@
-// Angles as fractions of a turn: float arithmetic in a fixed order, equal to firstfix.turns to the last bit.
+// Angles as fractions of a turn: float arithmetic in a fixed order, equal to firstfix.portable.atan2 to the last bit.
 #pragma once
 
 #include <algorithm>

@@ -1,0 +1,255 @@
+"""Chunks on the workers of a Dask cluster. The one module that knows Dask."""
+
+from __future__ import annotations
+
+import logging
+import os
+import time
+import uuid
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from firstfix.builds.shared_stages import SharedStages
+from firstfix.errors import BuildCancelled, BuildFailed, ClusterUnavailable, InvalidOption
+from firstfix.store.store import Store
+from firstfix.store.url import StoreUrl
+
+from .chunk_job import ChunkJob, check_runtime, run_job
+from .chunks import Chunk, ChunkResults
+from .runtime import Runtime, this_runtime
+from .stage_cache import StageResult
+
+_log = logging.getLogger(__name__)
+CONNECT_S = 5.0
+CLOSE_S = 2.0
+AWAY_S = 120.0  # that a scheduler, or all of its workers, may be gone
+POLL_S = 0.2
+LOOK_S = 5.0  # between looks at the workers
+WORK_VARIABLE = "FIRSTFIX_WORK_DIR"
+
+
+class _SchedulerLost(Exception):
+    pass
+
+
+class DaskWorkers:
+    """One build's connection to a cluster; a context.
+
+    A worker that dies costs the chunk it was at, which Dask gives to another. A scheduler that dies costs
+    the chunks that were under way: those in the store are not made again.
+
+    Args:
+        address: of the scheduler, as Dask writes it.
+        store_url: of the store that all workers can reach; they have its credentials themselves.
+        away_s: for the scheduler, or a worker, to come back.
+
+    Raises:
+        InvalidOption: Dask is not installed, or the store is no other machine's.
+        ClusterUnavailable: no scheduler, or no worker, for so long.
+        BuildFailed: a worker has other software, or does not see the store.
+    """
+
+    def __init__(self, address: str, store_url: str, *, away_s: float = AWAY_S) -> None:
+        where = StoreUrl.parse(store_url)
+        if where.scheme == "memory":
+            raise InvalidOption("workers of a cluster cannot share a store in memory")
+        self._store_url = str(where.prefix) if where.scheme == "file" else store_url
+        self.store = Store.open_at(where)
+        self._shared = SharedStages(self.store)
+        self._address = address
+        self._away_s = away_s
+        self._client = self._connect(lambda: False)
+
+    def __enter__(self) -> DaskWorkers:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._close()
+
+    def run(
+        self,
+        stage: str,
+        chunks: Sequence[Chunk],
+        inputs: Mapping[str, StageResult],
+        done: Callable[[], None],
+        cancelled: Callable[[], bool],
+    ) -> None:
+        """See ``chunks.Workers``.
+
+        Raises:
+            ClusterUnavailable: the scheduler, or every worker, stayed away.
+        """
+        if not chunks:
+            return
+        for name, result in inputs.items():
+            self._shared.put_surely(result.key, name, result.directory)
+        keys = {name: result.key for name, result in inputs.items()}
+        left = {chunk.name: chunk for chunk in chunks}
+        while left:
+            jobs = [ChunkJob(self._store_url, stage, chunk, keys, this_runtime()) for chunk in left.values()]
+            try:
+                for name in self._ended(jobs, cancelled):
+                    del left[name]
+                    done()
+            except _SchedulerLost:
+                _log.warning("the scheduler at %s is lost with %d chunks to go", self._address, len(left))
+                self._close()
+                self._client = self._connect(cancelled)
+                for name in ChunkResults(self.store, stage).made() & left.keys():
+                    del left[name]
+                    done()
+
+    def _ended(self, jobs: Sequence[ChunkJob], cancelled: Callable[[], bool]) -> Iterator[str]:
+        """Names of the chunks, each as it ends.
+
+        Raises:
+            _SchedulerLost: the rest is to be handed out again.
+        """
+        pending: dict[str, Any] = {}
+        attempt = uuid.uuid4().hex[:8]
+        with _noticing_loss(self._client):
+            for job in jobs:
+                key = f"{type(job.chunk).__name__}-{attempt}{job.chunk.name[:24]}"
+                pending[job.chunk.name] = self._client.submit(_run, job, key=key)
+        watch = _Watch(self._client, self._address, self._away_s)
+        try:
+            while pending:
+                if cancelled():
+                    raise BuildCancelled("cancelled between the chunks of a stage")
+                for name, future in list(pending.items()):
+                    if future.status == "error":
+                        raise _reason(future)
+                    if future.status == "cancelled":
+                        raise _SchedulerLost
+                    # lost: it ended at a worker that died since. What it made is in the store.
+                    if future.status in ("finished", "lost"):
+                        del pending[name]
+                        yield name
+                watch.look()
+                time.sleep(POLL_S)
+        finally:
+            if pending:
+                with suppress(Exception):  # of a client that has no scheduler any more
+                    self._client.cancel(list(pending.values()))
+
+    def _connect(self, cancelled: Callable[[], bool]) -> Any:
+        """A client whose cluster has workers, all of them fit for this build."""
+        try:
+            from distributed import Client
+        except ImportError:
+            raise InvalidOption("an executor dask:// needs Dask: pip install 'firstfix[dask]'") from None
+        end = time.monotonic() + self._away_s
+        while True:
+            if cancelled():
+                raise BuildCancelled("cancelled while the cluster was away")
+            try:
+                client = Client(self._address, timeout=CONNECT_S, set_as_default=False, name="firstfix")
+                break
+            except OSError as error:
+                if time.monotonic() > end:
+                    raise ClusterUnavailable(
+                        f"no Dask scheduler answers at {self._address}: {_brief(error)}"
+                    ) from None
+                time.sleep(1.0)
+        try:
+            while not client.scheduler_info()["workers"]:
+                if cancelled():
+                    raise BuildCancelled("cancelled while the cluster had no workers")
+                if time.monotonic() > end:
+                    raise ClusterUnavailable(f"the Dask scheduler at {self._address} has no workers")
+                time.sleep(POLL_S)
+            self._check_workers(client)
+        except BaseException:
+            client.close(timeout=CLOSE_S)
+            raise
+        return client
+
+    def _check_workers(self, client: Any) -> None:
+        key = f"probe/{uuid.uuid4().hex}"
+        self.store.put(key, b"seen")
+        try:
+            found = client.run(_fit, this_runtime(), self._store_url, key, on_error="return")
+        finally:
+            self.store.delete(key)
+        for worker, said in found.items():
+            if isinstance(said, OSError):  # it has just gone; who comes is looked at with every chunk
+                continue
+            if isinstance(said, BuildFailed):
+                raise BuildFailed(f"{worker}: {said}")
+            if isinstance(said, BaseException):
+                raise BuildFailed(f"the worker {worker} cannot build: {_brief(said)}")
+
+    def _close(self) -> None:
+        with suppress(Exception):  # there may be no scheduler to say good-bye to
+            self._client.close(timeout=CLOSE_S)
+
+
+class _Watch:
+    """Sees when a cluster has been without workers for too long."""
+
+    def __init__(self, client: Any, address: str, away_s: float) -> None:
+        self._client = client
+        self._address = address
+        self._away_s = away_s
+        self._looked = self._seen = time.monotonic()
+
+    def look(self) -> None:
+        """
+        Raises:
+            ClusterUnavailable: nobody is there to do the work.
+            _SchedulerLost: the scheduler does not answer.
+        """
+        now = time.monotonic()
+        if now - self._looked < LOOK_S:
+            return
+        self._looked = now
+        with _noticing_loss(self._client):
+            workers = self._client.scheduler_info()["workers"]
+        if workers:
+            self._seen = now
+        elif now - self._seen > self._away_s:
+            raise ClusterUnavailable(f"the Dask scheduler at {self._address} has lost all its workers")
+
+
+@contextmanager
+def _noticing_loss(client: Any) -> Iterator[None]:
+    """What Dask raises when it has lost its scheduler, which is several things, as _SchedulerLost."""
+    try:
+        yield
+    except Exception as error:
+        if isinstance(error, OSError) or client.status != "running":
+            raise _SchedulerLost from error
+        raise
+
+
+def _reason(future: Any) -> BaseException:
+    from distributed import KilledWorker
+
+    error: BaseException = future.exception()
+    if isinstance(error, KilledWorker):
+        return BuildFailed("every worker that ran one chunk died of it, maybe out of memory")
+    return error
+
+
+def _run(job: ChunkJob) -> None:
+    """On a worker."""
+    from distributed import get_worker
+
+    folder = Path(os.environ.get(WORK_VARIABLE) or get_worker().local_directory) / "cluster"
+    run_job(job, folder)
+
+
+def _fit(wanted: Runtime, store_url: str, key: str) -> None:
+    """On a worker: whether it can take part."""
+    check_runtime(wanted)
+    if not Store.open(store_url).exists(key):
+        raise BuildFailed("it sees another store than this build: a directory has to be shared by all")
+
+
+def _brief(error: BaseException) -> str:
+    return (str(error).strip() or type(error).__name__).split("\n", 1)[0][:300]

@@ -1,0 +1,71 @@
+"""Chunks on this machine: threads, and processes for work that keeps the interpreter to itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, wait
+from functools import cache
+from pathlib import Path
+
+from firstfix.builds.shared_stages import collect_stages
+from firstfix.errors import BuildCancelled, BuildFailed, StoreError
+from firstfix.store.store import Store
+
+from .chunks import Chunk, make_chunk
+from .stage_cache import DEFAULT_MAX_AGE_S, StageResult
+
+POLL_S = 0.5
+
+
+class LocalWorkers:
+    """Keeps results in the build's work folder: a build that was killed goes on within a stage.
+
+    Args:
+        work: the build's folder.
+    """
+
+    def __init__(self, work: Path, threads: Executor, processes: Executor) -> None:
+        self._folder = (work / "chunks").absolute()
+        self._threads = threads
+        self._processes = processes
+        self.store = Store.open(str(self._folder))
+        collect_stages(self.store, DEFAULT_MAX_AGE_S)
+
+    def run(
+        self,
+        stage: str,
+        chunks: Sequence[Chunk],
+        inputs: Mapping[str, StageResult],
+        done: Callable[[], None],
+        cancelled: Callable[[], bool],
+    ) -> None:
+        folders = {name: result.directory for name, result in inputs.items()}
+        pending = set()
+        try:
+            for chunk in chunks:
+                pool = self._processes if chunk.keeps_interpreter else self._threads
+                pending.add(pool.submit(_make, str(self._folder), stage, chunk, folders))
+            while pending:
+                if cancelled():
+                    raise BuildCancelled("cancelled between the chunks of a stage")
+                ended, pending = wait(pending, POLL_S, FIRST_COMPLETED)
+                for future in ended:
+                    future.result()
+                    done()
+        except BrokenExecutor as error:
+            raise BuildFailed("a worker process died, maybe out of memory") from error
+        finally:
+            for future in pending:
+                future.cancel()
+
+
+def _make(store: str, stage: str, chunk: Chunk, inputs: Mapping[str, Path]) -> None:
+    try:
+        make_chunk(_opened(store), stage, chunk, inputs)
+    except StoreError as error:  # not the store of maps, which may come back
+        raise BuildFailed(f"the work folder took no result, its disk may be full: {error}") from None
+
+
+@cache
+def _opened(store: str) -> Store:
+    return Store.open(store)

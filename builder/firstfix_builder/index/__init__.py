@@ -1,0 +1,1 @@
+"""Files of a map index: keys, surface, visible points, preview."""

@@ -1,0 +1,65 @@
+"""What a version is searched and compared with, made from its templates and the map."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firstfix.engine.config import EngineConfig
+from firstfix.engine.index import MAP_FILE
+from firstfix.engine.registration.align import MapSurface
+from firstfix.engine.retrieval.clusters import Clusters
+from firstfix.engine.retrieval.key_projection import load_projection
+from firstfix.engine.retrieval.key_search import build_key_search
+from firstfix.engine.retrieval.template_tiles import TemplateTiles
+from firstfix.engine.retrieval.templates import Templates
+from firstfix.engine.verification.free_space import MapView
+from firstfix.sensor import SensorModel
+
+from ..simulation.simulate import Simulator
+from .make_keys import make_keys
+from .preview import draw_preview
+from .visible_points import map_surface
+
+SURFACE_STEP_M = 0.1  # between the points that stand for a mesh in registration
+
+
+def write_index_files(
+    directory: Path,
+    cloud: NDArray[np.floating] | None,
+    simulator: Simulator,
+    sensor: SensorModel,
+    engine: EngineConfig,
+    progress: Callable[[float], None],
+) -> None:
+    """Key search, tiles, surface, view and picture.
+
+    Args:
+        progress: called after each with the share that is done, 0..1.
+        directory: has templates, clusters and, if there is one, the keys' projection.
+        cloud: (m, 3) the map's points; None: it is a mesh.
+    """
+    templates = Templates.load(directory, engine.descriptor.make())
+    _write_keys(directory, templates, engine)
+    TemplateTiles.of(templates.position_m).save(directory)
+    progress(0.2)
+    surface = map_surface(
+        cloud, simulator, templates.position_m, sensor, SURFACE_STEP_M, engine.registration.map_voxel_m
+    )
+    progress(0.7)
+    MapSurface.of(surface, engine.registration).save(directory)
+    progress(0.8)
+    MapView.of(surface.points, engine.verification.reach_m).save(directory)
+    progress(0.9)
+    np.save(directory / MAP_FILE, surface.points)
+    draw_preview(surface.points, templates.position_m, directory / "preview.png")
+
+
+def _write_keys(directory: Path, templates: Templates, engine: EngineConfig) -> None:
+    standing = Clusters.load(directory).representative
+    projection = load_projection(directory)
+    keys = make_keys(templates, standing, engine.descriptor.make(), projection, directory)
+    build_key_search(keys, engine.search, templates.position_m[standing]).save(directory)

@@ -1,0 +1,144 @@
+"""What of a map a robot can see, and from where.
+
+Where the map is a mesh this is what stands for its cloud. Not points spread over the surface: a modelled
+wall has a back and a floor slab an underside, and a scan registered against those settles a wall's
+thickness off. Where the map is a cloud it tells which face of a wall each of its points is on.
+
+A large map is looked at square by square, and what is seen is thinned as it comes: of a district's returns
+only those of a few squares are in memory at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from firstfix.engine.registration.surface import Surface
+from firstfix.portable.sample import cells_of, rows_by_place
+from firstfix.sensor import SensorModel
+
+from ..mesh.clean_cloud import voxel_means
+from ..simulation.simulate import Simulator
+from ..templates.make import scan_batch, upright
+
+RAYS = 16_384
+VIEWPOINTS = 3000  # or one for each cube of VIEWPOINT_M, where that is more
+VIEWPOINT_M = 3.0
+AT_ONCE = 100
+MOST_LOOSE = 16_000_000  # points of neighbouring scans, before they are thinned into one another
+SQUARE_M = 200.0
+BORDER_M = 1.0  # of the neighbouring squares, that normals at a border are taken from
+SEEN_WITHIN_M = 0.3  # of a mapped point: the mesh is not the cloud
+
+
+def map_surface(
+    cloud: NDArray[np.floating] | None,
+    simulator: Simulator,
+    positions: NDArray[np.floating],
+    sensor: SensorModel,
+    step_m: float,
+    voxel_m: float,
+) -> Surface:
+    """The cloud of a map, or what is seen of a mesh, thinned and turned towards who sees it.
+
+    Args:
+        cloud: (n, 3), or None: the map is the simulator's mesh.
+        positions: (v, 3) of the templates.
+        step_m: between the points that are seen.
+    """
+    seen = visible_points(simulator, positions, sensor, step_m)
+    if cloud is None:
+        thinned = []
+        while seen:  # each goes as its successor comes
+            thinned.append(voxel_means(seen.pop(0), voxel_m))
+        return Surface.together([_with_normals(thinned, number) for number in range(len(thinned))])
+    points = np.concatenate(seen)
+    thin = voxel_means(np.asarray(cloud, np.float64), voxel_m)
+    away_m, row = cKDTree(points[:, :3]).query(thin, distance_upper_bound=SEEN_WITHIN_M)
+    known = np.isfinite(away_m)
+    toward = np.zeros_like(thin)
+    toward[known] = points[row[known], 3:]
+    return Surface.around(thin, toward)
+
+
+def visible_points(
+    simulator: Simulator, positions: NDArray[np.floating], sensor: SensorModel, step_m: float
+) -> list[NDArray[np.float64]]:
+    """For every square (m, 6): points about ``step_m`` apart, from clean scans at some of (n, 3) positions,
+    and the mean direction from each to those who saw it, short where they stood all around."""
+    probe = sensor.coarser(RAYS)
+    directions = probe.directions_at_any_heading()
+    squares = _Squares.over(positions)
+    parts: list[list[NDArray[np.float64]]] = [[] for _ in range(squares.count)]
+    chosen = positions[rows_by_place(positions, max(VIEWPOINTS, _occupied(positions)), VIEWPOINT_M)]
+    chosen, loose = chosen[np.argsort(squares.of(chosen), kind="stable")], 0
+    for start in range(0, len(chosen), AT_ONCE):
+        here = chosen[start : start + AT_ONCE]
+        ranges = np.concatenate(list(simulator.ranges(upright(here), probe, directions)))
+        scans = scan_batch(ranges, directions, np.zeros(len(here)))
+        to_viewer = -scans.points / np.linalg.norm(scans.points, axis=1, keepdims=True)
+        seen = voxel_means(np.column_stack([scans.points + here[scans.scan_of_point], to_viewer]), step_m)
+        number, loose = squares.of(seen), loose + len(seen)
+        for square in np.unique(number):
+            parts[square].append(seen[number == square])
+        if loose > MOST_LOOSE:
+            parts, loose = [_joined(of_square, step_m) for of_square in parts], 0
+    joined = []
+    while parts:  # each goes as its whole comes
+        joined += _joined(parts.pop(0), step_m)
+    return joined
+
+
+def _joined(parts: list[NDArray[np.float64]], step_m: float) -> list[NDArray[np.float64]]:
+    """One part of all, or none of none."""
+    return [voxel_means(np.concatenate(parts), step_m)] if parts else []
+
+
+@dataclass(frozen=True)
+class _Squares:
+    """As large as fits the extent evenly; what lies beyond it belongs to the nearest.
+
+    Attributes:
+        low, side, number: (2,) the first corner and the sides in metres, and how many there are.
+    """
+
+    low: NDArray[np.float64]
+    side: NDArray[np.float64]
+    number: NDArray[np.int64]
+
+    @classmethod
+    def over(cls, positions: NDArray[np.floating]) -> _Squares:
+        low = positions[:, :2].min(axis=0).astype(np.float64)
+        size = positions[:, :2].max(axis=0) - low + 1e-6
+        number = np.ceil(size / SQUARE_M).astype(np.int64)
+        return cls(low, size / number, number)
+
+    @property
+    def count(self) -> int:
+        return int(self.number.prod())
+
+    def of(self, points: NDArray[np.floating]) -> NDArray[np.int64]:
+        """(n,) the square of each."""
+        at = np.floor((points[:, :2] - self.low) / self.side).astype(np.int64)
+        column, row = np.clip(at, 0, self.number - 1).T
+        return column * self.number[1] + row
+
+
+def _occupied(positions: NDArray[np.floating]) -> int:
+    """Number of cubes of VIEWPOINT_M with a position inside."""
+    return len(np.unique(cells_of(positions, VIEWPOINT_M), axis=0))
+
+
+def _with_normals(squares: list[NDArray[np.float64]], number: int) -> Surface:
+    """One of the squares' (m, 6) points and directions as a surface."""
+    own = squares[number]
+    low, high = own[:, :2].min(axis=0) - BORDER_M, own[:, :2].max(axis=0) + BORDER_M
+    beside = []
+    for other in [*squares[:number], *squares[number + 1 :]]:
+        near = ((other[:, :2] > low) & (other[:, :2] < high)).all(axis=1)
+        beside.append(other[near])
+    both = np.concatenate([own, *beside])
+    return Surface.around(both[:, :3], both[:, 3:]).at(slice(0, len(own)))

@@ -1,0 +1,150 @@
+"""What a running build tells the world, and hears from it, beside its work.
+
+One thread writes the status at most twice a second, looks once a second whether the build is to be
+cancelled, and hears the signals that stop the process, or that whoever started it is gone: also while
+the main thread is deep in a long native call, where a Python signal handler would not run.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import multiprocessing
+import os
+import select
+import signal
+import threading
+import time
+from collections.abc import Sequence
+from types import FrameType
+
+from firstfix.builds.records import new_status
+from firstfix.catalog.catalog import Catalog
+from firstfix.errors import StoreError
+
+_log = logging.getLogger(__name__)
+STATUS_PERIOD_S = 0.5
+CANCEL_PERIOD_S = 1.0
+CANCEL_GRACE_S = 10.0  # for the stages to notice; then the process ends without them
+LAST_WORD_S = 3.0  # for the store to take it, when the process has to end
+EXIT_CANCELLED = 3
+EXIT_TRY_AGAIN = 75  # EX_TEMPFAIL of sysexits.h
+
+
+class BuildReporter:
+    """Reports one build while it is used as a context. ``tick`` and ``is_cancelled`` are cheap, and
+    safe from any thread.
+
+    Args:
+        stages: all of the build in order: they make the overall progress.
+        own_process: SIGTERM and SIGINT put the status back to queued and end the process with
+            ``EXIT_TRY_AGAIN``; a cancel that the stages ignore ends it as well. Only for the main
+            thread of a process that runs nothing else.
+        tied_to_stdin: the end of standard input does what SIGTERM does: its writer, who sees to the
+            build, was killed, and will be or was started again.
+    """
+
+    def __init__(
+        self,
+        catalog: Catalog,
+        build_id: str,
+        map_id: str,
+        stages: Sequence[str],
+        *,
+        own_process: bool = False,
+        tied_to_stdin: bool = False,
+    ) -> None:
+        self._catalog = catalog
+        self._build_id = build_id
+        self._map_id = map_id
+        self._stages = {name: i for i, name in enumerate(stages)}
+        self._own_process = own_process
+        self._stage = stages[0]
+        self._progress = 0.0
+        self._written: tuple[str, float] | None = None
+        self._cancelled = threading.Event()
+        self._ended = False
+        self._wake_read, self._wake_write = os.pipe()
+        self._heard_from = [self._wake_read, *([0] if tied_to_stdin else [])]
+        os.set_blocking(self._wake_write, False)
+        self._thread = threading.Thread(target=self._watch, daemon=True, name="build-reporter")
+
+    def __enter__(self) -> BuildReporter:
+        self._write_status()
+        if self._own_process:
+            for number in (signal.SIGTERM, signal.SIGINT):
+                signal.signal(number, _heard)
+            signal.set_wakeup_fd(self._wake_write, warn_on_full_buffer=False)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended = True
+        os.write(self._wake_write, b"\0")
+        self._thread.join()
+        if self._own_process:
+            # From here on the signals do nothing: the caller records how the build ended, and exits.
+            signal.set_wakeup_fd(-1)
+        os.close(self._wake_read)
+        os.close(self._wake_write)
+
+    def tick(self, stage: str, fraction: float) -> None:
+        """``fraction`` 0..1 of the stage is done."""
+        if stage in self._stages:
+            overall = (self._stages[stage] + min(max(fraction, 0.0), 1.0)) / len(self._stages)
+            self._progress = max(self._progress, overall)  # a bar that goes back tells nothing
+        self._stage = stage
+
+    @property
+    def stage(self) -> str:
+        return self._stage
+
+    def is_cancelled(self) -> bool:
+        return self._cancelled.is_set()
+
+    def _watch(self) -> None:
+        next_look, forced_at = time.monotonic(), math.inf
+        while True:
+            readable, _, _ = select.select(self._heard_from, [], [], STATUS_PERIOD_S)
+            # A signal's number, while the end of the context is a zero; or standard input has ended.
+            stopped = self._wake_read in readable and any(os.read(self._wake_read, 64))
+            if stopped or (0 in readable and not os.read(0, 64)):
+                # Every stage and the publish bear a kill at any moment: nothing is wound up.
+                self._end_process("queued", EXIT_TRY_AGAIN)
+            if self._ended:
+                return
+            now = time.monotonic()
+            try:
+                self._write_status()
+                if now >= next_look and not self._cancelled.is_set():
+                    next_look = now + CANCEL_PERIOD_S
+                    if self._catalog.is_cancel_requested(self._build_id):
+                        self._cancelled.set()
+                        forced_at = now + CANCEL_GRACE_S
+            except StoreError as error:
+                _log.warning("build %s: the store did not take or give the status: %s", self._build_id, error)
+            if self._own_process and now >= forced_at:
+                self._end_process("cancelled", EXIT_CANCELLED)
+
+    def _write_status(self) -> None:
+        current = (self._stage, self._progress)
+        if current == self._written:
+            return
+        status = new_status("running", map_id=self._map_id, stage=current[0], progress=current[1])
+        self._catalog.set_build_status(self._build_id, status)
+        self._written = current
+
+    def _end_process(self, state: str, code: int) -> None:
+        status = new_status(state, map_id=self._map_id, stage=self._stage, progress=self._progress)
+        last_word = threading.Thread(
+            target=self._catalog.set_build_status, args=(self._build_id, status), daemon=True
+        )
+        last_word.start()
+        last_word.join(LAST_WORD_S)
+        for child in multiprocessing.active_children():
+            child.kill()
+        os._exit(code)
+
+
+def _heard(number: int, frame: FrameType | None) -> None:
+    """Python calls this late or never; the thread at the wake-up pipe has heard the signal."""

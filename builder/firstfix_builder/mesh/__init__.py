@@ -1,0 +1,1 @@
+"""From a point cloud to a mesh of the map."""

@@ -1,0 +1,88 @@
+"""The first stage: a map cloud without stray points, no denser than it has to be."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from firstfix.builds.config import CleanConfig
+from firstfix.errors import BuildFailed
+from firstfix.portable.sample import rows_by_chance
+
+SPACING_SAMPLES = 50_000
+RING = 8  # the neighbours of a point of a raster
+RING_RADIUS = 2**0.5  # the corners of that ring, in spacings; for random points it is 1.6
+VOXEL_GROWTH = 1.25
+
+
+def clean_cloud(points: NDArray[np.float64], config: CleanConfig) -> NDArray[np.float64]:
+    """(n, 3) metres to (m, 3), m <= n, in an order that depends on the points alone.
+
+    Raises:
+        BuildFailed: nothing is left.
+    """
+    cloud = points[np.isfinite(points).all(axis=1)]
+    if config.voxel_m is not None:
+        cloud = voxel_means(cloud, config.voxel_m)
+    voxel_m = config.voxel_m or 0.0
+    while len(cloud) > config.max_points:
+        voxel_m = max(voxel_m * VOXEL_GROWTH, point_spacing_m(cloud))
+        cloud = voxel_means(cloud, voxel_m)
+    if config.min_neighbours and len(cloud) > config.min_neighbours:
+        cloud = without_strays(cloud, config.radius_spacings * point_spacing_m(cloud), config.min_neighbours)
+    if len(cloud) == 0:
+        raise BuildFailed("no point of the map is left after cleaning")
+    return cloud
+
+
+def voxel_means(points: NDArray[np.float64], voxel_m: float) -> NDArray[np.float64]:
+    """(n, 3 or more) the mean of the points in every occupied voxel, voxels in x-y-z order, and of whatever
+    stands in the columns after their coordinates."""
+    if len(points) == 0:
+        return points
+    cell = np.floor(points[:, :3] / voxel_m).astype(np.int64)
+    cell -= cell.min(axis=0)
+    size = cell.max(axis=0) + 1
+    if float(size[0]) * float(size[1]) * float(size[2]) >= 2**62:
+        raise BuildFailed(f"the map is too large for voxels of {voxel_m} m")
+    key = (cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2]
+    _, voxel, count = np.unique(key, return_inverse=True, return_counts=True)
+    sums = np.stack([np.bincount(voxel, weights=column) for column in points.T], axis=1)
+    means: NDArray[np.float64] = sums / count[:, None]
+    return means
+
+
+def without_strays(points: NDArray[np.float64], radius_m: float, min_neighbours: int) -> NDArray[np.float64]:
+    """The points with at least so many others within the radius."""
+    # the k-th neighbour's distance, not a count: its cost does not grow with the density
+    distance, _ = cKDTree(points).query(points, k=[min_neighbours + 1], distance_upper_bound=radius_m)
+    return points[np.isfinite(distance[:, 0])]
+
+
+def point_spacing_m(points: NDArray[np.float64]) -> float:
+    """Median distance from a point to its nearest neighbour, from a sample of the points."""
+    if len(points) < 2:
+        raise BuildFailed("a map of less than two points")
+    some = points[rows_by_chance(len(points), SPACING_SAMPLES)]
+    nearest = cKDTree(points).query(some, k=2)[0][:, 1]
+    nearest = nearest[nearest > 0]
+    if len(nearest) == 0:
+        raise BuildFailed("the points of the map coincide")
+    return float(np.median(nearest))
+
+
+def surface_spacing_m(points: NDArray[np.float64]) -> float:
+    """Edge of the square of surface that one point stands for, the median over the cloud.
+
+    From the distance to the eighth neighbour: on a raster it is the spacing of the raster, and unlike
+    the nearest neighbour's it does not shrink where points fall at random.
+    """
+    if len(points) <= RING:
+        raise BuildFailed(f"a map of {len(points)} points")
+    some = points[rows_by_chance(len(points), SPACING_SAMPLES)]
+    ring = cKDTree(points).query(some, k=[RING + 1])[0][:, 0]
+    ring = ring[ring > 0]
+    if len(ring) == 0:
+        raise BuildFailed("the points of the map coincide")
+    return float(np.median(ring)) / RING_RADIUS

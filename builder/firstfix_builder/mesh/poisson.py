@@ -1,0 +1,89 @@
+"""One square of the map as a surface: normals, screened Poisson, and the parts without data cut away.
+
+M. Kazhdan and H. Hoppe, "Screened Poisson surface reconstruction", ACM ToG 32(3), 2013, in Open3D.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from .clip import clip_mesh
+from .mesh import Mesh
+from .open3d_core import o3d
+from .orient_normals import estimate_normals, orient_normals
+
+MIN_POINTS = 50  # below this there is no surface to speak of
+
+
+@dataclass(frozen=True)
+class Tile:
+    """The work for one square; pickles, so that it can go to another process or machine.
+
+    Attributes:
+        points: (n, 3) of the square and its margin.
+        places: (m, 3) where the scanner was, or None.
+        low, high: (2,) the square, metres: what this tile answers for.
+        cell_m: edge of the finest Poisson cell.
+        point_weight: of the points against smoothness, in the screened Poisson equation.
+        trim_m: surface further than this from every point is a guess, and goes.
+        normal_radius_m, normal_neighbours: what a normal is taken from.
+        sight_voxel_m: grain of the line-of-sight test that orients the normals.
+    """
+
+    points: NDArray[np.float64]
+    places: NDArray[np.float64] | None
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    cell_m: float
+    point_weight: float
+    trim_m: float
+    normal_radius_m: float
+    normal_neighbours: int
+    sight_voxel_m: float
+
+
+def poisson_tile(tile: Tile) -> Mesh:
+    """The surface of a tile, cut at its square. Bit for bit the same wherever it runs."""
+    if len(tile.points) < MIN_POINTS:
+        return Mesh.empty()
+    normals = estimate_normals(tile.points, tile.normal_radius_m, tile.normal_neighbours)
+    normals = orient_normals(tile.points, normals, tile.places, tile.sight_voxel_m)
+    surface = poisson_surface(tile.points, normals, tile.cell_m, tile.point_weight)
+    mesh = trim_mesh(surface, tile.points, tile.trim_m)
+    for axis in (0, 1):
+        mesh = clip_mesh(mesh, axis, float(tile.high[axis]), keep_below=True)
+        mesh = clip_mesh(mesh, axis, float(tile.low[axis]), keep_below=False)
+    return mesh
+
+
+def poisson_surface(
+    points: NDArray[np.float64], normals: NDArray[np.float64], cell_m: float, point_weight: float
+) -> Mesh:
+    """The closed surface through (n, 3) points with (n, 3) outward normals."""
+    # About its own middle: single precision inside the solver loses nothing on a map far from zero.
+    middle = np.round(points.mean(axis=0))
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points - middle))
+    cloud.normals = o3d.utility.Vector3dVector(normals)
+    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
+        # One thread: with more, sums change their order and the last bits of the vertices with it.
+        surface, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(
+            cloud,
+            depth=0,
+            width=cell_m,
+            scale=1.1,
+            linear_fit=True,
+            n_threads=1,
+            point_weight=point_weight,
+        )
+    return Mesh(np.asarray(surface.vertices) + middle, np.asarray(surface.triangles).astype(np.int64))
+
+
+def trim_mesh(mesh: Mesh, points: NDArray[np.float64], trim_m: float) -> Mesh:
+    """Only the triangles whose corners all have a point of the map within trim_m."""
+    distance, _ = cKDTree(points).query(mesh.vertices, distance_upper_bound=trim_m)
+    supported = np.isfinite(distance)
+    return mesh.with_triangles(supported[mesh.triangles].all(axis=1))

@@ -1,0 +1,106 @@
+"""From the map cloud to a surface that rays can hit, in overlapping squares of bounded size."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firstfix.builds.config import ReconstructConfig
+from firstfix.errors import BuildFailed
+
+from ..execution.chunks import Arrays, Chunk
+from .blocks import Square, occupied_squares
+from .clean_cloud import surface_spacing_m
+from .mesh import Mesh
+from .poisson import Tile, poisson_tile
+
+PLACE_STEP_M = 0.5
+SIGHT_RANGE_M = 100.0  # a scanner further than this from a square was not what saw it
+SIGHT_CELLS = 1.5
+
+
+@dataclass(frozen=True)
+class MeshChunk(Chunk):
+    """The surface of one square. Reads ``points.npy`` and ``trajectory.npy`` of the stage ``map``.
+
+    Open3D's Poisson keeps the interpreter lock.
+
+    Attributes:
+        low, high: metres, the square.
+        cell_m, spacing_m: of the finest Poisson cell, and between the cloud's points.
+    """
+
+    keeps_interpreter: ClassVar[bool] = True
+
+    low: tuple[float, float]
+    high: tuple[float, float]
+    cell_m: float
+    spacing_m: float
+    config: ReconstructConfig
+
+    def run(self, inputs: Mapping[str, Path]) -> Arrays:
+        points = np.load(inputs["map"] / "points.npy", mmap_mode="r")
+        square = Square(np.array(self.low), np.array(self.high))
+        trajectory = inputs["map"] / "trajectory.npy"
+        places = None
+        if trajectory.exists():
+            places = _thinned(np.load(trajectory)[:, :3, 3])
+            places = places[square.holds(places, SIGHT_RANGE_M)]
+        mesh = poisson_tile(
+            Tile(
+                points=points[square.holds(points, self.config.margin_cells * self.cell_m)],
+                places=places,
+                low=square.low,
+                high=square.high,
+                cell_m=self.cell_m,
+                point_weight=self.config.point_weight,
+                trim_m=self.config.trim_spacings * self.spacing_m,
+                normal_radius_m=self.config.normal_spacings * self.spacing_m,
+                normal_neighbours=self.config.normal_neighbours,
+                sight_voxel_m=SIGHT_CELLS * self.cell_m,
+            )
+        )
+        return {"vertices": mesh.vertices, "triangles": mesh.triangles}
+
+
+def mesh_chunks(points: NDArray[np.float64], config: ReconstructConfig) -> list[MeshChunk]:
+    """The work for a cloud of (n, 3) cleaned points, square by square.
+
+    Raises:
+        BuildFailed: too few points.
+    """
+    if len(points) < 100:
+        raise BuildFailed(f"a map of {len(points)} points has no surface")
+    spacing_m = surface_spacing_m(points)
+    cell_m = config.cell_m or config.cell_spacings * spacing_m
+    return [
+        MeshChunk(_pair(square.low), _pair(square.high), cell_m, spacing_m, config)
+        for square in occupied_squares(points, config.tile_cells * cell_m)
+    ]
+
+
+def joined_mesh(parts: Iterable[Arrays]) -> Mesh:
+    """The surface of all squares, in their order.
+
+    Raises:
+        BuildFailed: there is none.
+    """
+    mesh = Mesh.joined(Mesh(part["vertices"], part["triangles"]) for part in parts)
+    if len(mesh.triangles) == 0:
+        raise BuildFailed("the map gives no surface: its points are too sparse or too scattered")
+    return mesh
+
+
+def _pair(corner: NDArray[np.float64]) -> tuple[float, float]:
+    return float(corner[0]), float(corner[1])
+
+
+def _thinned(positions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """One position of every half metre: a scanner that stood still is no better evidence."""
+    _, first = np.unique(np.floor(positions / PLACE_STEP_M), axis=0, return_index=True)
+    return positions[np.sort(first)]

@@ -1,0 +1,1 @@
+"""Simulated queries against the finished index: success, calibration, localizability."""

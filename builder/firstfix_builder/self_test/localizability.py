@@ -1,0 +1,89 @@
+"""Where in this map a robot finds itself, where it does not, and what it takes these places for."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firstfix.portable.sample import rows_by_chance
+
+CELL_M = 4.0
+MAX_POINTS = 200_000
+_COLOURS = {"localized": "tab:green", "unsure": "tab:orange", "wrong": "tab:red"}
+
+
+@dataclass(frozen=True)
+class Spot:
+    """One scan of the self-test.
+
+    Attributes:
+        position_m: (3,) where it was taken, in the index's levelled frame.
+        outcome: "localized" with a right pose; "unsure", no pose; or "wrong".
+        rival_m: (3,) the place elsewhere that it resembles most, or None.
+    """
+
+    position_m: NDArray[np.float64]
+    outcome: str
+    rival_m: NDArray[np.float64] | None
+
+
+def grid_of(spots: Sequence[Spot]) -> list[dict[str, object]]:
+    """Every square of CELL_M in which scans were taken: how many, how many localized, and the square that
+    the others resembled most. Squares are numbered from the frame's origin."""
+    cells: dict[tuple[int, int], list[Spot]] = {}
+    for spot in spots:
+        cells.setdefault(_cell(spot.position_m), []).append(spot)
+    grid: list[dict[str, object]] = []
+    for cell, here in sorted(cells.items()):
+        unsure = Counter(_cell(s.rival_m) for s in here if s.outcome != "localized" and s.rival_m is not None)
+        grid.append(
+            {
+                "cell": list(cell),
+                "scans": len(here),
+                "localized": sum(spot.outcome == "localized" for spot in here),
+                "wrong": sum(spot.outcome == "wrong" for spot in here),
+                "taken_for": list(_most(unsure)) if unsure else None,
+            }
+        )
+    return grid
+
+
+def draw_localizability(map_points: NDArray[np.floating], spots: Sequence[Spot], path: Path) -> None:
+    """PNG: every scan of the self-test by its outcome, and lines to what the unsure ones resemble.
+
+    No date and no tool's name go into the file: equal input gives equal bytes.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    shown = map_points[rows_by_chance(len(map_points), MAX_POINTS)]
+    figure = Figure(figsize=(9, 9), dpi=120, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    axes.scatter(shown[:, 0], shown[:, 1], s=0.1, c="0.8", lw=0)
+    for spot in spots:
+        if spot.outcome != "localized" and spot.rival_m is not None:
+            ends = np.stack([spot.position_m, spot.rival_m])
+            axes.plot(ends[:, 0], ends[:, 1], lw=0.5, c=_COLOURS[spot.outcome], alpha=0.6)
+    for outcome, colour in _COLOURS.items():
+        at = np.array([spot.position_m for spot in spots if spot.outcome == outcome]).reshape(-1, 3)
+        axes.scatter(at[:, 0], at[:, 1], s=14, c=colour, lw=0, label=f"{outcome}: {len(at)}")
+    axes.set_aspect("equal")
+    axes.set_xlabel("x (m)")
+    axes.set_ylabel("y (m)")
+    axes.legend(loc="upper right")
+    figure.savefig(path, metadata={"Software": None})
+
+
+def _most(cells: Counter[tuple[int, int]]) -> tuple[int, int]:
+    return min(cells, key=lambda cell: (-cells[cell], cell))
+
+
+def _cell(position_m: NDArray[np.floating]) -> tuple[int, int]:
+    x, y = np.floor(position_m[:2] / CELL_M).astype(int).tolist()
+    return x, y

@@ -1,0 +1,100 @@
+"""Do the probabilities come true? The self-test's cases, each asked of a model that has not seen it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firstfix.answer.fit import Evidence
+from firstfix.engine.calibration import Calibration
+
+FOLDS = 5
+BINS = 10
+
+
+@dataclass(frozen=True)
+class Case:
+    """What one query teaches the calibration.
+
+    Attributes:
+        query: cases of one query are never on both sides of a fold.
+        right: whether the best place was, or one that ties with it.
+        weight: how many such cases there would be among real ones.
+        asked: whether the query was really asked; else it is what would have been found had the true
+            place not been in the map.
+    """
+
+    query: int
+    evidence: Evidence
+    right: bool
+    weight: float = 1.0
+    asked: bool = True
+
+
+def fit(cases: Sequence[Case]) -> Calibration:
+    """The calibration that the cases teach.
+
+    Those whose best places tie teach nothing. They are never localized, and which margin a place without an
+    equal needs is learned from such places alone.
+    """
+    single = [case for case in cases if case.evidence.tied == 1]
+    if not single:
+        return Calibration()
+    return Calibration.fit(*zip(*((c.evidence, c.right, c.weight) for c in single), strict=True))
+
+
+def reliability_of(cases: Sequence[Case]) -> dict[str, Any]:
+    """Cross-validated: ``expected_calibration_error``, and ``bins`` with how many ``cases`` fell into each,
+    what was ``claimed`` of them on average and the share that came out ``right``."""
+    claimed, right = _held_out(cases)
+    number = np.minimum((claimed * BINS).astype(int), BINS - 1)
+    bins = []
+    for k in np.unique(number):
+        here = number == k
+        bins.append(
+            {
+                "cases": int(here.sum()),
+                "claimed": round(float(claimed[here].mean()), 4),
+                "right": round(float(right[here].mean()), 4),
+            }
+        )
+    gaps = np.bincount(number, claimed - right, minlength=BINS)
+    error = round(float(np.abs(gaps).sum() / len(claimed)), 4) if len(claimed) else None
+    return {"expected_calibration_error": error, "bins": bins}
+
+
+def draw_reliability(reliability: dict[str, Any], path: Path) -> None:
+    """PNG: what was claimed against what came true, a disc's area the number of cases.
+
+    No date and no tool's name go into the file: equal input gives equal bytes.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5, 5), dpi=120, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    axes.plot([0, 1], [0, 1], c="0.7", lw=1)
+    for part in reliability["bins"]:
+        axes.scatter(part["claimed"], part["right"], s=20 + 3 * part["cases"], c="tab:blue", alpha=0.6)
+        axes.annotate(str(part["cases"]), (part["claimed"], part["right"]), fontsize=7)
+    axes.set(xlim=(-0.05, 1.05), ylim=(-0.05, 1.05), xlabel="probability claimed", ylabel="share right")
+    axes.set_title(f"expected calibration error {reliability['expected_calibration_error']}", fontsize=9)
+    axes.set_aspect("equal")
+    figure.savefig(path, metadata={"Software": None})
+
+
+def _held_out(cases: Sequence[Case]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Of the asked cases, what the folds without them claim, and whether it was right."""
+    claimed, right = [], []
+    for fold in range(FOLDS):
+        model = fit([case for case in cases if case.query % FOLDS != fold])
+        asked = [case for case in cases if case.query % FOLDS == fold and case.asked]
+        claimed += [model.probability(case.evidence) for case in asked]
+        right += [float(case.right) for case in asked]
+    return np.array(claimed), np.array(right)

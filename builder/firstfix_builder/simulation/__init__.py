@@ -1,0 +1,1 @@
+"""Simulated scans of a mesh, and their perturbations."""

@@ -1,0 +1,40 @@
+"""The simulator for one place of a large map: only the tiles of the mesh that its rays can meet."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..mesh.tiled_mesh import TiledMesh
+from .simulate import Simulator
+
+KEPT = 2  # of a process: work comes tile after tile
+
+_kept: OrderedDict[tuple[Path, tuple[int, ...]], Simulator] = OrderedDict()
+_lock = threading.Lock()
+
+
+def simulator_near(
+    mesh: Path, low: NDArray[np.float64], high: NDArray[np.float64], reach_m: float
+) -> Simulator:
+    """For rays no longer than reach_m that begin over the box of (2,) corners. Made once for all chunks of
+    the box; threads that want the same wait for it.
+
+    Args:
+        mesh: folder of the finished stage.
+    """
+    tiled = TiledMesh.load(mesh)
+    tiles = tiled.near(low, high, reach_m)
+    with _lock:
+        if (mesh, tiles) not in _kept:
+            part = tiled.part(tiles)
+            # a thread each: others run beside it, on this machine or as its other workers
+            _kept[mesh, tiles] = Simulator(part.vertices, part.triangles, threads=1)
+        _kept.move_to_end((mesh, tiles))
+        while len(_kept) > KEPT:
+            _kept.popitem(last=False)
+        return _kept[mesh, tiles]

@@ -1,0 +1,1 @@
+"""Templates: descriptors of simulated scans, and their clusters."""

@@ -1,0 +1,145 @@
+"""Simulated scans at the viewpoints, described: the templates (paper III.A)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firstfix.descriptor import ScanBatch
+from firstfix.engine.config import DescriptorConfig
+from firstfix.engine.retrieval.templates import PREFIX
+from firstfix.portable.sample import rows_by_place
+from firstfix.sensor import SensorModel
+
+from ..execution.chunks import Arrays, Chunk
+from ..simulation.local_simulator import simulator_near
+from ..simulation.simulate import Simulator
+
+SCANS_AT_ONCE = 128
+MIN_CHUNKS = 32  # so that many machines find work, where there are viewpoints enough
+MAX_CHUNK = 1024  # viewpoints: some seconds' work, which is what the loss of a worker costs
+_VIEW_VIEWPOINTS, _VIEW_CELL_M = 200, 2.0  # that tell how far one sees
+
+
+def upright(positions: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(n, 3) to (n, 4, 4) poses with no rotation."""
+    T = np.tile(np.eye(4), (len(positions), 1, 1))
+    T[:, :3, 3] = positions
+    return T
+
+
+def scan_batch(
+    ranges: NDArray[np.float32], directions: NDArray[np.float32], height_m: NDArray[np.floating]
+) -> ScanBatch:
+    """(n, rays) ranges of upright sensors, (n,) above their floors, to the returns of all scans."""
+    seen = np.isfinite(ranges)
+    scan, ray = np.nonzero(seen)
+    start = np.concatenate([[0], np.cumsum(seen.sum(axis=1))])
+    return ScanBatch(directions[ray] * ranges[scan, ray][:, None], start, height_m.astype(np.float32))
+
+
+def view_distance_m(simulator: Simulator, positions: NDArray[np.floating], sensor: SensorModel) -> float:
+    """How far one sees here: of the furthest return in every direction, the 75th percentile.
+
+    The furthest of a column of beams: the nearer ones mostly show the floor. Measured at up to 200
+    viewpoints.
+    """
+    chosen = positions[rows_by_place(positions, _VIEW_VIEWPOINTS, _VIEW_CELL_M)]
+    probe = sensor.coarser(4000)
+    directions = probe.directions_at_any_heading()
+    horizontal = np.linalg.norm(directions[:, :2], axis=1)
+    columns = round(360 / probe.azimuth_step_deg)
+    turn = np.arctan2(directions[:, 1], directions[:, 0]) / (2 * np.pi)
+    column = np.rint(turn * columns).astype(int) % columns
+    furthest = []
+    for ranges in simulator.ranges(upright(chosen), probe, directions):
+        away = np.zeros((columns, len(ranges)), np.float32)
+        np.maximum.at(away, column, (np.where(np.isfinite(ranges), ranges, 0) * horizontal).T)
+        furthest.append(away.ravel())
+    seen = np.concatenate(furthest)
+    seen = seen[seen > 0]
+    return float(np.percentile(seen, 75)) if len(seen) else sensor.max_range_m
+
+
+@dataclass(frozen=True)
+class TemplatesChunk(Chunk):
+    """The templates of some viewpoints of one tile of the map. Reads the stages ``mesh`` and ``viewpoints``.
+
+    Attributes:
+        first, last: rows of the viewpoints.
+        low, high: metres, the box in x and y of all the tile's viewpoints: chunks of a tile see the same
+            part of the mesh.
+    """
+
+    first: int
+    last: int
+    low: tuple[float, float]
+    high: tuple[float, float]
+    sensor: SensorModel
+    descriptor: DescriptorConfig
+
+    def run(self, inputs: Mapping[str, Path]) -> Arrays:
+        positions, floor_z = (
+            np.load(inputs["viewpoints"] / f"{name}.npy", mmap_mode="r")[self.first : self.last]
+            for name in ("positions", "floor_z")
+        )
+        height_m = positions[:, 2] - floor_z
+        simulator = simulator_near(
+            inputs["mesh"], np.array(self.low), np.array(self.high), self.sensor.max_range_m
+        )
+        descriptor, directions = self.descriptor.make(), self.sensor.directions_at_any_heading()
+        described = []
+        for start in range(0, len(positions), SCANS_AT_ONCE):
+            here = slice(start, start + SCANS_AT_ONCE)
+            T = upright(positions[here])
+            ranges = np.concatenate(list(simulator.ranges(T, self.sensor, directions)))
+            described.append(descriptor.describe(scan_batch(ranges, directions, height_m[here])))
+        return {
+            "position_m": positions.astype(np.float32),
+            "height_m": height_m.astype(np.float32),
+            **{name: np.concatenate([one[name] for one in described]) for name in descriptor.arrays},
+        }
+
+
+def template_chunks(
+    positions: NDArray[np.float64],
+    tile_start: NDArray[np.int64],
+    sensor: SensorModel,
+    descriptor: DescriptorConfig,
+) -> list[TemplatesChunk]:
+    """The work for (n, 3) viewpoints that stand tile by tile; no chunk has viewpoints of two tiles."""
+    rows = min(max(-(-len(positions) // MIN_CHUNKS), SCANS_AT_ONCE), MAX_CHUNK)
+    chunks = []
+    for first, last in pairwise(tile_start.tolist()):
+        tile = positions[first:last, :2]
+        (west, south), (east, north) = tile.min(axis=0).tolist(), tile.max(axis=0).tolist()
+        for start in range(first, last, rows):
+            chunks.append(
+                TemplatesChunk(
+                    start, min(start + rows, last), (west, south), (east, north), sensor, descriptor
+                )
+            )
+    return chunks
+
+
+def write_templates(parts: Iterable[Arrays], count: int, directory: Path) -> None:
+    """``Templates.save`` of templates that come in parts, one of which is in memory at a time."""
+    files: dict[str, NDArray[Any]] = {}
+    row = 0
+    for part in parts:
+        last = row + len(part["position_m"])
+        for name, array in part.items():
+            if name not in files:
+                path = directory / f"{PREFIX}{name}.npy"
+                files[name] = np.lib.format.open_memmap(
+                    path, mode="w+", dtype=array.dtype, shape=(count, *array.shape[1:])
+                )
+            files[name][row:last] = array
+        row = last
+    assert row == count

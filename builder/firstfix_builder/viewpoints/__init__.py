@@ -1,0 +1,1 @@
+"""Viewpoints on the traversable floor of the map."""

@@ -1,0 +1,187 @@
+"""Every surface of a map that something could stand on: ray casts down each column of a grid.
+
+A column is a cell of the ground plane. What one finds in it from above is a stack of surfaces; a floor
+is one with headroom over it that is not too steep. Steepness is asked twice, and one yes is enough: the
+triangle itself (a stair's tread is level, though the stairs are steep) and the plane through the
+neighbours (a reconstructed floor is level, though its triangles are not).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..simulation.simulate import RAYS_AT_ONCE, Simulator
+
+PEEL_M = 0.02  # the next ray starts this far below the surface that the last one hit
+MAX_SURFACES = 200  # of one column
+FIT_PULL = 1e-3  # makes the plane of a lone cell level, and leaves every other one alone
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cells of the ground plane, counted from the map's zero so that they do not depend on its bounds.
+
+    Attributes:
+        cell_m: edge of a cell.
+        low: (2,) int64 number of the first column in x and y.
+        size: (2,) int64 columns in x and y.
+    """
+
+    cell_m: float
+    low: NDArray[np.int64]
+    size: NDArray[np.int64]
+
+    @classmethod
+    def over(cls, low_m: NDArray[np.float64], high_m: NDArray[np.float64], cell_m: float) -> Grid:
+        first = np.floor(low_m[:2] / cell_m).astype(np.int64)
+        last = np.floor(high_m[:2] / cell_m).astype(np.int64)
+        return cls(cell_m, first, last - first + 1)
+
+    def column_of(self, xy_m: NDArray[np.float64]) -> NDArray[np.int64]:
+        """(n, 2) metres to (n, 2) column numbers counted from the grid's corner, maybe outside."""
+        return np.floor(xy_m[:, :2] / self.cell_m).astype(np.int64) - self.low
+
+    def contains(self, column: NDArray[np.int64]) -> NDArray[np.bool_]:
+        inside = (column >= 0) & (column < self.size)
+        return inside[:, 0] & inside[:, 1]
+
+    def centre_m(self, column: NDArray[np.int64]) -> NDArray[np.float64]:
+        """(n, 2) column numbers to (n, 2) metres."""
+        return (column + self.low).astype(np.float64) * self.cell_m + self.cell_m / 2
+
+
+@dataclass(frozen=True)
+class Surfaces:
+    """What lies in the columns, sorted by column, lowest first.
+
+    Attributes:
+        column: (n, 2) int64 column numbers.
+        z: (n,) metres.
+        level: (n,) |z| of the triangle's normal.
+        headroom_m: (n,) free height to the next surface above, inf under the open sky.
+    """
+
+    column: NDArray[np.int64]
+    z: NDArray[np.float64]
+    level: NDArray[np.float64]
+    headroom_m: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.z)
+
+    def subset(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> Surfaces:
+        return Surfaces(self.column[keep], self.z[keep], self.level[keep], self.headroom_m[keep])
+
+    def order(self) -> NDArray[np.int64]:
+        """(n,) numbers by column, lowest first."""
+        return np.lexsort((self.z, self.column[:, 1], self.column[:, 0]))
+
+
+class ColumnIndex:
+    """Finds the surfaces of a column. Surfaces must be sorted."""
+
+    def __init__(self, grid: Grid, surfaces: Surfaces) -> None:
+        self._grid, self._z = grid, surfaces.z
+        flat = surfaces.column[:, 0] * grid.size[1] + surfaces.column[:, 1]
+        self._start = np.searchsorted(flat, np.arange(int(np.prod(grid.size)) + 1))
+        self.most = int(np.diff(self._start).max(initial=0))
+
+    def nearest(
+        self,
+        column: NDArray[np.int64],
+        z: NDArray[np.float64],
+        within_m: float,
+        *,
+        below: bool = False,
+    ) -> NDArray[np.int64]:
+        """(n,) number of the surface of a column that is nearest to a height, -1 for none near enough.
+
+        Args:
+            column: (n, 2) column numbers, maybe outside the grid.
+            below: only surfaces at the height or lower.
+        """
+        found = np.full(len(column), -1)
+        best = np.full(len(column), within_m, np.float64)
+        inside = self._grid.contains(column)
+        flat = np.where(inside, column[:, 0] * self._grid.size[1] + column[:, 1], 0)
+        start, end = self._start[flat], np.where(inside, self._start[flat + 1], 0)
+        for rank in range(self.most):
+            there = np.flatnonzero(start + rank < end)
+            number = start[there] + rank
+            drop = z[there] - self._z[number]
+            distance = np.abs(drop)
+            closer = (distance <= best[there]) & ((drop >= 0) | (not below))
+            found[there[closer]] = number[closer]
+            best[there[closer]] = distance[closer]
+        return found
+
+
+def find_surfaces(simulator: Simulator, grid: Grid, columns: NDArray[np.int64]) -> Surfaces:
+    """All surfaces in the (n, 2) columns, of any slope."""
+    parts = [
+        _peel(simulator, grid, columns[start : start + RAYS_AT_ONCE])
+        for start in range(0, max(1, len(columns)), RAYS_AT_ONCE)
+    ]
+    surfaces = Surfaces(
+        np.concatenate([part.column for part in parts]),
+        np.concatenate([part.z for part in parts]),
+        np.concatenate([part.level for part in parts]),
+        np.concatenate([part.headroom_m for part in parts]),
+    )
+    return surfaces.subset(surfaces.order())
+
+
+def _peel(simulator: Simulator, grid: Grid, columns: NDArray[np.int64]) -> Surfaces:
+    open_columns = np.arange(len(columns))
+    origins = np.column_stack([grid.centre_m(columns), np.full(len(columns), simulator.high[2] + 1.0)])
+    ceiling = np.full(len(columns), np.inf)
+    number, z, level, headroom = [], [], [], []
+    for _ in range(MAX_SURFACES):
+        drop, upright = simulator.surfaces_below(origins[open_columns])
+        hit = np.isfinite(drop)
+        open_columns = open_columns[hit]
+        if len(open_columns) == 0:
+            break
+        height = origins[open_columns, 2] - drop[hit]
+        number.append(open_columns)
+        z.append(height)
+        level.append(upright[hit].astype(np.float64))
+        headroom.append(ceiling[open_columns] - height)
+        ceiling[open_columns] = height
+        origins[open_columns, 2] = height - PEEL_M
+    if not number:
+        return Surfaces(np.zeros((0, 2), np.int64), np.zeros(0), np.zeros(0), np.zeros(0))
+    return Surfaces(
+        columns[np.concatenate(number)], np.concatenate(z), np.concatenate(level), np.concatenate(headroom)
+    )
+
+
+def fit_planes(
+    grid: Grid, surfaces: Surfaces, reach_cells: int, step_m: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Each surface with its neighbours as a plane.
+
+    Args:
+        reach_cells: how far neighbours are taken.
+        step_m: a neighbour may be this much higher or lower per cell of distance.
+
+    Returns:
+        (n,) height of the plane at the column's centre, (n,) its slope (rise over run).
+    """
+    index = ColumnIndex(grid, surfaces)
+    normal = np.zeros((len(surfaces), 3, 3))
+    right = np.zeros((len(surfaces), 3))
+    normal[:, (1, 2), (1, 2)] = FIT_PULL
+    for dx in range(-reach_cells, reach_cells + 1):
+        for dy in range(-reach_cells, reach_cells + 1):
+            reach = max(abs(dx), abs(dy), 1)
+            near = index.nearest(surfaces.column + np.array([dx, dy]), surfaces.z, step_m * reach)
+            have = np.flatnonzero(near >= 0)
+            row = np.array([1.0, dx * grid.cell_m, dy * grid.cell_m])
+            normal[have] += np.outer(row, row)
+            right[have] += row * (surfaces.z[near[have]] - surfaces.z[have])[:, None]
+    plane = np.linalg.solve(normal, right[..., None])[..., 0]
+    return surfaces.z + plane[:, 0], np.hypot(plane[:, 1], plane[:, 2])

@@ -1,0 +1,102 @@
+"""Where a robot can drive to: floors with room for its body, joined to their neighbours."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from ..simulation.simulate import RAYS_AT_ONCE, Simulator
+from .floors import ColumnIndex, Grid, Surfaces
+
+DIRECTIONS = np.array([[1, 0], [0, 1], [1, 1], [1, -1]])  # and back
+
+
+def has_room(
+    simulator: Simulator,
+    feet: NDArray[np.float64],
+    radius_m: float,
+    step_m: float,
+    height_m: float,
+) -> NDArray[np.bool_]:
+    """(n,) whether a body stands free on each of (n, 3) feet.
+
+    The body is a stack of balls from step_m, which it can climb, to height_m.
+    """
+    lowest = step_m + radius_m
+    highest = max(lowest, height_m - radius_m)
+    balls = np.linspace(lowest, highest, 1 + int(np.ceil((highest - lowest) / (1.5 * radius_m))))
+    free = np.ones(len(feet), bool)
+    for ball in balls:
+        for start in range(0, len(feet), RAYS_AT_ONCE):
+            ask = start + np.flatnonzero(free[start : start + RAYS_AT_ONCE])
+            free[ask] = simulator.distance(feet[ask] + [0.0, 0.0, ball]) >= radius_m
+    return free
+
+
+def reachable_parts(
+    simulator: Simulator,
+    grid: Grid,
+    floors: Surfaces,
+    *,
+    step_m: float,
+    max_slope: float,
+    bridge_gap_m: float,
+    height_m: float,
+) -> NDArray[np.int64]:
+    """(n,) number of the connected part that each floor belongs to.
+
+    Neighbouring columns are joined when the way up or down is within a step plus the slope and nothing
+    stands between them. Where no floor is next to one, the next floor within bridge_gap_m in that
+    direction counts as the neighbour: reconstructed floors have holes, under the scanner for one.
+    """
+    feet = np.column_stack([grid.centre_m(floors.column), floors.z])
+    ends: list[NDArray[np.int64]] = [np.zeros((0, 2), np.int64)]
+    for pair in _neighbours(grid, floors, step_m, max_slope, bridge_gap_m):
+        ends.append(pair[_passable(simulator, feet[pair[:, 0]], feet[pair[:, 1]], step_m, height_m)])
+    pairs = np.concatenate(ends)
+    shape = (len(floors), len(floors))
+    graph = coo_matrix((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=shape)
+    part: NDArray[np.int64] = connected_components(graph, directed=False)[1].astype(np.int64)
+    return part
+
+
+def _neighbours(
+    grid: Grid, floors: Surfaces, step_m: float, max_slope: float, bridge_gap_m: float
+) -> Iterator[NDArray[np.int64]]:
+    """(k, 2) pairs of floors, direction by direction."""
+    index = ColumnIndex(grid, floors)
+    for direction in DIRECTIONS:
+        for sign in (1, -1):
+            stride_m = grid.cell_m * float(np.linalg.norm(direction))
+            searching = np.arange(len(floors))
+            for stride in range(1, 1 + max(1, int(bridge_gap_m / stride_m + 1))):
+                # over a gap only a step: with the slope added, a table would be in reach of the floor
+                limit_m = step_m + max_slope * stride_m if stride == 1 else step_m
+                column = floors.column[searching] + sign * stride * direction
+                near = index.nearest(column, floors.z[searching], limit_m)
+                found = near >= 0
+                yield np.column_stack([searching[found], near[found]])
+                searching = searching[~found]
+
+
+def _passable(
+    simulator: Simulator,
+    start: NDArray[np.float64],
+    end: NDArray[np.float64],
+    step_m: float,
+    height_m: float,
+) -> NDArray[np.bool_]:
+    """(k,) whether straight lines from foot to foot are free, just above a step and at the top."""
+    way = end - start
+    length = np.linalg.norm(way, axis=1)
+    way = way / np.maximum(length, 1e-9)[:, None]
+    free = np.ones(len(start), bool)
+    for lift in (step_m + 0.05, (step_m + height_m) / 2, height_m):
+        for first in range(0, len(start), RAYS_AT_ONCE):
+            ask = first + np.flatnonzero(free[first : first + RAYS_AT_ONCE])
+            free[ask] = simulator.cast(start[ask] + [0.0, 0.0, lift], way[ask]) >= length[ask]
+    return free

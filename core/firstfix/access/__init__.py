@@ -1,0 +1,1 @@
+"""API keys and the permissions that they grant."""

@@ -1,0 +1,152 @@
+"""The answer to a query. "Not localized" is an answer whose pose is None: never a fallback pose."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import transform
+from .fit import Fit
+
+
+class Verdict(str, Enum):
+    LOCALIZED = "localized"
+    AMBIGUOUS = "ambiguous"  # several places explain the scan: they stand in the hypotheses
+    REJECTED = "rejected"
+
+
+class Reason(str, Enum):
+    """Why a scan was not localized."""
+
+    TOO_FEW_POINTS = "too_few_points"
+    NO_CANDIDATE = "no_candidate"
+    LOW_OVERLAP = "low_overlap"
+    FREE_SPACE_VIOLATION = "free_space_violation"
+    LOW_PROBABILITY = "low_probability"
+    SEVERAL_PLACES = "several_places"
+    NOT_REGISTERED = "not_registered"  # the query had no points: these are candidates
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One place that the registration settled on, or of a query without points, where it may be.
+
+    Attributes:
+        T_map_sensor: (4, 4).
+        fit: how the scan lies on the map there; None: it had no points to lay.
+        probability: 0..1, calibrated: of being right. Hypotheses that tie have equal shares.
+        template: row of the template it started from.
+        map_id: whose frame T_map_sensor is in, where several maps were asked.
+    """
+
+    T_map_sensor: NDArray[np.float64]
+    fit: Fit | None
+    probability: float
+    template: int
+    map_id: str = ""
+
+
+@dataclass(frozen=True)
+class Localization:
+    """The answer to one query.
+
+    Attributes:
+        T_map_sensor: (4, 4) when localized, else None.
+        covariance: (6, 6) row-major over x, y, z, rotX, rotY, rotZ about the map's axes (m, rad),
+            as in geometry_msgs/PoseWithCovariance; None with the pose.
+        probability: 0..1 that the best hypothesis is right, or one of those that tie with it. Only the best
+            where the answer is localized.
+        hypotheses: best first; also there when ambiguous. Empty when rejected without a candidate.
+        timings_ms: stage to milliseconds.
+    """
+
+    verdict: Verdict
+    reasons: tuple[Reason, ...] = ()
+    T_map_sensor: NDArray[np.float64] | None = None
+    T_map_base: NDArray[np.float64] | None = None
+    covariance: NDArray[np.float64] | None = None
+    probability: float = 0.0
+    hypotheses: tuple[Hypothesis, ...] = ()
+    map_id: str = ""
+    map_version: str = ""
+    timings_ms: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if (self.verdict is Verdict.LOCALIZED) != (self.T_map_sensor is not None):
+            raise ValueError("exactly a localized answer has a pose")
+
+    def to_mapping(self) -> dict[str, Any]:
+        """JSON-ready: the answer's form on both transports."""
+        return {
+            "verdict": self.verdict.value,
+            "reasons": [reason.value for reason in self.reasons],
+            "T_map_sensor": _pose_to_mapping(self.T_map_sensor),
+            "T_map_base": _pose_to_mapping(self.T_map_base),
+            "covariance": None if self.covariance is None else [float(v) for v in self.covariance.ravel()],
+            "probability": self.probability,
+            "hypotheses": [
+                {
+                    "T_map_sensor": _pose_to_mapping(h.T_map_sensor),
+                    "overlap": None if h.fit is None else h.fit.overlap,
+                    "closeness": None if h.fit is None else h.fit.closeness,
+                    "seen_through": None if h.fit is None else h.fit.seen_through,
+                    "probability": h.probability,
+                    "template": h.template,
+                    "map_id": h.map_id,
+                }
+                for h in self.hypotheses
+            ],
+            "map_id": self.map_id,
+            "map_version": self.map_version,
+            "timings_ms": {stage: round(ms, 3) for stage, ms in self.timings_ms.items()},
+        }
+
+    @classmethod
+    def from_mapping(cls, data: Mapping[str, Any]) -> Localization:
+        """What ``to_mapping`` gave, as a client reads it. Unknown keys are ignored."""
+        covariance = data.get("covariance")
+        return cls(
+            verdict=Verdict(data["verdict"]),
+            reasons=tuple(Reason(reason) for reason in data.get("reasons", ())),
+            T_map_sensor=_pose_from_mapping(data.get("T_map_sensor")),
+            T_map_base=_pose_from_mapping(data.get("T_map_base")),
+            covariance=None if covariance is None else np.asarray(covariance, np.float64).reshape(6, 6),
+            probability=float(data.get("probability", 0.0)),
+            hypotheses=tuple(
+                Hypothesis(
+                    transform.from_quaternion(h["T_map_sensor"]["position"], h["T_map_sensor"]["quaternion"]),
+                    _fit_from_mapping(h),
+                    float(h["probability"]),
+                    int(h["template"]),
+                    str(h.get("map_id", "")),
+                )
+                for h in data.get("hypotheses", ())
+            ),
+            map_id=str(data.get("map_id", "")),
+            map_version=str(data.get("map_version", "")),
+            timings_ms=dict(data.get("timings_ms", {})),
+        )
+
+
+def _pose_to_mapping(T: NDArray[np.float64] | None) -> dict[str, list[float]] | None:
+    if T is None:
+        return None
+    return {
+        "position": [float(v) for v in T[:3, 3]],
+        "quaternion": [float(v) for v in transform.quaternion_of(T)],
+    }
+
+
+def _pose_from_mapping(data: Mapping[str, Any] | None) -> NDArray[np.float64] | None:
+    return None if data is None else transform.from_quaternion(data["position"], data["quaternion"])
+
+
+def _fit_from_mapping(data: Mapping[str, Any]) -> Fit | None:
+    if data["overlap"] is None:
+        return None
+    return Fit(float(data["overlap"]), float(data["closeness"]), float(data["seen_through"]))

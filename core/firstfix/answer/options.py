@@ -1,0 +1,127 @@
+"""What a caller may ask of one localization: the same names over HTTP, zenoh and in Python."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import transform
+from ..errors import InvalidOption
+from .prior import Prior
+
+MAX_CANDIDATES = 100
+MAX_NUMBER = 1e9  # metres or degrees that mean something; from 1e154 on squares are infinite
+
+
+@dataclass(frozen=True)
+class LocalizeOptions:
+    """Options of one query.
+
+    Attributes:
+        gravity: (3,) direction of gravity in the sensor frame, as a resting IMU reports it negated
+            (pointing down), or None: it is estimated from the scan, in any orientation of the sensor.
+        prior: where the robot is known to be; None: anywhere in the map.
+        T_base_sensor: (4, 4) mounting; when given the answer also has T_map_base, and up is looked for near
+            the robot's z first.
+        max_candidates: how many candidates are registered at most; None: the map's own default.
+        min_probability: below it the answer is not ``localized``; None: the map's own default.
+        deadline_ms: the answer is worthless after this; None: none.
+        version: digest of the map version to use; None: the active one.
+    """
+
+    gravity: NDArray[np.float64] | None = None
+    prior: Prior | None = None
+    T_base_sensor: NDArray[np.float64] | None = None
+    max_candidates: int | None = None
+    min_probability: float | None = None
+    deadline_ms: float | None = None
+    version: str | None = None
+
+    @classmethod
+    def from_strings(cls, values: Mapping[str, str]) -> LocalizeOptions:
+        """From query parameters. Forms:
+
+        ``gravity=x,y,z`` or ``gravity=roll_deg,pitch_deg``; ``prior=x,y,z,radius_m`` or
+        ``prior=x,y,z,radius_m,yaw_deg,yaw_range_deg``; ``T_base_sensor=x,y,z,qx,qy,qz,qw``; the others
+        plain numbers or text.
+
+        Raises:
+            InvalidOption: an unknown name, or a value that is not of the option's form or range.
+        """
+        unknown = set(values) - set(cls.__dataclass_fields__)
+        if unknown:
+            raise InvalidOption(f"no option {', '.join(sorted(unknown))[:200]}")
+        options: dict[str, Any] = {}
+        if "gravity" in values:
+            options["gravity"] = _gravity(_numbers("gravity", values["gravity"], (2, 3)))
+        if "prior" in values:
+            options["prior"] = Prior.from_numbers(_numbers("prior", values["prior"], (4, 6)))
+        if "T_base_sensor" in values:
+            seven = _numbers("T_base_sensor", values["T_base_sensor"], (7,))
+            try:
+                options["T_base_sensor"] = transform.from_quaternion(seven[:3], seven[3:])
+            except ValueError as error:
+                raise InvalidOption(f"T_base_sensor: {error}") from None
+        if "max_candidates" in values:
+            options["max_candidates"] = int(_number("max_candidates", values, 1, MAX_CANDIDATES))
+        if "min_probability" in values:
+            options["min_probability"] = _number("min_probability", values, 0, 1)
+        if "deadline_ms" in values:
+            options["deadline_ms"] = _number("deadline_ms", values, 1, 600_000)
+        if "version" in values:
+            options["version"] = values["version"]
+        return cls(**options)
+
+    def to_strings(self) -> dict[str, str]:
+        """The form that ``from_strings`` reads; what clients send."""
+        values: dict[str, str] = {}
+        if self.gravity is not None:
+            values["gravity"] = _joined(self.gravity)
+        if self.prior is not None:
+            values["prior"] = _joined(self.prior.to_numbers())
+        if self.T_base_sensor is not None:
+            seven = [*self.T_base_sensor[:3, 3], *transform.quaternion_of(self.T_base_sensor)]
+            values["T_base_sensor"] = _joined(seven)
+        for name in ("max_candidates", "min_probability", "deadline_ms", "version"):
+            value = getattr(self, name)
+            if value is not None:
+                values[name] = value if isinstance(value, str) else json.dumps(value)
+        return values
+
+
+def _numbers(name: str, text: str, counts: tuple[int, ...]) -> list[float]:
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in counts or not all(abs(v) <= MAX_NUMBER for v in numbers):  # NaN neither
+        wanted = " or ".join(str(count) for count in counts)
+        raise InvalidOption(f"{name} is {wanted} numbers separated by commas, not {text[:80]!r}")
+    return numbers
+
+
+def _joined(numbers: Iterable[float]) -> str:
+    return ",".join(repr(float(v)) for v in numbers)
+
+
+def _number(name: str, values: Mapping[str, str], low: float, high: float) -> float:
+    value = _numbers(name, values[name], (1,))[0]
+    if not low <= value <= high:
+        raise InvalidOption(f"{name} must lie in [{low}, {high}], not {value}")
+    return value
+
+
+def _gravity(numbers: list[float]) -> NDArray[np.float64]:
+    if len(numbers) == 2:  # roll about x, then pitch about y, of the sensor in a level frame
+        roll, pitch = np.radians(numbers)
+        return np.array([np.sin(pitch), -np.cos(pitch) * np.sin(roll), -np.cos(pitch) * np.cos(roll)])
+    down = np.asarray(numbers, np.float64)
+    length = float(np.linalg.norm(down))
+    if length < 1e-6:
+        raise InvalidOption("gravity has no direction")
+    return down / length

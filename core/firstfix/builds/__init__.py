@@ -1,0 +1,1 @@
+"""Records of builds in a store: configuration, attempts, shared stages, quotas."""

@@ -1,0 +1,226 @@
+"""Builds in an object store: what was asked for, how far it is, whether somebody wants it stopped.
+
+    builds/<build_id>/request.json   created once
+    builds/<build_id>/status.json    replaced by whoever runs the build
+    builds/<build_id>/cancel         there: stop
+    builds/<build_id>/stages.json    how long each stage of the last run took, once it has ended
+    builds/<build_id>/attempts/...   see ``firstfix.builds.attempts``
+
+One process at a time runs a build (its attempts see to that), so the status needs no precondition: what
+the last run wrote is true.
+
+A build of which the request or the status cannot be read (``UnreadableRecord``) is ``unreadable`` where
+builds are listed, and is not run; all other builds go on. ``firstfix.upkeep.repair`` mends it or moves it
+aside.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ..errors import Conflict, NotFound, UnreadableRecord
+from ..ids import check_build_id, check_version, is_name
+from ..redact import redact
+from ..store.json_record import RecordKind, read_record, text_of
+from ..store.store import Store
+
+STATES = ("queued", "running", "succeeded", "failed", "cancelled")
+FINAL_STATES = frozenset({"succeeded", "failed", "cancelled"})
+UNREADABLE = "unreadable"  # shown in place of a state; never recorded
+
+
+class BuildRecords:
+    """Records of builds. Thread-safe. Every method raises InvalidOption for an id that is none."""
+
+    def __init__(self, store: Store) -> None:
+        self.store = store
+
+    def put_build(self, build_id: str, request: Mapping[str, Any]) -> None:
+        """Records a request; its status is ``queued`` from here on.
+
+        Raises:
+            Conflict: there is a build of that id.
+        """
+        if not self.store.put_new(_key(build_id, "request.json"), _to_json(request)):
+            raise Conflict(f"there is a build {build_id} already")
+
+    def build_ids(self) -> list[str]:
+        """Every build on record, sorted."""
+        return [name for name in self.store.folders("builds") if is_name(name)]
+
+    def build_request(self, build_id: str) -> dict[str, Any]:
+        """
+        Raises:
+            NotFound: no such build.
+            UnreadableRecord: the request is damaged.
+        """
+        try:
+            key = _key(build_id, "request.json")
+            return read_record(self.store, key, RecordKind.BUILD_REQUEST, parse_request)
+        except NotFound:
+            raise NotFound(f"no build {build_id}") from None
+
+    def build_status(self, build_id: str) -> dict[str, Any]:
+        """``state``, ``stage``, ``progress`` (0..1), ``error`` ({code, detail} or None), ``version``
+        (digest or None), ``map_id``.
+
+        Raises:
+            NotFound: no such build.
+            UnreadableRecord: the status is damaged, or there is none yet and the request is damaged.
+        """
+        try:
+            key = _key(build_id, "status.json")
+            return read_record(self.store, key, RecordKind.BUILD_STATUS, parse_status)
+        except NotFound:
+            request = self.build_request(build_id)
+            return new_status("queued", map_id=request.get("map_id", ""))
+
+    def shown_status(self, build_id: str) -> dict[str, Any]:
+        """As ``build_status``; of a build with a damaged record a status that says so: its state is
+        ``unreadable``, its map the one of the record that can be read, if any.
+
+        Raises:
+            NotFound: no such build.
+        """
+        try:
+            return self.build_status(build_id)
+        except UnreadableRecord as error:
+            return {
+                **new_status("failed", map_id=self._map_of(build_id)),
+                "state": UNREADABLE,
+                "error": {"code": error.code, "detail": "a record of this build is damaged"},
+            }
+
+    def held_status(self, build_id: str) -> dict[str, Any]:
+        """As ``build_status``, for whoever has the build and is to write its status: a damaged one is as if
+        there were none yet."""
+        try:
+            return self.build_status(build_id)
+        except UnreadableRecord:
+            return new_status("queued", map_id=self._map_of(build_id))
+
+    def _map_of(self, build_id: str) -> str:
+        try:
+            return str(self.build_request(build_id).get("map_id", ""))
+        except (NotFound, UnreadableRecord):
+            return ""
+
+    def set_build_status(self, build_id: str, status: Mapping[str, Any]) -> None:
+        self.store.put(_key(build_id, "status.json"), _to_json(status))
+
+    def build_stages(self, build_id: str) -> list[dict[str, Any]]:
+        """``stage``, ``seconds`` and ``cached`` of each stage of the last run that ended, if any.
+
+        Raises:
+            UnreadableRecord: they are damaged.
+        """
+        try:
+            return read_record(
+                self.store, _key(build_id, "stages.json"), RecordKind.BUILD_STAGES, parse_stages
+            )
+        except NotFound:
+            return []
+
+    def set_build_stages(self, build_id: str, stages: Sequence[Mapping[str, Any]]) -> None:
+        self.store.put(_key(build_id, "stages.json"), _to_json({"stages": [dict(stage) for stage in stages]}))
+
+    def request_cancel(self, build_id: str) -> None:
+        """Asks the build to stop; the worker looks for it once a second.
+
+        Raises:
+            NotFound: no such build.
+            Conflict: it has ended.
+            UnreadableRecord: whether it has ended cannot be told.
+        """
+        state = self.build_status(build_id)["state"]
+        if state in FINAL_STATES:
+            raise Conflict(f"build {build_id} has {state}")
+        self.store.put_new(_key(build_id, "cancel"), b"")
+
+    def is_cancel_requested(self, build_id: str) -> bool:
+        return self.store.exists(_key(build_id, "cancel"))
+
+
+def new_status(
+    state: str,
+    *,
+    map_id: str,
+    stage: str = "",
+    progress: float = 0.0,
+    error: Mapping[str, str] | None = None,
+    version: str | None = None,
+) -> dict[str, Any]:
+    """The form of status.json."""
+    if state not in STATES:
+        raise ValueError(f"no build state {state!r}")
+    return {
+        "state": state,
+        "stage": stage,
+        "progress": round(min(max(progress, 0.0), 1.0), 4),
+        "error": None if error is None else {name: redact(text) for name, text in error.items()},
+        "version": version,
+        "map_id": map_id,
+    }
+
+
+def _key(build_id: str, name: str) -> str:
+    return f"builds/{check_build_id(build_id)}/{name}"
+
+
+def _to_json(record: Mapping[str, Any]) -> bytes:
+    return json.dumps(record, sort_keys=True, allow_nan=False).encode("utf-8")
+
+
+def parse_request(record: dict[str, Any]) -> dict[str, Any]:
+    """
+    Raises:
+        ValueError, TypeError, KeyError: not a build's request.
+    """
+    map_id = text_of(record, "map_id", "")
+    if map_id and not is_name(map_id):
+        raise ValueError(f"map_id is {map_id[:80]!r}")
+    for name in ("source", "trajectory"):
+        named = record.get(name)
+        if named is not None:
+            for field in named:
+                text_of(named, field)
+    if not isinstance(record.get("config") or {}, dict):
+        raise TypeError("config is no object")
+    for name in ("file_name", "owner"):
+        if record.get(name) is not None:
+            text_of(record, name)
+    return record
+
+
+def parse_status(record: dict[str, Any]) -> dict[str, Any]:
+    """
+    Raises:
+        ValueError, TypeError, KeyError, InvalidOption: not a build's status.
+    """
+    error, version = record.get("error"), record.get("version")
+    if not isinstance(progress := record.get("progress", 0.0), int | float):
+        raise TypeError("progress is no number")
+    if error is not None:
+        error = {"code": text_of(error, "code"), "detail": text_of(error, "detail")}
+    if (map_id := text_of(record, "map_id")) and not is_name(map_id):
+        raise ValueError(f"map_id is {map_id[:80]!r}")
+    return {
+        **new_status(text_of(record, "state"), map_id=map_id, stage=text_of(record, "stage", "")),
+        "progress": min(max(progress, 0.0), 1.0),
+        "error": error,
+        "version": None if version is None else check_version(version),
+    }
+
+
+def parse_stages(record: dict[str, Any]) -> list[dict[str, Any]]:
+    """
+    Raises:
+        ValueError, TypeError, KeyError: not what ``set_build_stages`` records.
+    """
+    stages = [dict(stage) for stage in record["stages"]]
+    for stage in stages:
+        text_of(stage, "stage")
+        float(stage["seconds"])
+    return stages

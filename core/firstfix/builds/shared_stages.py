@@ -1,0 +1,207 @@
+"""Finished build stages in the object store: what one worker made, another one goes on from.
+
+    stages/<key>/<sha256>      the stage's files, by content
+    stages/<key>/stage.json    name, and {sha256, bytes} of every file; written last
+    stages/<key>/chunks/...    parts of one that is being made (``firstfix_builder.execution.chunks``)
+
+The key names all that went into the stage (``firstfix_builder.execution.stage_cache``), so a stage never
+changes. What is put once more is compared by its checksums, and mended where it differs.
+One without its ``stage.json`` does not exist. All of it is a cache: it can be deleted at any time.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import shutil
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from ..errors import CorruptVersion, FirstfixError, NotFound, TooLarge, UnreadableRecord
+from ..ids import check_version
+from ..store.json_record import RecordKind, read_record, text_of, whole_number_of
+from ..store.sha256 import sha256_of
+from ..store.store import Store
+
+_log = logging.getLogger(__name__)
+ROOT = "stages"
+RECORD = "stage.json"
+DEFAULT_MAX_BYTES = 20 << 30
+
+
+@dataclass(frozen=True)
+class _File:
+    name: str
+    sha256: str
+    bytes: int
+
+
+class SharedStages:
+    """The stages of one store. Thread-safe.
+
+    Trouble never reaches the build: a stage that cannot be fetched is made, one that cannot be put is
+    not shared, and the log says so.
+
+    Args:
+        max_bytes: of one stage; larger ones are not shared.
+    """
+
+    def __init__(self, store: Store, *, max_bytes: int = DEFAULT_MAX_BYTES) -> None:
+        self._store = store
+        self._max_bytes = max_bytes
+
+    def fetch(self, key: str, folder: Path) -> bool:
+        """Puts the stage's files into an empty folder, each verified by its sha256. False, with the
+        folder empty again, when there is no such stage or it cannot be had.
+        """
+        try:
+            files = self._files(key)
+            for file in files:
+                self._download(key, file, folder / file.name)
+        except NotFound:
+            return False
+        except (FirstfixError, OSError) as error:
+            _log.warning("shared stage %s cannot be used: %s", key[:12], error)
+            for path in folder.iterdir():
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
+            return False
+        _log.info("stage %s fetched: %d bytes", key[:12], sum(file.bytes for file in files))
+        return True
+
+    def put(self, key: str, name: str, folder: Path) -> int:
+        """Shares a finished stage, if that can be done; the bytes of it that were sent."""
+        try:
+            return self.put_surely(key, name, folder)
+        except (FirstfixError, OSError) as error:
+            _log.warning("stage %s is not shared: %s", name, error)
+            return 0
+
+    def put_surely(self, key: str, name: str, folder: Path) -> int:
+        """As ``put``, where others cannot go on without it.
+
+        Raises:
+            StoreError: the store does not take it.
+            TooLarge: it has more than max_bytes.
+        """
+        sent = 0
+        paths = sorted(path for path in folder.rglob("*") if path.is_file())
+        files = [
+            _File(path.relative_to(folder).as_posix(), sha256_of(path), path.stat().st_size) for path in paths
+        ]
+        total = sum(file.bytes for file in files)
+        if total > self._max_bytes:
+            raise TooLarge(f"stage {name} has {total} bytes: too large to be shared")
+        for path, file in zip(paths, files, strict=True):
+            if self._store.upload(_key(key, file.sha256), path):
+                sent += file.bytes
+        record = {
+            "stage": name,
+            "files": {file.name: {"sha256": file.sha256, "bytes": file.bytes} for file in files},
+        }
+        self._put_record(key, json.dumps(record, sort_keys=True).encode())
+        _log.info("stage %s shared: %d bytes", name, sent)
+        return sent
+
+    def _put_record(self, key: str, record: bytes) -> None:
+        """Once every file is there. A record that cannot be read is replaced."""
+        if not self._store.put_new(_key(key, RECORD), record):
+            try:
+                self._files(key)
+            except (CorruptVersion, UnreadableRecord):
+                self._store.put(_key(key, RECORD), record)
+
+    def _files(self, key: str) -> list[_File]:
+        """What the stage's record names.
+
+        Raises:
+            NotFound: there is none.
+            UnreadableRecord: it is damaged, or names a place outside the stage.
+            CorruptVersion: it names more than may be fetched.
+        """
+        where = _key(key, RECORD)
+        files = [
+            _File(name, entry["sha256"], entry["bytes"])
+            for name, entry in read_record(self._store, where, RecordKind.SHARED_STAGE, parse_stage).items()
+        ]
+        if sum(file.bytes for file in files) > self._max_bytes:
+            raise CorruptVersion(f"{where} names more than {self._max_bytes} bytes")
+        return files
+
+    def _download(self, stage: str, file: _File, path: Path) -> None:
+        """
+        Raises:
+            CorruptVersion: it is missing or damaged; then the stage is forgotten, so that it is shared
+                again once it is made again.
+        """
+        path.parent.mkdir(parents=True, exist_ok=True)
+        where = _key(stage, file.sha256)
+        try:
+            if self._store.download(where, path) == file.sha256:
+                return
+        except NotFound:
+            pass
+        self._store.delete(_key(stage, RECORD))
+        self._store.delete(where)
+        raise CorruptVersion(f"{file.name} is missing or differs from its sha256")
+
+
+def parse_stage(record: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """The files that a stage's record names, with their sha256 and bytes.
+
+    Raises:
+        ValueError, KeyError, TypeError, AttributeError, InvalidOption: not a stage's record, or it names a
+            place outside the stage.
+    """
+    files: dict[str, dict[str, Any]] = {}
+    text_of(record, "stage", "")
+    for name, entry in record["files"].items():
+        if PurePosixPath(name).is_absolute() or ".." in name.split("/"):
+            raise ValueError("it names a place outside the stage")
+        files[name] = {"sha256": check_version(entry["sha256"]), "bytes": whole_number_of(entry, "bytes")}
+    return files
+
+
+@dataclass(frozen=True)
+class CollectedStages:
+    """What ``collect_stages`` did.
+
+    Attributes:
+        removed: keys of the stages.
+    """
+
+    removed: tuple[str, ...]
+    removed_bytes: int
+    kept: int
+    kept_bytes: int
+
+
+def collect_stages(store: Store, older_than_s: float, *, max_bytes: int | None = None) -> CollectedStages:
+    """Removes shared stages that nothing was put into for so long, and of the others the oldest until
+    the rest is within ``max_bytes``.
+
+    A build that wanted one of them makes it again. Several may collect at the same time.
+    """
+    cutoff = store.now() - timedelta(seconds=older_than_s)
+    sizes: dict[str, int] = {}
+    times: dict[str, datetime] = {}
+    for item in store.scan(ROOT):
+        key = item.key.split("/")[1]
+        sizes[key] = sizes.get(key, 0) + item.size_bytes
+        times[key] = max(times.get(key, item.last_modified), item.last_modified)
+    total, removed = sum(sizes.values()), []
+    for key in sorted(times, key=lambda key: times[key]):
+        if times[key] > cutoff and (max_bytes is None or total <= max_bytes):
+            break
+        folder = f"{ROOT}/{key}"
+        for name in (f"{folder}/{RECORD}", *store.list(folder)):  # without its record it does not exist
+            store.delete(name)
+        total -= sizes[key]
+        removed.append(key)
+    removed_bytes = sum(sizes[key] for key in removed)
+    return CollectedStages(tuple(removed), removed_bytes, len(sizes) - len(removed), total)
+
+
+def _key(stage: str, name: str) -> str:
+    return f"{ROOT}/{check_version(stage)}/{name}"

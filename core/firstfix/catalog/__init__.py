@@ -1,0 +1,1 @@
+"""Maps and their versions in a store: publish, read, cache, uploads, georeferences."""

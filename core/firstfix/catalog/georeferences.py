@@ -1,0 +1,71 @@
+"""The georeferences of the maps in an object store: numbered records of which the last one counts.
+
+    maps/<map_id>/georeference/000001.json    create-only: a georeference, or null: there is none any more
+
+A georeference belongs to the map, not to a version: all versions of a map are in one frame.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import Any
+
+from ..errors import StoreUnavailable
+from ..ids import check_map_id
+from ..store.json_record import RecordKind, read_record
+from ..store.store import Store
+from .geopose import Georeference
+
+_RECORD_NAME = re.compile(r"(\d{6,})\.json")
+_MAX_RACES = 50
+
+
+class Georeferences:
+    """Georeferences by map. Thread-safe. Every method raises InvalidOption for an id that is none."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+
+    def get(self, map_id: str) -> Georeference | None:
+        """The one that counts, or None.
+
+        Raises:
+            UnreadableRecord: it is damaged: a pose at a wrong place is worse than none, so the one before
+                does not count again.
+        """
+        last = self._last(map_id)
+        if not last:
+            return None
+        return read_record(self._store, _key(map_id, last), RecordKind.GEOREFERENCE, parse_georeference)
+
+    def set(self, map_id: str, georeference: Georeference | None) -> None:
+        """Lets this one count from now on; None takes the last one back. Of two at once both are kept,
+        and the one with the higher number counts."""
+        content = None if georeference is None else georeference.to_mapping()
+        data = json.dumps(content, sort_keys=True, allow_nan=False).encode("ascii")
+        for _ in range(_MAX_RACES):
+            if self._store.put_new(_key(map_id, self._last(map_id) + 1), data):
+                return
+        raise StoreUnavailable(f"map {map_id}: {_MAX_RACES} races for a georeference lost in a row")
+
+    def _last(self, map_id: str) -> int:
+        """Number of the last record; 0: there is none."""
+        names = [key.rsplit("/", 1)[-1] for key in self._store.list(_folder(map_id))]
+        return max((int(match[1]) for name in names if (match := _RECORD_NAME.fullmatch(name))), default=0)
+
+
+def parse_georeference(record: dict[str, Any] | None) -> Georeference | None:
+    """
+    Raises:
+        InvalidOption: no georeference.
+    """
+    return None if record is None else Georeference.from_mapping(record)
+
+
+def _folder(map_id: str) -> str:
+    return f"maps/{check_map_id(map_id)}/georeference"
+
+
+def _key(map_id: str, number: int) -> str:
+    return f"{_folder(map_id)}/{number:06d}.json"

@@ -1,0 +1,111 @@
+"""Which maps changed, for the whole store: so that a reader of thousands of maps asks for one object.
+
+    changes/00000001.json, ...           a map's id; create-only and without gaps, as a map's log is
+    changes/marks/00000500.json, ...     empty objects: there are notices up to that number
+
+A notice is only a hint of where to look: what holds is the map's own log. One that was never written,
+as its writer was killed just before or the store failed, delays a reader until its next look at every map;
+so does one that a writer, stopped for a day, put under a number that was collected. The marks say where to
+begin, so that old notices can be collected (``firstfix.catalog.log.log_garbage``).
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+from typing import Any
+
+from ...errors import NotFound, UnreadableRecord
+from ...ids import check_map_id
+from ...store.json_record import READERS, RecordKind, read_each, read_record, text_of
+from ...store.numbered import scan_after
+from ...store.store import Store
+
+FOLDER = "changes"
+MARKS = f"{FOLDER}/marks"
+DIGITS = 8
+MARK_EVERY = 500  # notices
+_MAX_AT_ONCE = 1000  # notices that one look reads
+
+
+class ChangeLog:
+    """Thread-safe."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._last = 0  # the highest number seen here
+        self._lock = threading.Lock()
+
+    def note(self, map_id: str) -> None:
+        """Says that the map's log has a new entry.
+
+        Raises:
+            StoreUnavailable, StoreError: as the store.
+        """
+        content = json.dumps({"map_id": check_map_id(map_id)}).encode("ascii")
+        number = self.end() + 1
+        while not self._store.put_new(_key(number), content):
+            number += 1  # somebody else's
+        if number % MARK_EVERY == 0:
+            self._store.put_new(f"{MARKS}/{number:0{DIGITS}d}.json", b"")
+
+    def end(self) -> int:
+        """Number of the last notice; 0 where there is none. It is looked for by doubling and halving from
+        the last mark: a few calls, however many notices there are."""
+        with self._lock:
+            low = self._last
+        if not low or not self._store.exists(_key(low)):  # the first look, or somebody removed them
+            low = max(scan_after(self._store, MARKS, 0, digits=DIGITS), default=0)
+        step = 1
+        while self._store.exists(_key(low + step)):
+            low, step = low + step, step * 2
+        while step > 1:
+            step //= 2
+            if self._store.exists(_key(low + step)):
+                low += step
+        with self._lock:
+            self._last = low
+        return low
+
+    def since(self, number: int) -> tuple[list[str], int]:
+        """The maps of the notices after that number, each once in their order, and the last number read.
+        One call to the store where there is nothing new."""
+        map_ids: dict[str, None] = {}
+        begin, at_once = number, 1
+        while number - begin < _MAX_AT_ONCE:
+            found = read_each(range(number + 1, number + 1 + at_once), self._read)
+            there = [map_id for map_id in found.values() if map_id is not None]
+            map_ids.update(dict.fromkeys(filter(None, there)))
+            number += len(there)
+            if len(there) < at_once:
+                break
+            at_once = READERS
+        return list(map_ids), number
+
+    def go_on_from(self, number: int) -> int:
+        """The number from which a reader goes on, once it looks at every map anyway: its own, or that of
+        the end, where the notices in between were collected or all were removed."""
+        end = self.end()
+        return number if number < end and self._store.exists(_key(number + 1)) else end
+
+    def _read(self, number: int) -> str | None:
+        """The map of a notice; empty: it cannot be read or names none; None: there is no such notice."""
+        try:
+            return read_record(self._store, _key(number), RecordKind.CHANGE_NOTICE, parse_notice)
+        except UnreadableRecord:
+            return ""
+        except NotFound:
+            return None
+
+
+def parse_notice(record: dict[str, Any]) -> str:
+    """The map's id; empty: the notice is void.
+
+    Raises:
+        KeyError, TypeError, InvalidOption: not a notice.
+    """
+    return "" if record["map_id"] is None else check_map_id(text_of(record, "map_id"))
+
+
+def _key(number: int) -> str:
+    return f"{FOLDER}/{number:0{DIGITS}d}.json"

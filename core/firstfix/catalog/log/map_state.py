@@ -1,0 +1,189 @@
+"""State of a map: its log summed up entry by entry, without keeping every entry."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from datetime import datetime
+from enum import Enum
+from typing import Any
+
+from ...ids import check_version
+from ...store.json_record import text_of, whole_number_of
+
+HISTORY = 200  # newest entries that a state keeps
+MARKS = 1000  # newest entries that are the last of their kind: of one event, version and build
+MAX_SKIPPED = 1000
+MAX_ENDED = 10_000
+SNAPSHOT_FORMAT = 1
+
+
+class Event(str, Enum):
+    PUBLISHED = "published"
+    ACTIVATED = "activated"
+    RETIRED = "retired"
+    COLLECTED = "collected"  # files of a publish that never ended; readers that do not know it skip it
+
+
+@dataclass(frozen=True)
+class LogEntry:
+    """One event.
+
+    Attributes:
+        seq: 1, 2, ...
+        time: of writing, UTC, ISO 8601; for people: the order is seq's.
+        build_id: of the build that caused it; empty when a person did.
+        writer: unique to one append, so that a writer whose reply was lost knows its own entry.
+        generation: of ``published``: of the folder with the files.
+    """
+
+    seq: int
+    event: Event
+    version: str
+    time: str
+    build_id: str = ""
+    writer: str = ""
+    generation: int = 0
+
+    def to_json(self) -> bytes:
+        values = {**asdict(self), "event": self.event.value}
+        del values["seq"]  # it is the object's name
+        return json.dumps(values, sort_keys=True).encode("ascii")
+
+    @classmethod
+    def parse(cls, seq: int, record: dict[str, Any]) -> LogEntry | None:
+        """None: it tells of an event of a later release.
+
+        Raises:
+            ValueError, KeyError, TypeError, InvalidOption: not an entry.
+        """
+        time = text_of(record, "time")
+        if datetime.fromisoformat(time).tzinfo is None:
+            raise ValueError("its time has no zone")
+        event, version = text_of(record, "event"), check_version(text_of(record, "version"))
+        build_id, writer = text_of(record, "build_id", ""), text_of(record, "writer", "")
+        generation = whole_number_of({"generation": 0, **record}, "generation")
+        known = {one.value: one for one in Event}
+        if event not in known:
+            return None
+        return cls(seq, known[event], version, time, build_id, writer, generation)
+
+
+@dataclass(frozen=True)
+class MapState:
+    """Sum of a log's entries.
+
+    Attributes:
+        entries: in order: the newest, and of the older ones those that still matter: by which a version that
+            can be served was published, and the last of each event, version and build.
+        published: versions that can be served, in the order they were first published.
+        activated: those of them that were ever active, the latest activation first: the active one,
+            then what to fall back to.
+        last_seq: of the last entry, readable or not; 0 for an empty log.
+        skipped: numbers of entries that are missing or could not be read: what they said is not known.
+        generations: of the published versions: which folder their files stand in.
+        ended: version to the ``seq`` of the entry that ended its last generation; the newest of them.
+        exists: the map ever had a version to serve.
+    """
+
+    entries: tuple[LogEntry, ...] = ()
+    published: tuple[str, ...] = ()
+    activated: tuple[str, ...] = ()
+    last_seq: int = 0
+    skipped: tuple[int, ...] = ()
+    generations: Mapping[str, int] = field(default_factory=dict)
+    ended: Mapping[str, int] = field(default_factory=dict)
+    exists: bool = False
+
+    def generation(self, version: str) -> int:
+        """Of the folder that the version's files stand in, or are put into to publish it: 0, or the ``seq``
+        of the entry that ended the generation before it."""
+        return self.generations.get(version, self.ended.get(version, 0))
+
+    @property
+    def active(self) -> str | None:
+        return self.activated[0] if self.activated else None
+
+    @classmethod
+    def of(cls, entries: Sequence[LogEntry], last_seq: int) -> MapState:
+        """Of a whole log."""
+        return cls().after(entries, last_seq)
+
+    def after(self, entries: Sequence[LogEntry], last_seq: int, skipped: Iterable[int] = ()) -> MapState:
+        """The state once these entries followed."""
+        published, activated = list(self.published), list(self.activated)
+        generations, ended, exists = dict(self.generations), dict(self.ended), self.exists
+        for entry in entries:
+            version = entry.version
+            if entry.event is Event.PUBLISHED:
+                exists = True
+                if version not in published:
+                    published.append(version)
+                    generations[version] = entry.generation
+            elif entry.event is Event.ACTIVATED:
+                if version in published:
+                    activated = [version, *(v for v in activated if v != version)]
+            else:
+                ended[version] = entry.seq
+            if entry.event is Event.RETIRED:
+                published = [v for v in published if v != version]
+                activated = [v for v in activated if v != version]
+                generations.pop(version, None)
+        ended = dict(sorted(ended.items(), key=lambda item: item[1])[-MAX_ENDED:])
+        kept = _that_matter((*self.entries, *entries), published)
+        all_skipped = tuple(sorted({*self.skipped, *skipped}))[-MAX_SKIPPED:]
+        return MapState(
+            kept, tuple(published), tuple(activated), last_seq, all_skipped, generations, ended, exists
+        )
+
+    def to_json(self) -> bytes:
+        """As a snapshot."""
+        values = {**asdict(self), "format": SNAPSHOT_FORMAT}
+        for entry in values["entries"]:
+            entry["event"] = entry["event"].value
+        return json.dumps(values, sort_keys=True).encode("ascii")
+
+    @classmethod
+    def parse(cls, last_seq: int, record: dict[str, Any]) -> MapState:
+        """
+        Args:
+            last_seq: that the snapshot is named by.
+
+        Raises:
+            ValueError, KeyError, TypeError, InvalidOption: not a snapshot, of another number, or of a later
+                release.
+        """
+        if record["format"] != SNAPSHOT_FORMAT or record["last_seq"] != last_seq:
+            raise ValueError(f"it is not snapshot {last_seq} of format {SNAPSHOT_FORMAT}")
+        entries: list[LogEntry] = []
+        for values in record["entries"]:
+            entry = LogEntry.parse(whole_number_of(values, "seq"), values)
+            if entry is None or not (entries[-1].seq if entries else 0) < entry.seq <= last_seq:
+                raise ValueError("its entries are not in order")
+            entries.append(entry)
+        published = tuple(check_version(version) for version in record["published"])
+        activated = tuple(check_version(version) for version in record["activated"])
+        if not set(activated) <= set(published):
+            raise ValueError("a version is active that is not published")
+        skipped = tuple(record["skipped"])
+        if not all(type(number) is int for number in skipped):
+            raise TypeError("the numbers of skipped entries are none")
+        generations, ended = (
+            {check_version(version): whole_number_of(numbers, version) for version in numbers}
+            for numbers in (record["generations"], record["ended"])
+        )
+        if set(generations) != set(published) or type(record["exists"]) is not bool:
+            raise ValueError("its generations are not those of its versions")
+        exists: bool = record["exists"]
+        return cls(tuple(entries), published, activated, last_seq, skipped, generations, ended, exists)
+
+
+def _that_matter(entries: Sequence[LogEntry], published: Iterable[str]) -> tuple[LogEntry, ...]:
+    """Applied again after more entries it keeps what it would keep of all of them at once."""
+    last_of_kind = {(entry.event, entry.version, entry.build_id): entry.seq for entry in entries}
+    last_publication = {entry.version: entry.seq for entry in entries if entry.event is Event.PUBLISHED}
+    kept = {entry.seq for entry in entries[-HISTORY:]}
+    kept.update(sorted(last_of_kind.values())[-MARKS:])
+    kept.update(last_publication[version] for version in published)
+    return tuple(entry for entry in entries if entry.seq in kept)

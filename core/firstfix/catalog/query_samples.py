@@ -1,0 +1,152 @@
+"""Queries that were kept as they came, to be looked at and asked again.
+
+    samples/<sample_id>.body    the bytes of the query, in its own encoding
+    samples/<sample_id>.json    what was asked and answered; written last: without it there is no sample
+
+Ids begin with the time, so that they sort by age.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, fields
+from datetime import datetime, timedelta
+from typing import Any
+
+from ..errors import InvalidOption, NotFound, UnreadableRecord
+from ..store.json_record import RecordKind, read_record, text_of, texts_of, whole_number_of
+from ..store.store import Store
+
+FOLDER = "samples"
+REPLAY = "replay-"  # begins the request id of a query that is asked again: it is not kept a second time
+_ID = re.compile(r"(\d{8}t\d{12})-[0-9a-f]{8}")
+_TIME_FORM = "%Y%m%dt%H%M%S%f"
+
+
+@dataclass(frozen=True)
+class QuerySample:
+    """One kept query, without its body.
+
+    Attributes:
+        sample_id: of the time and 8 random hex characters.
+        time: when it was answered, UTC, ISO 8601.
+        map_id: as asked: one, several separated by commas, or none.
+        options: as asked, in the form of ``LocalizeOptions.from_strings``.
+        answer: ``Localization.to_mapping``.
+    """
+
+    sample_id: str
+    time: str
+    transport: str
+    request_id: str
+    trace_id: str
+    map_id: str
+    media_type: str
+    content_encoding: str
+    options: Mapping[str, str]
+    answer: Mapping[str, Any]
+    body_bytes: int
+    service_version: str = field(default="")
+
+    def is_about(self, map_id: str) -> bool:
+        """Whether the map was asked for, or answered."""
+        return map_id in (*self.map_id.split(","), self.answer.get("map_id"))
+
+
+class QuerySamples:
+    """The samples in a store. Thread-safe. Every method raises StoreUnavailable or StoreError as the store
+    does, InvalidOption for an id that is none."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+
+    def put(self, sample: QuerySample, body: bytes) -> None:
+        self._store.put(_key(sample.sample_id, "body"), body)
+        self._store.put(_key(sample.sample_id, "json"), json.dumps(asdict(sample), sort_keys=True).encode())
+
+    def ids(self) -> list[str]:
+        """Oldest first."""
+        names = [key.rpartition("/")[2] for key in self._store.list(FOLDER)]
+        return [name[: -len(".json")] for name in names if name.endswith(".json") and _ID.match(name)]
+
+    def get(self, sample_id: str) -> QuerySample:
+        """
+        Raises:
+            NotFound: no such sample, or no longer.
+            UnreadableRecord: its record is damaged.
+        """
+        try:
+            return read_record(self._store, _key(sample_id, "json"), RecordKind.SAMPLE, parse_sample)
+        except NotFound:
+            raise NotFound(f"no sample {sample_id}") from None
+
+    def each(self) -> Iterator[QuerySample]:
+        """Oldest first, but those that were removed meanwhile or cannot be read."""
+        for sample_id in self.ids():
+            with suppress(NotFound, UnreadableRecord):
+                yield self.get(sample_id)
+
+    def body(self, sample_id: str) -> bytes:
+        """
+        Raises:
+            NotFound: no such sample, or no longer.
+        """
+        return self._store.get(_key(sample_id, "body"))
+
+    def delete(self, sample_id: str) -> None:
+        for ending in ("json", "body"):  # the record first: without it there is no sample
+            self._store.delete(_key(sample_id, ending))
+
+    def prune(self, *, older_than_s: float, max_bytes: int) -> int:
+        """Removes what is too old by the store's times, then the oldest until the rest is within max_bytes.
+
+        Returns:
+            the bytes that are left.
+        """
+        cutoff = self._store.now() - timedelta(seconds=older_than_s)
+        sizes: dict[str, int] = {}
+        times: dict[str, datetime] = {}
+        for item in self._store.scan(FOLDER):
+            name = item.key.rpartition("/")[2].rpartition(".")[0]
+            if _ID.fullmatch(name):
+                sizes[name] = sizes.get(name, 0) + item.size_bytes
+                times[name] = max(times.get(name, item.last_modified), item.last_modified)
+        left = sum(sizes.values())
+        for sample_id in sorted(times, key=lambda name: (times[name], name)):
+            if times[sample_id] >= cutoff and left <= max_bytes:
+                break
+            self.delete(sample_id)
+            left -= sizes[sample_id]
+        return left
+
+
+def parse_sample(record: dict[str, Any]) -> QuerySample:
+    """
+    Raises:
+        ValueError, KeyError, TypeError: not a sample's record.
+    """
+    sample = QuerySample(**record)
+    for one in fields(QuerySample):
+        if one.name not in ("options", "answer", "body_bytes"):
+            text_of(record, one.name, "")
+    whole_number_of(record, "body_bytes")
+    if not isinstance(sample.options, dict):
+        raise TypeError("options is no object")
+    text_of(record["answer"], "verdict")
+    texts_of(record["answer"], "reasons")
+    float(record["answer"]["probability"])
+    return sample
+
+
+def new_sample_id(random_hex: str, now: datetime) -> str:
+    """Of 8 hex characters and a UTC time."""
+    return f"{now.strftime(_TIME_FORM)}-{random_hex}"
+
+
+def _key(sample_id: str, ending: str) -> str:
+    if not _ID.fullmatch(sample_id):
+        raise InvalidOption(f"not a sample id: {sample_id[:80]!r}")
+    return f"{FOLDER}/{sample_id}.{ending}"

@@ -1,0 +1,194 @@
+"""From a scan as it comes to points that can be described and registered: cropped, levelled, thinned."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from small_gicp import voxelgrid_sampling
+
+from ..descriptor import Described, Descriptor, ScanBatch
+from ..scan.compact import CompactScan, ScanDescriptor
+from ..scan.levelling import Level, estimate_up_near, floor_height, levelling_rotation, turned
+from ..scan.range_view import ScanView, directions
+from ..scan.scan import Scan
+from ..scan.sequence import ScanSequence
+from ..scan.up_hypotheses import other_ups
+from ..scan.voxel_filter import at_most, within_range
+from ..transform import Matrix
+from .config import PreprocessConfig
+from .registration.surface import Surface
+
+_SPARSE_POINTS = 400
+_DENSE_POINTS = 4000
+_RETURNS = 20_000
+_VOXELLED = 40_000  # points, of which one a voxel is kept: more find hardly another voxel
+
+
+@dataclass(frozen=True)
+class PreparedScan:
+    """One scan, and its levelled frame: the sensor's origin, z up, x as near the sensor's as it goes.
+
+    Attributes:
+        T_last_scan: (4, 4) its pose in the frame of the query's last scan.
+        R_level_sensor: (3, 3).
+        batch: all points within range, levelled: for the descriptor.
+        seen: (p, 3) float32 the same points in the sensor frame.
+        described: by the robot already, if so; then ``batch`` may be coarser than what it described.
+        view: what the sensor saw: for free space.
+        thinned: points in the sensor frame, one a voxel.
+    """
+
+    T_last_scan: Matrix
+    R_level_sensor: NDArray[np.float64]
+    batch: ScanBatch
+    seen: NDArray[np.float32]
+    described: ScanDescriptor | None
+    view: ScanView
+    thinned: Surface
+
+    @property
+    def height_m(self) -> float:
+        """Of the sensor above the floor."""
+        return float(self.batch.height_m[0])
+
+    def described_by(self, descriptor: Descriptor) -> Described:
+        """As the robot did it where that is the same descriptor: it had all the points."""
+        if self.described is not None and self.described.agrees_with(descriptor):
+            return self.described.rows
+        return descriptor.describe(self.batch)
+
+    @property
+    def up(self) -> NDArray[np.float64]:
+        """(3,) unit vector against gravity, sensor frame."""
+        return self.R_level_sensor[2]
+
+    def with_up(self, up: NDArray[np.float64], default_height_m: float) -> PreparedScan:
+        """The scan levelled by (3,) another up of its sensor frame. No robot has described that."""
+        level = _level_by(up, self.thinned)
+        R_level_sensor, batch = _levelled(self.seen, level, default_height_m)
+        return replace(self, R_level_sensor=R_level_sensor, batch=batch, described=None)
+
+
+@dataclass(frozen=True)
+class PreparedQuery:
+    """The scans of a query, and all of them in the frame of the last.
+
+    Attributes:
+        dense: thinned points, for fine registration.
+        sparse: a fraction of them: enough to settle and compare many candidates.
+    """
+
+    scans: tuple[PreparedScan, ...]
+    dense: Surface
+    sparse: Surface
+
+    def levelled_otherwise(
+        self, gravity: NDArray[np.float64] | None, config: PreprocessConfig
+    ) -> tuple[PreparedScan, ...]:
+        """Every scan again, by each other up that the last of them may have."""
+        last = self.scans[-1]
+        known = last.T_last_scan[:3, :3] @ last.up
+        ups = other_ups(self.dense.normals, known, gravity)
+        return tuple(
+            scan.with_up(scan.T_last_scan[:3, :3].T @ up, config.default_height_m)
+            for up in ups
+            for scan in self.scans
+        )
+
+
+def preprocess(
+    sequence: ScanSequence,
+    gravity: NDArray[np.float64] | None,
+    config: PreprocessConfig,
+    R_base_sensor: NDArray[np.float64] | None = None,
+) -> PreparedQuery | None:
+    """None where too few points are left to say anything.
+
+    Args:
+        gravity: (3,) direction of gravity in the last scan's sensor frame; None: estimated from the
+            surfaces, for every scan. A scan that the robot has levelled stays as it is.
+        R_base_sensor: (3, 3) mounting on a robot that stands nearly upright; None: that of the sensor itself.
+            Up is estimated near it.
+    """
+    scans = []
+    for scan, T_last_scan in zip(sequence.scans, sequence.T_last_scan, strict=True):
+        down = None if gravity is None else T_last_scan[:3, :3].T @ gravity
+        prepared = _prepare(scan, T_last_scan, down, config, R_base_sensor)
+        if prepared is not None:
+            scans.append(prepared)
+    if not scans:
+        return None
+    together = Surface.together([scan.thinned.moved(scan.T_last_scan) for scan in scans])
+    return PreparedQuery(tuple(scans), together.at_most(_DENSE_POINTS), together.at_most(_SPARSE_POINTS))
+
+
+@dataclass(frozen=True)
+class _Returns:
+    """A scan within range, whichever way it came, sensor frame.
+
+    Attributes:
+        seen: (p, 3) float32 as many points as there are: for the descriptor.
+        voxels: (v, 3) float64, some thousand, evenly.
+    """
+
+    seen: NDArray[np.float32]
+    voxels: NDArray[np.float64]
+    view: ScanView
+
+    @classmethod
+    def of(cls, scan: Scan | CompactScan, config: PreprocessConfig) -> _Returns:
+        points = within_range(scan.points, config.min_range_m, config.max_range_m)
+        if isinstance(scan, CompactScan):
+            return cls._of_compact(points, scan.nearest_m, config)
+        some = at_most(points, _VOXELLED).astype(np.float64)
+        voxels = voxelgrid_sampling(some, config.voxel_m).points()[:, :3]
+        return cls(points, at_most(voxels, _DENSE_POINTS), ScanView.of(at_most(points, _RETURNS)))
+
+    @classmethod
+    def _of_compact(
+        cls, points: NDArray[np.float32], nearest_m: NDArray[np.float32], config: PreprocessConfig
+    ) -> _Returns:
+        near = (nearest_m > config.min_range_m) & (nearest_m < config.max_range_m)
+        nearest_m = np.where(near, nearest_m, np.float32(np.inf))
+        # what lies nearest in every direction fills the descriptor's cells that the voxels leave empty
+        seen = np.concatenate([points, directions()[near] * nearest_m[near, None]])
+        voxels = at_most(points, _DENSE_POINTS).astype(np.float64)
+        return cls(seen, voxels, ScanView.of_nearest(nearest_m))
+
+
+def _prepare(
+    scan: Scan | CompactScan,
+    T_last_scan: Matrix,
+    down: NDArray[np.float64] | None,
+    config: PreprocessConfig,
+    R_base_sensor: NDArray[np.float64] | None,
+) -> PreparedScan | None:
+    returns = _Returns.of(scan, config)
+    if len(returns.voxels) < config.min_points:
+        return None
+    thinned = Surface.around(returns.voxels, -returns.voxels)
+    described = scan.described if isinstance(scan, CompactScan) else None
+    if described is not None:
+        level = Level(described.up, described.height_m)
+    else:
+        expected = np.array([0.0, 0.0, 1.0]) if R_base_sensor is None else R_base_sensor[2]
+        up = estimate_up_near(thinned.normals, expected) if down is None else -down
+        level = _level_by(up, thinned)
+    R_level_sensor, batch = _levelled(returns.seen, level, config.default_height_m)
+    return PreparedScan(T_last_scan, R_level_sensor, batch, returns.seen, described, returns.view, thinned)
+
+
+def _level_by(up: NDArray[np.float64], surface: Surface) -> Level:
+    R = levelling_rotation(up)
+    return Level(up, floor_height(turned(surface.points, R), turned(surface.normals, R)))
+
+
+def _levelled(
+    seen: NDArray[np.float32], level: Level, default_height_m: float
+) -> tuple[NDArray[np.float64], ScanBatch]:
+    """R_level_sensor (3, 3), and all points after it."""
+    R_level_sensor = levelling_rotation(level.up)
+    height_m = default_height_m if level.height_m is None else level.height_m
+    return R_level_sensor, ScanBatch.single(turned(seen, R_level_sensor), height_m)

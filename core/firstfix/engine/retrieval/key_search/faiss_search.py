@@ -1,0 +1,165 @@
+"""Keys in FAISS indexes: one, or in a large map one for each group of tiles, whose answers are merged."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import faiss
+import numpy as np
+from numpy.typing import NDArray
+
+from ...config import SearchConfig
+from .faiss_indexes import chosen_engine, empty_index, probes_for
+from .tile_shards import TileShards
+
+FILE = "keys.faiss"  # where there is but one index
+SHARDS_FILE = "keys_shards.safetensors"
+# IO_FLAG_MMAP maps inverted lists alone, behind a lock each: a third of the speed
+_FLAGS = faiss.IO_FLAG_MMAP_IFC | faiss.IO_FLAG_READ_ONLY | faiss.IO_FLAG_SKIP_PRECOMPUTE_TABLE
+_Found = tuple[NDArray[np.float32], NDArray[np.int64]]  # distances and rows
+
+
+class FaissSearch:
+    """The index that the config's ``engine`` names, whole or in shards.
+
+    All shards are trained as one. Where there are lists their centres are the same in every shard: the
+    nearest are found once, and looked into everywhere.
+    """
+
+    def __init__(self, indexes: Sequence[faiss.Index], shards: TileShards | None = None) -> None:
+        """
+        Args:
+            shards: what rows each index holds; None: it is one, of all.
+        """
+        self._indexes, self._shards = indexes, shards
+        self._inverted = isinstance(indexes[0], faiss.IndexIVF)
+
+    @classmethod
+    def build(
+        cls, keys: NDArray[np.float32], config: SearchConfig, position_m: NDArray[np.floating] | None = None
+    ) -> FaissSearch:
+        empty = empty_index(config.engine, keys)
+        shards = None
+        graph = chosen_engine(config.engine, len(keys)) == "faiss_hnsw"  # its links would end at the borders
+        if position_m is not None and len(keys) > config.shard_keys and not graph:
+            shards = TileShards.of(position_m, config.shard_keys)
+        if shards is None or len(shards) == 1:
+            empty.add(keys)
+            return cls([empty])
+        indexes = []
+        for rows in np.split(shards.row, shards.begin[1:-1]):
+            indexes.append(faiss.clone_index(empty))
+            indexes[-1].add(np.ascontiguousarray(keys[rows]))
+        return cls(indexes, shards)
+
+    def __len__(self) -> int:
+        return sum(index.ntotal for index in self._indexes)
+
+    def search(self, key: NDArray[np.float32], count: int) -> NDArray[np.int64]:
+        # queries run side by side in threads of their own; a team of threads for each would only wait:
+        # 12 ms in place of 0.1 on busy cores. The setting is the calling thread's.
+        faiss.omp_set_num_threads(1)
+        if self._shards is None:
+            index, few = self._indexes[0], min(count, len(self))
+            how = faiss.SearchParametersIVF(nprobe=probes_for(index, few)) if self._inverted else None
+            _, rows = index.search(key[None], few, params=how)
+            found: NDArray[np.int64] = rows[0]
+            return found[found >= 0]
+        return _merged(self._of_every_shard(key, count, self._shards), count)
+
+    def search_among(
+        self, key: NDArray[np.float32], rows: NDArray[np.integer], count: int
+    ) -> NDArray[np.int64]:
+        faiss.omp_set_num_threads(1)
+        if self._shards is None:
+            _, found = _among(self._indexes[0], key, rows, count)
+            return found
+        parts = []
+        for shard, places in self._shards.split(rows):
+            distance, found = _among(self._indexes[shard], key, places, count)
+            parts.append((distance, self._rows_of(shard, self._shards)[found].astype(np.int64)))
+        return _merged(parts, count)
+
+    def save(self, directory: Path) -> None:
+        if self._shards is None:
+            faiss.write_index(self._indexes[0], str(directory / FILE))
+            return
+        self._shards.save(directory / SHARDS_FILE)
+        for number, index in enumerate(self._indexes):
+            faiss.write_index(index, str(directory / _shard_file(number)))
+
+    @classmethod
+    def load(cls, directory: Path, config: SearchConfig) -> FaissSearch:
+        """Memory-mapped: processes that load it share its pages.
+
+        Raises:
+            RuntimeError, ValueError, OSError: a file is missing, damaged, or of another search.
+        """
+        if not (directory / SHARDS_FILE).exists():
+            return cls([faiss.read_index(str(directory / FILE), _FLAGS)])
+        shards = TileShards.load(directory / SHARDS_FILE)
+        files = [directory / _shard_file(number) for number in range(len(shards))]
+        indexes = [faiss.read_index(str(path), _FLAGS) for path in files]
+        for path, index, size in zip(files, indexes, np.diff(shards.begin), strict=True):
+            if index.ntotal != size or type(index) is not type(indexes[0]):
+                raise ValueError(f"{path.name} is of another search")
+        return cls(indexes, shards)
+
+    def _of_every_shard(self, key: NDArray[np.float32], count: int, shards: TileShards) -> Iterable[_Found]:
+        first, near = self._indexes[0], None
+        if self._inverted:
+            near = first.quantizer.search(key[None], probes_for(first, min(count, len(self))))
+        for number, index in enumerate(self._indexes):
+            few = min(count, index.ntotal)
+            found = index.search(key[None], few) if near is None else _in_lists(index, key, few, *near)
+            distance, place = (one[0] for one in found)
+            there = place >= 0
+            yield distance[there], self._rows_of(number, shards)[place[there]].astype(np.int64)
+
+    def _rows_of(self, shard: int, shards: TileShards) -> NDArray[np.int32]:
+        return shards.row[shards.begin[shard] : shards.begin[shard + 1]]
+
+
+def _in_lists(
+    index: faiss.IndexIVF,
+    key: NDArray[np.float32],
+    count: int,
+    list_distance: NDArray[np.float32],
+    lists: NDArray[np.int64],
+) -> _Found:
+    """(1, count) each, of (1, m) lists. FAISS' own wrapper takes no other number of them than the index's."""
+    key = np.ascontiguousarray(key, np.float32)
+    distance, place = np.empty((1, count), np.float32), np.empty((1, count), np.int64)
+    how = faiss.SearchParametersIVF(nprobe=lists.shape[1])
+    pointers = [faiss.swig_ptr(array) for array in (lists, list_distance, distance, place)]
+    index.search_preassigned_c(1, faiss.swig_ptr(key), count, *pointers, False, how)
+    return distance, place
+
+
+def _among(index: faiss.Index, key: NDArray[np.float32], rows: NDArray[np.integer], count: int) -> _Found:
+    """Nearest first. Inverted lists are all looked into."""
+    chosen = np.zeros(index.ntotal, np.bool_)
+    chosen[rows] = True
+    selector = faiss.IDSelectorBitmap(np.packbits(chosen, bitorder="little"))
+    few = min(count, len(rows))
+    if isinstance(index, faiss.IndexIVF):
+        every = faiss.SearchParametersIVF(sel=selector, nprobe=index.nlist)
+        distance, found = index.search(key[None], few, params=every)
+    else:
+        every = faiss.SearchParameters(sel=selector)
+        keys = index.storage if isinstance(index, faiss.IndexHNSW) else index
+        distance, found = faiss.downcast_index(keys).search(key[None], few, params=every)
+    there = found[0] >= 0
+    return distance[0][there], found[0][there]
+
+
+def _merged(parts: Iterable[_Found], count: int) -> NDArray[np.int64]:
+    """The nearest of all, nearest first; of equals the lower row."""
+    distances, rows = zip(*parts, strict=True)
+    distance, row = np.concatenate(distances), np.concatenate(rows)
+    return row[np.lexsort((row, distance))[:count]]
+
+
+def _shard_file(number: int) -> str:
+    return f"keys_{number:03}.faiss"

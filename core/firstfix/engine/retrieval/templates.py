@@ -1,0 +1,58 @@
+"""The templates of a map: where each stands and what a scan there looks like (paper III.A)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...descriptor import Described, Descriptor, rows_of
+
+PREFIX = "template_"
+
+
+@dataclass(frozen=True)
+class Templates:
+    """n templates, all in the index's levelled frame, sensor upright with x along the frame's x.
+
+    Attributes:
+        position_m: (n, 3) float32 of the sensor.
+        height_m: (n,) float32 of the sensor above its floor.
+        described: n rows of the arrays that the version's descriptor makes.
+    """
+
+    position_m: NDArray[np.float32]
+    height_m: NDArray[np.float32]
+    described: Described
+
+    def __len__(self) -> int:
+        return len(self.position_m)
+
+    def described_at(self, rows: NDArray[np.integer]) -> Described:
+        return rows_of(self.described, rows)
+
+    def save(self, directory: Path) -> None:
+        for name, array in self._arrays().items():
+            np.save(directory / f"{PREFIX}{name}.npy", array)
+
+    @classmethod
+    def load(cls, directory: Path, descriptor: Descriptor) -> Templates:
+        """Memory-mapped: replicas of one machine share the pages."""
+
+        def read(name: str) -> NDArray[Any]:
+            array: NDArray[Any] = np.load(directory / f"{PREFIX}{name}.npy", mmap_mode="r")
+            return array
+
+        return cls(read("position_m"), read("height_m"), {name: read(name) for name in descriptor.arrays})
+
+    @classmethod
+    def concatenate(cls, parts: list[Templates]) -> Templates:
+        arrays = [part._arrays() for part in parts]
+        whole = {name: np.concatenate([a[name] for a in arrays]) for name in arrays[0]}
+        return cls(whole.pop("position_m"), whole.pop("height_m"), whole)
+
+    def _arrays(self) -> Described:
+        return {"position_m": self.position_m, "height_m": self.height_m, **self.described}

@@ -1,0 +1,1 @@
+"""Checks of an aligned scan against the free space of the map."""

@@ -1,0 +1,59 @@
+"""Map points by square tiles: those around a place are at hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from small_gicp import voxelgrid_sampling
+
+from ..array_file import map_arrays, save_arrays
+from ..registration.slabs import slabs
+from ..retrieval.tile_table import runs_around, tile_table
+
+
+@dataclass(frozen=True)
+class Tiles:
+    """Points in columns of tiles along y. Thread-safe.
+
+    Attributes:
+        points: (n, 3) float32 metres, tile after tile.
+        begin: (columns, rows + 1) int32, tile (x, y) holds ``points[begin[x, y]:begin[x, y + 1]]``.
+        low: (2,) int32, x and y of the first tile, in tiles.
+    """
+
+    points: NDArray[np.float32]
+    begin: NDArray[np.int32]
+    low: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, points: NDArray[np.floating], voxel_m: float) -> Tiles:
+        """Thinned to a point in each voxel."""
+        parts = [
+            voxelgrid_sampling(np.asarray(points[rows], np.float64), voxel_m).points()[:, :3]
+            for rows in slabs(points, voxel_m)
+        ]
+        thinned = np.concatenate(parts)
+        order, begin, low = tile_table(thinned)
+        return cls(thinned[order].astype(np.float32), begin, low)
+
+    def around(self, centre: NDArray[np.float64], reach_m: float) -> NDArray[np.float32]:
+        """(k, 3) from the centre, (3,), to every point within reach."""
+        columns = [self.points[run] for run in runs_around(self.begin, self.low, centre, reach_m)]
+        away = np.concatenate(columns or [self.points[:0]]) - centre.astype(np.float32)
+        near: NDArray[np.float32] = away[np.einsum("ij,ij->i", away, away) < reach_m**2]
+        return near
+
+    def save(self, path: Path) -> None:
+        save_arrays(path, {field.name: getattr(self, field.name) for field in fields(self)})
+
+    @classmethod
+    def load(cls, path: Path) -> Tiles:
+        """Memory-mapped.
+
+        Raises:
+            ValueError, TypeError, OSError: it is no such file.
+        """
+        return cls(**map_arrays(path))

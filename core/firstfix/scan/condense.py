@@ -1,0 +1,128 @@
+"""On the robot: from a scan to the few kilobytes that a query needs. NumPy alone.
+
+The server's own preprocessing of a whole scan (``preprocess``) makes the same things of it: voxel means,
+nearest returns by direction, a levelled descriptor. An even part of the voxel means gives the same
+measures of fit in the mean as all of them, so probabilities stay comparable; larger voxels would not
+(benchmarks/BENCHMARK.md, encodings).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..descriptor import LayeredOccupancy, ScanBatch
+from ..errors import InvalidOption
+from ..portable.eigh3 import smallest_axes
+from .compact import MAX_COMPACT_POINTS, CompactScan, ScanDescriptor
+from .descriptor_parameters import QueryParameters
+from .levelling import estimate_up, floor_height, levelling_rotation, turned
+from .range_view import nearest_by_direction
+from .scan import Scan
+from .voxel_filter import at_most, voxel_means, within_range
+
+POINTS = 2500
+_RETURNS = 20_000  # looked at by direction
+_VOXELLED = 40_000  # points whose voxels are averaged: more find hardly another voxel
+_PATCH_VOXELS = 3.0  # a surface's normal is that of the voxel means in a cube of so many
+_PATCH_POINTS = 4
+_FLAT = 100.0  # variance along a patch over that across it: what is less flat has no one normal
+
+
+def condense(
+    scan: Scan,
+    parameters: QueryParameters | None = None,
+    gravity: NDArray[np.float64] | None = None,
+    *,
+    points: int = POINTS,
+) -> CompactScan:
+    """What a compact query holds of a scan.
+
+    Args:
+        parameters: of the map that will be asked; None: any map, and the server describes the scan.
+        gravity: (3,) direction of gravity in the sensor frame; None: estimated, for the descriptor.
+        points: at most, of the voxel means.
+
+    Raises:
+        InvalidOption: ``points`` is out of range.
+    """
+    if not 1 <= points <= MAX_COMPACT_POINTS:
+        raise InvalidOption(f"a compact query has 1 to {MAX_COMPACT_POINTS} points, not {points}")
+    used = parameters or QueryParameters()
+    near = within_range(scan.points, used.min_range_m, used.max_range_m)
+    means = voxel_means(at_most(near, _VOXELLED), used.voxel_m)
+    described = None if used.descriptor is None else _describe(near, means, used, used.descriptor, gravity)
+    chosen = at_most(means, points).astype(np.float32)
+    return CompactScan(chosen, nearest_by_direction(at_most(near, _RETURNS)), described)
+
+
+def describe(
+    scan: Scan, parameters: QueryParameters, gravity: NDArray[np.float64] | None = None
+) -> ScanDescriptor:
+    """The descriptor alone, for candidates without registration.
+
+    Raises:
+        InvalidOption: the parameters have no descriptor.
+    """
+    if parameters.descriptor is None:
+        raise InvalidOption("a descriptor needs the map's parameters: QueryParameters.from_engine")
+    near = within_range(scan.points, parameters.min_range_m, parameters.max_range_m)
+    means = voxel_means(at_most(near, _VOXELLED), parameters.voxel_m)
+    return _describe(near, means, parameters, parameters.descriptor, gravity)
+
+
+def _describe(
+    near: NDArray[np.float32],
+    means: NDArray[np.float64],
+    parameters: QueryParameters,
+    descriptor: LayeredOccupancy,
+    gravity: NDArray[np.float64] | None,
+) -> ScanDescriptor:
+    patches, normals = _patches(means, _PATCH_VOXELS * parameters.voxel_m)
+    up = estimate_up(normals) if gravity is None else _against(gravity)
+    up = up.astype(np.float32).astype(np.float64)  # as it is sent: nothing depends on its last digits
+    R_level_sensor = levelling_rotation(up)
+    height_m = floor_height(turned(patches, R_level_sensor), turned(normals, R_level_sensor))
+    if height_m is None:
+        height_m = parameters.default_height_m
+    levelled = ScanBatch.single(turned(near, R_level_sensor), height_m)
+    occupancy = descriptor.describe(levelled)["occupancy"][0]
+    return ScanDescriptor(descriptor, occupancy, up, height_m)
+
+
+def _against(gravity: NDArray[np.float64]) -> NDArray[np.float64]:
+    x, y, z = (float(v) for v in gravity)
+    return -gravity / math.sqrt(x * x + y * y + z * z)
+
+
+def _patches(means: NDArray[np.float64], side_m: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Points of flat surfaces and the unit normals there, (n, 3) each."""
+    if not len(means):
+        return means, means
+    patch = np.floor(means / side_m).astype(np.int64)
+    patch -= patch.min(axis=0)
+    size = patch.max(axis=0) + 1
+    _, number, count = np.unique(
+        (patch[:, 2] * size[1] + patch[:, 1]) * size[0] + patch[:, 0],
+        return_inverse=True,
+        return_counts=True,
+    )
+
+    def sums(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.bincount(number, values, len(count)).astype(np.float64)
+
+    centre = np.stack([sums(means[:, axis]) for axis in range(3)], axis=1) / count[:, None]
+    off = means - centre[number]
+    scatter = np.empty((len(count), 3, 3))
+    for a in range(3):
+        for b in range(a, 3):
+            scatter[:, a, b] = scatter[:, b, a] = sums(off[:, a] * off[:, b])
+    filled = np.flatnonzero(count >= _PATCH_POINTS)
+    variance, axes = smallest_axes(scatter[filled])
+    flat = variance[:, 1] > _FLAT * variance[:, 0]
+    normal = np.zeros((len(count), 3))
+    normal[filled[flat]] = axes[flat]
+    known = np.isin(number, filled[flat])
+    return means[known], normal[number[known]]

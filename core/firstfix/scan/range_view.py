@@ -1,0 +1,76 @@
+"""What a scan saw, direction by direction: NumPy alone, for builder, service and robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..portable.atan2 import turns
+
+CELL_DEG = 2.0
+COLUMNS = round(360 / CELL_DEG)
+ROWS = round(180 / CELL_DEG)
+NEAREST_M = 0.3
+
+_RADIANS_A_CELL = 2 * np.pi / COLUMNS
+
+
+@dataclass(frozen=True)
+class ScanView:
+    """A scan seen from its sensor, made once for all the poses it is looked at from.
+
+    Attributes:
+        returned: (cells,) whether it has a return in that direction.
+        least: (cells,) its nearest return in and around the direction, metres.
+    """
+
+    returned: NDArray[np.bool_]
+    least: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, points: NDArray[np.float32]) -> ScanView:
+        """
+        Args:
+            points: (n, 3) some thousand returns, sensor frame.
+        """
+        return cls.of_nearest(nearest_by_direction(points))
+
+    @classmethod
+    def of_nearest(cls, nearest: NDArray[np.float32]) -> ScanView:
+        """From (cells,) ranges, infinite where there is nothing."""
+        return cls(np.isfinite(nearest), _least_of_neighbours(nearest.reshape(ROWS, COLUMNS)).ravel())
+
+
+def nearest_by_direction(points: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(n, 3) seen from the origin to the nearest range in each of (cells,) directions, inf where there is
+    nothing."""
+    x, y, z = np.ascontiguousarray(points.T)
+    across2 = x * x + y * y
+    distance = np.sqrt(across2 + z * z)
+    column = ((turns(y, x) + np.float32(0.5)) * np.float32(COLUMNS)).astype(np.int32)
+    row = ((turns(z, np.sqrt(across2)) + np.float32(0.25)) * np.float32(COLUMNS)).astype(np.int32)
+    cell = np.minimum(row, ROWS - 1) * COLUMNS + column % COLUMNS
+    image = np.full(ROWS * COLUMNS, np.inf, np.float32)
+    far = distance > NEAREST_M
+    np.minimum.at(image, cell[far], distance[far])
+    return image
+
+
+def directions() -> NDArray[np.float32]:
+    """(cells, 3) unit vectors through the middles of the cells that ``nearest_by_direction`` numbers."""
+    azimuth = (np.arange(COLUMNS) + 0.5) * _RADIANS_A_CELL - np.pi
+    elevation = ((np.arange(ROWS) + 0.5) * _RADIANS_A_CELL - np.pi / 2)[:, None]
+    x, y = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth)
+    z = np.broadcast_to(np.sin(elevation), x.shape)
+    return np.stack([x, y, z], axis=-1).reshape(-1, 3).astype(np.float32)
+
+
+def _least_of_neighbours(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Each cell's minimum with its eight neighbours; columns go round."""
+    across = np.minimum(np.minimum(np.roll(image, 1, axis=1), np.roll(image, -1, axis=1)), image)
+    least = across.copy()
+    np.minimum(least[1:], across[:-1], out=least[1:])
+    np.minimum(least[:-1], across[1:], out=least[:-1])
+    return least

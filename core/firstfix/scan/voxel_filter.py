@@ -1,0 +1,66 @@
+"""Thinning a cloud: by range, evenly, to one point a cell.
+
+All of it is defined to the last bit, so that a robot's client in another language keeps the same points
+(clients/protocol/on-the-robot.md).
+"""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..portable.sample import rows_by_chance
+
+_Float = TypeVar("_Float", bound=np.floating)
+
+_STEPS_A_METRE = 2.0**20
+
+
+def within_range(points: NDArray[np.float32], min_range_m: float, max_range_m: float) -> NDArray[np.float32]:
+    """Those of (n, 3) points that lie between the two distances from the origin, in float32."""
+    x, y, z = points.T
+    range2 = x * x + y * y + z * z  # not einsum, whose order of steps depends on the processor
+    least, most = np.float32(min_range_m * min_range_m), np.float32(max_range_m * max_range_m)
+    return points[(range2 > least) & (range2 < most)]
+
+
+def at_most(points: NDArray[_Float], count: int) -> NDArray[_Float]:
+    """As many of them, in their order; all where there are no more (``rows_by_chance``)."""
+    return points if len(points) <= count else points[rows_by_chance(len(points), count)]
+
+
+def first_in_voxel(points: NDArray[np.floating], voxel_m: float) -> NDArray[np.int64]:
+    """Indices, ascending, of the first point in every occupied cube of side ``voxel_m``.
+
+    Measured points are kept as they are: a centroid would round the edges that registration holds on to.
+
+    Args:
+        points: (n, 3) finite metres; the extent over ``voxel_m`` must stay below 2**21 cells an axis.
+    """
+    if len(points) == 0:
+        return np.empty(0, np.int64)
+    cells = np.floor(np.asarray(points, np.float64) / voxel_m).astype(np.int64)
+    cells -= cells.min(axis=0)
+    keys = (cells[:, 2] << 42) | (cells[:, 1] << 21) | cells[:, 0]
+    _, first = np.unique(keys, return_index=True)
+    return np.sort(first).astype(np.int64)
+
+
+def voxel_means(points: NDArray[np.floating], voxel_m: float) -> NDArray[np.float64]:
+    """(m, 3) the mean of the points in every occupied cube, ordered by the cubes' z, then y, then x.
+
+    Of coordinates in whole micrometres, nearly (2 ** -20 m): their sums are exact, in whatever order.
+    """
+    if len(points) == 0:
+        return np.empty((0, 3))
+    cells = np.floor(np.asarray(points, np.float64) / voxel_m).astype(np.int64)
+    cells -= cells.min(axis=0)
+    size = cells.max(axis=0) + 1
+    keys = (cells[:, 2] * size[1] + cells[:, 1]) * size[0] + cells[:, 0]
+    order = np.argsort(keys, kind="stable")
+    start = np.flatnonzero(np.diff(keys[order], prepend=-1))
+    count = np.diff(start, append=len(points))
+    steps = np.rint(np.asarray(points, np.float64) * _STEPS_A_METRE)
+    return np.add.reduceat(steps[order], start, axis=0) / (count * _STEPS_A_METRE)[:, None]

@@ -1,0 +1,239 @@
+"""A store into another one: a backup, its restoration, a move to another cloud.
+
+What lasts is copied: maps, with their logs, sources and georeferences; builds; API keys. Not copied are
+``stages/``, ``uploads/``, ``idempotency/``, ``callers/``, ``changes/`` and ``checked/``, which make
+themselves anew, and ``samples/``.
+
+Both stores may be in use. The logs are read first and written last: so every version that the copy's logs
+name was whole when it was read, and nobody who reads the copy sees a version before its files. Nothing is
+removed or, but for the state of a build and what is damaged in the copy, replaced: a copy that was broken off
+is gone on with, and one of yesterday is brought up to date.
+
+A file that the copy has is compared by its sha256, not by its size alone: it is read there once in
+``CHECKED_FOR`` (``firstfix.upkeep.checked_objects``), and copied again where it differs.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass, field
+from datetime import timedelta
+
+from ..catalog.log.change_log import ChangeLog
+from ..catalog.log.map_log import MapLog
+from ..catalog.manifest import FILE_NAME
+from ..catalog.version_objects import VersionFolder
+from ..errors import Conflict, CorruptVersion, NotFound
+from ..ids import is_name
+from ..store.store import Store, StoredObject
+from .checked_objects import CheckedObjects
+from .record_kinds import why_unreadable
+
+_AT_ONCE = 4
+_REPLACED = ("/status.json", "/stages.json")  # of a build; everything else is created once
+_FOLDERS = ("maps", "builds", "keys")
+CHECKED_FOR = timedelta(days=30)
+
+
+@dataclass
+class CopyReport:
+    """What a copy did.
+
+    Attributes:
+        objects: that were copied.
+        bytes: of them.
+        mended: keys that the target had, but not as their name or manifest says: they were copied again.
+        damaged: keys in the source that are missing, cannot be read, or are not what their name or manifest
+            says. Not copied.
+    """
+
+    objects: int = 0
+    bytes: int = 0
+    mended: list[str] = field(default_factory=list)
+    damaged: list[str] = field(default_factory=list)
+
+
+def copy_store(source: Store, target: Store) -> CopyReport:
+    """Copies what lasts, and checks every file by its sha256 on the way.
+
+    Raises:
+        Conflict: the target has something else under a key: it is no copy of the source. If it is a map's
+            log, nothing was written.
+        StoreError, ReadOnly: as the stores; to repeat it is to go on.
+    """
+    return _Copy(source, target).run()
+
+
+class _Copy:
+    def __init__(self, source: Store, target: Store) -> None:
+        self._source = source
+        self._target = target
+        self._there: dict[str, StoredObject] = {}  # what the target has, by key
+        self._copied: set[str] = set()  # files of the map under way that are right there now
+        self._report = CopyReport()
+
+    def run(self) -> CopyReport:
+        self._there = {found.key: found for name in _FOLDERS for found in self._target.scan(name)}
+        map_ids = [name for name in self._source.folders("maps") if is_name(name)]
+        logs = {map_id: self._read_log(map_id) for map_id in map_ids}
+        for log in logs.values():
+            for key in log.keys() & self._there.keys():
+                self._is_to_mend(key, log[key])
+        builds = self._source.list("builds")  # before the sources, which are put before the builds
+        for map_id in logs:
+            self._copy_files_of(map_id)
+            self._write(self._read(f"maps/{map_id}/georeference"))
+        for key in builds:
+            with suppress(NotFound):  # collected meanwhile
+                self._write({key: self._source.get(key)})
+        self._write(self._read("keys"))
+        for map_id, log in logs.items():
+            if self._write(log):
+                ChangeLog(self._target).note(map_id)
+        return self._report
+
+    def _read(self, folder: str) -> dict[str, bytes]:
+        """The small objects of a folder, in their order."""
+        return {key: self._source.get(key) for key in self._source.list(folder)}
+
+    def _read_log(self, map_id: str) -> dict[str, bytes]:
+        """Entries, then the snapshots, which may have summed up some that were collected by now."""
+        return {**self._read(f"maps/{map_id}/log"), **self._read(f"maps/{map_id}/snapshots")}
+
+    def _copy_files_of(self, map_id: str) -> None:
+        """Sources, and what its log lets be served."""
+        checked = CheckedObjects(self._target, map_id)
+        self._copy_sources(map_id, checked)
+        state = MapLog(self._source, f"maps/{map_id}/log").state()
+        for version in state.published:
+            folder = VersionFolder(map_id, version, state.generation(version))
+            self._copy_version(folder.key, version, checked)
+        there = {item.key: item for item in self._target.scan(f"maps/{map_id}")}
+        for key in self._copied & there.keys():
+            checked.note(there[key])
+        self._copied.clear()
+        checked.save(set(there))
+
+    def _write(self, objects: Mapping[str, bytes]) -> bool:
+        """Whether there was anything new."""
+        before = self._report.objects
+        for key, data in objects.items():
+            if why_unreadable(key, data) is not None:
+                self._report.damaged.append(key)
+                continue
+            if key.endswith(_REPLACED):
+                if key in self._there and self._target.get(key) == data:
+                    continue
+                self._target.put(key, data)
+            elif key in self._there or not self._target.put_new(key, data):
+                if not self._is_to_mend(key, data):
+                    continue
+                self._mend(key, data)
+            self._count(len(data))
+        return self._report.objects > before
+
+    def _mend(self, key: str, data: bytes) -> None:
+        self._target.put(key, data)
+        self._report.mended.append(key)
+
+    def _is_to_mend(self, key: str, data: bytes) -> bool:
+        """Whether the record there is damaged, and this one is not.
+
+        Raises:
+            Conflict: it is another one. A snapshot is made of entries, of which it skips what its writer
+                could not read: so two of the same entries can differ.
+        """
+        there = self._target.get(key)
+        if there == data or why_unreadable(key, data) is not None:
+            return False
+        if why_unreadable(key, there) is None and not _are_alike(key, there, data):
+            raise Conflict(f"{key} is another one there: the target is no copy of this store")
+        return why_unreadable(key, there) is not None
+
+    def _count(self, size: int) -> None:
+        self._report.objects += 1
+        self._report.bytes += size
+
+    def _copy_sources(self, map_id: str, checked: CheckedObjects) -> None:
+        keys = self._source.list(f"maps/{map_id}/sources")
+        damaged = self._copy_files({key: key.rsplit("/", 1)[-1].split(".")[0] for key in keys}, checked)
+        self._report.damaged += filter(self._source.exists, damaged)  # others were collected meanwhile
+
+    def _copy_version(self, folder: str, version: str, checked: CheckedObjects) -> None:
+        """Its files, then its manifest. Of any format: what this program cannot serve another one can."""
+        key = f"{folder}/{FILE_NAME}"
+        try:
+            manifest = self._source.get(key)
+        except NotFound:
+            self._report.damaged.append(key)
+            return
+        if hashlib.sha256(manifest).hexdigest() != version:
+            self._report.damaged.append(key)
+            return
+        files = json.loads(manifest)["files"]
+        wanted = {f"{folder}/{name}": entry["sha256"] for name, entry in files.items()}
+        damaged = self._copy_files(wanted, checked)
+        self._report.damaged += damaged
+        if damaged:
+            return
+        if key not in self._there:
+            self._write({key: manifest})
+        elif self._target.get(key) != manifest:
+            self._mend(key, manifest)
+
+    def _copy_files(self, wanted: Mapping[str, str], checked: CheckedObjects) -> list[str]:
+        """The keys that are damaged. Args: wanted: keys, with the sha256 that they must have."""
+        damaged = []
+        with ThreadPoolExecutor(_AT_ONCE, thread_name_prefix="copy") as pool:
+            todo = [
+                (key, sha256)
+                for key, sha256 in wanted.items()
+                if key not in self._there or not checked.is_fresh(self._there[key], CHECKED_FOR)
+            ]
+            for (key, _), copied in zip(todo, pool.map(self._copy_file, todo), strict=True):
+                if copied is None:
+                    damaged.append(key)
+                    continue
+                self._copied.add(key)
+                if copied:
+                    self._count(copied)
+                    if key in self._there:
+                        self._report.mended.append(key)
+        return damaged
+
+    def _copy_file(self, wanted: tuple[str, str]) -> int | None:
+        """Bytes that were copied, 0: it was there; None: it is damaged."""
+        key, sha256 = wanted
+        try:
+            if key in self._there and self._target.sha256(key) == sha256:
+                return 0
+            size = self._source.size(key)
+            self._target.put_pieces(key, pieces_of(self._source, key, sha256))
+        except (NotFound, CorruptVersion):
+            return None
+        return size
+
+
+def pieces_of(store: Store, key: str, sha256: str) -> Iterator[bytes]:
+    """An object's pieces, checked as they pass.
+
+    Raises:
+        NotFound: no such key.
+        CorruptVersion: after the last piece: it has another sha256.
+    """
+    digest = hashlib.sha256()
+    for piece in store.pieces(key):
+        digest.update(piece)
+        yield piece
+    if digest.hexdigest() != sha256:
+        raise CorruptVersion(f"{key} has another sha256")
+
+
+def _are_alike(key: str, one: bytes, other: bytes) -> bool:
+    if "/snapshots/" not in key:
+        return False
+    return {**json.loads(one), "skipped": []} == {**json.loads(other), "skipped": []}

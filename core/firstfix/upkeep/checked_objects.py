@@ -1,0 +1,79 @@
+"""Which files of a map were read and found right, and when: so that they are not read again every day.
+
+    checked/<map_id>.json    for each key: which put it was of, and when it was read
+
+It is a hint: of two writers the last one counts, and where it is lost everything is read once more. A file
+that was put again since has another time or ETag, and is read again.
+"""
+
+from __future__ import annotations
+
+import json
+from datetime import datetime, timedelta, timezone
+from typing import Any
+
+from ..errors import NotFound, UnreadableRecord
+from ..ids import check_map_id
+from ..store.json_record import RecordKind, read_record
+from ..store.store import Store, StoredObject
+
+FOLDER = "checked"
+
+
+class CheckedObjects:
+    """Of one map. For one thread.
+
+    Raises:
+        StoreUnavailable, StoreError: as the store.
+    """
+
+    def __init__(self, store: Store, map_id: str) -> None:
+        self._store = store
+        self._key = f"{FOLDER}/{check_map_id(map_id)}.json"
+        self._changed = False
+        self._now = store.now()  # of the round: what counts are days
+        try:
+            self._checked = read_record(store, self._key, RecordKind.CHECKED_OBJECTS, parse_checked)
+        except (NotFound, UnreadableRecord):
+            self._checked = {}
+
+    def is_fresh(self, item: StoredObject, max_age: timedelta) -> bool:
+        """Whether it was found right so lately, and not put again since."""
+        put, checked = self._checked.get(item.key, ("", ""))
+        if put != _put_of(item):
+            return False
+        age = self._now - datetime.fromisoformat(checked)
+        return timedelta() <= age < max_age
+
+    def note(self, item: StoredObject) -> None:
+        """It was read now and found right."""
+        self._checked[item.key] = (_put_of(item), self._now.isoformat())
+        self._changed = True
+
+    def drop(self, key: str) -> None:
+        """It was found damaged, or is gone."""
+        self._changed |= self._checked.pop(key, None) is not None
+
+    def save(self, kept: set[str]) -> None:
+        """Puts what is known, if it changed, of those keys alone."""
+        for key in self._checked.keys() - kept:
+            self.drop(key)
+        if self._changed:
+            self._store.put(self._key, json.dumps({"checked": self._checked}, sort_keys=True).encode())
+            self._changed = False
+
+
+def parse_checked(record: dict[str, Any]) -> dict[str, tuple[str, str]]:
+    """
+    Raises:
+        ValueError, KeyError, TypeError, AttributeError: not what ``save`` puts.
+    """
+    checked = {str(key): (str(put), str(time)) for key, (put, time) in record["checked"].items()}
+    for _, time in checked.values():
+        if datetime.fromisoformat(time).tzinfo is None:
+            raise ValueError("a time has no zone")
+    return checked
+
+
+def _put_of(item: StoredObject) -> str:
+    return f"{item.last_modified.astimezone(timezone.utc).isoformat()} {item.e_tag}"

@@ -1,0 +1,231 @@
+"""What nobody can see or ask for any more, over a whole store.
+
+    versions      files of retired versions, and of publishes that never ended
+    builds        records of builds that ended long ago and made no version that is still there
+    sources       uploaded files that no build on record names
+    uploads       files that were begun and abandoned
+    idempotency   keys of requests that nobody repeats any more
+    logs          entries of maps' logs that snapshots have summed up
+    changes       notices of changes that everybody has read
+    callers       what was counted to callers on days that are over, and builds that nobody put on record
+    leftovers     what processes that were killed left of a look at the store, of a put, or of a collection
+
+A source is kept as long as the record of a build names it, and the record as long as the version that
+came out can be served: so what is served can always be built again. A build's record that cannot be read
+stays, and so do the sources that were there before it: which of them it names nobody can tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from datetime import datetime, timedelta
+
+from ..builds.caller_usage import FOLDER as CALLERS
+from ..builds.idempotency import FOLDER as IDEMPOTENCY
+from ..builds.records import FINAL_STATES
+from ..catalog.catalog import Catalog, log_folder
+from ..catalog.log.log_garbage import change_garbage, leave_snapshot, log_garbage
+from ..errors import NotFound, UnreadableRecord
+from ..ids import check_map_id, is_name
+from ..store.store import StoredObject
+from .doomed_keys import FOLDER as DOOMED
+from .doomed_keys import announced
+
+DAY_S = 86400.0
+USAGE_DAYS = 7  # entries of builds that wait for longer stop counting for their callers
+
+
+@dataclass(frozen=True)
+class Ages:
+    """How old a thing has to be, in seconds, before it can be garbage.
+
+    Attributes:
+        things_s: of any kind: a publish, an upload or a repeated request may be under way.
+        builds_s: since a build's last word.
+        logs_s: of entries of maps' logs that are in snapshots: a release that knows no snapshots needs them.
+    """
+
+    things_s: float = DAY_S
+    logs_s: float = 7 * DAY_S
+    builds_s: float = 30 * DAY_S
+
+
+@dataclass
+class Garbage:
+    """What was removed, or would be: kind to keys."""
+
+    keys: dict[str, list[str]] = field(default_factory=dict)
+
+    @property
+    def count(self) -> int:
+        return sum(map(len, self.keys.values()))
+
+
+def collect_garbage(
+    catalog: Catalog, *, map_id: str | None = None, ages: Ages | None = None, dry_run: bool = False
+) -> Garbage:
+    """Removes what is garbage, of the whole store or of one map.
+
+    Raises:
+        InvalidOption: the map id is none.
+        StoreError: the store failed; what was removed by then stays removed.
+    """
+    ages = ages or Ages()
+    now = catalog.store.now()
+    cutoff = now - timedelta(seconds=ages.things_s)
+    if map_id is not None:
+        map_ids = [check_map_id(map_id)]
+    else:
+        map_ids = [name for name in catalog.store.folders("maps") if is_name(name)]
+    found = Garbage()
+    found.keys["versions"] = [
+        key
+        for name in map_ids
+        for key in catalog.collect_garbage(name, older_than_s=ages.things_s, now=now, dry_run=dry_run)
+    ]
+    found.keys["logs"] = _logs(
+        catalog, map_ids, min(cutoff, now - timedelta(seconds=ages.logs_s)), dry_run=dry_run
+    )
+    if map_id is None:
+        found.keys["builds"] = _builds(catalog, now - timedelta(seconds=ages.builds_s))
+        found.keys["uploads"] = _by_folder(catalog, "uploads", cutoff)
+        found.keys[IDEMPOTENCY] = [item.key for item in _older(catalog, IDEMPOTENCY, cutoff)]
+        found.keys[CALLERS] = _usage(catalog, now)
+        found.keys["changes"] = change_garbage(catalog.store, cutoff)
+        if not dry_run:
+            for kind in ("builds", "uploads", IDEMPOTENCY, CALLERS, "changes"):
+                _remove(catalog, found.keys[kind])
+        lists = [item.key for item in _older(catalog, DOOMED, cutoff)]
+        if not dry_run:
+            _remove(catalog, lists)
+        found.keys["leftovers"] = lists + catalog.store.remove_leftovers(
+            older_than_s=ages.things_s, dry_run=dry_run
+        )
+    old = [item for name in map_ids for item in _older(catalog, f"maps/{name}/sources", cutoff)]
+    gone = {key.split("/")[1] for key in found.keys.get("builds", ())}
+    unnamed = _unnamed(catalog, old, gone)
+    if unnamed and not dry_run:
+        # Announced, then looked at again: of a build that names one meanwhile either we see the record,
+        # or it sees the announcement.
+        with announced(catalog.store, [item.key for item in unnamed]):
+            unnamed = _unnamed(catalog, unnamed, gone)
+            _remove(catalog, [item.key for item in unnamed])
+    found.keys["sources"] = [item.key for item in unnamed]
+    return found
+
+
+def remove_abandoned(catalog: Catalog, *, older_than_s: float = DAY_S) -> Garbage:
+    """The part that a service does by itself: uploads and keys that nobody came back to.
+
+    Raises:
+        StoreError: the store failed.
+    """
+    now = catalog.store.now()
+    cutoff = now - timedelta(seconds=older_than_s)
+    found = Garbage()
+    found.keys["uploads"] = _by_folder(catalog, "uploads", cutoff)
+    found.keys[IDEMPOTENCY] = [item.key for item in _older(catalog, IDEMPOTENCY, cutoff)]
+    found.keys[CALLERS] = _usage(catalog, now)
+    for keys in found.keys.values():
+        _remove(catalog, keys)
+    return found
+
+
+def _logs(catalog: Catalog, map_ids: list[str], cutoff: datetime, *, dry_run: bool) -> list[str]:
+    doomed = []
+    for map_id in map_ids:
+        folder = log_folder(map_id)
+        if not dry_run:
+            leave_snapshot(catalog.store, folder)
+        doomed += log_garbage(catalog.store, folder, cutoff)
+    if not dry_run:
+        _remove(catalog, doomed)
+    return doomed
+
+
+def _older(catalog: Catalog, folder: str, cutoff: datetime) -> list[StoredObject]:
+    return [item for item in catalog.store.scan(folder) if item.last_modified < cutoff]
+
+
+def _usage(catalog: Catalog, now: datetime) -> list[str]:
+    return [item.key for item in _older(catalog, CALLERS, now - timedelta(days=USAGE_DAYS))]
+
+
+def _by_folder(
+    catalog: Catalog,
+    folder: str,
+    cutoff: datetime,
+    doomed: Callable[[str], bool] = lambda name: True,
+) -> list[str]:
+    """Keys of the folder's own folders in which nothing happened since, and which are doomed."""
+    items: dict[str, list[StoredObject]] = {}
+    for item in catalog.store.scan(folder):
+        items.setdefault(item.key.split("/")[1], []).append(item)
+    return [
+        item.key
+        for name, inside in items.items()
+        if max(item.last_modified for item in inside) < cutoff and doomed(name)
+        # what makes the thing exist goes first: a kill half-way leaves nothing that seems whole
+        for item in sorted(inside, key=lambda item: not item.key.endswith(("/upload.json", "/request.json")))
+    ]
+
+
+def _builds(catalog: Catalog, cutoff: datetime) -> list[str]:
+    published: dict[str, tuple[str, ...]] = {}
+
+    def doomed(build_id: str) -> bool:
+        if not is_name(build_id):
+            return False
+        try:
+            status = catalog.build_status(build_id)
+        except NotFound:  # what a removal that was killed left behind
+            return True
+        except UnreadableRecord:  # it may have ended or not
+            return False
+        if status["state"] not in FINAL_STATES:
+            return False
+        map_id = str(status.get("map_id", ""))
+        if status.get("version") is None or not is_name(map_id):
+            return True
+        if map_id not in published:
+            published[map_id] = catalog.state(map_id).published
+        return status["version"] not in published[map_id]
+
+    return _by_folder(catalog, "builds", cutoff, doomed)
+
+
+def _unnamed(catalog: Catalog, found: list[StoredObject], gone: set[str]) -> list[StoredObject]:
+    """Those of the sources that no build names but the ones that are gone."""
+    if not found:
+        return []
+    named: set[str] = set()
+    unread: list[StoredObject] = []
+    for build_id in catalog.build_ids():
+        if build_id not in gone:
+            try:
+                named.update(_sources_of(catalog, build_id))
+            except UnreadableRecord:
+                unread += catalog.store.scan(f"builds/{build_id}")
+    return [item for item in found if item.key not in named and not _may_be_named(item, unread)]
+
+
+def _sources_of(catalog: Catalog, build_id: str) -> list[str]:
+    try:
+        request = catalog.build_request(build_id)
+    except NotFound:
+        return []
+    named = (request.get(role) for role in ("source", "trajectory"))
+    keys = [str(one["key"]) for one in named if isinstance(one, dict) and "key" in one]
+    return [*keys, *(f"{key}.{build_id}" for key in keys)]
+
+
+def _may_be_named(source: StoredObject, unread: list[StoredObject]) -> bool:
+    """Whether a request that cannot be read may be about the source: a source is put before the request."""
+    requests = (item for item in unread if item.key.endswith("/request.json"))
+    return any(source.last_modified <= request.last_modified for request in requests)
+
+
+def _remove(catalog: Catalog, keys: Iterable[str]) -> None:
+    for key in keys:
+        catalog.store.delete(key)

@@ -1,0 +1,104 @@
+"""Every kind of record that a store has: by which key it is known, and how it is read."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from ..access.api_keys import parse_key
+from ..builds.attempts import parse_attempt
+from ..builds.idempotency import parse_claim
+from ..builds.records import parse_request, parse_stages, parse_status
+from ..builds.shared_stages import parse_stage
+from ..catalog.georeferences import parse_georeference
+from ..catalog.log.change_log import parse_notice
+from ..catalog.log.map_state import LogEntry, MapState
+from ..catalog.query_samples import parse_sample
+from ..catalog.upload_record import UploadRecord
+from ..catalog.uploads import parse_whole
+from ..store.json_record import RecordKind, max_bytes, parse_record
+from .checked_objects import parse_checked
+
+FOLDERS = ("builds", "changes", "checked", "idempotency", "keys", "maps", "samples", "stages", "uploads")
+
+
+@dataclass(frozen=True)
+class RecordForm:
+    """One kind of record.
+
+    Attributes:
+        pattern: of its keys; a group is given to the parser.
+        parse: the group, then the JSON object.
+    """
+
+    kind: RecordKind
+    pattern: re.Pattern[str]
+    parse: Callable[[str, Any], object]
+
+    def check(self, key: str, data: bytes) -> None:
+        """
+        Raises:
+            ValueError: the record cannot be read.
+        """
+        match = self.pattern.fullmatch(key)
+        group = match[1] if match is not None and match.lastindex else ""
+        if len(data) > max_bytes(self.kind):
+            raise ValueError(f"{len(data)} bytes are too many")
+        parse_record(
+            data,
+            lambda record: self.parse(group, record),
+            nullable=self.kind is RecordKind.GEOREFERENCE,
+        )
+
+
+def _form(kind: RecordKind, pattern: str, parse: Callable[[str, Any], object]) -> RecordForm:
+    return RecordForm(kind, re.compile(pattern), parse)
+
+
+FORMS = (
+    _form(RecordKind.BUILD_REQUEST, r"builds/[^/]+/request\.json", lambda _, r: parse_request(r)),
+    _form(RecordKind.BUILD_STATUS, r"builds/[^/]+/status\.json", lambda _, r: parse_status(r)),
+    _form(RecordKind.BUILD_STAGES, r"builds/[^/]+/stages\.json", lambda _, r: parse_stages(r)),
+    _form(
+        RecordKind.BUILD_ATTEMPT,
+        r"builds/[^/]+/attempts/\d{6,}(?:\.end)?\.json",
+        lambda _, r: parse_attempt(r),
+    ),
+    _form(RecordKind.LOG_ENTRY, r"maps/[^/]+/log/(\d{6,})\.json", lambda seq, r: LogEntry.parse(int(seq), r)),
+    _form(
+        RecordKind.LOG_SNAPSHOT,
+        r"maps/[^/]+/snapshots/(\d{6,})\.json",
+        lambda seq, r: MapState.parse(int(seq), r),
+    ),
+    _form(
+        RecordKind.GEOREFERENCE,
+        r"maps/[^/]+/georeference/\d{6,}\.json",
+        lambda _, r: parse_georeference(r),
+    ),
+    _form(RecordKind.CHANGE_NOTICE, r"changes/\d{8,}\.json", lambda _, r: parse_notice(r)),
+    _form(RecordKind.UPLOAD, r"uploads/[^/]+/upload\.json", lambda _, r: UploadRecord.parse(r)),
+    _form(RecordKind.UPLOAD_WHOLE, r"uploads/[^/]+/whole\.json", lambda _, r: parse_whole(r)),
+    _form(RecordKind.API_KEY, r"keys/([0-9a-f]{12})\.json", parse_key),
+    _form(RecordKind.SAMPLE, r"samples/[^/]+\.json", lambda _, r: parse_sample(r)),
+    _form(RecordKind.IDEMPOTENCY_KEY, r"idempotency/[0-9a-f]{64}", lambda _, r: parse_claim(r)),
+    _form(RecordKind.SHARED_STAGE, r"stages/[0-9a-f]{64}/stage\.json", lambda _, r: parse_stage(r)),
+    _form(RecordKind.CHECKED_OBJECTS, r"checked/[^/]+\.json", lambda _, r: parse_checked(r)),
+)
+
+
+def form_of(key: str) -> RecordForm | None:
+    """The reader of the record under a key; None if it is no record."""
+    return next((form for form in FORMS if form.pattern.fullmatch(key)), None)
+
+
+def why_unreadable(key: str, data: bytes) -> str | None:
+    """Says what is wrong with a record; None if nothing is, or it is no record."""
+    form = form_of(key)
+    try:
+        if form is not None:
+            form.check(key, data)
+    except ValueError as error:
+        return str(error)
+    return None

@@ -1,0 +1,164 @@
+"""Repair of a store's damaged objects from other copies of their content.
+
+    a file of a version, a source   from any object or local copy of the same sha256
+    a build's status                from the map's log; else the build is queued again
+    an entry of a map's log         from a snapshot that keeps it
+    a notice of a change            a void one takes its number
+    every other record              is moved below ``quarantine/``: as if it were not there
+
+Left as it is, for people: an entry of a log that no snapshot keeps, as its number must not be given twice;
+the georeference that counts, as the one before would give wrong positions; a version's manifest.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from ..builds.attempts import is_held
+from ..builds.records import new_status
+from ..builds.shared_stages import ROOT as STAGES
+from ..catalog.catalog import Catalog
+from ..catalog.log.map_log import read_snapshot, snapshots_of
+from ..catalog.log.map_state import Event
+from ..catalog.manifest import FILE_NAME
+from ..catalog.version_objects import VersionFolder
+from ..errors import CorruptVersion, FirstfixError, NotFound, UnreadableRecord
+from ..ids import is_name
+from ..store.json_record import RecordKind
+from ..store.numbered import number_of, scan_after
+from ..store.sha256 import sha256_of
+from ..store.store import Store
+from .backup import pieces_of
+
+QUARANTINE = "quarantine"
+
+
+class Repair:
+    """For one round through a store, by one thread.
+
+    Args:
+        cache: folder of fetched versions on this machine (``firstfix.catalog.version_cache``).
+    """
+
+    def __init__(self, store: Store, cache: Path | None = None) -> None:
+        self._store = store
+        self._catalog = Catalog(store)
+        self._cache = cache
+        self._copies: dict[str, list[str]] | None = None  # sha256 to keys that should have it
+        self._special: dict[RecordKind, Callable[[str], str]] = {
+            RecordKind.BUILD_REQUEST: self._build_request,
+            RecordKind.BUILD_STATUS: self._build_status,
+            RecordKind.LOG_ENTRY: self._log_entry,
+            RecordKind.CHANGE_NOTICE: self._change_notice,
+            RecordKind.GEOREFERENCE: self._georeference,
+        }
+
+    def file(self, key: str, sha256: str) -> str:
+        """Puts the right content under a key; says from where. Empty: there is no other copy."""
+        for other in self._found_copies().get(sha256, ()):
+            if other != key:
+                with suppress(NotFound, CorruptVersion):
+                    self._store.put_pieces(key, pieces_of(self._store, other, sha256))
+                    return f"copied from {other}"
+        local = self._local_copy(key)
+        if local is not None and local.is_file() and sha256_of(local) == sha256:
+            self._store.upload(key, local)
+            return f"copied from {local}"
+        return ""
+
+    def record(self, key: str, kind: RecordKind) -> str:
+        """Mends a record that cannot be read, or moves it aside; says which. Empty: it is left as it is."""
+        return self._special.get(kind, self._aside)(key)
+
+    def _aside(self, key: str) -> str:
+        self._keep(key)
+        self._store.delete(key)
+        return f"moved to {QUARANTINE}/{key}"
+
+    def _keep(self, key: str) -> None:
+        with suppress(NotFound):
+            self._store.put_pieces(f"{QUARANTINE}/{key}", self._store.pieces(key))
+
+    def _build_request(self, key: str) -> str:
+        """Without its request a build can neither run nor be looked at: all of it goes."""
+        build_id = key.split("/")[1]
+        if is_held(self._store, build_id):
+            return ""
+        for part in [key, *self._store.list(f"builds/{build_id}")]:
+            self._aside(part)
+        return f"the build was moved to {QUARANTINE}/builds/{build_id}"
+
+    def _build_status(self, key: str) -> str:
+        build_id = key.split("/")[1]
+        try:
+            request = self._catalog.build_request(build_id)
+        except (NotFound, UnreadableRecord):
+            return self._aside(key)
+        map_id = request.get("map_id", "")
+        published = [
+            entry.version
+            for entry in (self._catalog.log(map_id) if is_name(map_id) else ())
+            if (entry.event, entry.build_id) == (Event.PUBLISHED, build_id)
+        ]
+        if not published:
+            return f"{self._aside(key)}; the build is queued again"
+        self._keep(key)
+        status = new_status("succeeded", map_id=map_id, stage="publish", progress=1.0, version=published[-1])
+        self._catalog.set_build_status(build_id, status)
+        return "written again: the map's log says that the build has succeeded"
+
+    def _log_entry(self, key: str) -> str:
+        seq = number_of(key)
+        folder = key.rsplit("/", 1)[0]
+        for number in scan_after(self._store, snapshots_of(folder), (seq or 1) - 1):
+            state = read_snapshot(self._store, snapshots_of(folder), number)
+            for entry in () if state is None else state.entries:
+                if entry.seq == seq:
+                    self._keep(key)
+                    self._store.put(key, entry.to_json())
+                    return f"written again from snapshot {number}"
+        return ""
+
+    def _change_notice(self, key: str) -> str:
+        self._keep(key)
+        self._store.put(key, json.dumps({"map_id": None}).encode())
+        return "replaced by a void one"
+
+    def _georeference(self, key: str) -> str:
+        folder = key.rsplit("/", 1)[0]
+        last = max(scan_after(self._store, folder, 0), default=0)
+        return "" if number_of(key) == last else self._aside(key)
+
+    def _found_copies(self) -> dict[str, list[str]]:
+        """Every object that should have a sha256, by what names it. Looked for once."""
+        if self._copies is None:
+            self._copies = {}
+            for map_id in self._catalog.folder_names():
+                for key in self._store.list(f"maps/{map_id}/sources"):
+                    self._copies.setdefault(sha256_named(key), []).append(key)
+                state = self._catalog.state(map_id)
+                for version in state.published:
+                    self._copies_of(VersionFolder(map_id, version, state.generation(version)))
+            for key in self._store.list(STAGES):
+                self._copies.setdefault(key.rsplit("/", 1)[-1], []).append(key)
+        return self._copies
+
+    def _copies_of(self, folder: VersionFolder) -> None:
+        assert self._copies is not None
+        with suppress(FirstfixError):  # a version that cannot be read has nothing to give
+            for name, entry in self._catalog.manifest(folder.map_id, folder.version).files.items():
+                self._copies.setdefault(entry.sha256, []).append(f"{folder.key}/{name}")
+
+    def _local_copy(self, key: str) -> Path | None:
+        parts = key.split("/")
+        if self._cache is None or parts[2:3] != ["versions"] or parts[-1] == FILE_NAME:
+            return None
+        return self._cache / parts[3].split(".")[0] / "/".join(parts[4:])
+
+
+def sha256_named(key: str) -> str:
+    """The sha256 that a source is named by, whether it is every build's or a copy for one."""
+    return key.rsplit("/", 1)[-1].split(".")[0]

@@ -1,0 +1,210 @@
+"""Whether everything in a store is what its name, its manifest or its kind says, one object after another.
+
+    records      every kind can be read (``firstfix.upkeep.record_kinds``)
+    logs         no number is missing; what they publish has a manifest
+    versions     the manifest is the one that the version is named by, each file has its sha256
+    sources      each has the sha256 that it is named by
+
+``Verification.steps`` checks a little at a time, so that a service can do it in the background. With a
+``Repair`` what is damaged is mended where it can be. Nothing that is right is touched.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import random
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass, field
+from datetime import timedelta
+from typing import Any
+
+from ..catalog.catalog import log_folder
+from ..catalog.log.map_log import MapLog
+from ..catalog.manifest import MAX_BYTES as MAX_MANIFEST_BYTES
+from ..catalog.version_objects import VersionFolder
+from ..errors import NotFound, TooLarge
+from ..ids import is_name
+from ..store.json_record import max_bytes
+from ..store.store import Store, StoredObject
+from .checked_objects import CheckedObjects
+from .record_kinds import FOLDERS, RecordForm, form_of
+from .repair import Repair, sha256_named
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One object that is not as it has to be.
+
+    Attributes:
+        mended: what was done about it; empty: nothing could be.
+    """
+
+    key: str
+    problem: str
+    mended: str = ""
+
+
+@dataclass
+class VerifyReport:
+    """Report of the objects checked so far.
+
+    Attributes:
+        objects: that were read, or found missing.
+        bytes: that were read.
+        fresh: files that were not read, as they were found right lately.
+    """
+
+    objects: int = 0
+    bytes: int = 0
+    fresh: int = 0
+    findings: list[Finding] = field(default_factory=list)
+
+    @property
+    def damaged(self) -> list[Finding]:
+        """Objects that are still damaged."""
+        return [finding for finding in self.findings if not finding.mended]
+
+
+class Verification:
+    """One round through a store. For one thread.
+
+    Args:
+        repair: mends what it can; None: nothing is written but what ``max_age`` needs.
+        max_age: files that were found right so lately, and not put again since, are passed over; and what is
+            found right is noted in the store. None: every file is read, and nothing is noted.
+    """
+
+    def __init__(
+        self, store: Store, *, repair: Repair | None = None, max_age: timedelta | None = None
+    ) -> None:
+        self._store = store
+        self._repair = repair
+        self._max_age = max_age
+        self.report = VerifyReport()
+
+    def run(self) -> VerifyReport:
+        """All of it.
+
+        Raises:
+            StoreUnavailable, StoreError: as the store.
+        """
+        for _ in self.steps():
+            pass
+        return self.report
+
+    def steps(self) -> Iterator[int]:
+        """Checks, and gives the bytes that were read after each little step, an object or a part of one. The
+        maps come in another order every time: so one round of several that are broken off, or made at the
+        same time, reaches what another one does not.
+
+        Raises:
+            StoreUnavailable, StoreError: as the store.
+        """
+        for folder in FOLDERS:
+            if folder != "maps":
+                yield from self._records(self._store.scan(folder))
+        map_ids = [name for name in self._store.folders("maps") if is_name(name)]
+        for map_id in random.sample(map_ids, len(map_ids)):
+            yield from self._map(map_id)
+
+    def _map(self, map_id: str) -> Iterator[int]:
+        items = {item.key: item for item in self._store.scan(f"maps/{map_id}")}
+        yield from self._records(list(items.values()))
+        state = MapLog(self._store, log_folder(map_id)).state()
+        for number in state.skipped:
+            key = f"{log_folder(map_id)}/{number:06d}.json"
+            if key not in items:
+                self._found(key, "an entry of the log is missing: what it said is not known")
+        checked = None if self._max_age is None else CheckedObjects(self._store, map_id)
+        for version in state.published:
+            folder = VersionFolder(map_id, version, state.generation(version))
+            yield from self._version(folder, items, checked)
+        for key, item in items.items():
+            if key.startswith(f"maps/{map_id}/sources/"):
+                yield from self._file(item, sha256_named(key), checked)
+        if checked is not None:
+            checked.save(set(items))
+
+    def _version(
+        self, folder: VersionFolder, items: dict[str, StoredObject], checked: CheckedObjects | None
+    ) -> Iterator[int]:
+        key = folder.manifest_key
+        try:
+            data = self._store.get(key, max_bytes=MAX_MANIFEST_BYTES)
+        except NotFound:
+            state = MapLog(self._store, log_folder(folder.map_id)).state()
+            if state.generations.get(folder.version) == folder.generation:  # else it was retired meanwhile
+                self._found(key, "the log says that this version can be served, and it has no manifest")
+            return
+        except TooLarge as error:
+            self._found(key, str(error))
+            return
+        self._count(len(data))
+        yield len(data)
+        if hashlib.sha256(data).hexdigest() != folder.version:
+            self._found(key, "the manifest is not the one that the version is named by")
+            return
+        files: dict[str, Any] = json.loads(data)["files"]
+        for name, entry in files.items():
+            item = items.get(f"{folder.key}/{name}")
+            if item is not None:
+                yield from self._file(item, entry["sha256"], checked)
+            elif not self._store.exists(f"{folder.key}/{name}"):
+                self._found(f"{folder.key}/{name}", "a file of the version is missing", entry["sha256"])
+
+    def _file(self, item: StoredObject, sha256: str, checked: CheckedObjects | None) -> Iterator[int]:
+        if checked is not None and self._max_age is not None and checked.is_fresh(item, self._max_age):
+            self.report.fresh += 1
+            return
+        try:
+            found = yield from self._sha256(item.key)
+        except NotFound:  # collected meanwhile
+            return
+        if found == sha256:
+            self._count(0)
+            if checked is not None:
+                checked.note(item)
+            return
+        if checked is not None:
+            checked.drop(item.key)
+        self._found(item.key, "it has another sha256 than it is known by", sha256)
+
+    def _sha256(self, key: str) -> Generator[int, None, str]:
+        digest = hashlib.sha256()
+        for piece in self._store.pieces(key):
+            digest.update(piece)
+            self.report.bytes += len(piece)
+            yield len(piece)
+        return digest.hexdigest()
+
+    def _records(self, items: list[StoredObject]) -> Iterator[int]:
+        for item in items:
+            form = form_of(item.key)
+            if form is None:
+                continue
+            problem = self._why_unreadable(item.key, form)
+            if problem:
+                how = "" if self._repair is None else self._repair.record(item.key, form.kind)
+                self.report.findings.append(Finding(item.key, f"the {form.kind.value}: {problem}", how))
+            self._count(item.size_bytes)
+            yield item.size_bytes
+
+    def _why_unreadable(self, key: str, form: RecordForm) -> str:
+        """Empty: it can be read, or was removed meanwhile."""
+        try:
+            form.check(key, self._store.get(key, max_bytes=max_bytes(form.kind)))
+        except NotFound:
+            return ""
+        except (TooLarge, ValueError) as error:
+            return str(error)
+        return ""
+
+    def _found(self, key: str, problem: str, sha256: str | None = None) -> None:
+        self.report.objects += 1
+        how = "" if self._repair is None or sha256 is None else self._repair.file(key, sha256)
+        self.report.findings.append(Finding(key, problem, how))
+
+    def _count(self, size: int) -> None:
+        self.report.objects += 1
+        self.report.bytes += size

@@ -1,0 +1,89 @@
+"""Undoing the Content-Encoding of a request body, with the expansion bounded."""
+
+from __future__ import annotations
+
+import zlib
+from typing import Any
+
+import zstandard
+
+from ..errors import MalformedData, TooLarge, UnsupportedFormat
+
+# What one step can add is bounded by small slices: a zstd block of 4 bytes can become 128 KiB, so to 32 MiB;
+# deflate gives at most 1032 bytes for one, so to 8 MiB.
+_ZSTD_SLICE_BYTES = 1024
+_GZIP_SLICE_BYTES = 8192
+_ZSTD_MAX_WINDOW_BYTES = 1 << 23  # what RFC 8878 asks every decoder to support
+
+
+def undo_content_encoding(body: bytes, encoding: str, max_bytes: int) -> bytes:
+    """The body as it was before the encoding.
+
+    Args:
+        encoding: the header's value: gzip, zstd, identity or nothing.
+        max_bytes: of the result.
+
+    Raises:
+        TooLarge: it would be longer. A zstd frame's declared size is checked before any work.
+        MalformedData: damaged, cut off, or followed by other bytes.
+        UnsupportedFormat: another encoding, or several.
+    """
+    name = encoding.strip().lower()
+    if name in ("", "identity"):
+        if len(body) > max_bytes:
+            raise TooLarge(f"the body has {len(body)} bytes, the limit is {max_bytes}")
+        return body
+    if name in ("gzip", "x-gzip"):
+        return _gunzip(body, max_bytes)
+    if name == "zstd":
+        return _unzstd(body, max_bytes)
+    raise UnsupportedFormat(f"no Content-Encoding {encoding[:40]!r}; there are gzip, zstd and identity")
+
+
+def first_bytes(body: bytes, encoding: str, count: int) -> bytes:
+    """The first bytes of a body that ``undo_content_encoding`` has accepted, without undoing all of it."""
+    name = encoding.strip().lower()
+    if name in ("gzip", "x-gzip"):
+        return zlib.decompressobj(wbits=zlib.MAX_WBITS | 16).decompress(body, count)
+    if name == "zstd":
+        decompressor = zstandard.ZstdDecompressor(max_window_size=_ZSTD_MAX_WINDOW_BYTES)
+        with decompressor.stream_reader(body) as stream:
+            return stream.read(count)
+    return body[:count]
+
+
+def _gunzip(body: bytes, max_bytes: int) -> bytes:
+    stream = zlib.decompressobj(wbits=zlib.MAX_WBITS | 16)  # 16: a gzip header
+    try:
+        return _expanded("gzip", stream, body, _GZIP_SLICE_BYTES, max_bytes)
+    except zlib.error as error:
+        raise MalformedData(f"gzip: {error}") from error
+
+
+def _unzstd(body: bytes, max_bytes: int) -> bytes:
+    try:
+        declared = zstandard.frame_content_size(body)  # -1: not declared
+        _check_size("zstd", declared, max_bytes)
+        stream = zstandard.ZstdDecompressor(max_window_size=_ZSTD_MAX_WINDOW_BYTES).decompressobj()
+        return _expanded("zstd", stream, body, _ZSTD_SLICE_BYTES, max_bytes)
+    except zstandard.ZstdError as error:
+        raise MalformedData(f"zstd: {error}") from error
+
+
+def _expanded(name: str, stream: Any, body: bytes, slice_bytes: int, max_bytes: int) -> bytes:
+    """All that a decompressor of zlib's form gives, checked slice after slice."""
+    parts, size = [], 0
+    for start in range(0, len(body), slice_bytes):
+        parts.append(stream.decompress(body[start : start + slice_bytes]))
+        size += len(parts[-1])
+        _check_size(name, size, max_bytes)
+        if stream.eof:
+            if stream.unused_data or start + slice_bytes < len(body):
+                raise MalformedData(f"{name}: other bytes follow the compressed data")
+            return b"".join(parts)
+    raise MalformedData(f"{name}: the data is cut off")
+
+
+def _check_size(name: str, size: int, max_bytes: int) -> None:
+    if size > max_bytes:
+        raise TooLarge(f"{name}: the body expands to over {max_bytes} bytes")

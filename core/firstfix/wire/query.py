@@ -1,0 +1,237 @@
+"""The encoding ``application/vnd.firstfix.query``: what a robot sends over the thinnest link.
+
+A compact scan, a descriptor, or both, as ``compact_scan`` has them. Under 10 KB with 2,500 points, under
+1.5 KB with the descriptor alone. clients/PROTOCOL.md has every byte.
+
+Layout, little-endian::
+
+    offset  type   field
+         0  4 s    magic "FFQY"
+         4  u8     version, 1
+         5  u8     parts: 1 = compact scan, 2 = descriptor, 3 = both, in this order
+         6  u16    0
+
+The compact scan: coordinates are rounded to a resolution, q = rint(metres / resolution), and split into a
+cell of 16 steps and the place in it, q = 16 * cell + low. Points are sorted by cell: z, then y, then x::
+
+         0  f32    resolution in metres, 0.005 to 0.1
+         4  u16    point count n
+         6  3 i16  lowest cell x, y, z
+        12  3 u16  cells along x, y, z
+        18  u16    length of the first frame
+        20  u16    length of the second frame
+        22  bytes  one zstd frame of 4 n bytes: planes, least significant first, of the u32 differences of
+                   the cells' numbers, ((z * cells_y) + y) * cells_x + x counted from the lowest cell
+            bytes  one zstd frame: a bit for each of 16,200 directions (2025 bytes, most significant
+                   first), whether there is a return; then for each of these the level's difference from
+                   the one before, modulo 256
+            bytes  3 * ceil(n / 2), not compressed: 12 bits a point, x y z of its low, four each
+
+A level is a range: 5 m * (exp(0.012 * level) - 1), 1 to 255, steps of 6 cm near by and 0.6 m at 45 m.
+
+The descriptor::
+
+         0  u8     kind: 1 = layered occupancy
+         1  u8     layers L, 1 to 16
+         2  u16    rings
+         4  u16    sectors
+         6  u16    length of the frame
+         8  f32    radius in metres
+        12  3 f32  up, sensor frame
+        24  f32    height of the sensor above its floor, metres
+        28  L+1 f32  layer edges above the floor, metres
+            bytes  one zstd frame: ceil(L * rings * sectors / 8) bytes of bits
+
+Every zstd frame declares its content size.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from itertools import pairwise
+
+import numpy as np
+import zstandard
+from numpy.typing import NDArray
+
+from ..descriptor import LayeredOccupancy, PolarGrid
+from ..errors import InvalidOption, InvalidScan, MalformedData, TooLarge, UnsupportedFormat
+from ..scan.compact import MAX_COMPACT_POINTS, CompactScan, ScanDescriptor
+from ..scan.range_view import COLUMNS, ROWS
+from ..scan.scan import MAX_ABS_COORDINATE_M
+from .frame_reader import FrameReader
+from .packing import halves_of, joined, packed_halves, planes_of
+
+MEDIA_TYPE = "application/vnd.firstfix.query"
+MAGIC = b"FFQY"
+VERSION = 1
+COMPACT, DESCRIPTOR = 1, 2
+MIN_RESOLUTION_M, MAX_RESOLUTION_M = 0.005, 0.1
+
+_HEADER = struct.Struct("<4sBBH")
+_COMPACT = struct.Struct("<fH3h3HHH")
+_DESCRIPTOR = struct.Struct("<BBHHHf3ff")
+_OCCUPANCY = 1
+_CELL = 16  # steps
+# A range by its level, and where a level ends: rounded to float32, so that no library's last digit shows.
+_LEVELS_M = np.array([5 * math.expm1(0.012 * level) for level in range(256)], np.float32)
+_LEVEL_EDGES_M = np.array([5 * math.expm1(0.012 * (level + 0.5)) for level in range(1, 255)], np.float32)
+_DIRECTIONS = ROWS * COLUMNS
+_MASK_BYTES = -(-_DIRECTIONS // 8)
+_MAX_LAYERS, _MAX_RINGS, _MAX_SECTORS = 16, 200, 720
+_ZSTD_LEVEL = 12
+
+
+def encode_query(query: CompactScan | ScanDescriptor, *, resolution_m: float = 0.02) -> bytes:
+    """The query's bytes. Points come back within half the resolution, sorted by cell.
+
+    Raises:
+        InvalidOption: a resolution outside 0.005..0.1 m.
+        InvalidScan: points or ranges that are none, or reach too far for the resolution.
+        TooLarge: over MAX_COMPACT_POINTS points.
+    """
+    if not MIN_RESOLUTION_M <= resolution_m <= MAX_RESOLUTION_M:
+        raise InvalidOption(f"resolution_m must lie in [{MIN_RESOLUTION_M}, {MAX_RESOLUTION_M}]")
+    if isinstance(query, ScanDescriptor):
+        return _HEADER.pack(MAGIC, VERSION, DESCRIPTOR, 0) + _descriptor_bytes(query)
+    body = _compact_bytes(query, resolution_m)
+    if query.described is None:
+        return _HEADER.pack(MAGIC, VERSION, COMPACT, 0) + body
+    return _HEADER.pack(MAGIC, VERSION, COMPACT | DESCRIPTOR, 0) + body + _descriptor_bytes(query.described)
+
+
+def decode_query(body: bytes) -> CompactScan | ScanDescriptor:
+    """What ``encode_query`` was given. Every size is checked before memory is taken for it.
+
+    Raises:
+        MalformedData: not this format, or bytes that contradict their headers.
+        UnsupportedFormat: a later version, or another descriptor.
+        TooLarge: over MAX_COMPACT_POINTS points.
+    """
+    rest = FrameReader(body, MEDIA_TYPE)
+    magic, version, parts, zero = rest.header(_HEADER)
+    if magic != MAGIC or zero:
+        raise MalformedData(f"not {MEDIA_TYPE}: it begins with {body[: _HEADER.size]!r}")
+    if version != VERSION or not 1 <= parts <= COMPACT | DESCRIPTOR:
+        raise UnsupportedFormat(f"{MEDIA_TYPE} version {version} parts {parts}; this reads {VERSION} and 1-3")
+    compact = _read_compact(rest) if parts & COMPACT else None
+    described = _read_descriptor(rest) if parts & DESCRIPTOR else None
+    rest.end()
+    if compact is None:
+        assert described is not None
+        return described
+    return CompactScan(*compact, described)
+
+
+def _compact_bytes(query: CompactScan, resolution_m: float) -> bytes:
+    n = len(query.points)
+    if n > MAX_COMPACT_POINTS:
+        raise TooLarge(f"the query has {n} points, the limit is {MAX_COMPACT_POINTS}")
+    if n and not float(np.abs(query.points).max()) <= MAX_ABS_COORDINATE_M:
+        raise InvalidScan(f"a coordinate beyond {MAX_ABS_COORDINATE_M:g} m cannot be sent")
+    resolution_m = float(np.float32(resolution_m))  # as the header says it
+    steps = np.rint(np.asarray(query.points, np.float64) / resolution_m).astype(np.int64)
+    cell = steps // _CELL
+    lowest = cell.min(axis=0) if n else np.zeros(3, np.int64)
+    size = cell.max(axis=0) - lowest + 1 if n else np.ones(3, np.int64)
+    if np.abs(lowest).max() > 32_767 or size.max() > 65_535 or math.prod(size.tolist()) > 1 << 32:
+        raise InvalidScan(f"the points reach too far for steps of {resolution_m:g} m")
+    x, y, z = (cell - lowest).T
+    number = (z * size[1] + y) * size[0] + x
+    order = np.argsort(number, kind="stable")
+    apart = np.diff(number[order], prepend=0).astype("<u4")
+    low = (steps[order] % _CELL).astype(np.uint8).ravel()  # (3 n,)
+    low = np.append(low, np.zeros(3 * n % 2 * 3, np.uint8))  # an odd count: as if a point at 0 followed
+    planes = _compressed(planes_of(apart).tobytes())
+    ranges = _compressed(_range_bytes(query.nearest_m))
+    head = _COMPACT.pack(resolution_m, n, *lowest, *size, len(planes), len(ranges))
+    return head + planes + ranges + packed_halves(low)
+
+
+def _range_bytes(nearest_m: NDArray[np.float32]) -> bytes:
+    returned = np.isfinite(nearest_m)
+    if nearest_m.shape != (_DIRECTIONS,) or bool((nearest_m < 0).any()) or bool(np.isnan(nearest_m).any()):
+        raise InvalidScan(f"a compact scan has {_DIRECTIONS} ranges, not {nearest_m.shape}, and none below 0")
+    levels = (1 + np.searchsorted(_LEVEL_EDGES_M, nearest_m[returned], side="right")).astype(np.uint8)
+    return np.packbits(returned).tobytes() + np.diff(levels, prepend=np.uint8(0)).tobytes()
+
+
+def _descriptor_bytes(described: ScanDescriptor) -> bytes:
+    descriptor, frame = described.descriptor, _compressed(described.occupancy.tobytes())
+    grid, edges_m = descriptor.grid, descriptor.edges_m
+    head = _DESCRIPTOR.pack(
+        _OCCUPANCY,
+        len(edges_m) - 1,
+        grid.rings,
+        grid.sectors,
+        len(frame),
+        grid.max_range_m,
+        *described.up,
+        described.height_m,
+    )
+    return head + struct.pack(f"<{len(edges_m)}f", *edges_m) + frame
+
+
+def _read_compact(rest: FrameReader) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    resolution_m, n, *corner = rest.header(_COMPACT)
+    lowest, size, (planes_bytes, ranges_bytes) = corner[:3], corner[3:6], corner[6:]
+    if n > MAX_COMPACT_POINTS:
+        raise TooLarge(f"the query has {n} points, the limit is {MAX_COMPACT_POINTS}")
+    cells = math.prod(size)
+    rest.check(
+        {
+            "resolution": MIN_RESOLUTION_M * 0.999 <= resolution_m <= MAX_RESOLUTION_M * 1.001,
+            "cell count": 1 <= cells <= 1 << 32,
+        }
+    )
+    planes = np.frombuffer(rest.frame(planes_bytes, 4 * n, 4 * n), np.uint8).reshape(4, n)
+    ranges = rest.frame(ranges_bytes, _MASK_BYTES, _MASK_BYTES + _DIRECTIONS)
+    packed = np.frombuffer(rest.take(3 * -(-n // 2)), np.uint8)
+    number = np.cumsum(joined(planes, np.dtype("<u4")), dtype=np.int64)
+    if n and number[-1] >= cells:
+        raise MalformedData("a point of the query lies beyond its cells")
+    low = halves_of(packed).reshape(-1, 3)[:n]
+    cell = np.stack([number % size[0], number // size[0] % size[1], number // (size[0] * size[1])], axis=1)
+    points = ((cell + lowest) * _CELL + low) * resolution_m
+    if n and not float(np.abs(points).max()) <= MAX_ABS_COORDINATE_M * 1.001:
+        raise MalformedData(f"the query has coordinates beyond {MAX_ABS_COORDINATE_M:g} m")
+    return points.astype(np.float32), _read_ranges(ranges)
+
+
+def _read_ranges(content: bytes) -> NDArray[np.float32]:
+    bits = np.unpackbits(np.frombuffer(content, np.uint8, _MASK_BYTES))
+    returned = bits[:_DIRECTIONS].astype(np.bool_)
+    differences = np.frombuffer(content, np.uint8, offset=_MASK_BYTES)
+    if len(differences) != returned.sum():
+        raise MalformedData(f"{len(differences)} ranges for {returned.sum()} directions")
+    levels = np.cumsum(differences, dtype=np.uint8)  # the sum wraps on purpose
+    nearest_m = np.full(_DIRECTIONS, np.inf, np.float32)
+    nearest_m[returned] = _LEVELS_M[levels]
+    return nearest_m
+
+
+def _read_descriptor(rest: FrameReader) -> ScanDescriptor:
+    kind, layers, rings, sectors, frame_bytes, radius_m, *up, height_m = rest.header(_DESCRIPTOR)
+    if kind != _OCCUPANCY:
+        raise UnsupportedFormat(f"descriptor kind {kind} of {MEDIA_TYPE}; this reads {_OCCUPANCY}")
+    fields = {
+        "layer count": 1 <= layers <= _MAX_LAYERS,
+        "ring count": 1 <= rings <= _MAX_RINGS,
+        "sector count": 1 <= sectors <= _MAX_SECTORS,
+        "radius": 0 < radius_m <= MAX_ABS_COORDINATE_M,
+        "up vector": abs(math.hypot(*up) - 1) < 1e-3,
+        "height": abs(height_m) <= 100,
+    }
+    rest.check(fields)
+    edges_m = rest.header(struct.Struct(f"<{layers + 1}f"))
+    if not all(a < b for a, b in pairwise(edges_m)) or not math.isfinite(sum(edges_m)):
+        raise MalformedData("the layers of the descriptor do not ascend")
+    content_bytes = -(-layers * rings * sectors // 8)
+    occupancy = np.frombuffer(rest.frame(frame_bytes, content_bytes, content_bytes), np.uint8)
+    descriptor = LayeredOccupancy(PolarGrid(rings, sectors, radius_m), edges_m)
+    return ScanDescriptor(descriptor, occupancy, np.array(up) / math.hypot(*up), height_m)
+
+
+def _compressed(content: bytes) -> bytes:
+    return zstandard.ZstdCompressor(level=_ZSTD_LEVEL).compress(content)

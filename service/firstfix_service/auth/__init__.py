@@ -1,0 +1,1 @@
+"""Who calls, with which permissions, and how often."""

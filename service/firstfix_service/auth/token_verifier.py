@@ -1,0 +1,96 @@
+"""JSON Web Tokens: whether the issuer signed one for this service, and what it allows."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from typing import Any
+
+import jwt
+
+from firstfix.access.permissions import ALL_MAPS, Grant, Scope
+from firstfix.errors import FirstfixError, InvalidOption, Unauthorized
+
+from ..settings import Settings
+from .jwks import Jwks
+from .principal import Caller
+
+MAX_TOKEN_CHARS = 8192
+MAX_SUBJECT_CHARS = 200
+_REQUIRED = ["exp", "iss", "aud", "sub"]
+_SCOPES = {scope.value: scope for scope in Scope}
+
+
+class TokenVerifier:
+    """One event loop's.
+
+    Raises:
+        InvalidOption: the settings leave out who issues the tokens, or for whom: without these a token that
+            was made for another service would do here.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        if settings.jwt_jwks is None or not settings.jwt_issuer or not settings.jwt_audience:
+            raise InvalidOption("FIRSTFIX_JWT_JWKS needs FIRSTFIX_JWT_ISSUER and FIRSTFIX_JWT_AUDIENCE")
+        self.jwks = Jwks(settings.jwt_jwks)
+        self._settings = settings
+
+    async def caller(self, token: str) -> Caller:
+        """Whose token it is.
+
+        Raises:
+            Unauthorized: it is none, not this issuer's, for somebody else, or not of this time.
+            Overloaded: as ``Jwks.key``.
+        """
+        try:
+            return await self._caller(token)
+        except (jwt.PyJWTError, ValueError, RecursionError) as error:
+            raise Unauthorized(f"the token is not accepted: {str(error)[:200]}") from None
+
+    async def _caller(self, token: str) -> Caller:
+        if len(token) > MAX_TOKEN_CHARS:
+            raise Unauthorized(f"the token has over {MAX_TOKEN_CHARS} characters")
+        header = jwt.get_unverified_header(token)
+        algorithm, key_id = header.get("alg"), header.get("kid")
+        if algorithm not in self._settings.jwt_algorithms:  # none and HS* are never among them
+            raise Unauthorized(f"tokens are signed by {', '.join(self._settings.jwt_algorithms)}")
+        key = await self.jwks.key(key_id, algorithm)
+        claims = jwt.decode(
+            token,
+            key,
+            algorithms=[algorithm],
+            audience=self._settings.jwt_audience,
+            issuer=self._settings.jwt_issuer,
+            leeway=self._settings.jwt_leeway_s,
+            options={"require": _REQUIRED, "enforce_minimum_key_length": True},
+        )
+        return Caller(f"jwt:{_subject(claims['sub'])}", self._grant(claims))
+
+    def _grant(self, claims: Mapping[str, Any]) -> Grant:
+        """Names that are no scopes of ours are another service's; none at all allow nothing."""
+        prefix = self._settings.jwt_scope_prefix
+        names = [*_words(claims.get("scope")), *_words(claims.get("scp"))]
+        given = [name.removeprefix(prefix) for name in names if name.startswith(prefix)]
+        scopes = frozenset(_SCOPES[name] for name in given if name in _SCOPES)
+        maps: tuple[str, ...] = ALL_MAPS
+        if self._settings.jwt_maps_claim is not None:
+            maps = tuple(_words(claims.get(self._settings.jwt_maps_claim)))
+        try:
+            return Grant.parse((scope.value for scope in scopes), maps)
+        except FirstfixError:  # no scope, or patterns that are none
+            return Grant(frozenset(), ())
+
+
+def _subject(claim: str) -> str:
+    """Of a form that logs bear, and never the same for two subjects."""
+    text = ascii(claim)[1:-1]
+    if len(text) <= MAX_SUBJECT_CHARS:
+        return text
+    return f"{text[:MAX_SUBJECT_CHARS]}:{hashlib.sha256(claim.encode('utf-8', 'surrogatepass')).hexdigest()}"
+
+
+def _words(claim: Any) -> list[str]:
+    """Of a claim that is a list of words, or a text of words with spaces between."""
+    if isinstance(claim, str):
+        return claim.split()
+    return [word for word in claim if isinstance(word, str)] if isinstance(claim, list) else []

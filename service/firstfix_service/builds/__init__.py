@@ -1,0 +1,1 @@
+"""Builds: queued, started, watched, cancelled."""

@@ -1,0 +1,1 @@
+"""Builds handed out over NATS to build workers on other machines."""

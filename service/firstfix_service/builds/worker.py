@@ -1,0 +1,187 @@
+"""``firstfix worker``: takes builds from NATS and runs them, as long as it lives.
+
+Who has a build, and how often that went wrong, is on record in the store (``firstfix.builds.attempts``);
+the stream says which builds there are. So a message that comes twice, too early or not at all does no
+more harm than work done in vain.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from typing import Any
+
+import structlog
+
+from firstfix.catalog.catalog import Catalog
+from firstfix.errors import BuildAttemptsExceeded, InvalidOption, NotFound, StoreError, UnreadableRecord
+from firstfix.store.store import Store
+
+from ..lanes import BUILDS
+from ..settings import Settings
+from ..telemetry.log_setup import set_up_logging
+from ..telemetry.metrics import Metrics
+from ..upkeep.stage_keeper import keep_stages_within
+from .nats.queue import NatsBuildQueue
+from .runner import BuildRunner, Turn
+from .start import build_command, build_limits, run_with
+from .work_folder import WorkFolder
+from .worker_health import WorkerHealth
+
+_log = structlog.get_logger(__name__)
+FETCH_S = 5.0
+RETRY_S = 2.0
+PUT_BACK_S = 5.0  # the store is out of reach, most likely
+
+
+class BuildWorker:
+    """Runs up to ``concurrency`` builds at a time, each in a folder of its own. One event loop's.
+
+    Raises:
+        InvalidOption: the settings name no NATS server.
+    """
+
+    def __init__(self, settings: Settings, catalog: Catalog, metrics: Metrics, concurrency: int) -> None:
+        if not settings.nats_enabled:
+            raise InvalidOption("a worker takes builds from NATS: --nats nats://host:4222")
+        self._settings = settings
+        self._catalog = catalog
+        self._metrics = metrics
+        self._concurrency = concurrency
+        self.queue = NatsBuildQueue(settings, catalog, metrics)
+        self._builds = self.queue.builds
+
+    async def run(self) -> None:
+        """Until it is cancelled; then running builds are stopped, and go back to the queue at once."""
+        async with AsyncExitStack() as stack:
+            run_with(stack, self.queue.run(), "build-queue")
+            if self._settings.stages_are_shared:
+                run_with(stack, keep_stages_within(self._settings, self._catalog.store), "stage-keeper")
+            async with asyncio.TaskGroup() as slots:
+                for i in range(self._concurrency):
+                    slots.create_task(self._slot(i), name=f"slot-{i}")
+
+    async def _slot(self, number: int) -> None:
+        from nats.errors import Error
+        from nats.errors import TimeoutError as NothingWaits
+
+        folder = await WorkFolder.wait_for(self._settings.work_dir / f"slot-{number}")
+        runner = BuildRunner(
+            self._catalog,
+            self._metrics,
+            folder,
+            build_command(self._settings),
+            lease_s=self._settings.build_lease_s,
+            max_attempts=self._settings.build_attempts,
+            limits=build_limits(self._settings),
+        )
+        waiting: Any = None
+        try:
+            while True:
+                try:
+                    if not self._builds.connected:
+                        await asyncio.sleep(0.2)
+                        continue
+                    if waiting is None:
+                        await self._builds.make_streams()
+                        waiting = await self._builds.waiting()
+                    (message,) = await waiting.fetch(1, timeout=FETCH_S)
+                    await self._handle(runner, message)
+                except NothingWaits:
+                    continue
+                except Error as error:
+                    _log.warning("builds cannot be fetched", error=str(error))
+                    waiting = None
+                    await asyncio.sleep(RETRY_S)
+                except Exception:  # one odd message must not end the worker
+                    _log.exception("the worker stumbled")
+                    await asyncio.sleep(RETRY_S)
+        finally:
+            folder.release()
+
+    async def _handle(self, runner: BuildRunner, message: Any) -> None:
+        build_id = message.data.decode("utf-8", errors="replace")
+        try:
+            async with self._kept(message):
+                turn = await runner.run(build_id)
+            if turn is Turn.ENDED:
+                await self._let_go(build_id, message)
+            else:
+                await message.nak(self._delay_s(turn))
+        except asyncio.CancelledError:
+            await message.nak()  # sent when the connection is closed
+            raise
+        except InvalidOption as error:
+            _log.error("no build has such an id", error=str(error))
+            await message.term()
+        except NotFound as error:
+            await self._builds.bury(build_id, str(error))
+            await message.ack_sync()
+        except UnreadableRecord:  # once it is mended the queue finds it on record
+            await message.ack_sync()
+        except StoreError as error:
+            _log.warning("build waits for the store", build_id=build_id, code=error.code, error=str(error))
+            await message.nak(PUT_BACK_S)
+
+    async def _let_go(self, build_id: str, message: Any) -> None:
+        """The build has ended: its message goes, once what is to be known of it is kept."""
+        error = (await BUILDS.run(self._catalog.held_status, build_id))["error"]
+        if error is not None and error["code"] == BuildAttemptsExceeded.code:
+            await self._builds.bury(build_id, error["detail"])
+        await message.ack_sync()
+
+    def _delay_s(self, turn: Turn) -> float:
+        """Until a build that has not ended is handed out again."""
+        delays = {Turn.DIED: 0.1, Turn.PUT_BACK: PUT_BACK_S, Turn.HELD: self._settings.build_lease_s / 6}
+        return delays[turn]
+
+    @asynccontextmanager
+    async def _kept(self, message: Any) -> AsyncIterator[None]:
+        """The message is this worker's as long as the context lasts and the server hears of it."""
+
+        async def renew() -> None:
+            from nats.errors import Error
+
+            while True:
+                await asyncio.sleep(self._settings.build_lease_s / 4)
+                with suppress(Error):
+                    await message.in_progress()
+
+        task = asyncio.create_task(renew())
+        try:
+            yield
+        finally:
+            task.cancel()
+
+
+def run_worker(settings: Settings, *, concurrency: int, health_port: int | None) -> None:
+    """Until SIGTERM or SIGINT.
+
+    Raises:
+        InvalidOption: the settings name no NATS server, or a file that cannot be used.
+        StoreError: the store is out of reach, or cannot be used.
+    """
+    set_up_logging(settings.log_level, as_json=settings.log_json)
+    store = Store.open(settings.store)
+    store.probe()
+    metrics = Metrics()
+    worker = BuildWorker(settings, Catalog(store), metrics, concurrency)
+    with WorkerHealth(worker.queue.builds, metrics, settings.host, health_port) as health:
+        asyncio.run(_until_signalled(worker, health))
+
+
+async def _until_signalled(worker: BuildWorker, health: WorkerHealth) -> None:
+    signalled = asyncio.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        asyncio.get_running_loop().add_signal_handler(number, signalled.set)
+    async with AsyncExitStack() as stack:
+        run_with(stack, health.beat(), "health")
+        work = asyncio.create_task(worker.run(), name="worker")
+        _log.info("worker ready to take builds")
+        await asyncio.wait({work, asyncio.create_task(signalled.wait())}, return_when=asyncio.FIRST_COMPLETED)
+        work.cancel()
+        with suppress(asyncio.CancelledError):
+            await work
+    _log.info("worker ends")

@@ -1,0 +1,1 @@
+"""The HTTP API as an ASGI app: routes, bodies, schemas, access."""

@@ -1,0 +1,1 @@
+"""Request bodies: JSON, forms, uploads in parts, each within its limits."""

@@ -1,0 +1,65 @@
+"""Room for a form's files: in the work folder, where they arrive, and in the store, which gets a copy."""
+
+from __future__ import annotations
+
+import shutil
+import uuid
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from firstfix.store.store import Store
+
+from ...lanes import COPIES
+from .disk_space import DiskSpace, Reservation
+
+
+class FormRoom:
+    """Attributes:
+    directory: for the files; it goes with them.
+    """
+
+    def __init__(self, directory: Path, here: Reservation, in_store: Reservation) -> None:
+        self.directory = directory
+        self._here = here
+        self._in_store = in_store
+
+    def take(self, size_bytes: int) -> None:
+        """To be called before so many bytes more are written to the directory.
+
+        Raises:
+            OutOfSpace: they have no room here, or would have none in the store.
+        """
+        self._here.take(size_bytes)
+        self._in_store.ensure(self._here.taken_bytes)
+
+
+@asynccontextmanager
+async def form_room(
+    disks: DiskSpace, store: Store, folder: Path, declared_bytes: int
+) -> AsyncIterator[FormRoom]:
+    """A directory of its own below the folder, and the promise of room, until the block ends.
+
+    Args:
+        declared_bytes: of the form; 0: it does not say.
+
+    Raises:
+        OutOfSpace: there is no room for what was declared: nothing has been made.
+    """
+    directory = folder / uuid.uuid4().hex
+    with (
+        disks.reserve("this service's disk", folder) as here,
+        disks.reserve("the store's disk", store.directory) as in_store,
+    ):
+
+        def make() -> None:
+            folder.mkdir(parents=True, exist_ok=True)
+            here.ensure(declared_bytes)
+            in_store.ensure(declared_bytes)
+            directory.mkdir()
+
+        try:
+            await COPIES.run(make)
+            yield FormRoom(directory, here, in_store)
+        finally:
+            await COPIES.run(shutil.rmtree, directory, ignore_errors=True)

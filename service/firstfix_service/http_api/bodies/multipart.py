@@ -1,0 +1,193 @@
+"""A multipart form whose files go to disk as they arrive: gigabytes of map pass through a small process."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+
+from fastapi import Request
+from python_multipart.exceptions import MultipartParseError
+from python_multipart.multipart import MultipartParser, parse_options_header
+
+from firstfix.errors import InvalidOption, MalformedData, TooLarge
+
+from ...lanes import COPIES
+from .paced_body import Pace, paced_pieces
+
+if TYPE_CHECKING:
+    from python_multipart.multipart import MultipartCallbacks
+
+MAX_TEXT_BYTES = 1 << 20
+MAX_HEADER_BYTES = 16 << 10
+MAX_BOUNDARY_BYTES = 70  # RFC 2046; the parser's work grows with it
+_BATCH_BYTES = 1 << 20  # written by one hand-over to a thread
+
+
+@dataclass(frozen=True)
+class UploadedFile:
+    """A file of the form, on disk.
+
+    Attributes:
+        file_name: what the caller called it, made harmless; its ending says how to read it.
+    """
+
+    path: Path
+    file_name: str
+
+
+@dataclass
+class Form:
+    texts: dict[str, str] = field(default_factory=dict)
+    files: dict[str, UploadedFile] = field(default_factory=dict)
+
+
+async def receive_form(
+    request: Request,
+    directory: Path,
+    *,
+    text_fields: set[str],
+    file_fields: set[str],
+    max_bytes: int,
+    pace: Pace,
+    take: Callable[[int], None],
+) -> Form:
+    """The form of a request.
+
+    Args:
+        directory: for the files, which the caller removes.
+        take: called, in a thread, before so many bytes are written: raises where there is no room.
+
+    Raises:
+        DeadlineExceeded: the body does not keep the pace.
+        TooLarge: over the limit.
+        InvalidOption: a field that is not asked for, or twice the same.
+        MalformedData: not a multipart form, or cut off.
+    """
+    _, parameters = parse_options_header(request.headers.get("content-type"))
+    boundary = parameters.get(b"boundary")
+    if not boundary or len(boundary) > MAX_BOUNDARY_BYTES:
+        raise MalformedData(f"the multipart form has no boundary of 1 to {MAX_BOUNDARY_BYTES} characters")
+    writer = _FormWriter(directory, text_fields, file_fields)
+    try:
+        parser = MultipartParser(boundary, writer.callbacks())
+
+        def write(data: bytes) -> None:
+            take(len(data))
+            parser.write(data)
+
+        size = 0
+        batch = bytearray()
+        async for part in paced_pieces(request, pace):
+            size += len(part)
+            if size > max_bytes:
+                raise TooLarge(f"the upload has over {max_bytes} bytes")
+            batch += part
+            if len(batch) >= _BATCH_BYTES:
+                await COPIES.run(write, bytes(batch))
+                batch.clear()
+        await COPIES.run(write, bytes(batch))
+    except MultipartParseError as error:
+        raise MalformedData(f"not a multipart form: {error}") from None
+    finally:
+        writer.close()
+    if not writer.ended:
+        raise MalformedData("the multipart form is cut off")
+    return writer.form
+
+
+class _FormWriter:
+    """Takes the parser's events."""
+
+    def __init__(self, directory: Path, text_fields: set[str], file_fields: set[str]) -> None:
+        self.form = Form()
+        self.ended = False
+        self._directory = directory
+        self._text_fields, self._file_fields = text_fields, file_fields
+        self._header_name = b""
+        self._header_value = b""
+        self._headers: dict[bytes, bytes] = {}
+        self._name = ""
+        self._text = bytearray()
+        self._file: BinaryIO | None = None
+
+    def callbacks(self) -> MultipartCallbacks:
+        return {
+            "on_part_begin": self._begin,
+            "on_header_field": self._header_field,
+            "on_header_value": self._header_data,
+            "on_header_end": self._header_end,
+            "on_headers_finished": self._headers_finished,
+            "on_part_data": self._data,
+            "on_part_end": self._part_end,
+            "on_end": self._end,
+        }
+
+    def close(self) -> None:
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+    def _begin(self) -> None:
+        self._headers.clear()
+        self._header_name = self._header_value = b""
+        self._text = bytearray()
+
+    def _header_field(self, data: bytes, start: int, end: int) -> None:
+        self._header_name += data[start:end]
+        self._check_headers()
+
+    def _header_data(self, data: bytes, start: int, end: int) -> None:
+        self._header_value += data[start:end]
+        self._check_headers()
+
+    def _check_headers(self) -> None:
+        size = len(self._header_name) + len(self._header_value) + sum(map(len, self._headers.values()))
+        if size > MAX_HEADER_BYTES:
+            raise TooLarge("the headers of a form field are too long")
+
+    def _header_end(self) -> None:
+        self._headers[self._header_name.lower()] = self._header_value
+        self._header_name = self._header_value = b""
+
+    def _headers_finished(self) -> None:
+        _, parameters = parse_options_header(self._headers.get(b"content-disposition"))
+        self._name = parameters.get(b"name", b"").decode("utf-8", "replace")
+        if self._name in self.form.texts or self._name in self.form.files:
+            raise InvalidOption(f"the form has {self._name} twice")
+        if self._name in self._file_fields:
+            given = parameters.get(b"filename", b"").decode("utf-8", "replace")
+            path = self._directory / self._name
+            self._file = path.open("wb")
+            self.form.files[self._name] = UploadedFile(path, harmless_name(given))
+        elif self._name not in self._text_fields:
+            wanted = ", ".join(sorted(self._text_fields | self._file_fields))
+            raise InvalidOption(f"the form has no field {self._name[:80]!r}; there are {wanted}")
+
+    def _data(self, data: bytes, start: int, end: int) -> None:
+        if self._file is not None:
+            self._file.write(memoryview(data)[start:end])
+            return
+        self._text += data[start:end]
+        if len(self._text) > MAX_TEXT_BYTES:
+            raise TooLarge(f"{self._name} has over {MAX_TEXT_BYTES} bytes")
+
+    def _part_end(self) -> None:
+        if self._file is not None:
+            self.close()
+            return
+        try:
+            self.form.texts[self._name] = self._text.decode("utf-8")
+        except UnicodeDecodeError:
+            raise MalformedData(f"{self._name} is not UTF-8") from None
+
+    def _end(self) -> None:
+        self.ended = True
+
+
+def harmless_name(name: str) -> str:
+    """The last part of a path, of letters, digits, ``.``, ``_`` and ``-``, without a leading dot."""
+    last = re.split(r"[/\\]", name)[-1]
+    return re.sub(r"[^A-Za-z0-9._-]", "_", last).lstrip(".")[-100:] or "map"

@@ -1,0 +1,216 @@
+"""What POST /maps hands in: read and checked in whole before anything is kept or built."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from fastapi import Request
+
+from firstfix.access.permissions import Scope
+from firstfix.builds.config import BuildConfig
+from firstfix.builds.source_policy import check_source_url
+from firstfix.catalog.catalog import source_key
+from firstfix.errors import InvalidOption
+from firstfix.ids import check_map_id, check_upload_id
+from firstfix.store.sha256 import sha256_of
+from firstfix.upkeep.doomed_keys import is_doomed
+
+from ...auth.principal import Caller
+from ..dependencies import Parts
+from .form_room import FormRoom
+from .json_body import parse_object, read_object
+from .multipart import UploadedFile, harmless_name, receive_form
+from .own_upload import own_upload
+
+_TEXTS, _FILES = {"map_id", "config"}, {"source", "trajectory"}
+
+
+@dataclass(frozen=True)
+class NamedUrl:
+    """A file elsewhere, which whoever builds the map fetches."""
+
+    url: str
+
+    @property
+    def file_name(self) -> str:
+        return harmless_name(self.url.split("?", 1)[0])
+
+
+@dataclass(frozen=True)
+class NamedUpload:
+    """A file that came by /uploads."""
+
+    upload_id: str
+
+
+Source = UploadedFile | NamedUrl | NamedUpload
+
+
+@dataclass(frozen=True)
+class Submission:
+    """A map to be built.
+
+    Attributes:
+        caller: who hands it in.
+        config: of the build, as it was given; it has been checked.
+    """
+
+    caller: Caller
+    map_id: str
+    source: Source
+    trajectory: Source | None
+    config: Mapping[str, Any]
+
+    @property
+    def copies_uploads(self) -> bool:
+        """Whether the store has to copy files, which can take as long as sending them."""
+        return any(isinstance(source, NamedUpload) for source in (self.source, self.trajectory))
+
+    def fingerprint(self) -> str:
+        """Equal for equal submissions: of files in the body the content counts."""
+        described = [self.map_id, _identity(self.source), _identity(self.trajectory), self.config]
+        return hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()
+
+    def keep(self, parts: Parts, *, build_id: str = "") -> dict[str, Any]:
+        """The build's record, once the files are in the store. Again does no harm, and brings back what a
+        garbage collection took in between.
+
+        Args:
+            build_id: the files are kept once more, for this build alone.
+
+        Raises:
+            NotFound: no such upload of this caller.
+            OutOfSpace: the store has no room for another copy of an upload.
+            Conflict: an upload is not complete.
+            StoreError: the store failed.
+        """
+        source, file_name = self._kept(parts, self.source, build_id)
+        trajectory = None
+        if self.trajectory is not None:
+            named, name = self._kept(parts, self.trajectory, build_id)
+            trajectory = {**named, "file_name": name}
+        return {
+            "map_id": self.map_id,
+            "source": source,
+            "file_name": file_name,
+            "trajectory": trajectory,
+            "config": self.config,
+            "owner": self.caller.name,
+        }
+
+    def _kept(self, parts: Parts, source: Source, build_id: str) -> tuple[dict[str, str], str]:
+        """The source as the record names it, and the file name by whose ending it is read."""
+        if isinstance(source, NamedUrl):
+            return {"url": source.url}, source.file_name
+        if isinstance(source, UploadedFile):
+            sha256 = parts.catalog.put_source(self.map_id, source.path, build_id=build_id)
+            return {"key": source_key(self.map_id, sha256)}, source.file_name
+        upload = own_upload(parts.uploads, self.caller, source.upload_id)
+        with parts.disks.reserve("the store's disk", parts.catalog.store.directory) as room:
+            room.ensure(upload.size_bytes)
+            sha256 = parts.uploads.keep_as_source(upload, self.map_id, build_id=build_id)
+        return {"key": source_key(self.map_id, sha256)}, upload.file_name
+
+
+def keep_for_good(parts: Parts, build_id: str, record: Mapping[str, Any], submission: Submission) -> None:
+    """Sees to the files that a build names, once it is on record: from here on a garbage collection sees
+    the record. One that began before may have removed a file that was in the store already, or may still
+    do it: then the build gets a copy of its own.
+
+    Raises:
+        as ``Submission.keep``.
+    """
+    store = parts.catalog.store
+    keys = [one["key"] for role in ("source", "trajectory") if (one := record.get(role)) and "key" in one]
+    if any(is_doomed(store, key) for key in keys):
+        submission.keep(parts, build_id=build_id)
+    elif not all(map(store.exists, keys)):
+        submission.keep(parts)
+
+
+async def from_form(request: Request, parts: Parts, caller: Caller, room: FormRoom) -> Submission:
+    """The submission of a multipart form, its files in the room's directory.
+
+    Raises:
+        InvalidOption, MalformedData, TooLarge: the form cannot be used.
+        OutOfSpace: there is no room for it, here or in the store.
+        DeadlineExceeded: it does not keep the pace.
+        Forbidden: the caller may not build this map.
+    """
+    form = await receive_form(
+        request,
+        room.directory,
+        text_fields=_TEXTS,
+        file_fields=_FILES,
+        max_bytes=parts.settings.max_upload_bytes,
+        pace=parts.upload_pace,
+        take=room.take,
+    )
+    if "source" not in form.files:
+        raise InvalidOption("the form has no file 'source'")
+    return Submission(
+        caller,
+        _map_id(caller, form.texts.get("map_id", "")),
+        form.files["source"],
+        form.files.get("trajectory"),
+        _checked_config(parse_object((form.texts.get("config") or "{}").encode(), "config")),
+    )
+
+
+async def from_json(request: Request, parts: Parts, caller: Caller) -> Submission:
+    """The submission of a body that names URLs or uploads.
+
+    Raises:
+        InvalidOption, MalformedData, TooLarge: the body cannot be used, or the operator forbids a URL.
+        Forbidden: the caller may not build this map.
+    """
+    body = await read_object(request)
+    unknown = set(body) - {"map_id", "source", "trajectory", "config"}
+    if unknown:
+        raise InvalidOption(f"no field {', '.join(sorted(unknown))[:200]}")
+    config = body.get("config") or {}
+    if not isinstance(config, dict):
+        raise InvalidOption("config is a JSON object")
+    trajectory = body.get("trajectory")
+    return Submission(
+        caller,
+        _map_id(caller, str(body.get("map_id", ""))),
+        _named(parts, body.get("source"), "source"),
+        None if trajectory is None else _named(parts, trajectory, "trajectory"),
+        _checked_config(config),
+    )
+
+
+def _map_id(caller: Caller, given: str) -> str:
+    map_id = check_map_id(given)
+    caller.check(Scope.BUILD, map_id)
+    return map_id
+
+
+def _checked_config(config: dict[str, Any]) -> dict[str, Any]:
+    BuildConfig.parse(config)
+    return config
+
+
+def _named(parts: Parts, named: Any, role: str) -> NamedUrl | NamedUpload:
+    if isinstance(named, dict) and len(named) == 1:
+        ((kind, value),) = named.items()
+        if kind == "url" and isinstance(value, str):
+            return NamedUrl(check_source_url(value, parts.settings.source_urls))
+        if kind == "upload" and isinstance(value, str):
+            return NamedUpload(check_upload_id(value))
+    raise InvalidOption(f'{role} is {{"url": "..."}} or {{"upload": "..."}}')
+
+
+def _identity(source: Source | None) -> list[str] | None:
+    if source is None:
+        return None
+    if isinstance(source, UploadedFile):
+        return ["file", source.file_name, sha256_of(source.path)]
+    if isinstance(source, NamedUrl):
+        return ["url", source.url]
+    return ["upload", source.upload_id]

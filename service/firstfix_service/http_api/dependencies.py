@@ -1,0 +1,72 @@
+"""What the routes share: one of each, made by ``create_app`` and started with it."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+from typing import Annotated
+
+from fastapi import Depends, Request
+
+from firstfix.builds.caller_usage import CallerUsage
+from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.georeferences import Georeferences
+from firstfix.catalog.uploads import Uploads
+
+from ..auth.authenticate import Access
+from ..builds.queue import BuildQueue
+from ..builds.quota import BuildQuota
+from ..localize.pool import QueryPool
+from ..localize.use_case import LocalizeUseCase
+from ..maps.georeference_cache import GeoreferenceCache
+from ..maps.map_cache import MapCache
+from ..settings import Settings
+from ..telemetry.metrics import Metrics
+from .bodies.disk_space import DiskSpace
+from .bodies.paced_body import Pace
+from .bodies.request_body import BodyReader
+from .bodies.upload_quota import UploadQuota
+from .concurrency_limit import Places
+from .health import Health
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Attributes:
+    builds: None when this process records builds and another one runs them.
+    closing: set when the service begins to stop: what would go on for long ends then.
+    """
+
+    settings: Settings
+    metrics: Metrics
+    catalog: Catalog
+    maps: MapCache
+    pool: QueryPool
+    use_case: LocalizeUseCase
+    bodies: BodyReader
+    builds: BuildQueue | None
+    health: Health
+    access: Access
+    uploads: Uploads
+    upload_quota: UploadQuota
+    upload_streams: Places
+    upload_pace: Pace
+    build_quota: BuildQuota
+    usage: CallerUsage
+    disks: DiskSpace
+    event_streams: Places
+    georeferences: Georeferences
+    georeference_cache: GeoreferenceCache
+    closing: asyncio.Event
+
+
+async def parts_of(request: Request) -> Parts:
+    """
+    Raises:
+        FirstfixError: they are not there yet, see ``firstfix_service.startup.retry``.
+    """
+    parts: Parts = request.app.state.start.parts
+    return parts
+
+
+PartsDep = Annotated[Parts, Depends(parts_of)]

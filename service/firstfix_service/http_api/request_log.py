@@ -1,0 +1,82 @@
+"""Around every HTTP request: an id, a span, one line in the log, the counters, and a document for what went
+wrong."""
+
+from __future__ import annotations
+
+import time
+
+import structlog
+from starlette.requests import ClientDisconnect
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from ..problems import problem_of
+from ..telemetry.metrics import Metrics
+from ..telemetry.request_scope import Requests, RequestScope
+
+_log = structlog.get_logger(__name__)
+_QUIET = {"/healthz", "/readyz", "/metrics"}
+_METHODS = {"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"}
+TRANSPORT = "http"
+MAX_PATH_CHARS = 300  # a stranger's path is no reason for a log line of any length
+CLIENT_GONE = 499  # as nginx logs it; nobody is there to read it
+
+
+class RequestLog:
+    """ASGI middleware. The caller's X-Request-Id is kept if it is harmless, and always given back."""
+
+    def __init__(self, app: ASGIApp, metrics: Metrics, requests: Requests) -> None:
+        self._app = app
+        self._metrics = metrics
+        self._requests = requests
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        headers = dict(scope["headers"])
+        start = time.monotonic()
+        with self._requests.scope(
+            TRANSPORT,
+            None if scope["path"] in _QUIET else scope["method"],
+            request_id=headers.get(b"x-request-id", b"").decode("latin-1"),
+            traceparent=headers.get(b"traceparent", b"").decode("latin-1"),
+            started=start,
+        ) as request:
+            await self._answer(request, scope, receive, send)
+
+    async def _answer(self, request: RequestScope, scope: Scope, receive: Receive, send: Send) -> None:
+        request_id = request.request_id.encode()
+        status = 0
+
+        async def send_with_id(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+                message = {**message, "headers": [*message["headers"], (b"x-request-id", request_id)]}
+            await send(message)
+
+        try:
+            await self._app(scope, receive, send_with_id)
+        except ClientDisconnect:
+            status = CLIENT_GONE
+        except Exception as error:
+            _log.exception("unexpected error")
+            if status:  # the answer was under way: nothing to do but to break it off
+                raise
+            await problem_of(error).response()(scope, receive, send_with_id)
+        finally:
+            request.status = status
+            self._record(request, scope)
+
+    def _record(self, request: RequestScope, scope: Scope) -> None:
+        route = getattr(scope.get("route"), "path", "unknown")
+        method = scope["method"] if scope["method"] in _METHODS else "other"
+        self._metrics.http_requests.labels(method, route, str(request.status)).inc()
+        self._metrics.http_seconds.labels(route).observe(request.seconds)
+        path = scope["path"][:MAX_PATH_CHARS]
+        if request.span is not None:
+            request.span.update_name(f"{method} {route}")
+            told = {"http.request.method": method, "http.route": route, "url.path": path}
+            request.span.set_attributes({**told, "http.response.status_code": request.status})
+        log = _log.debug if route in _QUIET else _log.info
+        log("request", method=method, path=path, **request.line)

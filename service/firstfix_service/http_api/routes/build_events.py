@@ -1,0 +1,103 @@
+"""GET /builds/{id}/events: a build's progress as it comes, as server-sent events."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections.abc import AsyncIterator
+from contextlib import ExitStack, suppress
+from typing import Any
+
+import structlog
+from fastapi import APIRouter
+from fastapi.responses import StreamingResponse
+from starlette.types import Receive, Scope, Send
+
+from firstfix.builds.records import FINAL_STATES
+from firstfix.errors import FirstfixError, StoreUnavailable
+
+from ...auth.permission import Permission, PermissionDep
+from ...lanes import READS
+from ..authorize import CallerDep
+from ..dependencies import Parts, PartsDep
+from ..schema.path_parameters import BuildId
+
+router = APIRouter(prefix="/builds", tags=["builds"])
+_log = structlog.get_logger(__name__)
+LOOK_S = 1.0  # between looks at the status, which its writer renews twice a second
+HEARTBEAT_S = 15.0  # proxies cut connections on which nothing moves
+_EVENTS: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "`event: progress` with the status as `data` whenever it changes, then "
+        "`event: end` with the last one. Comment lines in between keep the connection alive. A stream that "
+        "ends without `end` is to be opened again",
+        "content": {
+            "text/event-stream": {
+                "schema": {"type": "string"},
+                "example": 'event: progress\ndata: {"build_id": "...", "state": "running"}\n\n',
+            }
+        },
+    }
+}
+
+
+@router.get("/{build_id}/events", response_class=StreamingResponse, responses=_EVENTS)
+async def get_build_events(
+    build_id: BuildId, parts: PartsDep, caller: CallerDep, permission: PermissionDep
+) -> StreamingResponse:
+    """The build's status as it changes, until it ends or the caller's key or token is no longer valid."""
+    status = await READS.run(parts.catalog.build_status, build_id)
+    place = ExitStack()
+    place.enter_context(parts.event_streams.one(caller.name))
+    return _Stream(_events(parts, permission, build_id, status), place)
+
+
+class _Stream(StreamingResponse):
+    """Gives its place back when it has ended, however it does."""
+
+    def __init__(self, events: AsyncIterator[bytes], place: ExitStack) -> None:
+        headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+        super().__init__(events, media_type="text/event-stream", headers=headers)
+        self._place = place
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        with self._place:
+            await super().__call__(scope, receive, send)
+
+
+async def _events(
+    parts: Parts, permission: Permission, build_id: str, status: dict[str, Any]
+) -> AsyncIterator[bytes]:
+    """Also ends when the service stops, and is cancelled when the caller has gone."""
+    said: dict[str, Any] | None = None
+    last = time.monotonic()
+    while status["state"] not in FINAL_STATES:
+        if status != said:
+            yield _event("progress", build_id, status)
+            said, last = status, time.monotonic()
+        elif time.monotonic() - last > HEARTBEAT_S:
+            yield b": still there\n\n"
+            last = time.monotonic()
+        with suppress(TimeoutError):
+            async with asyncio.timeout(LOOK_S):
+                await parts.closing.wait()
+        if parts.closing.is_set():
+            return
+        try:
+            await permission.check(status["map_id"])
+        except FirstfixError as error:
+            _log.info("a stream of events ended: its caller may not see it any more", code=error.code)
+            return
+        try:
+            status = await READS.run(parts.catalog.build_status, build_id)
+        except StoreUnavailable as error:  # it comes back, or the caller gives up
+            _log.warning("cannot read the build's status", build_id=build_id, error=str(error))
+        except FirstfixError:  # its record was removed
+            return
+    yield _event("end", build_id, status)
+
+
+def _event(name: str, build_id: str, status: dict[str, Any]) -> bytes:
+    data = json.dumps({"build_id": build_id, **status}, separators=(",", ":"))
+    return f"event: {name}\ndata: {data}\n\n".encode()

@@ -1,0 +1,56 @@
+"""Removing what nothing references, of one map or of the whole store."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+
+from firstfix.upkeep.garbage import DAY_S, Ages, Garbage, collect_garbage
+
+from ...lanes import UPKEEP
+from ..dependencies import PartsDep
+from ..schema.api_models import GarbageReport
+from ..schema.path_parameters import MapId
+
+router = APIRouter(tags=["garbage"])
+MAX_KEYS = 1000
+DryRun = Annotated[bool, Query(description="say what would be removed, remove nothing")]
+OlderThanH = Annotated[
+    float, Query(ge=1, le=8760, description="hours that a thing has to be old: it may be on its way")
+]
+
+
+@router.post("/maps/{map_id}/collect-garbage")
+@UPKEEP.route
+def collect_garbage_of_map(
+    map_id: MapId, parts: PartsDep, dry_run: DryRun = False, older_than_h: OlderThanH = 24.0
+) -> GarbageReport:
+    """Removes the files of retired versions and of publishes that never ended, and sources that no build
+    names."""
+    ages = Ages(things_s=older_than_h * 3600)
+    return _report(collect_garbage(parts.catalog, map_id=map_id, ages=ages, dry_run=dry_run), dry_run)
+
+
+@router.post("/collect-garbage")
+@UPKEEP.route
+def collect_all_garbage(
+    parts: PartsDep,
+    dry_run: DryRun = False,
+    older_than_h: OlderThanH = 24.0,
+    builds_older_than_d: Annotated[
+        float, Query(ge=1, le=3650, description="days since a build ended without a version that is left")
+    ] = 30.0,
+) -> GarbageReport:
+    """The same for all maps, and: abandoned uploads, records of builds that ended long ago and of which no
+    version is left, and idempotency keys."""
+    ages = Ages(things_s=older_than_h * 3600, builds_s=builds_older_than_d * DAY_S)
+    return _report(collect_garbage(parts.catalog, ages=ages, dry_run=dry_run), dry_run)
+
+
+def _report(found: Garbage, dry_run: bool) -> GarbageReport:
+    return GarbageReport(
+        dry_run=dry_run,
+        objects={kind: len(keys) for kind, keys in found.keys.items()},
+        keys={kind: keys[:MAX_KEYS] for kind, keys in found.keys.items()},
+    )

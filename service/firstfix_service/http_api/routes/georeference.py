@@ -1,0 +1,76 @@
+"""/maps/{map_id}/georeference: where a map lies on the Earth."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter, Request
+
+from firstfix.catalog.geopose import Georeference
+from firstfix.errors import InvalidOption, NotFound
+
+from ...lanes import CHANGES, READS
+from ..bodies.json_body import read_model
+from ..dependencies import Parts, PartsDep
+from ..schema.api_models import GeoreferenceBody, GeoreferenceRecord
+from ..schema.path_parameters import MapId
+
+router = APIRouter(prefix="/maps/{map_id}/georeference", tags=["georeference"])
+_BODY: dict[str, Any] = {
+    "requestBody": {
+        "required": True,
+        "content": {"application/json": {"schema": {"$ref": "#/components/schemas/GeoreferenceBody"}}},
+    }
+}
+
+
+@router.put("", openapi_extra=_BODY)
+async def put_georeference(map_id: MapId, request: Request, parts: PartsDep) -> GeoreferenceRecord:
+    """Says where the map lies. It counts for all versions, here at once and on other replicas within
+    seconds."""
+    body = await read_model(request, GeoreferenceBody)
+    georeference = _georeference(body)
+    await CHANGES.run(_set, parts, map_id, georeference)
+    return _record(map_id, georeference)
+
+
+@router.get("")
+@READS.route
+def get_georeference(map_id: MapId, parts: PartsDep) -> GeoreferenceRecord:
+    """Where the map lies; 404 if nobody said."""
+    georeference = parts.georeferences.get(map_id)
+    if georeference is None:
+        raise NotFound(f"map {map_id} has no georeference")
+    return _record(map_id, georeference)
+
+
+@router.delete("", status_code=204)
+@CHANGES.route
+def delete_georeference(map_id: MapId, parts: PartsDep) -> None:
+    """Takes it back."""
+    if parts.georeferences.get(map_id) is None:
+        raise NotFound(f"map {map_id} has no georeference")
+    _set(parts, map_id, None)
+
+
+def _georeference(body: GeoreferenceBody) -> Georeference:
+    if (body.x_axis_deg is None) == (body.quaternion is None):
+        raise InvalidOption("a georeference has one of x_axis_deg and quaternion")
+    where = (body.latitude_deg, body.longitude_deg, body.height_m)
+    ax, ay, az = body.anchor_m
+    if body.quaternion is None:
+        return Georeference.with_heading(*where, body.x_axis_deg or 0.0, (ax, ay, az))
+    x, y, z, w = body.quaternion
+    return Georeference(*where, (x, y, z, w), (ax, ay, az))
+
+
+def _set(parts: Parts, map_id: str, georeference: Georeference | None) -> None:
+    if not parts.catalog.state(map_id).exists:
+        raise NotFound(f"no map {map_id}")
+    parts.georeferences.set(map_id, georeference)
+    parts.georeference_cache.forget(map_id)
+
+
+def _record(map_id: str, georeference: Georeference) -> GeoreferenceRecord:
+    values = {**georeference.to_mapping(), "x_axis_deg": georeference.x_axis_deg}
+    return GeoreferenceRecord.model_validate({"map_id": map_id, **values})

@@ -1,0 +1,181 @@
+"""/uploads: map files of gigabytes, in as many requests as the connection needs (tus 1.0).
+
+Parts stand in the store, so any replica goes on with an upload that another one began.
+"""
+
+from __future__ import annotations
+
+import uuid
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Header, Request, Response
+
+from firstfix.catalog.uploads import Upload
+from firstfix.errors import Conflict, InvalidOption, TooLarge, UnsupportedFormat
+from firstfix.ids import check_version
+
+from ...lanes import CHANGES, COPIES, LISTS, READS
+from ..authorize import CallerDep
+from ..bodies import tus
+from ..bodies.multipart import harmless_name
+from ..bodies.own_upload import own_upload
+from ..bodies.upload_stream import append_body
+from ..dependencies import PartsDep
+from ..schema.api_models import UploadStatus
+from ..schema.path_parameters import UploadId
+
+router = APIRouter(prefix="/uploads", tags=["uploads"])
+TusResumable = Annotated[str | None, Header(description="1.0.0, if the caller speaks tus")]
+_DIGITS = {"pattern": "^[0-9]{1,18}$"}
+
+
+def _headers(*names: str) -> dict[str, Any]:
+    return {"headers": {name: {"schema": {"type": "string"}} for name in names}}
+
+
+_STATE_HEADERS = _headers("Upload-Offset", "Upload-Length", "Upload-Expires", "Tus-Resumable")
+_PART: dict[str, Any] = {
+    "requestBody": {
+        "required": True,
+        "content": {tus.MEDIA_TYPE: {"schema": {"type": "string", "format": "binary"}}},
+    }
+}
+
+
+@router.options(
+    "", status_code=204, responses={204: _headers("Tus-Version", "Tus-Extension", "Tus-Max-Size")}
+)
+async def describe_uploads(parts: PartsDep) -> Response:
+    """What of tus this service speaks."""
+    return Response(
+        status_code=204,
+        headers={
+            "Tus-Resumable": tus.VERSION,
+            "Tus-Version": tus.VERSION,
+            "Tus-Extension": tus.EXTENSIONS,
+            "Tus-Checksum-Algorithm": ",".join(tus.CHECKSUMS),
+            "Tus-Max-Size": str(parts.settings.max_upload_bytes),
+        },
+    )
+
+
+@router.post(
+    "",
+    status_code=201,
+    responses={201: {**_headers("Location", "Upload-Offset", "Upload-Expires"), "description": "begun"}},
+)
+@LISTS.route
+def begin_upload(
+    parts: PartsDep,
+    caller: CallerDep,
+    response: Response,
+    upload_length: Annotated[
+        str, Header(description="bytes of the whole file", json_schema_extra=_DIGITS, examples=["5000000000"])
+    ],
+    upload_metadata: Annotated[
+        str,
+        Header(
+            description="pairs of name and base64 value: `filename`, whose ending says how the file is read, "
+            "and it may be `sha256`, 64 hex characters, which the whole is compared with",
+            examples=["filename aGFsbC5sYXo="],
+        ),
+    ],
+    tus_resumable: TusResumable = None,
+) -> UploadStatus:
+    """Announces a file. Its bytes follow by PATCH to the Location; what is not gone on with for a day is
+    removed. The upload is its caller's: to others, but those with the scope `admin`, it is not there. 429
+    `quota_exceeded`: this caller has as many uploads or bytes open as one may have."""
+    tus.check_version(tus_resumable)
+    size_bytes = tus.number("Upload-Length", upload_length)
+    if size_bytes < 1:
+        raise InvalidOption("a map file is not empty")
+    if size_bytes > parts.settings.max_upload_bytes:
+        raise TooLarge(f"a file has at most {parts.settings.max_upload_bytes} bytes")
+    told = tus.metadata(upload_metadata)
+    if not told.get("filename"):
+        raise InvalidOption("Upload-Metadata has no filename")
+    sha256 = told.get("sha256")
+    if sha256 is not None:
+        check_version(sha256)
+    upload_id, name = f"u{uuid.uuid4().hex}", harmless_name(told["filename"])
+    with parts.disks.reserve("the store's disk", parts.catalog.store.directory) as room:
+        room.ensure(size_bytes)  # what has no room is refused at once; its bytes are promised as they come
+    parts.upload_quota.begin(caller.name, upload_id, size_bytes=size_bytes, file_name=name, sha256=sha256)
+    upload = parts.uploads.get(upload_id)
+    response.headers.update({**tus.headers_of(upload), "Location": f"/uploads/{upload_id}"})
+    return _status(upload)
+
+
+@router.head("/{upload_id}", response_class=Response, responses={200: _STATE_HEADERS})
+@READS.route
+def get_upload_offset(
+    upload_id: UploadId, parts: PartsDep, caller: CallerDep, tus_resumable: TusResumable = None
+) -> Response:
+    """Where to go on: `Upload-Offset`."""
+    tus.check_version(tus_resumable)
+    return Response(headers=tus.headers_of(own_upload(parts.uploads, caller, upload_id)))
+
+
+@router.get("/{upload_id}")
+@READS.route
+def get_upload(upload_id: UploadId, parts: PartsDep, caller: CallerDep) -> UploadStatus:
+    """The same for eyes."""
+    return _status(own_upload(parts.uploads, caller, upload_id))
+
+
+@router.patch("/{upload_id}", status_code=204, responses={204: _STATE_HEADERS}, openapi_extra=_PART)
+async def append_to_upload(
+    upload_id: UploadId,
+    request: Request,
+    parts: PartsDep,
+    caller: CallerDep,
+    upload_offset: Annotated[
+        str, Header(description="where the body begins: what HEAD says", json_schema_extra=_DIGITS)
+    ],
+    upload_checksum: Annotated[
+        str | None,
+        Header(description="`sha256` or `sha1` and the body's digest in base64; then at most 16 MiB"),
+    ] = None,
+    tus_resumable: TusResumable = None,
+) -> Response:
+    """Goes on with a file. 409: it goes on elsewhere, ask HEAD. 460: a checksum does not hold, of the body
+    (which is then not kept) or of the whole file (which is then removed)."""
+    tus.check_version(tus_resumable)
+    media_type = request.headers.get("content-type", "").split(";", 1)[0].strip().lower()
+    if media_type != tus.MEDIA_TYPE:
+        raise UnsupportedFormat(f"a part of an upload is {tus.MEDIA_TYPE}")
+    offset = tus.number("Upload-Offset", upload_offset)
+    checksum = None if upload_checksum is None else tus.Checksum(upload_checksum)
+    with parts.upload_streams.one(caller.name):
+        upload = await READS.run(own_upload, parts.uploads, caller, upload_id)
+        if offset != upload.offset:
+            raise Conflict(f"upload {upload_id} goes on at {upload.offset}, not at {offset}")
+        with parts.disks.reserve("the store's disk", parts.catalog.store.directory) as room:
+            await READS.run(room.ensure, upload.size_bytes - offset)
+            upload = await append_body(parts.uploads, upload, request, checksum, parts.upload_pace, room)
+        if upload.complete:
+            await COPIES.run(parts.uploads.finish, upload)
+    return Response(status_code=204, headers=tus.headers_of(upload))
+
+
+@router.delete("/{upload_id}", status_code=204)
+@CHANGES.route
+def delete_upload(
+    upload_id: UploadId, parts: PartsDep, caller: CallerDep, tus_resumable: TusResumable = None
+) -> Response:
+    """Gives an upload up, or removes what a map was made of: the map keeps its own copy."""
+    tus.check_version(tus_resumable)
+    own_upload(parts.uploads, caller, upload_id)
+    parts.uploads.remove(upload_id)
+    return Response(status_code=204, headers={"Tus-Resumable": tus.VERSION})
+
+
+def _status(upload: Upload) -> UploadStatus:
+    return UploadStatus(
+        upload_id=upload.upload_id,
+        file_name=upload.file_name,
+        size_bytes=upload.size_bytes,
+        offset_bytes=upload.offset,
+        sha256=upload.sha256,
+        complete=upload.complete,
+    )

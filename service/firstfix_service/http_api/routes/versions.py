@@ -1,0 +1,143 @@
+"""/maps/{map_id}/versions: what was built, what the build says of it, and which one answers."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Header, Query, Request, Response
+
+from firstfix.errors import NotFound
+
+from ...lanes import CHANGES, LISTS, READS
+from ..dependencies import PartsDep
+from ..schema.api_models import Activation, Retirement, VersionDetails, VersionPage, VersionReport
+from ..schema.paging import DEFAULT_LIMIT, After, Limit
+from ..schema.path_parameters import MapId, Version
+
+router = APIRouter(prefix="/maps/{map_id}", tags=["versions"])
+PICTURES = ("preview", "reliability", "localizability")
+MAX_PICTURE_BYTES = 64 << 20
+# Whatever the version names never changes; whether one may see it is not a proxy's to know.
+_FOREVER = "private, max-age=31536000, immutable"
+_PICTURE: dict[int | str, dict[str, Any]] = {
+    200: {
+        "content": {"image/png": {"schema": {"type": "string", "format": "binary"}}},
+        "headers": {"ETag": {"description": "its sha256", "schema": {"type": "string"}}},
+    },
+    304: {"description": "the caller has it"},
+}
+
+
+@router.get("/versions")
+@READS.route
+def get_versions(
+    map_id: MapId, parts: PartsDep, limit: Limit = DEFAULT_LIMIT, after: After = None
+) -> VersionPage:
+    """The map's versions that can be served, newest first."""
+    infos = parts.catalog.versions(map_id)
+    if after is not None:
+        names = [info.version for info in infos]
+        if after not in names:
+            raise NotFound(f"map {map_id} has no version {after[:64]} to go on after")
+        infos = infos[names.index(after) + 1 :]
+    page = [
+        {"version": info.version, "active": info.active, "published_time": info.published_time}
+        for info in infos[:limit]
+    ]
+    following = page[-1]["version"] if len(infos) > limit else None
+    return VersionPage.model_validate({"map_id": map_id, "versions": page, "next": following})
+
+
+@router.get("/versions/{version}", response_model=VersionDetails)
+@READS.route
+def get_version(map_id: MapId, version: Version, parts: PartsDep) -> dict[str, Any]:
+    """One version, with its manifest."""
+    manifest = parts.catalog.manifest(map_id, version)
+    return {
+        "map_id": map_id,
+        "version": version,
+        "active": parts.catalog.active_version(map_id) == version,
+        "manifest": manifest.to_mapping(),
+    }
+
+
+@router.get("/versions/{version}/report", response_model=VersionReport)
+@READS.route
+def get_report(map_id: MapId, version: Version, parts: PartsDep) -> dict[str, Any]:
+    """What the build measured: success, reliability of the probabilities, and where in the map a robot can
+    find itself."""
+    manifest = parts.catalog.manifest(map_id, version)
+    return {
+        "map_id": map_id,
+        "version": version,
+        "counts": manifest.counts,
+        "sensor": manifest.sensor,
+        "bounds": manifest.bounds,
+        "self_test": manifest.self_test,
+        "pictures": [name for name in PICTURES if f"{name}.png" in manifest.files],
+    }
+
+
+@router.get("/versions/{version}/preview", response_class=Response, responses=_PICTURE)
+@router.get("/versions/{version}/reliability", response_class=Response, responses=_PICTURE)
+@router.get("/versions/{version}/localizability", response_class=Response, responses=_PICTURE)
+@LISTS.route
+def get_picture(
+    map_id: MapId,
+    version: Version,
+    request: Request,
+    parts: PartsDep,
+    if_none_match: Annotated[str | None, Header(description="ETags that the caller has")] = None,
+) -> Response:
+    """A picture of the version: `preview`, the map from above with its templates; `reliability`, how the
+    probabilities came true; `localizability`, where a robot can find itself."""
+    name = f"{request.url.path.rsplit('/', 1)[-1]}.png"
+    entry = parts.catalog.manifest(map_id, version).files.get(name)
+    if entry is None:
+        raise NotFound(f"version {version} of map {map_id} has no {name}")
+    headers = {"ETag": f'"{entry.sha256}"', "Cache-Control": _FOREVER}
+    if if_none_match is not None and _names(if_none_match, headers["ETag"]):
+        return Response(status_code=304, headers=headers)
+    data = parts.catalog.read_file(map_id, version, name, max_bytes=MAX_PICTURE_BYTES)
+    return Response(data, media_type="image/png", headers=headers)
+
+
+@router.post("/versions/{version}/activate")
+@CHANGES.route
+def activate(map_id: MapId, version: Version, parts: PartsDep) -> Activation:
+    """Lets a published version answer from now on: back or forward. This replica follows before it
+    answers, others within their poll interval."""
+    parts.catalog.activate(map_id, version)
+    serving = parts.maps.refresh(map_id).version
+    return Activation(map_id=map_id, active_version=version, serving_version=serving)
+
+
+@router.post("/rollback")
+@CHANGES.route
+def roll_back(map_id: MapId, parts: PartsDep) -> Activation:
+    """Lets the version answer that was active before the active one; twice comes back. 409 where there is
+    none."""
+    version = parts.catalog.roll_back(map_id)
+    serving = parts.maps.refresh(map_id).version
+    return Activation(map_id=map_id, active_version=version, serving_version=serving)
+
+
+@router.delete("/versions/{version}")
+@CHANGES.route
+def retire(
+    map_id: MapId,
+    version: Version,
+    parts: PartsDep,
+    force: Annotated[
+        bool, Query(description="also if it is the active one: the one before answers then")
+    ] = False,
+) -> Retirement:
+    """Takes a version out of service; its files go with the next garbage collection. 409 if it is the
+    active one, without `force`."""
+    parts.catalog.retire(map_id, version, force=force)
+    return Retirement(map_id=map_id, version=version, active_version=parts.catalog.active_version(map_id))
+
+
+def _names(if_none_match: str, etag: str) -> bool:
+    given = (item.strip().removeprefix("W/") for item in if_none_match.split(","))
+    return any(item in (etag, "*") for item in given)

@@ -1,0 +1,104 @@
+"""The forms of the answer to a query, for the OpenAPI document: ``Localization.to_mapping`` makes them."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+from pydantic.config import JsonDict
+
+from firstfix.answer.localization import Reason
+
+_POSE: JsonDict = {"position": [12.31, -4.02, 0.98], "quaternion": [0.0, 0.0, 0.3827, 0.9239]}
+Position = Annotated[list[float], Field(min_length=3, max_length=3)]
+Quaternion = Annotated[list[float], Field(min_length=4, max_length=4, description="x, y, z, w")]
+
+
+class Pose(BaseModel):
+    position: Position = Field(description="metres")
+    quaternion: Quaternion
+
+
+class Hypothesis(BaseModel):
+    T_map_sensor: Pose
+    overlap: float = Field(description="share of the scan that lies on the map there")
+    closeness: float = Field(description="the same, near points counting more")
+    seen_through: float = Field(description="share of directions that pass through a mapped surface")
+    probability: float
+    template: int
+    map_id: str
+
+
+class Answer(BaseModel):
+    """ "Not localized" is an answer too: its pose is null."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {
+                    "verdict": "localized",
+                    "reasons": [],
+                    "T_map_sensor": _POSE,
+                    "T_map_base": None,
+                    "covariance": [1e-4 if i % 7 == 0 else 0.0 for i in range(36)],
+                    "probability": 0.998,
+                    "hypotheses": [
+                        {
+                            "T_map_sensor": _POSE,
+                            "overlap": 0.93,
+                            "closeness": 0.81,
+                            "seen_through": 0.004,
+                            "probability": 0.998,
+                            "template": 4711,
+                            "map_id": "",
+                        }
+                    ],
+                    "map_id": "hall",
+                    "map_version": "5a4ce3b4178946d0a2e1d4f1c3b7a9586e0f2d4c6b8a19375d3e5f7091b2c4d6",
+                    "timings_ms": {"preprocess": 9.1, "search": 2.0, "register": 31.5},
+                }
+            ]
+        }
+    )
+    verdict: Literal["localized", "ambiguous", "rejected"]
+    reasons: list[Reason]
+    T_map_sensor: Pose | None
+    T_map_base: Pose | None
+    covariance: Annotated[list[float], Field(min_length=36, max_length=36)] | None = Field(
+        description="6 x 6, row by row, over x, y, z and rotations about the map's axes (m, rad)"
+    )
+    probability: float
+    hypotheses: list[Hypothesis] = Field(description="best first")
+    map_id: str
+    map_version: str
+    timings_ms: dict[str, float]
+
+
+class GeoPosition(BaseModel):
+    lat: float = Field(description="degrees, WGS84")
+    lon: float = Field(description="degrees, WGS84")
+    h: float = Field(description="metres above the WGS84 ellipsoid")
+
+
+class GeoQuaternion(BaseModel):
+    x: float
+    y: float
+    z: float
+    w: float
+
+
+class GeoPose(BaseModel):
+    """OGC GeoPose 1.0, Basic-Quaternion: the body's axes in the east-north-up frame at the position."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {
+                    "position": {"lat": 48.26493, "lon": 11.67134, "h": 530.38},
+                    "quaternion": {"x": 0.0, "y": 0.0, "z": 0.3827, "w": 0.9239},
+                }
+            ]
+        }
+    )
+    position: GeoPosition
+    quaternion: GeoQuaternion

@@ -1,0 +1,1 @@
+"""The use case of localization: one path for HTTP and zenoh."""

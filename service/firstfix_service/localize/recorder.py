@@ -1,0 +1,99 @@
+"""What is kept of a query when it is over: counters, its line in the log, its spans, perhaps a sample."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from firstfix.answer.localization import Localization
+
+from ..problems import problem_of
+from ..telemetry.metrics import Metrics
+from ..telemetry.request_scope import Requests, RequestScope, current_request, note
+from ..telemetry.tracing import started_ns
+from .sampler import SampleKeeper
+
+_OK = 200
+
+
+@dataclass(frozen=True)
+class RawQuery:
+    """A query as it came: what ``LocalizeUseCase.localize`` was given."""
+
+    body: bytes
+    media_type: str
+    content_encoding: str | None
+    map_id: str
+    options: Mapping[str, str]
+
+
+class QueryRecorder:
+    """Keeps what is worth it of the queries of one app. Cheap: it runs on the way of every answer.
+
+    Args:
+        samples: None: bodies are never kept.
+    """
+
+    def __init__(self, metrics: Metrics, requests: Requests, samples: SampleKeeper | None = None) -> None:
+        self._metrics = metrics
+        self._requests = requests
+        self._samples = samples
+
+    def record(self, query: RawQuery, answer: Localization, queued: float) -> None:
+        """One query that was answered.
+
+        Args:
+            queued: ``time.monotonic`` when it was given to the pool: there its timings begin.
+        """
+        scope = current_request()
+        if scope is not None and scope.span is not None and self._requests.tracing is not None:
+            self._requests.tracing.stages(scope.span, started_ns(queued), answer.timings_ms)
+        note(body_bytes=len(query.body))
+        if self._samples is not None:
+            self._samples.offer(query, answer, scope)
+
+    def count(self, transport: str, outcome: Localization | BaseException) -> None:
+        """One query's end, whatever it is."""
+        scope = current_request()
+        if isinstance(outcome, Localization):
+            self._count_answer(transport, outcome, scope)
+        else:
+            self._count_failure(transport, outcome, scope)
+        if scope is not None:
+            self._metrics.localize_seconds.labels(transport).observe(scope.seconds, _exemplar(scope))
+
+    def _count_answer(self, transport: str, answer: Localization, scope: RequestScope | None) -> None:
+        metrics, verdict = self._metrics, answer.verdict.value
+        metrics.verdicts.labels(transport, verdict).inc()
+        metrics.probability.labels(verdict).observe(answer.probability)
+        for reason in answer.reasons:
+            metrics.reasons.labels(reason.value).inc()
+        exemplar = None if scope is None else _exemplar(scope)
+        for stage, ms in answer.timings_ms.items():
+            metrics.stage_seconds.labels(stage).observe(ms / 1e3, exemplar)
+        if scope is not None:
+            scope.status = _OK
+        note(
+            map_id=answer.map_id,
+            map_version=answer.map_version,
+            verdict=verdict,
+            reasons=[reason.value for reason in answer.reasons],
+            probability=round(answer.probability, 4),
+        )
+
+    def _count_failure(self, transport: str, error: BaseException, scope: RequestScope | None) -> None:
+        problem = problem_of(error)
+        self._metrics.failures.labels(transport, problem.code).inc()
+        note(code=problem.code)
+        if scope is None:
+            return
+        scope.status = problem.status
+        if scope.span is not None:
+            scope.span.record_exception(error)
+
+
+def _exemplar(scope: RequestScope) -> dict[str, str] | None:
+    """The trace that a measurement is an example of, where one is kept."""
+    if scope.span is None or scope.trace is None or not scope.trace.sampled:
+        return None
+    return {"trace_id": scope.trace.trace_id}

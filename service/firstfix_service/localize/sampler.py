@@ -1,0 +1,182 @@
+"""Keeps a share of the queries that were not localized, body and all, off their way: a bounded queue and one
+thread that writes. A query is never slower or refused for it; what does not fit is dropped and counted."""
+
+from __future__ import annotations
+
+import queue
+import random
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from typing import TYPE_CHECKING
+
+import structlog
+
+import firstfix
+from firstfix.answer.localization import Localization, Verdict
+from firstfix.catalog.query_samples import REPLAY, QuerySample, QuerySamples, new_sample_id
+from firstfix.errors import FirstfixError
+
+from ..settings import Settings
+from ..telemetry.metrics import Metrics
+from ..telemetry.request_scope import RequestScope
+
+if TYPE_CHECKING:
+    from .recorder import RawQuery
+
+_log = structlog.get_logger(__name__)
+MAX_WAITING, MAX_WAITING_BYTES = 64, 64 << 20  # held in memory until they are written
+PRUNE_PERIOD_S = 600.0
+STOP_WITHIN_S = 5.0  # for what waits, when the service stops
+_MINUTE_S = 60.0
+
+
+@dataclass(frozen=True)
+class SamplePolicy:
+    """What is kept.
+
+    Attributes:
+        share: 0..1 of the answers that are not localized.
+        share_localized: 0..1 of the localized ones less probable than ``below_probability``.
+        per_minute: samples at most, of this process.
+        max_body_bytes: of one query; larger ones are not kept.
+        max_bytes, max_age_s: of all samples in the store; the oldest go.
+    """
+
+    share: float
+    share_localized: float
+    below_probability: float
+    per_minute: int
+    max_body_bytes: int
+    max_bytes: int
+    max_age_s: float
+
+    @classmethod
+    def of(cls, settings: Settings) -> SamplePolicy:
+        return cls(
+            share=settings.samples_share,
+            share_localized=settings.samples_share_localized,
+            below_probability=settings.samples_below_probability,
+            per_minute=settings.samples_per_minute,
+            max_body_bytes=settings.samples_max_body_bytes,
+            max_bytes=settings.samples_max_bytes,
+            max_age_s=settings.samples_days * 86400,
+        )
+
+    @property
+    def is_on(self) -> bool:
+        return self.share > 0 or self.share_localized > 0
+
+    def share_of(self, answer: Localization) -> float:
+        if answer.verdict is not Verdict.LOCALIZED:
+            return self.share
+        return self.share_localized if answer.probability < self.below_probability else 0.0
+
+
+class SampleKeeper:
+    """Takes offers from any thread, once it is started."""
+
+    def __init__(self, samples: QuerySamples, policy: SamplePolicy, metrics: Metrics) -> None:
+        self._samples = samples
+        self._policy = policy
+        self._metrics = metrics
+        self._lock = threading.Lock()
+        self._taken: deque[float] = deque()  # time.monotonic of the last minute's samples
+        self._waiting: queue.Queue[tuple[QuerySample, bytes] | None] = queue.Queue()
+        self._waiting_bytes = 0
+        self._kept_bytes = 0
+        self._next_prune = 0.0
+        self._thread = threading.Thread(target=self._run, name="sample-keeper", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def close(self) -> None:
+        """Writes what waits, as far as it goes in a few seconds."""
+        self._waiting.put(None)
+        self._thread.join(STOP_WITHIN_S)
+
+    def offer(self, query: RawQuery, answer: Localization, scope: RequestScope | None) -> None:
+        """Perhaps keeps the query. Never blocks and never fails."""
+        if random.random() >= self._policy.share_of(answer):
+            return
+        if scope is not None and scope.request_id.startswith(REPLAY):
+            return
+        result = self._admit(len(query.body))
+        if result != "taken":
+            self._metrics.samples.labels(result).inc()
+            return
+        now = datetime.now(timezone.utc)
+        sample = QuerySample(
+            sample_id=new_sample_id(f"{random.getrandbits(32):08x}", now),
+            time=now.isoformat(),
+            transport="" if scope is None else scope.transport,
+            request_id="" if scope is None else scope.request_id,
+            trace_id="" if scope is None or scope.trace is None else scope.trace.trace_id,
+            map_id=query.map_id,
+            media_type=query.media_type,
+            content_encoding=query.content_encoding or "",
+            options=dict(query.options),
+            answer=answer.to_mapping(),
+            body_bytes=len(query.body),
+            service_version=firstfix.__version__,
+        )
+        self._waiting.put((sample, query.body))
+
+    def _admit(self, size: int) -> str:
+        """ "taken", or why not: a label of the metric."""
+        if size > self._policy.max_body_bytes:
+            return "too_large"
+        with self._lock:
+            now = time.monotonic()
+            while self._taken and now - self._taken[0] >= _MINUTE_S:
+                self._taken.popleft()
+            if len(self._taken) >= self._policy.per_minute:
+                return "rate_limited"
+            if self._waiting.qsize() >= MAX_WAITING or self._waiting_bytes + size > MAX_WAITING_BYTES:
+                return "dropped"
+            self._taken.append(now)
+            self._waiting_bytes += size
+        return "taken"
+
+    def _run(self) -> None:
+        while True:
+            self._prune_if_due()
+            try:
+                waiting = self._waiting.get(timeout=max(0.1, self._next_prune - time.monotonic()))
+            except queue.Empty:
+                continue
+            if waiting is None:
+                return
+            self._write(*waiting)
+
+    def _write(self, sample: QuerySample, body: bytes) -> None:
+        try:
+            self._samples.put(sample, body)
+            self._kept_bytes += len(body)
+            self._metrics.samples.labels("kept").inc()
+        except FirstfixError as error:
+            self._metrics.samples.labels("failed").inc()
+            _log.warning("a sample could not be kept", code=error.code, error=str(error))
+        except Exception:  # the keeper must outlive a defect
+            self._metrics.samples.labels("failed").inc()
+            _log.exception("a sample could not be kept")
+        finally:
+            with self._lock:
+                self._waiting_bytes -= len(body)
+
+    def _prune_if_due(self) -> None:
+        if time.monotonic() < self._next_prune and self._kept_bytes <= self._policy.max_bytes:
+            return
+        self._next_prune = time.monotonic() + PRUNE_PERIOD_S
+        try:
+            self._kept_bytes = self._samples.prune(
+                older_than_s=self._policy.max_age_s, max_bytes=self._policy.max_bytes
+            )
+        except FirstfixError as error:
+            _log.warning("old samples could not be removed", code=error.code, error=str(error))
+        except Exception:
+            _log.exception("old samples could not be removed")
+        self._metrics.sample_bytes.set(self._kept_bytes)

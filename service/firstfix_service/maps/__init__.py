@@ -1,0 +1,1 @@
+"""Map versions in memory: loaded, leased, prefetched, evicted, placed on replicas."""

@@ -1,0 +1,275 @@
+"""The service's parts, started in the order in which they need each other."""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+import threading
+import time
+import uuid
+from collections.abc import Callable
+from contextlib import AsyncExitStack
+from pathlib import Path
+
+import structlog
+
+import firstfix
+from firstfix.builds.caller_usage import CallerUsage
+from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.georeferences import Georeferences
+from firstfix.catalog.query_samples import QuerySamples
+from firstfix.catalog.uploads import Uploads
+from firstfix.errors import InvalidOption, StoreUnavailable
+from firstfix.store.store import Store
+
+from ..auth.authenticate import open_access
+from ..builds.quota import BuildQuota
+from ..builds.start import run_with, start_builds
+from ..exposure import check_exposure
+from ..http_api.bodies.disk_space import DiskSpace
+from ..http_api.bodies.paced_body import Pace
+from ..http_api.bodies.request_body import BodyReader
+from ..http_api.bodies.upload_quota import UploadQuota
+from ..http_api.concurrency_limit import Places
+from ..http_api.dependencies import Parts
+from ..http_api.health import Health
+from ..lanes import START
+from ..localize.pool import QueryPool
+from ..localize.recorder import QueryRecorder
+from ..localize.sampler import SampleKeeper, SamplePolicy
+from ..localize.use_case import LocalizeUseCase
+from ..maps.georeference_cache import GeoreferenceCache
+from ..maps.map_cache import MapCache
+from ..maps.map_poller import MapPoller
+from ..maps.placement import open_holding
+from ..query_workers.base import LocalWorkers, Workers
+from ..query_workers.pool import ProcessWorkers
+from ..query_workers.query import LocalizesScans, load_localizer
+from ..settings import Settings
+from ..telemetry.metered_store import metered
+from ..telemetry.metrics import Metrics
+from ..telemetry.request_scope import Requests
+from ..telemetry.tracing import start_tracing
+from ..upkeep.janitor import keep_clean
+from ..upkeep.verify_keeper import keep_verified
+from .settings_summary import settings_summary
+
+_log = structlog.get_logger(__name__)
+ABANDONED_UPLOAD_S = 86400.0
+
+
+async def assemble(
+    settings: Settings,
+    metrics: Metrics,
+    requests: Requests,
+    load: Callable[[Path], LocalizesScans] | None,
+    closing: asyncio.Event,
+    draining: asyncio.Event,
+    stack: AsyncExitStack,
+) -> Parts:
+    """Starts everything in order; the stack stops it in the reverse order. May be tried again.
+
+    Args:
+        closing: as in ``Parts``.
+        draining: set before that, when others are to take over while this service goes on answering.
+    """
+    check_exposure(settings)
+    replica = settings.replica or uuid.uuid4().hex[:12]
+    holding = open_holding(settings, replica)
+    await _start_tracing(requests, replica, stack)
+    store = metered(await START.run(_open_store, settings), metrics)
+    access = await stack.enter_async_context(open_access(settings, store, metrics))
+    catalog = Catalog(store)
+    await START.run(_remove_abandoned_uploads, settings.work_dir / "uploads")
+    workers = _workers(settings, metrics, load)
+    maps = MapCache(
+        catalog,
+        settings.cache_dir,
+        workers,
+        metrics,
+        max_versions=settings.cache_max_versions,
+        max_bytes=settings.cache_max_bytes,
+        max_disk_bytes=settings.cache_max_disk_bytes,
+        pinned=settings.pinned_maps,
+        holding=holding,
+        poll_interval_s=settings.poll_interval_s,
+        sweep_interval_s=settings.sweep_interval_s,
+    )
+    stack.push_async_callback(START.run, maps.close)
+    stack.push_async_callback(START.run, workers.close)  # first: it ends the loads under way
+    pool = QueryPool(settings.workers, settings.queue_size)
+    stack.push_async_callback(pool.close)
+    metrics.queries_admitted.set_function(lambda: pool.admitted)
+    if holding is not None:
+        metrics.maps_held.set_function(holding.__len__)
+        metrics.maps_held_loaded.set_function(lambda: maps.held_loaded)
+        metrics.holding_replicas.set_function(lambda: len(holding.replicas))
+    bodies = BodyReader(settings.max_body_bytes, settings.max_inflight_bytes, settings.body_timeout_s)
+    metrics.body_bytes.set_function(lambda: bodies.inflight_bytes)
+    samples = await _start_samples(settings, store, metrics, stack)
+    recorder = QueryRecorder(metrics, requests, samples)
+    limit = settings.max_decoded_bytes
+    use_case = LocalizeUseCase(maps, pool, workers, recorder, max_decoded_bytes=limit)
+    health = Health(maps, pool, metrics)
+    builds = start_builds(settings, catalog, metrics, stack)
+    if not settings.read_only:
+        run_with(stack, keep_clean(catalog), "janitor")
+        if settings.verify_bytes_per_s:
+            run_with(stack, keep_verified(settings, store, metrics), "verify-keeper")
+    georeferences = Georeferences(store)
+    uploads, usage = Uploads(store), CallerUsage(catalog)
+    upload_quota = UploadQuota(
+        uploads,
+        max_open=settings.max_open_uploads,
+        max_open_per_caller=settings.max_open_uploads_per_caller,
+        max_bytes_per_caller=settings.max_upload_bytes_per_caller,
+    )
+    pace = Pace(settings.body_timeout_s, settings.upload_min_bytes_per_s, settings.upload_timeout_s)
+    parts = Parts(
+        settings,
+        metrics,
+        catalog,
+        maps,
+        pool,
+        use_case,
+        bodies,
+        builds,
+        health,
+        access,
+        uploads,
+        upload_quota,
+        Places(settings.max_upload_streams, settings.max_upload_streams_per_caller, "uploads"),
+        pace,
+        BuildQuota.of(settings, usage),
+        usage,
+        DiskSpace(settings.min_free_bytes),
+        Places(settings.max_event_streams, settings.max_event_streams_per_caller, "streams of events"),
+        georeferences,
+        GeoreferenceCache(georeferences, settings.georeference_ttl_s),
+        closing,
+    )
+    show = None
+    if settings.zenoh_enabled:
+        show = await _start_zenoh(parts, replica, requests, draining, stack)
+
+    def polled() -> None:
+        health.catalog_read()
+        if show is not None:
+            show()
+
+    poller = MapPoller(maps, settings.poll_interval_s, polled, health.catalog_failed)
+    poller.start()
+    stack.push_async_callback(START.run, poller.close)
+    _log.info(
+        "ready to take requests",
+        version=firstfix.__version__,
+        tracing=requests.tracing is not None,
+        settings=settings_summary(settings),
+    )
+    return parts
+
+
+def _workers(settings: Settings, metrics: Metrics, load: Callable[[Path], LocalizesScans] | None) -> Workers:
+    if load is None and settings.worker_processes:
+        return ProcessWorkers(
+            settings.workers,
+            query_timeout_s=settings.query_timeout_s,
+            on_death=metrics.worker_deaths.inc,
+        )
+    return LocalWorkers(load or load_localizer)
+
+
+def _open_store(settings: Settings) -> Store:
+    try:
+        store = Store.open(settings.store, read_only=settings.read_only)
+    except StoreUnavailable as error:  # a directory that cannot be had: waiting does not mend it
+        raise InvalidOption(str(error)) from None
+    store.probe()
+    return store
+
+
+async def _start_tracing(requests: Requests, replica: str, stack: AsyncExitStack) -> None:
+    requests.tracing = await START.run(start_tracing, replica)
+    if requests.tracing is not None:
+        stack.push_async_callback(START.run, requests.tracing.close)
+
+
+async def _start_samples(
+    settings: Settings, store: Store, metrics: Metrics, stack: AsyncExitStack
+) -> SampleKeeper | None:
+    policy = SamplePolicy.of(settings)
+    if not policy.is_on:
+        return None
+    if settings.samples_store is not None:
+        store = metered(await START.run(Store.open, settings.samples_store), metrics)
+    keeper = SampleKeeper(QuerySamples(store), policy, metrics)
+    keeper.start()
+    stack.push_async_callback(START.run, keeper.close)
+    return keeper
+
+
+async def _start_zenoh(
+    parts: Parts, replica: str, requests: Requests, draining: asyncio.Event, stack: AsyncExitStack
+) -> Callable[[], None]:
+    """Answers over zenoh. What it gives keeps what is shown there in step, after every poll."""
+    from ..zenoh_api.catalog import ZenohCatalog
+    from ..zenoh_api.config import client_config
+    from ..zenoh_api.endpoint import ZenohEndpoint
+    from ..zenoh_api.replicas import ZenohReplicas
+
+    settings, loop = parts.settings, asyncio.get_running_loop()
+    endpoint = await START.run(
+        ZenohEndpoint, settings, replica, parts.use_case, parts.pool, parts.access, loop, requests
+    )
+    stack.push_async_callback(START.run, endpoint.close)
+    parts.metrics.zenoh_connections.set_function(lambda: endpoint.connections)
+    parts.metrics.zenoh_maps.set_function(lambda: endpoint.maps_shown)
+    shown = None
+    # These keys ask for no credential: where callers need one, only zenoh's own rules may open them.
+    if settings.auth != "on" or settings.zenoh_trusted:
+
+        def load() -> dict[str, int]:
+            return {"queries": parts.pool.admitted, "limit": settings.workers + settings.queue_size}
+
+        shown = ZenohCatalog(endpoint.session, replica, parts.maps, parts.catalog, load)
+        stack.push_async_callback(START.run, shown.close)
+    _log.info("answering over zenoh", replica=replica)
+    showing = threading.Lock()
+
+    def show() -> None:
+        with showing:
+            touched = parts.maps.served.take_touched()
+            endpoint.show_maps({map_id: parts.maps.is_offered(map_id) for map_id in touched})
+            if shown is not None:
+                shown.update(touched)
+
+    if parts.maps.holding is None or settings.replica_names:
+        return show
+
+    def changed(names: frozenset[str], superseded: Callable[[], bool]) -> None:
+        parts.maps.share(names, show, superseded)
+
+    replicas = ZenohReplicas(endpoint.session, replica, changed, client_config(settings))
+    stack.push_async_callback(START.run, replicas.close)
+    parts.maps.holding.see(await START.run(replicas.start))
+
+    async def leave() -> None:
+        await draining.wait()
+        await START.run(replicas.leave)
+
+    run_with(stack, leave(), "leave-replicas")
+
+    def show_and_join() -> None:
+        show()
+        replicas.join()
+
+    return show_and_join
+
+
+def _remove_abandoned_uploads(directory: Path) -> None:
+    """What a killed service left; another one on this machine may be receiving the young ones."""
+    if not directory.is_dir():
+        return
+    for folder in directory.iterdir():
+        if time.time() - folder.stat().st_mtime > ABANDONED_UPLOAD_S:
+            shutil.rmtree(folder, ignore_errors=True)

@@ -1,0 +1,1 @@
+"""Tasks that run now and then: abandoned uploads, shared stages, verification of the store."""

@@ -1,0 +1,1 @@
+"""The zenoh API: queries, catalog and the list of live replicas."""

@@ -1,0 +1,205 @@
+"""Stages of builds as a real collector gets them, and as the build's record keeps them."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.manifest import Manifest
+from firstfix.errors import BuildFailed, StoreUnavailable
+from firstfix.store.store import Store
+from firstfix_builder.execution.build_trace import BuildTrace, current_build, mark_cached
+from firstfix_builder.execution.stage_cache import StageCache
+from firstfix_builder.job.log import set_up_build_log
+from firstfix_builder.worker import run_build
+from otlp_collector import Collector, running_collector
+from waiting import LIMIT_S
+
+TRACE, CALLER = "4bf92f3577b34da6a3ce929d0e0e4736", "00f067aa0ba902b7"
+TRACEPARENT = f"00-{TRACE}-{CALLER}-01"
+ALL = ["fetch_source", "one", "two", "publish"]
+
+
+@pytest.fixture
+def collector(monkeypatch: pytest.MonkeyPatch) -> Iterator[Collector]:
+    with running_collector() as running:
+        monkeypatch.setenv("OTEL_EXPORTER_OTLP_ENDPOINT", running.url)
+        yield running
+
+
+class Built:
+    def __init__(self, directory: Path) -> None:
+        self.directory = directory
+        self.manifest = Manifest.for_directory(directory)
+
+
+class CachedPipeline:
+    """Stages "one" and "two" by a real stage cache; ``error`` is raised in the second."""
+
+    def __init__(self, error: Exception | None = None) -> None:
+        self.error = error
+
+    def __call__(self, source: Path, config: dict[str, Any], work: Path, **hooks: Any) -> Built:
+        cache = StageCache(work, code_version="1")
+
+        def one(out: Path) -> None:
+            (out / "a.bin").write_bytes(source.read_bytes())
+
+        def two(out: Path) -> None:
+            if self.error is not None:
+                raise self.error
+            (out / "b.bin").write_bytes(b"b")
+
+        hooks["progress"]("one", 0.0)
+        cache.run("one", {}, {}, one)
+        hooks["progress"]("one", 1.0)
+        hooks["progress"]("two", 0.0)
+        return Built(cache.run("two", {}, {}, two).directory)
+
+
+@pytest.fixture
+def catalog(tmp_path: Path) -> Catalog:
+    catalog = Catalog(Store.open(str(tmp_path / "store")))
+    source = tmp_path / "map.bin"
+    source.write_bytes(b"cloud")
+    sha256 = catalog.put_source("hall", source)
+    for build_id in ("b1", "b2"):
+        request = {
+            "map_id": "hall",
+            "source": {"key": f"maps/hall/sources/{sha256}"},
+            "traceparent": TRACEPARENT,
+        }
+        catalog.put_build(build_id, request)
+    return catalog
+
+
+def build(tmp_path: Path, build_id: str = "b1", error: Exception | None = None) -> int:
+    return run_build(
+        str(tmp_path / "store"), build_id, tmp_path / "work", CachedPipeline(error), ("one", "two")
+    )
+
+
+def test_a_build_is_a_span_with_its_stages_below(catalog: Catalog, collector: Collector, tmp_path: Path):
+    assert build(tmp_path) == 0
+    (root,) = collector.named("build")
+    assert (root.trace_id, root.parent_id) == (TRACE, CALLER)
+    assert root.attributes == {
+        "firstfix.build_id": "b1",
+        "firstfix.map_id": "hall",
+        "firstfix.state": "succeeded",
+    }
+    assert root.resource["service.name"] == "firstfix-builder"
+    assert not root.is_error
+    stages = collector.below(root)
+    assert [stage.name for stage in stages] == ALL
+    assert [stage.attributes["firstfix.cached"] for stage in stages] == [False] * 4
+    for before, after in pairwise(stages):
+        assert before.end_ns == after.start_ns
+    assert root.start_ns == stages[0].start_ns
+    assert stages[-1].end_ns <= root.end_ns
+
+
+def test_stages_that_an_earlier_build_had_done_are_marked(
+    catalog: Catalog, collector: Collector, tmp_path: Path
+):
+    build(tmp_path, "b1")
+    build(tmp_path, "b2")
+    again = next(span for span in collector.named("build") if span.attributes["firstfix.build_id"] == "b2")
+    cached = {stage.name: stage.attributes["firstfix.cached"] for stage in collector.below(again)}
+    assert cached == {"fetch_source": False, "one": True, "two": True, "publish": False}
+
+
+def test_the_stage_that_failed_and_why(catalog: Catalog, collector: Collector, tmp_path: Path):
+    assert build(tmp_path, error=BuildFailed("no floor")) == 1
+    (root,) = collector.named("build")
+    assert root.is_error
+    assert (root.attributes["firstfix.state"], root.attributes["firstfix.code"]) == ("failed", "build_failed")
+    assert [(stage.name, stage.is_error) for stage in collector.below(root)] == [
+        ("fetch_source", False),
+        ("one", False),
+        ("two", True),
+    ]
+
+
+def test_a_build_that_is_to_be_run_again_is_interrupted(
+    catalog: Catalog, collector: Collector, tmp_path: Path
+):
+    with pytest.raises(StoreUnavailable):
+        build(tmp_path, error=StoreUnavailable("gone"))
+    (root,) = collector.named("build")
+    assert (root.attributes["firstfix.state"], root.attributes["firstfix.code"]) == (
+        "interrupted",
+        "store_unavailable",
+    )
+
+
+def test_a_build_that_had_ended_has_no_span(catalog: Catalog, collector: Collector, tmp_path: Path):
+    build(tmp_path)
+    build(tmp_path)
+    assert len(collector.named("build")) == 1
+
+
+def test_the_record_has_the_times_without_a_collector(catalog: Catalog, tmp_path: Path):
+    assert catalog.build_stages("b1") == []
+    build(tmp_path, "b1")
+    build(tmp_path, "b2")
+    stages = catalog.build_stages("b2")
+    assert [stage["stage"] for stage in stages] == ALL
+    assert [stage["cached"] for stage in stages] == [False, True, True, False]
+    assert all(0 <= stage["seconds"] < 10 * LIMIT_S for stage in stages)
+
+
+def test_late_ticks_change_nothing():
+    trace = BuildTrace("b1", "hall", None, environ={})
+    with trace:
+        assert current_build() is trace
+        trace.tick("one")
+        trace.tick("one")
+        mark_cached("one")
+        trace.tick("two")
+        trace.end("succeeded")
+        trace.tick("three")
+        trace.end("failed")
+    assert [(stage.stage, stage.cached) for stage in trace.stages] == [("one", True), ("two", False)]
+    assert current_build() is None
+    mark_cached("one")  # nobody listens
+
+
+def test_lines_of_the_log_tell_build_and_stage(capsys: pytest.CaptureFixture[str]):
+    root = logging.getLogger()
+    before, level = root.handlers[:], root.level
+    try:
+        set_up_build_log("b1", as_json=True)
+        log = logging.getLogger("somewhere")
+        log.warning("before")
+        with BuildTrace("b1", "hall", TRACEPARENT, environ={}) as trace:
+            trace.tick("one")
+            log.info("half of %d", 4)
+            try:
+                raise BuildFailed("no floor")
+            except BuildFailed:
+                log.exception("failed")
+    finally:
+        root.handlers = before
+        root.setLevel(level)
+    first, second, third = (json.loads(line) for line in capsys.readouterr().err.splitlines())
+    assert (first["event"], first["build_id"]) == ("before", "b1")
+    assert "stage" not in first
+    del second["timestamp"]
+    assert second == {
+        "event": "half of 4",
+        "level": "info",
+        "logger": "somewhere",
+        "build_id": "b1",
+        "stage": "one",
+        "trace_id": TRACE,
+        "span_id": CALLER,
+    }
+    assert "BuildFailed: no floor" in third["exception"]

@@ -1,0 +1,282 @@
+"""Builds on a real Dask cluster: the same bytes, and the loss of a machine costs only what it was at."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("distributed", reason="needs firstfix[dask]")
+
+from benchmarks.dask_cluster import DaskCluster, dask_cluster
+from certificates import certificates
+from firstfix.builds.config import BuildConfig, ReconstructConfig
+from firstfix.errors import BuildCancelled, BuildFailed, ClusterUnavailable, InvalidOption
+from firstfix.store.store import Store
+from firstfix_builder.execution.chunks import ChunkResults, run_chunks
+from firstfix_builder.execution.dask_workers import DaskWorkers
+from firstfix_builder.execution.executor_url import dask_address
+from firstfix_builder.execution.stage_cache import StageResult
+from firstfix_builder.mesh.reconstruct import joined_mesh, mesh_chunks
+from firstfix_builder.pipeline import BuiltVersion, Cluster, build_version
+from servers import free_port
+from small_world import CONFIG
+
+sys.path.insert(0, str(Path(__file__).parent))
+from toy_chunks import Toy, runs
+
+from waiting import wait_until
+
+HERE = Path(__file__).parent
+STAGE = "5" * 64
+AWAY_S = 120.0
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskCluster]:
+    with dask_cluster(tmp_path_factory.mktemp("dask"), 2, path=(HERE,)) as cluster:
+        yield cluster
+
+
+@pytest.fixture
+def numbers(tmp_path: Path) -> StageResult:
+    (tmp_path / "numbers").mkdir()
+    np.save(tmp_path / "numbers" / "numbers.npy", np.arange(3))
+    return StageResult("6" * 64, tmp_path / "numbers", "7" * 64)
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    (tmp_path / "log").mkdir()
+    return tmp_path / "log"
+
+
+class Driver:
+    """A build's side of it, in a thread: runs chunks and keeps how that ended."""
+
+    def __init__(
+        self,
+        cluster: DaskCluster,
+        store: Path,
+        chunks: list[Toy],
+        numbers: StageResult,
+        away_s: float = AWAY_S,
+    ) -> None:
+        self.sums: list[int] = []
+        self.error: BaseException | None = None
+        self.cancelled = threading.Event()
+        self._work = (cluster, store, chunks, numbers, away_s)
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        cluster, store, chunks, numbers, away_s = self._work
+        try:
+            with DaskWorkers(cluster.address, str(store), away_s=away_s) as workers:
+                results = run_chunks(
+                    workers, STAGE, chunks, {"numbers": numbers}, lambda fraction: None, self.cancelled.is_set
+                )
+                self.sums = [int(result["sum"][0]) for result in results]
+        except BaseException as error:
+            self.error = error
+
+    def end(self) -> list[int]:
+        self._thread.join(2 * AWAY_S)
+        assert not self._thread.is_alive()
+        if self.error is not None:
+            raise self.error
+        return self.sums
+
+
+def test_a_version_is_the_same_as_with_threads(
+    cluster: DaskCluster, small_map: Path, small_version: BuiltVersion, small_work: Path, tmp_path: Path
+):
+    made = [path.parent for path in (small_work / "stages").glob("*/stage.json")]
+    (templates,) = (stage for stage in made if '"make_templates"' in (stage / "stage.json").read_text())
+    shutil.rmtree(templates)
+    store, told = tmp_path / "store", []
+    again = build_version(
+        small_map,
+        BuildConfig.parse(CONFIG),
+        small_work,
+        cluster=Cluster(cluster.address, str(store)),
+        progress=lambda stage, fraction: told.append(stage) if stage == "make_templates" else None,
+    )
+    assert again.manifest.digest == small_version.manifest.digest
+    assert len(told) > 4, "it was made again, in chunks"
+    read_by_workers = Store.open(str(store)).list("stages")
+    assert len({key.split("/")[1] for key in read_by_workers}) == 2
+    assert [key for key in read_by_workers if "/chunks/" in key] == []
+
+
+def test_a_cloud_becomes_the_same_mesh(cluster: DaskCluster, tmp_path: Path):
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.uniform(0, 12, (9000, 2)), rng.normal(0, 0.01, 9000)])
+    (tmp_path / "map").mkdir()
+    np.save(tmp_path / "map" / "points.npy", points)
+    read = StageResult("9" * 64, tmp_path / "map", "a" * 64)
+    chunks = mesh_chunks(points, ReconstructConfig(tile_cells=40))
+    assert len(chunks) >= 4
+
+    with DaskWorkers(cluster.address, str(tmp_path / "store")) as workers:
+        far = joined_mesh(
+            run_chunks(workers, STAGE, chunks, {"map": read}, lambda fraction: None, lambda: False)
+        )
+    near = joined_mesh(chunk.run({"map": tmp_path / "map"}) for chunk in chunks)
+    assert far.vertices.tobytes() == near.vertices.tobytes()
+    assert far.triangles.tobytes() == near.triangles.tobytes()
+
+
+def test_what_a_chunk_raises_reaches_the_build(
+    cluster: DaskCluster, log: Path, numbers: StageResult, tmp_path: Path
+):
+    with pytest.raises(BuildFailed, match="cannot be made"):
+        Driver(cluster, tmp_path / "store", [Toy(1, str(log), fate="raises")], numbers).end()
+    with pytest.raises(ValueError, match="a fault"):
+        Driver(cluster, tmp_path / "store", [Toy(1, str(log), fate="breaks")], numbers).end()
+
+
+def test_cancelled_it_begins_no_more(cluster: DaskCluster, log: Path, numbers: StageResult, tmp_path: Path):
+    gate = tmp_path / "gate"
+    driver = Driver(cluster, tmp_path / "store", [Toy(n, str(log), str(gate)) for n in range(50)], numbers)
+    wait_until(lambda: runs(log) > 0)
+    driver.cancelled.set()
+    with pytest.raises(BuildCancelled):
+        driver.end()
+    from distributed import Client
+
+    with Client(cluster.address) as looker:  # the scheduler hears of it by and by
+        wait_until(lambda: looker.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks)) == 0)
+    begun = runs(log)
+    gate.touch()
+    assert begun < 50
+    free = Driver(cluster, tmp_path / "other", [Toy(100, str(log))], numbers)
+    assert free.end() == [100], "the workers are free for another"
+    assert runs(log) - 1 <= begun + 2  # what was at a worker already
+
+
+def test_a_build_that_was_not_connected_to_this_store_is_refused(
+    cluster: DaskCluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(Store, "put", lambda self, key, data: None)  # as if it were another's directory
+    with pytest.raises(BuildFailed, match="another store"):
+        DaskWorkers(cluster.address, str(tmp_path / "store"))
+
+
+def test_a_store_in_memory_is_no_other_machines():
+    with pytest.raises(InvalidOption, match="memory"):
+        DaskWorkers("tcp://127.0.0.1:1", "memory://")
+
+
+def test_workers_that_are_killed_cost_their_chunks(log: Path, numbers: StageResult, tmp_path: Path):
+    gate = tmp_path / "gate"
+    chunks = [Toy(n, str(log), str(gate) if n == 10 else "") for n in range(20)]
+    with dask_cluster(tmp_path / "dask", 0, path=(HERE,)) as cluster:
+        first = cluster.start_worker()
+        driver = Driver(cluster, tmp_path / "store", chunks, numbers)
+        wait_until(lambda: runs(log, 10) == 1)
+        cluster.kill_worker(first)
+        second = cluster.start_worker()
+        wait_until(lambda: runs(log, 10) == 2)
+        cluster.kill_worker(second)
+        gate.touch()
+        cluster.start_worker()
+        assert driver.end() == list(range(20))
+    assert [runs(log, n) for n in range(20)] == [3 if n == 10 else 1 for n in range(20)]
+    assert cluster.log().count("Receive client connection") == 1, "the build noticed nothing"
+
+
+def test_a_scheduler_that_is_killed_costs_what_was_under_way(log: Path, numbers: StageResult, tmp_path: Path):
+    gate = tmp_path / "gate"
+    chunks = [*(Toy(n, str(log)) for n in range(10)), Toy(10, str(log), str(gate)), Toy(11, str(log))]
+    with dask_cluster(tmp_path / "dask", 1, path=(HERE,)) as cluster:
+        driver = Driver(cluster, tmp_path / "store", chunks, numbers)
+        wait_until(lambda: runs(log, 10) >= 1)
+        cluster.kill_scheduler()
+        gate.touch()
+        cluster.start_scheduler()
+        cluster.start_worker()
+        assert driver.end() == list(range(12))
+    assert [runs(log, n) for n in range(10)] == [1] * 10
+    assert runs(log, 10) == 2
+    assert runs(log, 11) == 1
+
+
+def test_a_scheduler_that_stays_away_is_named_and_the_next_build_goes_on(
+    log: Path, numbers: StageResult, tmp_path: Path
+):
+    gate = tmp_path / "gate"
+    chunks = [*(Toy(n, str(log)) for n in range(5)), Toy(5, str(log), str(gate))]
+    with dask_cluster(tmp_path / "dask", 1, path=(HERE,)) as cluster:
+        cluster.wait_for_workers(1)
+        driver = Driver(cluster, tmp_path / "store", chunks, numbers, away_s=8.0)
+        wait_until(lambda: runs(log, 5) >= 1)
+        cluster.kill_scheduler()
+        with pytest.raises(ClusterUnavailable, match=cluster.address):
+            driver.end()
+        gate.touch()
+        store = Store.open(str(tmp_path / "store"))
+        assert ChunkResults(store, STAGE).made() == {chunk.name for chunk in chunks[:5]}
+        cluster.start_scheduler()
+        cluster.start_worker()
+        assert Driver(cluster, tmp_path / "store", chunks, numbers).end() == list(range(6))
+    assert [runs(log, n) for n in range(6)] == [1, 1, 1, 1, 1, 2]
+
+
+def test_a_chunk_that_kills_its_workers_fails_the_build(log: Path, numbers: StageResult, tmp_path: Path):
+    once = {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "1"}  # not 3: workers start slowly
+    with dask_cluster(tmp_path / "dask", 2, path=(HERE,), environment=once) as cluster:
+        driver = Driver(cluster, tmp_path / "store", [Toy(1, str(log), fate="dies")], numbers)
+        with pytest.raises(BuildFailed, match="died of it"):
+            driver.end()
+    assert runs(log) == 2
+
+
+def test_without_a_scheduler_or_workers_it_says_so(tmp_path: Path):
+    with pytest.raises(ClusterUnavailable, match="no Dask scheduler answers"):
+        DaskWorkers(f"tcp://127.0.0.1:{free_port()}", str(tmp_path), away_s=0.0)
+    with dask_cluster(tmp_path / "dask", 0) as cluster:
+        cluster.wait_for_scheduler()
+        with pytest.raises(ClusterUnavailable, match="no workers"):
+            DaskWorkers(cluster.address, str(tmp_path), away_s=2.0)
+
+
+def test_over_tls_both_sides_show_their_certificates(log: Path, numbers: StageResult, tmp_path: Path):
+    config = pytest.importorskip("dask.config")
+    ca, server, client = certificates(tmp_path)
+    (tmp_path / "foreign").mkdir()
+    *_, stranger = certificates(tmp_path / "foreign")
+    chunks = [Toy(n, str(log)) for n in range(3)]
+
+    def shown(pair: Path) -> dict[str, str]:
+        tls = "distributed.comm.tls"
+        return {f"{tls}.ca-file": str(ca), f"{tls}.client.cert": str(pair), f"{tls}.client.key": str(pair)}
+
+    with dask_cluster(tmp_path / "dask", 1, path=(HERE,), tls=(ca, server)) as cluster:
+        cluster.wait_for_workers(1)
+        assert dask_address(cluster.url) == cluster.address
+        with config.set(shown(client)):
+            assert Driver(cluster, tmp_path / "store", chunks, numbers).end() == [0, 1, 2]
+        with (
+            config.set(shown(stranger)),
+            pytest.raises(ClusterUnavailable, match="no Dask scheduler answers"),
+        ):
+            DaskWorkers(cluster.address, str(tmp_path / "store"), away_s=1.0)
+
+
+def test_workers_with_other_code_are_refused(tmp_path: Path):
+    root, other = HERE.parents[1], tmp_path / "other"
+    for part in ("core/firstfix", "builder/firstfix_builder"):
+        shutil.copytree(root / part, other / Path(part).name)
+    with (other / "firstfix_builder" / "templates.py").open("a") as file:
+        file.write("# another line\n")
+    with dask_cluster(tmp_path / "dask", 1) as cluster:
+        cluster.start_worker(other)
+        cluster.wait_for_workers(2)
+        with pytest.raises(BuildFailed, match=r"has code \w+ where \w+ is needed"):
+            DaskWorkers(cluster.address, str(tmp_path / "store"))

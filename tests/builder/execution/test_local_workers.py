@@ -1,0 +1,97 @@
+"""Chunks on this machine: kept as they come, stopped between two."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from firstfix.errors import BuildCancelled, BuildFailed
+from firstfix_builder.execution.chunks import run_chunks
+from firstfix_builder.execution.local_workers import LocalWorkers
+from firstfix_builder.execution.stage_cache import StageResult
+
+sys.path.insert(0, str(Path(__file__).parent))
+from toy_chunks import Toy, runs
+
+STAGE = "5" * 64
+
+
+@dataclass(frozen=True)
+class Heavy(Toy):
+    keeps_interpreter: ClassVar[bool] = True
+
+
+@pytest.fixture
+def numbers(tmp_path: Path) -> StageResult:
+    (tmp_path / "numbers").mkdir()
+    np.save(tmp_path / "numbers" / "numbers.npy", np.arange(3))
+    return StageResult("6" * 64, tmp_path / "numbers", "7" * 64)
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    (tmp_path / "log").mkdir()
+    return tmp_path / "log"
+
+
+@pytest.fixture
+def workers(tmp_path: Path) -> Iterator[LocalWorkers]:
+    with (
+        ThreadPoolExecutor(1) as threads,
+        ProcessPoolExecutor(1, mp_context=get_context("spawn")) as processes,
+    ):
+        yield LocalWorkers(tmp_path / "work", threads, processes)
+
+
+def sums(
+    workers: LocalWorkers, chunks: list[Toy], numbers: StageResult, cancelled=lambda: False
+) -> list[int]:
+    results = run_chunks(workers, STAGE, chunks, {"numbers": numbers}, lambda fraction: None, cancelled)
+    return [int(result["sum"][0]) for result in results]
+
+
+def test_results_come_in_order(workers: LocalWorkers, log: Path, numbers: StageResult):
+    assert sums(workers, [Toy(n, str(log)) for n in (3, 1, 2)], numbers) == [3, 1, 2]
+
+
+def test_a_fault_costs_only_what_was_not_done(workers: LocalWorkers, log: Path, numbers: StageResult):
+    with pytest.raises(BuildFailed, match="cannot be made"):
+        sums(workers, [Toy(1, str(log)), Toy(2, str(log), fate="raises"), Toy(3, str(log))], numbers)
+    assert sums(workers, [Toy(1, str(log)), Toy(2, str(log)), Toy(3, str(log))], numbers) == [1, 2, 3]
+    assert runs(log, 1) == 1
+
+
+def test_cancelled_it_begins_no_more(workers: LocalWorkers, log: Path, numbers: StageResult, tmp_path: Path):
+    gate = tmp_path / "gate"
+
+    def cancelled() -> bool:
+        if runs(log) and not gate.exists():
+            gate.touch()
+            return True
+        return False
+
+    with pytest.raises(BuildCancelled):
+        sums(workers, [Toy(n, str(log), str(gate)) for n in range(9)], numbers, cancelled)
+    assert runs(log) < 9
+
+
+def test_a_process_that_dies_fails_the_build(workers: LocalWorkers, log: Path, numbers: StageResult):
+    assert sums(workers, [Heavy(4, str(log))], numbers) == [4]
+    with pytest.raises(BuildFailed, match="worker process died"):
+        sums(workers, [Heavy(5, str(log), fate="dies")], numbers)
+
+
+def test_a_folder_that_takes_nothing_fails_the_build(
+    workers: LocalWorkers, log: Path, numbers: StageResult, tmp_path: Path
+):
+    (tmp_path / "work" / "chunks" / "stages").write_text("in the way")
+    with pytest.raises(BuildFailed, match="work folder took no result"):
+        workers.run(STAGE, [Toy(1, str(log))], {"numbers": numbers}, lambda: None, lambda: False)

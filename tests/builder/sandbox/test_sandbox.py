@@ -1,0 +1,327 @@
+"""A build in its sandbox: what it may not do, and that the worker goes on whatever it tries."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import signal
+import socket
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from firstfix.builds.shared_stages import SharedStages
+from firstfix.catalog.catalog import Catalog
+from firstfix.errors import BuildCancelled, BuildFailed, FirstfixError, TooLarge
+from firstfix.store.store import Store
+from firstfix_builder import build_stages
+from firstfix_builder.execution.stage_names import STAGES
+from firstfix_builder.sandbox import seccomp
+from firstfix_builder.sandbox.hand_over import take_files
+from firstfix_builder.sandbox.landlock import SIGNALS_VERSION, landlock_version
+from firstfix_builder.sandbox.sandboxed_build import Built, SandboxedBuild
+from firstfix_builder.worker import _build_here, run_build
+from small_world import CONFIG
+
+PROGRAM = (str(Path(__file__).with_name("sandbox_programs.py")),)
+SECRET = "a secret of the store"
+pytestmark = pytest.mark.skipif(
+    landlock_version() < SIGNALS_VERSION, reason="this kernel has no Landlock, or one before version 6"
+)
+
+
+@dataclass
+class Place:
+    """A worker's folder, with a source in it, and things beside it."""
+
+    work: Path
+    store: Path
+    required: bool = True
+
+    def build(
+        self,
+        do: str,
+        *,
+        cancelled: bool = False,
+        shared: SharedStages | None = None,
+        memory_bytes: int | None = None,
+        **told: Any,
+    ) -> Built:
+        source = self.work / "sources" / "hall.ply"
+        source.parent.mkdir(parents=True, exist_ok=True)
+        source.write_bytes(b"a cloud")
+        sandbox = SandboxedBuild(
+            self.work,
+            "b1",
+            required=self.required,
+            shared=shared,
+            max_memory_bytes=memory_bytes,
+            log_level="info",
+            log_json=False,
+            program=PROGRAM,
+        )
+        return sandbox.build_version(
+            source,
+            config_telling(do=do, **told),
+            self.work,
+            trajectory=None,
+            progress=lambda stage, fraction: None,
+            cancelled=lambda: cancelled,
+        )
+
+
+def config_telling(**told: Any) -> dict[str, Any]:
+    return {"sensor": {"preset": "vlp-16", "name": json.dumps(told)}}
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Place:
+    (tmp_path / "store").mkdir()
+    (tmp_path / "store" / "secret").write_text(SECRET)
+    return Place(tmp_path / "work", tmp_path / "store")
+
+
+@pytest.fixture
+def attempts(place: Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
+    """Results of everything that a build could try."""
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", SECRET)
+    monkeypatch.setenv("FIRSTFIX_STORE", str(place.store))
+    signalled = []
+    before = signal.signal(signal.SIGUSR1, lambda *_: signalled.append(1))
+    with socket.create_server(("127.0.0.1", 0)) as tcp, socket.socket(socket.AF_UNIX) as unix:
+        unix.bind(str(tmp_path / "unix"))
+        unix.listen()
+        built = place.build(
+            "attempts",
+            port=tcp.getsockname()[1],
+            unix=str(tmp_path / "unix"),
+            store=str(place.store),
+            outside=str(tmp_path / "written"),
+        )
+    signal.signal(signal.SIGUSR1, before)
+    assert signalled == []
+    found: dict[str, str] = json.loads((built.directory / "index.bin").read_bytes())
+    return found
+
+
+def test_nothing_forbidden_is_done(attempts: dict[str, str], place: Place, tmp_path: Path):
+    environment = json.loads(attempts.pop("environment"))
+    assert {name: came for name, came in attempts.items() if came != "PermissionError"} == {
+        "link from outside": "OSError",  # EXDEV: to the kernel it is another file system
+        "core": "ValueError",  # a limit is not raised again
+    }
+    assert SECRET not in environment.values()
+    assert not any(name.startswith(("AWS_", "FIRSTFIX_")) for name in environment)
+    assert (place.store / "secret").read_text() == SECRET
+    assert not (tmp_path / "written").exists()
+
+
+def test_what_it_made_is_taken_over(place: Place):
+    built = place.build("succeed")
+    assert (built.directory / "index.bin").read_bytes() == b"a cloud"
+    assert set(built.manifest.files) == {"index.bin"}
+    assert not (place.work / "build" / "tmp").exists()
+
+
+@pytest.mark.parametrize(
+    ("do", "told", "why"),
+    [
+        ("fork bomb", {}, "started more than .* processes in read_map"),
+        ("thread bomb", {}, "started more than .* threads in read_map"),
+        ("allocate", {"bytes": 6 << 30}, "the worker ran out of memory"),
+        ("crash", {}, "ended by SIGSEGV in read_map"),
+        ("leave", {}, "ended with exit code 0 in read_map"),
+        ("babble", {}, "said too much at once"),
+        ("lie", {"message": ["x"]}, "no message"),
+        ("lie", {"message": {"stage": "read_map", "done": None}}, "no message"),
+        ("lie", {"message": {"fetch": "../../secret"}}, "ended with exit code 0"),
+        ("lie", {"message": {"share": ["a" * 64, "read_map", "../../store"]}}, "no stage"),
+        ("lie", {"message": {"failed": {"code": "store_unavailable", "detail": "again"}}}, "again"),
+        ("lie", {"message": {"built": True}}, "taken over|no version"),
+        ("link", {"target": "/etc/passwd"}, "no plain file"),
+        ("link the folder", {"target": "/etc"}, "cannot be taken over"),
+    ],
+)
+def test_a_build_that_goes_astray_fails_and_says_why(place: Place, do: str, told: dict[str, Any], why: str):
+    with pytest.raises(BuildFailed, match=why):
+        place.build(do, memory_bytes=1 << 30 if do == "allocate" else None, **told)
+    assert (place.build("succeed").directory / "index.bin").read_bytes() == b"a cloud"
+
+
+def test_its_own_errors_keep_their_kind(place: Place):
+    with pytest.raises(TooLarge, match="too many points"):
+        place.build("fail")
+    with pytest.raises(FirstfixError, match=r"^KeyError: see the worker's log$") as caught:
+        place.build("stumble")
+    assert caught.value.code == "internal"
+
+
+def test_a_file_does_not_grow_past_the_disk(place: Place):
+    with pytest.raises(BuildFailed, match="larger than it may"):
+        place.build("fill a file", bytes=1 << 43)
+
+
+def test_a_cancel_reaches_it(place: Place):
+    with pytest.raises(BuildFailed, match="it was cancelled"):
+        place.build("wait", cancelled=True)
+
+
+def test_what_it_leaves_behind_is_ended(place: Place, tmp_path: Path):
+    place.build("leave a daemon")
+    left = [
+        status for status in Path("/proc").glob("[0-9]*/cmdline") if str(tmp_path).encode() in _read(status)
+    ]
+    assert left == []
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError:  # ended meanwhile
+        return b""
+
+
+def test_stages_go_out_and_come_in_through_the_worker(place: Place, tmp_path: Path):
+    shared = SharedStages(Store.open(str(place.store)))
+    key = "a" * 64
+    assert place.build("share", shared=shared, key=key).manifest.files
+    (tmp_path / "fetched").mkdir()
+    assert shared.fetch(key, tmp_path / "fetched")
+    assert (tmp_path / "fetched" / "inner" / "a.bin").read_bytes() == b"a stage"
+    built = place.build("fetch", shared=shared, key=key)
+    assert (built.directory / "index.bin").read_bytes() == b"a stage"
+    with pytest.raises(BuildFailed, match="no plain file"):
+        place.build("share a link", shared=shared, key="b" * 64, target="/proc/self/environ")
+    assert not shared.fetch("b" * 64, tmp_path / "fetched" / "inner")
+
+
+def test_a_kernel_that_lacks_a_means_is_told_of(
+    place: Place, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+):
+    program = place.work.parent / "lacking.py"
+    program.write_text(
+        "import os, sys\n"
+        "from firstfix_builder.sandbox import confine, inside\n"
+        "def refuse_system_calls(): raise OSError(38, 'not here')\n"
+        "confine.refuse_system_calls = refuse_system_calls\n"
+        f"sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
+        "from sandbox_programs import build_version\n"
+        "sys.exit(inside.main(lambda: inside.Flows(build_version, build_version)))\n"
+    )
+    monkeypatch.setattr(f"{__name__}.PROGRAM", (str(program),))
+    with pytest.raises(BuildFailed, match="it is required: the network is open"):
+        place.build("succeed")
+    place.required = False
+    assert place.build("succeed").manifest.files
+    assert "not whole on this machine: the network is open (no seccomp: not here)" in caplog.text
+
+
+def test_the_worker_goes_on_after_a_hostile_build(tmp_path: Path):
+    """The whole way: two builds of one worker, of which the first attacks."""
+    catalog = Catalog(Store.open(str(tmp_path / "store")))
+    (tmp_path / "upload").write_bytes(b"a cloud")
+    key = f"maps/hall/sources/{catalog.put_source('hall', tmp_path / 'upload')}"
+    ended = {}
+    for build_id, do in (("b1", "fork bomb"), ("b2", "succeed")):
+        request = {
+            "map_id": "hall",
+            "source": {"key": key},
+            "file_name": "hall.ply",
+            "config": config_telling(do=do),
+        }
+        catalog.put_build(build_id, request)
+        sandbox = SandboxedBuild(
+            tmp_path / "work",
+            build_id,
+            required=True,
+            shared=None,
+            max_memory_bytes=None,
+            log_level="info",
+            log_json=False,
+            program=PROGRAM,
+        )
+        url, work = str(tmp_path / "store"), tmp_path / "work"
+        code = run_build(url, build_id, work, sandbox.build_version, STAGES)
+        ended[build_id] = (code, catalog.build_status(build_id))
+    assert ended["b1"][0] == 1
+    assert ended["b1"][1]["error"]["code"] == "build_failed"
+    assert "processes in read_map" in ended["b1"][1]["error"]["detail"]
+    assert ended["b2"][0] == 0
+    assert catalog.active_version("hall") == ended["b2"][1]["version"]
+
+
+def test_with_a_cluster_the_source_is_read_in_the_sandbox(
+    tmp_path: Path, small_map: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """The worker, which then has the network and the store, finds the first stage's result in its cache."""
+    source = tmp_path / "work" / "sources" / "yard.ply"
+    source.parent.mkdir(parents=True)
+    shutil.copy(small_map, source)
+    sandbox = SandboxedBuild(
+        tmp_path / "work",
+        "b1",
+        required=True,
+        shared=None,
+        max_memory_bytes=None,
+        log_level="info",
+        log_json=False,
+    )
+    monkeypatch.setattr(build_stages, "read_map", lambda *_, **__: pytest.fail("the worker reads the source"))
+    seen: list[str] = []
+
+    def stop_after_the_first_stage() -> bool:
+        return len(seen) > 0 and seen[-1] != "read_map"
+
+    with pytest.raises(BuildCancelled):
+        _build_here(
+            source,
+            CONFIG,
+            tmp_path / "work",
+            scheduler=None,
+            store_url="memory://",
+            sandbox=sandbox,
+            trajectory=None,
+            progress=lambda stage, fraction: seen.append(stage),
+            cancelled=stop_after_the_first_stage,
+            shared=None,
+        )
+    assert set(seen) == {"read_map", "reconstruct_mesh"}
+
+
+def test_nothing_is_taken_from_elsewhere(tmp_path: Path):
+    root, elsewhere = tmp_path / "root", tmp_path / "elsewhere"
+    (root / "inner").mkdir(parents=True)
+    (elsewhere / "deep").mkdir(parents=True)
+    (elsewhere / "secret").write_text(SECRET)
+    (root / "way").symlink_to(elsewhere)
+    os.mkfifo(root / "inner" / "pipe")
+    for number, folder in enumerate(("way", "way/deep", "../elsewhere", str(elsewhere), "inner", "", "none")):
+        with pytest.raises(BuildFailed):
+            take_files(root, folder, tmp_path / f"taken-{number}")
+
+
+@pytest.mark.parametrize("machine", ["x86_64", "aarch64"])
+def test_the_filter_holds_to_the_kernels_headers(machine: str):
+    """Each system call by its number, as the headers have it; and every jump lands within the program."""
+    header = {
+        "x86_64": Path("/usr/include/x86_64-linux-gnu/asm/unistd_64.h"),
+        "aarch64": Path("/usr/include/asm-generic/unistd.h"),
+    }[machine]
+    if not header.exists():
+        pytest.skip(f"no {header}: apt-get install linux-libc-dev")
+    known = dict(re.findall(r"#define __NR(?:3264)?_(\w+)\s+(\d+)", header.read_text()))
+    column = ("x86_64", "aarch64").index(machine)
+    for name, numbers in seccomp._REFUSED.items():
+        assert str(numbers[column]) == known.get(name, "None"), name
+    code = seccomp.filter_program(machine)
+    steps = [struct.unpack_from("=HBBI", code, at) for at in range(0, len(code), 8)]
+    assert len(steps) < 4096
+    for at, (kind, if_true, if_false, value) in enumerate(steps):
+        if kind & 7 == 5:  # a jump
+            assert at + 1 + max(if_true, if_false, value if kind == 5 else 0) < len(steps)
+    assert steps[-1][0] == 6

@@ -1,0 +1,60 @@
+import numpy as np
+
+from firstfix.answer.fit import Evidence, Fit
+from firstfix.engine.calibration import Calibration
+from firstfix_builder.self_test.reliability import Case, draw_reliability, fit, reliability_of
+
+TRUE = Calibration(bias=-12.0, closeness=3.0, free_space=1.5, margin=15.0)
+
+
+def cases(n: int, seed: int, honest: bool = True) -> list[Case]:
+    """Drawn from the model; dishonest: their truth is a coin's."""
+    rng = np.random.default_rng(seed)
+    drawn = []
+    for query in range(n):
+        evidence = Evidence(Fit(0.9, rng.uniform(0.3, 1), rng.exponential(0.03)), float(rng.uniform(0, 0.5)))
+        drawn.append(
+            Case(query, evidence, bool(rng.random() < (TRUE.probability(evidence) if honest else 0.5)))
+        )
+    return drawn
+
+
+def test_honest_cases_are_reliable_and_every_case_is_counted():
+    found = reliability_of(cases(1500, 1))
+    assert found["expected_calibration_error"] < 0.05
+    assert sum(part["cases"] for part in found["bins"]) == 1500
+    assert all(0 <= part["claimed"] <= 1 and 0 <= part["right"] <= 1 for part in found["bins"])
+
+
+def test_too_few_cases_to_learn_a_coin_from_are_called_unreliable():
+    assert reliability_of(cases(25, 2, honest=False))["expected_calibration_error"] > 0.1
+
+
+def test_what_was_not_asked_teaches_but_is_not_counted():
+    asked = cases(200, 3)
+    twins = [Case(c.query, Evidence(c.evidence.fit, 0.01), False, 0.25, asked=False) for c in asked]
+    found = reliability_of(asked + twins)
+    assert sum(part["cases"] for part in found["bins"]) == 200
+    assert fit(asked + twins).probability(twins[0].evidence) < fit(asked).probability(twins[0].evidence)
+
+
+def test_equal_places_do_not_move_the_calibration():
+    asked = cases(200, 5)
+    ties = [Case(200 + c.query, Evidence(c.evidence.fit, 0.4, tied=2), c.query % 2 == 0) for c in asked]
+    assert fit(asked + ties) == fit(asked)
+    assert fit(ties) == Calibration()
+    found = reliability_of(asked + ties)
+    assert sum(part["cases"] for part in found["bins"]) == 400  # that they come true is still measured
+
+
+def test_nothing_asked_leaves_the_prior_and_no_claim():
+    assert fit([]) == Calibration()
+    assert reliability_of([]) == {"expected_calibration_error": None, "bins": []}
+
+
+def test_the_picture_is_the_same_every_time(tmp_path):
+    found = reliability_of(cases(100, 4))
+    draw_reliability(found, tmp_path / "a.png")
+    draw_reliability(found, tmp_path / "b.png")
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    assert (tmp_path / "a.png").stat().st_size > 5000

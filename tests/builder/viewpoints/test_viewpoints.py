@@ -1,0 +1,222 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from box_scenes import box, floor, quad, walls
+from numpy.typing import NDArray
+
+from firstfix.builds.config import ViewpointConfig
+from firstfix.errors import BuildFailed
+from firstfix.transform import make_transform
+from firstfix_builder.mesh.mesh import Mesh
+from firstfix_builder.simulation.simulate import Simulator
+from firstfix_builder.viewpoints.sample import Viewpoints, sample_viewpoints
+
+MOUNT_M = 0.6
+WORLDS = Path(__file__).resolve().parents[4] / "shared" / "data" / "worlds"
+
+
+def sample(
+    parts: list[Mesh],
+    trajectory: NDArray[np.float64] | None = None,
+    seeds: NDArray[np.float64] | None = None,
+    **config: object,
+) -> Viewpoints:
+    mesh = Mesh.joined(parts)
+    chosen = ViewpointConfig.model_validate(config)
+    return sample_viewpoints(Simulator(mesh.vertices, mesh.triangles), chosen, MOUNT_M, trajectory, seeds)
+
+
+def path(*positions: tuple[float, float, float]) -> NDArray[np.float64]:
+    return np.stack([make_transform(np.eye(3), position) for position in positions])
+
+
+def inside(found: Viewpoints, x0: float, y0: float, x1: float, y1: float) -> NDArray[np.bool_]:
+    x, y = found.positions[:, 0], found.positions[:, 1]
+    return (x > x0) & (x < x1) & (y > y0) & (y < y1)
+
+
+def room(x: float = 10.0, y: float = 8.0) -> list[Mesh]:
+    return [floor(0, 0, x, y), *walls(0, 0, x, y), floor(0, 0, x, y, 3.0)]
+
+
+def test_an_empty_room_gets_one_viewpoint_a_square_metre():
+    found = sample(room())
+    assert len(found) == 80
+    np.testing.assert_allclose(found.floor_z, 0, atol=1e-6)
+    np.testing.assert_allclose(found.positions[:, 2], MOUNT_M, atol=1e-6)
+    np.testing.assert_allclose(np.sort(np.unique(found.positions[:, 0].round(6))), np.arange(10) + 0.5)
+
+
+def test_nothing_stands_on_or_under_a_table_or_in_a_block():
+    table = [box((3, 3, 0.7), (5, 5, 0.75))]
+    block = [box((6, 2, -0.1), (8, 5, 2.0))]
+    found = sample([*room(), *table, *block])
+    assert not inside(found, 2.71, 2.71, 5.29, 5.29).any()
+    assert not inside(found, 5.71, 1.71, 8.29, 5.29).any()
+    assert np.abs(found.floor_z).max() < 1e-6
+    assert inside(found, 0, 0, 2.7, 8).sum() >= 16  # the free part of the room is covered
+
+
+def test_no_block_of_the_floor_is_left_out_beside_an_obstacle():
+    found = sample([*room(), box((4, 0, -0.1), (4.2, 7, 3))])
+    for x0 in (0, 1, 2, 3, 4.2, 5, 6, 7, 8, 9):
+        assert inside(found, x0, 0, x0 + 1, 8).sum() >= 8
+
+
+def test_both_storeys_are_reached_over_the_stairs():
+    steps = 18
+    stairs = [
+        box((2 + 0.28 * i, 1, 0.17 * i), (2 + 0.28 * (i + 1), 2.4, 0.17 * (i + 1))) for i in range(steps)
+    ]
+    top = 0.17 * steps
+    end = 2 + 0.28 * steps
+    # the slab is open above the stairs
+    slab = [
+        box((end, 0, top - 0.1), (12, 8, top)),
+        box((0, 2.4, top - 0.1), (end, 8, top)),
+    ]
+    house = [floor(0, 0, 12, 8), *walls(0, 0, 12, 8, 2 * top), floor(0, 0, 12, 8, 2 * top)]
+    found = sample([*house, *stairs, *slab], trajectory=path((0.5, 6, 0.6), (1.5, 6, 0.6)))
+    lower, upper = found.floor_z < 0.05, np.abs(found.floor_z - top) < 0.05
+    assert lower.sum() > 50
+    assert upper.sum() > 50
+    assert (~lower & ~upper & inside(found, 2, 1, end, 2.4)).sum() >= 4  # on the stairs
+    assert not (found.floor_z > top + 0.1).any()  # not on the roof
+    without_stairs = sample([*house, *slab], trajectory=path((0.5, 6, 0.6), (1.5, 6, 0.6)))
+    assert without_stairs.floor_z.max() < 0.05
+
+
+def test_storeys_without_stairs_are_both_found_when_nothing_says_where_the_robot_was():
+    found = sample([*room(), floor(0, 0, 10, 8, 3.1), floor(0, 0, 10, 8, 6), *walls(0, 0, 10, 8, 6)])
+    lower, upper = np.abs(found.floor_z) < 0.01, np.abs(found.floor_z - 3.1) < 0.01
+    assert lower.sum() == upper.sum() == 80
+    assert len(found) == 160  # the roof at 6 m has none
+
+
+def test_a_closed_wall_is_not_passed_and_a_door_is():
+    left, right = (0, 0, 4.9, 8), (5.1, 0, 10, 8)
+    closed = sample([*room(), box((4.95, 0, -0.1), (5.05, 8, 3))], seeds=np.array([[1.0, 1.0, 1.0]]))
+    assert inside(closed, *left).any()
+    assert not inside(closed, *right).any()
+    door = [
+        box((4.95, 0, -0.1), (5.05, 3.2, 3)),
+        box((4.95, 4.2, -0.1), (5.05, 8, 3)),
+        box((4.95, 3.2, 2), (5.05, 4.2, 3)),
+    ]
+    opened = sample([*room(), *door], seeds=np.array([[1.0, 1.0, 1.0]]))
+    assert inside(opened, *right).sum() >= 30
+
+
+@pytest.mark.parametrize(("slope_deg", "passable"), [(10, True), (35, False)])
+def test_a_slope_is_climbed_up_to_the_limit(slope_deg: float, passable: bool):
+    rise = 6 * np.tan(np.radians(slope_deg))
+    ramp = quad((5, 0, 0), (11, 0, rise), (11, 6, rise), (5, 6, 0))
+    found = sample([floor(0, 0, 5, 6), ramp, floor(11, 0, 16, 6, rise)], path((1, 3, 0.6), (2, 3, 0.6)))
+    # the first cells belong to the foot of the ramp: the floor before it makes them less steep
+    assert inside(found, 6, 0, 10.5, 6).any() == passable
+    assert inside(found, 11, 0, 16, 6).any() == passable
+    on_ramp = inside(found, 6, 0, 10, 6)
+    expected = (found.positions[on_ramp, 0] - 5) * np.tan(np.radians(slope_deg))
+    np.testing.assert_allclose(found.floor_z[on_ramp], expected, atol=0.02)
+
+
+def holed_floor(gap_m: float) -> list[Mesh]:
+    return [floor(0, 0, 5, 6), floor(5 + gap_m, 0, 10, 6)]
+
+
+@pytest.mark.parametrize(("gap_m", "bridged"), [(0.8, True), (2.5, False)])
+def test_a_gap_in_the_floor_is_bridged_up_to_its_limit(gap_m: float, bridged: bool):
+    found = sample(holed_floor(gap_m), seeds=np.array([[1.0, 1.0, 1.0]]))
+    assert inside(found, 5 + gap_m, 0, 10, 6).any() == bridged
+
+
+def test_the_trajectory_is_floor_even_where_the_mesh_has_none():
+    found = sample(holed_floor(2.5), path(*((x, 3.0, 0.8) for x in np.arange(1, 9.5, 0.5))))
+    assert inside(found, 7.5, 0, 10, 6).any()
+    bridge = inside(found, 5, 0, 7.5, 6)
+    assert 2 <= bridge.sum() <= 3
+    np.testing.assert_allclose(found.positions[bridge, 2], 0.8, atol=0.02)
+
+
+def test_the_trajectory_gives_the_mount_height_unless_it_is_set():
+    track = path((1, 1, 1.4), (2, 1, 1.5), (3, 1, 1.45))
+    assert sample(room(), track).mount_height_m == pytest.approx(1.45, abs=1e-4)
+    assert sample(room(), track, mount_height_m=0.9).mount_height_m == 0.9
+    assert sample(room()).mount_height_m == MOUNT_M
+
+
+def test_no_viewpoint_further_from_the_trajectory_than_asked():
+    found = sample(room(), path((1, 4, 0.6), (2, 4, 0.6)), max_distance_to_trajectory_m=3.0)
+    assert 10 < len(found) < 40
+    assert found.positions[:, 0].max() < 5.1
+
+
+def test_a_narrow_corridor_is_covered():
+    # 0.8 m wide, off the raster of the blocks on purpose
+    found = sample([floor(0, 0, 20, 0.8), *walls(0, 0, 20, 0.8), floor(0, 0, 20, 0.8, 3)])
+    assert len(found) >= 19
+
+
+def test_an_open_field_with_a_house_has_viewpoints_on_the_ground_alone():
+    found = sample([floor(0, 0, 30, 30), box((10, 10, -0.1), (16, 18, 5))])
+    assert not inside(found, 9.7, 9.7, 16.3, 18.3).any()
+    assert np.abs(found.floor_z).max() < 1e-6
+    assert len(found) > 700
+
+
+def test_bumps_of_a_reconstructed_floor_do_not_stop_the_robot():
+    x, y = np.meshgrid(np.arange(0, 10, 0.2), np.arange(0, 10, 0.2), indexing="ij")
+    rng = np.random.default_rng(3)
+    vertices = np.column_stack([x.ravel(), y.ravel(), rng.normal(0, 0.04, x.size)])
+    n = len(x)
+    corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    triangles = np.concatenate(
+        [np.stack([corner, corner + n, corner + 1], 1), np.stack([corner + 1, corner + n, corner + n + 1], 1)]
+    )
+    found = sample([Mesh(vertices, triangles)])
+    assert len(found) >= 95
+    assert np.abs(found.floor_z).max() < 0.1
+
+
+def test_a_map_without_floor_is_refused():
+    with pytest.raises(BuildFailed, match="no floor"):
+        sample(walls(0, 0, 0.05, 0.05))
+
+
+@pytest.mark.parametrize("limit_m", [None, 5.0])
+def test_a_trajectory_of_another_frame_is_refused(limit_m: float | None):
+    with pytest.raises(BuildFailed, match="trajectory"):
+        sample(room(), path((500, 0, 1), (501, 0, 1)), max_distance_to_trajectory_m=limit_m)
+
+
+def test_one_pose_is_a_trajectory():
+    assert len(sample(room(), path((5, 4, 1)))) == 80
+
+
+def test_a_map_with_a_stray_corner_far_away_is_refused_before_memory_is_taken():
+    with pytest.raises(BuildFailed, match="too large"):
+        sample([*room(), floor(1e5, 1e5, 1e5 + 1, 1e5 + 1)])
+
+
+def test_the_same_map_gives_the_same_bytes():
+    first, second = sample(room()), sample(room())
+    assert first.positions.tobytes() == second.positions.tobytes()
+
+
+def test_real_floor_plan_without_a_trajectory():
+    trimesh = pytest.importorskip("trimesh")
+    plan = WORLDS / "hospital_aws_1floor.ply"
+    if not plan.exists():
+        pytest.skip("needs ../shared/data/worlds")
+    mesh = trimesh.load(plan)
+    simulator = Simulator(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+    found = sample_viewpoints(simulator, ViewpointConfig(), MOUNT_M)
+    assert 1000 < len(found) < 1400
+    stairs = np.abs(found.positions[:, 1] - 18.5) < 2.5
+    assert np.abs(found.floor_z[~stairs]).max() < 0.6  # on no desk, cupboard, bed or ceiling
+    assert np.mean(np.abs(found.floor_z[~stairs]) < 0.1) > 0.98
+    assert found.floor_z[stairs].min() < -2.5  # down the stairs
+    assert (simulator.distance(found.positions) > 0.25).all()

@@ -1,0 +1,48 @@
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firstfix.builds.config import BuildConfig
+from firstfix.errors import InvalidOption
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(), inner, max_size=4),
+    max_leaves=20,
+)
+FIELDS = list(BuildConfig.model_fields)
+
+
+def test_nothing_given_is_a_config():
+    assert BuildConfig.parse({}) == BuildConfig()
+    assert BuildConfig.parse(BuildConfig().to_mapping()) == BuildConfig()
+
+
+@pytest.mark.parametrize(
+    ("data", "says"),
+    [
+        ({"spacing": 1}, r"build config: spacing: .*not permitted"),
+        ({"viewpoints": {"spacing_m": 0}}, r"viewpoints\.spacing_m: .*greater than or equal to 0\.1"),
+        ({"self_test": {"disturb": {"dropout": "much"}}}, r"self_test\.disturb\.dropout: .*valid number"),
+        ({"engine": {"method": "magic"}}, r"engine\.method: .*'default' or 'paper'"),
+        ({"engine": {"descriptor": {"kind": "x"}}}, r"engine\.descriptor: .*'occupancy', 'pca_sc'"),
+        ({"sensor": "vlp-17"}, r"sensor: .*no sensor preset 'vlp-17'"),
+        ({"sensor": {"preset": "vlp-16", "beams": 3}}, r"sensor: .*beams"),
+        ({"sensor": {"preset": "vlp-16", "min_range_m": "a"}}, "sensor"),
+        ([], "build config"),
+    ],
+)
+def test_what_cannot_be_used_is_named_by_its_path(data: Any, says: str):
+    with pytest.raises(InvalidOption, match=says):
+        BuildConfig.parse(data)
+
+
+@given(JSON | st.dictionaries(st.sampled_from(FIELDS), JSON))
+def test_whatever_comes_is_a_config_or_refused(data: Any):
+    with suppress(InvalidOption):
+        assert isinstance(BuildConfig.parse(data), BuildConfig)

@@ -1,0 +1,450 @@
+"""Publishing, activating, retiring and fetching versions, with kills, races and damage."""
+
+from __future__ import annotations
+
+import errno
+import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from firstfix.catalog import version_cache
+from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.log.map_state import Event
+from firstfix.catalog.manifest import Manifest
+from firstfix.errors import (
+    Conflict,
+    CorruptVersion,
+    IncompatibleVersion,
+    InvalidOption,
+    NotFound,
+    OutOfSpace,
+    StoreUnavailable,
+    TooLarge,
+)
+from firstfix.store.store import Store
+
+
+class Killed(BaseException):
+    """Like a kill, it is caught by nobody."""
+
+
+class DiesAfter(Store):
+    """A store whose user is killed after so many puts: right before the next, or just after it."""
+
+    left = 10**9
+    put_first = False
+
+    def _count(self, put: Callable[[], object]) -> None:
+        if self.left <= 0:
+            if self.put_first:
+                put()
+            raise Killed
+        self.left -= 1
+
+    def put_new(self, key: str, data: bytes | Path) -> bool:
+        self._count(lambda: Store.put_new(self, key, data))
+        return super().put_new(key, data)
+
+    def upload(self, key: str, path: Path) -> bool:
+        self._count(lambda: Store.upload(self, key, path))
+        return super().upload(key, path)
+
+
+def make_version(folder: Path, content: bytes = b"content", **values: object) -> Manifest:
+    (folder / "sub").mkdir(parents=True, exist_ok=True)
+    (folder / "a.npy").write_bytes(content)
+    (folder / "b.npy").write_bytes(content * 1000)
+    (folder / "sub" / "c.json").write_bytes(b"{}")
+    return Manifest.for_directory(folder, **values)
+
+
+@pytest.fixture
+def catalog(any_store_url: str) -> Catalog:
+    return Catalog(Store.open(any_store_url))
+
+
+def test_a_published_version_is_listed_active_and_fetched(catalog: Catalog, tmp_path: Path) -> None:
+    manifest = make_version(tmp_path / "v", config={"x": 1})
+    version = catalog.publish("hall", tmp_path / "v", manifest)
+    assert version == manifest.digest
+    assert catalog.map_ids() == ["hall"]
+    assert catalog.active_version("hall") == version
+    assert catalog.manifest("hall", version) == manifest
+    (info,) = catalog.versions("hall")
+    assert (info.version, info.active) == (version, True)
+    folder = catalog.fetch_version("hall", version, tmp_path / "cache")
+    manifest.verify_directory(folder)
+    assert catalog.fetch_version("hall", version, tmp_path / "cache") == folder
+
+
+def test_publishing_twice_changes_nothing(catalog: Catalog, tmp_path: Path) -> None:
+    manifest = make_version(tmp_path / "v")
+    catalog.publish("hall", tmp_path / "v", manifest)
+    before = catalog.log("hall"), catalog.store.list()
+    catalog.publish("hall", tmp_path / "v", manifest)
+    assert (catalog.log("hall"), catalog.store.list()) == before
+
+
+@pytest.mark.parametrize("put_first", [False, True])
+def test_a_publish_killed_at_any_put_is_never_half_visible_and_can_be_resumed(
+    put_first: bool, tmp_path: Path
+) -> None:
+    old = make_version(tmp_path / "old", b"old")
+    new = make_version(tmp_path / "new", b"new")
+    puts = len(new.files) + 3  # manifest, published, activated
+    notice = 1
+    for k in range(puts + notice + 1):
+        store = DiesAfter.open("memory://")
+        assert isinstance(store, DiesAfter)
+        Catalog(store).publish("hall", tmp_path / "old", old)
+        store.left, store.put_first = k, put_first
+        if k < puts + notice:
+            with pytest.raises(Killed):
+                Catalog(store).publish("hall", tmp_path / "new", new)
+        else:
+            Catalog(store).publish("hall", tmp_path / "new", new)
+        store.left = 10**9
+        reader = Catalog(store)
+        for info in reader.versions("hall"):  # whatever is seen is whole
+            reader.fetch_version("hall", info.version, tmp_path / f"cache-{k}-{info.version[:8]}")
+        done = k + put_first
+        assert reader.active_version("hall") == (new.digest if done >= puts else old.digest)
+        assert len(reader.versions("hall")) == (2 if done >= puts - 1 else 1)
+        if done < puts - 1:
+            with pytest.raises(NotFound):
+                reader.manifest("hall", new.digest)
+
+        assert reader.publish("hall", tmp_path / "new", new) == new.digest
+        assert reader.active_version("hall") == new.digest
+        assert [e.event for e in reader.log("hall")] == [Event.PUBLISHED, Event.ACTIVATED] * 2
+
+
+def test_concurrent_publishes_all_arrive(catalog: Catalog, tmp_path: Path) -> None:
+    manifests = [make_version(tmp_path / str(i), b"%d" % i) for i in range(6)]
+
+    def publish(i: int) -> str:
+        return Catalog(catalog.store).publish("hall", tmp_path / str(i // 2), manifests[i // 2])
+
+    with ThreadPoolExecutor(6) as pool:
+        versions = set(pool.map(publish, range(12)))
+    assert {info.version for info in catalog.versions("hall")} == versions == {m.digest for m in manifests}
+    assert catalog.active_version("hall") in versions
+
+
+def test_a_directory_that_is_not_its_manifest_is_not_published(tmp_path: Path) -> None:
+    catalog = Catalog(Store.open("memory://"))
+    manifest = make_version(tmp_path)
+    (tmp_path / "b.npy").write_bytes(b"other")
+    with pytest.raises(CorruptVersion, match=r"b\.npy"):
+        catalog.publish("hall", tmp_path, manifest)
+    assert catalog.store.list() == []
+
+
+def test_rolling_back_and_retiring(catalog: Catalog, tmp_path: Path) -> None:
+    one, two = (
+        catalog.publish("hall", tmp_path / name, make_version(tmp_path / name, name.encode()))
+        for name in ("one", "two")
+    )
+    assert [info.version for info in catalog.versions("hall")] == [two, one]
+    catalog.activate("hall", one)
+    catalog.activate("hall", one)
+    assert catalog.active_version("hall") == one
+    assert len(catalog.log("hall")) == 5
+    with pytest.raises(Conflict):
+        catalog.retire("hall", one)
+    catalog.retire("hall", two)
+    assert [info.version for info in catalog.versions("hall")] == [one]
+    for call in (catalog.activate, catalog.retire, catalog.manifest):
+        with pytest.raises(NotFound):
+            call("hall", two)
+    catalog.retire("hall", one, force=True)
+    assert catalog.active_version("hall") is None
+    assert catalog.versions("hall") == catalog.map_ids() == []
+    catalog.publish("hall", tmp_path / "two", make_version(tmp_path / "two", b"two"))
+    assert catalog.active_version("hall") == two
+
+
+def test_a_forced_retirement_falls_back_to_the_version_before(tmp_path: Path) -> None:
+    catalog = Catalog(Store.open("memory://"))
+    one, two = (
+        catalog.publish("hall", tmp_path / name, make_version(tmp_path / name, name.encode()))
+        for name in ("one", "two")
+    )
+    catalog.retire("hall", two, force=True)
+    assert catalog.active_version("hall") == one
+
+
+def test_a_repeated_build_does_not_undo_what_was_done_since(tmp_path: Path) -> None:
+    catalog = Catalog(Store.open("memory://"))
+    one = catalog.publish("hall", tmp_path / "1", make_version(tmp_path / "1", b"1"), build_id="b1")
+    manifest = make_version(tmp_path / "2", b"2")
+    two = catalog.publish("hall", tmp_path / "2", manifest, build_id="b2")
+    catalog.activate("hall", one)
+    catalog.publish("hall", tmp_path / "2", manifest, build_id="b2")
+    assert catalog.active_version("hall") == one
+    catalog.retire("hall", two)
+    catalog.publish("hall", tmp_path / "2", manifest, build_id="b2")
+    assert [info.version for info in catalog.versions("hall")] == [one]
+    catalog.publish("hall", tmp_path / "2", manifest, build_id="b3")  # a new wish
+    assert catalog.active_version("hall") == two
+
+
+def test_a_version_whose_manifest_is_gone_is_not_there(catalog: Catalog, tmp_path: Path) -> None:
+    version = catalog.publish("hall", tmp_path / "v", make_version(tmp_path / "v"))
+    catalog.store.delete(f"maps/hall/versions/{version}/manifest.json")
+    reader = Catalog(catalog.store)
+    assert reader.versions("hall") == []
+    with pytest.raises(CorruptVersion, match="manifest"):
+        reader.fetch_version("hall", version, tmp_path / "cache")
+
+
+@pytest.mark.parametrize("name", ["a.npy", "b.npy", "sub/c.json"])
+@pytest.mark.parametrize("damage", ["flip", "cut", "remove"])
+def test_every_damaged_file_is_refused_by_name(
+    name: str, damage: str, any_store_url: str, tmp_path: Path
+) -> None:
+    catalog = Catalog(Store.open(any_store_url))
+    version = catalog.publish("hall", tmp_path / "v", make_version(tmp_path / "v"))
+    key = f"maps/hall/versions/{version}/{name}"
+    data = catalog.store.get(key)
+    if damage == "remove":
+        catalog.store.delete(key)
+    else:
+        catalog.store.put(key, data[:-1] if damage == "cut" else bytes([data[0] ^ 1]) + data[1:])
+    with pytest.raises(CorruptVersion, match=name.rsplit("/", 1)[-1]):
+        catalog.fetch_version("hall", version, tmp_path / "cache")
+    assert not (tmp_path / "cache" / version).exists()
+    catalog.store.put(key, data)
+    make_version(tmp_path / "v").verify_directory(catalog.fetch_version("hall", version, tmp_path / "cache"))
+
+
+def test_after_a_start_of_the_machine_everything_is_verified_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A power cut may have taken bytes of a fetched file whose size and time are right."""
+    catalog = Catalog(Store.open("memory://"))
+    version = catalog.publish("hall", tmp_path / "made", make_version(tmp_path / "made"))
+    path = catalog.fetch_version("hall", version, tmp_path / "cache") / "a.npy"
+    content, stat = path.read_bytes(), path.stat()
+    with path.open("r+b") as file:
+        file.write(bytes(len(content)))
+    os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+    monkeypatch.setattr(version_cache, "_boot_id", lambda: "of the next start")
+    assert (catalog.fetch_version("hall", version, tmp_path / "cache") / "a.npy").read_bytes() == content
+
+
+def test_damage_to_what_was_verified_before_is_found(any_store_url: str, tmp_path: Path) -> None:
+    catalog = Catalog(Store.open(any_store_url))
+    manifest = make_version(tmp_path / "v")
+    version = catalog.publish("hall", tmp_path / "v", manifest)
+    folder = catalog.fetch_version("hall", version, tmp_path / "cache")
+    original = (folder / "a.npy").read_bytes()
+    (folder / "a.npy").write_bytes(original[:-1] + b"X")
+    if catalog.store.local_path(f"maps/hall/versions/{version}/a.npy") is not None:
+        with pytest.raises(CorruptVersion):  # it is the store's own
+            catalog.fetch_version("hall", version, tmp_path / "cache")
+    else:
+        again = catalog.fetch_version("hall", version, tmp_path / "cache")
+        manifest.verify_directory(again)
+
+
+def test_an_altered_manifest_is_refused(tmp_path: Path) -> None:
+    catalog = Catalog(Store.open("memory://"))
+    version = catalog.publish("hall", tmp_path / "v", make_version(tmp_path / "v", config={"x": 1}))
+    key = f"maps/hall/versions/{version}/manifest.json"
+    original = catalog.store.get(key)
+    for data, error in (
+        (original.replace(b'"x":1', b'"x":2'), CorruptVersion),
+        (original[:-5], CorruptVersion),
+        (original.replace(b'"format":5', b'"format":9'), IncompatibleVersion),
+    ):
+        catalog.store.put(key, data)
+        with pytest.raises(error):
+            Catalog(catalog.store).manifest("hall", version)
+
+
+def test_many_readers_fetch_at_once(s3_url: str, tmp_path: Path) -> None:
+    store = Store.open(s3_url)
+    manifest = make_version(tmp_path / "v")
+    version = Catalog(store).publish("hall", tmp_path / "v", manifest)
+    start = threading.Barrier(8)
+
+    def fetch(_: int) -> Path:
+        start.wait()
+        folder = Catalog(store).fetch_version("hall", version, tmp_path / "cache")
+        manifest.verify_directory(folder)
+        return folder
+
+    with ThreadPoolExecutor(8) as pool:
+        assert len(set(pool.map(fetch, range(8)))) == 1
+    assert [path.name for path in (tmp_path / "cache").iterdir() if not path.name.startswith(".")] == [
+        version
+    ]
+
+
+def test_a_killed_download_is_gone_on_with(tmp_path: Path) -> None:
+    class DiesDownloading(Store):
+        left = 1
+        asked: list[str]
+
+        def download(self, key: str, path: Path) -> str:
+            self.asked.append(key)
+            if self.left == 0:
+                raise Killed
+            self.left -= 1
+            return super().download(key, path)
+
+    store = DiesDownloading.open("memory://")
+    assert isinstance(store, DiesDownloading)
+    store.asked = []
+    manifest = make_version(tmp_path / "v")
+    version = Catalog(store).publish("hall", tmp_path / "v", manifest)
+    with pytest.raises(Killed):
+        Catalog(store).fetch_version("hall", version, tmp_path / "cache")
+    assert not (tmp_path / "cache" / version).exists()
+    store.left, store.asked = 10, []
+    manifest.verify_directory(Catalog(store).fetch_version("hall", version, tmp_path / "cache"))
+    assert len(store.asked) == len(manifest.files) - 1
+    store.asked = []
+    Catalog(store).fetch_version("hall", version, tmp_path / "cache")
+    assert store.asked == []
+
+
+def test_a_full_disk_is_said_to_be_full(tmp_path: Path) -> None:
+    class Full(Store):
+        def download(self, key: str, path: Path) -> str:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    catalog = Catalog(Full.open("memory://"))
+    version = catalog.publish("hall", tmp_path / "made", make_version(tmp_path / "made"))
+    with pytest.raises(OutOfSpace):
+        catalog.fetch_version("hall", version, tmp_path / "cache")
+
+
+def test_garbage_is_what_nobody_can_see(catalog: Catalog, tmp_path: Path) -> None:
+    kept = catalog.publish("hall", tmp_path / "kept", make_version(tmp_path / "kept", b"kept"))
+    gone = catalog.publish("hall", tmp_path / "gone", make_version(tmp_path / "gone", b"gone"))
+    catalog.activate("hall", kept)
+    catalog.retire("hall", gone)
+    orphan = "0" * 64
+    catalog.store.put(f"maps/hall/versions/{orphan}/a.npy", b"of a publish that was killed")
+    assert catalog.collect_garbage("hall") == []  # too young
+    removed = catalog.collect_garbage("hall", older_than_s=-5)
+    assert {key.split("/")[3] for key in removed} == {gone, orphan}
+    assert all(key.split("/")[3] == kept for key in catalog.store.list("maps/hall/versions"))
+    make_version(tmp_path / "kept", b"kept").verify_directory(
+        catalog.fetch_version("hall", kept, tmp_path / "cache")
+    )
+    assert catalog.publish("hall", tmp_path / "gone", make_version(tmp_path / "gone", b"gone")) == gone
+    catalog.fetch_version("hall", gone, tmp_path / "cache")
+
+
+def test_a_source_is_kept_once_by_its_content(catalog: Catalog, tmp_path: Path) -> None:
+    (tmp_path / "cloud.ply").write_bytes(b"ply" * 1000)
+    sha256 = catalog.put_source("hall", tmp_path / "cloud.ply")
+    assert catalog.put_source("hall", tmp_path / "cloud.ply") == sha256
+    assert catalog.store.list() == [f"maps/hall/sources/{sha256}"]
+    assert catalog.map_ids() == []  # a map without a version is none yet
+
+
+def test_ids_that_were_made_up_leave_no_trace() -> None:
+    catalog = Catalog(Store.open("memory://"))
+    for k in range(50):
+        assert catalog.active_version(f"made-up-{k}") is None
+    assert catalog._logs == {}
+
+
+def test_every_change_leaves_a_notice(catalog: Catalog, tmp_path: Path) -> None:
+    one = catalog.publish("hall", tmp_path / "1", make_version(tmp_path / "1", b"1"))
+    catalog.publish("attic", tmp_path / "1", make_version(tmp_path / "1", b"1"))
+    two = catalog.publish("hall", tmp_path / "2", make_version(tmp_path / "2", b"2"))
+    assert catalog.changes.since(0) == (["hall", "attic"], 3)
+    catalog.activate("hall", one)
+    catalog.activate("hall", one)
+    catalog.retire("hall", two)
+    assert catalog.changes.since(3) == (["hall"], 5)
+    three = catalog.publish("hall", tmp_path / "3", make_version(tmp_path / "3", b"3"))
+    assert catalog.roll_back("hall") == one != three
+    assert catalog.changes.since(6) == (["hall"], 7)
+
+
+def test_a_notice_that_cannot_be_written_does_not_undo_the_change(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    catalog = Catalog(Store.open("memory://"))
+
+    def fails(map_id: str) -> None:
+        raise StoreUnavailable("gone")
+
+    monkeypatch.setattr(catalog.changes, "note", fails)
+    version = catalog.publish("hall", tmp_path / "v", make_version(tmp_path / "v"))
+    assert catalog.active_version("hall") == version
+
+
+def test_what_is_not_there_is_not_found(tmp_path: Path) -> None:
+    catalog = Catalog(Store.open("memory://"))
+    version = "0" * 64
+    assert catalog.active_version("hall") is None
+    for call in (
+        lambda: catalog.versions("hall"),
+        lambda: catalog.manifest("hall", version),
+        lambda: catalog.activate("hall", version),
+        lambda: catalog.retire("hall", version),
+        lambda: catalog.fetch_version("hall", version, tmp_path),
+    ):
+        with pytest.raises(NotFound):
+            call()
+
+
+@pytest.mark.parametrize("map_id", ["", "Hall", "-a", "a/b", "../a", "a" * 64, "a\n", "é"])
+def test_an_id_of_another_form_is_refused(map_id: str, tmp_path: Path) -> None:
+    catalog = Catalog(Store.open("memory://"))
+    for call in (
+        lambda: catalog.state(map_id),
+        lambda: catalog.publish(map_id, tmp_path, Manifest({})),
+        lambda: catalog.put_build(map_id, {}),
+        lambda: catalog.collect_garbage(map_id),
+    ):
+        with pytest.raises(InvalidOption):
+            call()
+    with pytest.raises(InvalidOption):
+        catalog.manifest("hall", "ABC")
+
+
+def test_rolling_back_serves_the_version_before(catalog: Catalog, tmp_path: Path) -> None:
+    first, second = (
+        catalog.publish("hall", tmp_path / name, make_version(tmp_path / name, name.encode()))
+        for name in ("first", "second")
+    )
+    assert catalog.roll_back("hall") == first == catalog.active_version("hall")
+    assert catalog.roll_back("hall") == second, "twice comes back"
+    catalog.retire("hall", first)
+    with pytest.raises(Conflict, match="active before"):
+        catalog.roll_back("hall")
+    with pytest.raises(NotFound):
+        catalog.roll_back("attic")
+    assert catalog.active_version("hall") == second
+
+
+def test_a_file_of_a_version_is_checked(catalog: Catalog, tmp_path: Path) -> None:
+    manifest = make_version(tmp_path / "v")
+    version = catalog.publish("hall", tmp_path / "v", manifest)
+    name, entry = next(iter(manifest.files.items()))
+    assert (
+        catalog.read_file("hall", version, name, max_bytes=entry.bytes)
+        == (tmp_path / "v" / name).read_bytes()
+    )
+    with pytest.raises(TooLarge):
+        catalog.read_file("hall", version, name, max_bytes=entry.bytes - 1)
+    with pytest.raises(NotFound):
+        catalog.read_file("hall", version, "manifest.json", max_bytes=100)
+    catalog.store.put(f"maps/hall/versions/{version}/{name}", b"x")
+    with pytest.raises(CorruptVersion, match="altered"):
+        catalog.read_file("hall", version, name, max_bytes=entry.bytes)
+    catalog.store.delete(f"maps/hall/versions/{version}/{name}")
+    with pytest.raises(CorruptVersion, match="lost"):
+        catalog.read_file("hall", version, name, max_bytes=entry.bytes)

@@ -1,0 +1,153 @@
+"""The geographic pose against formulas of another origin: the parametric ellipse, numeric derivatives."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import least_squares
+
+from firstfix.catalog.geopose import Georeference, T_ecef_enu, ecef_of, geodetic_of
+from firstfix.errors import InvalidOption
+from firstfix.transform import from_quaternion, make_transform, quaternion_of, rotation_angle_deg, rotation_z
+
+A_M, B_M = 6378137.0, 6356752.314245179
+LATITUDES = st.floats(-90, 90)
+LONGITUDES = st.floats(-180, 180)
+HEIGHTS = st.floats(-10_000, 10_000)
+METRES = st.floats(-5000, 5000)
+
+
+def parametric_ecef(lat_deg: float, lon_deg: float, h_m: float) -> np.ndarray:
+    """By the reduced latitude and the normal of the ellipse: no radius of curvature, no eccentricity."""
+    phi, lam = math.radians(lat_deg), math.radians(lon_deg)
+    beta = math.atan2(B_M * math.sin(phi), A_M * math.cos(phi))
+    across = A_M * math.cos(beta) + h_m * math.cos(phi)
+    return np.array(
+        [across * math.cos(lam), across * math.sin(lam), B_M * math.sin(beta) + h_m * math.sin(phi)]
+    )
+
+
+def numeric_enu(lat_deg: float, lon_deg: float, h_m: float) -> np.ndarray:
+    """(3, 3) columns east, north, up: which way one moves when a coordinate grows."""
+    axes = []
+    for step in ((0.0, 1e-4, 0.0), (1e-4, 0.0, 0.0), (0.0, 0.0, 1.0)):
+        ahead, behind = (
+            parametric_ecef(*(v + sign * d for v, d in zip((lat_deg, lon_deg, h_m), step, strict=True)))
+            for sign in (1, -1)
+        )
+        axes.append((ahead - behind) / np.linalg.norm(ahead - behind))
+    return np.column_stack(axes)
+
+
+def test_the_surveyors_example():
+    """IOGP guidance note 7-2, 4.1.1 (EPSG method 9602)."""
+    lat, lon = 53 + 48 / 60 + 33.820 / 3600, 2 + 7 / 60 + 46.380 / 3600
+    np.testing.assert_allclose(ecef_of(lat, lon, 73.0), [3771793.968, 140253.342, 5124304.349], atol=6e-4)
+    found = geodetic_of([3771793.968, 140253.342, 5124304.349])
+    np.testing.assert_allclose(found, [lat, lon, 73.0], rtol=0, atol=1e-3)
+
+
+@given(LATITUDES, LONGITUDES, HEIGHTS)
+def test_there_and_back(lat: float, lon: float, h: float):
+    ecef = ecef_of(lat, lon, h)
+    np.testing.assert_allclose(ecef, parametric_ecef(lat, lon, h), atol=1e-7)
+    lat2, lon2, h2 = geodetic_of(ecef)
+    assert lat2 == pytest.approx(lat, abs=1e-11)
+    assert h2 == pytest.approx(h, abs=1e-7)
+    np.testing.assert_allclose(ecef_of(lat2, lon2, h2), ecef, atol=1e-7)
+
+
+@given(st.floats(-89, 89), LONGITUDES, HEIGHTS)
+def test_the_tangent_frame(lat: float, lon: float, h: float):
+    np.testing.assert_allclose(T_ecef_enu(lat, lon, h)[:3, :3], numeric_enu(lat, lon, h), atol=1e-6)
+
+
+@given(
+    st.floats(-85, 85),
+    st.floats(-179, 179),
+    st.floats(-180, 180),
+    st.tuples(METRES, METRES, st.floats(-100, 100)),
+    st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: math.hypot(*q) > 0.1),
+)
+def test_a_pose_against_the_other_formulas(lat, lon, heading, position, quaternion):
+    georeference = Georeference.with_heading(lat, lon, 120.0, heading, anchor_m=(7.0, -3.0, 1.0))
+    T_map_body = from_quaternion(position, quaternion)
+    found = georeference.geopose(T_map_body)
+    local = rotation_z(math.radians(heading)) @ (np.array(position) - (7.0, -3.0, 1.0))
+    R_ecef_enu = numeric_enu(lat, lon, 120.0)
+    expected_ecef = parametric_ecef(lat, lon, 120.0) + R_ecef_enu @ local
+    here = found["position"]
+    reached = parametric_ecef(here["lat"], here["lon"], here["h"])
+    np.testing.assert_allclose(reached, expected_ecef, atol=2e-5)
+    # the attitude, led back to the Earth's axes through the frame at the body's own position
+    turn = found["quaternion"]
+    R_enu_body = from_quaternion((0, 0, 0), [turn[name] for name in "xyzw"])[:3, :3]
+    R_ecef_body = numeric_enu(here["lat"], here["lon"], here["h"]) @ R_enu_body
+    R_expected = R_ecef_enu @ rotation_z(math.radians(heading)) @ T_map_body[:3, :3]
+    assert rotation_angle_deg(R_ecef_body.T @ R_expected) < 1e-4
+    assert georeference.x_axis_deg == pytest.approx(heading, abs=1e-9) or abs(heading) == 180
+
+
+def test_the_inverse_against_a_solver():
+    target = parametric_ecef(-33.4, 151.2, 812.5)
+    solved = least_squares(
+        lambda v: parametric_ecef(v[0], v[1], v[2] * 1e5) - target, [-33.0, 151.0, 0.0], xtol=1e-15
+    ).x
+    np.testing.assert_allclose(
+        geodetic_of(target), [solved[0], solved[1], solved[2] * 1e5], rtol=0, atol=1e-6
+    )
+
+
+def test_the_directions_of_a_heading():
+    north = Georeference.with_heading(50.0, 8.0, 100.0, 90.0)
+    ahead = north.geopose(make_transform(np.eye(3), [100.0, 0.0, 0.0]))
+    assert ahead["position"]["lat"] > 50.0008
+    assert ahead["position"]["lon"] == pytest.approx(8.0, abs=1e-12)
+    turn = [ahead["quaternion"][name] for name in "xyzw"]
+    np.testing.assert_allclose(turn, [0, 0, math.sqrt(0.5), math.sqrt(0.5)], atol=1e-5)
+
+
+def test_projected_coordinates_need_the_anchor():
+    anchor = (467_000.0, 5_540_000.0, 110.0)
+    georeference = Georeference.with_heading(50.0, 8.5, 158.0, 0.0, anchor)
+    pose = georeference.geopose(make_transform(np.eye(3), [467_010.0, 5_540_000.0, 110.0]))
+    assert pose["position"]["lat"] == pytest.approx(50.0, abs=1e-9)
+    assert pose["position"]["h"] == pytest.approx(158.0, abs=1e-4)
+    assert pose["position"]["lon"] == pytest.approx(8.5 + 10 / 71_695.7, abs=1e-7)
+
+
+def test_it_goes_through_json():
+    georeference = Georeference(
+        1.5,
+        -2.5,
+        3.0,
+        tuple(quaternion_of(from_quaternion((0, 0, 0), (0.1, 0.2, 0.3, 0.9)))),
+        (1.0, 2.0, 3.0),
+    )
+    assert Georeference.from_mapping(json.loads(json.dumps(georeference.to_mapping()))) == georeference
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"latitude_deg": 90.1},
+        {"longitude_deg": -181},
+        {"height_m": float("nan")},
+        {"height_m": 2e5},
+        {"quaternion": (0, 0, 0, 2)},
+        {"quaternion": (0, 0, 1)},
+        {"anchor_m": (0, 0, 1e9)},
+        {"anchor_m": (0, float("inf"), 0)},
+        {"anchor_m": None},
+        {"latitude_deg": "north"},
+    ],
+)
+def test_what_is_no_place_is_refused(change):
+    good = Georeference.with_heading(1, 2, 3, 4).to_mapping()
+    with pytest.raises(InvalidOption):
+        Georeference.from_mapping({**good, **change})

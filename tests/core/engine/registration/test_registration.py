@@ -1,0 +1,142 @@
+"""Registration in a room of known walls: where it ends, how it is measured, what it knows."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from firstfix.engine.config import RegistrationConfig
+from firstfix.engine.registration.align import MapSurface
+from firstfix.engine.registration.surface import Surface
+from firstfix.transform import make_transform, pose_error, rotation_z
+
+CONFIG = RegistrationConfig(map_voxel_m=0.1, coarse_voxel_m=0.5, fine_distance_m=0.4, inlier_distance_m=0.13)
+
+
+def wall(start, end, height=3.0, step=0.09) -> np.ndarray:
+    start, end = np.array(start, float), np.array(end, float)
+    along = np.arange(0, np.linalg.norm(end - start), step)
+    up = np.arange(0, height, step)
+    direction = (end - start) / np.linalg.norm(end - start)
+    at = start + along[:, None] * direction
+    return np.column_stack([np.repeat(at, len(up), axis=0), np.tile(up, len(at))])
+
+
+def floor(x, y, step=0.09) -> np.ndarray:
+    grid = np.stack(np.meshgrid(np.arange(*x, step), np.arange(*y, step)), axis=-1).reshape(-1, 2)
+    return np.column_stack([grid, np.zeros(len(grid))])
+
+
+ROOM = np.concatenate(
+    [
+        wall((0, 0), (12, 0)),
+        wall((12, 0), (12, 7)),
+        wall((12, 7), (5, 7)),
+        wall((5, 7), (5, 5)),  # a corner that makes it unlike itself turned half round
+        wall((5, 5), (0, 5)),
+        wall((0, 5), (0, 0)),
+        floor((0, 12), (0, 7)),
+    ]
+)
+TRUE = make_transform(rotation_z(0.7), [4.0, 2.5, 1.0])
+
+
+def scan_of(points: np.ndarray, T_level_sensor: np.ndarray, noise_m: float = 0.01, every: int = 9) -> Surface:
+    rng = np.random.default_rng(6)
+    seen = (points - T_level_sensor[:3, 3]) @ T_level_sensor[:3, :3]
+    return Surface.around(seen[::every] + rng.normal(0, noise_m, (len(seen[::every]), 3)))
+
+
+@pytest.fixture(scope="module")
+def room() -> MapSurface:
+    return MapSurface.of(Surface.around(ROOM), CONFIG)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_all_starts_within_half_a_metre_end_at_the_truth(room, seed):
+    rng = np.random.default_rng(seed)
+    starts = np.array(
+        [
+            TRUE
+            @ make_transform(
+                Rotation.from_rotvec(rng.uniform(-0.08, 0.08, 3)).as_matrix(), rng.uniform(-0.3, 0.3, 3)
+            )
+            for _ in range(8)
+        ]
+    )
+    scan = scan_of(ROOM, TRUE)
+    settled = room.settle(scan.at_most(400), room.approach(scan, starts))
+    fine = room.refine(scan, np.array([r.T_level_sensor for r in settled]))
+    for registration in fine:
+        metres, degrees = pose_error(TRUE, registration.T_level_sensor)
+        assert metres < 0.005
+        assert degrees < 0.05
+        assert registration.overlap > 0.99
+        assert registration.closeness > 0.95
+
+
+def test_a_start_has_the_same_end_alone_and_among_others(room):
+    scan = scan_of(ROOM, TRUE).at_most(400)
+    near = TRUE @ make_transform(np.eye(3), [0.3, -0.2, 0.05])
+    far = make_transform(rotation_z(2.0), [9.0, 1.0, 1.0])
+    (alone,), (_, among) = (
+        room.settle(scan, room.approach(scan, starts)) for starts in (near[None], np.array([far, near]))
+    )
+    assert np.allclose(alone.T_level_sensor, among.T_level_sensor, atol=1e-5)
+    assert alone.closeness == pytest.approx(among.closeness, abs=1e-4)
+
+
+def test_a_wrong_place_is_told_by_its_measures(room):
+    scan = scan_of(ROOM, TRUE)
+    right, wrong = room.refine(scan, np.array([TRUE, make_transform(rotation_z(2.5), [9.0, 1.5, 1.0])]))
+    assert wrong.overlap < right.overlap - 0.2
+    assert wrong.closeness < right.closeness - 0.2
+
+
+def test_far_from_the_map_nothing_moves_and_nothing_fits(room):
+    scan, nowhere = scan_of(ROOM, TRUE), make_transform(np.eye(3), [500.0, 0, 0])
+    (found,) = room.settle(scan, room.approach(scan, nowhere[None]))
+    assert np.allclose(found.T_level_sensor, nowhere)
+    assert found.overlap == found.closeness == 0
+    assert np.isfinite(found.information).all()
+
+
+def test_a_third_of_the_scan_that_the_map_lacks_does_not_pull(room):
+    rng = np.random.default_rng(8)
+    clutter = rng.uniform([3, 1.5, 0.2], [5, 3.5, 1.8], (len(ROOM) // 2, 3))
+    scan = scan_of(np.concatenate([ROOM, clutter]), TRUE)
+    start = TRUE @ make_transform(np.eye(3), [0.1, 0.1, 0.0])
+    (found,) = room.refine(scan, start[None])
+    assert pose_error(TRUE, found.T_level_sensor)[0] < 0.01
+    assert 0.6 < found.overlap < 0.75
+
+
+def test_a_corridor_fixes_its_width_and_not_its_length():
+    corridor = np.concatenate([wall((0, 0), (60, 0)), wall((0, 2), (60, 2)), floor((0, 60), (0, 2))])
+    surface = MapSurface.of(Surface.around(corridor), CONFIG)
+    at = make_transform(np.eye(3), [30.0, 1.0, 1.0])
+    near = corridor[np.abs(corridor[:, 0] - 30) < 8]
+    start = at @ make_transform(np.eye(3), [0.1, 0.05, 0.02])
+    (found,) = surface.refine(scan_of(near, at), start[None])
+    off = found.T_level_sensor[:3, 3] - at[:3, 3]
+    assert np.abs(off[1:]).max() < 0.005
+    assert off[0] == pytest.approx(0.1, abs=0.04)  # nothing pulls it along: it stays where it began
+    along, across = found.information[3, 3], found.information[4, 4]
+    assert across > 50 * along
+
+
+def test_a_scan_of_one_face_is_not_laid_on_the_other():
+    """A slab 0.3 m thick over a room: its ceiling must not settle on the floor above."""
+    ground, ceiling, above = (floor((0, 8), (0, 8)) + [0, 0, z] for z in (0.0, 2.4, 2.7))
+    walls = [wall((0, 0), (8, 0), 2.4), wall((8, 0), (8, 8), 2.4)]
+    below = np.concatenate([ground, ceiling, *walls])
+    to_viewer = np.concatenate([np.array([4, 4, 1.2]) - below, np.array([4, 4, 4.0]) - above])
+    at = make_transform(np.eye(3), [4.0, 4.0, 1.0])
+    seen = np.concatenate([ceiling, *walls]) - at[:3, 3]
+    scan = Surface.around(seen[::9], -seen[::9])
+    start = at @ make_transform(np.eye(3), [0, 0, 0.28])
+    both = np.concatenate([below, above])
+    (blind,) = MapSurface.of(Surface.around(both), CONFIG).refine(scan, start[None])
+    assert pose_error(at, blind.T_level_sensor)[0] == pytest.approx(0.3, abs=0.02)
+    assert blind.overlap > 0.95  # and nothing would tell
+    (found,) = MapSurface.of(Surface.around(both, to_viewer), CONFIG).refine(scan, start[None])
+    assert pose_error(at, found.T_level_sensor)[0] < 0.02

@@ -1,0 +1,74 @@
+import numpy as np
+
+from firstfix.engine.registration.surface import Surface
+from firstfix.transform import make_transform, rotation_z
+
+
+def test_normals_of_a_plane_and_a_wall():
+    rng = np.random.default_rng(1)
+    floor = np.column_stack([rng.uniform(-3, 3, (800, 2)), np.zeros(800)])
+    wall = np.column_stack([np.full(800, 20.0), rng.uniform(-3, 3, (800, 2))])
+    surface = Surface.around(np.concatenate([floor, wall]))
+    assert surface.points.dtype == surface.normals.dtype == np.float32
+    assert np.allclose(np.abs(surface.normals[:800]), [0, 0, 1], atol=1e-3)
+    assert np.allclose(np.abs(surface.normals[800:]), [1, 0, 0], atol=1e-3)
+
+
+def test_normals_point_to_who_saw_them():
+    rng = np.random.default_rng(2)
+    floor = np.column_stack([rng.uniform(-3, 3, (800, 2)), np.zeros(800)])
+    for side in (1.0, -1.0):
+        surface = Surface.around(floor, np.array([0.5, 0.5, 2 * side]) - floor)
+        assert surface.oriented.all()
+        assert np.allclose(surface.normals, [0, 0, side], atol=1e-3)
+
+
+def test_a_surface_seen_at_a_grazing_angle_or_not_at_all_is_not_oriented():
+    rng = np.random.default_rng(2)
+    floor = np.column_stack([rng.uniform(-3, 3, (800, 2)), np.zeros(800)])
+    assert not Surface.around(floor).oriented.any()
+    assert not Surface.around(floor, np.tile([5.0, 0, 0.2], (800, 1))).oriented.any()
+    assert not Surface.around(floor, np.zeros((800, 3))).oriented.any()
+
+
+def surface_of(points, normals, oriented=True):
+    return Surface(np.float32(points), np.float32(normals), np.full(len(points), oriented))
+
+
+def test_a_part_has_at_most_so_many_points_and_keeps_their_normals():
+    points = np.arange(300, dtype=np.float32).reshape(100, 3)
+    surface = surface_of(points, points + 1)
+    for count in (1, 7, 33, 99, 100, 1000):
+        part = surface.at_most(count)
+        assert 0 < len(part) <= count
+        assert np.array_equal(part.normals, part.points + 1)
+    assert len(surface.at_most(1000)) == 100
+
+
+def test_moving_turns_points_and_normals():
+    moved = surface_of([[1, 0, 0]], [[1, 0, 0]]).moved(make_transform(rotation_z(np.pi / 2), [0, 0, 3]))
+    assert np.allclose(moved.points, [[0, 1, 3]], atol=1e-6)
+    assert np.allclose(moved.normals, [[0, 1, 0]], atol=1e-6)
+
+
+def test_thinning_keeps_the_two_faces_of_a_wall_apart():
+    faces = [[0.10, 0.1, 0.1], [0.12, 0.3, 0.3], [0.2, 0.1, 0.1], [0.22, 0.3, 0.1]]
+    thinned = surface_of(faces, [[-1, 0, 0], [-1, 0, 0], [1, 0, 0], [1, 0, 0]]).thinned(1.0)
+    assert np.allclose(sorted(thinned.points[:, 0]), [0.11, 0.21])
+    assert sorted(thinned.normals[:, 0].tolist()) == [-1, 1]
+
+
+def test_thinning_brings_normals_of_unknown_sign_together():
+    thinned = surface_of([[0.1, 0.1, 0.1], [0.3, 0.1, 0.1]], [[0, 0, 1], [0, 0, -1]], oriented=False).thinned(
+        1.0
+    )
+    assert len(thinned) == 1
+    assert np.allclose(np.abs(thinned.normals), [[0, 0, 1]])
+    assert not thinned.oriented.any()
+
+
+def test_together():
+    one, other = surface_of([[0, 0, 0]], [[0, 0, 1]]), surface_of([[1, 0, 0]], [[0, 1, 0]], oriented=False)
+    both = Surface.together([one, other])
+    assert both.points[:, 0].tolist() == [0, 1]
+    assert both.oriented.tolist() == [True, False]

@@ -1,0 +1,124 @@
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from firstfix.engine.array_file import save_arrays
+from firstfix.engine.registration import surface_grid_build
+from firstfix.engine.registration.surface import Surface
+from firstfix.engine.registration.surface_grid import SurfaceGrid
+
+CELL_M = 0.2
+
+
+def surface_of(points: np.ndarray) -> Surface:
+    points = points.astype(np.float32)
+    return Surface(points, np.tile(np.float32([0, 0, 1]), (len(points), 1)), np.zeros(len(points), np.bool_))
+
+
+class Known:
+    """A grid that is asked in the surface's own coordinates."""
+
+    def __init__(self, surface: Surface) -> None:
+        self.surface, self.grid = surface, SurfaceGrid.of(surface, CELL_M)
+
+    def nearest(self, points: np.ndarray) -> np.ndarray:
+        return self.grid.nearest(np.float32(points) - self.grid.corner)
+
+
+@pytest.fixture(
+    params=[surface_grid_build.MOST_GROUPS, 4], ids=["small groups", "groups grown to fit the table"]
+)
+def grid(request, monkeypatch):
+    monkeypatch.setattr(surface_grid_build, "MOST_GROUPS", request.param)
+    rng = np.random.default_rng(3)
+    return Known(surface_of(rng.uniform([-7, 2, -1], [5, 9, 2], (3000, 3))))
+
+
+def test_at_every_point_some_point_of_its_cell_or_nearer_is_found(grid):
+    points = grid.surface.points
+    found = grid.nearest(points)
+    assert (found >= 0).all()
+    assert np.linalg.norm(points[found] - points, axis=1).max() <= np.sqrt(3) * CELL_M
+
+
+def test_at_the_centre_of_a_cell_the_nearest_of_all_is_found(grid):
+    rng = np.random.default_rng(4)
+    cells = np.unique(np.floor(rng.uniform([-7, 2, -1], [5, 9, 2], (2000, 3)) / CELL_M), axis=0)
+    centres = ((cells + 0.5) * CELL_M).astype(np.float32)
+    distance, row = cKDTree(grid.surface.points).query(centres)
+    surely_known = distance < CELL_M  # within a cell's width, so in the cell or one beside it
+    assert surely_known.sum() > 300
+    assert np.array_equal(grid.nearest(centres[surely_known]), row[surely_known])
+
+
+def test_two_cells_away_nothing_is_near(grid):
+    rng = np.random.default_rng(5)
+    anywhere = rng.uniform(-12, 12, (5000, 3)).astype(np.float32)
+    distance, _ = cKDTree(grid.surface.points).query(anywhere)
+    far = distance > 2 * np.sqrt(3) * CELL_M
+    assert far.sum() > 1000
+    assert (grid.nearest(anywhere[far]) == -1).all()
+
+
+def test_a_kilometre_outside_nothing_is_near(grid):
+    outside = np.float32([[1000, 0, 0], [-1000, 5, 0], [0, 5, 1e6], [0, -1e6, 0]])
+    assert (grid.nearest(outside) == -1).all()
+
+
+def test_one_point():
+    grid = Known(surface_of(np.array([[3.0, -2.0, 1.0]])))
+    asked = np.float32([[3.0, -2.0, 1.0], [3.1, -2.1, 1.1], [3.9, -2.0, 1.0]])
+    assert grid.nearest(asked).tolist() == [0, 0, -1]
+
+
+def test_a_plane_gives_the_distance_along_its_normal(grid):
+    rng = np.random.default_rng(6)
+    asked = grid.surface.points + rng.uniform(-0.05, 0.05, grid.surface.points.shape).astype(np.float32)
+    row = grid.nearest(asked)
+    plane = grid.grid.planes[row]
+    off_m = plane[:, 3] - np.einsum("ij,ij->i", asked - grid.grid.corner, plane[:, :3])
+    assert np.allclose(off_m, grid.surface.points[row, 2] - asked[:, 2], atol=1e-5)  # normals are upright
+
+
+def test_what_was_saved_answers_the_same(grid, tmp_path):
+    grid.grid.save(tmp_path / "grid")
+    again = SurfaceGrid.load(tmp_path / "grid")
+    points = np.random.default_rng(8).uniform(0, 13, (2000, 3)).astype(np.float32)
+    assert np.array_equal(again.nearest(points), grid.grid.nearest(points))
+    assert np.array_equal(again.planes, grid.grid.planes)
+
+
+def test_slabs_and_parts_make_no_difference(monkeypatch):
+    surface = surface_of(np.random.default_rng(10).uniform([-30, 2, -1], [25, 9, 2], (4000, 3)))
+    whole = SurfaceGrid.of(surface, CELL_M)
+    for slots, part in ((1, 37), (1 << 13, 1 << 20), (1 << 15, 500)):
+        monkeypatch.setattr(surface_grid_build, "MOST_SLOTS", slots)
+        monkeypatch.setattr(surface_grid_build, "PART", part)
+        again = SurfaceGrid.of(surface, CELL_M)
+        for field in fields(SurfaceGrid):
+            assert np.array_equal(getattr(again, field.name), getattr(whole, field.name)), field.name
+
+
+def test_a_kilometre_takes_little_more_than_its_surface():
+    """Two patches three kilometres apart: a table of every 0.8 m block between them has 10^9 entries."""
+    rng = np.random.default_rng(11)
+    patch = rng.uniform([0, 0, 0], [4, 4, 1], (2000, 3))
+    grid = Known(surface_of(np.concatenate([patch, patch + [3000, 2500, 60]])))
+    assert grid.grid.group.nbytes + grid.grid.block.nbytes < 70e6
+    found = grid.nearest(grid.surface.points)
+    assert np.linalg.norm(grid.surface.points[found] - grid.surface.points, axis=1).max() <= 0.4
+
+
+def test_a_grid_of_format_4_answers_the_same(tmp_path):
+    """There the table had an entry for every block."""
+    rng = np.random.default_rng(12)
+    now = SurfaceGrid.of(surface_of(rng.uniform([-7, 2, -1], [5, 9, 2], (3000, 3))), CELL_M)
+    side = now.block.shape[1]
+    gx, gy, gz = now.group.shape
+    dense = now.block[now.group].transpose(0, 3, 1, 4, 2, 5).reshape(gx * side, gy * side, gz * side)
+    then = {field.name: getattr(now, field.name) for field in fields(now) if field.name != "group"}
+    save_arrays(tmp_path / "then", {**then, "block": dense})
+    points = rng.uniform(-1, 14, (5000, 3)).astype(np.float32)
+    assert np.array_equal(SurfaceGrid.load(tmp_path / "then").nearest(points), now.nearest(points))

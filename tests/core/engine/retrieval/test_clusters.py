@@ -1,0 +1,98 @@
+"""Clusters from labels, their order, and their files."""
+
+import numpy as np
+import pytest
+
+from firstfix.engine.retrieval.clusters import Clusters
+
+
+def groups(clusters: Clusters) -> list[list[int]]:
+    return [clusters.members(np.array([c])).tolist() for c in range(len(clusters))]
+
+
+def last(rows: np.ndarray) -> int:
+    return len(rows) - 1
+
+
+def test_labels_become_groups_with_their_representatives():
+    clusters = Clusters.from_labels(np.array([1, 0, 1, 2, 0, 1]), last)
+    assert len(clusters) == 3
+    assert groups(clusters) == [[1, 4], [0, 2, 5], [3]]
+    assert clusters.representative.tolist() == [4, 5, 3]
+    assert clusters.start.tolist() == [0, 2, 5, 6]
+    assert clusters.member.tolist() == [1, 4, 0, 2, 5, 3]
+    assert {array.dtype for array in vars(clusters).values()} == {np.dtype(np.int32)}
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_every_template_is_in_the_cluster_of_its_label(seed):
+    rng = np.random.default_rng(seed)
+    label = np.concatenate([np.arange(12), rng.integers(0, 12, 150)])
+    rng.shuffle(label)
+    clusters = Clusters.from_labels(label, lambda rows: int(rows.argmin()))
+    assert groups(clusters) == [np.flatnonzero(label == c).tolist() for c in range(12)]
+    assert label[clusters.representative].tolist() == list(range(12))
+    assert sorted(clusters.member.tolist()) == list(range(len(label)))
+
+
+def test_who_is_typical_is_asked_for_two_and_more_with_their_templates():
+    asked = []
+
+    def first(rows: np.ndarray) -> int:
+        asked.append(rows.tolist())
+        return 0
+
+    Clusters.from_labels(np.array([0, 1, 0, 2, 3, 3, 3]), first)
+    assert asked == [[0, 2], [4, 5, 6]]
+
+
+def test_members_come_in_the_order_of_the_clusters_asked_for():
+    clusters = Clusters.from_labels(np.array([1, 0, 1, 2, 0, 1]), last)
+    assert clusters.members(np.array([2, 0])).tolist() == [3, 1, 4]
+    assert clusters.members(np.array([0, 2])).tolist() == [1, 4, 3]
+    assert clusters.members(np.array([1], np.int64)).tolist() == [0, 2, 5]
+    assert clusters.members(np.arange(3)).tolist() == clusters.member.tolist()
+
+
+@pytest.mark.parametrize("count", [1, 2, 7])
+def test_alone_is_every_template_by_itself(count):
+    clusters = Clusters.alone(count)
+    assert len(clusters) == count
+    assert groups(clusters) == [[i] for i in range(count)]
+    assert clusters.representative.tolist() == list(range(count))
+    each = Clusters.from_labels(np.arange(count), last)
+    for name, array in vars(clusters).items():
+        assert np.array_equal(array, getattr(each, name))
+        assert array.dtype == np.int32
+
+
+@pytest.mark.parametrize(
+    "clusters",
+    [
+        Clusters.from_labels(np.random.default_rng(0).permutation(np.arange(90) % 17), last),
+        Clusters.from_labels(np.zeros(5, np.intp), last),
+        Clusters.alone(1),
+        Clusters.alone(40),
+    ],
+    ids=["17", "all in one", "one", "alone"],
+)
+def test_what_was_saved_is_loaded(clusters, tmp_path):
+    clusters.save(tmp_path)
+    loaded = Clusters.load(tmp_path)
+    assert len(loaded) == len(clusters)
+    assert groups(loaded) == groups(clusters)
+    for name, array in vars(clusters).items():
+        assert np.array_equal(getattr(loaded, name), array)
+        assert getattr(loaded, name).dtype == np.int32
+    files = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert sorted(files) == ["cluster_member.npy", "cluster_representative.npy", "cluster_start.npy"]
+    (tmp_path / "again").mkdir()
+    loaded.save(tmp_path / "again")
+    assert {path.name: path.read_bytes() for path in (tmp_path / "again").iterdir()} == files
+
+
+def test_a_file_that_is_missing_is_an_error(tmp_path):
+    Clusters.alone(3).save(tmp_path)
+    (tmp_path / "cluster_start.npy").unlink()
+    with pytest.raises(OSError, match="cluster_start"):
+        Clusters.load(tmp_path)

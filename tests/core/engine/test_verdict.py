@@ -1,0 +1,87 @@
+import numpy as np
+
+from firstfix.answer.localization import Reason, Verdict
+from firstfix.engine.calibration import Calibration
+from firstfix.engine.config import EngineConfig
+from firstfix.engine.hypotheses import Place
+from firstfix.engine.index import MapIndex
+from firstfix.engine.registration.align import Registration
+from firstfix.engine.verdict import Claim, judge
+from firstfix.transform import make_transform
+
+CALIBRATION = Calibration(min_overlap=0.5)
+
+
+def place(number: int, overlap: float, through: float = 0.005) -> Place:
+    T_level_sensor = make_transform(np.eye(3), [10.0 * number, 0, 0])
+    return Place(number, Registration(T_level_sensor, overlap, overlap * 0.85, np.eye(6)), through)
+
+
+def claimed(*places: Place, calibration: Calibration = CALIBRATION, T_map_level=None) -> list[Claim]:
+    T = np.eye(4) if T_map_level is None else T_map_level
+    config = EngineConfig(T_map_level=tuple(T.ravel()))
+    index = MapIndex(config, calibration, None, None, None)
+    return [Claim(place, index) for place in places]
+
+
+def judged(*places: Place, min_probability: float | None = None, calibration: Calibration = CALIBRATION):
+    return judge(claimed(*places, calibration=calibration), min_probability)
+
+
+def test_a_good_place_without_rivals_is_localized():
+    places = [place(0, 0.95), place(1, 0.4, 0.1)]
+    answer = judged(*places)
+    assert answer.verdict is Verdict.LOCALIZED
+    assert answer.reasons == ()
+    assert answer.probability == CALIBRATION.probability(CALIBRATION.evidence([p.fit for p in places]))
+
+
+def test_a_twin_makes_it_ambiguous_and_both_are_returned():
+    answer = judged(place(0, 0.95), place(1, 0.94))
+    assert (answer.verdict, answer.reasons) == (Verdict.AMBIGUOUS, (Reason.SEVERAL_PLACES,))
+    assert [h.template for h in answer.hypotheses] == [0, 1]
+    assert answer.hypotheses[0].probability == answer.hypotheses[1].probability == answer.probability / 2
+
+
+def test_of_places_that_tie_the_probability_is_that_the_truth_is_among_them():
+    alone = judged(place(0, 0.95), place(2, 0.5))
+    tied = judged(place(0, 0.95), place(1, 0.95), place(2, 0.5))
+    assert (tied.verdict, tied.reasons) == (Verdict.AMBIGUOUS, (Reason.SEVERAL_PLACES,))
+    assert tied.probability == alone.probability
+    assert sum(h.probability for h in tied.hypotheses) <= 1
+
+
+def test_a_twin_with_a_wall_in_the_way_is_no_rival():
+    assert judged(place(0, 0.95), place(1, 0.94, 0.2)).verdict is Verdict.LOCALIZED
+
+
+def test_a_twin_makes_it_ambiguous_however_sure_the_model_is():
+    sure = Calibration(bias=0, closeness=50, free_space=0, margin=0, min_margin=0.1)
+    assert judged(place(0, 0.99), place(1, 0.95), calibration=sure).verdict is Verdict.AMBIGUOUS
+    assert judged(place(0, 0.99), place(1, 0.80), calibration=sure).verdict is Verdict.LOCALIZED
+
+
+def test_a_place_that_is_seen_through_is_rejected_and_told_so():
+    answer = judged(place(0, 0.95, 0.15))
+    assert (answer.verdict, answer.reasons) == (Verdict.REJECTED, (Reason.FREE_SPACE_VIOLATION,))
+
+
+def test_little_overlap_is_rejected_whatever_the_caller_asks():
+    answer = judged(place(0, 0.45), min_probability=0.0)
+    assert (answer.verdict, answer.reasons) == (Verdict.REJECTED, (Reason.LOW_OVERLAP,))
+
+
+def test_a_doubtful_place_is_rejected_unless_the_caller_takes_it():
+    doubtful, strict = place(0, 0.6), Calibration(bias=-26)
+    assert judged(doubtful, calibration=strict).reasons == (Reason.LOW_PROBABILITY,)
+    assert judged(doubtful, calibration=strict, min_probability=0.01).verdict is Verdict.LOCALIZED
+
+
+def test_no_place_is_no_candidate():
+    assert judged().reasons == (Reason.NO_CANDIDATE,)
+
+
+def test_poses_are_in_the_map_frame():
+    T_map_level = make_transform(np.eye(3), [500000.0, 5400000.0, 0])
+    answer = judge(claimed(place(0, 0.95), T_map_level=T_map_level), None)
+    assert answer.hypotheses[0].T_map_sensor[:3, 3].tolist() == [500000.0, 5400000.0, 0]

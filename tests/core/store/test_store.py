@@ -1,0 +1,320 @@
+"""The one store interface on a directory, in memory, on a real S3 server and on Azurite."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from firstfix.errors import InvalidOption, NotFound, StoreError, StoreUnavailable, StoreUnsafe, TooLarge
+from firstfix.store import backend as store_backend
+from firstfix.store import store as store_module
+from firstfix.store.store import Store
+from firstfix.store.url import StoreUrl
+
+
+@pytest.fixture
+def store(any_store_url: str) -> Store:
+    return Store.open(any_store_url)
+
+
+def test_an_object_is_put_got_and_deleted(store: Store) -> None:
+    store.put("a/b.bin", b"one")
+    store.put("a/b.bin", b"three")
+    assert store.get("a/b.bin") == b"three"
+    assert store.size("a/b.bin") == 5
+    assert store.exists("a/b.bin")
+    store.delete("a/b.bin")
+    store.delete("a/b.bin")
+    assert not store.exists("a/b.bin")
+
+
+def test_a_missing_object_is_not_found(store: Store, tmp_path: Path) -> None:
+    for ask in (store.get, store.size, lambda key: store.get_range(key, 0, 1)):
+        with pytest.raises(NotFound):
+            ask("no/such")
+    with pytest.raises(NotFound):
+        store.download("no/such", tmp_path / "file")
+    assert list(tmp_path.glob("*file*")) == []
+    store.put("folder/object", b"")
+    with pytest.raises(NotFound):
+        store.get("folder")
+
+
+def test_a_new_put_never_replaces(store: Store) -> None:
+    assert store.put_new("k", b"first")
+    assert not store.put_new("k", b"second")
+    assert store.get("k") == b"first"
+
+
+def test_sixteen_at_once_have_one_winner(store: Store) -> None:
+    start = threading.Barrier(16)
+
+    def race(writer: int, key: str) -> bool:
+        start.wait()
+        return store.put_new(key, b"%02d" % writer * 1000)
+
+    for round_number in range(5):
+        key = f"race/{round_number}"
+        with ThreadPoolExecutor(16) as pool:
+            won = list(pool.map(race, range(16), [key] * 16))
+        assert won.count(True) == 1
+        assert store.get(key) == b"%02d" % won.index(True) * 1000
+
+
+def test_a_range_is_cut_at_the_end(store: Store) -> None:
+    store.put("k", b"0123456789")
+    assert store.get_range("k", 2, 3) == b"234"
+    assert store.get_range("k", 8, 100) == b"89"
+    for start, length in ((10, 1), (-1, 2), (0, 0)):
+        with pytest.raises(InvalidOption):
+            store.get_range("k", start, length)
+
+
+def test_files_go_up_and_down_in_pieces(
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(store_module, "CHUNK_BYTES", 1 << 20)
+    content = bytes(range(256)) * 40_000 + b"end"  # over obstore's 5 MB: several parts
+    source = tmp_path / "source"
+    source.write_bytes(content)
+    assert store.upload("big", source)
+    assert store.size("big") == len(content)
+    assert not store.upload("big", source)
+    target = tmp_path / "target"
+    assert store.download("big", target) == hashlib.sha256(content).hexdigest()
+    assert target.read_bytes() == content
+    (tmp_path / "empty").write_bytes(b"")
+    assert store.upload("empty", tmp_path / "empty")
+    assert store.download("empty", target) == hashlib.sha256(b"").hexdigest()
+    assert target.read_bytes() == b""
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_an_upload_of_another_size_replaces_a_damaged_object(store: Store, tmp_path: Path) -> None:
+    store.put("k", b"dam")
+    (tmp_path / "whole").write_bytes(b"whole")
+    assert store.upload("k", tmp_path / "whole")
+    assert store.get("k") == b"whole"
+
+
+def test_a_listing_is_of_one_folder_and_sorted(store: Store) -> None:
+    for key in ("m/b/2", "m/b/1", "m/bc/1", "m/a", "z"):
+        store.put(key, b"xy")
+    assert store.list("m/b") == store.list("m/b/") == ["m/b/1", "m/b/2"]
+    assert store.list() == ["m/a", "m/b/1", "m/b/2", "m/bc/1", "z"]
+    assert store.list("none") == store.folders("none") == []
+    assert store.folders("m") == ["b", "bc"]
+    assert store.folders() == ["m"]
+    assert [item.size_bytes for item in store.scan("m/b")] == [2, 2]
+
+
+def test_a_listing_goes_past_the_thousand_of_one_page(s3_url: str) -> None:
+    store = Store.open(s3_url)
+    keys = [f"many/{i:04d}" for i in range(1005)]
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(lambda key: store.put(key, b""), keys))
+    assert store.list("many") == keys
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        "",
+        "/a",
+        "a/",
+        "a//b",
+        "../a",
+        "a/../b",
+        "a/.",
+        ".hidden",
+        "a b",
+        "a%2e",
+        "a\\b",
+        "a\0",
+        "é",
+        "a" * 999,
+    ],
+)
+def test_a_key_that_some_store_would_change_is_refused(store: Store, key: str) -> None:
+    for call in (store.get, store.delete, lambda key: store.put_new(key, b""), store.local_path):
+        with pytest.raises(InvalidOption):
+            call(key)
+
+
+def test_the_probe_passes_and_leaves_nothing(store: Store) -> None:
+    store.probe()
+    assert store.list() == []
+
+
+def test_the_probe_finds_a_store_that_overwrites() -> None:
+    class Careless(Store):
+        def put_new(self, key: str, data: bytes | Path) -> bool:
+            assert isinstance(data, bytes)
+            self.put(key, data)
+            return True
+
+    class Lying(Careless):
+        def put_new(self, key: str, data: bytes | Path) -> bool:
+            new = not self.exists(key)
+            super().put_new(key, data)
+            return new
+
+    for kind in (Careless, Lying):
+        with pytest.raises(StoreUnsafe):
+            kind.open("memory://").probe()
+
+
+def test_a_file_store_lends_its_files_and_others_do_not(tmp_path: Path) -> None:
+    store = Store.open(str(tmp_path / "new" / "folder"))
+    store.put("a/b", b"content")
+    path = store.local_path("a/b")
+    assert path is not None
+    assert path.read_bytes() == b"content"
+    with pytest.raises(NotFound):
+        store.local_path("a")
+    assert Store.open("memory://").local_path("a/b") is None
+
+
+def test_two_memory_stores_share_nothing() -> None:
+    one, other = Store.open("memory://"), Store.open("memory://")
+    one.put("k", b"")
+    assert not other.exists("k")
+
+
+def test_a_prefix_is_a_folder_of_its_own(s3_url: str) -> None:
+    inner = Store.open(s3_url)
+    outer = Store.open(s3_url.replace("?", "/deeper?"))
+    outer.put("k", b"deep")
+    assert inner.list() == ["deeper/k"]
+    assert outer.list() == ["k"]
+
+
+def test_a_store_out_of_reach_says_so_soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "nobody")
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "sesame")
+    monkeypatch.setattr(store_backend, "_RETRY", {"max_retries": 1})
+    store = Store.open("s3://bucket?endpoint=http://127.0.0.1:9&allow_http=true&region=r")
+    for call in (store.get, store.list, store.exists, lambda key: store.put_new(key, b"")):
+        with pytest.raises(StoreUnavailable) as caught:
+            call("k")
+        assert "sesame" not in str(caught.value)
+        assert "\n" not in str(caught.value)
+
+
+def test_wrong_credentials_and_a_missing_bucket_are_told_apart(
+    s3_url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(StoreUnavailable):
+        Store.open(s3_url.replace("s3://firstfix-tests", "s3://no-such-bucket")).probe()
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "wrong")
+    with pytest.raises(StoreError, match="credentials"):
+        Store.open(s3_url).probe()
+
+
+def test_a_directory_that_cannot_be_made_is_unavailable(tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"")
+    with pytest.raises(StoreUnavailable):
+        Store.open(str(tmp_path / "file" / "below"))
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "",
+        "ftp://host/x",
+        "s3://",
+        "s3://bucket?endpont=x",
+        "s3://bucket?allow_http=perhaps",
+        "s3://key:secret@bucket",
+        "s3://bucket?secret_access_key=hunter2",
+        "file://host/dir",
+        "file:///dir?region=x",
+        "memory://?region=x",
+        "az://container",
+    ],
+)
+def test_a_url_that_means_nothing_is_refused(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("AZURE_STORAGE_ACCOUNT_NAME", raising=False)
+    with pytest.raises(InvalidOption) as caught:
+        Store.open(url)
+    assert "hunter2" not in str(caught.value)
+
+
+def test_every_cloud_opens_by_its_url(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("AZURE_STORAGE_ACCOUNT_KEY", "bm8ga2V5")
+    for url in (
+        "s3://bucket/prefix?region=eu-west-1&virtual_hosted_style_request=true",
+        "gs://bucket/prefix?skip_signature=true&endpoint=http://127.0.0.1:9&allow_http=1",
+        "az://container/prefix?account_name=someone",
+    ):
+        assert isinstance(Store.open(url), Store)
+    assert StoreUrl.parse("s3a://b/p/q/").prefix == "p/q"
+    assert StoreUrl.parse("file:///a%20b").prefix == "/a b"
+    assert StoreUrl.parse("relative").prefix == str(Path.cwd() / "relative")
+
+
+def test_what_killed_processes_left_is_removed_and_nothing_else(tmp_path: Path):
+    store = Store.open(f"file://{tmp_path}")
+    store.put("maps/hall/a", b"a")
+    store.put("probe/left", b"first")
+    (tmp_path / "maps" / "hall" / "b#1").write_bytes(b"half of b")
+    assert store.remove_leftovers(older_than_s=60) == [], "they may be under way"
+    assert store.remove_leftovers(older_than_s=0, dry_run=True) == ["probe/left", "maps/hall/b#1"]
+    assert store.remove_leftovers(older_than_s=0) == ["probe/left", "maps/hall/b#1"]
+    assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["a"]
+
+
+def test_a_file_store_keeps_no_empty_folders(tmp_path: Path) -> None:
+    store = Store.open(str(tmp_path))
+    store.put("builds/b1/parts/1", b"x")
+    store.put("builds/b2/status.json", b"x")
+    store.delete("builds/b1/parts/1")
+    store.delete("builds/b1/parts/1")
+    assert store.folders("builds") == ["b2"]
+    store.delete("builds/b2/status.json")
+    assert (tmp_path / "builds").is_dir()
+    assert store.put_new("builds/b1/parts/1", b"y")
+
+
+def test_an_object_of_pieces_is_there_whole_or_not_at_all(any_store_url: str) -> None:
+    store = Store.open(any_store_url)
+    store.put("first", b"first")
+
+    def pieces(fails: bool) -> Iterator[bytes]:
+        for n in range(12):
+            if fails and n == 11:
+                raise ValueError("no more")
+            yield store.get("first") + bytes([n]) * (2 << 20)  # its maker may ask the store
+
+    with pytest.raises(ValueError, match="no more"):
+        store.put_pieces("whole", pieces(True))
+    assert not store.exists("whole")
+    store.put_pieces("whole", pieces(False))
+    assert store.get("whole") == b"".join(pieces(False))
+
+
+def test_an_upload_of_the_same_size_replaces_a_damaged_object(store: Store, tmp_path: Path) -> None:
+    (tmp_path / "whole").write_bytes(b"whole")
+    store.put("k", b"whore")
+    assert store.upload("k", tmp_path / "whole")
+    assert store.get("k") == b"whole"
+    assert not store.upload("k", tmp_path / "whole")
+
+
+def test_a_large_object_is_not_read_where_a_small_one_is_expected(store: Store) -> None:
+    store.put("k", b"x" * 1000)
+    assert store.get("k", max_bytes=1000) == b"x" * 1000
+    with pytest.raises(TooLarge):
+        store.get("k", max_bytes=999)
+
+
+def test_a_listing_after_a_key(store: Store) -> None:
+    for name in ("a/1", "a/2", "a/3", "b/1"):
+        store.put(name, b"")
+    assert store.list("a", after="a/1") == ["a/2", "a/3"]
+    assert store.list("a", after="a/3") == []

@@ -1,0 +1,123 @@
+"""The age of what is in a store is told by the store's clock: this machine's may be wrong."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import firstfix
+from firstfix.builds.idempotency import CallersKey, claim_build
+from firstfix.builds.shared_stages import SharedStages, collect_stages
+from firstfix.catalog.catalog import Catalog, source_key
+from firstfix.catalog.manifest import Manifest
+from firstfix.catalog.query_samples import QuerySamples, new_sample_id
+from firstfix.catalog.uploads import Uploads
+from firstfix.store.store import Store
+from firstfix.upkeep.garbage import collect_garbage, remove_abandoned
+
+MODULES = ("catalog", "garbage", "map_log", "query_samples", "shared_stages", "store", "uploads")
+HOURS_WRONG = [25, -25]
+
+
+class WrongClock(datetime):
+    """``datetime`` where now is off."""
+
+    hours = 0
+
+    @classmethod
+    def now(cls, tz: Any = None) -> Any:
+        return datetime.now(tz) + timedelta(hours=cls.hours)
+
+
+@pytest.fixture(params=HOURS_WRONG)
+def wrong_clock(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(WrongClock, "hours", request.param)
+    for name in MODULES:
+        monkeypatch.setattr(importlib.import_module(f"firstfix.{name}"), "datetime", WrongClock)
+
+
+def test_a_store_tells_its_time(any_store_url: str, wrong_clock: None) -> None:
+    store = Store.open(any_store_url)
+    before = store.now()
+    store.put("a", b"x")
+    assert before <= store.scan()[0].last_modified <= store.now()
+    assert store.list() == ["a"], "the look leaves nothing"
+    assert abs(before - datetime.now(timezone.utc)) < timedelta(hours=1)
+
+
+def test_what_came_just_now_is_young(any_store_url: str, wrong_clock: None, tmp_path: Path) -> None:
+    store = Store.open(any_store_url)
+    catalog = Catalog(store)
+    (tmp_path / "made").mkdir()
+    (tmp_path / "made" / "a.npy").write_bytes(b"a")
+    manifest = Manifest.for_directory(tmp_path / "made")
+    catalog.retire("hall", catalog.publish("hall", tmp_path / "made", manifest), force=True)
+    catalog.store.put(f"maps/hall/versions/{'0' * 64}/a.npy", b"of a publish under way")
+    store.put(source_key("hall", "0" * 64), b"being handed in")
+    Uploads(store).create("u1", size_bytes=3, file_name="x")
+    claim_build(store, CallersKey("somebody", "key"), "f", "b1")
+    store.put("probe/left", b"first")
+    SharedStages(store).put("a" * 64, "mesh", tmp_path / "made")
+    samples = QuerySamples(store)
+    sample_id = new_sample_id("0" * 8, datetime.now(timezone.utc))
+    store.put(f"samples/{sample_id}.body", b"body")
+    before = store.list()
+    assert collect_garbage(catalog).count == 0
+    assert remove_abandoned(catalog).count == 0
+    assert store.remove_leftovers() == []
+    assert collect_stages(store, 86400.0).removed == ()
+    assert samples.prune(older_than_s=86400.0, max_bytes=1000) == 4
+    assert store.list() == before
+
+
+def test_what_is_old_goes_whatever_this_clock_says(wrong_clock: None) -> None:
+    store = Store.open("memory://")
+    Uploads(store).create("u1", size_bytes=3, file_name="x")
+    store.put(f"samples/{new_sample_id('0' * 8, datetime.now(timezone.utc))}.body", b"body")
+    assert remove_abandoned(Catalog(store), older_than_s=-5).count == 1
+    assert QuerySamples(store).prune(older_than_s=-5, max_bytes=1000) == 0
+    assert store.list() == []
+
+
+def test_a_retirement_is_as_old_as_the_store_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = Store.open("memory://")
+    (tmp_path / "made").mkdir()
+    (tmp_path / "made" / "a.npy").write_bytes(b"a")
+    catalog = Catalog(store)
+    version = catalog.publish("hall", tmp_path / "made", Manifest.for_directory(tmp_path / "made"))
+    with monkeypatch.context() as patch:  # the clock of whoever retires it is a year behind
+        patch.setattr(WrongClock, "hours", -365 * 24)
+        patch.setattr(importlib.import_module("firstfix.catalog.log.map_log"), "datetime", WrongClock)
+        catalog.retire("hall", version, force=True)
+    old = {item.key: item.last_modified for item in store.scan("maps/hall/versions")}
+    assert old
+    monkeypatch.setattr(store, "scan", lambda *where, scan=store.scan, **how: _aged(scan(*where, **how), old))
+    assert catalog.collect_garbage("hall") == [], "a replica may still serve it"
+
+
+def _aged(found: list[Any], old: dict[str, datetime]) -> list[Any]:
+    """The objects, those among them that are old two days older."""
+    two_days = timedelta(days=2)
+    return [
+        type(item)(item.key, item.size_bytes, item.last_modified - two_days * (item.key in old))
+        for item in found
+    ]
+
+
+def test_nothing_compares_a_stores_time_with_this_clock() -> None:
+    for path in Path(firstfix.__file__).parent.rglob("*.py"):
+        attributes = {
+            f"{node.value.id}.{node.attr}" if isinstance(node.value, ast.Name) else f".{node.attr}"
+            for node in ast.walk(ast.parse(path.read_text()))
+            if isinstance(node, ast.Attribute)
+        }
+        reads_ages = any(name.endswith(".last_modified") for name in attributes)
+        assert not (reads_ages and attributes & {"datetime.now", "time.time"}) or path.name in (
+            "build_attempts.py",  # its times are for people
+            "map_log.py",  # so are its entries'
+        ), f"{path.name} reads this machine's clock: use Store.now"

@@ -1,0 +1,109 @@
+"""A version is published again while garbage is collected: in every order, what is published is whole."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.manifest import Manifest
+from firstfix.store.store import Store
+from interleavings import run_interleaved, switch_points
+
+FILES = {"a.npy": b"content", "z.npy": b"more of it"}
+
+
+@pytest.fixture
+def made(tmp_path: Path) -> tuple[Path, Manifest]:
+    folder = tmp_path / "version"
+    folder.mkdir()
+    for name, content in FILES.items():
+        (folder / name).write_bytes(content)
+    return folder, Manifest.for_directory(folder)
+
+
+def retired(store: Store, made: tuple[Path, Manifest]) -> None:
+    """A version that was published and taken out of service."""
+    catalog = Catalog(store)
+    catalog.retire("hall", catalog.publish("hall", *made), force=True)
+
+
+def never_ended(store: Store, made: tuple[Path, Manifest]) -> None:
+    """Files of a publish that was killed before its log entry."""
+    folder, manifest = made
+    at = f"maps/hall/versions/{manifest.digest}"
+    for name in FILES:
+        store.upload(f"{at}/{name}", folder / name)
+    store.put_new(f"{at}/manifest.json", manifest.to_json())
+
+
+def one_file(store: Store, made: tuple[Path, Manifest]) -> None:
+    """First file of a publish that was killed then."""
+    store.upload(f"maps/hall/versions/{made[1].digest}/a.npy", made[0] / "a.npy")
+
+
+LEFT = [retired, never_ended, one_file]
+
+
+def collect(store: Store) -> None:
+    Catalog(store).collect_garbage("hall", older_than_s=-5)  # whatever its age
+
+
+def check_whole(store: Store, made: tuple[Path, Manifest], cache: Path) -> None:
+    """Checks that the version is served, also after another collection and another publish."""
+    version = made[1].digest
+    for _ in range(2):
+        catalog = Catalog(store)
+        assert catalog.active_version("hall") == version
+        for name, content in FILES.items():
+            assert catalog.read_file("hall", version, name, max_bytes=100) == content
+        collect(store)
+    assert Catalog(store).publish("hall", *made) == version
+    Catalog(store).fetch_version("hall", version, cache)
+
+
+@pytest.mark.parametrize("left", LEFT)
+def test_what_is_published_is_whole_in_every_order(
+    left: Callable[..., None], made: tuple[Path, Manifest], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def run(switches: tuple[int, ...]) -> int:
+        store = Store.open("memory://")
+        left(store, made)
+        works = [lambda: Catalog(store).publish("hall", *made), lambda: collect(store)]
+        calls = run_interleaved(works, switches, monkeypatch=monkeypatch)
+        check_whole(store, made, tmp_path / "cache")
+        return calls
+
+    for switches in switch_points(run(())):
+        run(switches)
+
+
+@pytest.mark.parametrize("left", LEFT)
+@pytest.mark.parametrize("killed", ["publish", "collect"])
+def test_a_kill_at_any_point_is_mended_by_a_repeat(
+    left: Callable[..., None],
+    killed: str,
+    made: tuple[Path, Manifest],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def run(kill_at: int, switches: tuple[int, ...]) -> int:
+        store = Store.open("memory://")
+        left(store, made)
+        works = [lambda: Catalog(store).publish("hall", *made), lambda: collect(store)]
+        if killed == "collect":
+            works.reverse()
+        calls = run_interleaved(works, switches, kill_at=kill_at, monkeypatch=monkeypatch)
+        if killed == "publish":
+            assert Catalog(store).publish("hall", *made) == made[1].digest
+        check_whole(store, made, tmp_path / "cache")
+        collect(store)
+        folders = {key.split("/")[3] for key in store.list("maps/hall/versions")}
+        assert len(folders) == 1, "nothing is left that nobody refers to"
+        return calls
+
+    for kill_at in range(run(1000, ())):
+        for switches in ((), (kill_at,), (kill_at // 2,), (kill_at // 2, kill_at)):
+            run(kill_at, switches)

@@ -1,0 +1,266 @@
+"""API keys in front of a running service: what each may do, on both transports."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+from access_world import ask_zenoh, get, give, localize
+from fastapi.routing import APIRoute, iter_route_contexts
+from service_world import Service, publish, running_service
+from starlette.routing import Route
+
+from firstfix.access.api_keys import ApiKeys
+from firstfix.access.permissions import Grant
+from firstfix.errors import Forbidden, StoreUnavailable, Unauthorized
+from firstfix.store.store import Store
+from firstfix_client import Client, ZenohClient
+from firstfix_service.app import create_app
+from firstfix_service.http_api.authorize import SCOPES, authorize
+from firstfix_service.settings import Settings
+from waiting import wait_until
+
+
+@pytest.fixture
+def keys(tmp_path: Path) -> dict[str, str]:
+    """Made before the service starts, so that it knows them at once."""
+    made = ApiKeys(Store.open(str(tmp_path / "store")))
+    patterns = {"hall-localize": ("hall", "hall-*")}
+    return {
+        name: made.create(name, Grant.parse([name.split("-")[-1]], patterns.get(name, ("*",))))[1]
+        for name in ("localize", "build", "metrics", "admin", "hall-localize")
+    }
+
+
+@pytest.fixture
+def guarded(tmp_path: Path, keys: dict[str, str]) -> Iterator[Service]:
+    with running_service(tmp_path, auth="on", keys_refresh_s=0.1) as running:
+        for map_id, label in (("hall", "1"), ("attic", "2")):
+            publish(running.catalog, map_id, label, running.scratch)
+        wait_until(lambda: running.http.get("/readyz").json().get("maps") == 2)
+        yield running
+
+
+def test_every_route_is_in_the_table_and_behind_the_gate():
+    app = create_app(Settings(store="memory://"))
+    names = set()
+    for route in iter_route_contexts(app.routes):
+        assert isinstance(route.original_route, Route), "a mounted app would not be asked"
+        names.add(route.name)
+        if isinstance(route.original_route, APIRoute):
+            assert authorize in [dependency.call for dependency in route.dependant.dependencies], route.name
+            assert route.body_field is None, "the framework reads such a body before anybody is asked"
+        else:
+            assert SCOPES[route.name] is None, "only what is public may stand outside of the gate"
+    assert names == set(SCOPES)
+
+
+def test_without_a_credential_nothing_but_the_health_is_told(guarded: Service):
+    for path in ("/healthz", "/readyz", "/openapi.json"):
+        assert get(guarded, path, None).is_success
+    for method, path in (
+        ("POST", "/localize?map=hall"),
+        ("GET", "/maps"),
+        ("GET", "/maps/hall"),
+        ("GET", "/maps/nowhere"),
+        ("GET", "/maps/hall/versions"),
+        ("POST", f"/maps/hall/versions/{'0' * 64}/activate"),
+        ("POST", "/maps"),
+        ("GET", "/builds/none"),
+        ("DELETE", "/builds/none"),
+        ("GET", "/metrics"),
+    ):
+        refused = guarded.http.request(method, path)
+        assert (refused.status_code, refused.json()["code"]) == (401, "unauthorized"), path
+        assert refused.headers["www-authenticate"].startswith("Bearer")
+
+
+@pytest.mark.parametrize(
+    "value",
+    ["", "Bearer", "Basic dXNlcjpwYXNz", "Bearer ffx_x", "Bearer a b", f"Bearer {'x' * 9000}"]
+    + ["ffx_0123456789ab_" + "0" * 64, "Bearer ffx_0123456789ab_" + "0" * 64, "Bearer \xff\xfe"],
+)
+def test_a_credential_that_is_none(guarded: Service, value: str):
+    refused = guarded.http.get("/maps", headers={"Authorization": value.encode("latin-1")})
+    assert (refused.status_code, refused.json()["code"]) == (401, "unauthorized")
+
+
+def test_two_credentials_are_none(guarded: Service, keys: dict[str, str]):
+    twice = [("Authorization", f"Bearer {keys['admin']}")] * 2
+    assert guarded.http.get("/maps", headers=twice).status_code == 401
+
+
+def test_a_key_in_the_url_is_none(guarded: Service, keys: dict[str, str]):
+    assert guarded.http.get("/maps", params={"api_key": keys["admin"]}).status_code == 401
+
+
+def test_a_good_id_with_another_secret_is_refused(guarded: Service, keys: dict[str, str]):
+    key_id, other = keys["admin"].split("_")[1], keys["localize"].split("_")[2]
+    assert get(guarded, "/maps", f"ffx_{key_id}_{other}").status_code == 401
+
+
+@pytest.mark.parametrize(
+    ("scope", "allowed"),
+    [
+        ("localize", {"localize", "get_maps"}),
+        ("build", {"localize", "get_maps", "build"}),
+        ("metrics", {"metrics"}),
+        ("admin", {"localize", "get_maps", "build", "metrics"}),
+    ],
+)
+def test_a_scope_allows_what_it_says(guarded: Service, keys: dict[str, str], scope: str, allowed: set[str]):
+    key = keys[scope]
+    answers = {
+        "localize": localize(guarded, key),
+        "get_maps": get(guarded, "/maps", key),
+        "build": get(guarded, "/builds/none", key),
+        "metrics": get(guarded, "/metrics", key),
+    }
+    for what, answer in answers.items():
+        if what in allowed:
+            assert answer.status_code in (200, 404), what
+        else:
+            assert (answer.status_code, answer.json()["code"]) == (403, "forbidden"), what
+
+
+def test_a_key_for_some_maps_sees_no_others(guarded: Service, keys: dict[str, str]):
+    key = keys["hall-localize"]
+    assert localize(guarded, key).json()["map_id"] == "hall"
+    assert [entry["map_id"] for entry in get(guarded, "/maps", key).json()["maps"]] == ["hall"]
+    for path in ("/maps/attic", "/maps/attic/versions"):
+        assert get(guarded, path, key).status_code == 403
+    assert localize(guarded, key, "?map=hall,attic").status_code == 403
+
+
+def test_whether_a_forbidden_map_exists_is_not_told(guarded: Service, keys: dict[str, str]):
+    key = keys["hall-localize"]
+    for ask in (
+        lambda map_id: localize(guarded, key, f"?map={map_id}"),
+        lambda m: get(guarded, f"/maps/{m}", key),
+    ):
+        there, nowhere = ask("attic"), ask("attix")
+        assert there.status_code == nowhere.status_code == 403
+        assert there.content.replace(b"attic", b"") == nowhere.content.replace(b"attix", b"")
+
+
+def test_without_a_map_only_the_callers_compete(guarded: Service, keys: dict[str, str]):
+    only_hall = localize(guarded, keys["hall-localize"], "")
+    assert only_hall.json()["map_id"] == "hall"
+    none = give(guarded, "localize", maps=("yard-*",))
+    wait_until(lambda: get(guarded, "/maps", none).is_success)
+    assert localize(guarded, none, "").status_code == 404
+
+
+def test_builds_of_other_maps_do_not_exist(guarded: Service, keys: dict[str, str]):
+    guarded.catalog.put_build("b-1", {"map_id": "attic"})
+    other = give(guarded, "build", maps=("hall",))
+    wait_until(lambda: get(guarded, "/maps", other).is_success)
+    assert get(guarded, "/builds/b-1", keys["build"]).json()["map_id"] == "attic"
+    for method in ("GET", "DELETE"):
+        bearer = {"Authorization": f"Bearer {other}"}
+        hidden = guarded.http.request(method, "/builds/b-1", headers=bearer)
+        missing = guarded.http.request(method, "/builds/b-2", headers=bearer)
+        assert hidden.status_code == missing.status_code == 404
+        assert hidden.content.replace(b"b-1", b"") == missing.content.replace(b"b-2", b"")
+    assert not guarded.catalog.is_cancel_requested("b-1")
+
+
+def test_a_map_is_handed_in_only_under_a_name_of_the_callers(guarded: Service):
+    key = give(guarded, "build", maps=("hall-*",))
+    wait_until(lambda: get(guarded, "/maps", key).is_success)
+
+    def post(map_id: str) -> httpx.Response:
+        return guarded.http.post(
+            "/maps",
+            data={"map_id": map_id},
+            files={"source": ("a.xyz", b"0 0 0\n")},
+            headers={"Authorization": f"Bearer {key}"},
+        )
+
+    assert post("attic").status_code == 403
+    assert guarded.catalog.build_ids() == []
+    assert post("hall-7").status_code == 202
+    named = {"map_id": "attic", "source": {"url": "s3://b/x"}}
+    answer = guarded.http.post("/maps", json=named, headers={"Authorization": f"Bearer {key}"})
+    assert answer.status_code == 403
+
+
+def test_keys_come_and_go_while_the_service_runs(guarded: Service):
+    key = give(guarded, "localize")
+    wait_until(lambda: localize(guarded, key).is_success)
+    ApiKeys(guarded.catalog.store).revoke(key.split("_")[1])
+    wait_until(lambda: localize(guarded, key).status_code == 401)
+
+
+def test_a_key_expires_without_a_look_at_the_store(tmp_path: Path):
+    with running_service(tmp_path, auth="on", keys_refresh_s=0.1, zenoh=False) as service:
+        key = give(service, "localize", expires=datetime.now(timezone.utc) + timedelta(seconds=3))
+        wait_until(lambda: get(service, "/maps", key).is_success)
+        wait_until(lambda: "has expired" in get(service, "/maps", key).text)
+
+
+def test_known_keys_outlive_the_store_for_a_while(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    with running_service(
+        tmp_path, auth="on", keys_refresh_s=0.05, keys_max_age_s=1.5, poll_interval_s=30, zenoh=False
+    ) as service:
+        publish(service.catalog, "hall", "1", service.scratch)
+        key = give(service, "localize")
+        wait_until(lambda: localize(service, key).is_success)
+
+        def gone(self: Store, *_: object) -> list[str]:
+            raise StoreUnavailable("gone")
+
+        monkeypatch.setattr(Store, "list", gone)
+        assert localize(service, key).is_success
+        wait_until(lambda: localize(service, key).status_code == 503)
+        assert localize(service, key).json()["code"] == "store_unavailable"
+        monkeypatch.undo()
+        wait_until(lambda: localize(service, key).is_success)
+
+
+def test_zenoh_queries_carry_their_key(guarded: Service, keys: dict[str, str]):
+    assert ask_zenoh(guarded, keys["localize"]).ok
+    for key, map_id, code in (
+        (None, "hall", "unauthorized"),
+        ("nonsense", "hall", "unauthorized"),
+        ("x" * 20_000, "hall", "unauthorized"),
+        (keys["metrics"], "hall", "forbidden"),
+        (keys["hall-localize"], "attic", "forbidden"),
+        (keys["hall-localize"], "attix", "forbidden"),
+    ):
+        assert ask_zenoh(guarded, key, map_id).json["code"] == code
+
+
+def test_zenoh_may_be_left_to_its_own_rules(tmp_path: Path):
+    with running_service(tmp_path, auth="on", zenoh_trusted=True) as service:
+        publish(service.catalog, "hall", "1", service.scratch)
+        assert ask_zenoh(service, None).ok
+        assert localize(service, None).status_code == 401
+
+
+def test_off_means_that_a_credential_is_not_looked_at(service: Service):
+    assert localize(service, "whatever").is_success
+    assert ask_zenoh(service, "whatever").ok
+    assert get(service, "/metrics", None).is_success
+
+
+def test_metrics_can_be_left_open(tmp_path: Path):
+    with running_service(tmp_path, auth="on", metrics_public=True, zenoh=False) as service:
+        assert get(service, "/metrics", None).is_success
+        assert get(service, "/maps", None).status_code == 401
+
+
+def test_the_clients_show_their_key(guarded: Service, keys: dict[str, str]):
+    points = np.random.default_rng(1).uniform(-5, 5, (50, 3))
+    with Client(guarded.url, api_key=keys["localize"]) as http:
+        assert http.localize(points, map_id="hall").map_id == "hall"
+    with Client(guarded.url, api_key="") as http, pytest.raises(Unauthorized):
+        http.localize(points, map_id="hall")
+    with ZenohClient(guarded.endpoint, api_key=keys["hall-localize"]) as zenoh_client:
+        assert zenoh_client.localize(points, map_id="hall").map_id == "hall"
+        with pytest.raises(Forbidden):
+            zenoh_client.localize(points, map_id="attic")

@@ -1,0 +1,116 @@
+"""Keys and tokens that end while their requests go on."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+
+import httpx
+import pytest
+from access_world import give
+from service_world import Service, running_service
+from token_world import ALL_KEYS, AUDIENCE, ISSUER, signed
+
+from firstfix.access.api_keys import ApiKeys
+from firstfix_service.auth import permission
+from waiting import LIMIT_S, let_pass, wait_until
+
+BUILD = "b1"
+
+
+@pytest.fixture
+def guarded(tmp_path: Path) -> Iterator[Service]:
+    keys = tmp_path / "keys.json"
+    keys.write_text(json.dumps(ALL_KEYS))
+    tokens = {"jwt_jwks": str(keys), "jwt_issuer": ISSUER, "jwt_audience": AUDIENCE, "jwt_leeway_s": 0.0}
+    with running_service(tmp_path, zenoh=False, auth="on", keys_refresh_s=0.1, **tokens) as running:
+        running.catalog.put_build(BUILD, {"map_id": "hall"})
+        yield running
+
+
+def is_known(service: Service, credential: str) -> bool:
+    headers = {"Authorization": f"Bearer {credential}"}
+    return service.http.get(f"/builds/{BUILD}", headers=headers).is_success
+
+
+def revoke(service: Service, key: str) -> None:
+    ApiKeys(service.catalog.store).revoke(key.split("_")[1])
+
+
+def seen_of_events(service: Service, credential: str, ending: bool) -> list[str]:
+    """The lines of a stream of events until it ends by itself.
+
+    Args:
+        ending: revoke the key once the stream is open.
+    """
+    wait_until(lambda: is_known(service, credential))
+    headers = {"Authorization": f"Bearer {credential}"}
+    with httpx.stream(
+        "GET", f"{service.url}/builds/{BUILD}/events", headers=headers, timeout=LIMIT_S
+    ) as response:
+        lines = response.iter_lines()
+        first = next(lines)
+        if ending:
+            revoke(service, credential)
+        return [first, *lines]
+
+
+def test_an_event_stream_ends_with_its_revoked_key(guarded: Service):
+    seen = seen_of_events(guarded, give(guarded, "build"), ending=True)
+    assert seen[0] == "event: progress"
+    assert "event: end" not in seen, "the build goes on"
+
+
+def test_an_event_stream_ends_with_its_expired_key(guarded: Service):
+    until = datetime.now(timezone.utc) + timedelta(seconds=8)
+    assert "event: end" not in seen_of_events(guarded, give(guarded, "build", expires=until), ending=False)
+
+
+def test_an_event_stream_ends_with_its_expired_token(guarded: Service):
+    token = signed(scope="build", exp=time.time() + 8)
+    assert "event: end" not in seen_of_events(guarded, token, ending=False)
+
+
+def test_an_event_stream_with_a_key_for_its_map_goes_on(guarded: Service):
+    key = give(guarded, "build", maps=("hall",))
+    wait_until(lambda: is_known(guarded, key))
+    headers = {"Authorization": f"Bearer {key}"}
+    with httpx.stream(
+        "GET", f"{guarded.url}/builds/{BUILD}/events", headers=headers, timeout=LIMIT_S
+    ) as response:
+        lines = response.iter_lines()
+        assert next(lines) == "event: progress"
+        let_pass(3.0)  # it looks at the key
+        guarded.catalog.store.delete(f"builds/{BUILD}/request.json")
+        assert "event: end" not in list(lines)
+
+
+@pytest.mark.parametrize("kind", ["a form", "a part of an upload"])
+def test_an_upload_ends_with_its_revoked_key(guarded: Service, kind: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(permission, "CHECK_S", 0.0)
+    key = give(guarded, "build")
+    wait_until(lambda: is_known(guarded, key))
+    headers = {"Authorization": f"Bearer {key}"}
+
+    def pieces() -> Iterator[bytes]:
+        if kind == "a form":
+            yield b'--B\r\nContent-Disposition: form-data; name="source"; filename="a.ply"\r\n\r\n'
+        yield b"x"
+        revoke(guarded, key)
+        wait_until(lambda: not is_known(guarded, key))
+        for _ in range(100):
+            yield b"x" * 1000
+            let_pass(0.05)
+
+    if kind == "a form":
+        about = {"Content-Type": "multipart/form-data; boundary=B"}
+        answer = guarded.http.post("/maps", content=pieces(), headers={**headers, **about})
+    else:
+        announced = {"Upload-Length": "1000000", "Upload-Metadata": "filename aGFsbC5wbHk="}
+        where = guarded.http.post("/uploads", headers={**headers, **announced}).headers["location"]
+        about = {"Content-Type": "application/offset+octet-stream", "Upload-Offset": "0"}
+        answer = guarded.http.patch(where, content=pieces(), headers={**headers, **about})
+    assert (answer.status_code, answer.json()["code"]) == (401, "unauthorized")

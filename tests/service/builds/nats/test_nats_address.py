@@ -1,0 +1,71 @@
+"""Where NATS is: no secret in the URL, none from anywhere but a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from pydantic import ValidationError
+
+from firstfix.errors import InvalidOption
+from firstfix_service.builds.nats.address import NatsAddress
+from firstfix_service.settings import Settings
+
+
+def address(url: str, **changes: Path) -> NatsAddress:
+    return NatsAddress.of(Settings(store="memory://", build_queue=url, **changes))
+
+
+@pytest.mark.parametrize(
+    ("url", "server", "name"),
+    [
+        ("nats://host", "nats://host:4222", "firstfix"),
+        ("tls://host:4333/site-2", "tls://host:4333", "site-2"),
+        ("nats://[::1]:4222/", "nats://[::1]:4222", "firstfix"),
+    ],
+)
+def test_an_address(url: str, server: str, name: str):
+    assert (address(url).url, address(url).name) == (server, name)
+
+
+@pytest.mark.parametrize("url", ["nats://user:secret@host", "http://h", "nats://", "elsewhere", "nats://a b"])
+def test_what_is_none_is_refused_with_the_settings(url: str):
+    with pytest.raises(ValidationError):
+        address(url)
+
+
+@pytest.mark.parametrize("url", ["nats://host:0x1", "nats://host/Big", "nats://host/a/b", "nats://host?x=1"])
+def test_a_url_of_another_form(url: str):
+    with pytest.raises(InvalidOption, match="build queue"):
+        address(url)
+
+
+@pytest.mark.parametrize(
+    ("content", "options"),
+    [
+        ("user:pass:word\n", {"user": "user", "password": "pass:word"}),
+        ("a-token", {"token": "a-token"}),
+    ],
+)
+def test_who_this_is_stands_in_a_file(tmp_path: Path, content: str, options: dict[str, str]):
+    (tmp_path / "login").write_text(content)
+    assert address("nats://host", nats_credentials=tmp_path / "login").options() == options
+    assert "pass" not in repr(address("nats://host", nats_credentials=tmp_path / "login"))
+
+
+@pytest.mark.parametrize("content", ["", "a\nb\n"])
+def test_a_file_of_another_form(tmp_path: Path, content: str):
+    (tmp_path / "login").write_text(content)
+    with pytest.raises(InvalidOption, match="one line"):
+        address("nats://host", nats_credentials=tmp_path / "login").options()
+
+
+def test_files_that_are_not_there(tmp_path: Path):
+    for name in ("nats_credentials", "nats_ca", "nats_certificate"):
+        with pytest.raises(InvalidOption, match="NATS"):
+            address("tls://host", **{name: tmp_path / "none"}).options()
+
+
+def test_tls_is_asked_for_by_the_url_or_by_its_authorities():
+    assert address("nats://host").options() == {}
+    assert set(address("tls://host").options()) == {"tls"}

@@ -1,0 +1,111 @@
+"""Builds that hang: ended, said to be, and followed by the next one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from builds_world import building_service, upload, wait_until_ended
+from nats_world import nats_world
+from service_world import FAKE_WORKER
+
+from benchmarks.nats_server import nats_server_program
+from firstfix.errors import BuildError, BuildStalled, BuildTimedOut
+from firstfix_service.builds.watch import BuildLimits, BuildWatch
+from waiting import wait_until
+
+LIMITS = BuildLimits(timeout_s=1000.0, stall_s=100.0)
+
+
+class Clock:
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def status(progress: float, stage: str = "cluster") -> dict[str, Any]:
+    return {"state": "running", "stage": stage, "progress": progress}
+
+
+def kind(error: BuildError | None) -> type | None:
+    return None if error is None else type(error)
+
+
+def test_what_makes_progress_goes_on_until_its_time_is_over():
+    clock = Clock()
+    watch = BuildWatch(LIMITS, 300.0, clock)
+    for step in range(14):
+        clock.now = step * 50.0
+        watch.see(status(step / 20))
+        assert watch.overdue() is None
+    clock.now = 701.0
+    watch.see(status(0.9))
+    assert kind(watch.overdue()) is BuildTimedOut, "with what earlier attempts ran"
+    assert watch.ran_s == 701.0
+    watch.stop()
+    clock.now = 999.0
+    assert watch.ran_s == 701.0
+
+
+@pytest.mark.parametrize("moved", [status(0.2), status(0.1, "self_test")])
+def test_what_makes_none_is_ended_and_a_new_stage_is_progress(moved: dict[str, Any]):
+    clock = Clock()
+    watch = BuildWatch(LIMITS, 0.0, clock)
+    for now, seen, expected in (
+        (0.0, status(0.1), None),
+        (99.0, status(0.1), None),
+        (100.0, moved, None),
+        (199.0, moved, None),
+        (201.0, moved, BuildStalled),
+    ):
+        clock.now = now
+        watch.see(seen)
+        assert kind(watch.overdue()) is expected, now
+
+
+def test_a_store_that_is_away_says_nothing_of_the_build():
+    clock = Clock()
+    watch = BuildWatch(LIMITS, 0.0, clock)
+    for now in range(0, 900, 90):
+        clock.now = now
+        watch.see(status(0.1) if now == 0 else None)
+        assert watch.overdue() is None
+    clock.now = 1001.0
+    watch.see(None)
+    assert kind(watch.overdue()) is BuildTimedOut, "that much is known without it"
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def test_a_build_that_hangs_is_ended_with_all_it_started_and_the_next_one_runs(tmp_path: Path):
+    with building_service(tmp_path, build_stall_s=10, build_niceness=0) as service:
+        hangs, after = upload(service, do="hang_with_a_child"), upload(service, "after")
+        child = tmp_path / "work" / "child.txt"
+        wait_until(lambda: child.exists() and child.read_text())
+        wait_until(lambda: not is_alive(int(child.read_text())))
+        ended = wait_until_ended(service, hangs)
+        assert (ended["state"], ended["stage"]) == ("failed", "describe")
+        assert ended["error"] == {"code": "build_stalled", "detail": "the build made no progress for 10 s"}
+        assert wait_until_ended(service, after)["state"] == "succeeded"
+
+
+@pytest.mark.skipif(nats_server_program() is None, reason="no nats-server on this machine")
+def test_a_worker_ends_a_build_that_never_does_and_takes_the_next(tmp_path: Path):
+    with nats_world(tmp_path) as world:
+        worker = {"FIRSTFIX_BUILD_TIMEOUT_S": "10", "FIRSTFIX_BUILD_NICENESS": "0"}
+        world.start_worker("w1", command=FAKE_WORKER, **worker)
+        endless, after = (
+            world.record(config={"sensor": {"preset": "vlp-16", "name": do}})
+            for do in ("work_for_ever", "succeed")
+        )
+        ended = world.wait_until_ended(endless)
+        assert (ended["state"], ended["error"]["code"]) == ("failed", "build_timed_out")
+        assert world.wait_until_ended(after)["state"] == "succeeded"
+        wait_until(lambda: world.in_stream() == [])

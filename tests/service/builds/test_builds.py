@@ -1,0 +1,257 @@
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from builds_world import CLOUD, building_service, status_of, upload, wait_until_ended
+from service_world import Service, running_service
+
+from firstfix.builds.records import FINAL_STATES
+from firstfix.catalog.manifest import Manifest
+from firstfix.store.store import Store
+from firstfix.upkeep.rebuild import rebuild
+from waiting import wait_until
+
+
+@pytest.fixture
+def recorder(tmp_path: Path) -> Iterator[Service]:
+    """A service that records builds and leaves them to others."""
+    with running_service(tmp_path, zenoh=False) as service:
+        yield service
+
+
+def test_an_upload_is_durable_before_it_is_answered(recorder: Service):
+    response = upload(recorder, level=False)
+    assert response.status_code == 202
+    assert int(response.headers["retry-after"]) >= 1
+    build_id = response.headers["location"].removeprefix("/builds/")
+    assert response.json()["build_id"] == build_id
+    request = recorder.catalog.build_request(build_id)
+    assert request["file_name"] == "hall_map.xyz", "no path, no space"
+    assert request["config"]["level"] is False
+    assert request["source"]["key"].endswith(hashlib.sha256(CLOUD).hexdigest())
+    assert recorder.catalog.store.get(request["source"]["key"]) == CLOUD
+    assert recorder.catalog.store.get(request["trajectory"]["key"]).startswith(b"0 0 0")
+    answer = recorder.http.get(response.headers["location"])
+    assert answer.json()["state"] == "queued"
+    assert int(answer.headers["retry-after"]) >= 1
+    assert list((recorder.settings.work_dir / "uploads").iterdir()) == [], "nothing stays on this disk"
+
+
+def test_the_worker_runs_at_low_priority_and_says_how_it_ended(tmp_path: Path):
+    with building_service(tmp_path) as service:
+        ended = wait_until_ended(service, upload(service))
+        assert (ended["state"], ended["version"], ended["progress"]) == ("succeeded", "a" * 64, 1.0)
+        niceness = int((tmp_path / "work/order.txt").read_text().split()[1])
+        assert niceness >= service.settings.build_niceness
+        line = 'firstfix_builds_total{state="succeeded"} 1.0'  # counted just after the worker says so
+        wait_until(lambda: line in service.http.get("/metrics").text)
+
+
+@pytest.mark.parametrize(
+    ("do", "code", "detail"),
+    [
+        ("die", "build_failed", "the reason it died"),
+        ("killed", "build_attempts_exceeded", "3 attempts died in the stage describe; the last one: the"),
+        ("killed", "build_attempts_exceeded", "SIGKILL (out of memory?)"),
+    ],
+)
+def test_a_worker_that_dies_fails_its_build_and_no_other(tmp_path: Path, do: str, code: str, detail: str):
+    with building_service(tmp_path) as service:
+        died, after = upload(service, do=do), upload(service, "next")
+        ended = wait_until_ended(service, died)
+        assert ended["state"] == "failed"
+        assert ended["error"]["code"] == code
+        assert detail in ended["error"]["detail"]
+        assert ended["stage"] == "describe", "as far as it came"
+        assert wait_until_ended(service, after)["state"] == "succeeded"
+
+
+def test_a_worker_that_was_killed_once_is_run_again(tmp_path: Path):
+    with building_service(tmp_path) as service:
+        assert wait_until_ended(service, upload(service, do="killed_once"))["state"] == "succeeded"
+    assert len((tmp_path / "work/order.txt").read_text().splitlines()) == 2
+
+
+def test_a_missing_worker_fails_the_build(tmp_path: Path):
+    with building_service(tmp_path, build_command=("/nowhere/worker",)) as service:
+        assert "no worker" in wait_until_ended(service, upload(service))["error"]["detail"]
+
+
+def test_a_worker_that_asks_for_it_is_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    with building_service(tmp_path) as service:
+        response = upload(service, do="again")
+        assert wait_until_ended(service, response)["state"] == "succeeded"
+        assert len((tmp_path / "work/order.txt").read_text().splitlines()) == 2
+
+
+def test_builds_run_one_by_one_in_order(tmp_path: Path):
+    with building_service(tmp_path) as service:
+        responses = [upload(service, f"m{i}") for i in range(4)]
+        for response in responses:
+            assert wait_until_ended(service, response)["state"] == "succeeded"
+    order = [line.split()[0] for line in (tmp_path / "work/order.txt").read_text().splitlines()]
+    assert order == ["m0", "m1", "m2", "m3"]
+
+
+def test_a_restart_resumes_what_ran_and_what_waited(tmp_path: Path):
+    with building_service(tmp_path) as service:
+        ran, waited = upload(service, "ran", do="hang_once"), upload(service, "waited")
+        wait_until(lambda: (tmp_path / "work/hung").exists())
+        assert status_of(service, ran)["state"] == "running"
+        assert status_of(service, waited)["state"] == "queued"
+    with building_service(tmp_path) as service:
+        assert wait_until_ended(service, ran)["state"] == "succeeded"
+        assert wait_until_ended(service, waited)["state"] == "succeeded"
+    order = [line.split()[0] for line in (tmp_path / "work/order.txt").read_text().splitlines()]
+    assert order == ["ran", "ran", "waited"], "the first service did not wait for the build, which hung"
+
+
+def test_a_running_build_is_cancelled(tmp_path: Path):
+    with building_service(tmp_path) as service:
+        running, waiting = upload(service, do="until_cancelled"), upload(service, "waiting")
+        wait_until(lambda: status_of(service, running)["state"] == "running")
+        cancelled = service.http.delete(waiting.headers["location"])
+        assert (cancelled.status_code, cancelled.json()["state"]) == (202, "cancelled")
+        assert service.http.delete(running.headers["location"]).status_code == 202
+        assert wait_until_ended(service, running)["state"] == "cancelled"
+        again = service.http.delete(running.headers["location"])
+        assert (again.status_code, again.json()["code"]) == (409, "conflict")
+        assert wait_until_ended(service, upload(service, "after"))["state"] == "succeeded"
+    assert "waiting" not in (tmp_path / "work/order.txt").read_text()
+
+
+def test_queries_are_answered_while_a_build_runs(tmp_path: Path):
+    from service_world import publish
+
+    with building_service(tmp_path) as service:
+        publish(service.catalog, "hall", "1", service.scratch)
+        build = upload(service, do="until_cancelled")
+        wait_until(lambda: status_of(service, build)["state"] == "running")
+        assert service.ask("http").ok
+        service.http.delete(build.headers["location"])
+        wait_until_ended(service, build)
+
+
+def test_a_url_has_to_be_allowed(tmp_path: Path):
+    body = {"map_id": "hall", "source": {"url": "s3://maps/hall.laz"}, "config": {"level": False}}
+    with running_service(tmp_path / "a", zenoh=False) as service:
+        response = service.http.post("/maps", json=body)
+        assert (response.status_code, response.json()["code"]) == (400, "invalid_option")
+        assert service.catalog.build_ids() == []
+    with running_service(tmp_path / "b", zenoh=False, source_urls=("s3://maps/",)) as service:
+        response = service.http.post("/maps", json={**body, "trajectory": {"url": "s3://maps/tracks/t.txt"}})
+        assert response.status_code == 202
+        assert service.catalog.build_request(response.json()["build_id"]) == {
+            "map_id": "hall",
+            "source": {"url": "s3://maps/hall.laz"},
+            "file_name": "hall.laz",
+            "trajectory": {"url": "s3://maps/tracks/t.txt", "file_name": "t.txt"},
+            "config": {"level": False},
+            "owner": "address:127.0.0.1",
+        }
+
+
+def test_the_worker_is_told_which_servers_it_may_fetch_from(tmp_path: Path):
+    allowed = ("s3://maps/", "https://files.example.org/maps/")
+    with building_service(tmp_path, source_urls=allowed) as service:
+        assert wait_until_ended(service, upload(service))["state"] == "succeeded"
+    assert (tmp_path / "work/source_urls.txt").read_text() == "https://files.example.org/maps/"
+
+
+@pytest.mark.parametrize(
+    ("body", "code"),
+    [
+        (b"{", "malformed_data"),
+        (b"[1]", "malformed_data"),
+        (b"[" * 100_000, "malformed_data"),
+        (b'{"map_id": "hall"}', "invalid_option"),
+        (b'{"map_id": "hall", "source": "s3://maps/x"}', "invalid_option"),
+        (b'{"map_id": "hall", "source": {"url": 7}}', "invalid_option"),
+        (b'{"map_id": "hall", "source": {"url": "s3://maps/x"}, "speed": 1}', "invalid_option"),
+        (b'{"map_id": "../x", "source": {"url": "s3://maps/x"}}', "invalid_option"),
+        (b'{"map_id": "hall", "source": {"url": "s3://maps/x"}, "config": [1]}', "invalid_option"),
+        (b" " * 2_000_000, "too_large"),
+    ],
+)
+def test_bad_json_is_refused(tmp_path: Path, body: bytes, code: str):
+    with running_service(tmp_path, zenoh=False, source_urls=("s3://maps/",)) as service:
+        response = service.http.post("/maps", content=body, headers={"Content-Type": "application/json"})
+        assert (response.json()["status"], response.json()["code"]) == (response.status_code, code)
+        assert service.catalog.build_ids() == []
+
+
+def form(*fields: tuple[str, str | None, bytes], end: bytes = b"--b--\r\n") -> bytes:
+    parts = []
+    for name, file_name, content in fields:
+        extra = "" if file_name is None else f'; filename="{file_name}"'
+        head = f'--b\r\nContent-Disposition: form-data; name="{name}"{extra}\r\n\r\n'
+        parts.append(head.encode() + content + b"\r\n")
+    return b"".join(parts) + end
+
+
+GOOD = (("map_id", None, b"hall"), ("source", "x.xyz", CLOUD))
+
+
+@pytest.mark.parametrize(
+    ("body", "code"),
+    [
+        (form(*GOOD), None),
+        (form(*GOOD, end=b""), "malformed_data"),
+        (form(("map_id", None, b"hall")), "invalid_option"),
+        (form(("source", "x.xyz", CLOUD)), "invalid_option"),
+        (form(*GOOD, ("config", None, b"{")), "malformed_data"),
+        (form(*GOOD, ("config", None, b"[]")), "malformed_data"),
+        (form(*GOOD, ("speed", None, b"1")), "invalid_option"),
+        (form(*GOOD, ("map_id", None, b"attic")), "invalid_option"),
+        (form(("map_id", None, b"../../x"), GOOD[1]), "invalid_option"),
+        (form(("map_id", None, b"\xff"), GOOD[1]), "malformed_data"),
+        (form(*GOOD, ("config", None, b" " * (2 << 20))), "too_large"),
+        (form(*GOOD, ("trajectory", "t", bytes(9 << 20))), "too_large"),
+        (b"no form at all", "malformed_data"),
+        (b"", "malformed_data"),
+    ],
+)
+def test_forms_are_checked_and_leave_nothing_behind(tmp_path: Path, body: bytes, code: str | None):
+    with running_service(tmp_path, zenoh=False, max_upload_bytes=8 << 20) as service:
+        headers = {"Content-Type": "multipart/form-data; boundary=b"}
+        response = service.http.post("/maps", content=body, headers=headers)
+        assert response.json().get("code") == code
+        assert len(service.catalog.build_ids()) == (1 if code is None else 0)
+        assert list(service.settings.work_dir.glob("uploads/*")) == []
+
+
+def test_a_form_without_a_boundary(recorder: Service):
+    response = recorder.http.post("/maps", content=b"x", headers={"Content-Type": "multipart/form-data"})
+    assert response.json()["code"] == "malformed_data"
+
+
+def test_a_file_larger_than_a_batch_arrives_whole(recorder: Service):
+    data = bytes(range(256)) * (20 << 10)  # 5 MiB
+    response = recorder.http.post("/maps", data={"map_id": "hall"}, files={"source": ("a.bin", data)})
+    request = recorder.catalog.build_request(response.json()["build_id"])
+    assert recorder.catalog.store.get(request["source"]["key"]) == data
+    assert request["trajectory"] is None
+
+
+def test_a_map_is_built_again_from_what_was_kept(tmp_path: Path):
+    (tmp_path / "made").mkdir()
+    manifest = Manifest.for_directory(tmp_path / "made")
+    with building_service(tmp_path) as service:
+        first = wait_until_ended(service, upload(service))
+        # the fake worker publishes nothing
+        service.catalog.publish("hall", tmp_path / "made", manifest, build_id=first["build_id"])
+        build_id = rebuild(service.catalog, "hall")
+        wait_until(lambda: service.catalog.build_status(build_id)["state"] in FINAL_STATES)
+        assert service.catalog.build_status(build_id)["state"] == "succeeded"
+
+
+def test_a_build_is_run_although_another_ones_record_is_damaged(tmp_path: Path):
+    store = Store.open(str(tmp_path / "store"))
+    store.put("builds/a-broken-request/request.json", b"{")
+    store.put("builds/a-broken-status/request.json", b'{"map_id": "hall"}')
+    store.put("builds/a-broken-status/status.json", b"")
+    with building_service(tmp_path) as service:
+        assert wait_until_ended(service, upload(service))["state"] == "succeeded"

@@ -1,0 +1,156 @@
+"""The embedded queue beside others of its kind, and under a service that is killed."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from builds_world import building_service, status_of, upload, wait_until_ended
+from service_world import FAKE_WORKER, running_service
+
+from firstfix.builds.attempts import BuildAttempts
+from firstfix.catalog.catalog import Catalog
+from firstfix.store.store import Store
+from firstfix_service.builds.session_processes import session_memory_bytes
+from firstfix_service.builds.work_folder import WorkFolder
+from waiting import wait_until
+
+
+def order(work: Path) -> list[str]:
+    path = work / "order.txt"
+    return [line.split()[0] for line in path.read_text().splitlines()] if path.exists() else []
+
+
+def test_two_services_on_one_store_share_the_builds(tmp_path: Path):
+    with (
+        building_service(tmp_path, work_dir=tmp_path / "one", build_lease_s=5) as one,
+        building_service(tmp_path, work_dir=tmp_path / "two", build_lease_s=5) as two,
+    ):
+        long = upload(one, "long", do="until_cancelled")
+        wait_until(lambda: status_of(one, long)["state"] == "running")
+        responses = [upload(service, f"m{i}") for i, service in enumerate((one, two) * 3)]
+        for response in responses:
+            assert wait_until_ended(two, response)["state"] == "succeeded"
+        assert status_of(two, long)["state"] == "running"
+        assert two.http.delete(long.headers["location"]).status_code == 202, "at another service"
+        assert wait_until_ended(two, long)["state"] == "cancelled"
+    ran = order(tmp_path / "one") + order(tmp_path / "two")
+    assert sorted(ran) == sorted(["long", *(f"m{i}" for i in range(6))]), "none twice"
+
+
+def test_a_build_of_a_dead_service_is_taken_over_when_its_lease_is_out(tmp_path: Path):
+    with running_service(tmp_path, zenoh=False) as recorder:
+        response = upload(recorder)
+        build_id = response.json()["build_id"]
+        dead = BuildAttempts(recorder.catalog.store, "dead", lease_s=1.0, max_attempts=3)
+        assert dead.claim(build_id, "") is not None
+        with building_service(tmp_path, build_lease_s=1.0, work_dir=tmp_path / "other"):
+            assert wait_until_ended(recorder, response)["state"] == "succeeded"
+        first = recorder.catalog.store.get(f"builds/{build_id}/attempts/000001.end.json")
+        assert json.loads(first)["end"] == "lost"
+
+
+def test_a_service_that_is_killed_with_its_build_fails_it_in_the_end(tmp_path: Path):
+    """As when the kernel ends a whole container that ran out of memory, time after time."""
+    environment = {
+        **os.environ,
+        "FIRSTFIX_STORE": str(tmp_path / "store"),
+        "FIRSTFIX_PORT": "0",
+        "FIRSTFIX_RUN_BUILDS": "true",
+        "FIRSTFIX_BUILD_COMMAND": json.dumps(FAKE_WORKER),
+        "FIRSTFIX_WORK_DIR": str(tmp_path / "work"),
+        "FIRSTFIX_CACHE_DIR": str(tmp_path / "cache"),
+        "FIRSTFIX_BUILD_ATTEMPTS": "2",
+    }
+    with running_service(tmp_path, zenoh=False) as recorder:
+        response = upload(recorder, do="hang_until_orphaned")
+        for times in (1, 2):
+            with (tmp_path / "log").open("ab") as log:
+                command = [sys.executable, "-m", "firstfix_cli.main", "serve"]
+                service = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
+            wait_until(lambda times=times: len(order(tmp_path / "work")) == times)
+            wait_until(lambda: status_of(recorder, response)["stage"] == "describe")
+            service.send_signal(signal.SIGKILL)
+            service.wait()
+        with building_service(tmp_path, build_attempts=2):
+            ended = wait_until_ended(recorder, response)
+    assert (ended["state"], ended["error"]["code"]) == ("failed", "build_attempts_exceeded")
+    assert "the process that ran the build's worker ended" in ended["error"]["detail"]
+
+
+def test_restarts_in_good_order_are_not_held_against_a_build(tmp_path: Path):
+    response, hung = None, tmp_path / "work" / "hung"
+    for _ in range(3):
+        hung.unlink(missing_ok=True)  # before a service is there that could run the build
+        with building_service(tmp_path, build_attempts=1) as service:
+            response = response or upload(service, do="hang_once")
+            wait_until(hung.exists)
+    with building_service(tmp_path, build_attempts=1) as service:
+        assert response is not None
+        assert wait_until_ended(service, response)["state"] == "succeeded"
+
+
+def test_a_second_process_waits_for_the_work_folder(tmp_path: Path):
+    folder = WorkFolder.take(tmp_path / "work")
+    assert folder is not None
+    assert WorkFolder.take(tmp_path / "work") is None
+    with building_service(tmp_path) as service:
+        response = upload(service)
+        assert status_of(service, response)["state"] == "queued"
+        folder.release()
+        assert wait_until_ended(service, response)["state"] == "succeeded"
+    again = WorkFolder.take(tmp_path / "work")
+    assert again is not None
+    assert again.holder == folder.holder
+    again.release()
+
+
+def test_a_build_that_takes_too_much_memory_fails_at_once(tmp_path: Path):
+    with building_service(tmp_path, build_max_memory_bytes=300 << 20) as service:
+        modest, greedy = upload(service, "modest"), upload(service, "greedy", do="allocate_600_mib")
+        ended = wait_until_ended(service, greedy)
+        assert (ended["state"], ended["error"]["code"]) == ("failed", "build_failed")
+        assert f"more than the {300 << 20} bytes of memory" in ended["error"]["detail"]
+        assert status_of(service, modest)["state"] == "succeeded"
+        assert order(tmp_path / "work") == ["modest", "greedy"]
+
+
+def test_the_memory_of_a_group_is_that_of_all_its_processes():
+    allocate = "data = bytearray(100 << 20); data[::4096] = b'x' * len(data[::4096])"
+    program = f"""
+import subprocess, sys
+{allocate}
+child = subprocess.Popen([sys.executable, "-c", '''{allocate}
+print("ready", flush=True)
+input()'''], stdin=sys.stdin)
+child.wait()
+"""
+    process = subprocess.Popen(
+        [sys.executable, "-c", program],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        start_new_session=True,
+    )
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"ready\n"
+        assert 200 << 20 < session_memory_bytes(process.pid) < 300 << 20
+    finally:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    assert session_memory_bytes(process.pid) == 0
+
+
+def test_what_is_shared_is_collected_by_the_service(tmp_path: Path):
+    store = Store.open(str(tmp_path / "store"))
+    store.put(f"stages/{'a' * 64}/stage.json", b"{}")
+    old = tmp_path / "store" / "stages" / ("a" * 64) / "stage.json"
+    os.utime(old, (time.time() - 8 * 86400,) * 2)
+    store.put(f"stages/{'b' * 64}/stage.json", b"{}")
+    with building_service(tmp_path, share_stages=True):
+        wait_until(lambda: Catalog(store).store.list("stages") == [f"stages/{'b' * 64}/stage.json"])

@@ -1,0 +1,108 @@
+"""Callers take turns at the builds."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+from builds_world import building_service
+from callers_world import Caller, callers
+from hypothesis import given
+from hypothesis import strategies as st
+from nats_world import nats_world
+
+from benchmarks.nats_server import nats_server_program
+from firstfix.builds.records import FINAL_STATES
+from firstfix_service.builds.fair_order import FairOrder
+from firstfix_service.builds.nats.builds import AHEAD
+from firstfix_service.builds.unfinished import Unfinished
+from waiting import wait_until
+
+
+def builds(owners: str) -> list[Unfinished]:
+    return [Unfinished(f"{owner}{age}", owner) for age, owner in enumerate(owners)]
+
+
+def ids(found: list[Unfinished]) -> list[str]:
+    return [build.build_id for build in found]
+
+
+def test_callers_take_turns():
+    assert ids(FairOrder().of(builds("aaaabbc"))) == ["a0", "b4", "c6", "a1", "b5", "a2", "a3"]
+
+
+def test_who_had_a_turn_is_last_of_the_round():
+    order = FairOrder()
+    order.served("a")
+    order.served("b")
+    assert ids(order.of(builds("abcd"))) == ["c2", "d3", "a0", "b1"]
+    order.served("a")
+    assert ids(order.of(builds("ab"))) == ["b1", "a0"]
+
+
+@given(st.text("abcd", min_size=1, max_size=40))
+def test_a_caller_waits_for_one_build_of_each_other_at_most(owners: str):
+    """However many the others handed in, between two turns of one caller each of them has one."""
+    waiting, order = builds(owners), FairOrder()
+    ran = []
+    while waiting:
+        following = order.of(waiting)[0]
+        order.served(following.owner)
+        ran.append(following)
+        waiting.remove(following)
+    for owner in set(owners):
+        mine = [place for place, build in enumerate(ran) if build.owner == owner]
+        assert [ran[place] for place in mine] == [build for build in builds(owners) if build.owner == owner]
+        for before, after in zip([-1, *mine], mine, strict=False):
+            between = [build.owner for build in ran[before + 1 : after]]
+            assert len(between) == len(set(between))
+
+
+def test_a_flood_of_builds_does_not_hold_up_another_caller(tmp_path: Path):
+    with callers(tmp_path) as these:
+        for number in range(4):
+            these.a.post_map(f"a{number}")
+        last = [these.b.post_map(f"b{number}").json()["build_id"] for number in range(2)]
+        catalog = these.service.catalog
+        with building_service(tmp_path, work_dir=tmp_path / "other"):
+            for build_id in last:
+                wait_until(lambda: catalog.build_status(build_id)["state"] in FINAL_STATES)  # noqa: B023
+        lines = (tmp_path / "other" / "order.txt").read_text().splitlines()
+    assert [line.split()[0] for line in lines][:4] == ["a0", "b0", "a1", "b1"]
+
+
+@pytest.mark.skipif(nats_server_program() is None, reason="no nats-server on this machine")
+def test_a_flood_of_builds_leaves_room_in_the_stream(tmp_path: Path):
+    def post(caller: Caller, name: str) -> str:
+        return str(caller.post_map(name).json()["build_id"])
+
+    with nats_world(tmp_path) as world, callers(tmp_path, build_queue=world.server.url) as these:
+        flood = [post(these.a, f"a{number}") for number in range(AHEAD + 4)]
+        wait_until(lambda: len(world.in_stream()) == AHEAD)
+        other = post(these.b, "b")
+        assert world.in_stream() == flood[:AHEAD]
+        # one is done with: the other caller's comes next, however many came before it
+        these.a.call("DELETE", f"/builds/{flood[0]}")
+        taken = take_one(world.server.url)
+        assert taken == flood[0]
+        wait_until(lambda: other in world.in_stream())
+        assert world.in_stream() == sorted([*flood[1:AHEAD], other])
+
+
+def take_one(url: str) -> str:
+    """What a worker does with a build that was cancelled."""
+
+    async def take() -> str:
+        import nats
+
+        client = await nats.connect(url)
+        try:
+            waiting = await client.jetstream().pull_subscribe_bind("workers", "FIRSTFIX_BUILDS")
+            (message,) = await waiting.fetch(1, timeout=20)
+            await message.ack_sync()
+            return message.data.decode()
+        finally:
+            await client.close()
+
+    return asyncio.run(take())

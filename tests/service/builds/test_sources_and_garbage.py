@@ -1,0 +1,178 @@
+"""A map is handed in whose file is being collected: in every order, its build finds the file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from firstfix.builds.caller_usage import CallerUsage
+from firstfix.builds.records import new_status
+from firstfix.catalog.catalog import Catalog, source_key
+from firstfix.catalog.log.map_state import Event
+from firstfix.catalog.uploads import Uploads
+from firstfix.errors import NotFound
+from firstfix.store.store import Store
+from firstfix.upkeep.garbage import Ages, collect_garbage
+from firstfix.upkeep.rebuild import rebuild
+from firstfix_builder.job.fetch_source import fetch_source
+from firstfix_service.auth.principal import Caller
+from firstfix_service.http_api.bodies.disk_space import DiskSpace
+from firstfix_service.http_api.bodies.multipart import UploadedFile
+from firstfix_service.http_api.bodies.submission import NamedUpload, Submission
+from firstfix_service.http_api.routes.maps import _record
+from interleavings import run_interleaved, switch_points
+
+CONTENT = b"0 0 0\n1 1 1\n"
+CALLER = Caller("key:0123456789ab")
+ANY_AGE = Ages(things_s=-5, builds_s=-5)
+
+
+def parts_of(store: Store) -> Any:
+    catalog = Catalog(store)
+    return SimpleNamespace(
+        catalog=catalog, uploads=Uploads(store), usage=CallerUsage(catalog), disks=DiskSpace(0)
+    )
+
+
+def collect(store: Store) -> None:
+    # of one map: builds and uploads, which are as old as all here, are not looked at
+    collect_garbage(Catalog(store), map_id="hall", ages=ANY_AGE)
+
+
+def fetched(store: Store, build_id: str, folder: Path) -> bytes:
+    named = Catalog(store).build_request(build_id)["source"]
+    path = fetch_source("memory://", store, "hall", build_id, named, "a.xyz", folder / build_id)
+    content = path.read_bytes()
+    path.unlink()
+    return content
+
+
+@pytest.fixture(params=["file", "upload"])
+def submission(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Submission, Callable[[Store], None]]:
+    """What is handed in, and what has to be in the store for it."""
+    path = tmp_path / "a.xyz"
+    path.write_bytes(CONTENT)
+
+    def put_upload(store: Store) -> None:
+        uploads = Uploads(store)
+        uploads.create("u1", size_bytes=len(CONTENT), file_name="a.xyz")
+        uploads.append(uploads.get("u1"), CONTENT)
+
+    if request.param == "file":
+        return Submission(CALLER, "hall", UploadedFile(path, "a.xyz"), None, {}), lambda store: None
+    return Submission(CALLER, "hall", NamedUpload("u1"), None, {}), put_upload
+
+
+@pytest.mark.parametrize("first", ["post", "collect"])
+def test_a_build_that_was_taken_finds_its_source(
+    submission: Any, first: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    handed_in, prepare = submission
+
+    def run(switches: tuple[int, ...]) -> int:
+        store = Store.open("memory://")
+        prepare(store)
+        Catalog(store).put_source("hall", tmp_path / "a.xyz")  # of a build long ago
+        works: list[Callable[[], Any]] = [
+            lambda: _record(parts_of(store), "b1", handed_in, False),
+            lambda: collect(store),
+        ]
+        if first == "collect":
+            works.reverse()
+        calls = run_interleaved(works, switches, monkeypatch=monkeypatch)
+        assert fetched(store, "b1", tmp_path / "work") == CONTENT
+        collect(store)
+        assert fetched(store, "b1", tmp_path / "work") == CONTENT
+        return calls
+
+    for switches in switch_points(run(()), sampled=50):
+        run(switches)
+
+
+def test_a_request_that_is_repeated_after_a_kill_finds_its_source(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a.xyz").write_bytes(CONTENT)
+    handed_in = Submission(CALLER, "hall", UploadedFile(tmp_path / "a.xyz", "a.xyz"), None, {})
+
+    def run(kill_at: int, switches: tuple[int, ...]) -> int:
+        store = Store.open("memory://")
+        Catalog(store).put_source("hall", tmp_path / "a.xyz")
+        works: list[Callable[[], Any]] = [
+            lambda: _record(parts_of(store), "b1", handed_in, True),
+            lambda: collect(store),
+        ]
+        calls = run_interleaved(works, switches, kill_at=kill_at, monkeypatch=monkeypatch)
+        _record(parts_of(store), "b1", handed_in, True)
+        collect(store)
+        assert fetched(store, "b1", tmp_path / "work") == CONTENT
+        return calls
+
+    calls = run(1000, ())
+    for kill_at in range(calls):
+        for start in range(kill_at + 1):
+            for length in (2, 4, calls):
+                run(kill_at, (start, start + length))
+
+
+def test_a_collection_that_was_killed_leaves_nothing_for_ever(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a.xyz").write_bytes(CONTENT)
+    handed_in = Submission(CALLER, "hall", UploadedFile(tmp_path / "a.xyz", "a.xyz"), None, {})
+
+    def run(kill_at: int) -> int:
+        store = Store.open("memory://")
+        Catalog(store).put_source("hall", tmp_path / "a.xyz")
+        works: list[Callable[[], Any]] = [lambda: collect(store), lambda: None]
+        calls = run_interleaved(works, (), kill_at=kill_at, monkeypatch=monkeypatch)
+        _record(parts_of(store), "b1", handed_in, False)
+        assert fetched(store, "b1", tmp_path / "work") == CONTENT
+        Catalog(store).set_build_status("b1", new_status("failed", map_id="hall"))
+        collect_garbage(Catalog(store), ages=ANY_AGE)
+        assert [key for key in store.list() if not key.startswith(("maps/hall/log/", "callers/"))] == []
+        return calls
+
+    for kill_at in range(run(1000)):
+        run(kill_at)
+
+
+def test_a_map_that_is_built_once_more_finds_its_source(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a.xyz").write_bytes(CONTENT)
+    version = "a" * 64
+
+    def run(switches: tuple[int, ...]) -> int:
+        store = Store.open("memory://")
+        catalog = Catalog(store)
+        sha256 = catalog.put_source("hall", tmp_path / "a.xyz")
+        catalog.put_build("old", {"map_id": "hall", "source": {"key": source_key("hall", sha256)}})
+        for event in (Event.PUBLISHED, Event.ACTIVATED):
+            catalog._map_log("hall").append(event, version, build_id="old", needed=lambda state: True)
+        made: list[str] = []
+
+        def collect_all() -> None:
+            Catalog(store).retire("hall", version, force=True)
+            Catalog(store).set_build_status("old", new_status("failed", map_id="hall"))
+            for key in store.list("builds/old"):
+                store.delete(key)
+            collect(store)
+
+        def build_again() -> None:
+            try:
+                made.append(rebuild(Catalog(store), "hall"))
+            except NotFound:  # said to whoever asked
+                return
+
+        calls = run_interleaved([build_again, collect_all], switches, monkeypatch=monkeypatch)
+        for build_id in made:
+            assert fetched(store, build_id, tmp_path / "work") == CONTENT
+        return calls
+
+    for switches in switch_points(run(()), sampled=50):
+        run(switches)

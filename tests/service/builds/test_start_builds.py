@@ -1,0 +1,44 @@
+"""How builds are started, as the settings say."""
+
+from __future__ import annotations
+
+import pytest
+from pydantic import ValidationError
+
+from firstfix_builder.worker import MAX_MEMORY_VARIABLE, SANDBOX_VARIABLE
+from firstfix_service.builds.start import build_command
+from firstfix_service.settings import Settings
+
+
+def test_a_builds_process_hears_of_the_cluster():
+    here = Settings(store="s3://maps")
+    there = Settings(store="s3://maps", build_executor="dask://scheduler:8786")
+    assert "--executor" not in build_command(here).command
+    assert build_command(there).command[-2:] == ("--executor", "dask://scheduler:8786")
+
+
+def test_with_a_cluster_stages_are_in_the_store():
+    assert not Settings(store="s3://maps").stages_are_shared
+    clustered = Settings(store="s3://maps", build_executor="dask+tls://scheduler:8786", share_stages=False)
+    assert clustered.stages_are_shared
+    assert build_command(clustered).share_stages
+
+
+@pytest.mark.parametrize(
+    "executor",
+    ["dask", "dask://", "dask://host", "tcp://host:8786", "dask://me@host:8786", "dask://h:8786/x"],
+)
+def test_an_executor_that_is_none_is_refused_at_the_start(executor: str):
+    with pytest.raises(ValidationError, match="build_executor"):
+        Settings(store="s3://maps", build_executor=executor)
+
+
+def test_a_build_is_told_of_its_sandbox_and_its_memory():
+    plain = build_command(Settings(store="memory://")).environment
+    assert plain["FIRSTFIX_BUILD_SANDBOX"] == "auto"
+    assert "FIRSTFIX_BUILD_MAX_MEMORY_BYTES" not in plain
+    limited = Settings(store="memory://", build_sandbox="required", build_max_memory_bytes=1 << 30)
+    told = build_command(limited).environment
+    assert told["FIRSTFIX_BUILD_SANDBOX"] == "required"
+    assert told["FIRSTFIX_BUILD_MAX_MEMORY_BYTES"] == str(1 << 30)
+    assert {SANDBOX_VARIABLE, MAX_MEMORY_VARIABLE} <= set(told)

@@ -1,0 +1,41 @@
+"""Builds by the fake worker, over HTTP."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import httpx
+from service_world import FAKE_WORKER, Service, running_service
+
+from firstfix.builds.records import FINAL_STATES
+from waiting import wait_until
+
+CLOUD = b"0 0 0\n1 1 1\n"
+
+
+def building_service(directory: Path, **changes: Any):
+    values = {"run_builds": True, "build_command": FAKE_WORKER, "zenoh": False, **changes}
+    return running_service(directory, **values)
+
+
+def upload(service: Service, map_id: str = "hall", do: str = "succeed", **config: Any) -> httpx.Response:
+    """Hands in a map whose build, by the fake worker, does what its sensor is called."""
+    config = {"sensor": {"preset": "vlp-16", "name": do}, **config}
+    return service.http.post(
+        "/maps",
+        data={"map_id": map_id, "config": json.dumps(config)},
+        files={"source": ("../hall map.xyz", CLOUD), "trajectory": ("track.txt", b"0 0 0 0 0 0 0 1")},
+    )
+
+
+def status_of(service: Service, response: httpx.Response) -> dict[str, Any]:
+    answer = service.http.get(response.headers["location"])
+    assert answer.status_code == 200
+    return dict(answer.json())
+
+
+def wait_until_ended(service: Service, response: httpx.Response) -> dict[str, Any]:
+    wait_until(lambda: status_of(service, response)["state"] in FINAL_STATES)
+    return status_of(service, response)

@@ -1,0 +1,91 @@
+"""What the OpenAPI document promises holds for whatever is sent, made up by schemathesis."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import schemathesis
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from schemathesis import Case, GenerationMode, Response
+from schemathesis.checks import CheckContext
+from schemathesis.schemas import APIOperation
+from schemathesis.specs.openapi.checks import (
+    content_type_conformance,
+    response_headers_conformance,
+    response_schema_conformance,
+    status_code_conformance,
+)
+from service_world import Service, publish, running_service
+
+from firstfix.catalog.uploads import Uploads
+from firstfix.decode import MEDIA_TYPES
+from firstfix_service.app import create_app
+from firstfix_service.settings import Settings
+from waiting import LIMIT_S
+
+EXAMPLES = 12  # an operation
+
+
+def no_defect(context: CheckContext, response: Response, case: Case) -> None:
+    """503 says "not now": everything else from 500 on is ours to mend."""
+    assert response.status_code < 500 or response.status_code == 503, response.text
+
+
+CHECKS = [
+    no_defect,
+    status_code_conformance,
+    content_type_conformance,
+    response_schema_conformance,
+    response_headers_conformance,
+]
+
+
+SCHEMA = schemathesis.openapi.from_dict(create_app(Settings(store="memory://")).openapi())
+# A stream that does not end by itself, as the build that is found does not.
+CALLS = [
+    result.ok() for result in SCHEMA.get_all_operations() if result.ok().path != "/builds/{build_id}/events"
+]
+
+
+schemathesis.serializer.alias([*MEDIA_TYPES, "application/offset+octet-stream"], "application/octet-stream")
+
+
+@pytest.fixture
+def service(tmp_path: Path) -> Iterator[Service]:
+    changes = {"max_upload_bytes": 1 << 20, "source_urls": ("s3://maps/",), "zenoh": False}
+    with running_service(tmp_path, **changes) as running:
+        yield running
+
+
+@pytest.fixture
+def known(service: Service) -> dict[str, str]:
+    """Path parameters that name what is there."""
+    version = publish(service.catalog, "hall", "1", service.scratch)
+    service.catalog.put_build("b1", {"map_id": "hall"})
+    uploads = Uploads(service.catalog.store)
+    uploads.create("u1", size_bytes=1000, file_name="hall.ply")
+    return {"map_id": "hall", "version": version, "build_id": "b1", "upload_id": "u1"}
+
+
+@pytest.mark.parametrize("call", CALLS, ids=lambda call: call.label)
+def test_every_call_keeps_its_promise(call: APIOperation, service: Service, known: dict[str, str]):
+    @settings(
+        max_examples=EXAMPLES,
+        deadline=None,
+        derandomize=True,
+        database=None,
+        suppress_health_check=list(HealthCheck),
+    )
+    @given(
+        case=call.as_strategy() | call.as_strategy(generation_mode=GenerationMode.NEGATIVE),
+        there=st.booleans(),
+    )
+    def holds(case: Case, there: bool) -> None:
+        if there:
+            case.path_parameters = {name: known[name] for name in case.path_parameters or {}}
+        case.call_and_validate(base_url=service.url, checks=CHECKS, timeout=LIMIT_S)
+
+    holds()

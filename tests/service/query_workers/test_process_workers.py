@@ -1,0 +1,173 @@
+"""Worker processes, real ones with a real version: killed, stopped, orphaned, and given bad versions."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from firstfix.answer.options import LocalizeOptions
+from firstfix.errors import CorruptVersion, DeadlineExceeded, MalformedData, WorkerLost
+from firstfix.transform import pose_error
+from firstfix.wire.scan import MEDIA_TYPE, encode_scan
+from firstfix_service.query_workers.pool import ProcessWorkers
+from firstfix_service.query_workers.query import Query, ServedVersion
+from waiting import LIMIT_S, let_pass, wait_until
+
+
+@pytest.fixture(scope="module")
+def yard(small_version) -> ServedVersion:
+    return ServedVersion("yard", "1" * 64, small_version.directory)
+
+
+@pytest.fixture
+def workers(yard: ServedVersion) -> Iterator[ProcessWorkers]:
+    running = ProcessWorkers(2, query_timeout_s=30)
+    try:
+        running.load(yard)
+        yield running
+    finally:
+        running.close()
+
+
+@pytest.fixture
+def query(yard: ServedVersion, small_scans) -> Query:
+    body = encode_scan(small_scans[0][0])
+    return Query(body, MEDIA_TYPE, "", LocalizeOptions(), (yard,), 1 << 28)
+
+
+def right(answer, truth) -> bool:
+    return bool(answer.hypotheses) and pose_error(truth, answer.hypotheses[0].T_map_sensor)[0] < 0.2
+
+
+def gone(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z"
+    except FileNotFoundError:
+        return True
+
+
+def test_it_answers_as_the_localizer_does(workers: ProcessWorkers, query: Query, small_scans, yard):
+    answers = [
+        workers.answer(Query(encode_scan(scan), MEDIA_TYPE, "", query.options, (yard,), 1 << 28))
+        for scan, _ in small_scans[:8]
+    ]
+    found = [right(answer, truth) for answer, (_, truth) in zip(answers, small_scans, strict=False)]
+    assert sum(found) >= 6
+    assert {(answer.map_id, answer.map_version) for answer in answers} == {("yard", yard.version)}
+    assert "decode" in answers[0].timings_ms
+
+
+def test_the_callers_errors_come_back_as_they_are(workers: ProcessWorkers, query: Query, yard):
+    with pytest.raises(MalformedData):
+        workers.answer(Query(b"no scan", MEDIA_TYPE, "", query.options, (yard,), 1 << 28))
+    assert workers.answer(query).map_id == "yard"
+
+
+def test_a_version_that_cannot_be_loaded_is_refused_and_forgotten(
+    workers: ProcessWorkers, query: Query, tmp_path
+):
+    bad = ServedVersion("bad", "2" * 64, tmp_path)
+    with pytest.raises(CorruptVersion):
+        workers.load(bad)
+    pids = workers.pids
+    assert workers.answer(query).map_id == "yard"
+    assert workers.pids == pids
+
+
+def test_queries_survive_kills(workers: ProcessWorkers, query: Query):
+    """kill -9 again and again, idle or at work: a query is answered or says that its worker was lost."""
+    end = threading.Event()
+
+    def ask() -> tuple[int, int]:
+        good = lost = 0
+        while not end.is_set():
+            try:
+                assert workers.answer(query).map_id == "yard"
+                good += 1
+            except WorkerLost:
+                lost += 1
+        return good, lost
+
+    with ThreadPoolExecutor(2) as threads:
+        asking = [threads.submit(ask) for _ in range(2)]
+        killed = set()
+        for k in range(4):
+            wait_until(lambda: len(workers.pids) == 2)
+            pid = workers.pids[k % 2]
+            os.kill(pid, signal.SIGKILL)
+            killed.add(pid)
+            let_pass(0.5)  # at work again, or on the way there
+        end.set()
+        outcomes = [asked.result(LIMIT_S) for asked in asking]
+    assert sum(good for good, _ in outcomes) > 0
+    wait_until(lambda: len(workers.pids) == 2)
+    assert not killed & set(workers.pids)
+    assert workers.answer(query).map_id == "yard", "the new ones know the version"
+
+
+def test_a_worker_that_is_stuck_is_killed_and_replaced(query: Query, yard):
+    deaths = []
+    workers = ProcessWorkers(1, query_timeout_s=1.5, on_death=lambda: deaths.append(1))
+    try:
+        workers.load(yard)
+        (stuck,) = workers.pids
+        os.kill(stuck, signal.SIGSTOP)
+        with pytest.raises(DeadlineExceeded):
+            workers.answer(query)
+        wait_until(lambda: gone(stuck) and workers.pids)
+        wait_until(lambda: deaths == [1])
+        wait_until(lambda: _answers(workers, query))
+    finally:
+        workers.close()
+
+
+def _answers(workers: ProcessWorkers, query: Query) -> bool:
+    try:
+        return workers.answer(query).map_id == "yard"
+    except DeadlineExceeded:  # it was still starting
+        return False
+
+
+def test_workers_ignore_the_signals_that_are_meant_for_the_service(workers: ProcessWorkers, query: Query):
+    pids = workers.pids
+    for pid in pids:
+        os.kill(pid, signal.SIGINT)
+        os.kill(pid, signal.SIGTERM)
+    assert workers.answer(query).map_id == "yard"
+    assert workers.pids == pids
+
+
+def test_closing_ends_the_processes(yard):
+    workers = ProcessWorkers(2, query_timeout_s=30)
+    workers.load(yard)
+    pids = workers.pids
+    workers.close()
+    assert workers.pids == []
+    assert all(gone(pid) for pid in pids)
+
+
+def test_workers_end_with_a_killed_service():
+    code = """
+import sys, time
+from firstfix_service.process_workers import ProcessWorkers
+workers = ProcessWorkers(2, query_timeout_s=30)
+while len(workers.pids) < 2:
+    time.sleep(0.02)
+print(*workers.pids, flush=True)
+time.sleep(3600)
+"""
+    service = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert service.stdout is not None
+    pids = [int(pid) for pid in service.stdout.readline().split()]
+    assert len(pids) == 2
+    service.kill()
+    service.wait()
+    wait_until(lambda: all(gone(pid) for pid in pids))
