@@ -90,20 +90,20 @@ def begun_as(built: BuiltVersion, work: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def small_scans(small_world: SmallWorld, small_version: BuiltVersion):
-    """Disturbed scans between the version's templates: (Scan, T_map_sensor)."""
-    from firstfix.builds.config import DisturbConfig
+    """Perturbed scans between the version's templates: (Scan, T_map_sensor)."""
+    from firstfix.builds.config import PerturbConfig
     from firstfix.engine.index import MapIndex
     from firstfix.sensor import SensorModel
-    from firstfix_builder.simulation.perturb import disturbed_scans
+    from firstfix_builder.simulation.perturb import perturbed_scans
     from firstfix_builder.simulation.simulate import Simulator
 
     positions = MapIndex.load(small_version.directory).cascade.templates.position_m
-    return disturbed_scans(
+    return perturbed_scans(
         Simulator(small_world.vertices, small_world.triangles),
         SensorModel.from_mapping(SENSOR),
         positions,
         1.0,
         20,
-        DisturbConfig(occluders=3),
+        PerturbConfig(occluders=3),
         np.random.default_rng(11),
     )

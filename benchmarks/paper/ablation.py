@@ -51,11 +51,11 @@ VARIANTS = (
 )
 
 
-def ablate(scene: Scene, own: Taken, disturbed: Taken) -> list[dict[str, Any]]:
-    """Success of every variant, with the templates as queries and with held-out disturbed ones."""
+def ablate(scene: Scene, own: Taken, perturbed: Taken) -> list[dict[str, Any]]:
+    """Success of every variant, with the templates as queries and with held-out perturbed ones."""
     made: dict[Any, Clusters] = {}
     rows = []
-    for variant, how, templates, asked in _each(scene, (own, disturbed)):
+    for variant, how, templates, asked in _each(scene, (own, perturbed)):
         key = (variant.scans, variant.signed, variant.cluster)
         if key not in made:
             made[key] = _clusters(how, templates, variant)
@@ -68,7 +68,7 @@ def ablate(scene: Scene, own: Taken, disturbed: Taken) -> list[dict[str, Any]]:
             "clusters": len(made[key]),
             "ms": round(runs[1].search_ms + runs[1].match_ms, 3),
             "success": success(templates.position_m[runs[0].found], own.position_m),
-            "success_disturbed": success(templates.position_m[runs[1].found], disturbed.position_m),
+            "success_perturbed": success(templates.position_m[runs[1].found], perturbed.position_m),
         }
         print("ablation", row, file=sys.stderr, flush=True)
         rows.append(row)

@@ -23,7 +23,7 @@ from firstfix_builder.templates.fit_engine import fit_engine
 
 from .matching import make_cascade, run_cascade, success
 from .published import WITHIN_M
-from .queries import Disturbed
+from .queries import Perturbed
 from .scene import MAX_RANGE_M, PAPER, SENSOR, SPACING_M, Scene, Taken
 from .tables import K
 
@@ -32,7 +32,7 @@ MAP_STEP_M = 0.1
 DEFAULT_SEARCH = SearchConfig()
 
 
-def compare_engines(scene: Scene, clusters: Clusters, own: Taken, disturbed: Disturbed) -> list[Row]:
+def compare_engines(scene: Scene, clusters: Clusters, own: Taken, perturbed: Perturbed) -> list[Row]:
     """The same cascade, clusters and K over every engine."""
     rows = []
     for engine in ENGINES:
@@ -46,14 +46,14 @@ def compare_engines(scene: Scene, clusters: Clusters, own: Taken, disturbed: Dis
                 "search_ms": run.search_ms,
                 "match_ms": run.match_ms,
                 "success": success(scene.templates.position_m[run.found], own.position_m),
-                "success_disturbed": _cascade_success(scene, cascade, K, disturbed.levelled, PAPER),
+                "success_perturbed": _cascade_success(scene, cascade, K, perturbed.levelled, PAPER),
             }
         )
         _tell("engine", rows[-1])
     return rows
 
 
-def compare_methods(scene: Scene, clusters: Clusters, disturbed: Disturbed, registered: int) -> list[Row]:
+def compare_methods(scene: Scene, clusters: Clusters, perturbed: Perturbed, registered: int) -> list[Row]:
     """The paper's method and the default one: search alone, and through the whole localizer.
 
     Args:
@@ -62,9 +62,9 @@ def compare_methods(scene: Scene, clusters: Clusters, disturbed: Disturbed, regi
     paper = make_cascade(scene.templates, clusters, SearchConfig(engine="kdtree"), PAPER)
     default = make_cascade(scene.templates, Clusters.alone(len(scene.templates)), DEFAULT_SEARCH, "occupancy")
     cases = (
-        ("paper, scan as it comes", paper, K, PAPER, disturbed.as_they_come),
-        ("paper, scan levelled", paper, K, PAPER, disturbed.levelled),
-        ("default", default, DEFAULT_SEARCH.clusters, "occupancy", disturbed.levelled),
+        ("paper, scan as it comes", paper, K, PAPER, perturbed.as_they_come),
+        ("paper, scan levelled", paper, K, PAPER, perturbed.levelled),
+        ("default", default, DEFAULT_SEARCH.clusters, "occupancy", perturbed.levelled),
     )
     rows = []
     for name, cascade, count, how, queries in cases:
@@ -78,13 +78,13 @@ def compare_methods(scene: Scene, clusters: Clusters, disturbed: Disturbed, regi
         rows.append(row)
         _tell("method", row)
     for method, cascade in (("paper", paper), ("default", default)):
-        row = _localized(scene, method, cascade, disturbed, registered)
+        row = _localized(scene, method, cascade, perturbed, registered)
         rows.append(row)
         _tell("method", row)
     return rows
 
 
-def _localized(scene: Scene, method: str, cascade: Cascade, disturbed: Disturbed, count: int) -> Row:
+def _localized(scene: Scene, method: str, cascade: Cascade, perturbed: Perturbed, count: int) -> Row:
     """The best hypothesis after registration, whatever the verdict: there is no calibration here."""
     overrides = EngineOverrides.model_validate({"method": method})
     engine = fit_engine(overrides, SENSOR, MAP_STEP_M, MAX_RANGE_M, SPACING_M, np.eye(4))
@@ -96,7 +96,7 @@ def _localized(scene: Scene, method: str, cascade: Cascade, disturbed: Disturbed
         MapIndex(engine, Calibration(), cascade, MapSurface.of(surface, engine.registration), view)
     )
     errors, total_ms = [], []
-    for scan, T_map_sensor in disturbed.scans[:count]:
+    for scan, T_map_sensor in perturbed.scans[:count]:
         answer = localizer.localize(scan)
         best = answer.hypotheses[0].T_map_sensor if answer.hypotheses else np.diag([np.inf, 1, 1, 1])
         errors.append(pose_error(T_map_sensor, best)[0] if answer.hypotheses else np.inf)

@@ -1,4 +1,4 @@
-"""The queries: as in the paper the templates themselves, and held-out, disturbed scans beside them."""
+"""The queries: as in the paper the templates themselves, and held-out, perturbed scans beside them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def templates_themselves(scene: Scene, count: int) -> Taken:
 
 
 @dataclass(frozen=True)
-class Disturbed:
+class Perturbed:
     """Held-out scans between the templates, any heading, with all that goes wrong.
 
     Attributes:
@@ -41,8 +41,8 @@ class Disturbed:
     levelled: Taken
 
 
-def disturbed(scene: Scene, count: int) -> Disturbed:
-    scans = scene.disturbed(count, SEED)
+def perturbed(scene: Scene, count: int) -> Perturbed:
+    scans = scene.perturbed(count, SEED)
     true_m = np.array([T[:3, 3] for _, T in scans])
     config = PreprocessConfig(min_range_m=SENSOR.min_range_m, default_height_m=scene.mount_m)
     raw = [ScanBatch.single(scan.points, scene.mount_m) for scan, _ in scans]
@@ -50,7 +50,7 @@ def disturbed(scene: Scene, count: int) -> Disturbed:
     for scan, _ in scans:
         prepared = preprocess(ScanSequence.single(scan), None, config)
         level.append(raw[len(level)] if prepared is None else prepared.scans[0].batch)
-    return Disturbed(scans, _described(true_m, raw), _described(true_m, level))
+    return Perturbed(scans, _described(true_m, raw), _described(true_m, level))
 
 
 def _described(true_m: NDArray[np.floating], scans: list[ScanBatch]) -> Taken:

@@ -16,7 +16,7 @@ def report(figures: dict[str, Any]) -> str:
         _cascade_table("Table IV: KD tree, K = 10", figures["table_4"], TABLE_4),
         _cascade_table("Table V: LSH and KD trees, K = 10", figures["table_5"], TABLE_5),
         _plain("Search engines in the same cascade", figures["engines"]),
-        _plain("Methods, held-out disturbed scans", figures["methods"]),
+        _plain("Methods, held-out perturbed scans", figures["methods"]),
         _plain("Choices", figures["ablation"]),
         _search_time(figures["figures_7_and_8"]),
     ]
@@ -74,7 +74,7 @@ def _table_2(rows: list[dict[str, Any]]) -> str:
         )
         ours = (row["clusters"], row["similarity_s_per_scene"], row["clustering_s"], row["match_s"])
         lines.append(("ours", "", *ours, *row["success"]))
-        lines.append(("ours, held out, disturbed", "", "", "", "", "", *row["success_disturbed"]))
+        lines.append(("ours, held out, perturbed", "", "", "", "", "", *row["success_perturbed"]))
     return _markdown("Table II: with and without local constraints", header, lines)
 
 
@@ -88,8 +88,8 @@ def _table_3(rows: list[dict[str, Any]]) -> str:
         )
         counts = (row["number_of_scenes"], row["number_of_templates"])
         lines.append((f"ours: {counts[0]}", counts[1], row["match_s"], *row["success"]))
-        if "success_disturbed" in row:
-            lines.append(("ours, held out, disturbed", counts[1], "", *row["success_disturbed"]))
+        if "success_perturbed" in row:
+            lines.append(("ours, held out, perturbed", counts[1], "", *row["success_perturbed"]))
     return _markdown("Table III: where each kind of template localizes", header, lines)
 
 
@@ -100,7 +100,7 @@ def _cascade_table(title: str, rows: list[dict[str, Any]], published: dict[float
         search_ms, match_ms, success = published[row["threshold"]]
         lines.append((f"paper: {row['threshold']}", "", search_ms, match_ms, *success))
         lines.append(("ours", row["clusters"], row["search_ms"], row["match_ms"], *row["success"]))
-        lines.append(("ours, held out, disturbed", "", "", "", *row["success_disturbed"]))
+        lines.append(("ours, held out, perturbed", "", "", "", *row["success_perturbed"]))
     return _markdown(title, header, lines)
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from firstfix import descriptor
-from firstfix.builds.config import DisturbConfig, ViewpointConfig
+from firstfix.builds.config import PerturbConfig, ViewpointConfig
 from firstfix.descriptor import (
     Described,
     Descriptor,
@@ -33,7 +33,7 @@ from firstfix.sensor import preset
 from firstfix.transform import Matrix
 from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_builder.simulation import simulate
-from firstfix_builder.simulation.perturb import disturbed_scans
+from firstfix_builder.simulation.perturb import perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
 from firstfix_builder.templates.make import scan_batch, upright
 from firstfix_builder.viewpoints.sample import sample_viewpoints
@@ -58,7 +58,7 @@ DESCRIPTORS: dict[str, Descriptor] = {
 }
 PAPER = "drop"
 # what the paper does not show: held-out places, and all that goes wrong in a real scan
-DISTURBED = DisturbConfig(noise_m=0.02, dropout=0.1, occluders=6, strangers=0, height_m=0.1, tilt_deg=2.0)
+PERTURBED = PerturbConfig(noise_m=0.02, dropout=0.1, occluders=6, strangers=0, height_m=0.1, tilt_deg=2.0)
 
 
 @dataclass(frozen=True)
@@ -107,11 +107,11 @@ class Scene:
     templates: Taken
     trajectory: Taken
 
-    def disturbed(self, count: int, seed: int = 1) -> list[tuple[Scan, Matrix]]:
+    def perturbed(self, count: int, seed: int = 1) -> list[tuple[Scan, Matrix]]:
         """Held-out scans between the templates and their T_map_sensor: any heading, all that goes wrong."""
         rng = np.random.default_rng(seed)
         around = self.templates.position_m
-        return disturbed_scans(self.simulator, SENSOR, around, SPACING_M, count, DISTURBED, rng)
+        return perturbed_scans(self.simulator, SENSOR, around, SPACING_M, count, PERTURBED, rng)
 
 
 def make_scene(count: int, work: Path) -> Scene:

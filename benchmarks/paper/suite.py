@@ -24,7 +24,7 @@ from .clusterings import Clusterer
 from .compare import compare_engines, compare_methods
 from .naive import compare_clustering, compare_descriptor, compare_match
 from .pictures import draw_clusters
-from .queries import disturbed, templates_themselves
+from .queries import perturbed, templates_themselves
 from .report import report
 from .scene import make_scene
 from .search_time import measure_search_time
@@ -39,7 +39,7 @@ THRESHOLDS_45 = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
 class Sizes:
     """Attributes:
     own: templates that are asked in Tables IV and V; ``own_exhaustive``: in Tables II and III.
-    disturbed: held-out scans.
+    perturbed: held-out scans.
     registered: of these, that go through the whole localizer.
     naive: templates that the naive reference clusters.
     """
@@ -47,7 +47,7 @@ class Sizes:
     templates: int
     own: int
     own_exhaustive: int
-    disturbed: int
+    perturbed: int
     registered: int
     naive: int
 
@@ -71,7 +71,7 @@ def measure(sizes: Sizes, work: Path) -> dict[str, Any]:
     folder.mkdir(parents=True, exist_ok=True)
     scene = make_scene(sizes.templates, work)
     own, some = templates_themselves(scene, sizes.own), templates_themselves(scene, sizes.own_exhaustive)
-    held_out = disturbed(scene, sizes.disturbed)
+    held_out = perturbed(scene, sizes.perturbed)
     raw = held_out.as_they_come
     clusterer = Clusterer(scene.templates)
     clusterings = [clusterer.with_neighbours(threshold) for threshold in THRESHOLDS_45]

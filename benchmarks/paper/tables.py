@@ -1,4 +1,4 @@
-"""Tables II to V, and the same rows with held-out, disturbed queries."""
+"""Tables II to V, and the same rows with held-out, perturbed queries."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ TIMED_QUERIES = 50
 
 
 def table_2(
-    scene: Scene, clusterer: Clusterer, own: Taken, disturbed: Taken, thresholds: tuple[float, ...]
+    scene: Scene, clusterer: Clusterer, own: Taken, perturbed: Taken, thresholds: tuple[float, ...]
 ) -> list[Row]:
     """All representatives compared by context, then the clusters of the best K; with and without KNN."""
-    rows = [_row_2(scene, c, own, disturbed) for c in clusterer.without(thresholds)]
-    return rows + [_row_2(scene, clusterer.with_neighbours(t), own, disturbed) for t in thresholds]
+    rows = [_row_2(scene, c, own, perturbed) for c in clusterer.without(thresholds)]
+    return rows + [_row_2(scene, clusterer.with_neighbours(t), own, perturbed) for t in thresholds]
 
 
-def _row_2(scene: Scene, clustering: Clustering, own: Taken, disturbed: Taken) -> Row:
+def _row_2(scene: Scene, clustering: Clustering, own: Taken, perturbed: Taken) -> Row:
     clusters = clustering.clusters
     cascade = make_cascade(scene.templates, clusters, SearchConfig(engine="exhaustive"), PAPER)
     representatives = rows_of(scene.templates.by[PAPER], clusters.representative)
@@ -54,12 +54,12 @@ def _row_2(scene: Scene, clustering: Clustering, own: Taken, disturbed: Taken) -
             "clusters": len(clusters),
             "match_s": _alone_s(direct, own.by[PAPER]),
             "success": _success(scene, direct(own.by[PAPER]), own),
-            "success_disturbed": _success(scene, shifted(disturbed.by[PAPER]), disturbed),
+            "success_perturbed": _success(scene, shifted(perturbed.by[PAPER]), perturbed),
         },
     )
 
 
-def table_3(scene: Scene, scenes: int, disturbed: Taken) -> list[Row]:
+def table_3(scene: Scene, scenes: int, perturbed: Taken) -> list[Row]:
     """Trajectory points and re-sampled points against each other, all contexts compared.
 
     Args:
@@ -92,8 +92,8 @@ def table_3(scene: Scene, scenes: int, disturbed: Taken) -> list[Row]:
             "success": success(among.position_m[found(queries.by[PAPER])], queries.position_m),
         }
         if asked == "resampled":
-            row["success_disturbed"] = success(
-                among.position_m[found(disturbed.by[PAPER])], disturbed.position_m
+            row["success_perturbed"] = success(
+                among.position_m[found(perturbed.by[PAPER])], perturbed.position_m
             )
         rows.append(_told("table 3", row))
     return rows
@@ -105,21 +105,21 @@ def cascade_table(
     clusterings: list[Clustering],
     config: SearchConfig,
     own: Taken,
-    disturbed: Taken,
+    perturbed: Taken,
 ) -> list[Row]:
     """Tables IV and V: candidates by CNZ key, then the clusters of the best K matched."""
     rows = []
     for clustering in clusterings:
         cascade = make_cascade(scene.templates, clustering.clusters, config, PAPER)
         run = run_cascade(cascade, own.by[PAPER], K)
-        again = run_cascade(cascade, disturbed.by[PAPER], K)
+        again = run_cascade(cascade, perturbed.by[PAPER], K)
         row = {
             "threshold": clustering.threshold,
             "clusters": len(clustering.clusters),
             "search_ms": run.search_ms,
             "match_ms": run.match_ms,
             "success": _success(scene, run.found, own),
-            "success_disturbed": _success(scene, again.found, disturbed),
+            "success_perturbed": _success(scene, again.found, perturbed),
         }
         rows.append(_told(name, row))
     return rows

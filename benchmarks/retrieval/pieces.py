@@ -161,7 +161,7 @@ class Pieces:
         described = localizer.index.cascade.templates.described
         how = {DEFAULT: self.place.descriptor.make()}
         lessons = place.scans(
-            self.sensor.coarser(_LESSON_RAYS), LEARNED_AS.disturb, self.sizes.taught, (LEARN_SEED,)
+            self.sensor.coarser(_LESSON_RAYS), LEARNED_AS.perturb, self.sizes.taught, (LEARN_SEED,)
         )
         trial = Trial(
             how[DEFAULT],
@@ -219,15 +219,15 @@ class Pieces:
 
     def _lessons(self, sensor: SensorModel) -> list[tuple[Scan, Matrix]]:
         return self.place.scans(
-            sensor.coarser(_LESSON_RAYS), LEARNED_AS.disturb, self.sizes.taught, (LEARN_SEED,)
+            sensor.coarser(_LESSON_RAYS), LEARNED_AS.perturb, self.sizes.taught, (LEARN_SEED,)
         )
 
     def _taught(self, sensor: SensorModel, how: Descriptors) -> Asked:
         return self.place.asked(self._lessons(sensor), how)[DEFAULT]
 
     def _tilted(self, tilt_deg: float) -> Sequence[tuple[Scan, Matrix]]:
-        disturb = ALL.model_copy(update={"tilt_deg": tilt_deg})
-        return self.place.scans(self.sensor, disturb, self.sizes.queries, (SEED,))
+        perturb = ALL.model_copy(update={"tilt_deg": tilt_deg})
+        return self.place.scans(self.sensor, perturb, self.sizes.queries, (SEED,))
 
 
 _LESSON_RAYS = 16_384

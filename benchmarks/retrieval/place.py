@@ -1,4 +1,4 @@
-"""A world with a version of its templates, and scans simulated in it: templates, and disturbed queries."""
+"""A world with a version of its templates, and scans simulated in it: templates, and perturbed queries."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from firstfix.builds.config import DisturbConfig, SimulateConfig
+from firstfix.builds.config import PerturbConfig, SimulateConfig
 from firstfix.descriptor import Described, Descriptor
 from firstfix.engine.config import OccupancyConfig, PreprocessConfig
 from firstfix.engine.index import MapIndex
@@ -21,7 +21,7 @@ from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, transform_points, yaw_of
-from firstfix_builder.simulation.perturb import disturbed_scans
+from firstfix_builder.simulation.perturb import perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
 from firstfix_builder.templates.make import SCANS_AT_ONCE, scan_batch, upright
 
@@ -123,11 +123,11 @@ class Place:
         }
 
     def scans(
-        self, sensor: SensorModel, disturb: DisturbConfig, count: int, seed: Sequence[int]
+        self, sensor: SensorModel, perturb: PerturbConfig, count: int, seed: Sequence[int]
     ) -> list[tuple[Scan, Matrix]]:
-        """Disturbed ones between the templates, and T_map_sensor."""
+        """Perturbed ones between the templates, and T_map_sensor."""
         rng = np.random.default_rng(seed)
-        return disturbed_scans(self.simulator, sensor, self.position_m, self.spacing_m, count, disturb, rng)
+        return perturbed_scans(self.simulator, sensor, self.position_m, self.spacing_m, count, perturb, rng)
 
     def asked(
         self, scans: Sequence[tuple[Scan, Matrix]], descriptors: Descriptors, gravity: Gravity = "estimated"

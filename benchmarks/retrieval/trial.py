@@ -24,7 +24,7 @@ Row = dict[str, Any]
 @dataclass(frozen=True)
 class Trial:
     """Attributes:
-    taught: scans at other spots than the asked ones, disturbed by the builder's own measure.
+    taught: scans at other spots than the asked ones, perturbed by the builder's own measure.
     nearest: by key, that are compared.
     """
 
@@ -45,7 +45,7 @@ class Trial:
         return keys_of(self.descriptor, rows_of(self.known.described, slice(0, self.known.upright)))
 
     def within(self) -> NDArray[np.float32]:
-        """(m, d): what the disturbances and the way to the nearest template add to a key."""
+        """(m, d): what the perturbations and the way to the nearest template add to a key."""
         nearest = cKDTree(self.known.position_m[: self.known.upright]).query(self.taught.position_m)[1]
         own: NDArray[np.float32] = self.template_keys()[nearest]
         return keys_of(self.descriptor, self.taught.described) - own

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from firstfix.builds.config import DisturbConfig
+from firstfix.builds.config import PerturbConfig
 
-CLEAN = DisturbConfig(noise_m=0, dropout=0, occluders=0, strangers=0, height_m=0, tilt_deg=0)
-ALL = DisturbConfig(noise_m=0.02, dropout=0.1, occluders=6, strangers=0, height_m=0.05, tilt_deg=2)
+CLEAN = PerturbConfig(noise_m=0, dropout=0, occluders=0, strangers=0, height_m=0, tilt_deg=0)
+ALL = PerturbConfig(noise_m=0.02, dropout=0.1, occluders=6, strangers=0, height_m=0.05, tilt_deg=2)
 Where = Literal["map", "changed", "own queries", "strange yard", "other worlds", "look-alikes"]
 
 
@@ -16,12 +16,12 @@ Where = Literal["map", "changed", "own queries", "strange yard", "other worlds",
 class Case:
     """Attributes:
     where: the scans are taken. In the map as it was, on another day ("changed"), as the world's own
-        queries (which have their own disturbances); the rest lies outside the map.
+        queries (which have their own perturbations); the rest lies outside the map.
     templates, queries: the sensor presets; None: the world's own.
     """
 
     name: str
-    disturb: DisturbConfig
+    perturb: PerturbConfig
     where: Where = "map"
     templates: str | None = None
     queries: str | None = None
@@ -31,7 +31,7 @@ class Case:
         return self.where in ("strange yard", "other worlds", "look-alikes")
 
 
-def _only(**changes: float) -> DisturbConfig:
+def _only(**changes: float) -> PerturbConfig:
     """One thing wrong, all else clean."""
     return CLEAN.model_copy(update=changes)
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from firstfix.answer.fit import Fit
 from firstfix.answer.localization import Localization, Verdict
+from firstfix.answer.quality import AlignmentQuality
 from firstfix.engine.localizer import Localizer
 from firstfix.engine.preprocess import preprocess
 from firstfix.scan.scan import Scan
@@ -109,10 +109,10 @@ def _has_twin(localizer: Localizer, scan: Scan, T_map_sensor: Matrix, answer: Lo
     if prepared is None:
         return True
     (found,) = index.surface.refine(prepared.dense, (inverse(index.T_map_level) @ T_map_sensor)[None])
-    through = index.view.seen_through(prepared.scans[0].view, found.T_level_sensor)
-    support = Fit(found.overlap, found.closeness, through).support
+    through = index.view.free_space_violation(prepared.scans[0].view, found.T_level_sensor)
+    support = AlignmentQuality(found.inlier_ratio, found.alignment_score, through).support
     return any(
-        hypothesis.fit.support > support - TWIN_WITHIN
+        hypothesis.quality.support > support - TWIN_WITHIN
         for hypothesis in answer.hypotheses
         if pose_error(T_map_sensor, hypothesis.T_map_sensor)[0] > RIGHT_M
     )

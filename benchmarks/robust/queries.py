@@ -10,7 +10,7 @@ from firstfix.engine.index import MapIndex
 from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, transform_points
-from firstfix_builder.simulation.perturb import disturbed_scans, elsewhere
+from firstfix_builder.simulation.perturb import elsewhere, perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
 
 from ..worlds import Scenery, WorldFiles
@@ -48,7 +48,7 @@ def queries_of(
         return []
     at_m = transform_points(index.T_map_level, index.cascade.templates.position_m)
     spacing_m = index.config.spacing_m
-    return list(disturbed_scans(scenery.simulator(), sensor, at_m, spacing_m, count, case.disturb, rng))
+    return list(perturbed_scans(scenery.simulator(), sensor, at_m, spacing_m, count, case.perturb, rng))
 
 
 def _in_yards(case: Case, sensor: SensorModel, count: int, rng: np.random.Generator) -> list[Query]:
@@ -56,7 +56,7 @@ def _in_yards(case: Case, sensor: SensorModel, count: int, rng: np.random.Genera
     for start in range(0, count, SCANS_PER_YARD):
         yard, wanted = Simulator(*elsewhere(rng)), min(SCANS_PER_YARD, count - start)
         at_m = np.column_stack([rng.uniform(-YARD_M, YARD_M, (200, 2)), np.full(200, sensor.mount_height_m)])
-        scans = disturbed_scans(yard, sensor, at_m, 1.0, wanted, case.disturb, rng)
+        scans = perturbed_scans(yard, sensor, at_m, 1.0, wanted, case.perturb, rng)
         found += [(scan, None) for scan, _ in scans]
     return found
 
@@ -69,6 +69,6 @@ def _abroad(
     for scenery, share in zip(places, np.array_split(np.arange(count), max(1, len(places))), strict=False):
         simulator = scenery.simulator()
         at_m = scenery.viewpoints(simulator, sensor.mount_height_m)
-        scans = disturbed_scans(simulator, sensor, at_m, 1.0, len(share), case.disturb, rng)
+        scans = perturbed_scans(simulator, sensor, at_m, 1.0, len(share), case.perturb, rng)
         found += [(scan, None) for scan, _ in scans]
     return found

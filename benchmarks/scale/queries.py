@@ -1,4 +1,4 @@
-"""Held-out scans of a built world, disturbed, and where they were taken: made once."""
+"""Held-out scans of a built world, perturbed, and where they were taken: made once."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.builds.config import DisturbConfig
+from firstfix.builds.config import PerturbConfig
 from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix
 from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_builder.mesh.mesh import Mesh
-from firstfix_builder.simulation.perturb import disturbed_scans
+from firstfix_builder.simulation.perturb import perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
 
 from .build import Built
@@ -26,13 +26,13 @@ def take_scans(built: Built, work: Path, count: int) -> Path:
     def produce(out: Path) -> None:
         surface = Mesh.load(built.mesh.directory)
         at_m = np.load(built.version / "template_position_m.npy")
-        taken = disturbed_scans(
+        taken = perturbed_scans(
             Simulator(surface.vertices, surface.triangles),
             built.config.sensor_model,
             at_m,
             built.extent.spacing_m,
             count,
-            DisturbConfig(),
+            PerturbConfig(),
             np.random.default_rng(SEED),
         )
         points = {str(number): scan.points for number, (scan, _) in enumerate(taken)}

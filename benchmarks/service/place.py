@@ -63,7 +63,7 @@ class Place:
 
 
 def make_place(world: BenchWorld, work: Path, count: int) -> Place:
-    """Builds the world's map, and takes scans in it with everything disturbed at once."""
+    """Builds the world's map, and takes scans in it with everything perturbed at once."""
     files = world.make(StageCache(work))
     versions = Versions(world, files.map, work / world.name)
     index = versions.localizer(None).index

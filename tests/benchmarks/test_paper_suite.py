@@ -49,8 +49,8 @@ def test_table_3_has_the_paper_s_shape(figures):
     assert on_track[1] > 0.98
 
 
-def test_disturbed_queries_break_the_paper_s_key_and_the_default_holds(figures):
-    """What the paper does not show. Above 2 in 3 here would mean that the scans are not disturbed."""
+def test_perturbed_queries_break_the_paper_s_key_and_the_default_holds(figures):
+    """What the paper does not show. Above 2 in 3 here would mean that the scans are not perturbed."""
     by_method = {row["method"]: row["success"] for row in figures["methods"]}
     assert 0.2 < by_method["paper, scan as it comes"][4] < 0.67
     assert by_method["default"][4] > by_method["paper, scan levelled"][4] + 0.2
@@ -68,8 +68,8 @@ def test_the_naive_reference_finds_the_same_clusters(figures):
 
 
 def test_each_choice_is_the_better_one(figures):
-    """Those that docs/method.md argues for, on held-out disturbed scans within 1 m."""
-    within_1m = {(row["choice"], row["value"]): row["success_disturbed"][4] for row in figures["ablation"]}
+    """Those that docs/method.md argues for, on held-out perturbed scans within 1 m."""
+    within_1m = {(row["choice"], row["value"]): row["success_perturbed"][4] for row in figures["ablation"]}
     assert within_1m["ground cells", "drop"] > within_1m["ground cells", "raw"]
     assert within_1m["axis sign", "side of the mean"] > within_1m["axis sign", "none"]
     assert within_1m["shifts, axis trusted", 1] >= within_1m["shifts, axis trusted", 0]

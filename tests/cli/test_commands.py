@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 from fake_service import VERSIONS, FakeService
-from firstfix.answer.fit import Fit
 from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
+from firstfix.answer.quality import AlignmentQuality
 from firstfix.transform import make_transform, quaternion_of, rotation_z
 from firstfix_cli.main import run
 
 POSE = make_transform(rotation_z(0.5), [12.0, -4.0, 1.5])
-FIT = Fit(0.8, 0.7, 0.01)
+FIT = AlignmentQuality(0.8, 0.7, 0.01)
 LOCALIZED, AMBIGUOUS, REJECTED, OFF, FALSE = range(
     100, 105
 )  # point counts: how the service tells scans apart
@@ -36,7 +36,7 @@ def localized(T: np.ndarray) -> Localization:
         T_map_base=T,
         covariance=np.eye(6) * 1e-6,
         probability=0.97,
-        hypotheses=(Hypothesis(T, Fit(0.9, 0.8, 0.01), 0.97, 3),),
+        hypotheses=(Hypothesis(T, AlignmentQuality(0.9, 0.8, 0.01), 0.97, 3),),
         map_id="hall",
         map_version=VERSIONS[0],
         timings_ms={"search": 1.25},
@@ -57,7 +57,7 @@ def service() -> Iterator[FakeService]:
                 (Reason.SEVERAL_PLACES,),
                 hypotheses=(Hypothesis(POSE, FIT, 0.5, 1), Hypothesis(moved(10), FIT, 0.5, 2)),
             ),
-            REJECTED: Localization(Verdict.REJECTED, (Reason.LOW_OVERLAP,)),
+            REJECTED: Localization(Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,)),
             OFF: localized(moved(0.3)),
             FALSE: localized(moved(30.0)),
         }
@@ -87,7 +87,7 @@ def ended(arguments: list[object]) -> int:
     [
         (LOCALIZED, 0, "x 12.010  y -4.000  z 1.500 m  yaw 28.65 deg"),
         (AMBIGUOUS, 3, "ambiguous (several_places)"),
-        (REJECTED, 4, "rejected (low_overlap)"),
+        (REJECTED, 4, "rejected (low_inlier_ratio)"),
     ],
 )
 def test_the_verdict_is_the_exit_code(service, scan, capsys, count, code, says):

@@ -11,7 +11,7 @@ from firstfix.transform import inverse, make_transform, rotation_z, transform_po
 from firstfix_cli.evaluate import angle_shares, outcome_of, random_yaws, report_of, turned
 
 TRUTH = make_transform(rotation_z(0.3), [10.0, -4.0, 1.0])
-REJECTED = Localization(Verdict.REJECTED, (Reason.LOW_OVERLAP,))
+REJECTED = Localization(Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,))
 AMBIGUOUS = Localization(Verdict.AMBIGUOUS, (Reason.SEVERAL_PLACES,))
 
 

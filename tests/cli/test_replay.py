@@ -11,8 +11,8 @@ import pytest
 
 import ros_samples
 from fake_service import FakeService
-from firstfix.answer.fit import Fit
 from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
+from firstfix.answer.quality import AlignmentQuality
 from firstfix.transform import from_quaternion, inverse, make_transform, rotation_z
 from firstfix_cli.main import run
 from ros_samples import BAG_KINDS, cloud_of_points, stores_of, write_bag
@@ -27,12 +27,12 @@ LOCALIZED, AMBIGUOUS, REJECTED = 100, 200, 300  # point counts: how the service 
 
 @pytest.fixture
 def service() -> Iterator[FakeService]:
-    hypothesis = Hypothesis(POSE, Fit(0.8, 0.7, 0.01), 0.5, 1)
+    hypothesis = Hypothesis(POSE, AlignmentQuality(0.8, 0.7, 0.01), 0.5, 1)
     running = FakeService(
         {
             LOCALIZED: Localization(Verdict.LOCALIZED, (), POSE, None, np.eye(6), 0.99),
             AMBIGUOUS: Localization(Verdict.AMBIGUOUS, (Reason.SEVERAL_PLACES,), hypotheses=(hypothesis,)),
-            REJECTED: Localization(Verdict.REJECTED, (Reason.LOW_OVERLAP,)),
+            REJECTED: Localization(Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,)),
         }
     )
     yield running

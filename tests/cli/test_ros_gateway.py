@@ -41,7 +41,7 @@ from waiting import LIMIT_S, wait_until
 
 POSE = make_transform(rotation_z(0.5), [12.0, -4.0, 1.5])
 FOUND = Localization(Verdict.LOCALIZED, (), POSE, None, np.eye(6), 0.99)
-REJECTED = Localization(Verdict.REJECTED, (Reason.LOW_OVERLAP,))
+REJECTED = Localization(Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,))
 GID = bytes(range(16))
 
 

@@ -6,8 +6,8 @@ import json
 
 import numpy as np
 
-from firstfix.answer.fit import Fit
 from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
+from firstfix.answer.quality import AlignmentQuality
 from firstfix.scan.scan import Scan
 from firstfix.transform import make_transform, rotation_z
 
@@ -17,12 +17,12 @@ LOCALIZED = Localization(
     T_map_sensor=T_MAP_SENSOR,
     covariance=np.eye(6) * 1e-4,
     probability=0.98,
-    hypotheses=(Hypothesis(T_MAP_SENSOR, Fit(0.9, 0.8, 0.01), 0.98, 7),),
+    hypotheses=(Hypothesis(T_MAP_SENSOR, AlignmentQuality(0.9, 0.8, 0.01), 0.98, 7),),
     map_id="hall",
     map_version="ab" * 32,
     timings_ms={"search": 1.5},
 )
-REJECTED = Localization(Verdict.REJECTED, (Reason.LOW_OVERLAP,), map_id="hall")
+REJECTED = Localization(Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,), map_id="hall")
 SCAN = Scan.from_points(np.random.default_rng(3).uniform(-20, 20, (500, 3)), np.arange(500), 12.5)
 
 

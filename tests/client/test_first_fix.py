@@ -24,7 +24,7 @@ S = 10**9
 POSE = make_transform(rotation_z(0.5), [12.0, -4.0, 1.5])
 BASE_LIDAR = make_transform(rotation_z(0.2), [0.1, 0, 0.9])
 LIDAR_IMU = make_transform([[1, 0, 0], [0, -1, 0], [0, 0, -1]], [0, 0, -0.1])  # upside down
-REJECTED = Localization(Verdict.REJECTED, (Reason.LOW_OVERLAP,))
+REJECTED = Localization(Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,))
 
 
 def localized(options: LocalizeOptions) -> Localization:

@@ -158,7 +158,7 @@ def answering(*answers: tuple[int, dict[str, str], bytes]) -> Iterator[tuple[str
         server.server_close()
 
 
-REJECTED = json.dumps(Localization(Verdict.REJECTED, (Reason.LOW_OVERLAP,)).to_mapping()).encode()
+REJECTED = json.dumps(Localization(Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,)).to_mapping()).encode()
 BUSY = json.dumps({"code": Overloaded.code, "detail": "full"}).encode()
 
 
@@ -168,7 +168,7 @@ def test_a_busy_service_is_asked_again(sanitised: Build):
         asked,
     ):
         done = sanitised.run("firstfix_calls", url, "scan", "hall", 20, FIRSTFIX_API_KEY="ffx_secret\n")
-    assert done.stdout == "rejected low_overlap\n", "not localized is no error"
+    assert done.stdout == "rejected low_inlier_ratio\n", "not localized is no error"
     assert done.returncode == 0
     assert len(asked) == 3
     path, _, key = asked[0].partition(" ")

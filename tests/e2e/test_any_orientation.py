@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.answer.options import LocalizeOptions
-from firstfix.builds.config import BuildConfig, DisturbConfig
+from firstfix.builds.config import BuildConfig, PerturbConfig
 from firstfix.decode import decode_query
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
@@ -22,7 +22,7 @@ from firstfix.transform import inverse, make_transform, pose_error
 from firstfix.wire import scan as wire
 from firstfix.wire.query import MEDIA_TYPE, encode_query
 from firstfix_builder.pipeline import build_version
-from firstfix_builder.simulation.perturb import disturbed_scans, elsewhere
+from firstfix_builder.simulation.perturb import elsewhere, perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
 from small_world import CONFIG, SENSOR
 
@@ -155,8 +155,8 @@ def test_several_scans_head_down_give_the_pose_of_the_last(localizer, small_scan
 def test_scans_of_another_place_gain_no_pose_by_more_ways_up(localizer):
     rng = np.random.default_rng(6)
     spots = np.column_stack([rng.uniform(-15, 15, (60, 2)), np.full(60, 0.8)])
-    strange = disturbed_scans(
-        Simulator(*elsewhere(rng)), SensorModel.from_mapping(SENSOR), spots, 1.0, 12, DisturbConfig(), rng
+    strange = perturbed_scans(
+        Simulator(*elsewhere(rng)), SensorModel.from_mapping(SENSOR), spots, 1.0, 12, PerturbConfig(), rng
     )
     turns = Rotation.random(len(strange), random_state=1).as_matrix()
     for (scan, T), R in zip(strange, turns, strict=True):
@@ -175,13 +175,13 @@ def test_a_map_is_built_for_a_sensor_that_hangs_head_down(small_world, small_map
     assert version.manifest.sensor["mount_roll_deg"] == 180.0
     assert version.manifest.self_test["success"]["0.2m"] >= 0.9
     localizer = Localizer(MapIndex.load(version.directory))
-    scans = disturbed_scans(
+    scans = perturbed_scans(
         Simulator(small_world.vertices, small_world.triangles),
         hanging,
         localizer.index.cascade.templates.position_m,
         1.0,
         8,
-        DisturbConfig(occluders=3),
+        PerturbConfig(occluders=3),
         np.random.default_rng(11),
     )
     assert all(T[2, 2] < -0.9 for _, T in scans)

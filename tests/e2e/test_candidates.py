@@ -7,7 +7,7 @@ import pytest
 
 from firstfix.answer.localization import Verdict
 from firstfix.answer.options import LocalizeOptions
-from firstfix.builds.config import DisturbConfig
+from firstfix.builds.config import PerturbConfig
 from firstfix.engine.candidates import A_SPOT, SPOT_DEG, SPOT_M, search
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
@@ -15,7 +15,7 @@ from firstfix.engine.preprocess import preprocess
 from firstfix.scan.sequence import ScanSequence
 from firstfix.sensor import SensorModel
 from firstfix.transform import pose_error
-from firstfix_builder.simulation.perturb import disturbed_scans, elsewhere
+from firstfix_builder.simulation.perturb import elsewhere, perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
 from small_world import SENSOR
 
@@ -30,7 +30,7 @@ def foreign_scan():
     rng = np.random.default_rng(15)
     spots = np.column_stack([rng.uniform(-12, 12, (50, 2)), np.full(50, 0.8)])
     sensor = SensorModel.from_mapping(SENSOR)
-    return disturbed_scans(Simulator(*elsewhere(rng)), sensor, spots, 1.0, 1, DisturbConfig(), rng)[0][0]
+    return perturbed_scans(Simulator(*elsewhere(rng)), sensor, spots, 1.0, 1, PerturbConfig(), rng)[0][0]
 
 
 def proposed(index, scan, effort=1, options=None):

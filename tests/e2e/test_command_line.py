@@ -86,7 +86,7 @@ def test_the_map_is_there_and_active(shop):
         json.loads(firstfix("maps", "show", PLACE, *ways(shop)[way], "--json")) for way in ("http", "store")
     ]
     assert shown[0] == shown[1]
-    assert "self-test, 12 disturbed scans" in firstfix("maps", "show", PLACE, "--store", shop.store)
+    assert "self-test, 12 perturbed scans" in firstfix("maps", "show", PLACE, "--store", shop.store)
 
 
 @pytest.mark.parametrize("way", ["http", "zenoh", "store"])
@@ -111,7 +111,7 @@ def test_every_encoding_is_sent_by_every_way(shop, small_scans):
         if way != "zenoh":  # the command line has the map's parameters from the service or the store
             answer = json.loads(firstfix(*command, "--encoding", "descriptor", code=3))
             assert answer["reasons"] == ["not_registered"]
-            assert answer["hypotheses"][0]["overlap"] is None
+            assert answer["hypotheses"][0]["inlier_ratio"] is None
 
 
 def test_a_hopeless_scan_is_rejected_with_its_exit_code(shop, tmp_path):

@@ -78,7 +78,7 @@ def test_a_descriptor_alone_gives_candidates_and_says_so(localizer, parameters, 
         assert probabilities == sorted(probabilities, reverse=True)
         assert answer.probability == probabilities[0]
         claimed.append(answer.probability)
-        assert Localization.from_mapping(answer.to_mapping()).hypotheses[0].fit is None
+        assert Localization.from_mapping(answer.to_mapping()).hypotheses[0].quality is None
     assert found >= 19
     assert abs(np.mean(claimed) - first / len(small_scans)) < 0.25
 

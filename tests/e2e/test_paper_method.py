@@ -37,7 +37,7 @@ def test_the_paper_s_method_is_one_word_of_the_config(small_map, small_work, sma
     assert engine["cluster"]["linkage"] == "complete"
     assert engine["search"]["engine"] == "lsh_kdtree"
     assert 0 < version.manifest.counts["clusters"] <= version.manifest.counts["templates"]
-    assert found(version, small_scans) >= 0.7  # disturbed scans, K = 10: 17 of 20 when this was written
+    assert found(version, small_scans) >= 0.7  # perturbed scans, K = 10: 17 of 20 when this was written
 
 
 def test_clusters_are_fewer_with_a_larger_threshold(small_map, small_work):

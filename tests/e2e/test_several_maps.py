@@ -46,7 +46,7 @@ def test_two_maps_of_one_place_are_ambiguous(yard, small_scans):
         answer = localize_among({"first": yard, "second": yard}, scan)
         assert answer.verdict is not Verdict.LOCALIZED
         assert {h.map_id for h in answer.hypotheses[:2]} == {"first", "second"}
-        assert answer.hypotheses[0].fit == answer.hypotheses[1].fit
+        assert answer.hypotheses[0].quality == answer.hypotheses[1].quality
 
 
 def test_a_prior_belongs_to_one_map(yard, small_scans):

@@ -9,14 +9,14 @@ from scipy.spatial.transform import Rotation
 
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
-from firstfix.builds.config import DisturbConfig
+from firstfix.builds.config import PerturbConfig
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.errors import CorruptVersion
 from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import inverse, make_transform, pose_error, rotation_z
-from firstfix_builder.simulation.perturb import disturbed_scans, elsewhere
+from firstfix_builder.simulation.perturb import elsewhere, perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
 from small_world import SENSOR
 
@@ -34,7 +34,7 @@ def test_the_version_is_whole(small_version):
     json.dumps(small_version.manifest.to_mapping())
 
 
-def test_disturbed_scans_between_the_templates_get_their_pose(localizer, small_scans):
+def test_perturbed_scans_between_the_templates_get_their_pose(localizer, small_scans):
     answers = [localizer.localize(scan) for scan, _ in small_scans]
     errors = [
         pose_error(T, answer.hypotheses[0].T_map_sensor)
@@ -78,8 +78,8 @@ def test_base_pose_follows_from_the_mounting(localizer, small_scans):
 def test_scans_from_elsewhere_get_no_pose(localizer):
     rng = np.random.default_rng(5)
     spots = np.column_stack([rng.uniform(-12, 12, (50, 2)), np.full(50, 0.8)])
-    foreign = disturbed_scans(
-        Simulator(*elsewhere(rng)), SensorModel.from_mapping(SENSOR), spots, 1.0, 12, DisturbConfig(), rng
+    foreign = perturbed_scans(
+        Simulator(*elsewhere(rng)), SensorModel.from_mapping(SENSOR), spots, 1.0, 12, PerturbConfig(), rng
     )
     assert len(foreign) == 12
     for scan, _ in foreign:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.builds.config import DisturbConfig
+from firstfix.builds.config import PerturbConfig
 from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import make_transform, rotation_z
@@ -66,7 +66,7 @@ def pose(x: float, y: float, yaw_deg: float) -> NDArray[np.float64]:
 def scan_at(world: SmallWorld, T_map_sensor: NDArray[np.float64], seed: int) -> Scan:
     """What the small world's sensor sees there, with noise and dropout."""
     sensor, rng = SensorModel.from_mapping(SENSOR), np.random.default_rng(seed)
-    noise = DisturbConfig()
+    noise = PerturbConfig()
     simulator = Simulator(world.vertices, world.triangles)
     ranges = next(simulator.ranges(T_map_sensor[None], sensor))[0]
     ranges = ranges + rng.normal(0, noise.noise_m, ranges.shape)

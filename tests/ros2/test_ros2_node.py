@@ -26,7 +26,7 @@ LOCALIZED, REJECTED = 100, 200
 def service() -> Iterator[FakeService]:
     answers = {
         LOCALIZED: Localization(Verdict.LOCALIZED, (), POSE, POSE, np.eye(6), 0.99, map_id="hall"),
-        REJECTED: Localization(Verdict.REJECTED, (Reason.LOW_OVERLAP,)),
+        REJECTED: Localization(Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,)),
     }
     running = FakeService(answers)
     yield running

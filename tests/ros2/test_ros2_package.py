@@ -73,9 +73,9 @@ def test_diagnoses():
     assert diagnosis_of(Status()).level == OK
     failed = diagnosis_of(Status(State.FAILED, 3, None, "nobody is there"))
     assert (failed.level, failed.message) == (ERROR, "failed: nobody is there")
-    rejected = Localization(Verdict.REJECTED, (Reason.LOW_OVERLAP,))
+    rejected = Localization(Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,))
     refused = diagnosis_of(Status(State.NOT_LOCALIZED, 1, rejected))
-    assert (refused.level, refused.values["reasons"]) == (WARN, "low_overlap")
+    assert (refused.level, refused.values["reasons"]) == (WARN, "low_inlier_ratio")
     found = diagnosis_of(Status(State.LOCALIZED, 2, localized, took_s=0.25))
     assert found.level == OK
     assert [found.values[key] for key in ("map_id", "probability", "took_s")] == ["hall", "0.990", "0.250"]

@@ -35,7 +35,7 @@ class Told(FakeLocalizer):
 
     def localize(self, scan: Any, options: LocalizeOptions | None = None) -> Localization:
         if self.label == NOWHERE:
-            return Localization(Verdict.REJECTED, (Reason.LOW_OVERLAP,))
+            return Localization(Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,))
         answer = super().localize([] if not hasattr(scan, "__len__") else scan, options)
         T = np.array(answer.T_map_sensor)
         if options is not None and options.gravity is not None:

@@ -1,7 +1,7 @@
-"""Which directions of a key tell this map's places apart, learned from its own disturbed simulations.
+"""Which directions of a key tell this map's places apart, learned from its own perturbed simulations.
 
 Linear discriminant analysis (docs/method.md 3.4): among templates keys should differ much, between a
-place and a disturbed scan near it little. Fewer numbers are searched faster, and find more.
+place and a perturbed scan near it little. Fewer numbers are searched faster, and find more.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from firstfix.scan.sequence import ScanSequence
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix
 
-from ..simulation.perturb import disturbed_scans
+from ..simulation.perturb import perturbed_scans
 from ..simulation.simulate import Simulator
 
 COMPARED_TEMPLATES = 10_000  # enough for their covariance: the keys of 100k at once are gigabytes
@@ -53,8 +53,8 @@ def learn_keys(
         return None
     descriptor, done = engine.descriptor.make(), 0
     rng = np.random.default_rng(config.seed)
-    scans = disturbed_scans(
-        simulator, sensor, templates.position_m, engine.spacing_m, config.scans, config.disturb, rng
+    scans = perturbed_scans(
+        simulator, sensor, templates.position_m, engine.spacing_m, config.scans, config.perturb, rng
     )
 
     def described(case: tuple[Scan, Matrix]) -> Described | None:
@@ -87,7 +87,7 @@ def discriminants(
 
     Args:
         keys: (n, d) of the templates, whose covariance is B.
-        within: (m, d) differences between disturbed scans' keys and their places' own, whose scatter is W.
+        within: (m, d) differences between perturbed scans' keys and their places' own, whose scatter is W.
         shrinkage: 0..1, the share of W that is replaced by a multiple of the identity of the same trace.
 
     Returns:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.answer.fit import Evidence
+from firstfix.answer.quality import MatchFeatures
 from firstfix.engine.calibration import Calibration
 
 FOLDS = 5
@@ -30,7 +30,7 @@ class Case:
     """
 
     query: int
-    evidence: Evidence
+    evidence: MatchFeatures
     right: bool
     weight: float = 1.0
     asked: bool = True

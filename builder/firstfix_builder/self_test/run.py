@@ -1,6 +1,6 @@
 """Before a version is published: can a robot find itself with it, and does it know when not?
 
-Held-out, disturbed scans simulated between the templates, and scans of a place that is not in the
+Held-out, perturbed scans simulated between the templates, and scans of a place that is not in the
 map, go through the real localizer. The outcome is the version's own success rate and the calibration
 of its probabilities (design: a figure nobody measured on this map is not promised).
 """
@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.answer.fit import Evidence, Fit
 from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
+from firstfix.answer.quality import AlignmentQuality, MatchFeatures
 from firstfix.builds.config import SelfTestConfig
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.localizer import Localizer
@@ -26,7 +26,7 @@ from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, inverse, make_transform, pose_error
 
-from ..simulation.perturb import disturbed_scans, elsewhere
+from ..simulation.perturb import elsewhere, perturbed_scans
 from ..simulation.simulate import Simulator
 from .localizability import Spot, grid_of
 from .reliability import Case, fit, reliability_of
@@ -40,7 +40,7 @@ _UNFITTED = Calibration()  # says which places tie; fitting does not change that
 
 @dataclass(frozen=True)
 class SelfTest:
-    """What came out, over ``queries`` disturbed scans in the map and ``outside`` from elsewhere.
+    """What came out, over ``queries`` perturbed scans in the map and ``outside`` from elsewhere.
 
     Attributes:
         success: "0.2m" and so on to the share of the queries whose best hypothesis is that near.
@@ -93,8 +93,8 @@ class _Outcome:
         return self.first_error_m <= RIGHT_M
 
     @property
-    def evidence(self) -> Evidence | None:
-        return _UNFITTED.evidence(self._fits) if self._fits else None
+    def evidence(self) -> MatchFeatures | None:
+        return _UNFITTED.match_features(self._fits) if self._fits else None
 
     @property
     def right_among_tied(self) -> bool:
@@ -108,7 +108,7 @@ class _Outcome:
         return found is not None and calibration.accepts(found)
 
     @property
-    def without_the_truth(self) -> Evidence | None:
+    def without_the_truth(self) -> MatchFeatures | None:
         """A hard negative: the evidence if neither the true place nor its equals were in the map.
 
         A map's own look-alikes teach more than scans of a strange place: the next aisle of a hall explains
@@ -119,17 +119,17 @@ class _Outcome:
             return None
         tied, others = self.answer.hypotheses[: found.tied], self.answer.hypotheses[found.tied :]
         elsewhere = [
-            other.fit
+            other.quality
             for other in others
-            if other.fit is not None
+            if other.quality is not None
             and all(pose_error(one.T_map_sensor, other.T_map_sensor)[0] > ABSENT_BEYOND_M for one in tied)
         ]
         # of one alone the margin is not known
-        return _UNFITTED.evidence(elsewhere) if len(elsewhere) > 1 else None
+        return _UNFITTED.match_features(elsewhere) if len(elsewhere) > 1 else None
 
     @property
-    def _fits(self) -> list[Fit]:
-        return [h.fit for h in self.answer.hypotheses if h.fit is not None]
+    def _fits(self) -> list[AlignmentQuality]:
+        return [h.quality for h in self.answer.hypotheses if h.quality is not None]
 
 
 def self_test(
@@ -148,20 +148,20 @@ def self_test(
     """
     rng = np.random.default_rng(config.seed)
     templates = localizer.index.cascade.templates
-    inside = disturbed_scans(
+    inside = perturbed_scans(
         simulator,
         sensor,
         templates.position_m,
         localizer.index.config.spacing_m,
         config.queries,
-        config.disturb,
+        config.perturb,
         rng,
     )
     other = Simulator(*elsewhere(rng))
     spots = np.column_stack(
         [rng.uniform(-15, 15, (200, 2)), np.full(200, float(np.median(templates.height_m)))]
     )
-    outside = disturbed_scans(other, sensor, spots, 1.0, config.outside, config.disturb, rng)
+    outside = perturbed_scans(other, sensor, spots, 1.0, config.outside, config.perturb, rng)
     queries: list[tuple[Scan, Matrix | None]] = [*inside, *((scan, None) for scan, _ in outside)]
     asked_with = LocalizeOptions(T_base_sensor=make_transform(sensor.R_base_sensor, np.zeros(3)))
     done = 0

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.builds.config import DisturbConfig
+from firstfix.builds.config import PerturbConfig
 from firstfix.scan.levelling import turned
 from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
@@ -31,13 +31,13 @@ _PERSON = _Occluder((1.0, 6.0), (0.3, 1.0), 0.6)
 _STRANGER = _Occluder((3.0, 15.0), (1.0, 4.0), 1.0)
 
 
-def disturbed_scans(
+def perturbed_scans(
     simulator: Simulator,
     sensor: SensorModel,
     around_m: NDArray[np.floating],
     reach_m: float,
     count: int,
-    config: DisturbConfig,
+    config: PerturbConfig,
     rng: np.random.Generator,
 ) -> list[tuple[Scan, Matrix]]:
     """Scans at free spots within half of ``reach_m`` of the given places, any heading.

@@ -73,8 +73,8 @@ Hypothesis hypothesis_of(const Json& data) {
   const Json* pose = member(data, "T_map_sensor");
   if (pose == nullptr) unreadable("a hypothesis has no pose");
   Hypothesis made{pose_of(*pose), std::nullopt, number(data, "probability"), 0, text(data, "map_id")};
-  if (member(data, "overlap") != nullptr) {
-    made.fit = Fit{number(data, "overlap"), number(data, "closeness"), number(data, "seen_through")};
+  if (member(data, "inlier_ratio") != nullptr) {
+    made.quality = AlignmentQuality{number(data, "inlier_ratio"), number(data, "alignment_score"), number(data, "free_space_violation")};
   }
   const Json* row = member(data, "template");
   if (row == nullptr || !row->is_number_integer()) unreadable("a hypothesis names no template");

@@ -152,11 +152,11 @@ Result answer_vector(const std::string& folder, const Json& input, const Json&) 
   const Localization fix = parse_localization(read_text(folder + input.at("document").get<std::string>()));
   Json hypotheses = Json::array();
   for (const Hypothesis& h : fix.hypotheses) {
-    const bool laid = h.fit.has_value();
+    const bool laid = h.quality.has_value();
     hypotheses.push_back({{"T_map_sensor", json_of(h.T_map_sensor)},
-                          {"overlap", laid ? Json(h.fit->overlap) : Json()},
-                          {"closeness", laid ? Json(h.fit->closeness) : Json()},
-                          {"seen_through", laid ? Json(h.fit->seen_through) : Json()},
+                          {"inlier_ratio", laid ? Json(h.quality->inlier_ratio) : Json()},
+                          {"alignment_score", laid ? Json(h.quality->alignment_score) : Json()},
+                          {"free_space_violation", laid ? Json(h.quality->free_space_violation) : Json()},
                           {"probability", h.probability},
                           {"template", h.template_row},
                           {"map_id", h.map_id}});

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import transform
-from .fit import Fit
+from .quality import AlignmentQuality
 
 
 class Verdict(str, Enum):
@@ -25,7 +25,7 @@ class Reason(str, Enum):
 
     TOO_FEW_POINTS = "too_few_points"
     NO_CANDIDATE = "no_candidate"
-    LOW_OVERLAP = "low_overlap"
+    LOW_INLIER_RATIO = "low_inlier_ratio"
     FREE_SPACE_VIOLATION = "free_space_violation"
     LOW_PROBABILITY = "low_probability"
     SEVERAL_PLACES = "several_places"
@@ -38,14 +38,14 @@ class Hypothesis:
 
     Attributes:
         T_map_sensor: (4, 4).
-        fit: how the scan lies on the map there; None: it had no points to lay.
+        quality: how the scan lies on the map there; None: it had no points to lay.
         probability: 0..1, calibrated: of being right. Hypotheses that tie have equal shares.
         template: row of the template it started from.
         map_id: whose frame T_map_sensor is in, where several maps were asked.
     """
 
     T_map_sensor: NDArray[np.float64]
-    fit: Fit | None
+    quality: AlignmentQuality | None
     probability: float
     template: int
     map_id: str = ""
@@ -92,9 +92,9 @@ class Localization:
             "hypotheses": [
                 {
                     "T_map_sensor": _pose_to_mapping(h.T_map_sensor),
-                    "overlap": None if h.fit is None else h.fit.overlap,
-                    "closeness": None if h.fit is None else h.fit.closeness,
-                    "seen_through": None if h.fit is None else h.fit.seen_through,
+                    "inlier_ratio": None if h.quality is None else h.quality.inlier_ratio,
+                    "alignment_score": None if h.quality is None else h.quality.alignment_score,
+                    "free_space_violation": None if h.quality is None else h.quality.free_space_violation,
                     "probability": h.probability,
                     "template": h.template,
                     "map_id": h.map_id,
@@ -120,7 +120,7 @@ class Localization:
             hypotheses=tuple(
                 Hypothesis(
                     transform.from_quaternion(h["T_map_sensor"]["position"], h["T_map_sensor"]["quaternion"]),
-                    _fit_from_mapping(h),
+                    _quality_from_mapping(h),
                     float(h["probability"]),
                     int(h["template"]),
                     str(h.get("map_id", "")),
@@ -146,7 +146,9 @@ def _pose_from_mapping(data: Mapping[str, Any] | None) -> NDArray[np.float64] | 
     return None if data is None else transform.from_quaternion(data["position"], data["quaternion"])
 
 
-def _fit_from_mapping(data: Mapping[str, Any]) -> Fit | None:
-    if data["overlap"] is None:
+def _quality_from_mapping(data: Mapping[str, Any]) -> AlignmentQuality | None:
+    if data["inlier_ratio"] is None:
         return None
-    return Fit(float(data["overlap"]), float(data["closeness"]), float(data["seen_through"]))
+    return AlignmentQuality(
+        float(data["inlier_ratio"]), float(data["alignment_score"]), float(data["free_space_violation"])
+    )

@@ -92,7 +92,7 @@ class SimulateConfig(Stage):
     max_rays: int = Field(16_384, ge=500, le=1_000_000)
 
 
-class DisturbConfig(Stage):
+class PerturbConfig(Stage):
     """Standard deviations and means of what goes wrong in a scan."""
 
     noise_m: float = Field(0.02, ge=0, le=1)
@@ -107,7 +107,7 @@ class LearnKeysConfig(Stage):
     """Attributes:
     scans: simulated to learn from; 0: keys stay as the descriptor makes them.
     numbers: of a projected key.
-    shrinkage: how little the directions of the disturbances are believed. With little of it a key
+    shrinkage: how little the directions of the perturbations are believed. With little of it a key
         finds more of the scans it was taught, and less of another scanner's or of a half hidden one's.
     """
 
@@ -115,7 +115,7 @@ class LearnKeysConfig(Stage):
     numbers: int = Field(128, ge=1, le=10_000)
     shrinkage: float = Field(0.7, ge=0.01, le=1)
     seed: int = 21
-    disturb: DisturbConfig = DisturbConfig()
+    perturb: PerturbConfig = PerturbConfig()
 
 
 class SelfTestConfig(Stage):
@@ -124,7 +124,7 @@ class SelfTestConfig(Stage):
     queries: int = Field(160, ge=0, le=100_000)
     outside: int = Field(40, ge=0, le=100_000)
     seed: int = 20
-    disturb: DisturbConfig = DisturbConfig()
+    perturb: PerturbConfig = PerturbConfig()
 
 
 class EngineOverrides(Stage):

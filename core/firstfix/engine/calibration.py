@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize
 
-from ..answer.fit import Evidence, Fit, evidence
+from ..answer.quality import AlignmentQuality, MatchFeatures, match_features
 
 # One standard deviation that a map's weights may differ from the prior's: a share of each, and of this bias.
 SPREAD, SPREAD_BIAS = 0.4, 4.0
@@ -22,53 +22,53 @@ SPREAD, SPREAD_BIAS = 0.4, 4.0
 
 @dataclass(frozen=True)
 class Calibration:
-    """A logistic model over the features of ``Evidence``, and the thresholds of the verdict.
+    """A logistic model over the features of ``MatchFeatures``, and the thresholds of the verdict.
 
     Attributes:
         bias: of the model.
-        closeness, free_space, margin: its weights, never negative, so that more evidence never
+        alignment_score, free_space, margin: its weights, never negative, so that more evidence never
             makes an answer less likely.
         min_probability: below it an answer is not ``localized``, unless the query says otherwise.
-        min_overlap: below it a place does not explain the scan at all.
+        min_inlier_ratio: below it a place does not explain the scan at all.
         min_margin: places whose support differs by less tie: that is ambiguous however good they are.
         cases: how many self-test cases it was fitted on; 0: it is only the prior, which is the defaults
             below: fitted to eight worlds at once (docs/method.md section 7).
     """
 
     bias: float = -18.8
-    closeness: float = 2.94
+    alignment_score: float = 2.94
     free_space: float = 2.74
     margin: float = 21.35
     min_probability: float = 0.99
-    min_overlap: float = 0.4
+    min_inlier_ratio: float = 0.4
     min_margin: float = 0.05
     cases: int = 0
 
     @property
     def weights(self) -> NDArray[np.float64]:
         """(4,) bias first."""
-        return np.array([self.bias, self.closeness, self.free_space, self.margin])
+        return np.array([self.bias, self.alignment_score, self.free_space, self.margin])
 
-    def evidence(self, fits: Sequence[Fit], place: int = 0) -> Evidence:
-        """Evidence for one of the places that the scan was compared at, and for those that tie with it."""
-        return evidence(fits, self.min_margin, place)
+    def match_features(self, qualities: Sequence[AlignmentQuality], place: int = 0) -> MatchFeatures:
+        """Features of one of the compared places; places that tie with it count as one place."""
+        return match_features(qualities, self.min_margin, place)
 
-    def probability(self, evidence: Evidence) -> float:
+    def probability(self, evidence: MatchFeatures) -> float:
         """0..1 that the place is right, or one of those that tie with it."""
         return float(_logistic(self.weights[0] + evidence.features @ self.weights[1:]))
 
-    def accepts(self, evidence: Evidence, min_probability: float | None = None) -> bool:
+    def accepts(self, evidence: MatchFeatures, min_probability: float | None = None) -> bool:
         """Whether the best place may be called localized.
 
         Args:
             min_probability: in place of its own.
         """
         needed = self.min_probability if min_probability is None else min_probability
-        explains = evidence.fit.overlap >= self.min_overlap
+        explains = evidence.quality.inlier_ratio >= self.min_inlier_ratio
         return explains and evidence.tied == 1 and self.probability(evidence) >= needed
 
     @classmethod
-    def fit(cls, evidence: Sequence[Evidence], right: ArrayLike, weight: ArrayLike) -> Calibration:
+    def fit(cls, evidence: Sequence[MatchFeatures], right: ArrayLike, weight: ArrayLike) -> Calibration:
         """The most likely after the prior and these cases; no weight is negative.
 
         Args:
@@ -89,8 +89,8 @@ class Calibration:
 
         bounds = [(None, None)] + [(0, None)] * (len(prior) - 1)
         found = minimize(loss, prior, jac=True, method="L-BFGS-B", bounds=bounds).x
-        bias, closeness, free_space, margin = (round(float(v), 4) for v in found)
-        return cls(bias, closeness, free_space, margin, cases=len(truth))
+        bias, alignment_score, free_space, margin = (round(float(v), 4) for v in found)
+        return cls(bias, alignment_score, free_space, margin, cases=len(truth))
 
     def to_mapping(self) -> dict[str, Any]:
         return asdict(self)

@@ -8,8 +8,8 @@ from itertools import product
 
 import numpy as np
 
-from ..answer.fit import Evidence, Fit
 from ..answer.prior import Prior
+from ..answer.quality import AlignmentQuality, MatchFeatures
 from ..transform import pose_error
 from .calibration import Calibration
 from .candidates import Candidate
@@ -22,24 +22,26 @@ SAME_PLACE_DEG = 15.0
 RIVAL_WITHIN = 0.15  # of the best place's support
 REFINED = 3  # places at most
 ASTRAY_M = 0.3  # a place's neighbouring minima lie about so far off: the next panel, a wall's other face
-BETTER = 0.02  # by so much closeness: a scan distorted by the robot's motion has several nearly as good
-PROMISING = 0.02  # probability before the last refinement, which adds a little overlap
+BETTER = 0.02  # by so much alignment_score: a scan distorted by the robot's motion has several nearly as good
+PROMISING = 0.02  # probability before the last refinement, which adds a little to the inlier ratio
 
 
 @dataclass(frozen=True)
 class Place:
     """A template's row, where the scan settled from it, and how it lies there.
 
-    ``seen_through`` is 0 until the place is looked at.
+    ``free_space_violation`` is 0 until the place is looked at.
     """
 
     template: int
     registration: Registration
-    seen_through: float = 0.0
+    free_space_violation: float = 0.0
 
     @property
-    def fit(self) -> Fit:
-        return Fit(self.registration.overlap, self.registration.closeness, self.seen_through)
+    def quality(self) -> AlignmentQuality:
+        return AlignmentQuality(
+            self.registration.inlier_ratio, self.registration.alignment_score, self.free_space_violation
+        )
 
     def is_same_as(self, other: Place) -> bool:
         distance_m, angle_deg = pose_error(
@@ -64,8 +66,10 @@ def find_places(
         starts = np.repeat(place.registration.T_level_sensor[None], 9, axis=0)
         starts[:, :2, 3] += ASTRAY_M * np.array(list(product((0, -1, 1), repeat=2)))
         found = index.surface.settle(prepared.sparse, starts)
-        best = max(found, key=lambda registration: registration.closeness)
-        return Place(place.template, best if best.closeness > found[0].closeness + BETTER else found[0])
+        best = max(found, key=lambda registration: registration.alignment_score)
+        return Place(
+            place.template, best if best.alignment_score > found[0].alignment_score + BETTER else found[0]
+        )
 
     def refined(places: Sequence[Place]) -> list[Place]:
         starts = np.array([around(place).registration.T_level_sensor for place in places])
@@ -75,9 +79,10 @@ def find_places(
     def looked_at(place: Place) -> Place:
         T_level_last = place.registration.T_level_sensor
         each = [
-            index.view.seen_through(scan.view, T_level_last @ scan.T_last_scan) for scan in prepared.scans
+            index.view.free_space_violation(scan.view, T_level_last @ scan.T_last_scan)
+            for scan in prepared.scans
         ]
-        return replace(place, seen_through=sum(each) / len(each))
+        return replace(place, free_space_violation=sum(each) / len(each))
 
     def ranked(places: Iterable[Place]) -> list[Place]:
         allowed = (
@@ -85,7 +90,7 @@ def find_places(
             for place in places
             if prior is None or prior.allows(index.T_map_level @ place.registration.T_level_sensor)
         )
-        return _distinct(sorted(allowed, key=lambda place: -place.fit.support))
+        return _distinct(sorted(allowed, key=lambda place: -place.quality.support))
 
     if not candidates:
         return []
@@ -93,7 +98,9 @@ def find_places(
     if not places or not _promising(index.calibration, places):
         return places
     # a rival that is not much worse may only have settled worse: it gets the same chance
-    near = [place for place in places if place.fit.support > places[0].fit.support - RIVAL_WITHIN][:REFINED]
+    near = [place for place in places if place.quality.support > places[0].quality.support - RIVAL_WITHIN][
+        :REFINED
+    ]
     return ranked([*map(looked_at, refined(near)), *places[len(near) :]])
 
 
@@ -101,16 +108,16 @@ def _contenders(settled: Sequence[Place], look_at: Callable[[Place], Place], at_
     """Those that may be the best, or its best rival: looking can only lessen support."""
     looked: list[Place] = []
     for place in settled[:at_most]:
-        supports = sorted((known.fit.support for known in looked), reverse=True)
-        if len(supports) > 1 and place.fit.support < min(supports[1], supports[0] - RIVAL_WITHIN):
+        supports = sorted((known.quality.support for known in looked), reverse=True)
+        if len(supports) > 1 and place.quality.support < min(supports[1], supports[0] - RIVAL_WITHIN):
             break
         looked.append(look_at(place))
     return looked
 
 
-def place_evidence(calibration: Calibration, places: Sequence[Place]) -> Evidence:
-    """Evidence for the first of ranked places, and for those that tie with it."""
-    return calibration.evidence([place.fit for place in places])
+def place_evidence(calibration: Calibration, places: Sequence[Place]) -> MatchFeatures:
+    """MatchFeatures for the first of ranked places, and for those that tie with it."""
+    return calibration.match_features([place.quality for place in places])
 
 
 def _promising(calibration: Calibration, places: list[Place]) -> bool:

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
-from ..answer.fit import MOST_MARGIN
 from ..answer.localization import Localization, Reason, Verdict
 from ..answer.options import LocalizeOptions
+from ..answer.quality import MAX_MARGIN
 from ..errors import InvalidOption
 from ..scan.any_scan import AnyScan
 from ..scan.compact import CompactScan, ScanDescriptor
@@ -24,7 +24,7 @@ from .registration.covariance import pose_covariance
 from .stopwatch import Stopwatch
 from .verdict import Claim, judge
 
-CONVINCING_OVERLAP = 0.75  # with less, the other ways up are tried too, however probable the place is
+CONVINCING_INLIER_RATIO = 0.75  # with less, the other ways up are tried too, however probable the place is
 
 
 class FindsPlaces(Protocol):
@@ -133,7 +133,7 @@ def localize_among(
         claims = [_distinct([*(one or ()), *(other or ())]) for one, other in zip(claims, more, strict=True)]
     with watch.stage("verify"):
         together = [claim for of_map in claims if of_map is not None for claim in of_map]
-        answer = _verify(sorted(together, key=lambda claim: -claim.place.fit.support), options)
+        answer = _verify(sorted(together, key=lambda claim: -claim.place.quality.support), options)
     return replace(answer, timings_ms=watch.ms)
 
 
@@ -145,14 +145,14 @@ def _explain_scan(claims: Sequence[Claim]) -> bool:
     """
     calibration = claims[0].index.calibration
     best = place_evidence(calibration, [claim.place for claim in claims])
-    alone = replace(best, margin=MOST_MARGIN, tied=1)
-    return best.fit.overlap >= CONVINCING_OVERLAP and calibration.accepts(alone)
+    alone = replace(best, margin=MAX_MARGIN, tied=1)
+    return best.quality.inlier_ratio >= CONVINCING_INLIER_RATIO and calibration.accepts(alone)
 
 
 def _distinct(claims: Sequence[Claim]) -> list[Claim]:
     """The better one of two that are the same place of a map, best first."""
     kept: list[Claim] = []
-    for claim in sorted(claims, key=lambda claim: -claim.place.fit.support):
+    for claim in sorted(claims, key=lambda claim: -claim.place.quality.support):
         if not any(claim.place.is_same_as(known.place) for known in kept):
             kept.append(claim)
     return kept

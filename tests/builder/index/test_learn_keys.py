@@ -16,8 +16,8 @@ from small_world import CONFIG, begun_as
 NARROW = {**CONFIG, "engine": {"search": {"clusters": 30}}, "learn_keys": {"scans": 300}}
 
 
-def test_what_is_learned_lies_where_places_differ_and_disturbances_do_not():
-    """Places differ most along x, but disturbances too; along y less, but nothing disturbs it."""
+def test_what_is_learned_lies_where_places_differ_and_perturbations_do_not():
+    """Places differ most along x, but perturbations too; along y less, but nothing perturbs it."""
     rng = np.random.default_rng(1)
     places = rng.normal(0, [10.0, 1.0, 0.1], (300, 3)).astype(np.float32)
     within = rng.normal(0, [20.0, 0.02, 0.5], (600, 3)).astype(np.float32)
@@ -34,7 +34,7 @@ def test_what_is_learned_lies_where_places_differ_and_disturbances_do_not():
     assert found(learned) > 10 * found(largest) > 0
 
 
-def test_the_projection_makes_disturbances_alike_in_all_directions():
+def test_the_projection_makes_perturbations_alike_in_all_directions():
     rng = np.random.default_rng(2)
     mixed = rng.normal(size=(5, 5)).astype(np.float32)
     within = rng.normal(size=(5000, 5)).astype(np.float32) @ mixed

@@ -10,14 +10,14 @@ import pytest
 from box_scenes import box
 
 from firstfix.answer.localization import Reason, Verdict
-from firstfix.builds.config import BuildConfig, DisturbConfig
+from firstfix.builds.config import BuildConfig, PerturbConfig
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.sensor import SensorModel
 from firstfix.transform import pose_error
 from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.pipeline import BuiltVersion, build_version
-from firstfix_builder.simulation.perturb import disturbed_scans
+from firstfix_builder.simulation.perturb import perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
 from small_world import SENSOR
 
@@ -68,13 +68,13 @@ def test_every_answer_is_ambiguous_and_holds_the_true_place(version: BuiltVersio
     index, mesh = MapIndex.load(version.directory), building()
     position_m = index.cascade.templates.position_m
     assert (position_m[:, 2] < STOREY_M).sum() == (position_m[:, 2] > STOREY_M).sum() > 0
-    scans = disturbed_scans(
+    scans = perturbed_scans(
         Simulator(mesh.vertices, mesh.triangles),
         SensorModel.from_mapping(CONFIG["sensor"]),
         position_m,
         1.0,
         40,
-        DisturbConfig(strangers=0),  # nothing of a car's size comes into a room
+        PerturbConfig(strangers=0),  # nothing of a car's size comes into a room
         np.random.default_rng(5),
     )
     localizer = Localizer(index)

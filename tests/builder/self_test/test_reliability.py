@@ -1,10 +1,10 @@
 import numpy as np
 
-from firstfix.answer.fit import Evidence, Fit
+from firstfix.answer.quality import AlignmentQuality, MatchFeatures
 from firstfix.engine.calibration import Calibration
 from firstfix_builder.self_test.reliability import Case, draw_reliability, fit, reliability_of
 
-TRUE = Calibration(bias=-12.0, closeness=3.0, free_space=1.5, margin=15.0)
+TRUE = Calibration(bias=-12.0, alignment_score=3.0, free_space=1.5, margin=15.0)
 
 
 def cases(n: int, seed: int, honest: bool = True) -> list[Case]:
@@ -12,7 +12,9 @@ def cases(n: int, seed: int, honest: bool = True) -> list[Case]:
     rng = np.random.default_rng(seed)
     drawn = []
     for query in range(n):
-        evidence = Evidence(Fit(0.9, rng.uniform(0.3, 1), rng.exponential(0.03)), float(rng.uniform(0, 0.5)))
+        evidence = MatchFeatures(
+            AlignmentQuality(0.9, rng.uniform(0.3, 1), rng.exponential(0.03)), float(rng.uniform(0, 0.5))
+        )
         drawn.append(
             Case(query, evidence, bool(rng.random() < (TRUE.probability(evidence) if honest else 0.5)))
         )
@@ -32,7 +34,7 @@ def test_too_few_cases_to_learn_a_coin_from_are_called_unreliable():
 
 def test_what_was_not_asked_teaches_but_is_not_counted():
     asked = cases(200, 3)
-    twins = [Case(c.query, Evidence(c.evidence.fit, 0.01), False, 0.25, asked=False) for c in asked]
+    twins = [Case(c.query, MatchFeatures(c.evidence.quality, 0.01), False, 0.25, asked=False) for c in asked]
     found = reliability_of(asked + twins)
     assert sum(part["cases"] for part in found["bins"]) == 200
     assert fit(asked + twins).probability(twins[0].evidence) < fit(asked).probability(twins[0].evidence)
@@ -40,7 +42,9 @@ def test_what_was_not_asked_teaches_but_is_not_counted():
 
 def test_equal_places_do_not_move_the_calibration():
     asked = cases(200, 5)
-    ties = [Case(200 + c.query, Evidence(c.evidence.fit, 0.4, tied=2), c.query % 2 == 0) for c in asked]
+    ties = [
+        Case(200 + c.query, MatchFeatures(c.evidence.quality, 0.4, tied=2), c.query % 2 == 0) for c in asked
+    ]
     assert fit(asked + ties) == fit(asked)
     assert fit(ties) == Calibration()
     found = reliability_of(asked + ties)

@@ -1,23 +1,23 @@
 import numpy as np
 import pytest
 
-from firstfix.answer.fit import Evidence, Fit
+from firstfix.answer.quality import AlignmentQuality, MatchFeatures
 from firstfix.engine.calibration import Calibration
 
 
 def cases(n: int, seed: int):
-    """Evidence, and whether it was right: drawn from a model of the calibration's own kind."""
+    """MatchFeatures, and whether it was right: drawn from a model of the calibration's own kind."""
     rng = np.random.default_rng(seed)
     found = [
-        Evidence(Fit(overlap, overlap * 0.8, through), margin)
-        for overlap, through, margin in zip(
+        MatchFeatures(AlignmentQuality(inlier_ratio, inlier_ratio * 0.8, through), margin)
+        for inlier_ratio, through, margin in zip(
             rng.uniform(0.3, 1, n),
             rng.exponential(0.05, n).clip(0, 1),
             rng.uniform(-0.1, 0.5, n),
             strict=True,
         )
     ]
-    true_model = Calibration(bias=-9.0, closeness=2.0, free_space=1.5, margin=5.0)
+    true_model = Calibration(bias=-9.0, alignment_score=2.0, free_space=1.5, margin=5.0)
     truth = rng.random(n) < [true_model.probability(e) for e in found]
     return found, truth, np.ones(n)
 
@@ -36,9 +36,9 @@ def test_probabilities_match_frequencies_on_new_cases():
 
 
 def test_separable_cases_do_not_run_away():
-    overlap = np.array([0.9, 0.95, 0.92, 0.3, 0.4])
-    found = [Evidence(Fit(o, o * 0.8, 1 - o), o - 0.4) for o in overlap]
-    fitted = Calibration.fit(found, overlap > 0.5, np.ones(5))
+    inlier_ratio = np.array([0.9, 0.95, 0.92, 0.3, 0.4])
+    found = [MatchFeatures(AlignmentQuality(o, o * 0.8, 1 - o), o - 0.4) for o in inlier_ratio]
+    fitted = Calibration.fit(found, inlier_ratio > 0.5, np.ones(5))
     assert fitted.probability(found[0]) > 0.9
     assert fitted.probability(found[3]) < 0.1
     assert np.abs(fitted.weights).max() < 200
@@ -68,17 +68,17 @@ def test_round_trip():
     fitted = Calibration.fit(*cases(200, 3))
     assert Calibration.from_mapping(fitted.to_mapping()) == fitted
     assert fitted.cases == 200
-    for wrong in ({"nonsense": 1}, {"bias": -12.0, "overlap": 18.0, "margin": 8.0}):
+    for wrong in ({"nonsense": 1}, {"bias": -12.0, "inlier_ratio": 18.0, "margin": 8.0}):
         with pytest.raises(ValueError, match="fields"):
             Calibration.from_mapping(wrong)
 
 
 def test_accepting_takes_overlap_margin_and_probability():
-    calibration = Calibration(min_overlap=0.5, min_margin=0.1)
-    good = Evidence(Fit(0.97, 0.85, 0.0), 0.3)
+    calibration = Calibration(min_inlier_ratio=0.5, min_margin=0.1)
+    good = MatchFeatures(AlignmentQuality(0.97, 0.85, 0.0), 0.3)
     assert calibration.accepts(good)
-    assert not calibration.accepts(Evidence(good.fit, 0.3, tied=2))
-    assert not calibration.accepts(Evidence(Fit(0.49, 0.85, 0.0), 0.3), min_probability=0.0)
-    doubtful = Evidence(Fit(0.7, 0.6, 0.02), 0.2)
+    assert not calibration.accepts(MatchFeatures(good.quality, 0.3, tied=2))
+    assert not calibration.accepts(MatchFeatures(AlignmentQuality(0.49, 0.85, 0.0), 0.3), min_probability=0.0)
+    doubtful = MatchFeatures(AlignmentQuality(0.7, 0.6, 0.02), 0.2)
     assert not calibration.accepts(doubtful)
     assert calibration.accepts(doubtful, min_probability=0.0)

@@ -9,12 +9,12 @@ from firstfix.engine.registration.align import Registration
 from firstfix.engine.verdict import Claim, judge
 from firstfix.transform import make_transform
 
-CALIBRATION = Calibration(min_overlap=0.5)
+CALIBRATION = Calibration(min_inlier_ratio=0.5)
 
 
-def place(number: int, overlap: float, through: float = 0.005) -> Place:
+def place(number: int, inlier_ratio: float, through: float = 0.005) -> Place:
     T_level_sensor = make_transform(np.eye(3), [10.0 * number, 0, 0])
-    return Place(number, Registration(T_level_sensor, overlap, overlap * 0.85, np.eye(6)), through)
+    return Place(number, Registration(T_level_sensor, inlier_ratio, inlier_ratio * 0.85, np.eye(6)), through)
 
 
 def claimed(*places: Place, calibration: Calibration = CALIBRATION, T_map_level=None) -> list[Claim]:
@@ -33,7 +33,9 @@ def test_a_good_place_without_rivals_is_localized():
     answer = judged(*places)
     assert answer.verdict is Verdict.LOCALIZED
     assert answer.reasons == ()
-    assert answer.probability == CALIBRATION.probability(CALIBRATION.evidence([p.fit for p in places]))
+    assert answer.probability == CALIBRATION.probability(
+        CALIBRATION.match_features([p.quality for p in places])
+    )
 
 
 def test_a_twin_makes_it_ambiguous_and_both_are_returned():
@@ -56,7 +58,7 @@ def test_a_twin_with_a_wall_in_the_way_is_no_rival():
 
 
 def test_a_twin_makes_it_ambiguous_however_sure_the_model_is():
-    sure = Calibration(bias=0, closeness=50, free_space=0, margin=0, min_margin=0.1)
+    sure = Calibration(bias=0, alignment_score=50, free_space=0, margin=0, min_margin=0.1)
     assert judged(place(0, 0.99), place(1, 0.95), calibration=sure).verdict is Verdict.AMBIGUOUS
     assert judged(place(0, 0.99), place(1, 0.80), calibration=sure).verdict is Verdict.LOCALIZED
 
@@ -68,7 +70,7 @@ def test_a_place_that_is_seen_through_is_rejected_and_told_so():
 
 def test_little_overlap_is_rejected_whatever_the_caller_asks():
     answer = judged(place(0, 0.45), min_probability=0.0)
-    assert (answer.verdict, answer.reasons) == (Verdict.REJECTED, (Reason.LOW_OVERLAP,))
+    assert (answer.verdict, answer.reasons) == (Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,))
 
 
 def test_a_doubtful_place_is_rejected_unless_the_caller_takes_it():

@@ -69,7 +69,7 @@ def test_the_order_is_x_y_z_then_turns_about_x_y_z():
 
 def test_there_is_no_message_without_a_pose():
     with pytest.raises(ValueError, match="only a localized answer"):
-        to_pose_cdr(Localization(Verdict.REJECTED, (Reason.LOW_OVERLAP,)), Stamp())
+        to_pose_cdr(Localization(Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,)), Stamp())
 
 
 def test_the_golden_bytes_of_the_protocols_page():

@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 from service_world import SCAN_BODY, XYZ, FakeLocalizer, Service, publish, running_service
 
-from firstfix.answer.fit import Fit
 from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
+from firstfix.answer.quality import AlignmentQuality
 from firstfix.catalog.query_samples import QuerySample, QuerySamples, new_sample_id
 from firstfix.engine.index import MapIndex
 from firstfix.errors import InvalidOption, NotFound, StoreUnavailable
@@ -36,10 +36,10 @@ LOCALIZED_POINTS = 200  # a scan of so many is localized, every other one reject
 def judged(self: FakeLocalizer, scan: Scan, options: LocalizeOptions | None = None) -> Localization:
     T = np.eye(4)
     T[0, 3] = self.label
-    place = Hypothesis(T, Fit(0.4, 0.3, 0.1), 0.4, 3)
+    place = Hypothesis(T, AlignmentQuality(0.4, 0.3, 0.1), 0.4, 3)
     if len(scan) == LOCALIZED_POINTS:
         return Localization(Verdict.LOCALIZED, (), T, None, np.eye(6), 0.9, (place,))
-    return Localization(Verdict.REJECTED, (Reason.LOW_OVERLAP,), probability=0.4, hypotheses=(place,))
+    return Localization(Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,), probability=0.4, hypotheses=(place,))
 
 
 @pytest.fixture(autouse=True)
@@ -291,7 +291,7 @@ def test_kept_queries_are_listed_shown_fetched_and_removed(
     line = capsys.readouterr().out
     assert sample_id in line
     assert "rejected" in line
-    assert "low_overlap" in line
+    assert "low_inlier_ratio" in line
     assert ended("samples", "ls", *where, "--map", "yard", "--json") == 0
     assert json.loads(capsys.readouterr().out) == {"samples": []}
     assert ended("samples", "show", sample_id, *where) == 0

@@ -16,8 +16,8 @@ from prometheus_client.parser import text_string_to_metric_families
 from service_world import SCAN_BODY, XYZ, Behaviour, FakeLocalizer, Service, publish, running_service
 
 import firstfix
-from firstfix.answer.fit import Fit
 from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
+from firstfix.answer.quality import AlignmentQuality
 from firstfix.builds.records import FINAL_STATES
 from firstfix.catalog.catalog import Catalog
 from firstfix.errors import StoreUnavailable, all_errors
@@ -38,8 +38,8 @@ def rejecting(service: Service, monkeypatch: pytest.MonkeyPatch) -> Service:
     """The service, whose localizers reject every scan."""
 
     def reject(self: FakeLocalizer, scan: object, options: object = None) -> Localization:
-        places = (Hypothesis(np.eye(4), Fit(0.2, 0.3, 0.1), 0.07, 3, "hall"),)
-        reasons = (Reason.LOW_OVERLAP, Reason.LOW_PROBABILITY)
+        places = (Hypothesis(np.eye(4), AlignmentQuality(0.2, 0.3, 0.1), 0.07, 3, "hall"),)
+        reasons = (Reason.LOW_INLIER_RATIO, Reason.LOW_PROBABILITY)
         return Localization(Verdict.REJECTED, reasons, probability=0.07, hypotheses=places)
 
     monkeypatch.setattr(FakeLocalizer, "localize", reject)
@@ -48,7 +48,7 @@ def rejecting(service: Service, monkeypatch: pytest.MonkeyPatch) -> Service:
 
 def test_reasons_and_probabilities_of_answers_are_counted(rejecting: Service):
     wait_until(lambda: rejecting.ask("zenoh").ok)
-    assert value(rejecting, "firstfix_reasons_total", reason="low_overlap") >= 1
+    assert value(rejecting, "firstfix_reasons_total", reason="low_inlier_ratio") >= 1
     assert value(rejecting, "firstfix_reasons_total", reason="no_candidate") == 0
     assert value(rejecting, "firstfix_probability_bucket", verdict="rejected", le="0.05") == 0
     assert value(rejecting, "firstfix_probability_bucket", verdict="rejected", le="0.1") >= 1

@@ -24,8 +24,8 @@ from service_world import (
     running_service,
 )
 
-from firstfix.answer.fit import Fit
 from firstfix.answer.localization import Hypothesis, Localization, Verdict
+from firstfix.answer.quality import AlignmentQuality
 from waiting import LIMIT_S, wait_until
 
 ANSWERS_ASKED = 8
@@ -51,7 +51,7 @@ class Talkative(Behaviour):
 class TalkativeLocalizer(FakeLocalizer):
     def localize(self, scan, options=None) -> Localization:
         answer = super().localize(scan, options)
-        many = (Hypothesis(np.eye(4), Fit(0.9, 0.8, 0.01), 0.9, 7),) * 20_000
+        many = (Hypothesis(np.eye(4), AlignmentQuality(0.9, 0.8, 0.01), 0.9, 7),) * 20_000
         return dataclasses.replace(answer, verdict=Verdict.LOCALIZED, hypotheses=many)
 
 

@@ -17,13 +17,13 @@ namespace firstfix {
 enum class Verdict { localized, ambiguous, rejected };
 
 // How a scan lies on the map; shares, 0 to 1.
-struct Fit {
-  double overlap = 0, closeness = 0, seen_through = 0;
+struct AlignmentQuality {
+  double inlier_ratio = 0, alignment_score = 0, free_space_violation = 0;
 };
 
 struct Hypothesis {
   Pose T_map_sensor;
-  std::optional<Fit> fit;  // none of a query without points
+  std::optional<AlignmentQuality> quality;  // none of a query without points
   double probability = 0;
   long long template_row = 0;
   std::string map_id;  // whose frame it is in, where several maps were asked

@@ -34,15 +34,15 @@ class Registration:
 
     Attributes:
         T_level_sensor: (4, 4) in the index's frame.
-        overlap: 0..1, share of the scan's points within ``inlier_distance_m`` of the map's surface.
-        closeness: 0..1, the same but each point counts less the further off it lies: it tells the
-            true minimum from one beside it, where overlap alone does not.
+        inlier_ratio: 0..1, share of the scan's points within ``inlier_distance_m`` of the map's surface.
+        alignment_score: 0..1, the same but each point counts less the further off it lies: it tells the
+            true minimum from one beside it, where the inlier ratio alone does not.
         information: (6, 6) over rotation then translation, about the sensor and along the level axes.
     """
 
     T_level_sensor: Matrix
-    overlap: float
-    closeness: float
+    inlier_ratio: float
+    alignment_score: float
     information: NDArray[np.float64]
 
 
@@ -94,12 +94,12 @@ class MapSurface:
         found = _align(self.fine, scan, T_level_sensor, iterations, self.config.fine_distance_m, _FINE_ANGLE)
         pairs = _Pairs.of(self.fine, scan, _Placed.at(scan, found.T_level_sensor))
         share = np.abs(pairs.off_m) / self.config.inlier_distance_m
-        overlap = (share <= 1).mean(axis=1)
-        closeness = np.maximum(1 - share**2, 0).mean(axis=1)
+        inlier_ratio = (share <= 1).mean(axis=1)
+        alignment_score = np.maximum(1 - share**2, 0).mean(axis=1)
         return [
             Registration(T, float(o), float(c), information)
             for T, o, c, information in zip(
-                found.T_level_sensor, overlap, closeness, found.information, strict=True
+                found.T_level_sensor, inlier_ratio, alignment_score, found.information, strict=True
             )
         ]
 

@@ -52,7 +52,7 @@ class MapView:
         """Of a version's files, memory-mapped."""
         return cls(Tiles.load(directory / _NEAR_FILE), Tiles.load(directory / _FAR_FILE), reach_m)
 
-    def seen_through(self, scan: ScanView, T_level_sensor: Matrix) -> float:
+    def free_space_violation(self, scan: ScanView, T_level_sensor: Matrix) -> float:
         """Share of the directions, of those where both scan and map have something, in which every return
         in and around it lies beyond the map's surface.
 

@@ -21,9 +21,9 @@ class Pose(BaseModel):
 
 class Hypothesis(BaseModel):
     T_map_sensor: Pose
-    overlap: float = Field(description="share of the scan that lies on the map there")
-    closeness: float = Field(description="the same, near points counting more")
-    seen_through: float = Field(description="share of directions that pass through a mapped surface")
+    inlier_ratio: float = Field(description="share of the scan that lies on the map there")
+    alignment_score: float = Field(description="the same, near points counting more")
+    free_space_violation: float = Field(description="share of directions that pass through a mapped surface")
     probability: float
     template: int
     map_id: str
@@ -45,9 +45,9 @@ class Answer(BaseModel):
                     "hypotheses": [
                         {
                             "T_map_sensor": _POSE,
-                            "overlap": 0.93,
-                            "closeness": 0.81,
-                            "seen_through": 0.004,
+                            "inlier_ratio": 0.93,
+                            "alignment_score": 0.81,
+                            "free_space_violation": 0.004,
                             "probability": 0.998,
                             "template": 4711,
                             "map_id": "",

@@ -253,7 +253,7 @@ def test_what_a_state_keeps_does_not_depend_on_where_it_was_summed_up(seed: int)
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_writers_and_garbage_collection_do_not_disturb_each_other(seed: int, any_store_url: str) -> None:
+def test_writers_and_garbage_collection_do_not_perturb_each_other(seed: int, any_store_url: str) -> None:
     store = Store.open(any_store_url)
     done = threading.Event()
     future = datetime.now(timezone.utc) + timedelta(days=1)

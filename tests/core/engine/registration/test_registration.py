@@ -70,8 +70,8 @@ def test_all_starts_within_half_a_metre_end_at_the_truth(room, seed):
         metres, degrees = pose_error(TRUE, registration.T_level_sensor)
         assert metres < 0.005
         assert degrees < 0.05
-        assert registration.overlap > 0.99
-        assert registration.closeness > 0.95
+        assert registration.inlier_ratio > 0.99
+        assert registration.alignment_score > 0.95
 
 
 def test_a_start_has_the_same_end_alone_and_among_others(room):
@@ -82,21 +82,21 @@ def test_a_start_has_the_same_end_alone_and_among_others(room):
         room.settle(scan, room.approach(scan, starts)) for starts in (near[None], np.array([far, near]))
     )
     assert np.allclose(alone.T_level_sensor, among.T_level_sensor, atol=1e-5)
-    assert alone.closeness == pytest.approx(among.closeness, abs=1e-4)
+    assert alone.alignment_score == pytest.approx(among.alignment_score, abs=1e-4)
 
 
 def test_a_wrong_place_is_told_by_its_measures(room):
     scan = scan_of(ROOM, TRUE)
     right, wrong = room.refine(scan, np.array([TRUE, make_transform(rotation_z(2.5), [9.0, 1.5, 1.0])]))
-    assert wrong.overlap < right.overlap - 0.2
-    assert wrong.closeness < right.closeness - 0.2
+    assert wrong.inlier_ratio < right.inlier_ratio - 0.2
+    assert wrong.alignment_score < right.alignment_score - 0.2
 
 
 def test_far_from_the_map_nothing_moves_and_nothing_fits(room):
     scan, nowhere = scan_of(ROOM, TRUE), make_transform(np.eye(3), [500.0, 0, 0])
     (found,) = room.settle(scan, room.approach(scan, nowhere[None]))
     assert np.allclose(found.T_level_sensor, nowhere)
-    assert found.overlap == found.closeness == 0
+    assert found.inlier_ratio == found.alignment_score == 0
     assert np.isfinite(found.information).all()
 
 
@@ -107,7 +107,7 @@ def test_a_third_of_the_scan_that_the_map_lacks_does_not_pull(room):
     start = TRUE @ make_transform(np.eye(3), [0.1, 0.1, 0.0])
     (found,) = room.refine(scan, start[None])
     assert pose_error(TRUE, found.T_level_sensor)[0] < 0.01
-    assert 0.6 < found.overlap < 0.75
+    assert 0.6 < found.inlier_ratio < 0.75
 
 
 def test_a_corridor_fixes_its_width_and_not_its_length():
@@ -137,6 +137,6 @@ def test_a_scan_of_one_face_is_not_laid_on_the_other():
     both = np.concatenate([below, above])
     (blind,) = MapSurface.of(Surface.around(both), CONFIG).refine(scan, start[None])
     assert pose_error(at, blind.T_level_sensor)[0] == pytest.approx(0.3, abs=0.02)
-    assert blind.overlap > 0.95  # and nothing would tell
+    assert blind.inlier_ratio > 0.95  # and nothing would tell
     (found,) = MapSurface.of(Surface.around(both, to_viewer), CONFIG).refine(scan, start[None])
     assert pose_error(at, found.T_level_sensor)[0] < 0.02

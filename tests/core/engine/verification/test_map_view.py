@@ -33,13 +33,13 @@ def scan_of(points: np.ndarray, T_map_sensor: np.ndarray) -> ScanView:
 @pytest.mark.parametrize("yaw_deg", [0, 35, -120])
 def test_nothing_is_seen_through_at_the_true_pose(yaw_deg):
     T = make_transform(rotation_z(np.radians(yaw_deg)), [1.0, -0.7, 0.2])
-    assert MapView.of(WALLS, 20.0).seen_through(scan_of(WALLS, T), T) < 0.005
+    assert MapView.of(WALLS, 20.0).free_space_violation(scan_of(WALLS, T), T) < 0.005
 
 
 def test_a_mapped_wall_that_the_scan_does_not_have_is_seen_through():
     wall = box_surface(np.array([0.1, 8.0, 3.0])) + [2.0, 0, 0]
     T = make_transform(np.eye(3), [0.0, 0, 0])
-    through = MapView.of(np.concatenate([WALLS, wall]), 20.0).seen_through(scan_of(WALLS, T), T)
+    through = MapView.of(np.concatenate([WALLS, wall]), 20.0).free_space_violation(scan_of(WALLS, T), T)
     assert 0.08 < through < 0.5  # it stands before the far wall and before what lies on the way there
 
 
@@ -49,20 +49,20 @@ def test_what_stands_before_a_mapped_wall_hides_nothing():
     T = make_transform(np.eye(3), [0.0, 0, 0])
     seen = WALLS[(WALLS[:, 0] < 2) | (np.abs(WALLS[:, 1]) > 3)]
     scan = scan_of(np.concatenate([seen, shelf]), T)
-    assert MapView.of(WALLS, 20.0).seen_through(scan, T) < 0.01
+    assert MapView.of(WALLS, 20.0).free_space_violation(scan, T) < 0.01
 
 
 def test_at_a_pose_a_metre_off_walls_are_seen_through():
     T = make_transform(np.eye(3), [0.0, 0, 0])
     shifted = make_transform(np.eye(3), [1.2, 0, 0])
-    assert MapView.of(WALLS, 20.0).seen_through(scan_of(WALLS, T), shifted) > 0.05
+    assert MapView.of(WALLS, 20.0).free_space_violation(scan_of(WALLS, T), shifted) > 0.05
 
 
 def test_far_from_the_map_all_is_contradiction():
     view = MapView.of(WALLS, 20.0)
     nowhere = make_transform(np.eye(3), [500.0, 0, 0])
-    assert view.seen_through(scan_of(WALLS, np.eye(4)), nowhere) == 1.0
-    assert view.seen_through(ScanView.of(np.empty((0, 3), np.float32)), np.eye(4)) == 1.0
+    assert view.free_space_violation(scan_of(WALLS, np.eye(4)), nowhere) == 1.0
+    assert view.free_space_violation(ScanView.of(np.empty((0, 3), np.float32)), np.eye(4)) == 1.0
 
 
 def test_tiles_give_what_all_points_give():
@@ -72,4 +72,6 @@ def test_tiles_give_what_all_points_give():
     T = make_transform(np.eye(3), [17.0, -9.0, 1.0])
     scan = rng.normal(0, 3, (5000, 3)).astype(np.float32)
     within = ScanView.of(scan[np.linalg.norm(scan, axis=1) < 11])
-    assert near.seen_through(within, T) == pytest.approx(far.seen_through(within, T), abs=0.02)
+    assert near.free_space_violation(within, T) == pytest.approx(
+        far.free_space_violation(within, T), abs=0.02
+    )

@@ -75,7 +75,7 @@ def test_not_localized_is_told_in_plain_json(tmp_path: Path):
         def load(self, directory: Path):
             localizer = super().load(directory)
             localizer.localize = lambda scan, options=None: Localization(
-                Verdict.REJECTED, (Reason.LOW_OVERLAP,)
+                Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,)
             )
             return localizer
 
@@ -84,7 +84,7 @@ def test_not_localized_is_told_in_plain_json(tmp_path: Path):
         service.http.put("/maps/hall/georeference", json=PLACE)
         answer = ask(service, GEOPOSE)
         assert (answer.status_code, answer.headers["content-type"]) == (200, "application/json")
-        assert answer.json()["reasons"] == ["low_overlap"]
+        assert answer.json()["reasons"] == ["low_inlier_ratio"]
 
 
 @pytest.mark.parametrize(
