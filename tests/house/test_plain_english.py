@@ -1,4 +1,4 @@
-"""Docstrings begin with a plain summary: a noun phrase or an imperative, never a riddle or a section heading."""
+"""Docstrings begin with a plain summary: a noun phrase or an imperative, no riddle, no section heading."""
 
 from __future__ import annotations
 
