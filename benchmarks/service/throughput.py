@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from firstfix.scan.scan import Scan
-from firstfix_client.scan_body import BodyForm, Encoding, encoded
+from firstfix_client.steps.scan_body import BodyForm, Encoding, encoded
 
 from .load import Ask, Body, ask_over_http, ask_over_zenoh, asked_for
 from .place import Place

@@ -18,7 +18,7 @@ from firstfix.scan.sequence import ScanSequence
 from .arguments import PATIENCE_S, cache_directory, client_of
 
 if TYPE_CHECKING:
-    from firstfix_client.scan_body import Encoding
+    from firstfix_client.steps.scan_body import Encoding
 
 Answerer = Callable[[Scan | ScanSequence, LocalizeOptions], Localization]
 
@@ -82,7 +82,7 @@ def _in_process(map_id: str, store: str, encoding: Encoding) -> Answerer:
     from firstfix.engine.index import MapIndex
     from firstfix.engine.localizer import Localizer
     from firstfix.scan.descriptor_parameters import QueryParameters
-    from firstfix_client.scan_body import BodyForm, encoded
+    from firstfix_client.steps.scan_body import BodyForm, encoded
 
     loaded: dict[str | None, tuple[str, Localizer]] = {}
 

@@ -16,7 +16,7 @@ from import_closure import import_closure  # noqa: E402
 from strip_text import strip_text  # noqa: E402
 
 # Whose docstrings ``help`` shows to people who write a robot's program.
-DOCUMENTED = {"firstfix_client/client.py", "firstfix_client/map_calls.py", "firstfix_client/build_calls.py"}
+DOCUMENTED = {"firstfix_client/client.py", "firstfix_client/calls/maps.py", "firstfix_client/calls/builds.py"}
 
 
 class RobotWheel(BuildHookInterface):  # type: ignore[misc]

@@ -11,7 +11,9 @@ from service_world import Service, publish, running_service
 
 from firstfix.builds.records import new_status
 from firstfix.errors import ChecksumMismatch, Conflict, DeadlineExceeded, NotFound
-from firstfix_client import Client, RetryPolicy, build_steps, upload_steps
+from firstfix_client import Client, RetryPolicy
+from firstfix_client.steps import builds as build_steps
+from firstfix_client.steps import uploads as upload_steps
 
 DATA = bytes(range(256)) * 200
 QUICK = RetryPolicy(attempts=6, first_wait_s=0.01, max_wait_s=0.05)

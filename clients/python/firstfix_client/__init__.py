@@ -25,10 +25,10 @@ if TYPE_CHECKING:
     from .async_client import AsyncClient
     from .client import Client
     from .errors import ServiceUnreachable
-    from .hedge import HedgePolicy
     from .records import BuildStatus, MapInfo, VersionInfo
     from .replica_info import ReplicaInfo
-    from .retry import RetryPolicy
+    from .steps.hedge import HedgePolicy
+    from .steps.retry import RetryPolicy
     from .version_watch import VersionChange, VersionWatch
     from .zenoh_client import ZenohClient
 
@@ -58,14 +58,14 @@ _HOME = {
     "AsyncClient": ".async_client",
     "BuildStatus": ".records",
     "Client": ".client",
-    "HedgePolicy": ".hedge",
+    "HedgePolicy": ".steps.hedge",
     "Localization": "firstfix.answer.localization",
     "LocalizeOptions": "firstfix.answer.options",
     "MapInfo": ".records",
     "Prior": "firstfix.answer.prior",
     "QueryParameters": "firstfix.scan.descriptor_parameters",
     "ReplicaInfo": ".replica_info",
-    "RetryPolicy": ".retry",
+    "RetryPolicy": ".steps.retry",
     "Scan": "firstfix.scan.scan",
     "ScanSequence": "firstfix.scan.sequence",
     "ServiceUnreachable": ".errors",

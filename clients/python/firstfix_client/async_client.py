@@ -13,13 +13,13 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
 from firstfix.scan.sequence import ScanSequence
 
-from .async_build_calls import AsyncBuildCalls
-from .async_map_calls import AsyncMapCalls
-from .hedge import HedgePolicy
-from .http_steps import HttpSteps, sent_headers
-from .localize_steps import options_of
-from .retry import RetryPolicy
-from .scan_body import BodyForm, Encoding, ScanLike
+from .calls.async_builds import AsyncBuildCalls
+from .calls.async_maps import AsyncMapCalls
+from .steps.hedge import HedgePolicy
+from .steps.http import HttpSteps, sent_headers
+from .steps.localize import options_of
+from .steps.retry import RetryPolicy
+from .steps.scan_body import BodyForm, Encoding, ScanLike
 
 if TYPE_CHECKING:
     import httpx
@@ -50,7 +50,7 @@ class AsyncClient(AsyncMapCalls, AsyncBuildCalls):
         headers: Mapping[str, str] | None = None,
         transport: httpx.AsyncBaseTransport | None = None,
     ) -> None:
-        from .async_http import AsyncHttp  # httpx takes as long as all of the rest
+        from .drivers.async_http import AsyncHttp  # httpx takes as long as all of the rest
 
         form = BodyForm(resolution_m=resolution_m, voxel_m=voxel_m)
         self._steps = HttpSteps(url, timeout_s, retry, hedge, form)

@@ -13,20 +13,20 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
 from firstfix.scan.sequence import ScanSequence
 
-from .build_calls import BuildCalls
-from .hedge import HedgePolicy
-from .http_steps import HttpSteps, sent_headers
-from .localize_steps import options_of
-from .map_calls import MapCalls
-from .retry import RetryPolicy
-from .scan_body import BodyForm, Encoding, ScanLike
+from .calls.builds import BuildCalls
+from .calls.maps import MapCalls
+from .steps.hedge import HedgePolicy
+from .steps.http import HttpSteps, sent_headers
+from .steps.localize import options_of
+from .steps.retry import RetryPolicy
+from .steps.scan_body import BodyForm, Encoding, ScanLike
 
 if TYPE_CHECKING:
     import httpx
 
     from firstfix.scan.descriptor_parameters import QueryParameters
 
-    from .blocking_service import BlockingService
+    from .drivers.blocking_service import BlockingService
 
 
 class Client(MapCalls, BuildCalls):
@@ -67,7 +67,7 @@ class Client(MapCalls, BuildCalls):
         headers: Mapping[str, str] | None = None,
         transport: httpx.BaseTransport | None = None,
     ) -> None:
-        from .blocking_service import BlockingService  # httpx takes as long as all of the rest
+        from .drivers.blocking_service import BlockingService  # httpx takes as long as all of the rest
 
         form = BodyForm(resolution_m=resolution_m, voxel_m=voxel_m)
         steps = HttpSteps(url, timeout_s, retry, hedge, form)

@@ -17,29 +17,29 @@ from firstfix.errors import InvalidOption
 from firstfix.ids import check_map_id
 from firstfix.scan.sequence import ScanSequence
 
-from . import blocking
-from .answer import Answer
-from .build_calls import BuildCalls
-from .credential import credential
+from .calls.builds import BuildCalls
+from .calls.maps import MapCalls
+from .drivers import blocking
+from .drivers.live_replicas import LiveReplicas
+from .drivers.zenoh_ask import ReplicaRoute, ZenohAsk, ZenohQuery
 from .errors import ServiceUnreachable
-from .hedge import HedgePolicy, Hedging
-from .http_steps import HttpSteps, sent_headers
-from .live_replicas import LiveReplicas
-from .localize_steps import LocalizeSteps, options_of
-from .map_calls import MapCalls
 from .records import MapInfo
 from .replica_info import ReplicaInfo
-from .retry import Deadline, RetryPolicy
-from .scan_body import BodyForm, Encoding, ScanLike
-from .send import send
-from .steps import Steps, work
+from .steps.answer import Answer
+from .steps.credential import credential
+from .steps.hedge import HedgePolicy, Hedging
+from .steps.http import HttpSteps, sent_headers
+from .steps.localize import LocalizeSteps, options_of
+from .steps.retry import Deadline, RetryPolicy
+from .steps.scan_body import BodyForm, Encoding, ScanLike
+from .steps.send import send
+from .steps.step import Steps, work
 from .version_watch import VersionWatch
-from .zenoh_ask import ReplicaRoute, ZenohAsk, ZenohQuery
 
 if TYPE_CHECKING:
     from firstfix.scan.descriptor_parameters import QueryParameters
 
-    from .blocking_service import BlockingService
+    from .drivers.blocking_service import BlockingService
 
 MAX_MESSAGE_BYTES = 16 << 20
 MAPS = "firstfix/maps"
@@ -207,7 +207,7 @@ class ZenohClient(MapCalls, BuildCalls):
 def _service(
     url: str | Sequence[str], timeout_s: float, retry: RetryPolicy, form: BodyForm, api_key: str | None
 ) -> BlockingService:
-    from .blocking_service import BlockingService
+    from .drivers.blocking_service import BlockingService
 
     return BlockingService(HttpSteps(url, timeout_s, retry, None, form), sent_headers(api_key, None), None)
 

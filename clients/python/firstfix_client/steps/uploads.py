@@ -12,7 +12,7 @@ from firstfix.errors import Conflict, FirstfixError
 from .http_messages import HttpRequest
 from .http_sender import HttpSender
 from .retry import Deadline
-from .steps import Steps, work
+from .step import Steps, work
 
 PART_BYTES = 16 << 20
 _PART = {"Content-Type": "application/offset+octet-stream", "Tus-Resumable": "1.0.0"}

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from firstfix.errors import NotFound
 
+from ..records import MapInfo, VersionInfo
 from .http_sender import HttpSender
-from .records import MapInfo, VersionInfo
-from .steps import Steps
+from .step import Steps
 
 if TYPE_CHECKING:
     from firstfix.scan.descriptor_parameters import QueryParameters

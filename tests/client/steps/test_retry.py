@@ -7,7 +7,7 @@ import random
 import pytest
 
 from firstfix.errors import DeadlineExceeded
-from firstfix_client.retry import Deadline, RetryPolicy, retry_after_s
+from firstfix_client.steps.retry import Deadline, RetryPolicy, retry_after_s
 from waiting import let_pass
 
 

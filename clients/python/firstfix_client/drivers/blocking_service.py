@@ -7,10 +7,10 @@ from typing import Any, TypeVar
 
 import httpx
 
+from ..steps.http import HttpSteps
+from ..steps.step import Steps
 from . import blocking
 from .blocking_http import BlockingHttp
-from .http_steps import HttpSteps
-from .steps import Steps
 
 T = TypeVar("T")
 

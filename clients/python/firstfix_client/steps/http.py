@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import partial
 
-from .build_steps import BuildSteps
+from .builds import BuildSteps
 from .credential import credential
 from .hedge import HedgePolicy
 from .http_messages import service_urls
 from .http_sender import HttpSender
-from .localize_steps import LocalizeSteps, ask_over_http
-from .map_steps import MapSteps
+from .localize import LocalizeSteps, ask_over_http
+from .maps import MapSteps
 from .retry import RetryPolicy
 from .scan_body import BodyForm
 

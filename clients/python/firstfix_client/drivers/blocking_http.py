@@ -10,12 +10,12 @@ from dataclasses import replace
 
 import httpx
 
+from ..steps.http_messages import outcome_of_error, outcome_of_response
+from ..steps.outcome import Outcome, too_late
+from ..steps.step import Try
 from .abortable_line import AbortableLine
 from .blocking import Asked
-from .http_messages import outcome_of_error, outcome_of_response
-from .outcome import Outcome, too_late
 from .race import race
-from .steps import Try
 
 
 class BlockingHttp:

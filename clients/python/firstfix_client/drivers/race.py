@@ -8,7 +8,7 @@ import time
 from dataclasses import replace
 from typing import Protocol
 
-from .outcome import Outcome
+from ..steps.outcome import Outcome
 
 
 class Attempt(Protocol):

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .blocking_service import BlockingService
+    from ..drivers.blocking_service import BlockingService
 
 
 class HttpCalls(ABC):

@@ -6,9 +6,9 @@ from collections.abc import AsyncIterator, Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from ..records import BuildStatus
 from .async_calls import AsyncCalls
-from .build_calls import DAY_S
-from .records import BuildStatus
+from .builds import DAY_S
 
 
 class AsyncBuildCalls(AsyncCalls):

@@ -7,8 +7,8 @@ from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack
 from typing import Any, TypeVar
 
-from .outcome import Outcome
-from .steps import Emit, NextLine, Sleep, Steps, Try, Work, advance
+from ..steps.outcome import Outcome
+from ..steps.step import Emit, NextLine, Sleep, Steps, Try, Work, advance
 
 T = TypeVar("T")
 Asked = tuple[Outcome, Iterator[str]]  # and the lines of its answer, where they are wanted

@@ -18,7 +18,7 @@ from firstfix.scan.sequence import ScanSequence
 from .http_messages import HttpRequest
 from .http_sender import HttpSender
 from .scan_body import BodyForm, ScanLike, encoded
-from .steps import Steps, work
+from .step import Steps, work
 
 if TYPE_CHECKING:
     from firstfix.scan.descriptor_parameters import QueryParameters

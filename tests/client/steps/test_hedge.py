@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from firstfix_client.hedge import ENOUGH, HedgePolicy, Hedging
+from firstfix_client.steps.hedge import ENOUGH, HedgePolicy, Hedging
 
 
 def test_a_set_time_is_taken():

@@ -7,7 +7,7 @@ from typing import Any
 
 from firstfix.errors import DeadlineExceeded, FirstfixError, RateLimited, ReadOnly
 
-from .errors import PASSING, ServiceUnreachable
+from ..errors import PASSING, ServiceUnreachable
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ from typing import Any, TypeVar
 
 import httpx
 
-from .http_messages import outcome_of_error, outcome_of_response
-from .outcome import Outcome, too_late
-from .steps import Emit, NextLine, Sleep, Steps, Try, Work, advance
+from ..steps.http_messages import outcome_of_error, outcome_of_response
+from ..steps.outcome import Outcome, too_late
+from ..steps.step import Emit, NextLine, Sleep, Steps, Try, Work, advance
 
 T = TypeVar("T")
 

@@ -9,13 +9,13 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from .answer import Answer
+from ..errors import ServiceUnreachable, error_of_problem
+from ..steps.answer import Answer
+from ..steps.outcome import Outcome, lost, refused, too_late
+from ..steps.step import Try
 from .blocking import Asked
-from .errors import ServiceUnreachable, error_of_problem
 from .live_replicas import LiveReplicas
-from .outcome import Outcome, lost, refused, too_late
 from .race import race
-from .steps import Try
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,12 @@ from typing import Any
 
 from firstfix.errors import BuildCancelled, BuildFailed, FirstfixError, NotFound
 
+from ..records import BuildStatus
 from .http_messages import HttpAnswer, HttpRequest
 from .http_sender import HttpSender
-from .records import BuildStatus
 from .retry import Deadline
-from .steps import Emit, NextLine, Sleep, Steps
-from .upload_steps import remove_upload, upload_in_parts
+from .step import Emit, NextLine, Sleep, Steps
+from .uploads import remove_upload, upload_in_parts
 
 POLL_S = 1.0
 IN_PARTS_FROM_BYTES = 64 << 20

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .async_http import AsyncHttp
-    from .http_steps import HttpSteps
+    from ..drivers.async_http import AsyncHttp
+    from ..steps.http import HttpSteps
 
 
 class AsyncCalls:

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from ..records import BuildStatus
 from .http_calls import HttpCalls
-from .records import BuildStatus
 
 DAY_S = 24 * 3600.0
 

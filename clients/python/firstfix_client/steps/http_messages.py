@@ -11,8 +11,8 @@ from urllib.parse import quote
 
 from firstfix.errors import FirstfixError, InvalidOption
 
+from ..errors import error_of_problem
 from .answer import Answer
-from .errors import error_of_problem
 from .outcome import Outcome, lost, not_reached, refused, too_late
 from .retry import retry_after_s
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from ..records import MapInfo, VersionInfo
 from .async_calls import AsyncCalls
-from .records import MapInfo, VersionInfo
 
 if TYPE_CHECKING:
     from firstfix.scan.descriptor_parameters import QueryParameters

@@ -15,7 +15,7 @@ from firstfix.transform import make_transform, rotation_z
 from firstfix.wire import query as wire_query
 from firstfix.wire import scan as wire
 from firstfix.wire import sequence as wire_sequence
-from firstfix_client.scan_body import MAX_COMPACT_BYTES, BodyForm, encoded
+from firstfix_client.steps.scan_body import MAX_COMPACT_BYTES, BodyForm, encoded
 
 POINTS = np.random.default_rng(0).uniform(-9, 9, (40, 3)).astype(np.float32)
 PARAMETERS = QueryParameters(descriptor=LayeredOccupancy(PolarGrid(20, 60, 25.0)))

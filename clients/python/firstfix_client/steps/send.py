@@ -8,7 +8,7 @@ from typing import Any, Protocol
 from .hedge import Hedging
 from .outcome import Outcome
 from .retry import Deadline, RetryPolicy
-from .steps import Sleep, Steps, Try
+from .step import Sleep, Steps, Try
 
 
 class Route(Protocol):

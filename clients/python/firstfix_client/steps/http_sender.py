@@ -11,7 +11,7 @@ from .hedge import HedgePolicy, Hedging
 from .http_messages import HttpAnswer, HttpRequest
 from .retry import Deadline, RetryPolicy
 from .send import send
-from .steps import Emit, Steps
+from .step import Emit, Steps
 
 Item = TypeVar("Item")
 

@@ -1,0 +1,1 @@
+"""Methods of the clients, in groups: maps and builds."""

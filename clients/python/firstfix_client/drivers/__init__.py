@@ -1,0 +1,1 @@
+"""Drivers perform the steps of a call, over HTTP or zenoh."""

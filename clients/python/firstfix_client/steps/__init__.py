@@ -1,0 +1,1 @@
+"""Calls as steps, without input or output. The drivers perform them."""
