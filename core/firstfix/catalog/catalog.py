@@ -2,7 +2,7 @@
 
     maps/<map_id>/sources/<sha256>                  uploaded clouds, by content
     maps/<map_id>/sources/<sha256>.<build_id>       a copy for one build, as somebody was removing the other
-    maps/<map_id>/versions/<digest>/...             files of a version; see ``version_objects``
+    maps/<map_id>/versions/<digest>/...             files of a version; see ``firstfix.catalog.versions.objects``
     maps/<map_id>/versions/<digest>/manifest.json   written last
     maps/<map_id>/log/000001.json, ...              see ``firstfix.catalog.log.map_log``
     maps/<map_id>/snapshots/000050.json, ...        the same
@@ -32,8 +32,8 @@ from .log.change_log import ChangeLog
 from .log.map_log import MapLog
 from .log.map_state import Event, LogEntry, MapState
 from .manifest import Manifest
-from .version_garbage import collect_versions
-from .version_objects import VersionFolder, VersionObjects
+from .versions.garbage import collect_versions
+from .versions.objects import VersionFolder, VersionObjects
 
 _log = logging.getLogger(__name__)
 _MAX_COLLECTIONS = 5  # that one publish meets

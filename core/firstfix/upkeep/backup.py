@@ -26,7 +26,7 @@ from datetime import timedelta
 from ..catalog.log.change_log import ChangeLog
 from ..catalog.log.map_log import MapLog
 from ..catalog.manifest import FILE_NAME
-from ..catalog.version_objects import VersionFolder
+from ..catalog.versions.objects import VersionFolder
 from ..errors import Conflict, CorruptVersion, NotFound
 from ..ids import is_name
 from ..store.store import Store, StoredObject

@@ -24,7 +24,7 @@ from ..catalog.catalog import Catalog
 from ..catalog.log.map_log import read_snapshot, snapshots_of
 from ..catalog.log.map_state import Event
 from ..catalog.manifest import FILE_NAME
-from ..catalog.version_objects import VersionFolder
+from ..catalog.versions.objects import VersionFolder
 from ..errors import CorruptVersion, FirstfixError, NotFound, UnreadableRecord
 from ..ids import is_name
 from ..store.json_record import RecordKind
@@ -40,7 +40,7 @@ class Repair:
     """For one round through a store, by one thread.
 
     Args:
-        cache: folder of fetched versions on this machine (``firstfix.catalog.version_cache``).
+        cache: folder of fetched versions on this machine (``firstfix.catalog.versions.cache``).
     """
 
     def __init__(self, store: Store, cache: Path | None = None) -> None:

@@ -22,7 +22,7 @@ from typing import Any
 from ..catalog.catalog import log_folder
 from ..catalog.log.map_log import MapLog
 from ..catalog.manifest import MAX_BYTES as MAX_MANIFEST_BYTES
-from ..catalog.version_objects import VersionFolder
+from ..catalog.versions.objects import VersionFolder
 from ..errors import NotFound, TooLarge
 from ..ids import is_name
 from ..store.json_record import max_bytes

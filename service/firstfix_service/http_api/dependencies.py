@@ -11,7 +11,7 @@ from fastapi import Depends, Request
 from firstfix.builds.caller_usage import CallerUsage
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.georeferences import Georeferences
-from firstfix.catalog.uploads import Uploads
+from firstfix.catalog.uploads.uploads import Uploads
 
 from ..auth.authenticate import Access
 from ..builds.queue import BuildQueue

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import structlog
 
-from firstfix.catalog.version_cache import HeldFolder
+from firstfix.catalog.versions.cache import HeldFolder
 
 from ..query_workers.base import Workers
 from ..query_workers.query import ServedVersion

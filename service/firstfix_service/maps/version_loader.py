@@ -11,8 +11,8 @@ from pathlib import Path
 import structlog
 
 from firstfix.catalog.catalog import Catalog
-from firstfix.catalog.version_cache import HeldFolder
-from firstfix.catalog.version_prune import prune
+from firstfix.catalog.versions.cache import HeldFolder
+from firstfix.catalog.versions.prune import prune
 from firstfix.errors import VersionError
 
 from ..query_workers.query import ServedVersion

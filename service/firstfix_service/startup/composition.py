@@ -18,7 +18,7 @@ from firstfix.builds.caller_usage import CallerUsage
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.georeferences import Georeferences
 from firstfix.catalog.query_samples import QuerySamples
-from firstfix.catalog.uploads import Uploads
+from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.errors import InvalidOption, StoreUnavailable
 from firstfix.store.store import Store
 

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from firstfix.catalog import version_cache
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.log.map_state import Event
 from firstfix.catalog.manifest import Manifest
+from firstfix.catalog.versions import cache as version_cache
 from firstfix.errors import (
     Conflict,
     CorruptVersion,

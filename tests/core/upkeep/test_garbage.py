@@ -9,7 +9,7 @@ from firstfix.builds.records import new_status
 from firstfix.catalog.catalog import Catalog, source_key
 from firstfix.catalog.log.map_log import EVERY
 from firstfix.catalog.manifest import Manifest
-from firstfix.catalog.uploads import Uploads
+from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.store.store import Store
 from firstfix.upkeep.garbage import Ages, collect_garbage, remove_abandoned
 from waiting import let_pass

@@ -21,7 +21,7 @@ from firstfix.catalog.georeferences import Georeferences
 from firstfix.catalog.log.map_log import EVERY
 from firstfix.catalog.manifest import Manifest
 from firstfix.catalog.query_samples import QuerySample, QuerySamples
-from firstfix.catalog.uploads import Uploads
+from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.errors import UnreadableRecord
 from firstfix.store.json_record import RecordKind, max_bytes
 from firstfix.store.store import Store

@@ -16,7 +16,7 @@ from firstfix.catalog.geopose import Georeference
 from firstfix.catalog.georeferences import Georeferences
 from firstfix.catalog.log.map_log import EVERY
 from firstfix.catalog.manifest import Manifest
-from firstfix.catalog.uploads import Uploads
+from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.store.json_record import RecordKind
 from firstfix.store.store import Store
 from firstfix.upkeep.repair import QUARANTINE, Repair

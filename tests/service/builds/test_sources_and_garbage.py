@@ -13,7 +13,7 @@ from firstfix.builds.caller_usage import CallerUsage
 from firstfix.builds.records import new_status
 from firstfix.catalog.catalog import Catalog, source_key
 from firstfix.catalog.log.map_state import Event
-from firstfix.catalog.uploads import Uploads
+from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.errors import NotFound
 from firstfix.store.store import Store
 from firstfix.upkeep.garbage import Ages, collect_garbage

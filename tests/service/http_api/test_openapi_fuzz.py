@@ -20,7 +20,7 @@ from schemathesis.specs.openapi.checks import (
 )
 from service_world import Service, publish, running_service
 
-from firstfix.catalog.uploads import Uploads
+from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.decode import MEDIA_TYPES
 from firstfix_service.app import create_app
 from firstfix_service.settings import Settings

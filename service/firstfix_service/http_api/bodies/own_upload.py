@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from firstfix.catalog.uploads import Upload, Uploads
+from firstfix.catalog.uploads.uploads import Upload, Uploads
 from firstfix.errors import NotFound
 
 from ...auth.principal import Caller

@@ -9,7 +9,7 @@ import re
 from datetime import timedelta
 from email.utils import format_datetime
 
-from firstfix.catalog.uploads import Upload
+from firstfix.catalog.uploads.uploads import Upload
 from firstfix.errors import ChecksumMismatch, InvalidOption, PreconditionFailed
 from firstfix.upkeep.garbage import DAY_S
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import threading
 
-from firstfix.catalog.upload_record import UploadRecord
-from firstfix.catalog.uploads import Uploads
+from firstfix.catalog.uploads.record import UploadRecord
+from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.errors import Overloaded, QuotaExceeded
 
 

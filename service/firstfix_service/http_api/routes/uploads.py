@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Request, Response
 
-from firstfix.catalog.uploads import Upload
+from firstfix.catalog.uploads.uploads import Upload
 from firstfix.errors import Conflict, InvalidOption, TooLarge, UnsupportedFormat
 from firstfix.ids import check_version
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from firstfix.catalog.manifest import FILE_NAME, Manifest
-from firstfix.catalog.version_objects import VersionFolder, VersionObjects, manifest_first
+from firstfix.catalog.versions.objects import VersionFolder, VersionObjects, manifest_first
 from firstfix.errors import CorruptVersion
 from firstfix.store.store import Store
 

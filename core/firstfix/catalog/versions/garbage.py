@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from .log.map_log import MapLog
-from .log.map_state import Event, MapState
-from .version_objects import VersionFolder, VersionObjects, manifest_first
+from ..log.map_log import MapLog
+from ..log.map_state import Event, MapState
+from .objects import VersionFolder, VersionObjects, manifest_first
 
 
 def collect_versions(

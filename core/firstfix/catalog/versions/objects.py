@@ -17,11 +17,11 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..errors import CorruptVersion, NotFound, StoreUnavailable, TooLarge
-from ..ids import check_map_id, check_version
-from ..store.store import Store, StoredObject
-from .manifest import FILE_NAME, MAX_BYTES, Manifest
-from .version_cache import fetch_version_files
+from ...errors import CorruptVersion, NotFound, StoreUnavailable, TooLarge
+from ...ids import check_map_id, check_version
+from ...store.store import Store, StoredObject
+from ..manifest import FILE_NAME, MAX_BYTES, Manifest
+from .cache import fetch_version_files
 
 _log = logging.getLogger(__name__)
 _MANIFESTS_KEPT = 256  # each may be some 100 kB

@@ -1,4 +1,4 @@
-"""Room in the folder of ``firstfix.catalog.version_cache``: what was used last longest ago goes first."""
+"""Room in the folder of ``firstfix.catalog.versions.cache``: what was used last longest ago goes first."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import uuid
 from contextlib import suppress
 from pathlib import Path
 
-from .version_cache import locked
+from .cache import locked
 
 ABANDONED_S = 86400.0  # a download that nobody has gone on with for so long
 _OWN = re.compile(r"\.?([0-9a-f]{64})(\.part|\.verified|\.lock|\.[0-9a-f]{32}\.old)?")

@@ -10,7 +10,7 @@ What was verified is on the way to the disk: after a power cut, or any other sta
 verified again.
 
 A file store's version is not copied: its files are verified and mapped where they are. What makes room:
-``firstfix.catalog.version_prune``.
+``firstfix.catalog.versions.prune``.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from ..errors import CorruptVersion, NotFound, OutOfSpace
-from ..store.store import Store
-from .manifest import Manifest, verify_file
+from ...errors import CorruptVersion, NotFound, OutOfSpace
+from ...store.store import Store
+from ..manifest import Manifest, verify_file
 
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 

@@ -6,8 +6,8 @@ import json
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from ..ids import check_version
-from ..store.json_record import text_of, whole_number_of
+from ...ids import check_version
+from ...store.json_record import text_of, whole_number_of
 
 
 @dataclass(frozen=True)

@@ -22,12 +22,12 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
-from ..errors import ChecksumMismatch, Conflict, NotFound, StoreError, TooLarge, UnreadableRecord
-from ..ids import check_upload_id, check_version, is_name
-from ..store.json_record import RecordKind, read_record
-from ..store.store import Store, StoredObject
-from .catalog import source_key
-from .upload_record import UploadRecord
+from ...errors import ChecksumMismatch, Conflict, NotFound, StoreError, TooLarge, UnreadableRecord
+from ...ids import check_upload_id, check_version, is_name
+from ...store.json_record import RecordKind, read_record
+from ...store.store import Store, StoredObject
+from ..catalog import source_key
+from .record import UploadRecord
 
 if TYPE_CHECKING:
     from hashlib import _Hash

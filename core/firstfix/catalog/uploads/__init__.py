@@ -1,0 +1,1 @@
+"""Uploads of large files in parts, which can be resumed on any replica."""
