@@ -11,7 +11,7 @@ from firstfix.engine.localizer import Localizer
 from firstfix.sensor import SensorModel, preset
 from firstfix_builder.pipeline import build_version
 
-from ..worlds import BenchWorld, Scenery
+from ..common.worlds import BenchWorld, Scenery
 
 
 class Versions:

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from benchmarks.common.worlds import BenchWorld, Scenery, WorldFiles
 from benchmarks.robust.cases import ALL, CASES, CLEAN, Case, Sizes
 from benchmarks.robust.figures import calibration_error, figures_of
 from benchmarks.robust.outcome import Outcome, ask, nees
 from benchmarks.robust.suite import measure
-from benchmarks.worlds import BenchWorld, Scenery, WorldFiles
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
