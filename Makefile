@@ -1,5 +1,5 @@
 # firstfix. `make demo` shows it, `make test` proves it; both set up what they need.
-.PHONY: setup demo test lint bench lock test-servers clean
+.PHONY: setup demo test lint bench faults lock test-servers clean
 .DEFAULT_GOAL := help
 bin := .venv/bin
 # Two files' tests at a time; PYTEST_ARGS="-k name" or a path narrows a run.
@@ -29,6 +29,9 @@ test-servers: setup  ## an S3 server for the storage tests, where Go is there to
 
 bench: setup  ## the suites of benchmarks/ (ARGS="real --quick")
 	@PATH="$(CURDIR)/$(bin):$$PATH" $(bin)/python -m benchmarks.run $(ARGS)
+
+faults: setup test-servers  ## the fault drills of tests/faults (ARGS="power_cuts --cuts 50")
+	@PATH="$(CURDIR)/$(bin):$$PATH" $(bin)/python -m tests.faults $(ARGS)
 
 lock: setup  ## resolve deploy/locks anew (LOCK_ARGS=--upgrade for newer releases)
 	@scripts/lock.sh $(LOCK_ARGS)

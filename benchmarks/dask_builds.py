@@ -33,8 +33,8 @@ from firstfix_builder.execution.die_with_parent import die_with_parent
 from firstfix_builder.execution.local_workers import LocalWorkers
 from firstfix_builder.execution.stage_cache import StageCache, StageResult
 
-from .dask_cluster import DaskCluster, dask_cluster
-from .worlds import own_world
+from .common.dask_cluster import DaskCluster, dask_cluster
+from .common.worlds import own_world
 
 CAMPUS_M2 = 0.45**2 * 108_464  # of floor, where a viewpoint stands every 0.45 m
 

@@ -6,11 +6,11 @@ import argparse
 import json
 from pathlib import Path
 
-from . import real, smoke
 from .encodings import suite as encodings
 from .hostile import suite as hostile
 from .paper import suite as paper
 from .peers import suite as peers
+from .real import suite as real
 from .retrieval import suite as retrieval
 from .robust import suite as robust
 from .scale import suite as scale
@@ -26,7 +26,6 @@ SUITES = {
     "robust": robust.run,
     "scale": scale.run,
     "service": service.run,
-    "smoke": smoke.run,
 }
 
 

@@ -29,11 +29,11 @@ from firstfix_builder.pipeline import build_version
 from firstfix_cli.evaluate import Outcome, outcome_of, random_yaws, report_of, turned
 from firstfix_cli.poses_csv import read_poses_csv
 
-from ..datasets import HALL, STREET, Dataset
+from ..common.datasets import HALL, STREET, Dataset
+from ..common.worlds import WORLDS
 from ..robust.cases import CASES, Case
 from ..robust.queries import queries_of
 from ..robust.versions import Versions
-from ..worlds import WORLDS
 from .forms import DESCRIPTOR, FORMS, QUICK, Form
 
 WORK = Path(__file__).parents[2] / "build" / "bench" / "encodings"

@@ -27,9 +27,9 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
 from firstfix.store.store import Store
 
-from ..many_maps.small_map import make_small_map, query_of
-from ..service.load import Body
-from ..service.programs import Replica, replica
+from ..common.load import Body
+from ..common.programs import Replica, replica
+from ..common.small_map import make_small_map, query_of
 from .attacks import ATTACKS
 
 MAP = "yard"

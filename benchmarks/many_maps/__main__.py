@@ -12,11 +12,11 @@ from typing import Any
 
 import structlog
 
-from ..service.programs import BUCKET, missing, s3_server
+from ..common.programs import BUCKET, missing, s3_server
+from ..common.small_map import make_small_map, query_of
 from .catalogs import environment, grow_catalog
 from .one_replica import memory_of_loaded, one_replica
 from .sharing import movement, shares, takeover
-from .small_map import make_small_map, query_of
 
 PARTS = ("replica", "shares", "movement", "takeover")
 SIZES = (100, 1_000, 10_000)

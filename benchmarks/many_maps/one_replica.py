@@ -13,9 +13,9 @@ import httpx
 
 from firstfix_client import ZenohClient
 
-from ..memory import pss_of_family
-from ..service.load import Body
-from ..service.programs import free_port, replica
+from ..common.load import Body
+from ..common.memory import pss_of_family
+from ..common.programs import free_port, replica
 from .catalogs import name_of
 
 POLL_S = 2.0
@@ -76,7 +76,8 @@ def one_replica(
 
 def memory_of_loaded(store: str, versions: tuple[int, int], directory: Path) -> dict[str, Any]:
     """What a loaded version takes beside its files, which are links to one here: by a replica that has loaded
-    few, and one that has loaded more."""
+    few, and one that has loaded more.
+    """
     settings = {"store": store, "run_builds": False, "workers": 1, "log_level": "warning"}
     mb = []
     for count in versions:

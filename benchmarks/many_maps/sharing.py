@@ -1,5 +1,6 @@
 """Queries by Zipf's law over four replicas with caches too small for all maps: how many meet a loaded
-version, by who is asked. The service's own cache and holding, in one process: counts are exact."""
+version, by who is asked. The service's own cache and holding, in one process: counts are exact.
+"""
 
 from __future__ import annotations
 
@@ -153,7 +154,8 @@ def movement(maps: int, replicas: int, copies: int) -> dict[str, Any]:
 
 def takeover(directory: Path, maps: int, copies: int) -> dict[str, Any]:
     """The last replica leaves: what the others load, and how long the slowest of them takes, one after the
-    other, with versions of a few bytes: what a load costs beside its files."""
+    other, with versions of a few bytes: what a load costs beside its files.
+    """
     root = directory / "taken-over"
     grow_catalog(root, None, 0, maps)
     group = Group(Catalog(Store.open(str(root))), directory, copies, maps)

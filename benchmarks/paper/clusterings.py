@@ -53,7 +53,8 @@ class Clusterer:
 
     def without(self, thresholds: tuple[float, ...]) -> Iterator[Clustering]:
         """All templates compared, in blocks. Every threshold goes on from the clusters of the last; the
-        seconds are of all thresholds so far."""
+        seconds are of all thresholds so far.
+        """
         label = np.arange(self._count)
         similarity_s = linkage_s = 0.0
         for threshold in thresholds:

@@ -10,22 +10,22 @@ from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix
 
 from .icp import Icp, cloud_of
-from .place import PeerPlace
+from .peer_input import PeerInput
 
 ITERATIONS, CONFIDENCE = 1_000_000, 0.999
 EDGES_ALIKE = 0.9
 
 
 class Fpfh:
-    def __init__(self, place: PeerPlace) -> None:
+    def __init__(self, given: PeerInput) -> None:
         o3d.utility.random.seed(0)
-        self._place, self._voxel_m = place, place.feature_voxel_m
-        points = place.map_points()
+        self._given, self._voxel_m = given, given.feature_voxel_m
+        points = given.map_points()
         self._map, self._features = self._described(points)
         self._icp = Icp(points, 1.5 * self._voxel_m)
 
     def __call__(self, scan: Scan) -> Matrix | None:
-        points = self._place.cropped(scan)
+        points = self._given.cropped(scan)
         cloud, features = self._described(points)
         registration, reach_m = o3d.pipelines.registration, 1.5 * self._voxel_m
         found = registration.registration_ransac_based_on_feature_matching(

@@ -8,19 +8,19 @@ from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix, make_transform
 
 from .icp import Icp
-from .place import PeerPlace
+from .peer_input import PeerInput
 
 
 class Kiss:
-    def __init__(self, place: PeerPlace) -> None:
-        points = place.map_points()
-        self._place, self._map = place, points.astype(np.float32)
-        self._icp = Icp(points, 1.5 * place.feature_voxel_m)
+    def __init__(self, given: PeerInput) -> None:
+        points = given.map_points()
+        self._given, self._map = given, points.astype(np.float32)
+        self._icp = Icp(points, 1.5 * given.feature_voxel_m)
 
     def __call__(self, scan: Scan) -> Matrix | None:
         import kiss_matcher  # not among the project's needs
 
-        points = self._place.cropped(scan)
-        matcher = kiss_matcher.KISSMatcher(kiss_matcher.KISSMatcherConfig(self._place.feature_voxel_m))
+        points = self._given.cropped(scan)
+        matcher = kiss_matcher.KISSMatcher(kiss_matcher.KISSMatcherConfig(self._given.feature_voxel_m))
         found = matcher.estimate(points.astype(np.float32), self._map)
         return self._icp.refine(points, make_transform(found.rotation, np.ravel(found.translation)))

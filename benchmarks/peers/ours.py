@@ -7,12 +7,12 @@ from firstfix.engine.localizer import Localizer
 from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix
 
-from .place import PeerPlace
+from .peer_input import PeerInput
 
 
 class Ours:
-    def __init__(self, place: PeerPlace) -> None:
-        self._localizer = Localizer(MapIndex.load(place.version))
+    def __init__(self, given: PeerInput) -> None:
+        self._localizer = Localizer(MapIndex.load(given.version))
 
     def __call__(self, scan: Scan) -> Matrix | None:
         return self._localizer.localize(scan).T_map_sensor

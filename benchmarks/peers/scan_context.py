@@ -17,25 +17,25 @@ from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import Matrix, inverse, make_transform, rotation_z
 
-from .place import PeerPlace
+from .peer_input import PeerInput
 
 RINGS, SECTORS, MAX_RANGE_M = 20, 60, 80.0
 CANDIDATES = 10
 
 
 class ScanContextPeer:
-    def __init__(self, place: PeerPlace) -> None:
-        self._place = place
-        sensor = BuildConfig.parse(place.dataset.config).sensor_model
+    def __init__(self, given: PeerInput) -> None:
+        self._given = given
+        sensor = BuildConfig.parse(given.dataset.config).sensor_model
         self._range_m, self._height_m = min(MAX_RANGE_M, sensor.max_range_m), sensor.mount_height_m
-        scans = place.dataset.mapping_scans()
+        scans = given.dataset.mapping_scans()
         self._T_map_mapping = [T for _, T in scans]
         self._contexts = np.array([self._describe(points) for points, _ in scans])  # (m, 20, 60)
         self._keys = cKDTree(ring_key(self._contexts))
-        self._index = MapIndex.load(place.version)
+        self._index = MapIndex.load(given.version)
 
     def __call__(self, scan: Scan) -> Matrix | None:
-        context = self._describe(self._place.cropped(scan))
+        context = self._describe(self._given.cropped(scan))
         near = self._keys.query(ring_key(context), min(CANDIDATES, len(self._contexts)))[1]
         distance, yaw_rad = np.array([match(context, self._contexts[row]) for row in near]).T
         best = int(np.argmin(distance))

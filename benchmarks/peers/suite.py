@@ -23,11 +23,11 @@ from firstfix_builder.pipeline import build_version
 from firstfix_cli.evaluate import random_yaws, turned
 from firstfix_cli.poses_csv import read_poses_csv
 
-from ..datasets import HALL, STREET, Dataset
+from ..common.datasets import HALL, STREET, Dataset
 from .fpfh import Fpfh
 from .kiss import Kiss
 from .ours import Ours
-from .place import PeerPlace
+from .peer_input import PeerInput
 from .scan_context import ScanContextPeer
 from .trial import LIMIT_S, Peer, Trial
 
@@ -67,14 +67,14 @@ def measure(dataset: Dataset, count: int | None, work: Path) -> dict[str, Any]:
     trajectory = dataset.write_trajectory(work / "trajectory.csv")
     config = BuildConfig.parse(dataset.config)
     built = build_version(dataset.map_path, config, work, trajectory=trajectory)
-    place = PeerPlace(dataset, built.directory, FEATURE_VOXEL_M[dataset.name], NEAR_M[dataset.name])
+    given = PeerInput(dataset, built.directory, FEATURE_VOXEL_M[dataset.name], NEAR_M[dataset.name])
     queries = _queries(dataset, count, work)
     figures: dict[str, Any] = {}
     for name, make in PEERS.items():
         if make is Kiss and find_spec("kiss_matcher") is None:
             figures[name] = "skipped: kiss-matcher is not installed"
             continue
-        figures[name] = _trial(make, place, queries)
+        figures[name] = _trial(make, given, queries)
         print(dataset.name, name, figures[name], file=sys.stderr, flush=True)
     ours_s = figures[OURS]["median_s"]
     for row in figures.values():
@@ -95,9 +95,9 @@ def _queries(dataset: Dataset, count: int | None, work: Path) -> list[tuple[Scan
     return found
 
 
-def _trial(make: type[Peer], place: PeerPlace, queries: list[tuple[Scan, Matrix]]) -> dict[str, Any]:
+def _trial(make: type[Peer], given: PeerInput, queries: list[tuple[Scan, Matrix]]) -> dict[str, Any]:
     errors, seconds = [], []
-    with Trial(make, place) as trial:
+    with Trial(make, given) as trial:
         for scan, T_map_sensor in queries:
             found = trial.ask(scan)
             answered = found.T_map_sensor is not None

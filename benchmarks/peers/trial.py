@@ -12,7 +12,7 @@ from typing import Protocol
 from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix
 
-from .place import PeerPlace
+from .peer_input import PeerInput
 
 LIMIT_S = 60.0
 
@@ -20,7 +20,7 @@ LIMIT_S = 60.0
 class Peer(Protocol):
     """What it makes of the map beforehand is not timed."""
 
-    def __init__(self, place: PeerPlace) -> None: ...
+    def __init__(self, given: PeerInput) -> None: ...
 
     def __call__(self, scan: Scan) -> Matrix | None: ...
 
@@ -39,13 +39,13 @@ class Found:
 class Trial:
     """Asks a peer, scan after scan."""
 
-    def __init__(self, make: type[Peer], place: PeerPlace) -> None:
-        self._make, self._place = make, place
+    def __init__(self, make: type[Peer], given: PeerInput) -> None:
+        self._make, self._given = make, given
 
     def __enter__(self) -> Trial:
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs, self._make, self._place), daemon=True)
+        self._process = context.Process(target=_serve, args=(theirs, self._make, self._given), daemon=True)
         self._process.start()
         theirs.close()
         self._pipe.recv()  # it is ready
@@ -75,8 +75,8 @@ class Trial:
         return Found(None, LIMIT_S)
 
 
-def _serve(pipe: Connection, make: type[Peer], place: PeerPlace) -> None:
-    peer = make(place)
+def _serve(pipe: Connection, make: type[Peer], given: PeerInput) -> None:
+    peer = make(given)
     pipe.send("ready")
     while True:
         scan: Scan = pipe.recv()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 
-from ..worlds import WORLDS
+from ..common.worlds import WORLDS
 from .suite import FULL, NAMES, PIECES, WORK, measure
 
 

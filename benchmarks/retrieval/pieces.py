@@ -18,8 +18,8 @@ from firstfix_builder.index.learn_keys import discriminants
 
 from ..robust.cases import ALL
 from ..robust.outcome import ask
+from .described_world import UPRIGHT, Asked, DescribedWorld, Descriptors, Gravity, Known
 from .maximum_height import MaximumHeight
-from .place import UPRIGHT, Asked, Descriptors, Gravity, Known, Place
 from .projections import whitening
 from .range_images import reranked
 from .trial import LEARNED, LEARNED_AS, SPECTRUM, Row, Trial, row_of
@@ -62,19 +62,19 @@ class Pieces:
         localizer: of a version of the world with the given spacing of its templates.
     """
 
-    place: Place
+    world: DescribedWorld
     sensor: SensorModel
-    localizer: Callable[[float], tuple[Localizer, Place]]
+    localizer: Callable[[float], tuple[Localizer, DescribedWorld]]
     sizes: Sizes
 
     @cached_property
     def scans(self) -> list[tuple[Scan, Matrix]]:
-        return self.place.scans(self.sensor, ALL, self.sizes.queries, (SEED,))
+        return self.world.scans(self.sensor, ALL, self.sizes.queries, (SEED,))
 
     @cached_property
     def trial(self) -> Trial:
         """The default."""
-        return self._of_version(self.place.spacing_m)[0]
+        return self._of_version(self.world.spacing_m)[0]
 
     def keys(self) -> list[Row]:
         """How many Fourier coefficients, and what the key is projected on."""
@@ -104,21 +104,21 @@ class Pieces:
     def cells(self) -> list[Row]:
         """Layers, rings and sectors."""
         how = self._other_cells()
-        known = self.place.known(self.sensor, how)
-        taught = self.place.asked(self._lessons(self.sensor), how)
-        asked = self.place.asked(self.scans, how)
+        known = self.world.known(self.sensor, how)
+        taught = self.world.asked(self._lessons(self.sensor), how)
+        asked = self.world.asked(self.scans, how)
         rows = []
         for name, descriptor in how.items():
             trial = Trial(
-                descriptor, known[name], taught[name], asked[name], self.place.spacing_m, self.sizes.nearest
+                descriptor, known[name], taught[name], asked[name], self.world.spacing_m, self.sizes.nearest
             )
             rows += trial.rows("cells", f"{name} in place of {_of_default(name)}")
         return rows
 
     def gravity(self) -> list[Row]:
         """Where up is taken from, for scans tilted as usual and more."""
-        how = {DEFAULT: self.place.descriptor.make()}
-        upright, tilted = self.trial.known, self.place.known(self.sensor, how, TILTED)[DEFAULT]
+        how = {DEFAULT: self.world.descriptor.make()}
+        upright, tilted = self.trial.known, self.world.known(self.sensor, how, TILTED)[DEFAULT]
         lessons = self._lessons(self.sensor)
         scans = {ALL.tilt_deg: self.scans, TILT_DEG: self._tilted(TILT_DEG)}
         ways: tuple[tuple[str, Gravity, bool], ...] = (
@@ -129,11 +129,11 @@ class Pieces:
         )
         rows = []
         for name, gravity, with_tilted in ways:
-            taught = self.place.asked(lessons, how, gravity)[DEFAULT]
+            taught = self.world.asked(lessons, how, gravity)[DEFAULT]
             known = tilted if with_tilted else upright
             projection = replace(self.trial, known=known, taught=taught).learned()
             for tilt_deg, those in scans.items():
-                asked = self.place.asked(those, how, gravity)[DEFAULT]
+                asked = self.world.asked(those, how, gravity)[DEFAULT]
                 found = replace(self.trial, known=known, asked=asked).by(projection)
                 rows.append(row_of("gravity", f"{name}; scans tilted {tilt_deg:g} deg", LEARNED, found))
         return rows
@@ -157,17 +157,17 @@ class Pieces:
 
     def _of_version(self, spacing_m: float) -> tuple[Trial, Localizer]:
         """The version with this spacing, asked the usual scans."""
-        localizer, place = self.localizer(spacing_m)
+        localizer, world = self.localizer(spacing_m)
         described = localizer.index.cascade.templates.described
-        how = {DEFAULT: self.place.descriptor.make()}
-        lessons = place.scans(
+        how = {DEFAULT: self.world.descriptor.make()}
+        lessons = world.scans(
             self.sensor.coarser(_LESSON_RAYS), LEARNED_AS.perturb, self.sizes.taught, (LEARN_SEED,)
         )
         trial = Trial(
             how[DEFAULT],
-            Known(place.position_m, described, len(place.position_m)),
-            place.asked(lessons, how)[DEFAULT],
-            self.place.asked(self.scans, how)[DEFAULT],
+            Known(world.position_m, described, len(world.position_m)),
+            world.asked(lessons, how)[DEFAULT],
+            self.world.asked(self.scans, how)[DEFAULT],
             spacing_m,
             self.sizes.nearest,
         )
@@ -179,22 +179,22 @@ class Pieces:
         scans = [self.scans[number] for number in trial.asked.number]
         rows = []
         for key, projection in ((SPECTRUM, None), (LEARNED, trial.learned())):
-            for name, figures in reranked(self.place, scans, trial.by(projection).found).items():
+            for name, figures in reranked(self.world, scans, trial.by(projection).found).items():
                 rows.append({"piece": "range image", "choice": name, "key": key, **figures})
         return rows
 
     def sensors(self) -> list[Row]:
         """Scanners that the templates were not made for."""
-        how = {DEFAULT: self.place.descriptor.make()}
+        how = {DEFAULT: self.world.descriptor.make()}
         rows = []
         for name in ("vlp-16", "mid-360"):
             other = preset(name)
-            scans = self.place.scans(other, ALL, self.sizes.queries, (SEED, 1))
-            asked = self.place.asked(scans, how)[DEFAULT]
+            scans = self.world.scans(other, ALL, self.sizes.queries, (SEED, 1))
+            asked = self.world.asked(scans, how)[DEFAULT]
             ours = replace(self.trial, asked=asked)
             theirs = replace(
                 ours,
-                known=self.place.known(other, how)[DEFAULT],
+                known=self.world.known(other, how)[DEFAULT],
                 taught=self._taught(other, how),
             )
             rows += ours.rows("sensor", f"{name} asks templates of {self.sensor.name}")
@@ -203,7 +203,7 @@ class Pieces:
 
     def _other_cells(self) -> dict[str, Descriptor]:
         """The default with one thing of it changed, each."""
-        default = self.place.descriptor
+        default = self.world.descriptor
 
         def changed(**changes: object) -> Descriptor:
             return default.model_copy(update=changes).make()
@@ -218,16 +218,16 @@ class Pieces:
         }
 
     def _lessons(self, sensor: SensorModel) -> list[tuple[Scan, Matrix]]:
-        return self.place.scans(
+        return self.world.scans(
             sensor.coarser(_LESSON_RAYS), LEARNED_AS.perturb, self.sizes.taught, (LEARN_SEED,)
         )
 
     def _taught(self, sensor: SensorModel, how: Descriptors) -> Asked:
-        return self.place.asked(self._lessons(sensor), how)[DEFAULT]
+        return self.world.asked(self._lessons(sensor), how)[DEFAULT]
 
     def _tilted(self, tilt_deg: float) -> Sequence[tuple[Scan, Matrix]]:
         perturb = ALL.model_copy(update={"tilt_deg": tilt_deg})
-        return self.place.scans(self.sensor, perturb, self.sizes.queries, (SEED,))
+        return self.world.scans(self.sensor, perturb, self.sizes.queries, (SEED,))
 
 
 _LESSON_RAYS = 16_384

@@ -13,7 +13,7 @@ from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import Matrix, rotation_z
 
-from .place import Place
+from .described_world import DescribedWorld
 from .recall import SEVERAL, Found
 
 COLUMN_DEG, ROW_DEG = 6.0, 3.0
@@ -26,17 +26,17 @@ _ROWS = round((HIGHEST_DEG - LOWEST_DEG) / ROW_DEG)
 
 
 def reranked(
-    place: Place, scans: Sequence[tuple[Scan, Matrix]], found: Sequence[Found]
+    world: DescribedWorld, scans: Sequence[tuple[Scan, Matrix]], found: Sequence[Found]
 ) -> dict[str, dict[str, float]]:
     """Recall at AT of the best templates as they were found, and sorted by how many ranges agree."""
     before, after, ms = [], [], []
     for (scan, _), best in zip(scans, found, strict=True):
-        prepared = preprocess(ScanSequence.single(scan), None, place.preprocess)
+        prepared = preprocess(ScanSequence.single(scan), None, world.preprocess)
         assert prepared is not None
         seen = prepared.scans[0].batch.points
         rows, yaw, right = best.rows[:SEVERAL], best.yaw_rad[:SEVERAL], best.right[:SEVERAL]
         began = time.perf_counter()
-        order = np.argsort(-_agreement(place, seen, prepared.scans[0].height_m, rows, yaw), kind="stable")
+        order = np.argsort(-_agreement(world, seen, prepared.scans[0].height_m, rows, yaw), kind="stable")
         ms.append(1e3 * (time.perf_counter() - began))
         before.append(right)
         after.append(right[order])
@@ -49,7 +49,7 @@ def _recall(right: Sequence[NDArray[np.bool_]]) -> dict[str, float]:
 
 
 def _agreement(
-    place: Place,
+    world: DescribedWorld,
     points: NDArray[np.float32],
     height_m: float,
     rows: NDArray[np.int64],
@@ -58,10 +58,10 @@ def _agreement(
     """(k,) share of the scan's cells whose range is that of the map, seen from each template at its yaw."""
     direction, away = _image(points)
     turns = np.stack([rotation_z(float(yaw)) for yaw in yaw_rad])
-    origins = place.position_m[rows] + np.outer(height_m - place.height_m[rows], [0, 0, 1])
-    world = np.einsum("kij,cj->kci", turns, direction)
-    from_there = np.broadcast_to(origins[:, None], world.shape)
-    cast = place.simulator.cast(from_there.reshape(-1, 3), world.reshape(-1, 3)).reshape(len(rows), -1)
+    origins = world.position_m[rows] + np.outer(height_m - world.height_m[rows], [0, 0, 1])
+    towards = np.einsum("kij,cj->kci", turns, direction)
+    from_there = np.broadcast_to(origins[:, None], towards.shape)
+    cast = world.simulator.cast(from_there.reshape(-1, 3), towards.reshape(-1, 3)).reshape(len(rows), -1)
     agrees: NDArray[np.float64] = (np.abs(cast - away) <= TOLERANCE_M + TOLERANCE * away).mean(axis=1)
     return agrees
 

@@ -13,7 +13,7 @@ from firstfix.descriptor import Described, Descriptor, rows_of
 from firstfix.engine.config import SearchConfig
 from firstfix.engine.retrieval.key_search import build_key_search
 
-from .place import Asked, Known
+from .described_world import Asked, Known
 
 NEAREST = 400  # by key, whose templates are compared
 FEW, SEVERAL = 10, 40

@@ -23,9 +23,9 @@ from firstfix.engine.localizer import Localizer
 from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_builder.pipeline import build_version
 
-from ..worlds import WORLDS, BenchWorld
+from ..common.worlds import WORLDS, BenchWorld
+from .described_world import DescribedWorld
 from .pieces import LEARN_SEED, SEED, Pieces, Sizes
-from .place import Place
 from .report import report
 from .trial import Row
 
@@ -77,7 +77,7 @@ def measure_world(
     sensor = BuildConfig.parse(world.config).sensor_model
 
     @cache
-    def localizer(spacing_m: float | None) -> tuple[Localizer, Place]:
+    def localizer(spacing_m: float | None) -> tuple[Localizer, DescribedWorld]:
         chosen = world.config | {"self_test": UNTESTED, "viewpoints": {"spacing_m": spacing_m}}
         built = build_version(
             scenery.mesh,
@@ -86,15 +86,19 @@ def measure_world(
             trajectory=scenery.trajectory,
         )
         found = Localizer(MapIndex.load(built.directory))
-        return found, Place.of(found.index, simulator)
+        return found, DescribedWorld.of(found.index, simulator)
 
-    place = localizer(spacing_m)[1]
+    described = localizer(spacing_m)[1]
 
-    def of_spacing(wanted_m: float) -> tuple[Localizer, Place]:
-        return localizer(spacing_m if wanted_m == place.spacing_m else wanted_m)
+    def of_spacing(wanted_m: float) -> tuple[Localizer, DescribedWorld]:
+        return localizer(spacing_m if wanted_m == described.spacing_m else wanted_m)
 
-    table = Pieces(place, sensor, of_spacing, sizes)
-    figures = {"templates": len(place.position_m), "spacing_m": place.spacing_m, "sensor": sensor.name}
+    table = Pieces(described, sensor, of_spacing, sizes)
+    figures = {
+        "templates": len(described.position_m),
+        "spacing_m": described.spacing_m,
+        "sensor": sensor.name,
+    }
     rows: list[Row] = []
     for name in pieces:
         began = time.monotonic()

@@ -13,7 +13,7 @@ from firstfix.builds.config import LearnKeysConfig
 from firstfix.descriptor import Descriptor, rows_of
 from firstfix_builder.index.learn_keys import discriminants
 
-from .place import Asked, Known
+from .described_world import Asked, Known
 from .recall import Recall, keys_of, recall_of
 
 LEARNED_AS = LearnKeysConfig()

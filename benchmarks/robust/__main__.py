@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from ..worlds import WORLDS
+from ..common.worlds import WORLDS
 from .cases import CASES, Sizes
 from .suite import WORK, measure
 

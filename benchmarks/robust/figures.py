@@ -23,7 +23,7 @@ def figures_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
     success_*: of the best hypothesis, whatever the verdict, over the scans of the map, with the yaw
     within 5 degrees; ``success_0.2m_2deg``: with the whole rotation within 2.
-    distinct_0.2m_2deg: the same over the scans without a twin, ``distinct`` of them; twins_told: of those
+    distinct_0.2m_2deg: the same over the scans without a perceptual alias, ``distinct`` of them; aliases_recognised: of those
     with one, the share that came back not ``localized`` and with the truth among the hypotheses.
     among_all_0.2m: some hypothesis is that near. right_localized: within 0.2 m among ``localized``.
     ece: expected calibration error of the best hypothesis's probability of being right (1 m, 10 degrees).
@@ -37,9 +37,11 @@ def figures_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
         "outside": len(outcomes) - len(inside),
         **{f"success_{limit:g}m": _share([o.is_within(limit) for o in inside]) for limit in SUCCESS_M},
         "success_0.2m_2deg": _share([_is_tight(o) for o in inside]),
-        "distinct": sum(not o.has_twin for o in inside),
-        "distinct_0.2m_2deg": _share([_is_tight(o) for o in inside if not o.has_twin]),
-        "twins_told": _share([not o.is_localized and o.nearest_m <= TIGHT_M for o in inside if o.has_twin]),
+        "distinct": sum(not o.has_alias for o in inside),
+        "distinct_0.2m_2deg": _share([_is_tight(o) for o in inside if not o.has_alias]),
+        "aliases_recognised": _share(
+            [not o.is_localized and o.nearest_m <= TIGHT_M for o in inside if o.has_alias]
+        ),
         "among_all_0.2m": _share([o.nearest_m <= TIGHT_M for o in inside]),
         "verdicts": {v.value: sum(o.verdict is v for o in outcomes) for v in Verdict},
         "right_localized": _share([o.is_within(TIGHT_M) for o in localized if o.inside]),

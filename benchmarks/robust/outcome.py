@@ -19,7 +19,7 @@ from firstfix.transform import Matrix, inverse, pose_error, quaternion_of
 
 RIGHT_M, RIGHT_DEG = 1.0, 10.0  # further off, an answer "localized" is a false accept
 SUCCESS_YAW_DEG = 5.0
-TWIN_WITHIN = 0.02  # of the truth's support
+ALIAS_WITHIN = 0.02  # of the truth's support
 NEVER = (np.inf, np.inf, np.inf)
 
 
@@ -31,7 +31,7 @@ class Outcome:
     hypotheses: how many came back.
     error_m, error_deg, yaw_error_deg: of the best hypothesis; inf without one, or outside.
     nearest_m: least error among all hypotheses whose yaw is right; inf without one.
-    has_twin: another place explains the scan as well as the true pose does, registered from the truth:
+    has_alias: another place explains the scan as well as the true pose does, registered from the truth:
         then no matcher can tell.
     nees: e' P^-1 e of an answer with a covariance (6 degrees of freedom), nan without one.
     ms: of the query, in this process.
@@ -47,7 +47,7 @@ class Outcome:
     error_deg: float
     yaw_error_deg: float
     nearest_m: float
-    has_twin: bool
+    has_alias: bool
     nees: float
     ms: float
 
@@ -86,7 +86,7 @@ def ask(localizer: Localizer, scan: Scan, T_map_sensor: Matrix | None, world: st
         len(errors),
         *best,
         min((m for m, _, yaw_deg in errors if yaw_deg <= SUCCESS_YAW_DEG), default=np.inf),
-        T_map_sensor is not None and _has_twin(localizer, scan, T_map_sensor, answer),
+        T_map_sensor is not None and _has_alias(localizer, scan, T_map_sensor, answer),
         np.nan if T_map_sensor is None else nees(T_map_sensor, answer),
         ms,
     )
@@ -103,7 +103,7 @@ def nees(T_map_sensor: Matrix, answer: Localization) -> float:
     return float(error @ np.linalg.solve(answer.covariance, error))
 
 
-def _has_twin(localizer: Localizer, scan: Scan, T_map_sensor: Matrix, answer: Localization) -> bool:
+def _has_alias(localizer: Localizer, scan: Scan, T_map_sensor: Matrix, answer: Localization) -> bool:
     index = localizer.index
     prepared = preprocess(ScanSequence.single(scan), None, index.config.preprocess)
     if prepared is None:
@@ -112,7 +112,7 @@ def _has_twin(localizer: Localizer, scan: Scan, T_map_sensor: Matrix, answer: Lo
     through = index.view.free_space_violation(prepared.scans[0].view, found.T_level_sensor)
     support = AlignmentQuality(found.inlier_ratio, found.alignment_score, through).support
     return any(
-        hypothesis.quality.support > support - TWIN_WITHIN
+        hypothesis.quality.support > support - ALIAS_WITHIN
         for hypothesis in answer.hypotheses
         if pose_error(T_map_sensor, hypothesis.T_map_sensor)[0] > RIGHT_M
     )

@@ -13,7 +13,7 @@ from firstfix.transform import Matrix, transform_points
 from firstfix_builder.simulation.perturb import elsewhere, perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
 
-from ..worlds import Scenery, WorldFiles
+from ..common.worlds import Scenery, WorldFiles
 from .cases import Case
 
 Query = tuple[Scan, Matrix | None]  # T_map_sensor, None: not of this map

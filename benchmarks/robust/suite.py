@@ -23,7 +23,7 @@ import numpy as np
 
 from firstfix_builder.execution.stage_cache import StageCache
 
-from ..worlds import WORLDS, BenchWorld, Scenery
+from ..common.worlds import WORLDS, BenchWorld, Scenery
 from .cases import CASES, FULL, QUICK, Case, Sizes
 from .figures import figures_of
 from .outcome import Outcome, ask

@@ -11,7 +11,7 @@ from firstfix.engine.localizer import Localizer
 from firstfix.sensor import SensorModel, preset
 from firstfix_builder.pipeline import build_version
 
-from ..worlds import BenchWorld, Scenery
+from ..common.worlds import BenchWorld, Scenery
 
 
 class Versions:
@@ -20,7 +20,7 @@ class Versions:
     work: folder of the builds; their stage caches make a second run quick.
     """
 
-    def __init__(self, world: BenchWorld, map: Scenery, work: Path) -> None:  # noqa: A002
+    def __init__(self, world: BenchWorld, map: Scenery, work: Path) -> None:
         self._world, self._map, self._work = world, map, work
         self._loaded: dict[str | None, Localizer] = {}
 

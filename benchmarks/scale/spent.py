@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ..memory import pss_of_family
+from ..common.memory import pss_of_family
 
 POLL_S = 0.5
 
@@ -18,7 +18,8 @@ POLL_S = 0.5
 @contextmanager
 def spent(path: Path) -> Iterator[None]:
     """Writes seconds, processor seconds and the peak memory of this process and its children (Linux) into a
-    JSON file. A block that fails leaves none."""
+    JSON file. A block that fails leaves none.
+    """
     peak, stop = pss_of_family(os.getpid()), threading.Event()
 
     def watch() -> None:

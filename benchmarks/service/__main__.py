@@ -11,7 +11,7 @@ import numpy as np
 
 from firstfix.scan.scan import Scan
 
-from .place import Place
+from .queried_version import QueriedVersion
 from .suite import PARTS, measure
 
 
@@ -24,8 +24,8 @@ def main() -> None:
     chosen = parser.parse_args()
     scans = [Scan(points) for points in np.load(chosen.scans).values()]
     templates = len(np.load(chosen.version / "template_position_m.npy", mmap_mode="r"))
-    place = Place(chosen.version.name, chosen.version, templates, scans)
-    json.dump(measure(place, chosen.part or PARTS, quick=chosen.quick), sys.stdout, indent=1)
+    queried = QueriedVersion(chosen.version.name, chosen.version, templates, scans)
+    json.dump(measure(queried, chosen.part or PARTS, quick=chosen.quick), sys.stdout, indent=1)
 
 
 main()

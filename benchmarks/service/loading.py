@@ -9,21 +9,22 @@ from typing import Any
 
 import httpx
 
-from .load import Body, Crowd, ask_over_http
-from .place import Place
-from .programs import replica
+from ..common.load import Body, Crowd, ask_over_http
+from ..common.programs import replica
+from .queried_version import QueriedVersion
 
-MAP = "place"
+MAP = "bench"
 POLL_S = 0.5
 SWAPS = 6
 
 
-def cold_load(place: Place, body: Body, directory: Path) -> dict[str, float]:
+def cold_load(queried: QueriedVersion, body: Body, directory: Path) -> dict[str, float]:
     """Seconds of the first query for a version that the replica has never seen, its cache empty, and of
-    the next one. The poll is off, so that the query itself fetches, verifies and loads."""
+    the next one. The poll is off, so that the query itself fetches, verifies and loads.
+    """
     store = str(directory / "store")
     with replica(directory / "replica", store=store, poll_interval_s=3600, run_builds=False) as one:
-        place.publish(store, MAP, directory)
+        queried.publish(store, MAP, directory)
         seconds = []
         with httpx.Client(base_url=one.url, timeout=120) as http:
             for _ in range(2):
@@ -39,12 +40,13 @@ def cold_load(place: Place, body: Body, directory: Path) -> dict[str, float]:
 
 
 def hot_swap(
-    place: Place, bodies: list[Body], directory: Path, clients: int = 2, swaps: int = SWAPS
+    queried: QueriedVersion, bodies: list[Body], directory: Path, clients: int = 2, swaps: int = SWAPS
 ) -> dict[str, Any]:
     """Two versions activated in turn while clients ask: how long until the other one answers, and what
-    the clients saw."""
+    the clients saw.
+    """
     store = str(directory / "store")
-    versions = [place.publish(store, MAP, directory, mark) for mark in ("one", "two")]
+    versions = [queried.publish(store, MAP, directory, mark) for mark in ("one", "two")]
     delays = []
     with (
         replica(directory / "replica", store=store, poll_interval_s=POLL_S, run_builds=False) as one,

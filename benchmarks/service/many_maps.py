@@ -8,14 +8,19 @@ from typing import Any
 
 import httpx
 
-from ..memory import pss_of_family
-from .load import Body
-from .place import Place
-from .programs import replica
+from ..common.load import Body
+from ..common.memory import pss_of_family
+from ..common.programs import replica
+from .queried_version import QueriedVersion
 
 
 def many_maps(
-    place: Place, bodies: list[Body], directory: Path, maps: int = 10, held: int = 3, rounds: int = 3
+    queried: QueriedVersion,
+    bodies: list[Body],
+    directory: Path,
+    maps: int = 10,
+    held: int = 3,
+    rounds: int = 3,
 ) -> dict[str, Any]:
     """Ten maps with files of their own, asked in turn under a limit of bytes that holds three.
 
@@ -25,10 +30,10 @@ def many_maps(
     store = str(directory / "store")
     names = [f"map-{i}" for i in range(maps)]
     for name in names:
-        place.publish(store, name, directory, mark=name)
-    size = sum(path.stat().st_size for path in place.version.iterdir())
+        queried.publish(store, name, directory, mark=name)
+    size = sum(path.stat().st_size for path in queried.version.iterdir())
     settings = {"store": store, "run_builds": False, "poll_interval_s": 5.0}
-    wanted = [place.localizer().localize(scan).T_map_sensor for scan in place.scans[: len(bodies)]]
+    wanted = [queried.localizer().localize(scan).T_map_sensor for scan in queried.scans[: len(bodies)]]
     wrong, seconds, peak = 0, [], 0
     with (
         replica(directory / "replica", cache_max_bytes=int((held + 0.5) * size), **settings) as one,

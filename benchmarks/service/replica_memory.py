@@ -7,20 +7,20 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from ..memory import pss_of_family
-from .load import Body, ask_over_http
-from .place import Place
-from .programs import replica
+from ..common.load import Body, ask_over_http
+from ..common.memory import pss_of_family
+from ..common.programs import replica
+from .queried_version import QueriedVersion
 
-MAP = "place"
+MAP = "bench"
 WORKERS = (1, 2, 4)
 MIB = 1 << 20
 
 
-def replica_memory(place: Place, bodies: list[Body], directory: Path) -> dict[str, Any]:
+def replica_memory(queried: QueriedVersion, bodies: list[Body], directory: Path) -> dict[str, Any]:
     """MiB by number of workers, when every body was asked for twice."""
     store = str(directory / "store")
-    version = place.publish(store, MAP, directory)
+    version = queried.publish(store, MAP, directory)
     mib = {}
     for workers in WORKERS:
         with (

@@ -1,5 +1,6 @@
 """Four replicas behind a balancer, over an object store on a cable: queries go on while a version is
-activated, a replica is killed and comes back, and the cable is cut."""
+activated, a replica is killed and comes back, and the cable is cut.
+"""
 
 from __future__ import annotations
 
@@ -13,16 +14,16 @@ from typing import Any
 
 import httpx
 
-from .load import Asked, Body, Crowd, ask_over_http
-from .place import Place
-from .programs import BUCKET, Replica, balancer, cable_to, missing, s3_server
+from ..common.load import Asked, Body, Crowd, ask_over_http
+from ..common.programs import BUCKET, Replica, balancer, cable_to, missing, s3_server
+from .queried_version import QueriedVersion
 
-MAP = "place"
+MAP = "bench"
 CLIENTS = 4
 
 
 def replicas_suite(
-    place: Place, bodies: list[Body], directory: Path, count: int = 4, cut_s: float = 60.0
+    queried: QueriedVersion, bodies: list[Body], directory: Path, count: int = 4, cut_s: float = 60.0
 ) -> dict[str, Any]:
     """What the clients saw in each part. They speak plain HTTP and try nothing again by themselves."""
     reason = missing("versitygw", "toxiproxy-server", "haproxy")
@@ -35,7 +36,7 @@ def replicas_suite(
         os.environ.update(credentials)  # for this process, which publishes, and the replicas
         query = f"endpoint=http://127.0.0.1:{cable.port}&region=us-east-1&allow_http=true"
         store = f"s3://{BUCKET}?{query}"
-        first, second = (place.publish(store, MAP, directory, mark) for mark in ("one", "two"))
+        first, second = (queried.publish(store, MAP, directory, mark) for mark in ("one", "two"))
         replicas = [
             Replica(
                 directory / f"r{i}",

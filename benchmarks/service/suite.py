@@ -12,11 +12,11 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from ..worlds import WORLDS
+from ..common.programs import free_port, replica
+from ..common.worlds import WORLDS
 from .loading import cold_load, hot_swap
 from .many_maps import many_maps
-from .place import Place, make_place
-from .programs import free_port, replica
+from .queried_version import QueriedVersion, make_queried_version
 from .replica_memory import replica_memory
 from .replicas import replicas_suite
 from .throughput import body_of, overhead, throughput
@@ -29,45 +29,47 @@ PARTS = ("overhead", "throughput", "cold_load", "hot_swap", "replicas", "many_ma
 def run(quick: bool) -> dict[str, Any]:
     """The quick suite asks in the factory, and shortly."""
     name = "factory" if quick else "campus"
-    place = make_place(next(world for world in WORLDS if world.name == name), WORK, 10 if quick else SCANS)
-    return measure(place, PARTS, quick=quick)
+    queried = make_queried_version(
+        next(world for world in WORLDS if world.name == name), WORK, 10 if quick else SCANS
+    )
+    return measure(queried, PARTS, quick=quick)
 
 
-def measure(place: Place, parts: Iterable[str], *, quick: bool = False) -> dict[str, Any]:
+def measure(queried: QueriedVersion, parts: Iterable[str], *, quick: bool = False) -> dict[str, Any]:
     """The figures of the named parts."""
     figures: dict[str, Any] = {
         "machine": {"cpus": os.cpu_count()},
-        "place": place.name,
-        "templates": place.templates,
+        "queried": queried.name,
+        "templates": queried.templates,
     }
-    bodies = [body_of(place, scan) for scan in place.scans]
+    bodies = [body_of(queried, scan) for scan in queried.scans]
     for part in parts:
         with tempfile.TemporaryDirectory(prefix="firstfix-bench-") as folder:
             directory = Path(folder)
             if part in ("overhead", "throughput"):
-                figures[part] = _with_service(part, place, directory, quick)
+                figures[part] = _with_service(part, queried, directory, quick)
             elif part == "cold_load":
-                figures[part] = cold_load(place, bodies[0], directory)
+                figures[part] = cold_load(queried, bodies[0], directory)
             elif part == "hot_swap":
-                figures[part] = hot_swap(place, bodies, directory)
+                figures[part] = hot_swap(queried, bodies, directory)
             elif part == "replicas":
-                figures[part] = replicas_suite(place, bodies, directory, cut_s=5.0 if quick else 60.0)
+                figures[part] = replicas_suite(queried, bodies, directory, cut_s=5.0 if quick else 60.0)
             elif part == "many_maps":
-                figures[part] = many_maps(place, bodies, directory, rounds=1 if quick else 3)
+                figures[part] = many_maps(queried, bodies, directory, rounds=1 if quick else 3)
             elif part == "replica_memory":
-                figures[part] = replica_memory(place, bodies, directory)
+                figures[part] = replica_memory(queried, bodies, directory)
             else:
                 raise ValueError(f"no part {part!r}; there are {', '.join(PARTS)}")
         print(part, figures[part], flush=True)
     return figures
 
 
-def _with_service(part: str, place: Place, directory: Path, quick: bool) -> Any:
+def _with_service(part: str, queried: QueriedVersion, directory: Path, quick: bool) -> Any:
     store, endpoint = str(directory / "store"), f"tcp/127.0.0.1:{free_port()}"
-    place.publish(store, "place", directory)
+    queried.publish(store, "queried", directory)
     settings = {"store": store, "run_builds": False, "queue_size": 128}  # so that 64 clients may wait
     with replica(directory / "replica", zenoh=True, zenoh_listen=[endpoint], **settings) as one:
         if part == "overhead":
-            return overhead(one.url, "place", place)
+            return overhead(one.url, "queried", queried)
         clients, seconds = ((1, 4), 2.0) if quick else ((1, 4, 16, 64), 10.0)
-        return throughput(one.url, endpoint, "place", place, clients, seconds)
+        return throughput(one.url, endpoint, "queried", queried, clients, seconds)

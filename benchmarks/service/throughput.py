@@ -1,5 +1,6 @@
 """Answers a second and how long each takes, by transport, encoding and number of clients; and what the
-way there and back adds to the localizer's own time."""
+way there and back adds to the localizer's own time.
+"""
 
 from __future__ import annotations
 
@@ -17,20 +18,20 @@ import numpy as np
 from firstfix.scan.scan import Scan
 from firstfix_client.steps.scan_body import BodyForm, Encoding, encoded
 
-from .load import Ask, Body, ask_over_http, ask_over_zenoh, asked_for
-from .place import Place
+from ..common.load import Ask, Body, ask_over_http, ask_over_zenoh, asked_for
+from .queried_version import QueriedVersion
 
 ENCODINGS: tuple[Encoding | Literal["raw"], ...] = ("raw", "scan", "compact", "descriptor")
 
 
-def body_of(place: Place, scan: Scan, encoding: Encoding | Literal["raw"] = "scan") -> Body:
+def body_of(queried: QueriedVersion, scan: Scan, encoding: Encoding | Literal["raw"] = "scan") -> Body:
     if encoding == "raw":
         return Body("application/vnd.firstfix.xyz", scan.points.tobytes())
-    return Body(*encoded(scan, BodyForm(encoding, place.parameters())))
+    return Body(*encoded(scan, BodyForm(encoding, queried.parameters())))
 
 
 def throughput(
-    url: str, endpoint: str, map_id: str, place: Place, clients: tuple[int, ...], seconds: float
+    url: str, endpoint: str, map_id: str, queried: QueriedVersion, clients: tuple[int, ...], seconds: float
 ) -> list[dict[str, Any]]:
     """A row for every combination.
 
@@ -51,7 +52,7 @@ def throughput(
             "zenoh": partial(ask_over_zenoh, session, map_id),
         }
         for encoding in ENCODINGS:
-            bodies = [body_of(place, scan, encoding) for scan in place.scans]
+            bodies = [body_of(queried, scan, encoding) for scan in queried.scans]
             size = int(np.mean([len(body.content) for body in bodies]))
             for transport, connect in transports.items():
                 for number in clients:
@@ -71,17 +72,17 @@ def throughput(
     return rows
 
 
-def overhead(url: str, map_id: str, place: Place, passes: int = 3) -> dict[str, float]:
+def overhead(url: str, map_id: str, queried: QueriedVersion, passes: int = 3) -> dict[str, float]:
     """What HTTP adds: the same scans, all in this process and then all over HTTP, in turn; medians in ms.
 
     The client is the standard library's, so that the figure is the service's. What is left of a round trip
     beside the localizer's own stages is told with and without reading the scan's encoding.
     """
-    localizer, bodies = place.localizer(), [body_of(place, scan) for scan in place.scans]
+    localizer, bodies = queried.localizer(), [body_of(queried, scan) for scan in queried.scans]
     bare, around, added, added_undecoded = [], [], [], []
     with closing(HTTPConnection(urlsplit(url).netloc, timeout=30)) as http:
         for turn in range(passes + 1):  # the first loads what is loaded late
-            for scan in place.scans:
+            for scan in queried.scans:
                 begin = time.perf_counter()
                 localizer.localize(scan)
                 if turn:

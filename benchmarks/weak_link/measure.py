@@ -12,7 +12,7 @@ from typing import Any
 
 from firstfix_client import Client
 
-from ..service.programs import free_port, replica
+from ..common.programs import free_port, replica
 from .link import Conditions, Link, weak_link
 from .robot import CLIENTS, Row
 

@@ -38,7 +38,7 @@ from .mesh.tiled_mesh import TiledMesh
 from .read_map import read_map, read_trajectory
 from .self_test.localizability import draw_localizability
 from .self_test.reliability import draw_reliability
-from .self_test.run import self_test
+from .self_test.run import run_self_test
 from .simulation.simulate import Simulator
 from .templates.cluster import cluster_by_pairs, cluster_chunks, cluster_templates
 from .templates.fit_engine import fit_engine
@@ -260,7 +260,7 @@ class BuildStages:
 
     def self_test(self, mesh: StageResult, index: StageResult) -> StageResult:
         def produce(out: Path) -> None:
-            found, calibration, spots = self_test(
+            found, calibration, spots = run_self_test(
                 Localizer(MapIndex.load(index.directory, Calibration())),
                 _simulator(mesh),
                 self.config.sensor_model,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.degrade import every_second_ring, ring_of, tilted, without_sectors
+from benchmarks.real.degrade import every_second_ring, ring_of, tilted, without_sectors
 from firstfix.scan.scan import Scan
 from firstfix.sensor import preset
 from firstfix.transform import make_transform, rotation_angle_deg, rotation_z, transform_points

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
+from benchmarks.common.small_map import query_of
 from benchmarks.hostile.attacks import ATTACKS
 from benchmarks.hostile.suite import table, under_attack
-from benchmarks.many_maps.small_map import query_of
 
 
 def test_another_callers_queries_go_on_under_every_attack(small_version, tmp_path: Path):

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.common.small_map import query_of
 from benchmarks.many_maps.catalogs import grow_catalog, name_of
 from benchmarks.many_maps.one_replica import one_replica
 from benchmarks.many_maps.sharing import movement, shares, takeover, zipf
-from benchmarks.many_maps.small_map import query_of
 from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store
 

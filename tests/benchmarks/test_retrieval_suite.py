@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.common.worlds import BenchWorld, Scenery, WorldFiles
+from benchmarks.retrieval.described_world import Asked, Known
 from benchmarks.retrieval.maximum_height import MaximumHeight
-from benchmarks.retrieval.place import Asked, Known
 from benchmarks.retrieval.recall import recall_of
 from benchmarks.retrieval.report import report
 from benchmarks.retrieval.suite import PIECES, Sizes, measure
-from benchmarks.worlds import BenchWorld, Scenery, WorldFiles
 from firstfix.descriptor import LayeredOccupancy, PolarGrid, ScanBatch
 from firstfix.transform import rotation_z
 from small_world import CONFIG

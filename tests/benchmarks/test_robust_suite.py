@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from benchmarks.common.worlds import BenchWorld, Scenery, WorldFiles
 from benchmarks.robust.cases import ALL, CASES, CLEAN, Case, Sizes
 from benchmarks.robust.figures import calibration_error, figures_of
 from benchmarks.robust.outcome import Outcome, ask, nees
 from benchmarks.robust.suite import measure
-from benchmarks.worlds import BenchWorld, Scenery, WorldFiles
 from firstfix.answer.localization import Localization, Verdict
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
@@ -40,7 +40,7 @@ def figures(small_map: Path, small_version, tmp_path_factory: pytest.TempPathFac
     yard = world("yard", "yard", Scenery(small_map))
     absent = replace(yard, name="absent", missing="not here")
     # the same yard under another name: a scan of "elsewhere" that looks right must count as a false accept
-    others = (yard, absent, world("twin", "elsewhere"))
+    others = (yard, absent, world("other", "elsewhere"))
     folder = tmp_path_factory.mktemp("robust")
     begun_as(small_version, folder / "yard" / SENSOR["name"])
     return measure((yard, absent), SOME, Sizes(6, 4, 3), folder, others)
@@ -95,20 +95,20 @@ def test_figures_of_known_answers():
     assert row["nees_median"] == 5.0
 
 
-def test_of_twins_the_honest_answer_is_that_there_are_two():
-    told = replace(WRONG, has_twin=True, verdict=Verdict.AMBIGUOUS)
-    guessed, lost = replace(RIGHT, has_twin=True), replace(told, nearest_m=5.0)
+def test_an_alias_is_recognised_when_the_answer_is_not_localized():
+    told = replace(WRONG, has_alias=True, verdict=Verdict.AMBIGUOUS)
+    guessed, lost = replace(RIGHT, has_alias=True), replace(told, nearest_m=5.0)
     row = figures_of([RIGHT, WRONG, told, guessed, lost])
     assert row["distinct"] == 2
     assert row["distinct_0.2m_2deg"] == 0.5
-    assert row["twins_told"] == pytest.approx(1 / 3, abs=1e-4)
+    assert row["aliases_recognised"] == pytest.approx(1 / 3, abs=1e-4)
 
 
-def test_a_second_place_just_as_good_is_a_twin(small_version, small_scans):
+def test_a_second_place_just_as_good_is_an_alias(small_version, small_scans):
     localizer, (scan, T) = Localizer(MapIndex.load(small_version.directory)), small_scans[0]
-    assert not ask(localizer, scan, T, "w", "c").has_twin
+    assert not ask(localizer, scan, T, "w", "c").has_alias
     elsewhere = T @ make_transform(np.eye(3), [3.0, 0, 0])  # were the truth there, the answer would be better
-    assert ask(localizer, scan, elsewhere, "w", "c").has_twin
+    assert ask(localizer, scan, elsewhere, "w", "c").has_alias
 
 
 def test_calibration_error_is_zero_for_an_honest_forecaster_and_the_gap_for_another():

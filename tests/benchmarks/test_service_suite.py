@@ -6,44 +6,44 @@ import numpy as np
 import pytest
 
 from benchmarks.service.loading import cold_load, hot_swap
-from benchmarks.service.place import Place
+from benchmarks.service.queried_version import QueriedVersion
 from benchmarks.service.replicas import replicas_suite
 from benchmarks.service.suite import measure
 from benchmarks.service.throughput import body_of
 
 
 @pytest.fixture(scope="module")
-def place(small_version, small_scans) -> Place:
+def queried(small_version, small_scans) -> QueriedVersion:
     templates = len(np.load(small_version.directory / "template_position_m.npy", mmap_mode="r"))
-    return Place("yard", small_version.directory, templates, [scan for scan, _ in small_scans[:4]])
+    return QueriedVersion("yard", small_version.directory, templates, [scan for scan, _ in small_scans[:4]])
 
 
-def test_what_http_adds_is_told(place: Place):
-    figures = measure(place, ["overhead"], quick=True)
+def test_what_http_adds_is_told(queried: QueriedVersion):
+    figures = measure(queried, ["overhead"], quick=True)
     assert figures["templates"] > 100
     added = figures["overhead"]
     for figure in ("over_http_ms", "bare_localizer_ms", "added_ms", "added_less_decoding_ms"):
         assert np.isfinite(added[figure]), figure
 
 
-def test_a_version_that_was_never_seen_answers(place: Place, tmp_path: Path):
-    assert cold_load(place, body_of(place, place.scans[0]), tmp_path)["first_query_s"] > 0
+def test_a_version_that_was_never_seen_answers(queried: QueriedVersion, tmp_path: Path):
+    assert cold_load(queried, body_of(queried, queried.scans[0]), tmp_path)["first_query_s"] > 0
 
 
-def test_no_query_fails_while_versions_change(place: Place, tmp_path: Path):
-    figures = hot_swap(place, [body_of(place, scan) for scan in place.scans], tmp_path, swaps=2)
+def test_no_query_fails_while_versions_change(queried: QueriedVersion, tmp_path: Path):
+    figures = hot_swap(queried, [body_of(queried, scan) for scan in queried.scans], tmp_path, swaps=2)
     assert len(figures["activation_to_answer_s"]) == 2
     assert set(figures["outcomes"]) == {"ok"}
 
 
 @pytest.mark.slow
 def test_no_query_fails_while_replicas_and_store_come_and_go(
-    place: Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    queried: QueriedVersion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
         monkeypatch.setenv(name, "")  # the suite sets them: so they are put back
-    bodies = [body_of(place, scan) for scan in place.scans]
-    figures = replicas_suite(place, bodies, tmp_path, count=2, cut_s=3.0)
+    bodies = [body_of(queried, scan) for scan in queried.scans]
+    figures = replicas_suite(queried, bodies, tmp_path, count=2, cut_s=3.0)
     if "skipped" in figures:
         pytest.skip(figures["skipped"])
     for part in ("activation", "killed_and_restarted", "store_cut", "rolling_restart"):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import ros_samples
-from benchmarks.datasets import HALL, SHARED
+from benchmarks.common.datasets import HALL, SHARED
 from firstfix.answer.localization import Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.engine.index import MapIndex

@@ -16,14 +16,14 @@ from typing import Any
 
 from service_world import free_port
 
-from benchmarks.nats_server import NatsServer
-from benchmarks.tiny_worker import config_telling
 from firstfix.builds.records import FINAL_STATES
 from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store
+from tests.faults.nats_server import NatsServer
+from tests.faults.tiny_worker import config_telling
 from waiting import LIMIT_S, wait_until
 
-TINY_WORKER = (sys.executable, "-m", "benchmarks.tiny_worker")
+TINY_WORKER = (sys.executable, "-m", "tests.faults.tiny_worker")
 LEASE_S = 2.0
 
 

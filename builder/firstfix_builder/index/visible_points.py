@@ -4,8 +4,8 @@ Where the map is a mesh this is what stands for its cloud. Not points spread ove
 wall has a back and a floor slab an underside, and a scan registered against those settles a wall's
 thickness off. Where the map is a cloud it tells which face of a wall each of its points is on.
 
-A large map is looked at square by square, and what is seen is thinned as it comes: of a district's returns
-only those of a few squares are in memory at once.
+A large map is looked at block by block, and what is seen is thinned as it comes: of a district's returns
+only those of a few blocks are in memory at once.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ VIEWPOINTS = 3000  # or one for each cube of VIEWPOINT_M, where that is more
 VIEWPOINT_M = 3.0
 AT_ONCE = 100
 MOST_LOOSE = 16_000_000  # points of neighbouring scans, before they are thinned into one another
-SQUARE_M = 200.0
-BORDER_M = 1.0  # of the neighbouring squares, that normals at a border are taken from
+BLOCK_M = 200.0
+BORDER_M = 1.0  # of the neighbouring blocks, that normals at a border are taken from
 SEEN_WITHIN_M = 0.3  # of a mapped point: the mesh is not the cloud
 
 
@@ -67,25 +67,25 @@ def map_surface(
 def visible_points(
     simulator: Simulator, positions: NDArray[np.floating], sensor: SensorModel, step_m: float
 ) -> list[NDArray[np.float64]]:
-    """For every square (m, 6): points about ``step_m`` apart, from clean scans at some of (n, 3) positions,
+    """For every block (m, 6): points about ``step_m`` apart, from clean scans at some of (n, 3) positions,
     and the mean direction from each to those who saw it, short where they stood all around."""
     probe = sensor.coarser(RAYS)
     directions = probe.directions_at_any_heading()
-    squares = _Squares.over(positions)
-    parts: list[list[NDArray[np.float64]]] = [[] for _ in range(squares.count)]
+    blocks = _Blocks.over(positions)
+    parts: list[list[NDArray[np.float64]]] = [[] for _ in range(blocks.count)]
     chosen = positions[rows_by_place(positions, max(VIEWPOINTS, _occupied(positions)), VIEWPOINT_M)]
-    chosen, loose = chosen[np.argsort(squares.of(chosen), kind="stable")], 0
+    chosen, loose = chosen[np.argsort(blocks.of(chosen), kind="stable")], 0
     for start in range(0, len(chosen), AT_ONCE):
         here = chosen[start : start + AT_ONCE]
         ranges = np.concatenate(list(simulator.ranges(upright(here), probe, directions)))
         scans = scan_batch(ranges, directions, np.zeros(len(here)))
         to_viewer = -scans.points / np.linalg.norm(scans.points, axis=1, keepdims=True)
         seen = voxel_means(np.column_stack([scans.points + here[scans.scan_of_point], to_viewer]), step_m)
-        number, loose = squares.of(seen), loose + len(seen)
-        for square in np.unique(number):
-            parts[square].append(seen[number == square])
+        number, loose = blocks.of(seen), loose + len(seen)
+        for block in np.unique(number):
+            parts[block].append(seen[number == block])
         if loose > MOST_LOOSE:
-            parts, loose = [_joined(of_square, step_m) for of_square in parts], 0
+            parts, loose = [_joined(of_block, step_m) for of_block in parts], 0
     joined = []
     while parts:  # each goes as its whole comes
         joined += _joined(parts.pop(0), step_m)
@@ -98,7 +98,7 @@ def _joined(parts: list[NDArray[np.float64]], step_m: float) -> list[NDArray[np.
 
 
 @dataclass(frozen=True)
-class _Squares:
+class _Blocks:
     """As large as fits the extent evenly; what lies beyond it belongs to the nearest.
 
     Attributes:
@@ -110,10 +110,10 @@ class _Squares:
     number: NDArray[np.int64]
 
     @classmethod
-    def over(cls, positions: NDArray[np.floating]) -> _Squares:
+    def over(cls, positions: NDArray[np.floating]) -> _Blocks:
         low = positions[:, :2].min(axis=0).astype(np.float64)
         size = positions[:, :2].max(axis=0) - low + 1e-6
-        number = np.ceil(size / SQUARE_M).astype(np.int64)
+        number = np.ceil(size / BLOCK_M).astype(np.int64)
         return cls(low, size / number, number)
 
     @property
@@ -121,7 +121,7 @@ class _Squares:
         return int(self.number.prod())
 
     def of(self, points: NDArray[np.floating]) -> NDArray[np.int64]:
-        """(n,) the square of each."""
+        """(n,) the block of each."""
         at = np.floor((points[:, :2] - self.low) / self.side).astype(np.int64)
         column, row = np.clip(at, 0, self.number - 1).T
         return column * self.number[1] + row
@@ -132,12 +132,12 @@ def _occupied(positions: NDArray[np.floating]) -> int:
     return len(np.unique(cells_of(positions, VIEWPOINT_M), axis=0))
 
 
-def _with_normals(squares: list[NDArray[np.float64]], number: int) -> Surface:
-    """One of the squares' (m, 6) points and directions as a surface."""
-    own = squares[number]
+def _with_normals(blocks: list[NDArray[np.float64]], number: int) -> Surface:
+    """One of the blocks' (m, 6) points and directions as a surface."""
+    own = blocks[number]
     low, high = own[:, :2].min(axis=0) - BORDER_M, own[:, :2].max(axis=0) + BORDER_M
     beside = []
-    for other in [*squares[:number], *squares[number + 1 :]]:
+    for other in [*blocks[:number], *blocks[number + 1 :]]:
         near = ((other[:, :2] > low) & (other[:, :2] < high)).all(axis=1)
         beside.append(other[near])
     both = np.concatenate([own, *beside])

@@ -1,4 +1,4 @@
-"""The squares a large map is worked in: side by side, bounded in size, none of them empty."""
+"""The blocks that a large map is processed in: rectangles side by side, bounded in size, none of them empty."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
-class Square:
+class Block:
     """Attributes:
     low, high: (2,) corners in metres; neighbours share a border.
     """
@@ -18,14 +18,14 @@ class Square:
     high: NDArray[np.float64]
 
     def holds(self, points: NDArray[np.float64], margin_m: float = 0.0) -> NDArray[np.bool_]:
-        """(n,) whether a point stands over the square or within the margin around it."""
+        """(n,) whether a point stands over the block or within the margin around it."""
         xy = points[:, :2]
         inside = (xy >= self.low - margin_m) & (xy < self.high + margin_m)
         return inside[:, 0] & inside[:, 1]
 
 
-def occupied_squares(points: NDArray[np.float64], max_side_m: float) -> list[Square]:
-    """Squares that hold a point, row by row; together they cover (n, 3) points.
+def occupied_blocks(points: NDArray[np.float64], max_side_m: float) -> list[Block]:
+    """Blocks that hold a point, row by row; together they cover (n, 3) points.
 
     The side is the largest that fits the map evenly, so that no sliver is left at its end.
     """
@@ -35,4 +35,4 @@ def occupied_squares(points: NDArray[np.float64], max_side_m: float) -> list[Squ
     side = size / number
     cell = np.clip(((points[:, :2] - low) / side).astype(np.int64), 0, number - 1)
     occupied = np.unique(cell, axis=0)
-    return [Square(low + c * side, low + (c + 1) * side) for c in occupied]
+    return [Block(low + c * side, low + (c + 1) * side) for c in occupied]

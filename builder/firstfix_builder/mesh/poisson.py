@@ -1,4 +1,4 @@
-"""One square of the map as a surface: normals, screened Poisson, and the parts without data cut away.
+"""One block of the map as a surface: normals, screened Poisson, and the parts without data cut away.
 
 M. Kazhdan and H. Hoppe, "Screened Poisson surface reconstruction", ACM ToG 32(3), 2013, in Open3D.
 """
@@ -21,12 +21,12 @@ MIN_POINTS = 50  # below this there is no surface to speak of
 
 @dataclass(frozen=True)
 class Tile:
-    """The work for one square; pickles, so that it can go to another process or machine.
+    """The work for one block; pickles, so that it can go to another process or machine.
 
     Attributes:
-        points: (n, 3) of the square and its margin.
+        points: (n, 3) of the block and its margin.
         places: (m, 3) where the scanner was, or None.
-        low, high: (2,) the square, metres: what this tile answers for.
+        low, high: (2,) the block, metres: what this tile answers for.
         cell_m: edge of the finest Poisson cell.
         point_weight: of the points against smoothness, in the screened Poisson equation.
         trim_m: surface further than this from every point is a guess, and goes.
@@ -47,7 +47,7 @@ class Tile:
 
 
 def poisson_tile(tile: Tile) -> Mesh:
-    """The surface of a tile, cut at its square. Bit for bit the same wherever it runs."""
+    """The surface of a tile, cut at its block. Bit for bit the same wherever it runs."""
     if len(tile.points) < MIN_POINTS:
         return Mesh.empty()
     normals = estimate_normals(tile.points, tile.normal_radius_m, tile.normal_neighbours)

@@ -1,4 +1,4 @@
-"""From the map cloud to a surface that rays can hit, in overlapping squares of bounded size."""
+"""From the map cloud to a surface that rays can hit, in overlapping blocks of bounded size."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from firstfix.builds.config import ReconstructConfig
 from firstfix.errors import BuildFailed
 
 from ..execution.chunks import Arrays, Chunk
-from .blocks import Square, occupied_squares
+from .blocks import Block, occupied_blocks
 from .clean_cloud import surface_spacing_m
 from .mesh import Mesh
 from .poisson import Tile, poisson_tile
 
 PLACE_STEP_M = 0.5
-SIGHT_RANGE_M = 100.0  # a scanner further than this from a square was not what saw it
+SIGHT_RANGE_M = 100.0  # a scanner further than this from a block was not what saw it
 SIGHT_CELLS = 1.5
 
 
 @dataclass(frozen=True)
 class MeshChunk(Chunk):
-    """The surface of one square. Reads ``points.npy`` and ``trajectory.npy`` of the stage ``map``.
+    """The surface of one block. Reads ``points.npy`` and ``trajectory.npy`` of the stage ``map``.
 
     Open3D's Poisson keeps the interpreter lock.
 
     Attributes:
-        low, high: metres, the square.
+        low, high: metres, the block.
         cell_m, spacing_m: of the finest Poisson cell, and between the cloud's points.
     """
 
@@ -45,18 +45,18 @@ class MeshChunk(Chunk):
 
     def run(self, inputs: Mapping[str, Path]) -> Arrays:
         points = np.load(inputs["map"] / "points.npy", mmap_mode="r")
-        square = Square(np.array(self.low), np.array(self.high))
+        block = Block(np.array(self.low), np.array(self.high))
         trajectory = inputs["map"] / "trajectory.npy"
         places = None
         if trajectory.exists():
             places = _thinned(np.load(trajectory)[:, :3, 3])
-            places = places[square.holds(places, SIGHT_RANGE_M)]
+            places = places[block.holds(places, SIGHT_RANGE_M)]
         mesh = poisson_tile(
             Tile(
-                points=points[square.holds(points, self.config.margin_cells * self.cell_m)],
+                points=points[block.holds(points, self.config.margin_cells * self.cell_m)],
                 places=places,
-                low=square.low,
-                high=square.high,
+                low=block.low,
+                high=block.high,
                 cell_m=self.cell_m,
                 point_weight=self.config.point_weight,
                 trim_m=self.config.trim_spacings * self.spacing_m,
@@ -69,7 +69,7 @@ class MeshChunk(Chunk):
 
 
 def mesh_chunks(points: NDArray[np.float64], config: ReconstructConfig) -> list[MeshChunk]:
-    """The work for a cloud of (n, 3) cleaned points, square by square.
+    """The work for a cloud of (n, 3) cleaned points, block by block.
 
     Raises:
         BuildFailed: too few points.
@@ -79,13 +79,13 @@ def mesh_chunks(points: NDArray[np.float64], config: ReconstructConfig) -> list[
     spacing_m = surface_spacing_m(points)
     cell_m = config.cell_m or config.cell_spacings * spacing_m
     return [
-        MeshChunk(_pair(square.low), _pair(square.high), cell_m, spacing_m, config)
-        for square in occupied_squares(points, config.tile_cells * cell_m)
+        MeshChunk(_pair(block.low), _pair(block.high), cell_m, spacing_m, config)
+        for block in occupied_blocks(points, config.tile_cells * cell_m)
     ]
 
 
 def joined_mesh(parts: Iterable[Arrays]) -> Mesh:
-    """The surface of all squares, in their order.
+    """The surface of all blocks, in their order.
 
     Raises:
         BuildFailed: there is none.

@@ -132,7 +132,7 @@ class _Outcome:
         return [h.quality for h in self.answer.hypotheses if h.quality is not None]
 
 
-def self_test(
+def run_self_test(
     localizer: Localizer,
     simulator: Simulator,
     sensor: SensorModel,

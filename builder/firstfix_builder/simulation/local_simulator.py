@@ -18,7 +18,7 @@ _kept: OrderedDict[tuple[Path, tuple[int, ...]], Simulator] = OrderedDict()
 _lock = threading.Lock()
 
 
-def simulator_near(
+def local_simulator(
     mesh: Path, low: NDArray[np.float64], high: NDArray[np.float64], reach_m: float
 ) -> Simulator:
     """For rays no longer than reach_m that begin over the box of (2,) corners. Made once for all chunks of

@@ -18,7 +18,7 @@ from firstfix.portable.sample import rows_by_place
 from firstfix.sensor import SensorModel
 
 from ..execution.chunks import Arrays, Chunk
-from ..simulation.local_simulator import simulator_near
+from ..simulation.local_simulator import local_simulator
 from ..simulation.simulate import Simulator
 
 SCANS_AT_ONCE = 128
@@ -90,7 +90,7 @@ class TemplatesChunk(Chunk):
             for name in ("positions", "floor_z")
         )
         height_m = positions[:, 2] - floor_z
-        simulator = simulator_near(
+        simulator = local_simulator(
             inputs["mesh"], np.array(self.low), np.array(self.high), self.sensor.max_range_m
         )
         descriptor, directions = self.descriptor.make(), self.sensor.directions_at_any_heading()

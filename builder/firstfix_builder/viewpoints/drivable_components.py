@@ -14,7 +14,7 @@ SEED_RADIUS_M = 1.5
 SEED_DROP_M = 5.0
 
 
-def parts_under(
+def components_under(
     grid: Grid, floors: Surfaces, part: NDArray[np.int64], places: NDArray[np.float64]
 ) -> NDArray[np.int64]:
     """The parts that (k, 3) places stand on: each falls to the highest floor below it or beside that."""
@@ -33,7 +33,7 @@ def parts_under(
     return np.unique(part[landed[landed >= 0]])
 
 
-def likely_parts(
+def drivable_components(
     grid: Grid, standing: Surfaces, floors: Surfaces, part: NDArray[np.int64]
 ) -> NDArray[np.int64]:
     """Without any hint: the largest part that is no roof, and the other storeys of comparable size.

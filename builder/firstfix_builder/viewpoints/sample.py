@@ -12,10 +12,10 @@ from firstfix.builds.config import ViewpointConfig
 from firstfix.errors import BuildFailed
 
 from ..simulation.simulate import Simulator
-from .drivable_components import likely_parts, parts_under
+from .drivable_components import components_under, drivable_components
 from .floors import Grid, Surfaces, find_surfaces, fit_planes
-from .trajectory_floor import Driven, driven_floor, with_driven
-from .traversable import has_room, reachable_parts
+from .trajectory_floor import TrajectoryFloor, trajectory_floor, with_trajectory_floor
+from .traversable import has_room, traversable_components
 
 MAX_CELL_M = 0.4
 DEFAULT_SPACING_M = 1.0
@@ -62,29 +62,29 @@ def sample_viewpoints(
     """
     spacing_m = config.spacing_m or DEFAULT_SPACING_M
     cell_m = spacing_m / int(np.ceil(spacing_m / MAX_CELL_M))
-    driven = None
+    under_track = None
     if trajectory is not None and len(trajectory):
-        driven = driven_floor(simulator, trajectory, cell_m / 2, mount_height_m)
+        under_track = trajectory_floor(simulator, trajectory, cell_m / 2, mount_height_m)
     if config.mount_height_m != "auto":
         mount_height_m = config.mount_height_m
-    elif driven is not None:
-        mount_height_m = driven.mount_height_m
+    elif under_track is not None:
+        mount_height_m = under_track.mount_height_m
     grid = Grid.over(simulator.low, simulator.high, cell_m)
     if float(np.prod(grid.size.astype(np.float64))) > MAX_COLUMNS:
         raise BuildFailed(f"the map is too large for cells of {cell_m:.2f} m: set a larger spacing_m")
-    surfaces = find_surfaces(simulator, grid, _columns(grid, driven, config))
+    surfaces = find_surfaces(simulator, grid, _columns(grid, under_track, config))
     passed = np.zeros(len(surfaces), bool)
-    if driven is not None:
-        surfaces, passed = with_driven(grid, surfaces, driven.foot)
+    if under_track is not None:
+        surfaces, passed = with_trajectory_floor(grid, surfaces, under_track.foot)
     height_m = max(config.robot_height_m, mount_height_m + HEAD_ROOM_M)
     standing, passed = _standing(grid, surfaces, passed, config, height_m)
     feet = np.column_stack([grid.centre_m(standing.column), standing.z])
     room = passed | has_room(simulator, feet, config.footprint_radius_m, config.step_height_m, height_m)
     floors = standing.subset(room)
     if len(floors) == 0:
-        near = "" if driven is None else " near the trajectory"
+        near = "" if under_track is None else " near the trajectory"
         raise BuildFailed(f"the map has no floor with room for the robot{near}")
-    part = reachable_parts(
+    part = traversable_components(
         simulator,
         grid,
         floors,
@@ -93,25 +93,25 @@ def sample_viewpoints(
         bridge_gap_m=config.bridge_gap_m,
         height_m=height_m,
     )
-    if driven is None and seeds is None:
-        chosen = likely_parts(grid, standing, floors, part)
+    if under_track is None and seeds is None:
+        chosen = drivable_components(grid, standing, floors, part)
     else:
         chosen = part[passed[room]]
         if seeds is not None:
-            chosen = np.union1d(chosen, parts_under(grid, floors, part, seeds))
+            chosen = np.union1d(chosen, components_under(grid, floors, part, seeds))
         if len(chosen) == 0:
             raise BuildFailed("no floor of the map lies under the trajectory or the seeds: another frame?")
     return _one_per_block(grid, floors.subset(np.isin(part, chosen)), spacing_m, mount_height_m)
 
 
-def _columns(grid: Grid, driven: Driven | None, config: ViewpointConfig) -> NDArray[np.int64]:
+def _columns(grid: Grid, under_track: TrajectoryFloor | None, config: ViewpointConfig) -> NDArray[np.int64]:
     """(n, 2) the columns to look at: all, or those near the trajectory."""
     x, y = np.meshgrid(np.arange(grid.size[0]), np.arange(grid.size[1]), indexing="ij")
     columns = np.column_stack([x.ravel(), y.ravel()])
     limit_m = config.max_distance_to_trajectory_m
-    if driven is None or limit_m is None:
+    if under_track is None or limit_m is None:
         return columns
-    away, _ = cKDTree(driven.foot[:, :2]).query(grid.centre_m(columns), distance_upper_bound=limit_m)
+    away, _ = cKDTree(under_track.foot[:, :2]).query(grid.centre_m(columns), distance_upper_bound=limit_m)
     return columns[np.isfinite(away)]
 
 

@@ -1,4 +1,4 @@
-"""What a trajectory proves: the floor under it can be driven on, whatever the mesh looks like there."""
+"""The floor under a trajectory: the robot drove on it, whatever the mesh looks like there."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ HEIGHT_TOLERANCE_M = 0.5  # a hand-held scanner goes up and down by this much
 
 
 @dataclass(frozen=True)
-class Driven:
+class TrajectoryFloor:
     """Attributes:
     mount_height_m: median height of the trajectory over the floor below it.
     foot: (k, 3) points on the floor under the trajectory, metres, no further apart than a cell.
@@ -26,9 +26,9 @@ class Driven:
     foot: NDArray[np.float64]
 
 
-def driven_floor(
+def trajectory_floor(
     simulator: Simulator, trajectory: NDArray[np.float64], step_m: float, default_height_m: float
-) -> Driven:
+) -> TrajectoryFloor:
     """The floor under a trajectory.
 
     Args:
@@ -42,7 +42,7 @@ def driven_floor(
     height_m = float(np.median(below)) if len(below) else default_height_m
     foot = _densified(positions, step_m)
     foot[:, 2] -= height_m
-    return Driven(height_m, foot)
+    return TrajectoryFloor(height_m, foot)
 
 
 def _densified(positions: NDArray[np.float64], step_m: float) -> NDArray[np.float64]:
@@ -55,7 +55,7 @@ def _densified(positions: NDArray[np.float64], step_m: float) -> NDArray[np.floa
     return np.concatenate([between, positions[-1:]])
 
 
-def with_driven(
+def with_trajectory_floor(
     grid: Grid, surfaces: Surfaces, foot: NDArray[np.float64]
 ) -> tuple[Surfaces, NDArray[np.bool_]]:
     """The surfaces, and where the trajectory crosses a hole, floor put in at its height.

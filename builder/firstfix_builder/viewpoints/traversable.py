@@ -37,7 +37,7 @@ def has_room(
     return free
 
 
-def reachable_parts(
+def traversable_components(
     simulator: Simulator,
     grid: Grid,
     floors: Surfaces,

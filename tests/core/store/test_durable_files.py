@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks.disk_image import DiskImage, why_no_images
+from tests.faults.disk_image import DiskImage, why_no_images
 from firstfix.errors import StoreError, StoreUnavailable, StoreUnsafe
 from firstfix.store import durable_files
 from firstfix.store.durable_files import DurableFiles

@@ -10,9 +10,9 @@ from builds_world import building_service, upload, wait_until_ended
 from nats_world import nats_world
 from service_world import FAKE_WORKER
 
-from benchmarks.nats_server import nats_server_program
 from firstfix.errors import BuildError, BuildStalled, BuildTimedOut
 from firstfix_service.builds.watch import BuildLimits, BuildWatch
+from tests.faults.nats_server import nats_server_program
 from waiting import wait_until
 
 LIMITS = BuildLimits(timeout_s=1000.0, stall_s=100.0)

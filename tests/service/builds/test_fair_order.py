@@ -12,11 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from nats_world import nats_world
 
-from benchmarks.nats_server import nats_server_program
 from firstfix.builds.records import FINAL_STATES
 from firstfix_service.builds.fair_order import FairOrder
 from firstfix_service.builds.nats.builds import AHEAD
 from firstfix_service.builds.unfinished import Unfinished
+from tests.faults.nats_server import nats_server_program
 from waiting import wait_until
 
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from service_world import SCAN_BODY, XYZ, Service, publish, running_service
 
-from benchmarks.fuzz_bodies import Ask, fuzz, http_asker, zenoh_asker
-from benchmarks.hostile_bodies import damaged, good_bodies
 from firstfix.decode import MEDIA_TYPES, decode_query, undo_content_encoding
+from tests.faults.fuzz_bodies import Ask, fuzz, http_asker, zenoh_asker
+from tests.faults.hostile_bodies import damaged, good_bodies
 
-BODIES_PER_ENCODING = 60  # benchmarks/fuzz_bodies.py sends 1,000
+BODIES_PER_ENCODING = 60  # tests/faults/fuzz_bodies.py sends 1,000
 MAX_GROWTH_BYTES = 300_000_000  # with the client in the same process; the benchmark holds 200 MB without
 HEADERS = {"Content-Type": XYZ}
 

@@ -16,14 +16,14 @@ from builds_world import status_of, upload
 from nats_world import LEASE_S, NatsWorld, nats_world
 from service_world import FAKE_WORKER, Service, running_service
 
-from benchmarks.nats_server import nats_server_program
-from benchmarks.tiny_worker import STAGES
 from certificates import certificates
 from firstfix_service.builds.nats import queue as nats_queue
 from firstfix_service.builds.nats.address import NatsAddress
 from firstfix_service.builds.nats.builds import NatsBuilds
 from firstfix_service.settings import Settings
 from small_world import CONFIG
+from tests.faults.nats_server import nats_server_program
+from tests.faults.tiny_worker import STAGES
 from waiting import wait_until
 
 pytestmark = pytest.mark.skipif(nats_server_program() is None, reason="no nats-server on this machine")

@@ -1,5 +1,6 @@
 """Query bodies of strangers: good ones of every encoding, the same damaged in every way, and some that are
-well-formed and ask for trouble."""
+well-formed and ask for trouble.
+"""
 
 from __future__ import annotations
 

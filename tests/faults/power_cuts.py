@@ -1,9 +1,9 @@
 """Power cuts at random moments of uploads, builds and publications: is anything lost that was acknowledged?
 
-    python -m benchmarks.power_cuts [--cuts 50] [--seed 0] [--json FILE]
+    python -m tests.faults power_cuts [--cuts 50] [--seed 0] [--json FILE]
 
 A service with its store, work folder and cache on an ext4 image builds posted maps with
-``benchmarks.tiny_worker`` (all of the real path but the stages' work), while files are uploaded in parts
+``tests.faults.tiny_worker`` (all of the real path but the stages' work), while files are uploaded in parts
 and versions are switched. At random moments the file system is shut down: what was written and not synced
 is lost, as by a power cut. Then the image is mounted again, looked through, and the service is started on it.
 It needs root, for it mounts the image. "Serving" is here that the service shows the active version and that
@@ -22,7 +22,7 @@ import subprocess
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -125,7 +125,8 @@ def _not_serving(deployment: Deployment) -> list[str]:
 
 def _torn(store: Store) -> list[str]:
     """Objects that are not what was put: empty ones, records that are no JSON, sources with another sha256.
-    The files of versions are those of ``_broken``."""
+    The files of versions are those of ``_broken``.
+    """
     torn = []
     for item in store.scan():
         if item.key.endswith("/cancel") or item.key.startswith("callers/"):  # empty by their nature
@@ -217,12 +218,12 @@ def _unmount(disk: DiskImage) -> None:
         raise RuntimeError(f"somebody has a file open below {disk.mount_point}")
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(prog="benchmarks.power_cuts", description=__doc__.split("\n\n")[0])
+def main(arguments: Sequence[str]) -> int:
+    parser = argparse.ArgumentParser(prog="tests.faults power_cuts", description=__doc__.split("\n\n")[0])
     parser.add_argument("--cuts", type=int, default=50)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
-    chosen = parser.parse_args()
+    chosen = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as folder:
         figures = power_cuts(Path(folder), cuts=chosen.cuts, seed=chosen.seed)
     text = json.dumps(figures, indent=1)
@@ -230,9 +231,4 @@ def main() -> None:
     if chosen.json:
         chosen.json.write_text(text + "\n")
     wrong = ("lost", "torn", "broken", "not_serving", "not_succeeded")
-    if any(figures[name] for name in wrong) or not figures["file_system_is_whole"]:
-        raise SystemExit(1)
-
-
-if __name__ == "__main__":
-    main()
+    return int(any(figures[name] for name in wrong) or not figures["file_system_is_whole"])

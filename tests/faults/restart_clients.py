@@ -1,6 +1,6 @@
 """kill -9 of the service under its clients' queries, and its restart: how many queries are lost.
 
-    python -m benchmarks.restart_clients --store DIR --map ID --scan FILE [--queries 200] [--restarts 2]
+    python -m tests.faults restart_clients --store DIR --map ID --scan FILE [--queries 200] [--restarts 2]
 
 For each of Client, AsyncClient and ZenohClient, as they are by default: four robots ask without a pause while
 the only replica is killed and started again. A query that raises is lost, whatever it raises.
@@ -17,18 +17,17 @@ import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
+from benchmarks.common.programs import Replica, free_port
 from firstfix.answer.localization import Localization
 from firstfix.decode import read_scan_file
 from firstfix.scan.scan import Scan
 from firstfix_client import AsyncClient, Client, ZenohClient
-
-from .service.programs import Replica, free_port
 
 ROBOTS = 4
 Ask = Callable[[Scan, str], Localization]
@@ -127,8 +126,12 @@ def restart_under_queries(
     }
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+def main(arguments: Sequence[str]) -> int:
+    parser = argparse.ArgumentParser(
+        prog="tests.faults restart_clients",
+        description=__doc__,
+        formatter_class=argparse.RawTextHelpFormatter,
+    )
     parser.add_argument("--store", required=True, type=Path)
     parser.add_argument("--map", required=True)
     parser.add_argument("--scan", required=True, type=Path)
@@ -136,7 +139,7 @@ def main() -> None:
     parser.add_argument("--restarts", type=int, default=2)
     parser.add_argument("--timeout", type=float, default=30.0)
     parser.add_argument("--json", type=Path)
-    given = parser.parse_args()
+    given = parser.parse_args(arguments)
     scan = read_scan_file(given.scan)
     figures = {}
     for name in CLIENTS:
@@ -158,6 +161,7 @@ def main() -> None:
         print(name, json.dumps(figures[name]))
     if given.json is not None:
         given.json.write_text(json.dumps(figures, indent=1) + "\n")
+    return int(any(found["lost"] for found in figures.values()))
 
 
 def replica_of(directory: Path, store: str, command: list[str] | None = None) -> Replica:
@@ -165,7 +169,3 @@ def replica_of(directory: Path, store: str, command: list[str] | None = None) ->
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     settings = {"store": store, "run_builds": False, "zenoh": True, "zenoh_listen": [endpoint]}
     return Replica(directory, settings, command)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,4 +1,4 @@
-"""``python -m benchmarks.fuzz_bodies``: whatever body comes, a service answers it, in time and in its memory.
+"""``python -m tests.faults fuzz_bodies``: whatever body comes, a service answers it, in time and in its memory.
 
 Starts a service over a store that has a map (``make demo`` leaves one), sends it damaged bodies of every
 encoding over HTTP and zenoh, and then those that ask for trouble. Ends with an error when one is answered 5xx
@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,10 +21,10 @@ from typing import Any
 import httpx
 import numpy as np
 
+from benchmarks.common.memory import PeakMemory, memory_of_children
 from firstfix_cli.local_service import LocalService, local_service
 
 from .hostile_bodies import Body, crafted_bodies, damaged, good_bodies
-from .memory import PeakMemory, memory_of_children
 
 DEADLINE_S = 10.0
 GRACE_S = 20.0  # for the way there and back on a busy machine
@@ -37,11 +36,10 @@ Ask = Callable[[Body], int]
 
 @dataclass
 class Outcome:
-    """
-    Attributes:
-        statuses: how often each was the answer.
-        wrong: bodies that were answered as they must not be, and how.
-        slowest_s: the longest wait for an answer.
+    """Attributes:
+    statuses: how often each was the answer.
+    wrong: bodies that were answered as they must not be, and how.
+    slowest_s: the longest wait for an answer.
     """
 
     statuses: Counter[int] = field(default_factory=Counter)
@@ -151,21 +149,17 @@ def _asker(transport: str, service: LocalService, map_id: str) -> Iterator[Ask]:
         yield zenoh_asker(session, map_id)
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(prog="benchmarks.fuzz_bodies", description="Fuzzes a running service.")
+def main(arguments: Sequence[str]) -> int:
+    parser = argparse.ArgumentParser(prog="tests.faults fuzz_bodies", description="Fuzzes a running service.")
     parser.add_argument("--store", type=Path, default=Path("demo/store"))
     parser.add_argument("--map", default="factory")
     parser.add_argument("--count", type=int, default=1000, help="damaged bodies of each encoding")
     parser.add_argument("--seed", type=int, default=0)
-    arguments = parser.parse_args()
-    figures = run(arguments.store, arguments.map, arguments.count, arguments.seed)
+    chosen = parser.parse_args(arguments)
+    figures = run(chosen.store, chosen.map, chosen.count, chosen.seed)
     print(json.dumps(figures, indent=1))
     bad = any(
         figures[transport]["wrong"] or figures[transport]["growth_mb"] * 1e6 > MAX_GROWTH_BYTES
         for transport in ("http", "zenoh")
     )
     return 1 if bad else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from firstfix.transform import Matrix, from_quaternion
 
-SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
+SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
 POSE = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
 
 

@@ -31,9 +31,9 @@ from firstfix_cli.evaluate import Outcome, outcome_of, random_yaws, report_of, t
 from firstfix_cli.local_service import local_service
 from firstfix_cli.poses_csv import PosedScan, read_poses_csv
 
-from .datasets import HALL, STREET, Dataset
+from ..common.datasets import HALL, STREET, Dataset
+from ..common.memory import PeakMemory
 from .degrade import every_second_ring, tilted, without_sectors
-from .memory import PeakMemory
 
 SEED = 1  # of the yaw that each scan is turned by, and of what degrades it
 QUICK = (HALL,)

@@ -61,7 +61,7 @@ class Asked:
 
 
 @dataclass(frozen=True)
-class Place:
+class DescribedWorld:
     """Attributes:
     simulator: in the map frame.
     position_m, height_m: (n, 3) and (n,) of the templates' sensors, map frame and above the floor.
@@ -75,7 +75,7 @@ class Place:
     preprocess: PreprocessConfig
 
     @classmethod
-    def of(cls, index: MapIndex, simulator: Simulator) -> Place:
+    def of(cls, index: MapIndex, simulator: Simulator) -> DescribedWorld:
         templates, config = index.cascade.templates, index.config
         assert isinstance(config.descriptor, OccupancyConfig)
         return cls(

@@ -1,4 +1,4 @@
-"""kill -9 at random moments, a few of them: ``python -m benchmarks.kill_builds`` does 50."""
+"""kill -9 at random moments, a few of them: ``python -m tests.faults kill_builds`` does 50."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.kill_builds import kill_builds
-from benchmarks.nats_server import nats_server_program
+from tests.faults.kill_builds import kill_builds
+from tests.faults.nats_server import nats_server_program
 
 
 @pytest.mark.slow

@@ -12,11 +12,11 @@ from firstfix.builds.config import BuildConfig
 from firstfix.scan.scan import Scan
 from firstfix_builder.read_map import read_map
 
-from ..datasets import Dataset
+from ..common.datasets import Dataset
 
 
 @dataclass(frozen=True)
-class PeerPlace:
+class PeerInput:
     """Attributes:
     version: folder of firstfix's version of the map.
     feature_voxel_m: for feature matching.

@@ -1,4 +1,4 @@
-"""Callers of a service whose power is cut, and what it acknowledged: for ``benchmarks.power_cuts``."""
+"""Callers of a service whose power is cut, and what it acknowledged: for ``tests.faults.power_cuts``."""
 
 from __future__ import annotations
 

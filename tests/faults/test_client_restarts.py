@@ -1,5 +1,6 @@
 """A service that is killed and started again under queries, with few of them: ``python -m
-benchmarks.restart_clients`` asks 200."""
+tests.faults restart_clients`` asks 200.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +12,11 @@ import numpy as np
 import pytest
 from service_world import publish
 
-from benchmarks.restart_clients import CLIENTS, replica_of, restart_under_queries
-from benchmarks.service.programs import Replica
+from benchmarks.common.programs import Replica
 from firstfix.catalog.catalog import Catalog
 from firstfix.scan.scan import Scan
 from firstfix.store.store import Store
+from tests.faults.restart_clients import CLIENTS, replica_of, restart_under_queries
 
 SCAN = Scan.from_points(np.random.default_rng(1).uniform(-9, 9, (300, 3)))
 
@@ -25,7 +26,7 @@ def replica(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Replica]:
     folder = tmp_path_factory.mktemp("restarts")
     store = str(folder / "store")
     publish(Catalog(Store.open(store)), "hall", "1", folder / "made")
-    command = [sys.executable, str(Path(__file__).with_name("replica_process.py"))]
+    command = [sys.executable, str(Path(__file__).parents[1] / "service" / "replica_process.py")]
     with pytest.MonkeyPatch.context() as environment:
         environment.setenv("FAKE_SECONDS", "0.05")  # so that some are being worked on when it is killed
         environment.setenv("FIRSTFIX_MIN_FREE_BYTES", "0")

@@ -19,17 +19,17 @@ from firstfix.scan.scan import Scan
 from firstfix.store.store import Store
 from firstfix_builder.execution.stage_cache import StageCache
 
+from ..common.worlds import BenchWorld
 from ..robust.cases import CASES
 from ..robust.queries import queries_of
 from ..robust.versions import Versions
-from ..worlds import BenchWorld
 
 SEED = 5
 CASE = next(case for case in CASES if case.name == "all at once")
 
 
 @dataclass(frozen=True)
-class Place:
+class QueriedVersion:
     """Attributes:
     version: folder of a version's files, without a manifest.
     """
@@ -62,7 +62,7 @@ class Place:
         return version
 
 
-def make_place(world: BenchWorld, work: Path, count: int) -> Place:
+def make_queried_version(world: BenchWorld, work: Path, count: int) -> QueriedVersion:
     """Builds the world's map, and takes scans in it with everything perturbed at once."""
     files = world.make(StageCache(work))
     versions = Versions(world, files.map, work / world.name)
@@ -71,4 +71,4 @@ def make_place(world: BenchWorld, work: Path, count: int) -> Place:
     taken = queries_of(CASE, index, versions.sensor(None), files, (), count, rng)
     sensor = versions.sensor(None).name
     folder = work / world.name / sensor / "version"
-    return Place(world.name, folder, versions.templates[sensor], [scan for scan, _ in taken])
+    return QueriedVersion(world.name, folder, versions.templates[sensor], [scan for scan, _ in taken])

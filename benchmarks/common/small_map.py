@@ -9,7 +9,7 @@ import numpy as np
 from firstfix.builds.config import BuildConfig
 from firstfix_builder.pipeline import build_version
 
-from ..service.load import Body
+from .load import Body
 
 SENSOR = {
     "name": "bench-16",

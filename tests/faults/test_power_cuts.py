@@ -1,4 +1,4 @@
-"""The power is cut at random moments, a few times: ``python -m benchmarks.power_cuts`` does it 50 times."""
+"""The power is cut at random moments, a few times: ``python -m tests.faults power_cuts`` does it 50 times."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.disk_image import why_no_images
-from benchmarks.power_cuts import power_cuts
+from tests.faults.disk_image import why_no_images
+from tests.faults.power_cuts import power_cuts
 
 
 @pytest.mark.slow

@@ -1,6 +1,6 @@
 """A build worker with everything of the real one but its work: stages that sleep, and a small version.
 
-    FIRSTFIX_BUILD_COMMAND='["python", "-m", "benchmarks.tiny_worker"]'
+    FIRSTFIX_BUILD_COMMAND='["python", "-m", "tests.faults.tiny_worker"]'
 
 What it does is what ``config_telling`` was told: ``stage_s`` seconds a stage, ``hang_in`` a stage until the
 file ``until`` exists, ``die_in`` a stage. Each stage that is made leaves a line in ``made.txt`` of the work
@@ -81,7 +81,7 @@ def build_version(
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="benchmarks.tiny_worker")
+    parser = argparse.ArgumentParser(prog="tests.faults.tiny_worker")
     for name in ("--store", "--build", "--work"):
         parser.add_argument(name, required=True)
     for name in ("--tied-to-stdin", "--share-stages"):

@@ -1,9 +1,9 @@
 """kill -9 at random moments of uploads, builds and publications: what is lost, half visible or left over.
 
-    python -m benchmarks.kill_builds [--kills 50] [--queue embedded|nats] [--seed 0] [--json FILE]
+    python -m tests.faults kill_builds [--kills 50] [--queue embedded|nats] [--seed 0] [--json FILE]
 
 A service, with NATS two workers beside it, builds one posted map after the other with
-``benchmarks.tiny_worker``: all of the real path but the stages' work. At random moments one of the
+``tests.faults.tiny_worker``: all of the real path but the stages' work. At random moments one of the
 processes is killed, or a build's own, and started again. Meanwhile a reader verifies every version that
 is active. In the end every build that the service took has to have succeeded, and after garbage
 collection nothing may be in the store that nothing refers to.
@@ -20,7 +20,7 @@ import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -143,7 +143,8 @@ def _post(deployment: Deployment, posted: list[str], seed: int) -> None:
 
 def _wait_for_a_moment(deployment: Deployment, catalog: Catalog, rng: random.Random) -> None:
     """In a third of all cases while a version's files are being put, in most of the others while a build
-    runs: processes take longer to start than that."""
+    runs: processes take longer to start than that.
+    """
     kind = rng.random()
     if kind < 0.33:
         _wait_until(lambda: _is_publishing(deployment, catalog))
@@ -223,7 +224,8 @@ def _orphans(catalog: Catalog) -> list[str]:
 
 def _after_gc(catalog: Catalog) -> list[str]:
     """What is left that nothing refers to after everything was collected, uploads of unrecorded builds
-    aside: those are the map's sources, and are kept."""
+    aside: those are the map's sources, and are kept.
+    """
     for map_id in MAPS:
         catalog.collect_garbage(map_id, older_than_s=0)
     collect_stages(catalog.store, 0)
@@ -231,22 +233,18 @@ def _after_gc(catalog: Catalog) -> list[str]:
     return [key for key in _orphans(catalog) if "/sources/" not in key]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(prog="benchmarks.kill_builds", description=__doc__.split("\n\n")[0])
+def main(arguments: Sequence[str]) -> int:
+    parser = argparse.ArgumentParser(prog="tests.faults kill_builds", description=__doc__.split("\n\n")[0])
     parser.add_argument("--kills", type=int, default=50)
     parser.add_argument("--queue", choices=("embedded", "nats"), default="embedded")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
-    chosen = parser.parse_args()
+    chosen = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as folder:
         figures = kill_builds(Path(folder), kills=chosen.kills, queue=chosen.queue, seed=chosen.seed)
     text = json.dumps(figures, indent=1)
     print(text)
     if chosen.json:
         chosen.json.write_text(text + "\n")
-    if any(figures[name] for name in ("not_succeeded", "broken", "published_twice", "orphans")):
-        raise SystemExit(1)
-
-
-if __name__ == "__main__":
-    main()
+    wrong = ("not_succeeded", "broken", "published_twice", "orphans")
+    return int(any(figures[name] for name in wrong))

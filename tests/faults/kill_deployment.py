@@ -1,4 +1,4 @@
-"""A service and its workers as processes to be killed: what ``benchmarks.kill_builds`` kills."""
+"""A service and its workers as processes to be killed: what ``tests.faults.kill_builds`` kills."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class Deployment:
             "FIRSTFIX_PORT": str(self.port),
             "FIRSTFIX_BUILD_QUEUE": self.nats_url or "embedded",
             "FIRSTFIX_RUN_BUILDS": "true",
-            "FIRSTFIX_BUILD_COMMAND": json.dumps([sys.executable, "-m", "benchmarks.tiny_worker"]),
+            "FIRSTFIX_BUILD_COMMAND": json.dumps([sys.executable, "-m", "tests.faults.tiny_worker"]),
             "FIRSTFIX_BUILD_LEASE_S": str(LEASE_S),
             "FIRSTFIX_BUILD_ATTEMPTS": "1000",  # the kills are ours, not the builds'
             "FIRSTFIX_CACHE_DIR": str(self.folder / "cache"),
