@@ -108,7 +108,7 @@ def _has_alias(localizer: Localizer, scan: Scan, T_map_sensor: Matrix, answer: L
     prepared = preprocess(ScanSequence.single(scan), None, index.config.preprocess)
     if prepared is None:
         return True
-    (found,) = index.surface.refine(prepared.dense, (inverse(index.T_map_level) @ T_map_sensor)[None])
+    (found,) = index.surface.align_fine(prepared.dense, (inverse(index.T_map_level) @ T_map_sensor)[None])
     through = index.view.free_space_violation(prepared.scans[0].view, found.T_level_sensor)
     support = AlignmentQuality(found.inlier_ratio, found.alignment_score, through).support
     return any(

@@ -18,8 +18,8 @@ from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import EngineConfig
 from firstfix.engine.index import CALIBRATION_FILE, ENGINE_FILE, MAP_FILE, MapIndex
 from firstfix.engine.localizer import Localizer
+from firstfix.engine.retrieval.cascade import save_projection
 from firstfix.engine.retrieval.clusters import Clusters
-from firstfix.engine.retrieval.key_projection import save_projection
 from firstfix.engine.retrieval.templates import Templates
 from firstfix.errors import BuildCancelled
 from firstfix.transform import inverse, make_transform, transform_points

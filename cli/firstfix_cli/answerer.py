@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
 from firstfix.errors import InvalidOption, NotFound
-from firstfix.scan.any_scan import AnyScan
 from firstfix.scan.scan import Scan
-from firstfix.scan.sequence import ScanSequence
+from firstfix.scan.sequence import AnyScan, ScanSequence
 
 from .arguments import PATIENCE_S, cache_directory, client_of
 

@@ -17,9 +17,8 @@ from .formats.scanner_bin import decode_scanner_bin
 from .formats.text import decode_text
 from .ros.media_types import CDR, ZENOH_CDR, check_cloud_type
 from .ros.point_cloud2 import decode_point_cloud2
-from .scan.any_scan import AnyScan
 from .scan.scan import Scan
-from .scan.sequence import ScanSequence
+from .scan.sequence import AnyScan, ScanSequence
 from .wire.content_encoding import undo_content_encoding
 
 __all__ = ["MEDIA_TYPES", "SUFFIXES", "decode_query", "read_scan_file", "undo_content_encoding"]

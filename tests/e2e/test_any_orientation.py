@@ -11,8 +11,8 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.builds.config import BuildConfig, PerturbConfig
 from firstfix.decode import decode_query
 from firstfix.engine.index import MapIndex
-from firstfix.engine.localizer import Localizer
-from firstfix.engine.preprocess import PreparedQuery
+from firstfix.engine.localizer import Localizer, localize_among
+from firstfix.engine.preprocess import PreparedQuery, preprocess
 from firstfix.scan.condense import condense, describe
 from firstfix.scan.descriptor_parameters import QueryParameters
 from firstfix.scan.scan import Scan
@@ -77,8 +77,8 @@ def test_a_sensor_in_any_orientation_is_answered_as_an_upright_one(localizer, sm
 def looked_otherwise(monkeypatch):
     """How often other ways up were looked at."""
     calls = []
-    look = PreparedQuery.levelled_otherwise
-    monkeypatch.setattr(PreparedQuery, "levelled_otherwise", lambda *given: calls.append(1) or look(*given))
+    look = PreparedQuery.with_other_ups
+    monkeypatch.setattr(PreparedQuery, "with_other_ups", lambda *given: calls.append(1) or look(*given))
     return calls
 
 
@@ -89,6 +89,20 @@ def test_an_upright_scan_that_is_localized_pays_for_no_other_way_up(localizer, s
     looked_otherwise.clear()
     localizer.localize(remounted(*small_scans[0], HEAD_DOWN)[0])
     assert looked_otherwise == [1]
+
+
+@pytest.mark.parametrize("maps", [1, 2])
+def test_a_scan_is_preprocessed_once_a_map_whichever_way_is_up(
+    localizer, small_scans, looked_otherwise, monkeypatch, maps
+):
+    calls = []
+    monkeypatch.setattr(
+        "firstfix.engine.localizer.preprocess", lambda *given: calls.append(1) or preprocess(*given)
+    )
+    scan, _ = remounted(*small_scans[0], HEAD_DOWN)
+    localize_among({str(number): localizer for number in range(maps)}, scan)
+    assert len(looked_otherwise) == maps
+    assert len(calls) == maps
 
 
 @pytest.mark.parametrize("R", [HEAD_DOWN, ON_ITS_SIDE], ids=["head down", "on its side"])

@@ -1,4 +1,4 @@
-"""Which poses the search proposes, and when it is done a second time."""
+"""Poses that the search for candidates returns, and when it runs a second time."""
 
 from dataclasses import fields, replace
 
@@ -8,7 +8,7 @@ import pytest
 from firstfix.answer.localization import Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.builds.config import PerturbConfig
-from firstfix.engine.candidates import A_SPOT, SPOT_DEG, SPOT_M, search
+from firstfix.engine.candidates import MAX_PER_SPOT, SPOT_DEG, SPOT_M, find_candidates
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.engine.preprocess import preprocess
@@ -36,7 +36,7 @@ def foreign_scan():
 def proposed(index, scan, effort=1, options=None):
     prepared = preprocess(ScanSequence.single(scan), None, index.config.preprocess)
     described = [one.described_by(index.cascade.descriptor) for one in prepared.scans]
-    return search(index, described, prepared.scans, options or LocalizeOptions(), effort)
+    return find_candidates(index, described, prepared.scans, options or LocalizeOptions(), effort)
 
 
 def test_no_spot_crowds_out_the_others(index, small_scans):
@@ -45,7 +45,8 @@ def test_no_spot_crowds_out_the_others(index, small_scans):
         assert 3 <= len(poses) <= index.config.search.candidates
         for last, pose in enumerate(poses):
             errors = [pose_error(pose, earlier) for earlier in poses[:last]]
-            assert sum(metres < SPOT_M - 1e-6 and degrees < SPOT_DEG for metres, degrees in errors) < A_SPOT
+            beside = sum(metres < SPOT_M - 1e-6 and degrees < SPOT_DEG for metres, degrees in errors)
+            assert beside < MAX_PER_SPOT
 
 
 def test_more_effort_proposes_more_and_loses_none(index, small_scans):

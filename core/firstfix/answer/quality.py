@@ -1,4 +1,4 @@
-"""What speaks for a place: how well the scan lies on the map there, and how much better than elsewhere."""
+"""Quality of an alignment, and the features from which its probability is computed."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-FREE_SPACE_WEIGHT = 2.0  # of seeing through against alignment_score, when places are ranked
-MAX_FREE_SPACE_VIOLATION = 0.2  # more than this is no worse
+FREE_SPACE_WEIGHT = 2.0  # of free_space_violation against alignment_score, when poses are ranked
+MAX_FREE_SPACE_VIOLATION = 0.2  # more than this counts as this
 MAX_MARGIN = 0.5
 
 
 @dataclass(frozen=True)
 class AlignmentQuality:
-    """How a scan lies on the map at one pose.
+    """How well a scan fits the map at one pose.
 
     Attributes:
-        inlier_ratio: 0..1, share of its points within the inlier distance of the map.
-        alignment_score: 0..1, the same but each point counts less the further off it lies.
-        free_space_violation: 0..1, share of its directions that pass through what the map says is there.
+        inlier_ratio: 0..1, share of the scan's points within the inlier distance of the map.
+        alignment_score: 0..1, the same, but a point counts less the further it lies from the map.
+        free_space_violation: 0..1, share of the scan's directions that pass through a surface of the map.
     """
 
     inlier_ratio: float
@@ -29,7 +29,7 @@ class AlignmentQuality:
 
     @property
     def support(self) -> float:
-        """By this places are ranked."""
+        """Score by which poses are ranked: alignment score less a penalty for free-space violation."""
         return self.alignment_score - FREE_SPACE_WEIGHT * min(
             self.free_space_violation, MAX_FREE_SPACE_VIOLATION
         )
@@ -37,12 +37,14 @@ class AlignmentQuality:
 
 @dataclass(frozen=True)
 class MatchFeatures:
-    """Evidence for the best place; where others tie with it, for one of all these being right.
+    """Features of one pose among those that compete, from which its probability is computed.
+
+    If other poses tie with it, they are features of "one of these poses is right".
 
     Attributes:
-        quality: of the best place.
-        margin: by how much its support exceeds that of the best place that does not tie with it.
-        tied: how many places tie, the best one included: no margin tells them apart.
+        quality: of the pose.
+        margin: by how much its support exceeds that of the best pose that does not tie with it.
+        tied: number of poses that tie, this one included: no margin tells them apart.
     """
 
     quality: AlignmentQuality
@@ -50,10 +52,10 @@ class MatchFeatures:
     tied: int = 1
 
     @property
-    def features(self) -> NDArray[np.float64]:
-        """(3,) what probability is a function of; more of any speaks for the place.
+    def vector(self) -> NDArray[np.float64]:
+        """(3,) inputs of the logistic model (equation 7.1). A larger value never lowers the probability.
 
-        Logarithms of the shares that do not fit: between 98 and 99 % lies as much as between 80 and 90.
+        Logarithms of the misfit spread good values: from 98 to 99 % is as far as from 80 to 90 %.
         """
         return np.array(
             [
@@ -65,14 +67,15 @@ class MatchFeatures:
 
 
 def match_features(
-    qualities: Sequence[AlignmentQuality], tied_within: float, place: int = 0
+    qualities: Sequence[AlignmentQuality], tied_within: float, number: int = 0
 ) -> MatchFeatures:
-    """For one of the places that the scan was compared at, given all of them.
+    """Match features of one pose, given the qualities of all poses that compete.
 
     Args:
-        tied_within: places tie whose support differs by less.
+        tied_within: poses tie if their support differs by less.
+        number: of the pose.
     """
-    own = qualities[place].support
+    own = qualities[number].support
     rivals = [quality.support for quality in qualities if abs(quality.support - own) >= tied_within]
     margin = own - max(rivals) if rivals else MAX_MARGIN
-    return MatchFeatures(qualities[place], margin, len(qualities) - len(rivals))
+    return MatchFeatures(qualities[number], margin, len(qualities) - len(rivals))

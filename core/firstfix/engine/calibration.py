@@ -1,7 +1,7 @@
-"""From what was measured at the places found to the probability that the true one is among the best.
+"""Calibration: from match features to the probability that the best pose is right.
 
-The build's self-test fits it. Places that tie count as one: two equal storeys of a map make every answer
-there ambiguous, and no answer less likely to hold the truth (docs/method.md section 7).
+The build's self-test fits it. Poses that tie count as one: two equal storeys of a map make every answer there
+ambiguous, but no answer less likely to contain the true pose (docs/method.md section 7).
 """
 
 from __future__ import annotations
@@ -16,23 +16,25 @@ from scipy.optimize import minimize
 
 from ..answer.quality import AlignmentQuality, MatchFeatures, match_features
 
-# One standard deviation that a map's weights may differ from the prior's: a share of each, and of this bias.
+# Standard deviation of a map's weights around the prior's: SPREAD times the weight, for the bias SPREAD_BIAS.
 SPREAD, SPREAD_BIAS = 0.4, 4.0
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """A logistic model over the features of ``MatchFeatures``, and the thresholds of the verdict.
+    """Logistic model over ``MatchFeatures.vector``, and the thresholds of the verdict.
+
+    The defaults are the prior, fitted to eight worlds at once (docs/method.md section 7).
 
     Attributes:
         bias: of the model.
-        alignment_score, free_space, margin: its weights, never negative, so that more evidence never
-            makes an answer less likely.
-        min_probability: below it an answer is not ``localized``, unless the query says otherwise.
-        min_inlier_ratio: below it a place does not explain the scan at all.
-        min_margin: places whose support differs by less tie: that is ambiguous however good they are.
-        cases: how many self-test cases it was fitted on; 0: it is only the prior, which is the defaults
-            below: fitted to eight worlds at once (docs/method.md section 7).
+        alignment_score, free_space, margin: its weights. They are never negative: a better fit never makes an
+            answer less likely.
+        min_probability: below it an answer is not ``localized``, unless the query gives its own threshold.
+        min_inlier_ratio: below it a pose does not explain the scan at all.
+        min_margin: poses tie if their support differs by less: the answer is then ambiguous, however good
+            they are.
+        cases: number of self-test cases it was fitted on; 0: it is the prior.
     """
 
     bias: float = -18.8
@@ -46,45 +48,45 @@ class Calibration:
 
     @property
     def weights(self) -> NDArray[np.float64]:
-        """(4,) bias first."""
+        """(4,) weights of the model, bias first."""
         return np.array([self.bias, self.alignment_score, self.free_space, self.margin])
 
-    def match_features(self, qualities: Sequence[AlignmentQuality], place: int = 0) -> MatchFeatures:
-        """Features of one of the compared places; places that tie with it count as one place."""
-        return match_features(qualities, self.min_margin, place)
+    def match_features(self, qualities: Sequence[AlignmentQuality], number: int = 0) -> MatchFeatures:
+        """Match features of one of the competing poses. Poses that tie with it count as one pose."""
+        return match_features(qualities, self.min_margin, number)
 
-    def probability(self, evidence: MatchFeatures) -> float:
-        """0..1 that the place is right, or one of those that tie with it."""
-        return float(_logistic(self.weights[0] + evidence.features @ self.weights[1:]))
+    def probability(self, features: MatchFeatures) -> float:
+        """Probability, 0..1, that the pose or one that ties with it is right."""
+        return float(_logistic(self.weights[0] + features.vector @ self.weights[1:]))
 
-    def accepts(self, evidence: MatchFeatures, min_probability: float | None = None) -> bool:
-        """Whether the best place may be called localized.
+    def accepts(self, features: MatchFeatures, min_probability: float | None = None) -> bool:
+        """Whether the verdict may be ``localized``.
 
         Args:
-            min_probability: in place of its own.
+            min_probability: threshold to use instead of the calibration's own.
         """
         needed = self.min_probability if min_probability is None else min_probability
-        explains = evidence.quality.inlier_ratio >= self.min_inlier_ratio
-        return explains and evidence.tied == 1 and self.probability(evidence) >= needed
+        explains = features.quality.inlier_ratio >= self.min_inlier_ratio
+        return explains and features.tied == 1 and self.probability(features) >= needed
 
     @classmethod
-    def fit(cls, evidence: Sequence[MatchFeatures], right: ArrayLike, weight: ArrayLike) -> Calibration:
-        """The most likely after the prior and these cases; no weight is negative.
+    def fit(cls, features: Sequence[MatchFeatures], right: ArrayLike, weight: ArrayLike) -> Calibration:
+        """Fits the most likely calibration, given the prior and self-test cases. No weight is negative.
 
         Args:
-            evidence: (n,) for the best place of each self-test case.
-            right: (n,) whether it was right, or one of those that tie with it.
-            weight: (n,) how many such cases there would be among real ones.
+            features: (n,) of the best pose of each case.
+            right: (n,) whether that pose, or one that ties with it, was right.
+            weight: (n,) number of real cases that each stands for.
         """
         truth, counts = np.asarray(right, np.float64), np.asarray(weight, np.float64)
         prior = cls().weights
         spread = SPREAD * np.array([SPREAD_BIAS, *prior[1:]])
-        features = np.array([[1.0, *e.features] for e in evidence]).reshape(-1, len(prior))
+        inputs = np.array([[1.0, *one.vector] for one in features]).reshape(-1, len(prior))
 
         def loss(weights: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-            log_odds, off = features @ weights, (weights - prior) / spread
+            log_odds, off = inputs @ weights, (weights - prior) / spread
             value = counts @ (np.logaddexp(0, log_odds) - truth * log_odds) + off @ off / 2
-            gradient = features.T @ (counts * (_logistic(log_odds) - truth)) + off / spread
+            gradient = inputs.T @ (counts * (_logistic(log_odds) - truth)) + off / spread
             return float(value), gradient
 
         bounds = [(None, None)] + [(0, None)] * (len(prior) - 1)
@@ -93,16 +95,18 @@ class Calibration:
         return cls(bias, alignment_score, free_space, margin, cases=len(truth))
 
     def to_mapping(self) -> dict[str, Any]:
+        """Values by name, ready for JSON."""
         return asdict(self)
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> Calibration:
-        """
+        """Reads what ``to_mapping`` returned.
+
         Raises:
-            ValueError: not the fields of this calibration: another version's.
+            ValueError: the fields are not those of this class.
         """
         if set(data) != {field.name for field in fields(cls)}:
-            raise ValueError(f"a calibration has other fields: {sorted(data)}")
+            raise ValueError(f"unexpected fields of a calibration: {sorted(data)}")
         return cls(**data)
 
 

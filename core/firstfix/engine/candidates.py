@@ -1,4 +1,4 @@
-"""Which templates look like the scan, and the pose that each implies."""
+"""Candidates: templates that resemble a scan, and the sensor pose that each implies."""
 
 from __future__ import annotations
 
@@ -17,31 +17,40 @@ from ..transform import Matrix, inverse, make_transform, rotation_z, transform_p
 from .index import MapIndex
 from .retrieval.cascade import Matches
 
-LEAST_A_SCAN = 3
-A_SPOT = 3  # templates beside each other lead to one place: more of them would crowd out the others
+MIN_PER_SCAN = 3
+MAX_PER_SPOT = 3  # templates of one spot lead to one pose: more of them would crowd out other spots
 SPOT_M, SPOT_DEG = 2.0, 20.0
 _SPOT_COS = math.cos(math.radians(SPOT_DEG))
 YAW_SLACK_DEG = 10.0  # a candidate's heading is as coarse as the descriptor's sectors
 
 
-class Levelled(Protocol):
-    """What the search needs of a scan beside its descriptor; see ``PreparedScan``."""
+class LevelledScan(Protocol):
+    """The levelled frame of a scan, which the search needs beside its descriptor."""
 
     @property
-    def T_last_scan(self) -> Matrix: ...
+    def T_last_scan(self) -> Matrix:
+        """(4, 4) pose in the frame of the query's last scan."""
+        ...
+
     @property
-    def R_level_sensor(self) -> NDArray[np.float64]: ...
+    def R_level_sensor(self) -> NDArray[np.float64]:
+        """(3, 3) levelling rotation."""
+        ...
+
     @property
-    def height_m(self) -> float: ...
+    def height_m(self) -> float:
+        """Height of the sensor above the floor."""
+        ...
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A template that the search proposes.
+    """A template found by the search, with the pose that it implies.
 
     Attributes:
-        T_level_sensor: (4, 4) of the query's last scan, as the template's place and the best turn imply it.
-        score: 0..1, of the two descriptors at that turn.
+        template: its row.
+        T_level_sensor: (4, 4) of the query's last scan, from the template's position and the best yaw.
+        score: 0..1, similarity of the two descriptors at that yaw.
     """
 
     template: int
@@ -49,21 +58,21 @@ class Candidate:
     score: float
 
 
-def search(
+def find_candidates(
     index: MapIndex,
     described: Sequence[Described],
-    scans: Sequence[Levelled],
+    scans: Sequence[LevelledScan],
     options: LocalizeOptions,
     effort: int = 1,
 ) -> list[Candidate]:
-    """Poses of the last scan that the prior allows, from the templates most like each of the scans.
+    """Candidates that the prior allows, from the templates most similar to each scan, best first.
 
     Args:
-        described: each scan of the query alone.
-        effort: times as many clusters and candidates as the config says.
+        described: descriptor of each scan.
+        effort: factor on the config's numbers of clusters and candidates.
     """
     count = options.max_candidates or effort * index.config.search.candidates
-    each = max(LEAST_A_SCAN, 2 * count // len(described)) if len(described) > 1 else count
+    each = max(MIN_PER_SCAN, 2 * count // len(described)) if len(described) > 1 else count
     found = [
         candidate
         for scan, one in zip(scans, described, strict=True)
@@ -73,7 +82,12 @@ def search(
 
 
 def _of_scan(
-    index: MapIndex, described: Described, scan: Levelled, prior: Prior | None, count: int, effort: int
+    index: MapIndex,
+    described: Described,
+    scan: LevelledScan,
+    prior: Prior | None,
+    count: int,
+    effort: int,
 ) -> Iterator[Candidate]:
     templates, T_scan_last = index.cascade.templates, inverse(scan.T_last_scan)
     matches = _matches(index, described, scan, prior, effort)
@@ -85,7 +99,7 @@ def _of_scan(
         matches.rows, positions.tolist(), matches.yaw_rad.tolist(), matches.score, strict=True
     ):
         here = (*at, yaw)
-        if sum(_leads_to_one_place(here, other) for other in chosen) >= A_SPOT:
+        if sum(_is_same_spot(here, other) for other in chosen) >= MAX_PER_SPOT:
             continue
         T_level_last = make_transform(rotation_z(yaw) @ scan.R_level_sensor, at) @ T_scan_last
         if prior is not None and not prior.allows(index.T_map_level @ T_level_last, np.inf, YAW_SLACK_DEG):
@@ -96,14 +110,17 @@ def _of_scan(
             return
 
 
-def _leads_to_one_place(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
-    """Of two x, y, z, yaw. Plain numbers: of a hundred matches each is held against a few, and arrays of
-    four cost more to make than to compare."""
+def _is_same_spot(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
+    """Whether two (x, y, z, yaw) lead to one pose.
+
+    Plain numbers are faster here: each of a hundred matches is compared with a few, and small arrays cost
+    more to make than to compare.
+    """
     return math.dist(one[:3], other[:3]) < SPOT_M and math.cos(one[3] - other[3]) > _SPOT_COS
 
 
 def _matches(
-    index: MapIndex, described: Described, scan: Levelled, prior: Prior | None, effort: int
+    index: MapIndex, described: Described, scan: LevelledScan, prior: Prior | None, effort: int
 ) -> Matches:
     clusters = effort * index.config.search.clusters
     if prior is None:

@@ -131,7 +131,7 @@ class RegistrationConfig(Stage):
     map_voxel_m: float = Field(0.1, gt=0.01, le=5)
     coarse_voxel_m: float = Field(0.6, gt=0.05, le=20)
     coarse_iterations: int = Field(10, ge=1, le=200)
-    settle_iterations: int = Field(4, ge=1, le=200, description="on the map's own points, of every candidate")
+    align_iterations: int = Field(4, ge=1, le=200, description="on the map's own points, of every candidate")
     fine_distance_m: float = Field(0.5, gt=0.01, le=20)
     fine_iterations: int = Field(12, ge=1, le=200)
     inlier_distance_m: float = Field(0.15, gt=0.01, le=5)

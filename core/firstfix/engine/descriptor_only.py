@@ -1,4 +1,4 @@
-"""What a descriptor alone can say: places that look alike, registered nowhere, so never ``localized``."""
+"""Answers to descriptor-only queries: similar templates, never registered, so never ``localized``."""
 
 from __future__ import annotations
 
@@ -15,19 +15,26 @@ from ..errors import DescriptorMismatch
 from ..scan.compact import ScanDescriptor
 from ..scan.levelling import levelling_rotation
 from ..transform import Matrix, pose_error
-from .candidates import Candidate, search
+from .candidates import Candidate, find_candidates
 from .index import MapIndex
 
-APART_M, APART_DEG = 3.0, 30.0  # nearer candidates are one place: templates stand a metre apart
-HYPOTHESES = 10
-# The likeliest logistic model of "the best is right" over ten places, a fifth of the scans of other ones.
-# Asked of the place that it was not fitted to, it is off by 0.03 on average (docs/method.md section 3).
+SAME_PLACE_M, SAME_PLACE_DEG = 3.0, 30.0  # templates stand a metre apart: nearer candidates are one place
+MAX_HYPOTHESES = 10
+# Logistic model of "the best candidate is right" (docs/method.md equation 10.1), fitted over ten worlds; a
+# fifth of the scans are of other worlds. In a world that it was not fitted to, it is off by 0.03 on average.
 BIAS, SCORE, LEAD = -7.84, 10.07, 52.1
 
 
 @dataclass(frozen=True)
-class Proposal:
-    """A place in a map. Attributes as a ``Hypothesis`` has them; ``score`` is the descriptors', 0..1."""
+class UnregisteredCandidate:
+    """A pose in one map at which the scan's descriptor resembles a template's.
+
+    Attributes:
+        T_map_sensor: (4, 4).
+        score: 0..1, similarity of the two descriptors.
+        template: row of the template.
+        map_id: of the map, where several compete.
+    """
 
     T_map_sensor: Matrix
     score: float
@@ -42,13 +49,13 @@ class _LevelledScan:
     T_last_scan: Matrix = field(default_factory=lambda: np.eye(4))
 
 
-def propose(
+def find_unregistered(
     index: MapIndex, sent: ScanDescriptor, options: LocalizeOptions, map_id: str = ""
-) -> list[Proposal]:
-    """Distinct places of one map that the prior allows, the most alike first.
+) -> list[UnregisteredCandidate]:
+    """Distinct candidates of one map that the prior allows, best first.
 
     Raises:
-        DescriptorMismatch: the robot described the scan otherwise than the map's templates.
+        DescriptorMismatch: the robot's descriptor has other parameters than the map's templates.
     """
     descriptor = index.cascade.descriptor
     if not sent.agrees_with(descriptor):
@@ -57,21 +64,21 @@ def propose(
             "take them from engine in the map's manifest, or send points too"
         )
     scan = _LevelledScan(levelling_rotation(sent.up), sent.height_m)
-    found = search(index, [sent.rows], [scan], options, index.config.search.widened)
+    found = find_candidates(index, [sent.rows], [scan], options, index.config.search.widened)
     return [
-        Proposal(index.T_map_level @ candidate.T_level_sensor, candidate.score, candidate.template, map_id)
-        for candidate in _distinct(found)
+        UnregisteredCandidate(index.T_map_level @ one.T_level_sensor, one.score, one.template, map_id)
+        for one in _distinct(found)
     ]
 
 
-def answer_unregistered(proposals: Sequence[Proposal]) -> Localization:
-    """Ranked hypotheses of one map or several, and no pose."""
-    ranked = sorted(proposals, key=lambda proposal: -proposal.score)
+def answer_unregistered(candidates: Sequence[UnregisteredCandidate]) -> Localization:
+    """Answer from the candidates of one map or several: ranked hypotheses, no pose."""
+    ranked = sorted(candidates, key=lambda candidate: -candidate.score)
     if not ranked:
         return Localization(Verdict.REJECTED, (Reason.NO_CANDIDATE,))
     hypotheses = tuple(
         Hypothesis(one.T_map_sensor, None, _probability(ranked, number), one.template, one.map_id)
-        for number, one in enumerate(ranked[:HYPOTHESES])
+        for number, one in enumerate(ranked[:MAX_HYPOTHESES])
     )
     return Localization(
         Verdict.AMBIGUOUS,
@@ -81,8 +88,8 @@ def answer_unregistered(proposals: Sequence[Proposal]) -> Localization:
     )
 
 
-def _probability(ranked: Sequence[Proposal], number: int) -> float:
-    """Of being right: how alike the place is, and how much more than the best other one."""
+def _probability(ranked: Sequence[UnregisteredCandidate], number: int) -> float:
+    """Probability that a candidate is right, from its score and its lead over the best other one."""
     score = ranked[number].score
     rivals = [one.score for other, one in enumerate(ranked) if other != number]
     lead = score - max(rivals, default=0.0)
@@ -90,10 +97,10 @@ def _probability(ranked: Sequence[Proposal], number: int) -> float:
 
 
 def _distinct(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """The first of every place, in order."""
+    """The candidates, best first, without those at a place that a better one has."""
     kept: list[Candidate] = []
     for candidate in candidates:
-        offs = (pose_error(candidate.T_level_sensor, known.T_level_sensor) for known in kept)
-        if not any(off_m < APART_M and off_deg < APART_DEG for off_m, off_deg in offs):
+        errors = (pose_error(candidate.T_level_sensor, better.T_level_sensor) for better in kept)
+        if not any(off_m < SAME_PLACE_M and off_deg < SAME_PLACE_DEG for off_m, off_deg in errors):
             kept.append(candidate)
     return kept

@@ -1,134 +1,109 @@
-"""From candidates to the distinct places where the scan settles."""
+"""From candidates of one map to the few poses at which the scan fits it (docs/method.md section 7)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 
 from ..answer.prior import Prior
-from ..answer.quality import AlignmentQuality, MatchFeatures
-from ..transform import pose_error
-from .calibration import Calibration
 from .candidates import Candidate
 from .index import MapIndex
 from .preprocess import PreparedQuery
+from .registered_candidate import RegisteredCandidate, features_of, ranked
 from .registration.align import Registration
 
-SAME_PLACE_M = 1.0
-SAME_PLACE_DEG = 15.0
-RIVAL_WITHIN = 0.15  # of the best place's support
-REFINED = 3  # places at most
-ASTRAY_M = 0.3  # a place's neighbouring minima lie about so far off: the next panel, a wall's other face
-BETTER = 0.02  # by so much alignment_score: a scan distorted by the robot's motion has several nearly as good
-PROMISING = 0.02  # probability before the last refinement, which adds a little to the inlier ratio
+RIVAL_WITHIN = 0.15  # of the best candidate's support
+MAX_REFINED = 3
+NEIGHBOUR_M = 0.3  # to the minima beside the right one: the next panel, a wall's other face
+BETTER_BY = 0.02  # of alignment_score: a scan distorted by motion has several minima nearly as good
+PROMISING = 0.02  # probability before fine alignment, which raises the inlier ratio a little
 
 
-@dataclass(frozen=True)
-class Place:
-    """A template's row, where the scan settled from it, and how it lies there.
+class HypothesisSearch:
+    """Aligns the candidates of one query in one map and keeps the poses that compete for the answer."""
 
-    ``free_space_violation`` is 0 until the place is looked at.
-    """
+    def __init__(
+        self, index: MapIndex, prepared: PreparedQuery, prior: Prior | None = None, map_id: str = ""
+    ) -> None:
+        self._index, self._prepared, self._prior, self._map_id = index, prepared, prior, map_id
 
-    template: int
-    registration: Registration
-    free_space_violation: float = 0.0
+    def run(self, candidates: Sequence[Candidate]) -> list[RegisteredCandidate]:
+        """Distinct poses that the prior allows, best first.
 
-    @property
-    def quality(self) -> AlignmentQuality:
-        return AlignmentQuality(
-            self.registration.inlier_ratio, self.registration.alignment_score, self.free_space_violation
-        )
+        Only the best and its close rivals are aligned finely, and only if the best may still be accepted.
+        """
+        if not candidates:
+            return []
+        registered = self._rank(self._register(candidates))
+        checked = self._rank(self._check_free_space(registered))
+        if not checked or not self._may_be_accepted(checked):
+            return checked
+        return self._rank(self._refine(checked))
 
-    def is_same_as(self, other: Place) -> bool:
-        distance_m, angle_deg = pose_error(
-            self.registration.T_level_sensor, other.registration.T_level_sensor
-        )
-        return distance_m < SAME_PLACE_M and angle_deg < SAME_PLACE_DEG
-
-
-def find_places(
-    index: MapIndex, prepared: PreparedQuery, candidates: Sequence[Candidate], prior: Prior | None = None
-) -> list[Place]:
-    """Distinct places that the prior allows, the best first; only that one and its close rivals are
-    registered finely, and only where one may yet be accepted."""
-
-    def settled() -> list[Place]:
+    def _register(self, candidates: Sequence[Candidate]) -> list[RegisteredCandidate]:
+        """Aligns all candidates with few points: coarsely, then on the map's own points."""
+        surface, sparse = self._index.surface, self._prepared.sparse
         starts = np.array([candidate.T_level_sensor for candidate in candidates])
-        found = index.surface.settle(prepared.sparse, index.surface.approach(prepared.sparse, starts))
-        return [Place(c.template, registration) for c, registration in zip(candidates, found, strict=True)]
-
-    def around(place: Place) -> Place:
-        """The place, or a minimum beside it that is clearly better."""
-        starts = np.repeat(place.registration.T_level_sensor[None], 9, axis=0)
-        starts[:, :2, 3] += ASTRAY_M * np.array(list(product((0, -1, 1), repeat=2)))
-        found = index.surface.settle(prepared.sparse, starts)
-        best = max(found, key=lambda registration: registration.alignment_score)
-        return Place(
-            place.template, best if best.alignment_score > found[0].alignment_score + BETTER else found[0]
-        )
-
-    def refined(places: Sequence[Place]) -> list[Place]:
-        starts = np.array([around(place).registration.T_level_sensor for place in places])
-        found = index.surface.refine(prepared.dense, starts)
-        return [Place(place.template, fine) for place, fine in zip(places, found, strict=True)]
-
-    def looked_at(place: Place) -> Place:
-        T_level_last = place.registration.T_level_sensor
-        each = [
-            index.view.free_space_violation(scan.view, T_level_last @ scan.T_last_scan)
-            for scan in prepared.scans
+        aligned = surface.align(sparse, surface.align_coarse(sparse, starts))
+        return [
+            RegisteredCandidate(self._index, self._map_id, candidate.template, registration)
+            for candidate, registration in zip(candidates, aligned, strict=True)
         ]
-        return replace(place, free_space_violation=sum(each) / len(each))
 
-    def ranked(places: Iterable[Place]) -> list[Place]:
-        allowed = (
-            place
-            for place in places
-            if prior is None or prior.allows(index.T_map_level @ place.registration.T_level_sensor)
+    def _rank(self, registered: Iterable[RegisteredCandidate]) -> list[RegisteredCandidate]:
+        """Distinct candidates that the prior allows, best first."""
+        prior = self._prior
+        return ranked(one for one in registered if prior is None or prior.allows(one.T_map_sensor))
+
+    def _check_free_space(self, registered: Sequence[RegisteredCandidate]) -> list[RegisteredCandidate]:
+        """The candidates that may be the best or its best rival, with their free-space violation.
+
+        The check only lowers support, so it stops at the first candidate that is too weak already.
+        """
+        checked: list[RegisteredCandidate] = []
+        for candidate in registered[: self._index.config.verification.compared]:
+            supports = sorted((other.quality.support for other in checked), reverse=True)
+            if len(supports) > 1 and candidate.quality.support < min(supports[1], supports[0] - RIVAL_WITHIN):
+                break
+            checked.append(self._with_free_space(candidate))
+        return checked
+
+    def _may_be_accepted(self, checked: Sequence[RegisteredCandidate]) -> bool:
+        """Whether fine alignment is worth its time. Always true while the calibration is only the prior."""
+        calibration = self._index.calibration
+        return not calibration.cases or calibration.probability(features_of(checked)) >= PROMISING
+
+    def _refine(self, checked: Sequence[RegisteredCandidate]) -> list[RegisteredCandidate]:
+        """The candidates, the best and its close rivals aligned again with many points.
+
+        A rival that is a little worse may only have been aligned worse: it gets the same chance.
+        """
+        close = checked[0].quality.support - RIVAL_WITHIN
+        near = [candidate for candidate in checked if candidate.quality.support > close][:MAX_REFINED]
+        starts = np.array([self._best_minimum_near(candidate).T_level_sensor for candidate in near])
+        aligned = self._index.surface.align_fine(self._prepared.dense, starts)
+        refined = (
+            self._with_free_space(replace(candidate, registration=registration))
+            for candidate, registration in zip(near, aligned, strict=True)
         )
-        return _distinct(sorted(allowed, key=lambda place: -place.quality.support))
+        return [*refined, *checked[len(near) :]]
 
-    if not candidates:
-        return []
-    places = ranked(_contenders(ranked(settled()), looked_at, index.config.verification.compared))
-    if not places or not _promising(index.calibration, places):
-        return places
-    # a rival that is not much worse may only have settled worse: it gets the same chance
-    near = [place for place in places if place.quality.support > places[0].quality.support - RIVAL_WITHIN][
-        :REFINED
-    ]
-    return ranked([*map(looked_at, refined(near)), *places[len(near) :]])
+    def _best_minimum_near(self, candidate: RegisteredCandidate) -> Registration:
+        """The candidate's registration, or one beside it that is clearly better."""
+        starts = np.repeat(candidate.registration.T_level_sensor[None], 9, axis=0)
+        starts[:, :2, 3] += NEIGHBOUR_M * np.array(list(product((0, -1, 1), repeat=2)))
+        own, *beside = self._index.surface.align(self._prepared.sparse, starts)
+        best = max(beside, key=lambda registration: registration.alignment_score)
+        return best if best.alignment_score > own.alignment_score + BETTER_BY else own
 
-
-def _contenders(settled: Sequence[Place], look_at: Callable[[Place], Place], at_most: int) -> list[Place]:
-    """Those that may be the best, or its best rival: looking can only lessen support."""
-    looked: list[Place] = []
-    for place in settled[:at_most]:
-        supports = sorted((known.quality.support for known in looked), reverse=True)
-        if len(supports) > 1 and place.quality.support < min(supports[1], supports[0] - RIVAL_WITHIN):
-            break
-        looked.append(look_at(place))
-    return looked
-
-
-def place_evidence(calibration: Calibration, places: Sequence[Place]) -> MatchFeatures:
-    """MatchFeatures for the first of ranked places, and for those that tie with it."""
-    return calibration.match_features([place.quality for place in places])
-
-
-def _promising(calibration: Calibration, places: list[Place]) -> bool:
-    """Whether the best may be accepted yet. Before the self-test has measured anything all may."""
-    return not calibration.cases or calibration.probability(place_evidence(calibration, places)) >= PROMISING
-
-
-def _distinct(places: Iterable[Place]) -> list[Place]:
-    """The first of every place, in order."""
-    kept: list[Place] = []
-    for place in places:
-        if not any(place.is_same_as(known) for known in kept):
-            kept.append(place)
-    return kept
+    def _with_free_space(self, candidate: RegisteredCandidate) -> RegisteredCandidate:
+        """The candidate with its free-space violation, averaged over the query's scans."""
+        T_level_last = candidate.registration.T_level_sensor
+        violations = [
+            self._index.view.free_space_violation(scan.view, T_level_last @ scan.T_last_scan)
+            for scan in self._prepared.scans
+        ]
+        return replace(candidate, free_space_violation=sum(violations) / len(violations))

@@ -1,4 +1,4 @@
-"""The query flow: a scan in, one answer out. Every stage is one named call."""
+"""The query flow: one scan in, one answer out. Each stage is one named call."""
 
 from __future__ import annotations
 
@@ -10,169 +10,157 @@ from ..answer.localization import Localization, Reason, Verdict
 from ..answer.options import LocalizeOptions
 from ..answer.quality import MAX_MARGIN
 from ..errors import InvalidOption
-from ..scan.any_scan import AnyScan
 from ..scan.compact import CompactScan, ScanDescriptor
 from ..scan.scan import Scan
-from ..scan.sequence import ScanSequence
-from ..transform import inverse
-from .candidates import search
-from .descriptor_only import Proposal, answer_unregistered, propose
-from .hypotheses import Place, find_places, place_evidence
+from ..scan.sequence import AnyScan, ScanSequence
+from .candidates import find_candidates
+from .descriptor_only import UnregisteredCandidate, answer_unregistered, find_unregistered
+from .hypotheses import HypothesisSearch
 from .index import MapIndex
-from .preprocess import preprocess
-from .registration.covariance import pose_covariance
+from .preprocess import PreparedQuery, preprocess
+from .registered_candidate import RegisteredCandidate, features_of, ranked
 from .stopwatch import Stopwatch
-from .verdict import Claim, judge
+from .verdict import judge
 
-CONVINCING_INLIER_RATIO = 0.75  # with less, the other ways up are tried too, however probable the place is
+CONVINCING_INLIER_RATIO = 0.75  # below it the other up directions are tried too, however probable the fix is
 
 
-class FindsPlaces(Protocol):
-    """What ``localize_among`` needs of a map."""
+class SearchesMap(Protocol):
+    """The part of a ``Localizer`` that ``localize_among`` needs."""
 
-    def claims(
+    def prepare(
+        self, sequence: ScanSequence, options: LocalizeOptions, watch: Stopwatch
+    ) -> PreparedQuery | None:
+        """See ``Localizer.prepare``."""
+        ...
+
+    def register(
         self,
-        sequence: ScanSequence,
+        prepared: PreparedQuery,
         options: LocalizeOptions,
         watch: Stopwatch,
         map_id: str = "",
-        otherwise: bool = False,
-    ) -> list[Claim] | None: ...
+        other_ups: bool = False,
+    ) -> list[RegisteredCandidate]:
+        """See ``Localizer.register``."""
+        ...
 
-    def proposals(
+    def unregistered(
         self, scan: ScanDescriptor, options: LocalizeOptions, watch: Stopwatch, map_id: str = ""
-    ) -> list[Proposal]: ...
+    ) -> list[UnregisteredCandidate]:
+        """See ``Localizer.unregistered``."""
+        ...
 
 
 class Localizer:
-    """Answers queries against one version. Thread-safe."""
+    """Answers queries against one map version. Thread-safe."""
 
     def __init__(self, index: MapIndex) -> None:
         self.index = index
 
     def localize(self, scan: AnyScan, options: LocalizeOptions | None = None) -> Localization:
-        """The pose in the map where a scan, or the last of several, was taken; or why there is none."""
+        """Returns the sensor's pose in the map at the last scan, or the reason why there is none."""
         return localize_among({"": self}, scan, options)
 
-    def claims(
+    def prepare(
+        self, sequence: ScanSequence, options: LocalizeOptions, watch: Stopwatch
+    ) -> PreparedQuery | None:
+        """Preprocesses the scans. Returns None if too few points are left."""
+        mounting = options.T_base_sensor
+        R_base_sensor = None if mounting is None else mounting[:3, :3]
+        with watch.stage("preprocess"):
+            return preprocess(sequence, options.gravity, self.index.config.preprocess, R_base_sensor)
+
+    def register(
         self,
-        sequence: ScanSequence,
+        prepared: PreparedQuery,
         options: LocalizeOptions,
         watch: Stopwatch,
         map_id: str = "",
-        otherwise: bool = False,
-    ) -> list[Claim] | None:
-        """The places of this map that may be it, best first; None where the scan has too few points.
+        other_ups: bool = False,
+    ) -> list[RegisteredCandidate]:
+        """Registered candidates in this map, best first.
 
         Args:
-            otherwise: not with the up that is the likeliest, but with the others that the scan may have.
+            prepared: by this localizer's ``prepare``.
+            other_ups: level the scans by the other directions that may be up, not by the likeliest one.
         """
-        index, mounting = self.index, options.T_base_sensor
+        index = self.index
         with watch.stage("preprocess"):
-            R_base_sensor = None if mounting is None else mounting[:3, :3]
-            prepared = preprocess(sequence, options.gravity, index.config.preprocess, R_base_sensor)
-            if prepared is None:
-                return None
             scans = prepared.scans
-            if otherwise:
-                scans = prepared.levelled_otherwise(options.gravity, index.config.preprocess)
+            if other_ups:
+                scans = prepared.with_other_ups(options.gravity, index.config.preprocess)
         with watch.stage("describe"):
             described = [one.described_by(index.cascade.descriptor) for one in scans]
-        places: list[Place] = []
-        for effort in (1,) if otherwise else _efforts(index, options):
+        search = HypothesisSearch(index, prepared, options.prior, map_id)
+        registered: list[RegisteredCandidate] = []
+        for effort in (1,) if other_ups else self._efforts(options):
             with watch.stage("search"):
-                candidates = search(index, described, scans, options, effort)
+                candidates = find_candidates(index, described, scans, options, effort)
             with watch.stage("register"):
-                places = find_places(index, prepared, candidates, options.prior)
-            if places and index.calibration.accepts(place_evidence(index.calibration, places)):
+                registered = search.run(candidates)
+            if registered and index.calibration.accepts(features_of(registered)):
                 break
-        return [Claim(place, index, map_id) for place in places]
+        return registered
 
-    def proposals(
+    def unregistered(
         self, scan: ScanDescriptor, options: LocalizeOptions, watch: Stopwatch, map_id: str = ""
-    ) -> list[Proposal]:
-        """Where a scan may have been taken of which there is but the descriptor."""
+    ) -> list[UnregisteredCandidate]:
+        """Candidate poses for a descriptor-only query, best first."""
         with watch.stage("search"):
-            return propose(self.index, scan, options, map_id)
+            return find_unregistered(self.index, scan, options, map_id)
 
-
-def _efforts(index: MapIndex, options: LocalizeOptions) -> Iterable[int]:
-    """Most scans are easy; the others, one in ten, are worth a search several times as wide."""
-    widened = index.config.search.widened
-    return (1,) if widened == 1 or options.max_candidates is not None else (1, widened)
+    def _efforts(self, options: LocalizeOptions) -> Iterable[int]:
+        """Widths of the searches to try. One scan in ten is hard and worth a search several times as wide."""
+        widened = self.index.config.search.widened
+        return (1,) if widened == 1 or options.max_candidates is not None else (1, widened)
 
 
 def localize_among(
-    maps: Mapping[str, FindsPlaces], scan: AnyScan, options: LocalizeOptions | None = None
+    maps: Mapping[str, SearchesMap], scan: AnyScan, options: LocalizeOptions | None = None
 ) -> Localization:
-    """As ``Localizer.localize``, with the places of several maps competing on equal terms.
+    """Localizes a scan in several maps, whose candidates compete on equal terms.
 
     Args:
-        maps: by id. The answer's ``map_id`` says whose frame its pose is in.
+        maps: by id. The answer's ``map_id`` names the map whose frame the pose is in.
 
     Raises:
-        InvalidOption: a prior or a version with several maps: they are one map's.
-        DescriptorMismatch: a descriptor alone that is not that of every map.
+        InvalidOption: a prior or a version was given for more than one map.
+        DescriptorMismatch: a descriptor-only query whose parameters are not those of every map.
     """
     options, watch = options or LocalizeOptions(), Stopwatch()
     if len(maps) > 1 and (options.prior is not None or options.version is not None):
         raise InvalidOption("a prior and a version belong to one map: name it")
     if isinstance(scan, ScanDescriptor):
-        each = [localizer.proposals(scan, options, watch, map_id) for map_id, localizer in maps.items()]
-        return replace(answer_unregistered([one for of_map in each for one in of_map]), timings_ms=watch.ms)
+        found = [
+            one for map_id, each in maps.items() for one in each.unregistered(scan, options, watch, map_id)
+        ]
+        return replace(answer_unregistered(found), timings_ms=watch.ms)
     sequence = ScanSequence.single(scan) if isinstance(scan, (Scan, CompactScan)) else scan
-
-    def found(otherwise: bool) -> list[list[Claim] | None]:
-        return [one.claims(sequence, options, watch, map_id, otherwise) for map_id, one in maps.items()]
-
-    claims = found(otherwise=False)
-    if all(of_map is None for of_map in claims):
+    queries = {map_id: each.prepare(sequence, options, watch) for map_id, each in maps.items()}
+    prepared = {map_id: query for map_id, query in queries.items() if query is not None}
+    if not prepared:
         return Localization(Verdict.REJECTED, (Reason.TOO_FEW_POINTS,), timings_ms=watch.ms)
-    if not any(_explain_scan(of_map) for of_map in claims if of_map):
-        more = found(otherwise=True)
-        claims = [_distinct([*(one or ()), *(other or ())]) for one, other in zip(claims, more, strict=True)]
+    registered = {
+        map_id: maps[map_id].register(query, options, watch, map_id) for map_id, query in prepared.items()
+    }
+    if not any(_explain_scan(of_map) for of_map in registered.values() if of_map):
+        for map_id, query in prepared.items():
+            others = maps[map_id].register(query, options, watch, map_id, other_ups=True)
+            registered[map_id] = ranked([*registered[map_id], *others])
     with watch.stage("verify"):
-        together = [claim for of_map in claims if of_map is not None for claim in of_map]
-        answer = _verify(sorted(together, key=lambda claim: -claim.place.quality.support), options)
+        together = [candidate for of_map in registered.values() for candidate in of_map]
+        together.sort(key=lambda candidate: -candidate.quality.support)
+        answer = judge(together, options)
     return replace(answer, timings_ms=watch.ms)
 
 
-def _explain_scan(claims: Sequence[Claim]) -> bool:
-    """Whether the best of a map's claims would be accepted but for its rivals, and so well that the scan was
-    levelled rightly.
+def _explain_scan(registered: Sequence[RegisteredCandidate]) -> bool:
+    """Whether the best candidate, without its rivals, is accepted and its fit shows that up is right.
 
-    Levelled wrongly, up to two thirds of a scan may lie on surfaces of the map that nothing contradicts.
+    With a wrong up direction, up to two thirds of a scan may lie on surfaces that nothing contradicts.
     """
-    calibration = claims[0].index.calibration
-    best = place_evidence(calibration, [claim.place for claim in claims])
+    best = features_of(registered)
     alone = replace(best, margin=MAX_MARGIN, tied=1)
-    return best.quality.inlier_ratio >= CONVINCING_INLIER_RATIO and calibration.accepts(alone)
-
-
-def _distinct(claims: Sequence[Claim]) -> list[Claim]:
-    """The better one of two that are the same place of a map, best first."""
-    kept: list[Claim] = []
-    for claim in sorted(claims, key=lambda claim: -claim.place.quality.support):
-        if not any(claim.place.is_same_as(known.place) for known in kept):
-            kept.append(claim)
-    return kept
-
-
-def _verify(claims: list[Claim], options: LocalizeOptions) -> Localization:
-    """The verdict on the places, and the pose where there is one."""
-    judged = judge(claims, options.min_probability)
-    if judged.verdict is not Verdict.LOCALIZED:
-        return Localization(
-            judged.verdict, judged.reasons, probability=judged.probability, hypotheses=judged.hypotheses
-        )
-    best, mounting = claims[0], options.T_base_sensor
-    information, config = best.place.registration.information, best.index.config.registration
-    return Localization(
-        Verdict.LOCALIZED,
-        T_map_sensor=best.T_map_sensor,
-        T_map_base=None if mounting is None else best.T_map_sensor @ inverse(mounting),
-        covariance=pose_covariance(information, best.index.T_map_level, config),
-        probability=judged.probability,
-        hypotheses=judged.hypotheses,
-        map_id=best.map_id,
-    )
+    is_convincing = best.quality.inlier_ratio >= CONVINCING_INLIER_RATIO
+    return is_convincing and registered[0].index.calibration.accepts(alone)

@@ -1,4 +1,4 @@
-"""From a scan as it comes to points that can be described and registered: cropped, levelled, thinned."""
+"""Preprocessing: scans are cropped, levelled and thinned, ready to be described and registered."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from .registration.surface import Surface
 _SPARSE_POINTS = 400
 _DENSE_POINTS = 4000
 _RETURNS = 20_000
-_VOXELLED = 40_000  # points, of which one a voxel is kept: more find hardly another voxel
+_VOXELLED = 40_000  # points before one a voxel is kept: more points reach hardly any further voxel
 
 
 @dataclass(frozen=True)
 class PreparedScan:
-    """One scan, and its levelled frame: the sensor's origin, z up, x as near the sensor's as it goes.
+    """One scan with its levelled frame: origin at the sensor, z up, x as near the sensor's x as possible.
 
     Attributes:
         T_last_scan: (4, 4) its pose in the frame of the query's last scan.
-        R_level_sensor: (3, 3).
-        batch: all points within range, levelled: for the descriptor.
+        R_level_sensor: (3, 3) levelling rotation.
+        batch: all points within range, levelled, for the descriptor.
         seen: (p, 3) float32 the same points in the sensor frame.
-        described: by the robot already, if so; then ``batch`` may be coarser than what it described.
-        view: what the sensor saw: for free space.
+        described: the robot's own descriptor, or None. The robot had all points, ``batch`` may be coarser.
+        view: ranges by direction, for the free-space check.
         thinned: points in the sensor frame, one a voxel.
     """
 
@@ -50,22 +50,22 @@ class PreparedScan:
 
     @property
     def height_m(self) -> float:
-        """Of the sensor above the floor."""
+        """Height of the sensor above the floor."""
         return float(self.batch.height_m[0])
 
     def described_by(self, descriptor: Descriptor) -> Described:
-        """As the robot did it where that is the same descriptor: it had all the points."""
+        """Returns the robot's own description if the descriptors agree: it had all points."""
         if self.described is not None and self.described.agrees_with(descriptor):
             return self.described.rows
         return descriptor.describe(self.batch)
 
     @property
     def up(self) -> NDArray[np.float64]:
-        """(3,) unit vector against gravity, sensor frame."""
+        """(3,) unit vector against gravity in the sensor frame."""
         return self.R_level_sensor[2]
 
     def with_up(self, up: NDArray[np.float64], default_height_m: float) -> PreparedScan:
-        """The scan levelled by (3,) another up of its sensor frame. No robot has described that."""
+        """Returns the scan levelled by another up direction, (3,) in the sensor frame."""
         level = _level_by(up, self.thinned)
         R_level_sensor, batch = _levelled(self.seen, level, default_height_m)
         return replace(self, R_level_sensor=R_level_sensor, batch=batch, described=None)
@@ -73,21 +73,21 @@ class PreparedScan:
 
 @dataclass(frozen=True)
 class PreparedQuery:
-    """The scans of a query, and all of them in the frame of the last.
+    """Scans of a query, and their points together in the frame of the last scan.
 
     Attributes:
-        dense: thinned points, for fine registration.
-        sparse: a fraction of them: enough to settle and compare many candidates.
+        dense: thinned points, for fine alignment.
+        sparse: a part of them, enough to align and compare many candidates.
     """
 
     scans: tuple[PreparedScan, ...]
     dense: Surface
     sparse: Surface
 
-    def levelled_otherwise(
+    def with_other_ups(
         self, gravity: NDArray[np.float64] | None, config: PreprocessConfig
     ) -> tuple[PreparedScan, ...]:
-        """Every scan again, by each other up that the last of them may have."""
+        """Every scan, levelled by each of the other directions that may be up in the last scan."""
         last = self.scans[-1]
         known = last.T_last_scan[:3, :3] @ last.up
         ups = other_ups(self.dense.normals, known, gravity)
@@ -104,13 +104,13 @@ def preprocess(
     config: PreprocessConfig,
     R_base_sensor: NDArray[np.float64] | None = None,
 ) -> PreparedQuery | None:
-    """None where too few points are left to say anything.
+    """Prepares a query. Returns None if too few points are left.
 
     Args:
         gravity: (3,) direction of gravity in the last scan's sensor frame; None: estimated from the
             surfaces, for every scan. A scan that the robot has levelled stays as it is.
-        R_base_sensor: (3, 3) mounting on a robot that stands nearly upright; None: that of the sensor itself.
-            Up is estimated near it.
+        R_base_sensor: (3, 3) mounting on a robot that stands nearly upright: up is estimated near the robot's
+            z. None: near the sensor's z.
     """
     scans = []
     for scan, T_last_scan in zip(sequence.scans, sequence.T_last_scan, strict=True):
@@ -126,11 +126,12 @@ def preprocess(
 
 @dataclass(frozen=True)
 class _Returns:
-    """A scan within range, whichever way it came, sensor frame.
+    """Returns of one scan within range, from any encoding, in the sensor frame.
 
     Attributes:
-        seen: (p, 3) float32 as many points as there are: for the descriptor.
-        voxels: (v, 3) float64, some thousand, evenly.
+        seen: (p, 3) float32, all points, for the descriptor.
+        voxels: (v, 3) float64, some thousand points, one a voxel.
+        view: ranges by direction.
     """
 
     seen: NDArray[np.float32]
@@ -152,7 +153,7 @@ class _Returns:
     ) -> _Returns:
         near = (nearest_m > config.min_range_m) & (nearest_m < config.max_range_m)
         nearest_m = np.where(near, nearest_m, np.float32(np.inf))
-        # what lies nearest in every direction fills the descriptor's cells that the voxels leave empty
+        # the nearest return of every direction fills cells of the descriptor that the voxels leave empty
         seen = np.concatenate([points, directions()[near] * nearest_m[near, None]])
         voxels = at_most(points, _DENSE_POINTS).astype(np.float64)
         return cls(seen, voxels, ScanView.of_nearest(nearest_m))
@@ -188,7 +189,7 @@ def _level_by(up: NDArray[np.float64], surface: Surface) -> Level:
 def _levelled(
     seen: NDArray[np.float32], level: Level, default_height_m: float
 ) -> tuple[NDArray[np.float64], ScanBatch]:
-    """R_level_sensor (3, 3), and all points after it."""
+    """Returns R_level_sensor (3, 3) and all points rotated by it."""
     R_level_sensor = levelling_rotation(level.up)
     height_m = default_height_m if level.height_m is None else level.height_m
     return R_level_sensor, ScanBatch.single(turned(seen, R_level_sensor), height_m)

@@ -1,88 +1,74 @@
-"""Which answer the evidence allows: localized, ambiguous or rejected, with its reasons."""
+"""The answer that ranked candidates allow: localized, ambiguous or rejected, with its reasons."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-from ..answer.localization import Hypothesis, Reason, Verdict
+from ..answer.localization import Hypothesis, Localization, Reason, Verdict
+from ..answer.options import LocalizeOptions
 from ..answer.quality import MAX_MARGIN, MatchFeatures
-from ..transform import Matrix
-from .hypotheses import Place
-from .index import MapIndex
+from ..transform import inverse
+from .calibration import Calibration
+from .registered_candidate import RegisteredCandidate, features_of
+from .registration.covariance import pose_covariance
 
 
-@dataclass(frozen=True)
-class Claim:
-    """A place in a map that may be where the scan was taken.
-
-    Attributes:
-        map_id: of the map, where several compete.
-    """
-
-    place: Place
-    index: MapIndex
-    map_id: str = ""
-
-    @property
-    def T_map_sensor(self) -> Matrix:
-        return self.index.T_map_level @ self.place.registration.T_level_sensor
-
-
-@dataclass(frozen=True)
-class Judgement:
-    """The verdict on ranked hypotheses.
-
-    Attributes:
-        probability: 0..1 that the true place is the best hypothesis, or one of those that tie with it.
-    """
-
-    verdict: Verdict
-    reasons: tuple[Reason, ...]
-    hypotheses: tuple[Hypothesis, ...]
-    probability: float
-
-
-def judge(claims: Sequence[Claim], min_probability: float | None) -> Judgement:
-    """Says what may be claimed of ranked places, each by the calibration of its own map.
+def judge(ranked: Sequence[RegisteredCandidate], options: LocalizeOptions) -> Localization:
+    """Answer of one map or several, each candidate judged by the calibration of its own map.
 
     Args:
-        claims: distinct, best first.
-        min_probability: the caller's threshold, or None for the calibration's.
+        ranked: distinct, best first.
     """
-    if not claims:
-        return Judgement(Verdict.REJECTED, (Reason.NO_CANDIDATE,), (), 0.0)
-    calibration = claims[0].index.calibration
-    needed = calibration.min_probability if min_probability is None else min_probability
-    best = calibration.match_features([claim.place.quality for claim in claims])
-    probability = calibration.probability(best)
+    if not ranked:
+        return Localization(Verdict.REJECTED, (Reason.NO_CANDIDATE,))
+    best, mounting = ranked[0], options.T_base_sensor
+    calibration, features = best.index.calibration, features_of(ranked)
+    probability = calibration.probability(features)
     hypotheses = tuple(
-        Hypothesis(claim.T_map_sensor, claim.place.quality, share, claim.place.template, claim.map_id)
-        for claim, share in zip(claims, _shares(claims, best.tied, probability), strict=True)
+        Hypothesis(candidate.T_map_sensor, candidate.quality, share, candidate.template, candidate.map_id)
+        for candidate, share in zip(ranked, _shares(ranked, features.tied, probability), strict=True)
+    )
+    reason = _why_not_localized(features, calibration, options.min_probability)
+    if reason is not None:
+        verdict = Verdict.AMBIGUOUS if reason is Reason.SEVERAL_PLACES else Verdict.REJECTED
+        return Localization(verdict, (reason,), probability=probability, hypotheses=hypotheses)
+    information, config = best.registration.information, best.index.config.registration
+    return Localization(
+        Verdict.LOCALIZED,
+        T_map_sensor=best.T_map_sensor,
+        T_map_base=None if mounting is None else best.T_map_sensor @ inverse(mounting),
+        covariance=pose_covariance(information, best.index.T_map_level, config),
+        probability=probability,
+        hypotheses=hypotheses,
+        map_id=best.map_id,
     )
 
-    def judged(verdict: Verdict, *reasons: Reason) -> Judgement:
-        return Judgement(verdict, reasons, hypotheses, probability)
+
+def _why_not_localized(
+    best: MatchFeatures, calibration: Calibration, min_probability: float | None
+) -> Reason | None:
+    """First reason against the best candidate, or None: it is accepted."""
+    needed = calibration.min_probability if min_probability is None else min_probability
 
     def would_do(changed: MatchFeatures) -> bool:
         return calibration.probability(changed) >= needed
 
     if best.quality.inlier_ratio < calibration.min_inlier_ratio:
-        return judged(Verdict.REJECTED, Reason.LOW_INLIER_RATIO)
+        return Reason.LOW_INLIER_RATIO
     if calibration.accepts(best, min_probability):
-        return judged(Verdict.LOCALIZED)
-    if would_do(replace(best, margin=MAX_MARGIN)):  # but for its rivals, tied or not
-        return judged(Verdict.AMBIGUOUS, Reason.SEVERAL_PLACES)
+        return None
+    if would_do(replace(best, margin=MAX_MARGIN)):  # without its rivals, tied or not
+        return Reason.SEVERAL_PLACES
     if would_do(replace(best, quality=replace(best.quality, free_space_violation=0.0))):
-        return judged(Verdict.REJECTED, Reason.FREE_SPACE_VIOLATION)
-    return judged(Verdict.REJECTED, Reason.LOW_PROBABILITY)
+        return Reason.FREE_SPACE_VIOLATION
+    return Reason.LOW_PROBABILITY
 
 
-def _shares(claims: Sequence[Claim], tied: int, probability: float) -> list[float]:
-    """Each place's part: those that tie have equal ones, the others at most what these leave."""
-    fits = [claim.place.quality for claim in claims]
+def _shares(ranked: Sequence[RegisteredCandidate], tied: int, probability: float) -> list[float]:
+    """Probability of each candidate: equal for those that tie; others get at most the remainder."""
     others = [
-        claim.index.calibration.probability(claim.index.calibration.match_features(fits, number))
-        for number, claim in enumerate(claims[tied:], tied)
+        candidate.index.calibration.probability(features_of(ranked, number))
+        for number, candidate in enumerate(ranked[tied:], tied)
     ]
     return [probability / tied] * tied + [min(other, 1 - probability) for other in others]

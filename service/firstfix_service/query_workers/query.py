@@ -11,12 +11,12 @@ from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
 from firstfix.decode import decode_query, undo_content_encoding
 from firstfix.engine.index import MapIndex
-from firstfix.engine.localizer import FindsPlaces, Localizer, localize_among
+from firstfix.engine.localizer import Localizer, SearchesMap, localize_among
 from firstfix.engine.stopwatch import Stopwatch
-from firstfix.scan.any_scan import AnyScan
+from firstfix.scan.sequence import AnyScan
 
 
-class LocalizesScans(FindsPlaces, Protocol):
+class LocalizesScans(SearchesMap, Protocol):
     def localize(self, scan: AnyScan, options: LocalizeOptions | None = None) -> Localization: ...
 
 

@@ -7,7 +7,7 @@ from benchmarks.retrieval.projections import whitening
 from firstfix.builds.config import BuildConfig
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
-from firstfix.engine.retrieval.key_projection import FILE, load_projection
+from firstfix.engine.retrieval.cascade import PROJECTION_FILE, load_projection
 from firstfix.transform import pose_error
 from firstfix_builder.index.learn_keys import discriminants
 from firstfix_builder.pipeline import build_version
@@ -60,7 +60,7 @@ def test_a_version_is_searched_by_its_learned_keys(narrow, small_scans):
     projection = load_projection(narrow.directory)
     assert projection is not None
     assert projection.shape == (800, 128)
-    assert FILE in narrow.manifest.files
+    assert PROJECTION_FILE in narrow.manifest.files
     localizer = Localizer(MapIndex.load(narrow.directory))
     found = [localizer.localize(scan).hypotheses[0].T_map_sensor for scan, _ in small_scans]
     right = [pose_error(T, at)[0] < 0.1 for at, (_, T) in zip(found, small_scans, strict=True)]

@@ -32,7 +32,7 @@ def test_places_that_tie_are_no_rivals_of_each_other():
         AlignmentQuality(0.9, 0.76, 0.0),
         AlignmentQuality(0.7, 0.5, 0.0),
     ]
-    assert [match_features(fits, TIED, place).tied for place in range(4)] == [3, 3, 3, 1]
+    assert [match_features(fits, TIED, number).tied for number in range(4)] == [3, 3, 3, 1]
     assert match_features(fits, TIED).margin == pytest.approx(0.3)
     assert match_features(fits[:3], TIED).margin == MAX_MARGIN
     assert match_features(fits, TIED, 3).margin == pytest.approx(-0.3)
@@ -46,10 +46,10 @@ def test_places_that_tie_are_no_rivals_of_each_other():
     ],
 )
 def test_no_feature_falls_as_the_fit_gets_better(better, worse):
-    assert (match_features([better], TIED).features >= match_features([worse], TIED).features).all()
-    assert (match_features([better], TIED).features > match_features([worse], TIED).features).any()
+    assert (match_features([better], TIED).vector >= match_features([worse], TIED).vector).all()
+    assert (match_features([better], TIED).vector > match_features([worse], TIED).vector).any()
 
 
 @pytest.mark.parametrize("fit", [AlignmentQuality(0.0, 0.0, 1.0), AlignmentQuality(1.0, 1.0, 0.0)])
 def test_features_are_finite_at_the_ends(fit):
-    assert np.isfinite(match_features([fit, fit], TIED).features).all()
+    assert np.isfinite(match_features([fit, fit], TIED).vector).all()

@@ -1,31 +1,35 @@
+from dataclasses import replace
+
 import numpy as np
 
-from firstfix.answer.localization import Reason, Verdict
+from firstfix.answer.localization import Localization, Reason, Verdict
+from firstfix.answer.options import LocalizeOptions
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import EngineConfig
-from firstfix.engine.hypotheses import Place
 from firstfix.engine.index import MapIndex
+from firstfix.engine.registered_candidate import RegisteredCandidate
 from firstfix.engine.registration.align import Registration
-from firstfix.engine.verdict import Claim, judge
+from firstfix.engine.verdict import judge
 from firstfix.transform import make_transform
 
 CALIBRATION = Calibration(min_inlier_ratio=0.5)
+T_MAP_LEVEL = make_transform(np.eye(3), [500000.0, 5400000.0, 0])
+INDEX = MapIndex(EngineConfig(T_map_level=tuple(T_MAP_LEVEL.ravel())), CALIBRATION, None, None, None)
 
 
-def place(number: int, inlier_ratio: float, through: float = 0.005) -> Place:
+def place(number: int, inlier_ratio: float, through: float = 0.005) -> RegisteredCandidate:
     T_level_sensor = make_transform(np.eye(3), [10.0 * number, 0, 0])
-    return Place(number, Registration(T_level_sensor, inlier_ratio, inlier_ratio * 0.85, np.eye(6)), through)
+    registration = Registration(T_level_sensor, inlier_ratio, inlier_ratio * 0.85, np.eye(6))
+    return RegisteredCandidate(INDEX, "yard", number, registration, through)
 
 
-def claimed(*places: Place, calibration: Calibration = CALIBRATION, T_map_level=None) -> list[Claim]:
-    T = np.eye(4) if T_map_level is None else T_map_level
-    config = EngineConfig(T_map_level=tuple(T.ravel()))
-    index = MapIndex(config, calibration, None, None, None)
-    return [Claim(place, index) for place in places]
-
-
-def judged(*places: Place, min_probability: float | None = None, calibration: Calibration = CALIBRATION):
-    return judge(claimed(*places, calibration=calibration), min_probability)
+def judged(
+    *places: RegisteredCandidate,
+    calibration: Calibration = CALIBRATION,
+    **options: object,
+) -> Localization:
+    index = replace(INDEX, calibration=calibration)
+    return judge([replace(place, index=index) for place in places], LocalizeOptions(**options))
 
 
 def test_a_good_place_without_rivals_is_localized():
@@ -84,6 +88,15 @@ def test_no_place_is_no_candidate():
 
 
 def test_poses_are_in_the_map_frame():
-    T_map_level = make_transform(np.eye(3), [500000.0, 5400000.0, 0])
-    answer = judge(claimed(place(0, 0.95), T_map_level=T_map_level), None)
-    assert answer.hypotheses[0].T_map_sensor[:3, 3].tolist() == [500000.0, 5400000.0, 0]
+    T_base_sensor = make_transform(np.eye(3), [0, 0, 2.0])
+    answer = judged(place(1, 0.95), T_base_sensor=T_base_sensor)
+    assert answer.hypotheses[0].T_map_sensor[:3, 3].tolist() == [500010.0, 5400000.0, 0]
+    assert answer.T_map_sensor[:3, 3].tolist() == [500010.0, 5400000.0, 0]
+    assert answer.T_map_base[:3, 3].tolist() == [500010.0, 5400000.0, -2.0]
+    assert answer.map_id == "yard"
+
+
+def test_only_a_localized_answer_has_a_pose():
+    assert judged(place(0, 0.95)).covariance.shape == (6, 6)
+    for answer in (judged(place(0, 0.95), place(1, 0.94)), judged(place(0, 0.45))):
+        assert (answer.T_map_sensor, answer.covariance, answer.map_id) == (None, None, "")

@@ -74,21 +74,21 @@ class MapSurface:
         fine, coarse = SurfaceGrid.load(directory / _FINE_FILE), SurfaceGrid.load(directory / _COARSE_FILE)
         return cls(config, fine, coarse)
 
-    def approach(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> NDArray[np.float64]:
+    def align_coarse(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> NDArray[np.float64]:
         """(k, 4, 4) from starts within a metre or so to a few decimetres."""
         reach_m, few = 1.5 * self.config.coarse_voxel_m, scan.at_most(_COARSE_POINTS)
         iterations = self.config.coarse_iterations
         return _align(self.coarse, few, T_level_sensor, iterations, reach_m, _COARSE_ANGLE).T_level_sensor
 
-    def settle(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> list[Registration]:
+    def align(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> list[Registration]:
         """From (k, 4, 4) starts within a few decimetres."""
-        return self._finely(scan, T_level_sensor, self.config.settle_iterations)
+        return self._align_on_points(scan, T_level_sensor, self.config.align_iterations)
 
-    def refine(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> list[Registration]:
+    def align_fine(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> list[Registration]:
         """From (k, 4, 4) settled poses to the end."""
-        return self._finely(scan, T_level_sensor, self.config.fine_iterations)
+        return self._align_on_points(scan, T_level_sensor, self.config.fine_iterations)
 
-    def _finely(
+    def _align_on_points(
         self, scan: Surface, T_level_sensor: NDArray[np.float64], iterations: int
     ) -> list[Registration]:
         found = _align(self.fine, scan, T_level_sensor, iterations, self.config.fine_distance_m, _FINE_ANGLE)

@@ -1,4 +1,4 @@
-"""The cascade (paper III.C): clusters by their representatives' keys, then the templates in them."""
+"""The cascade (paper III.C): find clusters by key, then compare the templates in them."""
 
 from __future__ import annotations
 
@@ -11,20 +11,21 @@ from numpy.typing import NDArray
 from ...descriptor import Described, Descriptor
 from ..config import EngineConfig
 from .clusters import Clusters
-from .key_projection import load_projection
 from .key_search import KeySearch, load_key_search
 from .template_tiles import TemplateTiles
 from .templates import Templates
 
+PROJECTION_FILE = "key_projection.npy"
+
 
 @dataclass(frozen=True)
 class Matches:
-    """Templates compared with a scan, the most alike first.
+    """Templates compared with a scan, most similar first.
 
     Attributes:
-        rows: (k,) templates.
-        yaw_rad: (k,) of the scan in each template's frame.
-        score: (k,) 0..1.
+        rows: (k,) of the templates.
+        yaw_rad: (k,) yaw of the scan in each template's frame.
+        score: (k,) similarity, 0..1.
     """
 
     rows: NDArray[np.integer]
@@ -34,10 +35,12 @@ class Matches:
 
 @dataclass(frozen=True)
 class Cascade:
-    """Attributes:
-    tiles: where the templates stand.
-    keys: of the clusters' representatives.
-    projection: (d, numbers) that they were made with, or None.
+    """Retrieval of one map version: from a described scan to matching templates.
+
+    Attributes:
+        tiles: templates by position.
+        keys: search over the keys of the clusters' representatives.
+        projection: (d, numbers) learned projection of the keys, or None.
     """
 
     descriptor: Descriptor
@@ -48,37 +51,44 @@ class Cascade:
     projection: NDArray[np.float32] | None = None
 
     def search(self, described: Described, clusters: int) -> Matches:
-        """All templates of the ``clusters`` nearest by key, compared with one described scan."""
+        """Compares one described scan with all templates of the ``clusters`` nearest by key."""
         return self.match(described, self.nearest(described, clusters))
 
     def nearest(self, described: Described, clusters: int) -> NDArray[np.int64]:
+        """Rows of at most so many clusters, nearest by key first."""
         return self.keys.search(self.key_of(described), clusters)
 
     def match(self, described: Described, clusters: NDArray[np.int64]) -> Matches:
+        """Compares one described scan with all templates of the given clusters."""
         return self.compare(described, np.sort(self.clusters.members(clusters)))
 
     def search_near(
         self, described: Described, centre: NDArray[np.float64], radius_m: float, clusters: int
     ) -> Matches:
-        """Only the templates within a sphere, (3,) metres: all of them where they are few, else those of
-        the clusters there that are nearest by key."""
+        """Compares one described scan with templates inside a sphere only.
+
+        All templates inside are compared if they are few, else those of the clusters nearest by key.
+
+        Args:
+            centre: (3,) metres.
+        """
         rows = self.tiles.within(self.templates.position_m, centre, radius_m)
         if len(rows) <= clusters:
             return self.compare(described, rows)
         if len(rows) == len(self.templates):
             return self.search(described, clusters)
-        near = self.keys.search_among(self.key_of(described), self._standing_for(rows), clusters)
+        near = self.keys.search_among(self.key_of(described), self._represented_by(rows), clusters)
         members = np.sort(self.clusters.members(near))
         return self.compare(described, members[np.isin(members, rows, assume_unique=True)])
 
-    def _standing_for(self, rows: NDArray[np.int32]) -> NDArray[np.integer]:
-        """The clusters whose representatives are among the templates, ascending."""
+    def _represented_by(self, rows: NDArray[np.int32]) -> NDArray[np.integer]:
+        """Clusters whose representatives are among the templates, ascending."""
         if len(self.clusters) == len(self.templates):  # each its own: cluster i is template i
             return rows
         return np.flatnonzero(np.isin(self.clusters.representative, rows))
 
     def compare(self, described: Described, rows: NDArray[np.integer]) -> Matches:
-        """The given templates, ascending as they lie on the disk."""
+        """Compares one described scan with the given templates, in ascending order as on the disk."""
         if not len(rows):
             return Matches(rows, np.empty(0), np.empty(0))
         yaw, score = self.descriptor.match(described, self.templates.described_at(rows))
@@ -86,21 +96,33 @@ class Cascade:
         return Matches(rows[best], yaw[best], score[best])
 
     def key_of(self, described: Described) -> NDArray[np.float32]:
-        """(numbers,) of one scan."""
+        """(numbers,) key of one scan, projected if the version has a projection."""
         key = self.descriptor.keys(described)[0]
         return key if self.projection is None else key @ self.projection
 
     @classmethod
     def load(cls, directory: Path, config: EngineConfig) -> Cascade:
-        """Of a version's files; arrays are memory-mapped.
+        """Reads a version's files. Arrays are memory-mapped.
 
         Raises:
-            ValueError, TypeError, RuntimeError, OSError: a file is missing, damaged, or not of the others.
+            ValueError, TypeError, RuntimeError, OSError: a file is missing or damaged, or does not fit
+                the others.
         """
         descriptor = config.descriptor.make()
         templates, clusters = Templates.load(directory, descriptor), Clusters.load(directory)
         keys = load_key_search(directory, config.search)
         if len(keys) != len(clusters):
-            raise ValueError(f"{len(keys)} keys of {len(clusters)} clusters")
+            raise ValueError(f"{len(keys)} keys for {len(clusters)} clusters")
         tiles = TemplateTiles.load(directory, templates.position_m)
         return cls(descriptor, templates, tiles, clusters, keys, load_projection(directory))
+
+
+def save_projection(projection: NDArray[np.float32], directory: Path) -> None:
+    """Writes a learned projection of the keys."""
+    np.save(directory / PROJECTION_FILE, projection)
+
+
+def load_projection(directory: Path) -> NDArray[np.float32] | None:
+    """(d, numbers) by which keys are multiplied from the right, or None: keys are not projected."""
+    path = directory / PROJECTION_FILE
+    return np.load(path) if path.exists() else None

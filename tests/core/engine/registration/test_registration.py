@@ -64,8 +64,8 @@ def test_all_starts_within_half_a_metre_end_at_the_truth(room, seed):
         ]
     )
     scan = scan_of(ROOM, TRUE)
-    settled = room.settle(scan.at_most(400), room.approach(scan, starts))
-    fine = room.refine(scan, np.array([r.T_level_sensor for r in settled]))
+    aligned = room.align(scan.at_most(400), room.align_coarse(scan, starts))
+    fine = room.align_fine(scan, np.array([r.T_level_sensor for r in aligned]))
     for registration in fine:
         metres, degrees = pose_error(TRUE, registration.T_level_sensor)
         assert metres < 0.005
@@ -79,7 +79,7 @@ def test_a_start_has_the_same_end_alone_and_among_others(room):
     near = TRUE @ make_transform(np.eye(3), [0.3, -0.2, 0.05])
     far = make_transform(rotation_z(2.0), [9.0, 1.0, 1.0])
     (alone,), (_, among) = (
-        room.settle(scan, room.approach(scan, starts)) for starts in (near[None], np.array([far, near]))
+        room.align(scan, room.align_coarse(scan, starts)) for starts in (near[None], np.array([far, near]))
     )
     assert np.allclose(alone.T_level_sensor, among.T_level_sensor, atol=1e-5)
     assert alone.alignment_score == pytest.approx(among.alignment_score, abs=1e-4)
@@ -87,14 +87,14 @@ def test_a_start_has_the_same_end_alone_and_among_others(room):
 
 def test_a_wrong_place_is_told_by_its_measures(room):
     scan = scan_of(ROOM, TRUE)
-    right, wrong = room.refine(scan, np.array([TRUE, make_transform(rotation_z(2.5), [9.0, 1.5, 1.0])]))
+    right, wrong = room.align_fine(scan, np.array([TRUE, make_transform(rotation_z(2.5), [9.0, 1.5, 1.0])]))
     assert wrong.inlier_ratio < right.inlier_ratio - 0.2
     assert wrong.alignment_score < right.alignment_score - 0.2
 
 
 def test_far_from_the_map_nothing_moves_and_nothing_fits(room):
     scan, nowhere = scan_of(ROOM, TRUE), make_transform(np.eye(3), [500.0, 0, 0])
-    (found,) = room.settle(scan, room.approach(scan, nowhere[None]))
+    (found,) = room.align(scan, room.align_coarse(scan, nowhere[None]))
     assert np.allclose(found.T_level_sensor, nowhere)
     assert found.inlier_ratio == found.alignment_score == 0
     assert np.isfinite(found.information).all()
@@ -105,7 +105,7 @@ def test_a_third_of_the_scan_that_the_map_lacks_does_not_pull(room):
     clutter = rng.uniform([3, 1.5, 0.2], [5, 3.5, 1.8], (len(ROOM) // 2, 3))
     scan = scan_of(np.concatenate([ROOM, clutter]), TRUE)
     start = TRUE @ make_transform(np.eye(3), [0.1, 0.1, 0.0])
-    (found,) = room.refine(scan, start[None])
+    (found,) = room.align_fine(scan, start[None])
     assert pose_error(TRUE, found.T_level_sensor)[0] < 0.01
     assert 0.6 < found.inlier_ratio < 0.75
 
@@ -116,7 +116,7 @@ def test_a_corridor_fixes_its_width_and_not_its_length():
     at = make_transform(np.eye(3), [30.0, 1.0, 1.0])
     near = corridor[np.abs(corridor[:, 0] - 30) < 8]
     start = at @ make_transform(np.eye(3), [0.1, 0.05, 0.02])
-    (found,) = surface.refine(scan_of(near, at), start[None])
+    (found,) = surface.align_fine(scan_of(near, at), start[None])
     off = found.T_level_sensor[:3, 3] - at[:3, 3]
     assert np.abs(off[1:]).max() < 0.005
     assert off[0] == pytest.approx(0.1, abs=0.04)  # nothing pulls it along: it stays where it began
@@ -135,8 +135,8 @@ def test_a_scan_of_one_face_is_not_laid_on_the_other():
     scan = Surface.around(seen[::9], -seen[::9])
     start = at @ make_transform(np.eye(3), [0, 0, 0.28])
     both = np.concatenate([below, above])
-    (blind,) = MapSurface.of(Surface.around(both), CONFIG).refine(scan, start[None])
+    (blind,) = MapSurface.of(Surface.around(both), CONFIG).align_fine(scan, start[None])
     assert pose_error(at, blind.T_level_sensor)[0] == pytest.approx(0.3, abs=0.02)
     assert blind.inlier_ratio > 0.95  # and nothing would tell
-    (found,) = MapSurface.of(Surface.around(both, to_viewer), CONFIG).refine(scan, start[None])
+    (found,) = MapSurface.of(Surface.around(both, to_viewer), CONFIG).align_fine(scan, start[None])
     assert pose_error(at, found.T_level_sensor)[0] < 0.02
