@@ -18,7 +18,7 @@ from firstfix.catalog.rendezvous import rendezvous_order
 from firstfix.store.store import Store
 from firstfix_service.maps.map_cache import MapCache
 from firstfix_service.maps.placement import Holding
-from firstfix_service.query_workers.base import LocalWorkers
+from firstfix_service.query_workers.base import QueryWorkerThreads
 from firstfix_service.telemetry.metrics import Metrics
 
 from .catalogs import grow_catalog, name_of
@@ -47,7 +47,7 @@ class Group:
             self.caches[name] = MapCache(
                 catalog,
                 directory / "cache",
-                LocalWorkers(lambda folder: _Nothing()),
+                QueryWorkerThreads(lambda folder: _Nothing()),
                 self.metrics[name],
                 max_versions=held,
                 max_bytes=GIB,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,15 @@ from .scan.scan import Scan
 from .scan.sequence import AnyScan, ScanSequence
 from .wire.content_encoding import undo_content_encoding
 
-__all__ = ["MEDIA_TYPES", "SUFFIXES", "decode_query", "read_scan_file", "undo_content_encoding"]
+__all__ = [
+    "MEDIA_TYPES",
+    "SUFFIXES",
+    "decode_query",
+    "decoder_of",
+    "is_point_cloud2",
+    "read_scan_file",
+    "undo_content_encoding",
+]
 
 MAX_SCAN_FILE_BYTES = 1_000_000_000
 
@@ -48,8 +57,12 @@ def _decode_cdr(body: bytes) -> Scan:
     return decode_point_cloud2(body, SCAN_LIMITS).scan()
 
 
+def _decode_cloud(decode: Callable[[bytes, Limits], PointCloud], body: bytes) -> Scan:
+    return _scan_of(decode(body, SCAN_LIMITS))
+
+
 def _by(decode: Callable[[bytes, Limits], PointCloud]) -> Callable[[bytes], Scan]:
-    return lambda body: _scan_of(decode(body, SCAN_LIMITS))
+    return partial(_decode_cloud, decode)
 
 
 def _scan_of(cloud: PointCloud) -> Scan:
@@ -83,15 +96,24 @@ SUFFIXES: dict[str, str] = {
 
 
 def decode_query(body: bytes, media_type: str) -> AnyScan:
-    """A request body to what it asks about. Safe with bytes from strangers.
-
-    Args:
-        media_type: of MEDIA_TYPES, in any case; of the parameters behind a semicolon only the message type
-            of CDR counts.
+    """Returns the scan in a request body. Safe with bytes from strangers.
 
     Raises:
-        UnsupportedFormat: no such media type, or another ROS message than a PointCloud2.
-        MalformedData, TooLarge, InvalidScan: as its decoder says.
+        UnsupportedFormat: as ``decoder_of``.
+        MalformedData, TooLarge, InvalidScan: as the decoder says.
+    """
+    return decoder_of(media_type)(body)
+
+
+def decoder_of(media_type: str) -> Callable[[bytes], AnyScan]:
+    """Returns the decoder of a media type. It can be pickled.
+
+    Args:
+        media_type: one of MEDIA_TYPES, in any case. Parameters after a semicolon are ignored, except the
+            message type of CDR.
+
+    Raises:
+        UnsupportedFormat: unknown media type, or a ROS message that is not a PointCloud2.
     """
     name = media_type.split(";", 1)[0].strip().lower()
     decoder = MEDIA_TYPES.get(name)
@@ -101,7 +123,12 @@ def decode_query(body: bytes, media_type: str) -> AnyScan:
         )
     if decoder is _decode_cdr:
         check_cloud_type(media_type)
-    return decoder(body)
+    return decoder
+
+
+def is_point_cloud2(decoder: Callable[[bytes], AnyScan]) -> bool:
+    """Returns whether a decoder of ``decoder_of`` reads PointCloud2 messages."""
+    return decoder is _decode_cdr
 
 
 def read_scan_file(path: Path) -> Scan:

@@ -10,7 +10,7 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store
 from firstfix_service.maps.leases import Leases
 from firstfix_service.maps.map_cache import MapCache
-from firstfix_service.query_workers.base import LocalWorkers
+from firstfix_service.query_workers.base import QueryWorkerThreads
 from firstfix_service.query_workers.query import ServedVersion
 from firstfix_service.telemetry.metrics import Metrics
 from waiting import LIMIT_S
@@ -41,7 +41,7 @@ class World:
 
     def cache(self, **changes: object) -> Cache:
         load = changes.pop("load", self.behaviour.load)
-        self.workers = LocalWorkers(load)  # type: ignore[arg-type]
+        self.workers = QueryWorkerThreads(load)  # type: ignore[arg-type]
         values = {"max_versions": 8, "max_bytes": 1 << 30, "max_disk_bytes": 1 << 30, **changes}
         return Cache(self.catalog, self.cache_dir, self.workers, self.metrics, **values)  # type: ignore[arg-type]
 

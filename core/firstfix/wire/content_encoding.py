@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Callable
 from typing import Any
 
 import zstandard
@@ -17,26 +18,33 @@ _ZSTD_MAX_WINDOW_BYTES = 1 << 23  # what RFC 8878 asks every decoder to support
 
 
 def undo_content_encoding(body: bytes, encoding: str, max_bytes: int) -> bytes:
-    """The body as it was before the encoding.
+    """Returns the body as it was before the encoding.
 
     Args:
-        encoding: the header's value: gzip, zstd, identity or nothing.
-        max_bytes: of the result.
+        encoding: value of the header: gzip, zstd, identity or empty.
+        max_bytes: limit of the result.
 
     Raises:
-        TooLarge: it would be longer. A zstd frame's declared size is checked before any work.
+        TooLarge: the result would be longer. The declared size of a zstd frame is checked before any work.
         MalformedData: damaged, cut off, or followed by other bytes.
+        UnsupportedFormat: as ``decompressor_of``.
+    """
+    return decompressor_of(encoding)(body, max_bytes)
+
+
+def decompressor_of(encoding: str) -> Callable[[bytes, int], bytes]:
+    """Returns the function that undoes an encoding: of a body, up to so many bytes. It can be pickled.
+
+    Raises:
         UnsupportedFormat: another encoding, or several.
     """
     name = encoding.strip().lower()
     if name in ("", "identity"):
-        if len(body) > max_bytes:
-            raise TooLarge(f"the body has {len(body)} bytes, the limit is {max_bytes}")
-        return body
+        return _identity
     if name in ("gzip", "x-gzip"):
-        return _gunzip(body, max_bytes)
+        return _gunzip
     if name == "zstd":
-        return _unzstd(body, max_bytes)
+        return _unzstd
     raise UnsupportedFormat(f"no Content-Encoding {encoding[:40]!r}; there are gzip, zstd and identity")
 
 
@@ -50,6 +58,12 @@ def first_bytes(body: bytes, encoding: str, count: int) -> bytes:
         with decompressor.stream_reader(body) as stream:
             return stream.read(count)
     return body[:count]
+
+
+def _identity(body: bytes, max_bytes: int) -> bytes:
+    if len(body) > max_bytes:
+        raise TooLarge(f"the body has {len(body)} bytes, the limit is {max_bytes}")
+    return body
 
 
 def _gunzip(body: bytes, max_bytes: int) -> bytes:

@@ -33,7 +33,16 @@ class Caller:
         """
         if not self.grant.allows(scope):
             raise Forbidden(f"this needs the scope {scope.value}")
-        if map_id is not None and not self.sees(map_id):
+        if map_id is not None:
+            self.check_map(map_id)
+
+    def check_map(self, map_id: str) -> None:
+        """Checks that the map is one of the caller's.
+
+        Raises:
+            Forbidden: it is not. The same whether there is such a map.
+        """
+        if not self.sees(map_id):
             raise Forbidden(f"not allowed for map {map_id[:80]!r}")
 
     @property

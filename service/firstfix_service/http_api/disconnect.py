@@ -1,4 +1,4 @@
-"""Work for a caller who may hang up while it waits."""
+"""Work that is cancelled when its caller disconnects."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from starlette.requests import ClientDisconnect
 T = TypeVar("T")
 
 
-async def unless_client_leaves(request: Request, work: Coroutine[Any, Any, T]) -> T:
-    """The work's result; the work is cancelled when the connection is closed before it has one.
+async def cancel_on_disconnect(request: Request, work: Coroutine[Any, Any, T]) -> T:
+    """Returns the result of the work, or cancels the work when the connection closes.
 
     Args:
-        request: whose body was read to its end.
+        request: its body was read to the end.
 
     Raises:
         ClientDisconnect: the caller has gone.

@@ -1,1 +1,17 @@
-"""The use case of localization: one path for HTTP and zenoh."""
+"""The use case of localization: one path for HTTP and zenoh.
+
+The way of a scan through the service, each step once:
+
+1. Gate. HTTP: ``http_api.authorize``; zenoh: ``ZenohEndpoint``. Finds the caller by its credential, checks the
+   scope ``localize`` and takes the query from the caller's rate limit.
+2. Head. HTTP: ``http_api.routes.localize``; zenoh: ``zenoh_api.query``. Reads the parameters into a
+   ``QueryHead`` and the ``PoseFormat``.
+3. ``LocalizeUseCase.admit`` (``admission``). Checks map ids and the caller's maps, parses the options, checks
+   the version, chooses the decoder, and looks for room in the pool. The result is an ``Admission``.
+4. Body. HTTP: ``BodyReader``; zenoh: the payload is copied. Both limit the bytes of one body and of all.
+5. ``LocalizeUseCase.localize`` takes the ``Admission`` and the body. ``QueryPool`` gives the query its place,
+   ``MapCache`` leases the versions.
+6. ``QueryWorkers.answer`` hands a ``Query`` to a worker process. It decompresses and decodes the body, then
+   ``Localizer.localize`` answers.
+7. ``QueryRecorder`` counts the answer, ``encode_answer`` makes its bytes, the transport sends them.
+"""

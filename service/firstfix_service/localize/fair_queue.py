@@ -1,4 +1,4 @@
-"""Whose turn it is: a queue for every map, and the maps in a ring."""
+"""A fair queue: every map has a queue of its own, and the maps take turns."""
 
 from __future__ import annotations
 
@@ -10,17 +10,19 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
-SLOW_S = 0.25  # mean time of a map's queries, over which it never gets the last worker
-RECENT_S = 60.0  # a map that was asked so long ago may be asked again any moment
-_WEIGHT = 0.1  # of the newest query in a mean time
+SLOW_S = 0.25  # a map whose queries take longer on average never gets the last worker
+RECENT_S = 60.0  # a map that was queried within this time may be queried again at any moment
+_WEIGHT = 0.1  # of the newest query in a moving average
 _MAX_IDLE_GROUPS = 1000
 
 
 class State(Enum):
+    """State of a query in the pool."""
+
     PREPARING = "preparing"
     READY = "ready"
     RUNNING = "running"
-    GONE = "gone"  # ended, refused, or nobody waits for it
+    GONE = "gone"  # ended, refused, or abandoned by its caller
 
 
 @dataclass(eq=False)
@@ -28,9 +30,9 @@ class Job:
     """One query in the pool.
 
     Attributes:
-        held: what was prepared for it.
-        ready_since: of ``time.monotonic``; since then it waits for its turn.
-        seconds: that its work took.
+        prepared: result of its preparation; None while it is being prepared.
+        ready_since: ``time.monotonic`` when it was prepared and began to wait for its turn.
+        seconds: duration of its work.
     """
 
     group: str
@@ -38,7 +40,7 @@ class Job:
     result: asyncio.Future[Any]
     deadline: float | None
     state: State = State.PREPARING
-    held: Any = None
+    prepared: Any = None
     ready_since: float = 0.0
     seconds: float = 0.0
     timer: asyncio.TimerHandle | None = None
@@ -46,12 +48,12 @@ class Job:
 
 @dataclass
 class _Group:
-    """A map's queries; dicts as ordered sets.
+    """The queries of one map. Dicts serve as ordered sets.
 
     Attributes:
         waiting: preparing or ready, by arrival.
-        mean_s: of the work of those that ended lately.
-        asked: when the last one came.
+        mean_s: moving average of the duration of their work.
+        asked: ``time.monotonic`` when the last one came.
     """
 
     waiting: dict[Job, None] = field(default_factory=dict)
@@ -66,27 +68,31 @@ class _Group:
 
 
 class FairQueue:
-    """One event loop's, but for ``size`` and ``crowding``."""
+    """Queries that wait or run. Belongs to one event loop; ``size`` may be read by any thread."""
 
     def __init__(self, workers: int) -> None:
         self._workers = workers
-        self._groups: OrderedDict[str, _Group] = OrderedDict()  # a ring: who had a turn goes to the end
+        self._groups: OrderedDict[str, _Group] = (
+            OrderedDict()
+        )  # a ring: a group that had its turn goes to the end
         self._running = 0
         self.size = 0  # waiting and running
-        self.mean_s = 1.0  # of all queries' work
+        self.mean_s = 1.0  # moving average over all queries
 
     def add(self, job: Job) -> None:
+        """Adds a query that is being prepared."""
         group = self._groups.setdefault(job.group, _Group())
         group.waiting[job] = None
         group.asked = time.monotonic()
         self.size += 1
 
     def make_ready(self, job: Job) -> None:
+        """Lets a prepared query wait for its turn."""
         job.state, job.ready_since = State.READY, time.monotonic()
         self._groups[job.group].ready[job] = None
 
     def remove(self, job: Job) -> None:
-        """One that waits."""
+        """Removes a query that waits."""
         group = self._groups[job.group]
         del group.waiting[job]
         group.ready.pop(job, None)
@@ -95,7 +101,7 @@ class FairQueue:
         self._tidy(job.group)
 
     def next(self) -> Job | None:
-        """The one to begin now, which then counts as running; None while there is no worker for any."""
+        """Returns the query to run now, which then counts as running; None if no query can run."""
         if self._running >= self._workers:
             return None
         for name, group in self._groups.items():
@@ -110,6 +116,7 @@ class FairQueue:
         return None
 
     def ended(self, job: Job) -> None:
+        """Removes a query whose work has ended."""
         group = self._groups[job.group]
         job.state = State.GONE
         group.running -= 1
@@ -120,21 +127,21 @@ class FairQueue:
         self._tidy(job.group)
 
     def waiting(self) -> list[Job]:
+        """Returns all queries that wait."""
         return [job for group in self._groups.values() for job in group.waiting]
 
-    def crowding(self, group: str | None) -> Job | None:
-        """The newest job of the group with most that wait, if this one has fewer, itself included."""
-        groups = list(self._groups.items())
-        if not groups:
+    def crowding(self, group: str) -> Job | None:
+        """Returns the newest query of the longest group, if this group with one more is shorter; else None."""
+        if not self._groups:
             return None
-        longest = max((g for _, g in groups), key=lambda g: len(g.waiting))
-        own = 0 if group is None else next((len(g.waiting) for name, g in groups if name == group), 0)
-        if len(longest.waiting) <= own + 1:
+        longest = max(self._groups.values(), key=lambda one: len(one.waiting))
+        own = self._groups.get(group)
+        if len(longest.waiting) <= (0 if own is None else len(own.waiting)) + 1:
             return None
         return next(reversed(longest.waiting), None)
 
     def _most_at_once(self, group: _Group) -> int:
-        """A map whose queries take long leaves a worker to the others, if there are others."""
+        """Workers for one group at a time: a slow map leaves one to the other maps, if there are any."""
         if self._workers == 1 or group.mean_s <= SLOW_S:
             return self._workers
         since = time.monotonic() - RECENT_S
@@ -142,7 +149,7 @@ class FairQueue:
         return self._workers - 1 if others else self._workers
 
     def _tidy(self, name: str) -> None:
-        """Forgets a map that nothing ran for, as somebody may have made it up, and of many the oldest."""
+        """Forgets a map without a single answer, whose id may be invented; and the oldest of too many maps."""
         group = self._groups[name]
         if group.idle and not group.mean_s:
             del self._groups[name]

@@ -1,4 +1,4 @@
-"""Which form of an answer a caller takes (RFC 9110, Accept)."""
+"""HTTP content negotiation (RFC 9110, Accept)."""
 
 from __future__ import annotations
 
@@ -7,11 +7,14 @@ from collections.abc import Sequence
 from firstfix.errors import NotAcceptable
 
 
-def negotiated(accept: str | None, offered: Sequence[str]) -> str:
-    """The media type of the answer: what the caller weighs most, of equals the first that is offered.
+def negotiate(accept: str | None, offered: Sequence[str]) -> str:
+    """Returns the offered media type with the highest weight; of equals the first.
+
+    Args:
+        accept: value of the Accept header; None or empty: anything is accepted.
 
     Raises:
-        NotAcceptable: the caller takes none of them.
+        NotAcceptable: the caller accepts none of them.
     """
     if accept is None or not accept.strip():
         return offered[0]
@@ -23,7 +26,7 @@ def negotiated(accept: str | None, offered: Sequence[str]) -> str:
 
 
 def _weight(accept: str, name: str) -> float:
-    """What the most specific range that the name falls into is worth; 0: not wanted."""
+    """Weight of the most specific media range that covers the name; 0: not accepted."""
     ranges = {f"{name.split('/', 1)[0]}/*": 1, "*/*": 0, name: 2}
     found = (-1, 0.0)
     for item in accept.split(","):

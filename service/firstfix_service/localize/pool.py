@@ -1,8 +1,7 @@
-"""Bounded work, shared out fairly: as many queries at a time as there are workers, a few waiting, the rest
-told so at once.
+"""A bounded, fair pool: one query at a time for each worker, a few more wait, the others are refused at once.
 
-The waiting ones stand in a queue for every map, and the maps take turns. A full queue still takes in a
-query of a map that has few: the newest one of the map that has most goes out for it.
+Queries wait in one queue for each map, and the maps take turns. A full pool still accepts a query of a map that
+has few: it replaces the newest query of the map that has most.
 """
 
 from __future__ import annotations
@@ -24,17 +23,19 @@ T = TypeVar("T")
 MAX_RETRY_AFTER_S = 60.0
 
 
-class Held(Protocol):
-    """What a query needs while it waits for its turn and runs."""
+class Closeable(Protocol):
+    """Resources of a query while it waits and runs."""
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """Gives the resources back."""
+        ...
 
 
-H = TypeVar("H", bound=Held)
+C = TypeVar("C", bound=Closeable)
 
 
 class QueryPool:
-    """Threads behind a fair, bounded queue. One event loop's, but for ``check_room`` and ``admitted``."""
+    """Threads behind a fair, bounded queue. Belongs to one event loop; ``admitted`` is thread-safe."""
 
     def __init__(self, workers: int, queue_size: int) -> None:
         self._executor = ThreadPoolExecutor(workers, thread_name_prefix="query")
@@ -45,49 +46,44 @@ class QueryPool:
 
     @property
     def admitted(self) -> int:
-        """Queries that wait or run."""
+        """Number of queries that wait or run."""
         return self._queue.size
 
-    def check_room(self, group: str | None = None) -> None:
-        """
-        Args:
-            group: as for ``run``; None: whichever.
+    def check_room(self, group: str) -> None:
+        """Checks that there is room for one more query of this group now. ``run`` takes the room.
 
         Raises:
-            Overloaded: there would be no place for one more query now.
+            Overloaded: the pool is full, or the service stops.
         """
-        if self._closed:
-            raise Overloaded("the service is stopping")
-        if self._queue.size >= self._limit and self._queue.crowding(group) is None:
-            raise self._full()
+        self._replaced_by(group)
 
     async def run(
         self,
         group: str,
-        prepare: Callable[[], Future[H]],
-        work: Callable[[H, float], T],
+        prepare: Callable[[], Future[C]],
+        work: Callable[[C, float], T],
         deadline: float | None = None,
     ) -> T:
-        """The work's result. Who stops waiting for it gives up its place in the queue; a thread that has
-        begun goes on, and its place stays taken until it ends: giving it up would let dead queries pile up
-        behind it.
+        """Returns the result of the work, once it is the query's turn.
+
+        A cancelled call gives up its place in the queue. Work that has begun goes on and keeps its place until
+        it ends; otherwise abandoned queries would pile up behind it.
 
         Args:
-            group: whose turn it takes: the map's id.
-            prepare: called once there is a place. No worker waits for what it promises, which is closed
-                when the query has ended, in whatever way.
-            work: gets what was prepared, and the seconds that the query then waited for its turn.
+            group: takes turns with the other groups: the map's id.
+            prepare: called once the query has a place. No worker waits for its future. The result is closed
+                when the query has ended in any way.
+            work: gets the prepared resources, and the seconds that the query then waited for its turn.
             deadline: of ``time.monotonic``.
 
         Raises:
-            Overloaded: the queue is full.
+            Overloaded: the pool is full.
             DeadlineExceeded: there is no result at the deadline.
-            Exception: what ``prepare`` or ``work`` raised.
+            Exception: any error of ``prepare`` or ``work``.
         """
         loop = asyncio.get_running_loop()
-        self.check_room(group)
-        if self._queue.size >= self._limit and (crowding := self._queue.crowding(group)) is not None:
-            self._refuse(crowding, self._full())
+        if (replaced := self._replaced_by(group)) is not None:
+            self._refuse(replaced, self._full())
         job = Job(group, work, loop.create_future(), deadline)
         self._queue.add(job)
         try:
@@ -107,12 +103,12 @@ class QueryPool:
             self._leave(job)
 
     async def close(self) -> None:
-        """Lets what runs end; what waits is refused."""
+        """Refuses the queries that wait, and blocks until those that run have ended."""
         self._closed = True
         for job in self._queue.waiting():
             self._refuse(job, Overloaded("the service is stopping"))
         await START.run(self._executor.shutdown)
-        await asyncio.sleep(0)  # the last ones' results
+        await asyncio.sleep(0)  # delivers the last results
 
     def _prepared(self, job: Job, future: Future[Any]) -> None:
         if job.state is State.GONE:
@@ -123,7 +119,7 @@ class QueryPool:
         if error is not None:
             self._refuse(job, error)
             return
-        job.held = future.result()
+        job.prepared = future.result()
         self._queue.make_ready(job)
         self._dispatch()
 
@@ -137,13 +133,13 @@ class QueryPool:
     def _work(job: Job) -> Any:
         start = time.monotonic()
         try:
-            return job.work(job.held, start - job.ready_since)
+            return job.work(job.prepared, start - job.ready_since)
         finally:
             job.seconds = time.monotonic() - start
 
     def _ended(self, job: Job, future: Future[Any]) -> None:
         self._queue.ended(job)
-        job.held.close()
+        job.prepared.close()
         error = future.exception()
         if not job.result.done():
             if error is not None:
@@ -160,11 +156,26 @@ class QueryPool:
         self._leave(job)
 
     def _leave(self, job: Job) -> None:
-        """Takes a job that has not begun out of the queue."""
+        """Removes a query that has not begun."""
         if job.state in (State.PREPARING, State.READY):
             self._queue.remove(job)
-            if job.held is not None:
-                job.held.close()
+            if job.prepared is not None:
+                job.prepared.close()
+
+    def _replaced_by(self, group: str) -> Job | None:
+        """The waiting query that a new one of this group replaces; None while there is room for both.
+
+        Raises:
+            Overloaded: as ``check_room``.
+        """
+        if self._closed:
+            raise Overloaded("the service is stopping")
+        if self._queue.size < self._limit:
+            return None
+        replaced = self._queue.crowding(group)
+        if replaced is None:
+            raise self._full()
+        return replaced
 
     def _full(self) -> Overloaded:
         expected_s = self._queue.size * self._queue.mean_s / self._workers

@@ -1,9 +1,6 @@
-"""What is kept of a query when it is over: counters, its line in the log, its spans, perhaps a sample."""
+"""Records of finished queries: metrics, log fields, trace spans and samples."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping
-from dataclasses import dataclass
 
 from firstfix.answer.localization import Localization
 
@@ -11,49 +8,39 @@ from ..problems import problem_of
 from ..telemetry.metrics import Metrics
 from ..telemetry.request_scope import Requests, RequestScope, current_request, note
 from ..telemetry.tracing import started_ns
-from .sampler import SampleKeeper
+from .query_head import QueryHead
+from .sampler import QuerySampler
 
 _OK = 200
 
 
-@dataclass(frozen=True)
-class RawQuery:
-    """A query as it came: what ``LocalizeUseCase.localize`` was given."""
-
-    body: bytes
-    media_type: str
-    content_encoding: str | None
-    map_id: str
-    options: Mapping[str, str]
-
-
 class QueryRecorder:
-    """Keeps what is worth it of the queries of one app. Cheap: it runs on the way of every answer.
+    """Records the queries of one app. It runs before each answer is sent, so it must be cheap.
 
     Args:
-        samples: None: bodies are never kept.
+        sampler: None: no query is stored.
     """
 
-    def __init__(self, metrics: Metrics, requests: Requests, samples: SampleKeeper | None = None) -> None:
+    def __init__(self, metrics: Metrics, requests: Requests, sampler: QuerySampler | None = None) -> None:
         self._metrics = metrics
         self._requests = requests
-        self._samples = samples
+        self._sampler = sampler
 
-    def record(self, query: RawQuery, answer: Localization, queued: float) -> None:
-        """One query that was answered.
+    def record(self, head: QueryHead, body: bytes, answer: Localization, queued: float) -> None:
+        """Adds the stages of an answered query to its trace, and offers the query to the sampler.
 
         Args:
-            queued: ``time.monotonic`` when it was given to the pool: there its timings begin.
+            queued: ``time.monotonic`` when the pool got the query. Its timings begin there.
         """
         scope = current_request()
         if scope is not None and scope.span is not None and self._requests.tracing is not None:
             self._requests.tracing.stages(scope.span, started_ns(queued), answer.timings_ms)
-        note(body_bytes=len(query.body))
-        if self._samples is not None:
-            self._samples.offer(query, answer, scope)
+        note(body_bytes=len(body))
+        if self._sampler is not None:
+            self._sampler.offer(head, body, answer, scope)
 
     def count(self, transport: str, outcome: Localization | BaseException) -> None:
-        """One query's end, whatever it is."""
+        """Counts one query, answered or failed."""
         scope = current_request()
         if isinstance(outcome, Localization):
             self._count_answer(transport, outcome, scope)
@@ -93,7 +80,7 @@ class QueryRecorder:
 
 
 def _exemplar(scope: RequestScope) -> dict[str, str] | None:
-    """The trace that a measurement is an example of, where one is kept."""
+    """The trace id for a metric's exemplar; None where no trace is kept."""
     if scope.span is None or scope.trace is None or not scope.trace.sampled:
         return None
     return {"trace_id": scope.trace.trace_id}

@@ -1,5 +1,8 @@
-"""Keeps a share of the queries that were not localized, body and all, off their way: a bounded queue and one
-thread that writes. A query is never slower or refused for it; what does not fit is dropped and counted."""
+"""Samples of queries that were not localized, stored with their bodies.
+
+A bounded queue feeds one thread that writes. No query waits for it or fails because of it. A sample for which
+there is no room is dropped and counted.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,6 @@ import time
 from collections import deque
 from dataclasses import dataclass
 from datetime import datetime, timezone
-from typing import TYPE_CHECKING
 
 import structlog
 
@@ -22,9 +24,7 @@ from firstfix.errors import FirstfixError
 from ..settings import Settings
 from ..telemetry.metrics import Metrics
 from ..telemetry.request_scope import RequestScope
-
-if TYPE_CHECKING:
-    from .recorder import RawQuery
+from .query_head import QueryHead
 
 _log = structlog.get_logger(__name__)
 MAX_WAITING, MAX_WAITING_BYTES = 64, 64 << 20  # held in memory until they are written
@@ -35,14 +35,14 @@ _MINUTE_S = 60.0
 
 @dataclass(frozen=True)
 class SamplePolicy:
-    """What is kept.
+    """Which queries are stored, and for how long.
 
     Attributes:
         share: 0..1 of the answers that are not localized.
-        share_localized: 0..1 of the localized ones less probable than ``below_probability``.
-        per_minute: samples at most, of this process.
-        max_body_bytes: of one query; larger ones are not kept.
-        max_bytes, max_age_s: of all samples in the store; the oldest go.
+        share_localized: 0..1 of the localized answers whose probability is under ``below_probability``.
+        per_minute: limit of samples of this process.
+        max_body_bytes: queries with a larger body are not stored.
+        max_bytes, max_age_s: limits of all samples in the store. The oldest are removed first.
     """
 
     share: float
@@ -75,8 +75,8 @@ class SamplePolicy:
         return self.share_localized if answer.probability < self.below_probability else 0.0
 
 
-class SampleKeeper:
-    """Takes offers from any thread, once it is started."""
+class QuerySampler:
+    """Writes samples in a thread of its own. Thread-safe."""
 
     def __init__(self, samples: QuerySamples, policy: SamplePolicy, metrics: Metrics) -> None:
         self._samples = samples
@@ -88,23 +88,23 @@ class SampleKeeper:
         self._waiting_bytes = 0
         self._kept_bytes = 0
         self._next_prune = 0.0
-        self._thread = threading.Thread(target=self._run, name="sample-keeper", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="query-sampler", daemon=True)
 
     def start(self) -> None:
         self._thread.start()
 
     def close(self) -> None:
-        """Writes what waits, as far as it goes in a few seconds."""
+        """Stops the thread. Samples that wait are written for up to ``STOP_WITHIN_S``."""
         self._waiting.put(None)
         self._thread.join(STOP_WITHIN_S)
 
-    def offer(self, query: RawQuery, answer: Localization, scope: RequestScope | None) -> None:
-        """Perhaps keeps the query. Never blocks and never fails."""
+    def offer(self, head: QueryHead, body: bytes, answer: Localization, scope: RequestScope | None) -> None:
+        """Stores the query if the policy chooses it. Never blocks and never fails."""
         if random.random() >= self._policy.share_of(answer):
             return
         if scope is not None and scope.request_id.startswith(REPLAY):
             return
-        result = self._admit(len(query.body))
+        result = self._take(len(body))
         if result != "taken":
             self._metrics.samples.labels(result).inc()
             return
@@ -115,18 +115,18 @@ class SampleKeeper:
             transport="" if scope is None else scope.transport,
             request_id="" if scope is None else scope.request_id,
             trace_id="" if scope is None or scope.trace is None else scope.trace.trace_id,
-            map_id=query.map_id,
-            media_type=query.media_type,
-            content_encoding=query.content_encoding or "",
-            options=dict(query.options),
+            map_id=",".join(head.map_ids),
+            media_type=head.media_type,
+            content_encoding=head.content_encoding or "",
+            options=dict(head.options),
             answer=answer.to_mapping(),
-            body_bytes=len(query.body),
+            body_bytes=len(body),
             service_version=firstfix.__version__,
         )
-        self._waiting.put((sample, query.body))
+        self._waiting.put((sample, body))
 
-    def _admit(self, size: int) -> str:
-        """ "taken", or why not: a label of the metric."""
+    def _take(self, size: int) -> str:
+        """ "taken", or the reason for not taking it: a label of the metric."""
         if size > self._policy.max_body_bytes:
             return "too_large"
         with self._lock:
@@ -160,7 +160,7 @@ class SampleKeeper:
         except FirstfixError as error:
             self._metrics.samples.labels("failed").inc()
             _log.warning("a sample could not be kept", code=error.code, error=str(error))
-        except Exception:  # the keeper must outlive a defect
+        except Exception:  # a defect must not end the thread
             self._metrics.samples.labels("failed").inc()
             _log.exception("a sample could not be kept")
         finally:

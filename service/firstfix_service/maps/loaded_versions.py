@@ -12,7 +12,7 @@ import structlog
 
 from firstfix.catalog.versions.cache import HeldFolder
 
-from ..query_workers.base import Workers
+from ..query_workers.base import QueryWorkers
 from ..query_workers.query import ServedVersion
 from ..telemetry.metrics import Metrics
 from .eviction_order import Key, LeavingOrder
@@ -76,7 +76,7 @@ class ResidentVersions:
 
     def __init__(
         self,
-        workers: Workers,
+        workers: QueryWorkers,
         metrics: Metrics,
         *,
         max_versions: int,
@@ -138,7 +138,7 @@ class ResidentVersions:
         """Loads a version that is not in memory; one thread for each.
 
         Raises:
-            VersionError: as ``Workers.load``.
+            VersionError: as ``QueryWorkers.load``.
         """
         key = files.key
         with self._changed:

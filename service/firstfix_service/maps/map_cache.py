@@ -14,9 +14,8 @@ import structlog
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.log.map_state import MapState
 from firstfix.errors import FirstfixError, NotFound, StoreError, VersionError
-from firstfix.ids import check_map_id, check_version
 
-from ..query_workers.base import Workers
+from ..query_workers.base import QueryWorkers
 from ..query_workers.query import ServedVersion
 from ..telemetry.metrics import Metrics
 from ..telemetry.request_scope import in_this_context
@@ -46,7 +45,7 @@ class MapCache:
         self,
         catalog: Catalog,
         directory: Path,
-        workers: Workers,
+        workers: QueryWorkers,
         metrics: Metrics,
         *,
         max_versions: int,
@@ -99,18 +98,14 @@ class MapCache:
         """The versions to answer a query from, of one map or several: the named one, else the active ones.
         Done at once where they are in memory; else a load goes on elsewhere, one however many ask.
 
-        Raises:
-            InvalidOption: an id or version that is none.
+        Args:
+            map_ids, version: well-formed (``firstfix.ids``).
 
         The future raises:
             NotFound: no such map or version.
             VersionError: it cannot be served, nor can one that was active before.
             StoreError: the store failed.
         """
-        for map_id in map_ids:
-            check_map_id(map_id)
-        if version is not None:
-            check_version(version)
         if len(map_ids) == 1:
             return together([self._lease(map_ids[0], version)])
         self._resident.begin_hurry()

@@ -1,4 +1,4 @@
-"""Where queries are worked out: in this process, or in processes of their own (``process_workers``)."""
+"""Workers that answer queries: threads of this process, or processes (``query_workers.pool``)."""
 
 from __future__ import annotations
 
@@ -14,36 +14,45 @@ from .private_bytes import private_bytes
 from .query import LocalizesScans, Query, ServedVersion, answer_query
 
 
-class Workers(Protocol):
-    """Thread-safe. Who calls says what is loaded; a version that a query names is loaded if it is not."""
+class QueryWorkers(Protocol):
+    """Workers that answer queries. Thread-safe.
+
+    The caller decides which versions are loaded. A query loads its versions if they are not.
+    """
 
     def load(self, version: ServedVersion) -> int:
-        """Makes every worker ready to answer from a version; returns the bytes that it takes besides its
-        mapped files, of all workers together.
+        """Loads a version in every worker.
+
+        Returns:
+            Bytes of memory of all workers together, without the mapped files.
 
         Raises:
-            VersionError: it cannot be loaded.
+            VersionError: the version cannot be loaded.
         """
         ...
 
     def drop(self, version: ServedVersion) -> None:
-        """Forgets a version that no query is under way for."""
+        """Unloads a version that no query uses."""
         ...
 
     def answer(self, query: Query) -> Localization:
-        """
+        """Returns the answer to a query.
+
         Raises:
             InputError: the body or an option cannot be used.
             VersionError: a version cannot be loaded.
-            WorkerLost, DeadlineExceeded: the process that had it died, twice, or took too long.
+            WorkerLost: two processes died over the query.
+            DeadlineExceeded: the query took too long.
         """
         ...
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """Ends the workers. Call it when no query runs."""
+        ...
 
 
-class LocalWorkers:
-    """In this process, by the threads that call."""
+class QueryWorkerThreads:
+    """Workers without processes: the calling thread answers."""
 
     def __init__(self, load: Callable[[Path], LocalizesScans]) -> None:
         self._load_files = load
@@ -53,7 +62,7 @@ class LocalWorkers:
 
     def load(self, version: ServedVersion) -> int:
         localizer = self._localizer(version)
-        # What FAISS holds cannot be seen from here: it reads its file into memory.
+        # FAISS reads its file into memory, which ``private_bytes`` cannot see.
         held_by_faiss = sum(path.stat().st_size for path in version.directory.glob("*.faiss"))
         return private_bytes(localizer) + held_by_faiss
 
@@ -74,7 +83,7 @@ class LocalWorkers:
             if version in self._localizers:
                 return self._localizers[version]
             load_lock = self._loads.setdefault(version, threading.Lock())
-        with load_lock:  # whoever else wants it waits for this load instead of doing it again
+        with load_lock:  # other threads wait for this load instead of repeating it
             with self._lock:
                 if version in self._localizers:
                     return self._localizers[version]
@@ -82,7 +91,7 @@ class LocalWorkers:
                 localizer = self._load_files(version.directory)
             except FirstfixError:
                 raise
-            except Exception as error:  # whatever it is, the version before must go on serving
+            except Exception as error:  # of any kind: the previous version must go on serving
                 raise VersionError(f"version {version.version} cannot be loaded: {error!r}") from error
             with self._lock:
                 self._localizers[version] = localizer

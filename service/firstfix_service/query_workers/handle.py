@@ -22,28 +22,28 @@ from .process import DROP, HELLO, LOAD
 from .query import Query, ServedVersion
 
 LOAD_WITHIN_S = 300.0
-STALLED_S = 30.0  # a message that stops half-way: the process was stopped, or thrashes
-# One query is one thread's work; the processes share the cores.
+STALLED_S = 30.0  # for a message to go on: then the process was stopped, or it swaps
+# Each query runs in one thread; the processes share the cores.
 _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
-class WorkerDied(Exception):
-    """The process is gone, or was killed as it did not answer."""
+class QueryWorkerDied(Exception):
+    """The process ended, or was killed because it did not answer."""
 
 
-class WorkerStuck(Exception):
-    """The query took too long, and the process was killed."""
+class QueryWorkerStuck(Exception):
+    """The query took too long; the process was killed."""
 
 
-class WorkerDefect(Exception):
-    """An error in the worker that is not ours: its traceback."""
+class QueryWorkerDefect(Exception):
+    """An unexpected error in the worker, with its traceback as text."""
 
 
-class WorkerHandle:
-    """One process. ``answer`` is for one thread at a time, the rest for any."""
+class QueryWorkerHandle:
+    """One worker process. One thread at a time may call ``answer``; any thread may call the rest."""
 
     def __init__(self) -> None:
-        """Starts it; it is up a second later."""
+        """Starts the process. It takes a second until it is up."""
         queries, its_queries = socket.socketpair()
         control, its_control = socket.socketpair()
         for end in (queries, control):
@@ -59,9 +59,9 @@ class WorkerHandle:
             )
         self._queries = Connection(queries.detach())
         self._control = Connection(control.detach())
-        self._replies = select.poll()  # ready made: ``Connection.poll`` makes one for every call
+        self._replies = select.poll()  # kept: ``Connection.poll`` makes one for every call
         self._replies.register(self._queries.fileno(), select.POLLIN)
-        self._query_lock = threading.Lock()  # until ``close``, or another file might have got its number
+        self._query_lock = threading.Lock()  # held by ``close`` too, or another file could get its number
         self._control_lock = threading.Lock()
         self.started = time.monotonic()
 
@@ -70,18 +70,20 @@ class WorkerHandle:
         return self._process.pid
 
     def wait_until_up(self) -> None:
-        """
+        """Blocks until the process can answer.
+
         Raises:
-            WorkerDied: it ended, or did not come up.
+            QueryWorkerDied: it ended, or did not start in time.
         """
         self._tell(HELLO, None)
 
     def answer(self, query: Query, timeout_s: float) -> Localization:
-        """
+        """Returns the process's answer to a query.
+
         Raises:
-            WorkerDied: before it answered.
-            WorkerStuck: not within the time.
-            FirstfixError, WorkerDefect: the query's.
+            QueryWorkerDied: the process ended before it answered.
+            QueryWorkerStuck: no answer within the time.
+            FirstfixError, QueryWorkerDefect: the query failed.
         """
         try:
             with self._query_lock:
@@ -89,36 +91,38 @@ class WorkerHandle:
                 self._queries.send_bytes(query.body)
                 reply = self._queries.recv() if self._replies.poll(timeout_s * 1e3) else None
         except (EOFError, OSError) as error:
-            self.kill()  # if it only stalled
-            raise WorkerDied(repr(error)) from None
+            self.kill()  # it may only have stalled
+            raise QueryWorkerDied(repr(error)) from None
         if reply is None:
             self.kill()
-            raise WorkerStuck(f"over {timeout_s:g} s")
+            raise QueryWorkerStuck(f"over {timeout_s:g} s")
         answer: Localization = _unwrap(reply)
         return answer
 
     def load(self, version: ServedVersion) -> int:
-        """
+        """Loads a version; returns its bytes in memory, without mapped files.
+
         Raises:
-            WorkerDied: over it, or it took too long.
-            FirstfixError, WorkerDefect: the version's.
+            QueryWorkerDied: the process ended over it, or it took too long.
+            FirstfixError, QueryWorkerDefect: the version cannot be loaded.
         """
         return int(self._tell(LOAD, version))
 
     def drop(self, version: ServedVersion) -> None:
-        """A process that is gone has dropped it too."""
-        with suppress(WorkerDied):
+        """Unloads a version. Does nothing if the process has ended."""
+        with suppress(QueryWorkerDied):
             self._tell(DROP, version)
 
     def wait(self) -> int:
-        """Blocks until the process ends; its exit status, negative a signal's number."""
+        """Blocks until the process ends; returns its exit status, the negative number of a signal."""
         return self._process.wait()
 
     def kill(self) -> None:
+        """Ends the process at once."""
         self._process.kill()
 
     def close(self) -> None:
-        """For when it has ended."""
+        """Closes the sockets of a process that has ended."""
         with self._query_lock:
             self._queries.close()
         with self._control_lock:
@@ -131,10 +135,10 @@ class WorkerHandle:
                 reply = self._control.recv() if self._control.poll(LOAD_WITHIN_S) else None
             except (EOFError, OSError) as error:
                 self.kill()
-                raise WorkerDied(repr(error)) from None
+                raise QueryWorkerDied(repr(error)) from None
         if reply is None:
             self.kill()
-            raise WorkerDied(f"it did not answer within {LOAD_WITHIN_S:g} s")
+            raise QueryWorkerDied(f"it did not answer within {LOAD_WITHIN_S:g} s")
         return _unwrap(reply)
 
 
@@ -142,4 +146,4 @@ def _unwrap(reply: tuple[bool, Any]) -> Any:
     good, value = reply
     if good:
         return value
-    raise value if isinstance(value, FirstfixError) else WorkerDefect(value)
+    raise value if isinstance(value, FirstfixError) else QueryWorkerDefect(value)

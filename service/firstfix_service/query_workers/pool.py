@@ -1,8 +1,7 @@
-"""Queries in processes of their own: they do not share one interpreter's lock, and one that dies takes
-nothing but its own query along.
+"""Worker processes for queries: they share no interpreter lock, and one that dies loses only its own query.
 
-What is loaded is decided in the service. A process that takes the place of one that died is told at once
-what there is to load; a query that comes before that loads what it needs itself.
+The service decides which versions are loaded. A process that replaces a dead one loads them at once. A query
+that comes earlier loads the versions that it needs.
 """
 
 from __future__ import annotations
@@ -20,21 +19,21 @@ import structlog
 from firstfix.answer.localization import Localization
 from firstfix.errors import DeadlineExceeded, FirstfixError, VersionError, WorkerLost
 
-from .handle import WorkerDefect, WorkerDied, WorkerHandle, WorkerStuck
+from .handle import QueryWorkerDefect, QueryWorkerDied, QueryWorkerHandle, QueryWorkerStuck
 from .query import Query, ServedVersion
 
 _log = structlog.get_logger(__name__)
 ATTEMPTS = 2
-FREE_WITHIN_S = 30.0  # for a process to take the place of one that died
-SHORT_LIFE_S, PAUSE_S = 5.0, 1.0  # after a process that died so young the next one has to wait
+FREE_WITHIN_S = 30.0  # for a process to replace one that died
+SHORT_LIFE_S, PAUSE_S = 5.0, 1.0  # after such a short life the next process waits for the pause
 
 
-class ProcessWorkers:
-    """As many processes as asked for, each replaced when it dies.
+class QueryWorkerProcesses:
+    """A fixed number of worker processes. Each is replaced when it dies.
 
     Args:
-        query_timeout_s: a query that runs longer is given up, and its process replaced.
-        on_death: called when one has died that was not told to.
+        query_timeout_s: a query that runs longer fails, and its process is replaced.
+        on_death: called when a process dies unexpectedly.
     """
 
     def __init__(
@@ -46,8 +45,8 @@ class ProcessWorkers:
         self._born = threading.Condition(self._lock)
         self._closing = threading.Event()
         self._versions: dict[ServedVersion, None] = {}  # loaded, in that order
-        self._living: dict[WorkerHandle, None] = {}
-        self._idle: queue.LifoQueue[WorkerHandle] = queue.LifoQueue()
+        self._living: dict[QueryWorkerHandle, None] = {}
+        self._idle: queue.LifoQueue[QueryWorkerHandle] = queue.LifoQueue()
         self._loaders = ThreadPoolExecutor(count, thread_name_prefix="worker-load")
         self._keepers = [
             threading.Thread(target=self._keep_one, name=f"worker-{k}", daemon=True) for k in range(count)
@@ -57,19 +56,20 @@ class ProcessWorkers:
 
     @property
     def pids(self) -> list[int]:
+        """Process ids of the living workers."""
         with self._lock:
             return [worker.pid for worker in self._living]
 
     def load(self, version: ServedVersion) -> int:
-        """One process goes first: a version that kills it is refused before it reaches the others."""
+        """Loads a version in one process first: if it kills that one, the others never see it."""
         first, private = self._load_in_one(version)
         with self._lock:
-            self._versions[version] = None  # a process that starts from now on loads it too
+            self._versions[version] = None  # processes that start from now on load it too
             others = [worker for worker in self._living if worker is not first]
         return private + sum(self._loaders.map(partial(_load_if_alive, version), others))
 
-    def _load_in_one(self, version: ServedVersion) -> tuple[WorkerHandle, int]:
-        tried: list[WorkerHandle] = []
+    def _load_in_one(self, version: ServedVersion) -> tuple[QueryWorkerHandle, int]:
+        tried: list[QueryWorkerHandle] = []
         for _ in range(ATTEMPTS):
             with self._lock:
                 self._born.wait_for(
@@ -81,13 +81,14 @@ class ProcessWorkers:
             tried.append(untried[0])
             try:
                 return untried[0], untried[0].load(version)
-            except WorkerDied:
+            except QueryWorkerDied:
                 continue
-            except WorkerDefect as error:
+            except QueryWorkerDefect as error:
                 raise VersionError(f"version {version.version} cannot be loaded: {error}") from None
         raise VersionError(f"worker processes died while they loaded version {version.version}")
 
     def drop(self, version: ServedVersion) -> None:
+        """Unloads a version in every process."""
         with self._lock:
             self._versions.pop(version, None)
             living = list(self._living)
@@ -95,23 +96,24 @@ class ProcessWorkers:
             worker.drop(version)
 
     def answer(self, query: Query) -> Localization:
+        """Returns the answer of a free process. If it dies, one other process tries."""
         for _ in range(ATTEMPTS):
             worker = self._free_one()
             try:
                 answer = worker.answer(query, self._query_timeout_s)
-            except WorkerDied:
-                continue  # its keeper puts another in its place
-            except WorkerStuck as error:
-                raise DeadlineExceeded(f"the query was given up: it ran for {error}") from None
-            except (FirstfixError, WorkerDefect):
+            except QueryWorkerDied:
+                continue  # its keeper starts another one
+            except QueryWorkerStuck as error:
+                raise DeadlineExceeded(f"the query was stopped: it ran for {error}") from None
+            except (FirstfixError, QueryWorkerDefect):
                 self._idle.put(worker)
                 raise
             self._idle.put(worker)
             return answer
-        raise WorkerLost("the process that had the query died, and so did the next one")
+        raise WorkerLost("two worker processes died over the query")
 
     def close(self) -> None:
-        """Ends the processes; call it when no query runs."""
+        """Ends the processes. Call it when no query runs."""
         with self._lock:
             self._closing.set()
             self._born.notify_all()
@@ -122,10 +124,10 @@ class ProcessWorkers:
             keeper.join()
         self._loaders.shutdown()
 
-    def _free_one(self) -> WorkerHandle:
+    def _free_one(self) -> QueryWorkerHandle:
         """
         Raises:
-            WorkerLost: none in time.
+            WorkerLost: no process was free in time.
         """
         end = time.monotonic() + FREE_WITHIN_S
         while True:
@@ -138,11 +140,11 @@ class ProcessWorkers:
                     return worker
 
     def _keep_one(self) -> None:
-        """The life of one place: a process, and another when it has died."""
+        """Keeps one process running: starts another one when it dies."""
         while not self._closing.is_set():
             try:
-                worker = WorkerHandle()
-            except OSError as error:  # no memory or no process to be had
+                worker = QueryWorkerHandle()
+            except OSError as error:  # no memory, or too many processes
                 _log.error("no worker process could be started", error=str(error))
                 self._closing.wait(PAUSE_S)
                 continue
@@ -152,7 +154,7 @@ class ProcessWorkers:
                 self._born.notify_all()
             if self._closing.is_set():
                 worker.kill()
-            with suppress(WorkerDied):
+            with suppress(QueryWorkerDied):
                 worker.wait_until_up()
                 self._idle.put(worker)
                 self._load_again(worker, versions)
@@ -167,19 +169,19 @@ class ProcessWorkers:
                 if lived_s < SHORT_LIFE_S:
                     self._closing.wait(PAUSE_S)
 
-    def _load_again(self, worker: WorkerHandle, versions: list[ServedVersion]) -> None:
+    def _load_again(self, worker: QueryWorkerHandle, versions: list[ServedVersion]) -> None:
         for version in versions:
             with self._lock:
                 wanted = version in self._versions
             if wanted:
-                with suppress(FirstfixError, WorkerDefect):  # a query that needs it will say so
+                with suppress(FirstfixError, QueryWorkerDefect):  # a query that needs it reports the error
                     worker.load(version)
 
 
-def _load_if_alive(version: ServedVersion, worker: WorkerHandle) -> int:
-    """It was loaded elsewhere: what goes wrong here is trouble of this process, told by the next query."""
+def _load_if_alive(version: ServedVersion, worker: QueryWorkerHandle) -> int:
+    """Loads a version that another process has loaded. An error is this process's own: the next query reports it."""
     try:
         return worker.load(version)
-    except (WorkerDied, FirstfixError, WorkerDefect) as error:
+    except (QueryWorkerDied, FirstfixError, QueryWorkerDefect) as error:
         _log.warning("not loaded in a worker process", version=version.version, error=str(error))
         return 0

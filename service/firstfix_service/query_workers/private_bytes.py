@@ -1,4 +1,4 @@
-"""What a loaded version takes besides its mapped files, which all processes share."""
+"""Memory of a loaded version without its mapped files, which all processes share."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ _NO_DATA = (type, ModuleType, FunctionType, BuiltinFunctionType, MethodType, str
 
 
 def private_bytes(root: object) -> int:
-    """Bytes of the NumPy arrays that are reached from an object and lie in this process's own memory.
+    """Returns the bytes of all NumPy arrays reachable from an object, except arrays mapped from files.
 
-    Arrays mapped from a file count nothing: their pages are shared and can be dropped at any time.
+    The pages of a mapped file are shared, and the kernel can drop them at any time.
     """
     seen: set[int] = set()
     waiting: list[object] = [root]

@@ -1,8 +1,8 @@
 """A process that answers queries, one at a time: ``python -m firstfix_service.query_workers.process FD FD``.
 
-It has two sockets to the service. On one come queries, on the other come versions to load and to drop,
-so that a load does not hold up queries. It ends when the service does, however that ended: the kernel
-closes the sockets.
+Two sockets connect it with the service. One carries queries; the other carries versions to load and to drop, so
+that a load does not delay queries. The process ends when the service ends for any reason, because the kernel
+then closes the sockets.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from multiprocessing.connection import Connection
 
 from firstfix.errors import FirstfixError
 
-from .base import LocalWorkers
+from .base import QueryWorkerThreads
 from .query import Query, ServedVersion, load_localizer
 
 LOAD, DROP, HELLO = "load", "drop", "hello"
 
 
 def main(queries: Connection, control: Connection) -> None:
-    """Answers until the service is gone."""
-    for number in (signal.SIGINT, signal.SIGTERM):  # meant for the service, which still finishes queries
+    """Answers queries until the service is gone."""
+    for number in (signal.SIGINT, signal.SIGTERM):  # for the service, which still finishes queries
         signal.signal(number, signal.SIG_IGN)
-    workers = LocalWorkers(load_localizer)
+    workers = QueryWorkerThreads(load_localizer)
     threading.Thread(target=_obey, args=(control, workers), daemon=True, name="control").start()
     while True:
         try:
@@ -45,7 +45,7 @@ def main(queries: Connection, control: Connection) -> None:
             return
 
 
-def _obey(control: Connection, workers: LocalWorkers) -> None:
+def _obey(control: Connection, workers: QueryWorkerThreads) -> None:
     do: dict[str, Callable[[ServedVersion], object]] = {
         LOAD: workers.load,
         DROP: workers.drop,
@@ -56,15 +56,15 @@ def _obey(control: Connection, workers: LocalWorkers) -> None:
             what, version = control.recv()
             control.send(_outcome(partial(do[what], version)))
     except (EOFError, OSError):
-        os._exit(0)  # whatever the main thread is at: nobody waits for it any more
+        os._exit(0)  # whatever the main thread does: nobody waits for it any more
 
 
 def _outcome(work: Callable[[], object]) -> tuple[bool, object]:
-    """(True, result), (False, an error of ours), or (False, the text of a defect)."""
+    """Returns (True, result), (False, our error), or (False, traceback of a defect)."""
     try:
         return True, work()
     except FirstfixError as error:
-        return False, type(error)(str(error))  # without what it was caused by, which may not be picklable
+        return False, type(error)(str(error))  # without its cause, which may not be picklable
     except Exception:
         return False, traceback.format_exc()
 

@@ -36,14 +36,14 @@ from ..http_api.health import Health
 from ..lanes import START
 from ..localize.pool import QueryPool
 from ..localize.recorder import QueryRecorder
-from ..localize.sampler import SampleKeeper, SamplePolicy
+from ..localize.sampler import QuerySampler, SamplePolicy
 from ..localize.use_case import LocalizeUseCase
 from ..maps.georeference_cache import GeoreferenceCache
 from ..maps.map_cache import MapCache
 from ..maps.map_poller import MapPoller
 from ..maps.placement import open_holding
-from ..query_workers.base import LocalWorkers, Workers
-from ..query_workers.pool import ProcessWorkers
+from ..query_workers.base import QueryWorkers, QueryWorkerThreads
+from ..query_workers.pool import QueryWorkerProcesses
 from ..query_workers.query import LocalizesScans, load_localizer
 from ..settings import Settings
 from ..telemetry.metered_store import metered
@@ -169,14 +169,16 @@ async def assemble(
     return parts
 
 
-def _workers(settings: Settings, metrics: Metrics, load: Callable[[Path], LocalizesScans] | None) -> Workers:
+def _workers(
+    settings: Settings, metrics: Metrics, load: Callable[[Path], LocalizesScans] | None
+) -> QueryWorkers:
     if load is None and settings.worker_processes:
-        return ProcessWorkers(
+        return QueryWorkerProcesses(
             settings.workers,
             query_timeout_s=settings.query_timeout_s,
             on_death=metrics.worker_deaths.inc,
         )
-    return LocalWorkers(load or load_localizer)
+    return QueryWorkerThreads(load or load_localizer)
 
 
 def _open_store(settings: Settings) -> Store:
@@ -196,13 +198,13 @@ async def _start_tracing(requests: Requests, replica: str, stack: AsyncExitStack
 
 async def _start_samples(
     settings: Settings, store: Store, metrics: Metrics, stack: AsyncExitStack
-) -> SampleKeeper | None:
+) -> QuerySampler | None:
     policy = SamplePolicy.of(settings)
     if not policy.is_on:
         return None
     if settings.samples_store is not None:
         store = metered(await START.run(Store.open, settings.samples_store), metrics)
-    keeper = SampleKeeper(QuerySamples(store), policy, metrics)
+    keeper = QuerySampler(QuerySamples(store), policy, metrics)
     keeper.start()
     stack.push_async_callback(START.run, keeper.close)
     return keeper
@@ -218,9 +220,7 @@ async def _start_zenoh(
     from ..zenoh_api.replicas import ZenohReplicas
 
     settings, loop = parts.settings, asyncio.get_running_loop()
-    endpoint = await START.run(
-        ZenohEndpoint, settings, replica, parts.use_case, parts.pool, parts.access, loop, requests
-    )
+    endpoint = await START.run(ZenohEndpoint, settings, replica, parts.use_case, parts.access, loop, requests)
     stack.push_async_callback(START.run, endpoint.close)
     parts.metrics.zenoh_connections.set_function(lambda: endpoint.connections)
     parts.metrics.zenoh_maps.set_function(lambda: endpoint.maps_shown)

@@ -1,11 +1,11 @@
-"""What is served, as zenoh keys.
+"""The served maps as zenoh keys.
 
-    firstfix/maps                  queryable: every map, its active version and the one that answers here
-    firstfix/{map_id}/version      queryable, and published on every change: one map's versions
-    firstfix/@replicas/{replica}   queryable: this replica, what it serves and holds, how busy it is
+    firstfix/maps                  queryable: every map, its active version and the version that answers here
+    firstfix/{map_id}/version      queryable, and published on every change: the versions of one map
+    firstfix/@replicas/{replica}   queryable: this replica, the maps that it serves and holds, its load
 
-Answered from memory as of the last poll: nobody waits for the store. The publications are notices and may
-be lost; every replica sends its own, when it has followed; ``seq`` orders a map's.
+Replies come from memory, as of the last poll of the store. Publications are notices and may be lost. Every
+replica publishes when it has followed a change; ``seq`` orders the publications of one map.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ MAPS = "firstfix/maps"
 
 @dataclass(frozen=True)
 class MapVersions:
-    """What a replica knows of one map.
+    """Versions of one map, as this replica knows them.
 
     Attributes:
-        version: the active one; None: the map has none any more.
-        previous: what was active before and could be again.
-        serving_version: what this replica answers with; None when it has loaded none yet. Another one than
-            ``version`` when that was refused.
-        seq: of the last entry in the map's log: of two of these of one map the higher is the newer.
+        version: the active version; None: the map has none any more.
+        previous: the version that was active before, for a rollback.
+        serving_version: the version from which this replica answers; None: none is loaded yet. It differs
+            from ``version`` if that one was refused.
+        seq: number of the last entry in the map's log: the higher one is newer.
     """
 
     map_id: str
@@ -51,17 +51,19 @@ class MapVersions:
 
     @property
     def key(self) -> str:
+        """The key of this map's versions."""
         return f"firstfix/{self.map_id}/version"
 
     def to_json(self, replica: str) -> bytes:
+        """Returns the payload that this replica sends."""
         return _json({**asdict(self), "replica": replica})
 
 
 class ZenohCatalog:
-    """Declares its keys in a session with the first update. Thread-safe but for ``update``.
+    """Answers the catalog keys from its first update on. Thread-safe, except ``update``.
 
     Args:
-        load: the queries that wait or run here, and how many there may be.
+        load: returns the number of queries that wait or run here, and its limit.
     """
 
     def __init__(
@@ -76,8 +78,10 @@ class ZenohCatalog:
         self._queryables: list[Any] = []
 
     def update(self, touched: Iterable[str]) -> None:
-        """To be called after every poll: tells what has changed of these maps since the last one. The first
-        tells nothing: a replica that starts changes nothing."""
+        """Publishes changes of these maps since the last update. Call it after every poll.
+
+        The first update publishes nothing, because the start of a replica changes no map.
+        """
         known, changed = dict(self._known), []
         for map_id in touched:
             before, now = known.pop(map_id, None), self._versions_of(map_id)
@@ -101,6 +105,7 @@ class ZenohCatalog:
             self._session.put(versions.key, versions.to_json(self._replica), encoding=JSON)
 
     def close(self) -> None:
+        """Takes the keys back."""
         for queryable in self._queryables:
             queryable.undeclare()
 
@@ -128,7 +133,7 @@ class ZenohCatalog:
 
     def _asked_for(self, key: Any) -> list[MapVersions]:
         known, parts = self._known, str(key).split("/")
-        if len(parts) == 3 and parts[1] in known:  # one map: no need to look at all
+        if len(parts) == 3 and parts[1] in known:  # one map: no need to compare all
             return [known[parts[1]]]
         return [one for _, one in sorted(known.items()) if key.intersects(zenoh.KeyExpr(one.key))]
 

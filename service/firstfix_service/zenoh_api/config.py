@@ -1,4 +1,4 @@
-"""How the zenoh session is set up: by the operator's file, or by a few settings."""
+"""Configuration of the zenoh session: the operator's file, or a few settings."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ CLIENT_CONNECT_MS = 2000
 
 
 def session_config(settings: Settings) -> Any:
-    """The operator's file as it is, else a peer on the given endpoints that looks for nobody.
+    """Returns the operator's file as it is; without a file, a peer on the given endpoints without scouting.
 
     Raises:
         InvalidOption: the file cannot be read.
@@ -36,8 +36,10 @@ def session_config(settings: Settings) -> Any:
 
 
 def client_config(settings: Settings) -> Any | None:
-    """Of a session beside the one of ``session_config``: a client of whom that one connects with; None: it
-    connects with nobody.
+    """Returns the config of a second session: a client of the endpoints that ``session_config`` connects to.
+
+    Returns:
+        None if that config connects to no endpoint.
 
     Raises:
         InvalidOption: the file cannot be read.

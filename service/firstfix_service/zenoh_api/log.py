@@ -1,6 +1,6 @@
-"""Around every zenoh query: the same id, span and line in the log that an HTTP request gets.
+"""Request scope of zenoh queries: the same id, span and log line as for an HTTP request.
 
-zenoh has no headers: two parameters of the selector stand for X-Request-Id and traceparent.
+zenoh has no headers: two selector parameters replace X-Request-Id and traceparent.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from ..telemetry.request_scope import Requests
 _log = structlog.get_logger(__name__)
 TRANSPORT = "zenoh"
 REQUEST_ID, TRACEPARENT = "request_id", "traceparent"
-PARAMETERS = (REQUEST_ID, TRACEPARENT)  # of every query, besides the options
-_METHOD = "GET"  # as zenoh calls a query
+PARAMETERS = (REQUEST_ID, TRACEPARENT)  # of every query, beside the options
+_METHOD = "GET"  # zenoh's word for a query
 
 
 @contextmanager
 def logged_query(requests: Requests, query: Any, arrived: float) -> Iterator[None]:
-    """The scope of one query.
+    """Opens the scope of one query, and logs the query when it ends.
 
     Args:
         arrived: ``time.monotonic`` when it came.

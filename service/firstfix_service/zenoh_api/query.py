@@ -1,4 +1,4 @@
-"""A zenoh query as the service reads it."""
+"""Reading of a zenoh query: its key, selector parameters, encoding and attachment."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from firstfix.errors import InvalidOption, Unauthorized
-from firstfix.ids import check_map_id
 
-from ..localize.response_format import PoseReply
+from ..localize.query_head import QueryHead, split_map_ids
+from ..localize.response_format import PoseFormat
 from .log import PARAMETERS
 
 CONTENT_ENCODING = "content_encoding"
@@ -21,26 +21,23 @@ MAX_CREDENTIAL_BYTES = 16 << 10
 
 @dataclass(frozen=True)
 class ZenohQuery:
-    """A query as it came.
+    """A query without its payload.
 
     Attributes:
-        key: what the replicas share.
-        map_id: as the use case takes it: one, several, or empty for all.
+        key: the key that all replicas share.
+        pose: None: the answer is JSON.
     """
 
     key: str
-    map_id: str
-    media_type: str
-    content_encoding: str | None
-    options: dict[str, str]
-    pose: PoseReply | None
+    head: QueryHead
+    pose: PoseFormat | None
 
 
 def credential_of(query: Any) -> str | None:
-    """The API key or token that stands in a query's attachment.
+    """Returns the API key or token in a query's attachment; None without an attachment.
 
     Raises:
-        Unauthorized: the attachment is none.
+        Unauthorized: the attachment is too long.
     """
     attachment = query.attachment
     if attachment is None:
@@ -50,11 +47,14 @@ def credential_of(query: Any) -> str | None:
     return attachment.to_bytes().decode("ascii", "replace")
 
 
-def read_query(query: Any) -> ZenohQuery:
-    """
+def read_query(query: Any, arrived: float) -> ZenohQuery:
+    """Reads all of a query except its payload.
+
+    Args:
+        arrived: ``time.monotonic`` when it came.
+
     Raises:
-        InvalidOption: its key names no single map, a parameter stands twice, or one of the reply's form
-            cannot be used.
+        InvalidOption: a parameter is given twice, or one of the pose format cannot be used.
     """
     pairs = list(query.parameters)
     twice = sorted(name for name, count in Counter(name for name, _ in pairs).items() if count > 1)
@@ -64,12 +64,14 @@ def read_query(query: Any) -> ZenohQuery:
     options = {name: value for name, value in pairs if not name.startswith("_") and name not in PARAMETERS}
     parts = str(query.key_expr).split("/")
     named = parts[1] if len(parts) > 1 else ""
-    map_id = options.pop(MAP_PARAMETER, "") if named == ANY_MAP else check_map_id(named)
+    map_ids = split_map_ids(options.pop(MAP_PARAMETER, "")) if named == ANY_MAP else (named,)
     content_encoding = options.pop(CONTENT_ENCODING, None)
-    pose = PoseReply.wanted(options.pop(ACCEPT, ""), options)
+    pose = PoseFormat.requested(options.pop(ACCEPT, ""), options)
     media_type = "" if query.encoding is None else str(query.encoding)
-    return ZenohQuery(key_of(named), map_id, media_type, content_encoding, options, pose)
+    head = QueryHead(map_ids, media_type, content_encoding, options, arrived)
+    return ZenohQuery(key_of(named), head, pose)
 
 
 def key_of(map_id: str) -> str:
+    """Returns the key on which a map's queries are asked."""
     return f"firstfix/{map_id}/localize"

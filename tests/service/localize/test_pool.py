@@ -290,6 +290,6 @@ def test_a_closed_pool_refuses_what_waits_and_what_comes():
         await closing
         assert await running == "a"
         with pytest.raises(Overloaded, match="stopping"):
-            pool.check_room()
+            pool.check_room("a")
 
     with_pool(test, queue_size=1)

@@ -25,8 +25,8 @@ from firstfix.errors import InvalidOption, NotFound, StoreUnavailable
 from firstfix.scan.scan import Scan
 from firstfix.store.store import Store
 from firstfix_cli.main import run
-from firstfix_service.localize.recorder import RawQuery
-from firstfix_service.localize.sampler import MAX_WAITING, SampleKeeper, SamplePolicy
+from firstfix_service.localize.query_head import QueryHead
+from firstfix_service.localize.sampler import MAX_WAITING, QuerySampler, SamplePolicy
 from firstfix_service.telemetry.metrics import Metrics
 from waiting import wait_until
 
@@ -90,7 +90,7 @@ def test_nothing_is_kept_by_default(tmp_path: Path):
     with running_service(tmp_path, zenoh=False) as service:
         publish(service.catalog, "hall", "1", service.scratch)
         assert service.ask("http").json["verdict"] == "rejected"
-        assert "sample-keeper" not in {thread.name for thread in threading.enumerate()}
+        assert "query-sampler" not in {thread.name for thread in threading.enumerate()}
     assert not (tmp_path / "store" / "samples").exists()
 
 
@@ -122,8 +122,7 @@ def found(probability: float) -> Localization:
     return Localization(Verdict.LOCALIZED, (), np.eye(4), None, np.eye(6), probability)
 
 
-def query(size: int = 100) -> RawQuery:
-    return RawQuery(bytes(size), XYZ, None, "hall", {})
+HEAD = QueryHead(("hall",), XYZ, None, {})
 
 
 class Kept:
@@ -132,20 +131,20 @@ class Kept:
     def __init__(self, directory: Path, **changes: Any) -> None:
         self.samples = QuerySamples(Store.open(str(directory)))
         self.metrics = Metrics()
-        self.keeper = SampleKeeper(self.samples, SamplePolicy(**{**POLICY, **changes}), self.metrics)
+        self.sampler = QuerySampler(self.samples, SamplePolicy(**{**POLICY, **changes}), self.metrics)
 
     def count(self, result: str) -> float:
         return self.metrics.registry.get_sample_value("firstfix_samples_total", {"result": result}) or 0.0
 
     def finish(self) -> None:
-        self.keeper.start()
-        self.keeper.close()
+        self.sampler.start()
+        self.sampler.close()
 
 
 def test_a_share_is_kept(tmp_path: Path):
     kept = Kept(tmp_path, share=0.5, per_minute=6000)
     for _ in range(60):
-        kept.keeper.offer(query(), REJECTED, None)
+        kept.sampler.offer(HEAD, bytes(100), REJECTED, None)
     kept.finish()
     assert 10 <= len(kept.samples.ids()) <= 50, "60 coins"
 
@@ -153,17 +152,17 @@ def test_a_share_is_kept(tmp_path: Path):
 @pytest.mark.parametrize(("probability", "count"), [(0.9, 1), (0.99, 0)])
 def test_a_share_of_the_improbable_localized_ones(tmp_path: Path, probability: float, count: int):
     kept = Kept(tmp_path, share=0.0, share_localized=1.0)
-    kept.keeper.offer(query(), found(probability), None)
-    kept.keeper.offer(query(), REJECTED, None)
+    kept.sampler.offer(HEAD, bytes(100), found(probability), None)
+    kept.sampler.offer(HEAD, bytes(100), REJECTED, None)
     kept.finish()
     assert len(kept.samples.ids()) == count
 
 
 def test_so_many_a_minute_and_no_large_ones(tmp_path: Path):
     kept = Kept(tmp_path, per_minute=3)
-    kept.keeper.offer(query(2001), REJECTED, None)
+    kept.sampler.offer(HEAD, bytes(2001), REJECTED, None)
     for _ in range(5):
-        kept.keeper.offer(query(), REJECTED, None)
+        kept.sampler.offer(HEAD, bytes(100), REJECTED, None)
     kept.finish()
     assert len(kept.samples.ids()) == 3
     assert (kept.count("kept"), kept.count("rate_limited"), kept.count("too_large")) == (3, 2, 1)
@@ -172,7 +171,7 @@ def test_so_many_a_minute_and_no_large_ones(tmp_path: Path):
 def test_what_the_writer_cannot_keep_up_with_is_dropped(tmp_path: Path):
     kept = Kept(tmp_path, per_minute=6000)
     for _ in range(MAX_WAITING + 5):  # nobody writes yet
-        kept.keeper.offer(query(), REJECTED, None)
+        kept.sampler.offer(HEAD, bytes(100), REJECTED, None)
     assert kept.count("dropped") == 5
     kept.finish()
     assert kept.count("kept") == MAX_WAITING
@@ -186,11 +185,11 @@ def test_a_store_that_fails_costs_the_samples_alone(tmp_path: Path, monkeypatch:
 
     with monkeypatch.context() as broken:
         broken.setattr(Store, "put", fails)
-        kept.keeper.start()
-        kept.keeper.offer(query(), REJECTED, None)
+        kept.sampler.start()
+        kept.sampler.offer(HEAD, bytes(100), REJECTED, None)
         wait_until(lambda: kept.count("failed") == 1)
-    kept.keeper.offer(query(), REJECTED, None)
-    kept.keeper.close()
+    kept.sampler.offer(HEAD, bytes(100), REJECTED, None)
+    kept.sampler.close()
     assert kept.count("kept") == 1
 
 
@@ -241,7 +240,7 @@ def test_the_oldest_go_when_all_together_are_too_large(tmp_path: Path):
 def test_the_limit_holds_while_samples_come(tmp_path: Path):
     kept = Kept(tmp_path, max_bytes=20_000, per_minute=6000)
     for _ in range(MAX_WAITING):
-        kept.keeper.offer(query(2000), REJECTED, None)
+        kept.sampler.offer(HEAD, bytes(2000), REJECTED, None)
     kept.finish()
     size = sum(path.stat().st_size for path in (tmp_path / "samples").iterdir())
     assert size <= 20_000 + 4000, "the last one may be over"

@@ -17,9 +17,12 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.errors import CorruptVersion, DeadlineExceeded, MalformedData, WorkerLost
 from firstfix.transform import pose_error
 from firstfix.wire.scan import MEDIA_TYPE, encode_scan
-from firstfix_service.query_workers.pool import ProcessWorkers
+from firstfix_service.query_workers.body_format import BodyFormat
+from firstfix_service.query_workers.pool import QueryWorkerProcesses
 from firstfix_service.query_workers.query import Query, ServedVersion
 from waiting import LIMIT_S, let_pass, wait_until
+
+FORMAT = BodyFormat.of(MEDIA_TYPE, None)
 
 
 @pytest.fixture(scope="module")
@@ -28,8 +31,8 @@ def yard(small_version) -> ServedVersion:
 
 
 @pytest.fixture
-def workers(yard: ServedVersion) -> Iterator[ProcessWorkers]:
-    running = ProcessWorkers(2, query_timeout_s=30)
+def workers(yard: ServedVersion) -> Iterator[QueryWorkerProcesses]:
+    running = QueryWorkerProcesses(2, query_timeout_s=30)
     try:
         running.load(yard)
         yield running
@@ -40,7 +43,7 @@ def workers(yard: ServedVersion) -> Iterator[ProcessWorkers]:
 @pytest.fixture
 def query(yard: ServedVersion, small_scans) -> Query:
     body = encode_scan(small_scans[0][0])
-    return Query(body, MEDIA_TYPE, "", LocalizeOptions(), (yard,), 1 << 28)
+    return Query(body, FORMAT, LocalizeOptions(), (yard,), 1 << 28)
 
 
 def right(answer, truth) -> bool:
@@ -54,9 +57,9 @@ def gone(pid: int) -> bool:
         return True
 
 
-def test_it_answers_as_the_localizer_does(workers: ProcessWorkers, query: Query, small_scans, yard):
+def test_it_answers_as_the_localizer_does(workers: QueryWorkerProcesses, query: Query, small_scans, yard):
     answers = [
-        workers.answer(Query(encode_scan(scan), MEDIA_TYPE, "", query.options, (yard,), 1 << 28))
+        workers.answer(Query(encode_scan(scan), FORMAT, query.options, (yard,), 1 << 28))
         for scan, _ in small_scans[:8]
     ]
     found = [right(answer, truth) for answer, (_, truth) in zip(answers, small_scans, strict=False)]
@@ -65,14 +68,14 @@ def test_it_answers_as_the_localizer_does(workers: ProcessWorkers, query: Query,
     assert "decode" in answers[0].timings_ms
 
 
-def test_the_callers_errors_come_back_as_they_are(workers: ProcessWorkers, query: Query, yard):
+def test_the_callers_errors_come_back_as_they_are(workers: QueryWorkerProcesses, query: Query, yard):
     with pytest.raises(MalformedData):
-        workers.answer(Query(b"no scan", MEDIA_TYPE, "", query.options, (yard,), 1 << 28))
+        workers.answer(Query(b"no scan", FORMAT, query.options, (yard,), 1 << 28))
     assert workers.answer(query).map_id == "yard"
 
 
 def test_a_version_that_cannot_be_loaded_is_refused_and_forgotten(
-    workers: ProcessWorkers, query: Query, tmp_path
+    workers: QueryWorkerProcesses, query: Query, tmp_path
 ):
     bad = ServedVersion("bad", "2" * 64, tmp_path)
     with pytest.raises(CorruptVersion):
@@ -82,7 +85,7 @@ def test_a_version_that_cannot_be_loaded_is_refused_and_forgotten(
     assert workers.pids == pids
 
 
-def test_queries_survive_kills(workers: ProcessWorkers, query: Query):
+def test_queries_survive_kills(workers: QueryWorkerProcesses, query: Query):
     """kill -9 again and again, idle or at work: a query is answered or says that its worker was lost."""
     end = threading.Event()
 
@@ -115,7 +118,7 @@ def test_queries_survive_kills(workers: ProcessWorkers, query: Query):
 
 def test_a_worker_that_is_stuck_is_killed_and_replaced(query: Query, yard):
     deaths = []
-    workers = ProcessWorkers(1, query_timeout_s=1.5, on_death=lambda: deaths.append(1))
+    workers = QueryWorkerProcesses(1, query_timeout_s=1.5, on_death=lambda: deaths.append(1))
     try:
         workers.load(yard)
         (stuck,) = workers.pids
@@ -129,14 +132,16 @@ def test_a_worker_that_is_stuck_is_killed_and_replaced(query: Query, yard):
         workers.close()
 
 
-def _answers(workers: ProcessWorkers, query: Query) -> bool:
+def _answers(workers: QueryWorkerProcesses, query: Query) -> bool:
     try:
         return workers.answer(query).map_id == "yard"
     except DeadlineExceeded:  # it was still starting
         return False
 
 
-def test_workers_ignore_the_signals_that_are_meant_for_the_service(workers: ProcessWorkers, query: Query):
+def test_workers_ignore_the_signals_that_are_meant_for_the_service(
+    workers: QueryWorkerProcesses, query: Query
+):
     pids = workers.pids
     for pid in pids:
         os.kill(pid, signal.SIGINT)
@@ -146,7 +151,7 @@ def test_workers_ignore_the_signals_that_are_meant_for_the_service(workers: Proc
 
 
 def test_closing_ends_the_processes(yard):
-    workers = ProcessWorkers(2, query_timeout_s=30)
+    workers = QueryWorkerProcesses(2, query_timeout_s=30)
     workers.load(yard)
     pids = workers.pids
     workers.close()
@@ -157,8 +162,8 @@ def test_closing_ends_the_processes(yard):
 def test_workers_end_with_a_killed_service():
     code = """
 import sys, time
-from firstfix_service.process_workers import ProcessWorkers
-workers = ProcessWorkers(2, query_timeout_s=30)
+from firstfix_service.query_workers.pool import QueryWorkerProcesses
+workers = QueryWorkerProcesses(2, query_timeout_s=30)
 while len(workers.pids) < 2:
     time.sleep(0.02)
 print(*workers.pids, flush=True)

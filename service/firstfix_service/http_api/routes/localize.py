@@ -1,4 +1,4 @@
-"""POST /localize: a scan in the body, the answer out."""
+"""POST /localize: the pose of the scan in the body."""
 
 from __future__ import annotations
 
@@ -19,34 +19,34 @@ from firstfix.ros.media_types import POSE
 
 from ...auth.principal import Caller
 from ...lanes import READS
-from ...localize.negotiation import negotiated
-from ...localize.response_format import JSON, PARAMETERS, PoseReply, form_of
-from ...localize.use_case import check_maps, check_media_type
+from ...localize.negotiation import negotiate
+from ...localize.query_head import QueryHead, split_map_ids
+from ...localize.response_format import JSON, PARAMETERS, PoseFormat, encode_answer
 from ..authorize import CallerDep
 from ..dependencies import Parts, PartsDep
-from ..disconnect import unless_client_leaves
+from ..disconnect import cancel_on_disconnect
 from ..schema.answer_models import Answer
 
 router = APIRouter(tags=["localize"])
 MAP_PARAMETER = "map"
 _OPTION_TEXT = {
     "gravity": "direction of gravity in the sensor frame, `x,y,z`, or the sensor's `roll_deg,pitch_deg`",
-    "prior": "where the sensor is known to be in the map: `x,y,z,radius_m`, and it may be "
+    "prior": "region of the map that contains the sensor: `x,y,z,radius_m`, optionally with "
     "`,yaw_deg,yaw_range_deg`",
-    "T_base_sensor": "the sensor on the robot, `x,y,z,qx,qy,qz,qw`: the answer then has `T_map_base`, and up "
-    "is looked for near the robot's z first",
-    "max_candidates": "how many places are tried at most",
-    "min_probability": "below it the answer is not `localized`",
-    "deadline_ms": "the answer is worthless after this time",
-    "version": "digest of the map version to use instead of the active one",
+    "T_base_sensor": "pose of the sensor on the robot, `x,y,z,qx,qy,qz,qw`: the answer then has `T_map_base`, "
+    "and directions near the robot's z axis are tried first as up",
+    "max_candidates": "limit of the places to try",
+    "min_probability": "an answer with a lower probability is not `localized`",
+    "deadline_ms": "milliseconds after which an answer is of no use: the request then fails",
+    "version": "digest of the map version to use instead of the active version",
 }
 
 
 def _openapi() -> dict[str, Any]:
-    """The options are read by the core, so they are described here, not declared as parameters."""
+    """The operation's parameters: the core parses the options, so FastAPI cannot derive them."""
     names = [MAP_PARAMETER, *LocalizeOptions.__dataclass_fields__, *PARAMETERS]
     texts = {
-        MAP_PARAMETER: "id of the map, or several separated by commas; without it all maps compete",
+        MAP_PARAMETER: "id of the map, or several ids separated by commas; without it all maps are searched",
         **_OPTION_TEXT,
         **PARAMETERS,
     }
@@ -71,25 +71,27 @@ def _openapi() -> dict[str, Any]:
 _ANSWERS: dict[int | str, dict[str, Any]] = {
     200: {
         "model": Answer,
-        "description": "the answer, also when the scan was not localized: that is `application/json` "
-        "whatever was asked for, as there is no pose",
+        "description": "the answer, also if the scan was not localized: then it has no pose and is always "
+        "`application/json`",
         "content": {
             GEOPOSE: {"schema": {"$ref": "#/components/schemas/GeoPose"}},
             POSE: {"schema": {"type": "string", "format": "binary"}},
         },
-        "headers": {"Server-Timing": {"description": "milliseconds by stage", "schema": {"type": "string"}}},
+        "headers": {
+            "Server-Timing": {"description": "milliseconds of each stage", "schema": {"type": "string"}}
+        },
     }
 }
 
 
 @router.post("/localize", response_class=Response, responses=_ANSWERS, openapi_extra=_openapi())
 async def localize(request: Request, parts: PartsDep, caller: CallerDep) -> Response:
-    """The pose of a scan in a map, or why there is none. `Accept: application/geopose+json` asks for the
-    geographic pose, which takes a map with a georeference (else 406), and that of a ROS pose message for
-    one."""
+    """The pose of a scan in a map, or the reasons why there is none. `Accept: application/geopose+json` asks
+    for the geographic pose; the map must have a georeference (else 406). The media type of a ROS pose message
+    asks for that message."""
     arrived = time.monotonic()
     try:
-        answer, (content, media_type) = await _localize(request, parts, caller, arrived)
+        answer, content, media_type = await _localize(request, parts, caller, arrived)
     except ClientDisconnect:
         parts.metrics.failures.labels("http", "client_gone").inc()
         raise
@@ -103,35 +105,33 @@ async def localize(request: Request, parts: PartsDep, caller: CallerDep) -> Resp
 
 async def _localize(
     request: Request, parts: Parts, caller: Caller, arrived: float
-) -> tuple[Localization, tuple[bytes, str]]:
-    """The answer, and the form in which it was asked for."""
+) -> tuple[Localization, bytes, str]:
+    """The answer, its bytes and their media type."""
     options, accept = single_values(request), request.headers.get("accept", "")
-    pose = PoseReply.wanted(accept, options)
-    is_geographic = pose is None and negotiated(accept, (JSON, GEOPOSE)) == GEOPOSE
-    map_id = options.pop(MAP_PARAMETER, "")
-    check_maps(map_id, caller)
-    LocalizeOptions.from_strings(options)  # what can be refused is refused before the body is read
-    media_type = request.headers.get("content-type", "")
-    check_media_type(media_type)
-    if is_geographic and map_id and "," not in map_id:  # of several it is known once one has answered
-        await READS.run(parts.georeference_cache.of, map_id)
-    parts.use_case.check_room(map_id, caller)
+    pose = PoseFormat.requested(accept, options)
+    is_geographic = pose is None and negotiate(accept, (JSON, GEOPOSE)) == GEOPOSE
+    head = QueryHead(
+        split_map_ids(options.pop(MAP_PARAMETER, "")),
+        request.headers.get("content-type", ""),
+        request.headers.get("content-encoding"),
+        options,
+        arrived,
+    )
+    admission = parts.use_case.admit(head, caller)
+    if is_geographic and len(head.map_ids) == 1:  # of several maps, one has to answer first
+        await READS.run(parts.georeference_cache.of, head.map_ids[0])
     body = await parts.bodies.read(request)
     try:
-        content_encoding = request.headers.get("content-encoding")
-        work = parts.use_case.localize(
-            body, media_type, content_encoding, map_id, options, arrived=arrived, caller=caller
-        )
-        answer = await unless_client_leaves(request, work)
+        answer = await cancel_on_disconnect(request, parts.use_case.localize(admission, body))
         if is_geographic and answer.T_map_sensor is not None:
-            return answer, (await _geographic(parts, answer), GEOPOSE)
-        return answer, form_of(answer, pose, body, media_type, content_encoding)
+            return answer, await _geographic(parts, answer), GEOPOSE
+        return answer, *encode_answer(answer, pose, admission, body)
     finally:
         parts.bodies.release(body)
 
 
 async def _geographic(parts: Parts, answer: Localization) -> bytes:
-    """The geographic pose of the robot if its mount is known, else of the sensor."""
+    """The geographic pose of the robot if the sensor's mounting is given, else of the sensor."""
     assert answer.T_map_sensor is not None
     georeference = await READS.run(parts.georeference_cache.of, answer.map_id)
     T_map_body = answer.T_map_sensor if answer.T_map_base is None else answer.T_map_base
@@ -139,10 +139,10 @@ async def _geographic(parts: Parts, answer: Localization) -> bytes:
 
 
 def single_values(request: Request) -> dict[str, str]:
-    """The query parameters, each given once.
+    """Returns the query parameters.
 
     Raises:
-        InvalidOption: one is given twice: taking either would ignore the other.
+        InvalidOption: one is given more than once: to take either would ignore the other.
     """
     counts = Counter(name for name, _ in request.query_params.multi_items())
     twice = sorted(name for name, count in counts.items() if count > 1)
@@ -152,5 +152,5 @@ def single_values(request: Request) -> dict[str, str]:
 
 
 def server_timing(answer: Localization) -> str:
-    """The stages as a Server-Timing header, which browsers and proxies show."""
+    """Returns the stages as a Server-Timing header, which browsers and proxies show."""
     return ", ".join(f"{stage};dur={ms:.3f}" for stage, ms in answer.timings_ms.items())
