@@ -11,7 +11,7 @@ from typing import Any
 import obstore
 import pytest
 
-from firstfix.store import store as store_module
+from firstfix.store import backend, store
 
 WAIT_S = 60.0
 
@@ -101,7 +101,8 @@ def run_interleaved(
     actors = [_Actor(work) for work in works]
     stepped.actors = {actor.thread: actor for actor in actors}
     with monkeypatch.context() as patch:
-        patch.setattr(store_module, "obstore", stepped)
+        for module in (backend, store):
+            patch.setattr(module, "obstore", stepped)
         for actor in actors:
             actor.start()
         turn, calls, first_calls = 0, 0, 0

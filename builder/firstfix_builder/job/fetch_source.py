@@ -69,7 +69,7 @@ def fetch_source(
         key = str(named["key"])
         sha256 = key.rsplit("/", 1)[-1]
         if key != source_key(map_id, sha256):
-            raise InvalidOption(f"{key[:200]!r} is no upload of map {map_id}")
+            raise InvalidOption(f"{key[:200]!r} is not a source of map {map_id}")
         path = folder / sha256 / _safe_name(file_name)
         if path.exists() and sha256_of(path) == sha256:
             return path

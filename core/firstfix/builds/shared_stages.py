@@ -94,7 +94,7 @@ class SharedStages:
         if total > self._max_bytes:
             raise TooLarge(f"stage {name} has {total} bytes: too large to be shared")
         for path, file in zip(paths, files, strict=True):
-            if self._store.upload(_key(key, file.sha256), path):
+            if self._store.put_file(_key(key, file.sha256), path):
                 sent += file.bytes
         record = {
             "stage": name,

@@ -321,7 +321,7 @@ class Catalog(BuildRecords):
         """Keeps an uploaded file under its content's sha256, which is returned; for one build alone, if its
         id is given."""
         sha256 = sha256_of(path)
-        self.store.upload(source_key(map_id, sha256, build_id), path)
+        self.store.put_file(source_key(map_id, sha256, build_id), path)
         return sha256
 
 

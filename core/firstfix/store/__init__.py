@@ -1,1 +1,1 @@
-"""Object storage: one interface over files, S3, Azure, GCS and memory, and bounded JSON records in it."""
+"""Object storage: one interface to files, memory, S3, Azure and Google, and bounded JSON records in it."""

@@ -1,4 +1,4 @@
-"""S3 credentials from a file that may change while the process runs: keys are rotated without a restart."""
+"""S3 credentials from a file, read again for each request, so that keys rotate without a restart."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ _NAMES = {
     "secret_access_key": "aws_secret_access_key",
     "token": "aws_session_token",
 }
-# obstore asks anew when less than five minutes are left: so at every request, ten times a second at most.
+# obstore asks again when less than five minutes are left: so for every request, at most ten times a second.
 _GOOD_FOR = timedelta(minutes=1)
 
 
 def credentials_file(environment: Mapping[str, str] = os.environ) -> Callable[[], dict[str, Any]] | None:
-    """Reads the profile ``AWS_PROFILE`` (``default``) of the file ``AWS_SHARED_CREDENTIALS_FILE`` whenever
-    it is called; None when no file is named, or keys stand in the environment, which come first as they do
-    with AWS's own tools.
+    """Returns a function that reads the credentials file, or None if the environment names no such file.
+
+    It reads the profile ``AWS_PROFILE`` (``default``) of the file ``AWS_SHARED_CREDENTIALS_FILE``. Keys in
+    the environment come first, as in AWS's own tools: then there is no file to read.
     """
     named = environment.get("AWS_SHARED_CREDENTIALS_FILE")
     if not named or environment.get("AWS_ACCESS_KEY_ID"):
@@ -37,9 +38,10 @@ def credentials_file(environment: Mapping[str, str] = os.environ) -> Callable[[]
 
 
 def _profile(path: Path, profile: str) -> Mapping[str, str]:
-    """
+    """Read one profile of a credentials file.
+
     Raises:
-        ValueError: no such file or profile. The message holds nothing of the file's content.
+        ValueError: no such file or profile. The message contains nothing of the file's content.
     """
     parser = configparser.ConfigParser(interpolation=None)  # a % is a character of a secret
     try:

@@ -1,23 +1,26 @@
-"""obstore behind ``firstfix.store.store``: a backend for a URL, and its exceptions as ours."""
+"""obstore behind ``firstfix.store.store``: opens a backend, writes to it and translates its exceptions."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from datetime import timedelta
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+import obstore
 from obstore import exceptions
 from obstore.store import AzureStore, GCSStore, LocalStore, MemoryStore, S3Store
 
-from ..errors import InvalidOption, NotFound, StoreError, StoreUnavailable
+from ..errors import InvalidOption, NotFound, StoreError, StoreUnavailable, StoreUnsafe
 from .aws_credentials import credentials_file
 from .url import StoreUrl
 
-# A request that takes longer, or brings nothing for a while, is lost; a chunk's body needs 0.3 MB/s.
+_PART_BYTES = 16 << 20  # of a multipart put
+# A request that takes longer, or receives nothing for a while, counts as lost; a chunk needs 0.3 MB/s.
 _CLIENT = {"connect_timeout": "5s", "read_timeout": "10s", "timeout": "60s"}
-# obstore's own default goes on for 3 minutes and so hides a fault from whoever could act on it.
+# obstore's default retries for 3 minutes, which hides a fault from callers who could act on it.
 _RETRY = {
     "max_retries": 4,
     "retry_timeout": timedelta(seconds=20),
@@ -30,14 +33,14 @@ _RETRY = {
 
 
 def open_backend(where: StoreUrl, *, make_directory: bool = True) -> Any:
-    """obstore's store at a URL. Nothing is asked of it yet.
+    """Open obstore's store at a URL. Sends no request yet.
 
     Args:
-        make_directory: of a file store, when it is missing.
+        make_directory: make the directory of a file store if it is missing.
 
     Raises:
         InvalidOption: a cloud's settings are incomplete.
-        StoreUnavailable: the directory is missing or cannot be made.
+        StoreUnavailable: the directory is missing, or cannot be made.
     """
     if where.scheme == "memory":
         return MemoryStore()
@@ -68,13 +71,13 @@ def open_backend(where: StoreUrl, *, make_directory: bool = True) -> Any:
 
 @contextmanager
 def translated(key: str, *, writing: bool = False) -> Iterator[None]:
-    """obstore's exceptions as ours. A missing object is the built-in FileNotFoundError there."""
+    """Translate obstore's exceptions into ours. obstore reports a missing object as FileNotFoundError."""
     try:
         yield
     except (exceptions.AlreadyExistsError, exceptions.PreconditionError, exceptions.NotSupportedError):
         raise
     except FileNotFoundError as error:
-        if writing:  # nothing can be missing but the bucket, or the file to send
+        if writing:  # only the bucket, or the file to send, can be missing
             raise StoreUnavailable(f"{key}: {_brief(error)}") from None
         raise NotFound(f"no object {key}") from None
     except (exceptions.PermissionDeniedError, exceptions.UnauthenticatedError, PermissionError) as error:
@@ -83,6 +86,54 @@ def translated(key: str, *, writing: bool = False) -> Iterator[None]:
         raise StoreUnavailable(f"{key}: {_brief(error)}") from None
 
 
+class BucketWriter:
+    """Writer to a cloud's bucket, or to memory."""
+
+    def __init__(self, backend: Any) -> None:
+        self._backend = backend
+
+    def create(self, key: str, data: bytes | Path) -> bool:
+        """Put with If-None-Match. Returns False if the key exists."""
+        try:
+            with translated(key, writing=True):
+                obstore.put(self._backend, key, data, mode="create")
+        except (exceptions.AlreadyExistsError, exceptions.PreconditionError):
+            return False
+        except exceptions.NotSupportedError:
+            raise StoreUnsafe("this store has no create-only put") from None
+        return True
+
+    def replace(self, key: str, data: bytes | Path) -> None:
+        """Put an object, streaming a file."""
+        with translated(key, writing=True):
+            obstore.put(self._backend, key, data)
+
+    def replace_from_pieces(self, key: str, pieces: Iterable[bytes]) -> None:
+        """Put an object as a stream of its pieces."""
+        source = iter(pieces)
+        with ThreadPoolExecutor(1, thread_name_prefix="pieces") as other:
+
+            def made() -> Iterator[bytes]:
+                # obstore iterates inside its event loop, where the iterator could not call obstore itself
+                while (piece := other.submit(next, source, None).result()) is not None:
+                    yield piece
+
+            with translated(key, writing=True):
+                obstore.put(self._backend, key, made(), chunk_size=_PART_BYTES, max_concurrency=2)
+
+    def make_durable(self, key: str) -> None:
+        """Do nothing: what a cloud shows is durable."""
+
+    def delete(self, key: str) -> None:
+        """Remove an object. A missing object is no error."""
+        with suppress(NotFound), translated(key):
+            obstore.delete(self._backend, key)
+
+    def remove_parts(self, before: datetime, *, dry_run: bool) -> list[str]:
+        """Do nothing: a rule of the bucket removes unfinished multipart puts."""
+        return []
+
+
 def _brief(error: BaseException) -> str:
-    """The first line: the rest of obstore's messages is a dump of its structs."""
+    """First line of an error: the rest of obstore's messages is a dump of its structs."""
     return str(error).strip().split("\n", 1)[0][:300]

@@ -1,8 +1,8 @@
-"""Objects of a file store that are still there, and whole, after a power cut.
+"""Objects of a file store that survive a power cut whole.
 
-A file gets its name only when its bytes are on disk: they are written to a part beside it and synced, the
-part is linked to the name (a new object) or renamed to it (an object that is replaced), and then the folder
-is synced. The other way round the name can reach the disk half a minute before the bytes.
+A file gets its name only after its bytes are on disk. The bytes are written to a part file beside it and
+synced. Then the part is linked to the name (a new object) or renamed to it (a replaced object), and the
+folder is synced. In the opposite order the name could reach the disk half a minute before the bytes.
 """
 
 from __future__ import annotations
@@ -19,37 +19,37 @@ from pathlib import Path
 
 from ..errors import StoreUnsafe
 
-_PART = re.compile(r".+#\d+")  # obstore lists no file of such a name; no key has a '#'
-_NO_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS)  # what link says where there are no hard links
-_MAX_FOLDERS = 10_000  # that are remembered
+_PART = re.compile(r".+#\d+")  # obstore does not list such names, and no key contains '#'
+_NO_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS)  # errors of link on file systems without hard links
+_MAX_FOLDERS = 10_000  # remembered as durable
 _AT_FDCWD, _RENAME_NOREPLACE = -100, 1  # linux/fcntl.h, linux/fs.h
 
 
 class DurableFiles:
-    """The objects of a file store, below one directory. Thread-safe; processes may share the directory."""
+    """Objects of a file store below one directory. Thread-safe; processes may share the directory."""
 
     def __init__(self, root: Path) -> None:
         self._root = root
-        self._durable_folders: dict[Path, int] = {}  # whose entry in their parent is on disk: their inode
+        self._durable_folders: dict[Path, int] = {}  # folder whose entry in its parent is on disk: inode
 
     def create(self, key: str, pieces: Iterable[bytes]) -> bool:
-        """Writes a new object. False when there is one: of many writers at once one wins.
+        """Write a new object. Returns False if the key exists: of many writers at once, one wins.
 
         Raises:
             StoreUnsafe: the file system can neither link nor rename without replacing.
-            OSError: as the file system; there is no object then, unless only the last sync failed.
+            OSError: an error of the file system. Then there is no object, unless only the last sync failed.
         """
         path = self._root / key
         with self._part(path, pieces) as part:
             created = _name_new(part, path)
-        _sync_folder(path.parent)  # also for the loser: the caller may go on as if the object were its own
+        _sync_folder(path.parent)  # for the loser too: its caller may continue as if the object were its own
         return created
 
     def replace(self, key: str, pieces: Iterable[bytes]) -> None:
-        """Writes an object in place of the one that may be there: readers see the old or the new one.
+        """Write an object in place of the one that may be there. Readers see the old or the new one.
 
         Raises:
-            OSError: as the file system.
+            OSError: an error of the file system.
         """
         path = self._root / key
         with self._part(path, pieces) as part:
@@ -57,16 +57,18 @@ class DurableFiles:
         _sync_folder(path.parent)
 
     def sync_name(self, key: str) -> None:
-        """Brings an object's name to disk, which another writer may have given it just now. Its bytes are."""
+        """Sync an object's name, which another writer may have just given. Its bytes are on disk already."""
         folder = (self._root / key).parent
         _sync_folder(folder)
         self._sync_entries_of(folder)
 
     def removed(self, key: str) -> None:
-        """After an object's removal: removes the folders that it left empty, but the uppermost (other
-        stores have none), and brings the removal to disk: a revoked key must not come back."""
+        """Make an object's removal durable, and remove the folders that it left empty except the uppermost.
+
+        Without the sync a revoked API key could come back after a power cut.
+        """
         folder = (self._root / key).parent
-        with suppress(OSError):  # it is not empty, or somebody removed it
+        with suppress(OSError):  # it is not empty, or another process removed it
             while self._root not in (folder, folder.parent):
                 folder.rmdir()
                 self._durable_folders.pop(folder, None)
@@ -76,11 +78,10 @@ class DurableFiles:
         _sync_folder(folder)
 
     def remove_parts(self, before: datetime, *, dry_run: bool = False) -> list[str]:
-        """Removes what puts left that were killed before that time: files that no listing shows, and folders
-        without a file, which one does show.
+        """Remove what puts left that were killed before a time: hidden part files and empty folders.
 
         Returns:
-            the names of the files.
+            Names of the files.
         """
         removed = []
         for path in self._root.rglob("*#*"):
@@ -90,19 +91,19 @@ class DurableFiles:
                         path.unlink()
                     removed.append(path.relative_to(self._root).as_posix())
         if not dry_run:
-            for folder in sorted(self._root.glob("*/**"), reverse=True):  # the deeper ones first
-                with suppress(OSError):  # it is not empty, or somebody removed it
+            for folder in sorted(self._root.glob("*/**"), reverse=True):  # deeper ones first
+                with suppress(OSError):  # it is not empty, or another process removed it
                     if folder.parent != self._root and folder.stat().st_mtime <= before.timestamp():
                         folder.rmdir()
         return removed
 
     @contextmanager
     def _part(self, path: Path, pieces: Iterable[bytes]) -> Iterator[Path]:
-        """A file beside the path with all the bytes, on disk; it is gone afterwards."""
+        """Write all bytes to a part file beside the path and sync it. The part is removed afterwards."""
         part, handle = _open_part(path)
         try:
             with os.fdopen(handle, "wb") as file:
-                self._sync_entries_of(path.parent)  # with the part in it no other process removes it
+                self._sync_entries_of(path.parent)  # no other process removes a folder with a part in it
                 for piece in pieces:
                     file.write(piece)
                 file.flush()
@@ -112,11 +113,11 @@ class DurableFiles:
             part.unlink(missing_ok=True)
 
     def _sync_entries_of(self, folder: Path) -> None:
-        """Brings the entries of the folders to disk that lead to this one."""
+        """Sync the directory entries of the folders that lead to this one."""
         if len(self._durable_folders) > _MAX_FOLDERS:
             self._durable_folders.clear()
         for at in (folder, *folder.parents):
-            inode = at.stat().st_ino  # another one: somebody removed the folder and made it again
+            inode = at.stat().st_ino  # differs if the folder was removed and made again
             if at == at.parent or self._durable_folders.get(at) == inode:
                 return
             with _root_may_be_hidden(at, self._root):
@@ -126,7 +127,7 @@ class DurableFiles:
 
 @contextmanager
 def _root_may_be_hidden(folder: Path, root: Path) -> Iterator[None]:
-    """A store's directory may stand in one that this process may not read: its operator made it."""
+    """Ignore a PermissionError above the root: an operator may have made folders this process cannot read."""
     try:
         yield
     except PermissionError:
@@ -136,24 +137,24 @@ def _root_may_be_hidden(folder: Path, root: Path) -> Iterator[None]:
 
 
 def _open_part(path: Path) -> tuple[Path, int]:
-    """A new file beside the path, open for writing. Its folder is made if it is missing."""
+    """Open a new file beside the path for writing. Makes the folder if it is missing."""
     while True:
         part = path.with_name(f"{path.name}#{uuid.uuid4().int}")
-        with suppress(FileNotFoundError):  # somebody removed the folder, which was empty
+        with suppress(FileNotFoundError):  # another process removed the empty folder
             _make_folder(path.parent)
             return part, os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
 
 
 def _make_folder(folder: Path) -> None:
-    """Makes a folder and those above it, where they are missing.
+    """Make a folder and those above it if they are missing.
 
     Raises:
-        FileNotFoundError: somebody removed one of them meanwhile.
-        OSError: as the file system, also where a file stands in the way.
+        FileNotFoundError: another process removed one of them meanwhile.
+        OSError: an error of the file system, or a file has the folder's name.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-    except FileExistsError:  # mkdir looks again whether it is a folder: by then it may be gone
+    except FileExistsError:  # mkdir checks again whether it is a folder: by then it may be gone
         if folder.is_dir():
             return
         if folder.exists():
@@ -162,7 +163,7 @@ def _make_folder(folder: Path) -> None:
 
 
 def _name_new(part: Path, path: Path) -> bool:
-    """Gives the part the name; False when something has it already."""
+    """Give the part its name. Returns False if the name is taken."""
     try:
         os.link(part, path)
     except FileExistsError:
@@ -175,7 +176,7 @@ def _name_new(part: Path, path: Path) -> bool:
 
 
 def _rename_new(part: Path, path: Path) -> bool:
-    """As ``_name_new``, for file systems without hard links."""
+    """Give the part its name on a file system without hard links. Returns False if the name is taken."""
     libc = ctypes.CDLL(None, use_errno=True)
     try:
         rename = libc.renameat2
@@ -195,7 +196,7 @@ def _rename_new(part: Path, path: Path) -> bool:
 
 
 def _sync_folder(folder: Path) -> None:
-    with suppress(FileNotFoundError):  # somebody removed it, with all that was in it
+    with suppress(FileNotFoundError):  # another process removed it with its content
         handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         try:
             os.fsync(handle)

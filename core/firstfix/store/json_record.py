@@ -1,8 +1,7 @@
-"""The one way to read a JSON record of a store: bounded, a JSON object, and of the form of its kind.
+"""JSON records of a store: the one way to read them, with limits on size and a parser for each kind.
 
-A record that cannot be read is an error of that record alone: ``UnreadableRecord``, which names it. Whoever
-goes through many records passes it over. Each such record is told once to ``Store.unreadable``, which logs
-and counts it.
+A damaged record is an error of that record alone: ``UnreadableRecord`` names it, and a caller that reads many
+records skips it. Each such record is reported once to ``Store.unreadable``, which logs and counts it.
 """
 
 from __future__ import annotations
@@ -24,12 +23,12 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 T = TypeVar("T")
 K = TypeVar("K")
-READERS = 8  # records that are read at the same time: a store far away takes tens of milliseconds for each
-_REMEMBERED = 10_000  # unreadable records that were told of
+READERS = 8  # records read at the same time: a remote store takes tens of milliseconds for each
+_REMEMBERED = 10_000  # unreadable records that were reported
 
 
 class RecordKind(str, Enum):
-    """Kinds of records: a label of the metric."""
+    """Kinds of records; also the values of a metric's label."""
 
     BUILD_REQUEST = "build_request"
     BUILD_STATUS = "build_status"
@@ -62,40 +61,41 @@ _MAX_BYTES = {
 
 
 def read_record(store: Store, key: str, kind: RecordKind, parse: Callable[[Any], T]) -> T:
-    """The record under a key, as its kind's parser gives it.
+    """Read the record under a key and parse it.
 
     Args:
-        parse: gets the JSON object, or None for a georeference's ``null``. A ValueError, KeyError,
-            TypeError, AttributeError or FirstfixError of it says that the record is none of its kind.
+        parse: takes the JSON object, or None for a georeference's ``null``. It raises ValueError, KeyError,
+            TypeError, AttributeError or FirstfixError if the object is not a record of this kind.
 
     Raises:
         NotFound: no such key.
-        UnreadableRecord: the record is damaged, or of a form that this release does not know.
-        StoreUnavailable, StoreError: as the store.
+        UnreadableRecord: the record is damaged, or this release does not know its form.
+        StoreUnavailable, StoreError: the store failed.
     """
     try:
         data = store.get(key, max_bytes=max_bytes(kind))
         found = parse_record(data, parse, nullable=kind is RecordKind.GEOREFERENCE)
     except (TooLarge, ValueError) as error:
-        told = UnreadableRecord(f"{key} cannot be read: {error}", kind.value, key)
-        store.unreadable.tell(told)
-        raise told from None
+        unreadable = UnreadableRecord(f"{key} cannot be read: {error}", kind.value, key)
+        store.unreadable.report(unreadable)
+        raise unreadable from None
     store.unreadable.forget(key)
     return found
 
 
 def parse_record(data: bytes, parse: Callable[[Any], T], *, nullable: bool = False) -> T:
-    """
+    """Decode and parse a record.
+
     Args:
-        nullable: ``null`` is a record too.
+        nullable: accept ``null`` as a record.
 
     Raises:
-        ValueError: it is no JSON object, or not of the form that the parser wants.
+        ValueError: the data is not a JSON object, or the parser refuses it.
     """
     try:
         record = json.loads(data, parse_constant=_refuse)
         if not isinstance(record, dict) and not (nullable and record is None):
-            raise ValueError("it is no JSON object")
+            raise ValueError("it is not a JSON object")
         return parse(record)
     except (KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise ValueError(f"{type(error).__name__}: {error}") from None
@@ -104,7 +104,7 @@ def parse_record(data: bytes, parse: Callable[[Any], T], *, nullable: bool = Fal
 
 
 def read_each(keys: Iterable[K], read: Callable[[K], T]) -> dict[K, T]:
-    """Results of ``read`` for each key, a few at the same time. Raises its first error."""
+    """Call ``read`` for each key, several at the same time. Raises the first error."""
     wanted = list(keys)
     if len(wanted) < 2:
         return {key: read(key) for key in wanted}
@@ -113,50 +113,52 @@ def read_each(keys: Iterable[K], read: Callable[[K], T]) -> dict[K, T]:
 
 
 def max_bytes(kind: RecordKind) -> int:
-    """Size over which a record of that kind is not read."""
+    """Largest size of a record of a kind: a larger one is not read."""
     return _MAX_BYTES.get(kind, _USUAL_BYTES)
 
 
 def text_of(record: Mapping[str, Any], name: str, default: str | None = None) -> str:
-    """A field that is a text. Without a default it has to be there.
+    """Text field of a record. Required unless there is a default.
 
     Raises:
-        KeyError, TypeError, ValueError: it is not, or cannot be written as UTF-8.
+        KeyError, TypeError, ValueError: the field is missing, is not text, or cannot be written as UTF-8.
     """
     value = record[name] if default is None else record.get(name, default)
     if not isinstance(value, str):
-        raise TypeError(f"{name} is no text")
-    value.encode()  # lone surrogates: they would fail whoever answers with it
+        raise TypeError(f"{name} is not a text")
+    value.encode()  # refuses lone surrogates, which no answer could contain
     return value
 
 
 def texts_of(record: Mapping[str, Any], name: str) -> list[str]:
-    """A field that is a list of texts.
+    """List of texts in a field of a record.
 
     Raises:
-        KeyError, TypeError: it is not.
+        KeyError, TypeError: the field is missing or is not a list of texts.
     """
     values = record[name]
     if not isinstance(values, list) or not all(isinstance(value, str) for value in values):
-        raise TypeError(f"{name} is no list of texts")
+        raise TypeError(f"{name} is not a list of texts")
     return values
 
 
 def whole_number_of(record: Mapping[str, Any], name: str) -> int:
-    """A field that is a whole number from 0.
+    """Whole number of at least 0 in a field of a record.
 
     Raises:
-        KeyError, TypeError: it is not.
+        KeyError, TypeError: the field is missing or is not such a number.
     """
     value = record[name]
     if type(value) is not int or value < 0:
-        raise TypeError(f"{name} is no whole number from 0")
+        raise TypeError(f"{name} is not a whole number of at least 0")
     return value
 
 
 class UnreadableRecords:
-    """Which records of a store could not be read. Thread-safe. Each is told once, and once more if it was
-    mended in between."""
+    """Records of a store that could not be read. Thread-safe.
+
+    Each is reported once, and again if it was repaired in between.
+    """
 
     def __init__(self) -> None:
         self._known: OrderedDict[str, None] = OrderedDict()
@@ -164,10 +166,11 @@ class UnreadableRecords:
         self._lock = threading.Lock()
 
     def listen(self, listener: Callable[[UnreadableRecord], None]) -> None:
-        """Calls it for every record that is found unreadable from now on."""
+        """Call a function for every record that turns out unreadable from now on."""
         self._listeners.append(listener)
 
-    def tell(self, error: UnreadableRecord) -> None:
+    def report(self, error: UnreadableRecord) -> None:
+        """Log a record and call the listeners, unless it was reported before."""
         with self._lock:
             if error.key in self._known:
                 return
@@ -179,11 +182,11 @@ class UnreadableRecords:
             listener(error)
 
     def forget(self, key: str) -> None:
-        """It can be read again."""
+        """Note that a record can be read again."""
         if self._known:
             with self._lock:
                 self._known.pop(key, None)
 
 
 def _refuse(constant: str) -> NoReturn:
-    raise ValueError(f"{constant} is no JSON")
+    raise ValueError(f"{constant} is not JSON")

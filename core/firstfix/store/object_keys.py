@@ -1,4 +1,4 @@
-"""The names of objects: what every kind of store keeps as it is."""
+"""Names of objects, restricted to what every kind of store keeps unchanged."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ _MAX_KEY_CHARS = 900  # S3 allows 1024 with the prefix
 
 
 def check_key(key: str) -> str:
-    """The key itself when it is a valid one.
+    """Returns the key if it is valid.
 
     Raises:
-        InvalidOption: it is absolute, climbs with '..', or has characters that some store changes.
+        InvalidOption: the key is absolute, contains '..', or has characters that some store changes.
     """
     if len(key) > _MAX_KEY_CHARS or not all(_SEGMENT.fullmatch(part) for part in key.split("/")):
         raise InvalidOption(f"not an object key: {key[:100]!r}")
@@ -22,10 +22,10 @@ def check_key(key: str) -> str:
 
 
 def check_folder(prefix: str) -> str:
-    """The folder without its last ``/``; empty for the whole store.
+    """Returns the folder without its last ``/``; empty for the whole store.
 
     Raises:
-        InvalidOption: as ``check_key``.
+        InvalidOption: the folder is not a valid key.
     """
     folder = prefix.rstrip("/")
     return check_key(folder) if folder else ""

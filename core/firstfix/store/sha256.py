@@ -1,4 +1,4 @@
-"""The sha256 of a file: how objects that are named by their content are named."""
+"""SHA-256 of a file, which names objects by their content."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def sha256_of(path: Path) -> str:
-    """Hex digest of a file, read in pieces."""
+    """SHA-256 of a file as hex. Reads the file in pieces."""
     digest = hashlib.sha256()
     buffer = memoryview(bytearray(1 << 20))
     with path.open("rb", buffering=0) as file:

@@ -1,8 +1,8 @@
-"""The one door to object storage: files, memory, S3, Google and Azure behind a dozen calls.
+"""The one interface to object storage: files, memory, S3, Google and Azure behind a dozen calls.
 
-Correctness stands on create-only puts alone, never on rename or compare-and-swap: they work on every
-store. ``probe`` finds out a store that only pretends to have them. What is put is durable when the
-call returns, also in a directory, where it gets its name only after its bytes are on disk.
+Correctness rests on create-only puts alone, never on rename or compare-and-swap, because every store has
+them. ``Store.probe`` detects a store that only pretends to. An object is durable when its put returns. In a
+directory too: a file gets its name only after its bytes are on disk.
 """
 
 from __future__ import annotations
@@ -11,34 +11,31 @@ import builtins
 import hashlib
 import uuid
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import obstore
-from obstore import exceptions
 
 from ..errors import InvalidOption, NotFound, ReadOnly, StoreError, StoreUnsafe, TooLarge
-from .backend import open_backend, translated
-from .durable_files import DurableFiles
+from .backend import BucketWriter, open_backend, translated
 from .json_record import UnreadableRecords
 from .object_keys import check_folder, check_key
 from .sha256 import sha256_of
 from .url import StoreUrl
+from .writer import DirectoryWriter, Writer
 
 CHUNK_BYTES = 16 << 20
-_READ_BYTES = 1 << 20
 
 
 @dataclass(frozen=True)
 class StoredObject:
-    """One object as a listing shows it.
+    """One object of a listing.
 
     Attributes:
-        e_tag: another one once the object was put again; empty where the store has none.
+        e_tag: changes each time the object is put; empty if the store has none.
     """
 
     key: str
@@ -50,106 +47,84 @@ class StoredObject:
 class Store:
     """Objects by key. Thread-safe.
 
-    Keys are segments of letters, digits, ``.``, ``_`` and ``-`` joined by ``/``; a segment does not
-    start with a dot. Every method raises InvalidOption on another key, StoreUnavailable when the
-    store does not answer, StoreError when it refuses; those that write raise ReadOnly when the store
-    was opened so.
+    A key is segments of letters, digits, ``.``, ``_`` and ``-``, joined by ``/``. A segment does not start
+    with a dot. Every method raises InvalidOption for another key, StoreUnavailable if the store does not
+    answer, and StoreError if it refuses. Methods that write raise ReadOnly on a store opened for reading.
 
     Attributes:
-        unreadable: the records in it that could not be read.
+        unreadable: records of this store that could not be read.
     """
 
     def __init__(self, backend: Any, *, root: Path | None = None, read_only: bool = False) -> None:
         self._backend = backend
         self._root = root  # the directory of a file store
-        self._files = None if root is None else DurableFiles(root)
+        bucket = BucketWriter(backend)
+        self._writer: Writer = bucket if root is None else DirectoryWriter(bucket, root)
         self._read_only = read_only
         self.unreadable = UnreadableRecords()
 
     @classmethod
     def open(cls, url: str, *, read_only: bool = False) -> Store:
-        """The store at a URL (forms: ``firstfix.store.url``). Nothing is asked of it yet.
+        """Open the store at a URL (forms: ``firstfix.store.url``). Sends no request yet.
 
         Raises:
-            InvalidOption: the URL is of no known form, or a cloud's settings are incomplete.
+            InvalidOption: the URL has no known form, or a cloud's settings are incomplete.
         """
         return cls.open_at(StoreUrl.parse(url), read_only=read_only)
 
     @classmethod
     def open_at(cls, where: StoreUrl, *, read_only: bool = False) -> Store:
-        """As ``open``, of a URL that was parsed before."""
+        """Open the store at a parsed URL, like ``open``."""
         root = Path(where.prefix) if where.scheme == "file" else None
         return cls(open_backend(where, make_directory=not read_only), root=root, read_only=read_only)
 
     def put_new(self, key: str, data: bytes | Path) -> bool:
-        """Create-only put, atomic. False when the key exists already: of many at once one wins.
+        """Put an object only if the key is new, atomically. Returns False if the key exists.
 
-        A lost reply can make the winner see False, as its retry meets its own object: whoever must
-        know compares the content. A file is read into memory; for large ones see ``upload``.
+        Of many writers at once, one wins. If the reply to the winner is lost, its retry meets its own object
+        and the winner sees False too: a caller that must know compares the content. A file is read into
+        memory; ``put_file`` streams large ones.
         """
-        self._writing(key)
-        if self._files is not None:
-            with translated(key, writing=True), _pieces(data) as pieces:
-                return self._files.create(key, pieces)
-        try:
-            with translated(key, writing=True):
-                obstore.put(self._backend, key, data, mode="create")
-        except (exceptions.AlreadyExistsError, exceptions.PreconditionError):
-            return False
-        except exceptions.NotSupportedError:
-            raise StoreUnsafe("this store has no create-only put") from None
-        return True
+        self._check_writable(key)
+        return self._writer.create(key, data)
 
     def put(self, key: str, data: bytes) -> None:
-        """Atomic put that replaces what was there."""
-        self._writing(key)
-        self._replace(key, data)
+        """Put an object atomically, in place of the one that may be there."""
+        self._check_writable(key)
+        self._writer.replace(key, data)
 
-    def upload(self, key: str, path: Path) -> bool:
-        """Puts a file under a key that names its content: for such keys the last of two equal puts
-        does no harm. Streams. False when the same content is there already and nothing was sent.
+    def put_file(self, key: str, path: Path) -> bool:
+        """Put a file under a key that names its content. Streams. Returns False if nothing had to be sent.
 
-        An object of the same size is read and compared by its sha256, and replaced where it differs: what
-        a fault altered is mended by putting it again. Reading costs little, as few objects are there
-        already; a checksum that the store keeps may be of the damaged bytes, or none of the content.
+        An object of the same size is read and compared by its sha256, and replaced if it differs: putting an
+        object again repairs it. This costs little, because few objects exist already. The store's own
+        checksum is not enough: it may be of the damaged bytes.
         """
-        self._writing(key)
+        self._check_writable(key)
         with suppress(NotFound):
             if self.size(key) == path.stat().st_size and self.sha256(key) == sha256_of(path):
-                if self._files is not None:
-                    self._files.sync_name(key)
+                self._writer.make_durable(key)
                 return False
-        self._replace(key, path)
+        self._writer.replace(key, path)
         return True
 
     def put_pieces(self, key: str, pieces: Iterable[bytes]) -> None:
-        """Puts one object from its pieces, a few of which are in memory at a time. Where a piece cannot be
-        had the error leaves, and there is no object: so it can be checked as it passes."""
-        self._writing(key)
-        if self._files is not None:
-            with translated(key, writing=True):
-                self._files.replace(key, pieces)
-            return
-        source = iter(pieces)
-        with ThreadPoolExecutor(1, thread_name_prefix="pieces") as other:
+        """Put one object from its pieces, with a few of them in memory at a time.
 
-            def made() -> Iterator[bytes]:
-                # obstore asks from within its event loop, where a piece's maker could not call obstore
-                while (piece := other.submit(next, source, None).result()) is not None:
-                    yield piece
-
-            with translated(key, writing=True):
-                obstore.put(self._backend, key, made(), chunk_size=CHUNK_BYTES, max_concurrency=2)
+        If a piece raises, the error passes on and no object is written: so content can be checked on the way.
+        """
+        self._check_writable(key)
+        self._writer.replace_from_pieces(key, pieces)
 
     def get(self, key: str, *, max_bytes: int | None = None) -> bytes:
-        """The whole object.
+        """Read a whole object.
 
         Args:
-            max_bytes: nothing is read of a larger one.
+            max_bytes: a larger object is not read.
 
         Raises:
             NotFound: no such key.
-            TooLarge: it has more than ``max_bytes``.
+            TooLarge: the object has more than ``max_bytes``.
         """
         check_key(key)
         with translated(key):
@@ -160,11 +135,11 @@ class Store:
             return bytes(found.bytes())
 
     def get_range(self, key: str, start: int, length: int) -> bytes:
-        """Up to ``length`` bytes from ``start``: fewer at the end of the object.
+        """Read up to ``length`` bytes from ``start``, fewer at the end of the object.
 
         Raises:
             NotFound: no such key.
-            InvalidOption: nothing stands at ``start``.
+            InvalidOption: ``start`` is beyond the end.
         """
         check_key(key)
         if start < 0 or length < 1:
@@ -176,13 +151,11 @@ class Store:
             found = obstore.get_range(self._backend, key, start=start, end=min(start + length, size))
             return bytes(found)
 
-    def download(self, key: str, path: Path, told: Callable[[float], None] = lambda done: None) -> str:
-        """Writes the object to a file, whole or not at all; returns the sha256 of what was written.
-
-        It asks for chunk after chunk, so that each has its own timeout and retries.
+    def download(self, key: str, path: Path, on_progress: Callable[[float], None] = lambda done: None) -> str:
+        """Write an object to a file, whole or not at all. Returns the sha256 of the written bytes.
 
         Args:
-            told: called after each chunk with the share that is done, 0..1.
+            on_progress: called after each chunk with the share that is done, 0..1.
 
         Raises:
             NotFound: no such key.
@@ -195,14 +168,14 @@ class Store:
                 for piece in self.pieces(key):
                     digest.update(piece)
                     file.write(piece)
-                    told(file.tell() / size)
+                    on_progress(file.tell() / size)
             part.replace(path)
         finally:
             part.unlink(missing_ok=True)
         return digest.hexdigest()
 
     def pieces(self, key: str) -> Iterator[bytes]:
-        """The object, chunk after chunk, of which each has its own timeout and retries.
+        """Read an object chunk by chunk. Each chunk has its own timeout and retries.
 
         Raises:
             NotFound: no such key.
@@ -212,7 +185,7 @@ class Store:
             yield self.get_range(key, start, CHUNK_BYTES)
 
     def sha256(self, key: str) -> str:
-        """Hex digest of the object, which is read for it.
+        """Read an object and return its sha256 as hex.
 
         Raises:
             NotFound: no such key.
@@ -223,7 +196,7 @@ class Store:
         return digest.hexdigest()
 
     def size(self, key: str) -> int:
-        """Bytes of an object.
+        """Size of an object in bytes.
 
         Raises:
             NotFound: no such key.
@@ -233,6 +206,7 @@ class Store:
             return int(obstore.head(self._backend, key)["size"])
 
     def exists(self, key: str) -> bool:
+        """Returns whether there is an object under the key."""
         try:
             self.size(key)
         except NotFound:
@@ -240,11 +214,11 @@ class Store:
         return True
 
     def list(self, prefix: str = "", *, after: str | None = None) -> builtins.list[str]:
-        """Keys below a folder, at any depth, sorted; only those that sort after a key, if one is given."""
+        """Keys below a folder at any depth, sorted. With ``after`` only keys that sort after it."""
         return [found.key for found in self.scan(prefix, after=after)]
 
     def scan(self, prefix: str = "", *, after: str | None = None) -> builtins.list[StoredObject]:
-        """Objects below a folder, at any depth, sorted by key; only those after a key, if one is given."""
+        """Objects below a folder at any depth, sorted by key. With ``after`` only keys that sort after it."""
         folder = check_folder(prefix)
         with translated(prefix or "/"):
             found = [
@@ -252,7 +226,7 @@ class Store:
                 for chunk in obstore.list(self._backend, folder or None, offset=after)
                 for meta in chunk
             ]
-        # some stores take the key for no more than a hint
+        # some stores take ``after`` only as a hint
         return sorted((f for f in found if after is None or f.key > after), key=lambda item: item.key)
 
     def folders(self, prefix: str = "") -> builtins.list[str]:
@@ -263,17 +237,16 @@ class Store:
         return sorted(path.rstrip("/").rsplit("/", 1)[-1] for path in found)
 
     def delete(self, key: str) -> None:
-        """Removes an object; one that is not there is no error. In a file store the folders go that it
-        leaves empty, but the uppermost: other stores have none."""
-        self._writing(key)
-        with suppress(NotFound), translated(key):
-            obstore.delete(self._backend, key)
-        if self._files is not None:
-            with translated(key, writing=True):
-                self._files.removed(key)
+        """Remove an object. A missing object is no error.
+
+        A file store also removes the folders that this leaves empty, except the uppermost: other stores have
+        no folders.
+        """
+        self._check_writable(key)
+        self._writer.delete(key)
 
     def local_path(self, key: str) -> Path | None:
-        """The object as a file of a file store, to map in place; None for other stores.
+        """Path of an object in a file store, for mapping it in place. None for other stores.
 
         Raises:
             NotFound: no such key in the file store.
@@ -288,12 +261,13 @@ class Store:
 
     @property
     def directory(self) -> Path | None:
-        """Directory of a file store; None for other stores, which do not tell how much room they have."""
+        """Directory of a file store. None for other stores, which do not say how much space they have."""
         return self._root
 
     def probe(self) -> None:
-        """Puts a key twice: every promise of this project rests on the second put losing. A read-only
-        store, which rests on nothing, is only looked into.
+        """Check that the second of two create-only puts loses: the whole project relies on this.
+
+        A read-only store relies on nothing; it is only listed.
 
         Raises:
             StoreUnsafe: the second put won.
@@ -314,51 +288,37 @@ class Store:
                 self.delete(key)
 
     def now(self) -> datetime:
-        """The store's own time: of an object that is put just now. The age of an object is the difference
-        of two such times, so that a wrong clock on this machine makes nothing old."""
+        """Current time of the store's clock, read from an object put just now.
+
+        The age of an object is a difference of two such times, so a wrong clock on this machine does not
+        make objects old.
+        """
         while True:
             key = f"probe/{uuid.uuid4().hex}"
             self.put(key, b"now")
             try:
-                with suppress(NotFound), translated(key):  # somebody removes leftovers of any age
+                with suppress(NotFound), translated(key):  # another process may remove leftovers of any age
                     modified: datetime = obstore.head(self._backend, key)["last_modified"]
                     return modified
             finally:
                 self.delete(key)
 
     def remove_leftovers(self, *, older_than_s: float = 86400.0, dry_run: bool = False) -> builtins.list[str]:
-        """Removes what killed processes left: probes, and in a directory the parts of puts that never
-        ended, which no listing shows. A cloud drops unfinished uploads by a rule of the bucket's own.
+        """Remove what killed processes left: probes and, in a directory, parts of puts that never ended.
+
+        Listings do not show those parts. A cloud removes unfinished puts by a rule of the bucket.
 
         Returns:
-            their names, of a dry run too, which leaves them.
+            Names of what was removed, or with ``dry_run`` would be.
         """
         cutoff = self.now() - timedelta(seconds=older_than_s)
         probes = [found.key for found in self.scan("probe") if found.last_modified <= cutoff]
         if not dry_run:
             for key in probes:
                 self.delete(key)
-        return probes if self._files is None else probes + self._files.remove_parts(cutoff, dry_run=dry_run)
+        return probes + self._writer.remove_parts(cutoff, dry_run=dry_run)
 
-    def _writing(self, key: str) -> None:
+    def _check_writable(self, key: str) -> None:
         check_key(key)
         if self._read_only:
             raise ReadOnly(f"{key}: this store was opened for reading only")
-
-    def _replace(self, key: str, data: bytes | Path) -> None:
-        with translated(key, writing=True):
-            if self._files is None:
-                obstore.put(self._backend, key, data)
-            else:
-                with _pieces(data) as pieces:
-                    self._files.replace(key, pieces)
-
-
-@contextmanager
-def _pieces(data: bytes | Path) -> Iterator[Iterable[bytes]]:
-    """Bytes as they are, a file a few at a time."""
-    if isinstance(data, bytes):
-        yield (data,)
-    else:
-        with data.open("rb") as file:
-            yield iter(lambda: file.read(_READ_BYTES), b"")

@@ -1,13 +1,13 @@
-"""Where an object store is: one URL, checked before anything is opened.
+"""URL of an object store, checked before anything is opened.
 
     /data/maps    file:///data/maps                     a directory
     memory://                                           this process only, for tests
-    s3://bucket/prefix?endpoint=https://host&region=eu  S3 and what speaks it
+    s3://bucket/prefix?endpoint=https://host&region=eu  S3, or another server with its protocol
     gs://bucket/prefix                                  Google Cloud Storage
     az://container/prefix?account_name=name             Azure Blob Storage
 
-Secrets never stand in the URL, which is logged and shown: they come from the environment under the
-cloud's own names (AWS_ACCESS_KEY_ID, GOOGLE_APPLICATION_CREDENTIALS, AZURE_STORAGE_ACCOUNT_KEY, ...).
+The URL is logged and shown, so it contains no secrets. They come from the environment under the cloud's
+own names (AWS_ACCESS_KEY_ID, GOOGLE_APPLICATION_CREDENTIALS, AZURE_STORAGE_ACCOUNT_KEY, ...).
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ _FLAGS = {"true": True, "1": True, "false": False, "0": False}
 
 @dataclass(frozen=True)
 class StoreUrl:
-    """A checked store URL.
+    """Checked URL of a store.
 
     Attributes:
         scheme: one of file, memory, s3, gs, az.
         bucket: bucket or container; empty for file and memory.
-        prefix: the directory of a file store, else the key prefix within the bucket.
-        texts, flags: the query parameters.
+        prefix: directory of a file store, otherwise the key prefix within the bucket.
+        texts, flags: query parameters.
     """
 
     scheme: str
@@ -56,10 +56,10 @@ class StoreUrl:
 
     @classmethod
     def parse(cls, url: str) -> StoreUrl:
-        """A URL, or a plain path.
+        """Parse a URL or a plain path.
 
         Raises:
-            InvalidOption: an unknown scheme or parameter, a missing bucket, or a secret in the URL.
+            InvalidOption: the URL has an unknown scheme or parameter, no bucket, or a secret in it.
         """
         if "://" not in url:
             if not url:
@@ -70,7 +70,7 @@ class StoreUrl:
         if scheme is None:
             raise InvalidOption(f"no store of scheme {parts.scheme!r}; there are {', '.join(SCHEMES)}")
         if "@" in parts.netloc:
-            raise InvalidOption("a store URL holds no secrets: give them in the environment")
+            raise InvalidOption("a store URL must not contain secrets: give them in the environment")
         texts, flags = _options(scheme, parts.query)
         if scheme == "file":
             if parts.netloc not in ("", "localhost") or not parts.path.startswith("/"):
@@ -95,7 +95,7 @@ def _options(scheme: str, query: str) -> tuple[dict[str, str], dict[str, bool]]:
             flags[name] = _FLAGS[value.lower()]
         elif any(word in name.lower() for word in ("key", "secret", "token", "password")):
             # the value stays out of the message: it is the secret
-            raise InvalidOption(f"{name}: a store URL holds no secrets: give them in the environment")
+            raise InvalidOption(f"{name}: a store URL must not contain secrets: give them in the environment")
         else:
             raise InvalidOption(f"a {scheme} store has no parameter {name!r}")
     return texts, flags

@@ -65,7 +65,7 @@ class Repair:
                     return f"copied from {other}"
         local = self._local_copy(key)
         if local is not None and local.is_file() and sha256_of(local) == sha256:
-            self._store.upload(key, local)
+            self._store.put_file(key, local)
             return f"copied from {local}"
         return ""
 

@@ -15,7 +15,7 @@ from .metrics import Metrics
 
 # Store's calls that ask something of the store; the others are made of these.
 OPERATIONS = (
-    *("put_new", "put", "put_pieces", "upload"),
+    *("put_new", "put", "put_pieces", "put_file"),
     *("get", "get_range", "download", "sha256", "size", "scan", "folders", "delete"),
 )
 

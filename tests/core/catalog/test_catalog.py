@@ -49,9 +49,9 @@ class DiesAfter(Store):
         self._count(lambda: Store.put_new(self, key, data))
         return super().put_new(key, data)
 
-    def upload(self, key: str, path: Path) -> bool:
-        self._count(lambda: Store.upload(self, key, path))
-        return super().upload(key, path)
+    def put_file(self, key: str, path: Path) -> bool:
+        self._count(lambda: Store.put_file(self, key, path))
+        return super().put_file(key, path)
 
 
 def make_version(folder: Path, content: bytes = b"content", **values: object) -> Manifest:

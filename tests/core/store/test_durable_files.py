@@ -32,7 +32,7 @@ def put(store: Store, source: Path) -> None:
 
 
 def upload(store: Store, source: Path) -> None:
-    assert store.upload(KEY, source)
+    assert store.put_file(KEY, source)
 
 
 def put_pieces(store: Store, source: Path) -> None:

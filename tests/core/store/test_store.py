@@ -82,14 +82,14 @@ def test_files_go_up_and_down_in_pieces(
     content = bytes(range(256)) * 40_000 + b"end"  # over obstore's 5 MB: several parts
     source = tmp_path / "source"
     source.write_bytes(content)
-    assert store.upload("big", source)
+    assert store.put_file("big", source)
     assert store.size("big") == len(content)
-    assert not store.upload("big", source)
+    assert not store.put_file("big", source)
     target = tmp_path / "target"
     assert store.download("big", target) == hashlib.sha256(content).hexdigest()
     assert target.read_bytes() == content
     (tmp_path / "empty").write_bytes(b"")
-    assert store.upload("empty", tmp_path / "empty")
+    assert store.put_file("empty", tmp_path / "empty")
     assert store.download("empty", target) == hashlib.sha256(b"").hexdigest()
     assert target.read_bytes() == b""
     assert not list(tmp_path.glob(".*"))
@@ -98,7 +98,7 @@ def test_files_go_up_and_down_in_pieces(
 def test_an_upload_of_another_size_replaces_a_damaged_object(store: Store, tmp_path: Path) -> None:
     store.put("k", b"dam")
     (tmp_path / "whole").write_bytes(b"whole")
-    assert store.upload("k", tmp_path / "whole")
+    assert store.put_file("k", tmp_path / "whole")
     assert store.get("k") == b"whole"
 
 
@@ -301,9 +301,9 @@ def test_an_object_of_pieces_is_there_whole_or_not_at_all(any_store_url: str) ->
 def test_an_upload_of_the_same_size_replaces_a_damaged_object(store: Store, tmp_path: Path) -> None:
     (tmp_path / "whole").write_bytes(b"whole")
     store.put("k", b"whore")
-    assert store.upload("k", tmp_path / "whole")
+    assert store.put_file("k", tmp_path / "whole")
     assert store.get("k") == b"whole"
-    assert not store.upload("k", tmp_path / "whole")
+    assert not store.put_file("k", tmp_path / "whole")
 
 
 def test_a_large_object_is_not_read_where_a_small_one_is_expected(store: Store) -> None:

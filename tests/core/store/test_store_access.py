@@ -48,7 +48,7 @@ def test_a_read_only_store_reads_and_never_writes(any_store_url: str, tmp_path: 
     for write in (
         lambda: store.put("k", b""),
         lambda: store.put_new("k", b""),
-        lambda: store.upload("k", tmp_path / "file"),
+        lambda: store.put_file("k", tmp_path / "file"),
         lambda: store.delete("a/b"),
     ):
         with pytest.raises(ReadOnly):

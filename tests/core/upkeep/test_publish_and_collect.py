@@ -35,13 +35,13 @@ def never_ended(store: Store, made: tuple[Path, Manifest]) -> None:
     folder, manifest = made
     at = f"maps/hall/versions/{manifest.digest}"
     for name in FILES:
-        store.upload(f"{at}/{name}", folder / name)
+        store.put_file(f"{at}/{name}", folder / name)
     store.put_new(f"{at}/manifest.json", manifest.to_json())
 
 
 def one_file(store: Store, made: tuple[Path, Manifest]) -> None:
     """First file of a publish that was killed then."""
-    store.upload(f"maps/hall/versions/{made[1].digest}/a.npy", made[0] / "a.npy")
+    store.put_file(f"maps/hall/versions/{made[1].digest}/a.npy", made[0] / "a.npy")
 
 
 LEFT = [retired, never_ended, one_file]

@@ -137,7 +137,7 @@ class VersionObjects:
         for _ in range(_MAX_ROUNDS):
             put_bytes = 0
             for name in manifest.files:
-                self._store.upload(f"{folder.key}/{name}", directory / name)
+                self._store.put_file(f"{folder.key}/{name}", directory / name)
                 put_bytes += manifest.files[name].bytes
                 told(put_bytes / all_bytes if all_bytes else 1.0)
             content, key = manifest.to_json(), folder.manifest_key

@@ -1,0 +1,83 @@
+"""Writes of a store: one interface for a cloud's bucket and for a directory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+from typing import Protocol
+
+from .backend import BucketWriter, translated
+from .durable_files import DurableFiles
+
+_READ_BYTES = 1 << 20
+
+
+class Writer(Protocol):
+    """Writes objects and removes them. Thread-safe."""
+
+    def create(self, key: str, data: bytes | Path) -> bool:
+        """Write a new object, atomically. Returns False if the key exists."""
+
+    def replace(self, key: str, data: bytes | Path) -> None:
+        """Write an object in place of the one that may be there."""
+
+    def replace_from_pieces(self, key: str, pieces: Iterable[bytes]) -> None:
+        """Write an object piece by piece. If a piece raises, the error passes on and nothing is written."""
+
+    def make_durable(self, key: str) -> None:
+        """Make sure that an object that another writer just wrote survives a power cut."""
+
+    def delete(self, key: str) -> None:
+        """Remove an object. A missing object is no error."""
+
+    def remove_parts(self, before: datetime, *, dry_run: bool) -> list[str]:
+        """Remove parts that killed puts left before a time. Returns their names."""
+
+
+class DirectoryWriter:
+    """Writer to a directory."""
+
+    def __init__(self, bucket: BucketWriter, root: Path) -> None:
+        self._bucket = bucket
+        self._files = DurableFiles(root)
+
+    def create(self, key: str, data: bytes | Path) -> bool:
+        """Link a new file to the name. Returns False if the key exists."""
+        with translated(key, writing=True), _pieces(data) as pieces:
+            return self._files.create(key, pieces)
+
+    def replace(self, key: str, data: bytes | Path) -> None:
+        """Rename a new file to the name."""
+        with translated(key, writing=True), _pieces(data) as pieces:
+            self._files.replace(key, pieces)
+
+    def replace_from_pieces(self, key: str, pieces: Iterable[bytes]) -> None:
+        """Rename a new file, written piece by piece, to the name."""
+        with translated(key, writing=True):
+            self._files.replace(key, pieces)
+
+    def make_durable(self, key: str) -> None:
+        """Sync the folder that holds the name."""
+        self._files.sync_name(key)
+
+    def delete(self, key: str) -> None:
+        """Remove an object, and the folders that it leaves empty except the uppermost."""
+        self._bucket.delete(key)
+        with translated(key, writing=True):
+            self._files.removed(key)
+
+    def remove_parts(self, before: datetime, *, dry_run: bool) -> list[str]:
+        """Remove parts that killed puts left before a time. Returns their names."""
+        return self._files.remove_parts(before, dry_run=dry_run)
+
+
+@contextmanager
+def _pieces(data: bytes | Path) -> Iterator[Iterable[bytes]]:
+    """Bytes as one piece, a file in small pieces."""
+    if isinstance(data, bytes):
+        yield (data,)
+    else:
+        with data.open("rb") as file:
+            yield iter(lambda: file.read(_READ_BYTES), b"")
