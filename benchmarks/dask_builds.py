@@ -26,12 +26,13 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from firstfix.builds.config import BuildConfig
-from firstfix_builder.build_stages import BuildStages, engine_of
-from firstfix_builder.execution.chunks import Workers
-from firstfix_builder.execution.dask_workers import DaskWorkers
+from firstfix_builder.build_stages import BuildStages
+from firstfix_builder.execution.chunk_executor import ChunkExecutor
+from firstfix_builder.execution.dask_executor import DaskExecutor
 from firstfix_builder.execution.die_with_parent import die_with_parent
-from firstfix_builder.execution.local_workers import LocalWorkers
+from firstfix_builder.execution.local_executor import LocalExecutor
 from firstfix_builder.execution.stage_cache import StageCache, StageResult
+from firstfix_builder.stage_files import engine_of
 
 from .common.dask_cluster import DaskCluster, dask_cluster
 from .common.worlds import own_world
@@ -63,7 +64,7 @@ def dask_builds(
     ):
         before = _Before(folder / "before", config, threads, processes, files.mesh, files.trajectory)
         near, near_s = before.templates(
-            folder / _new("threads"), lambda work: LocalWorkers(work, threads, processes)
+            folder / _new("threads"), lambda work: LocalExecutor(work, threads, processes)
         )
         count = len(np.load(near.directory / "template_height_m.npy", mmap_mode="r"))
         figures: dict[str, Any] = {
@@ -116,12 +117,12 @@ class _Before:
         self._threads = threads
         self._cache = StageCache(work)  # keeps what it gave on the disk
         stages = BuildStages(
-            config,
             self._cache,
-            threads,
-            LocalWorkers(work, threads, processes),
+            LocalExecutor(work, threads, processes),
             lambda stage, fraction: None,
             lambda: False,
+            config,
+            threads,
         )
         read = stages.read_map(mesh, trajectory)
         self._mesh = stages.reconstruct_mesh(read)
@@ -132,7 +133,7 @@ class _Before:
     def templates(
         self,
         work: Path,
-        workers: Callable[[Path], Workers],
+        executor_in: Callable[[Path], ChunkExecutor],
         progress: Callable[[float], None] = lambda fraction: None,
     ) -> tuple[StageResult, float]:
         """The stage in an empty folder, and the seconds that it took."""
@@ -146,7 +147,7 @@ class _Before:
                 progress(fraction)
 
         stages = BuildStages(
-            self._config, StageCache(work), self._threads, workers(work), tell, lambda: False
+            StageCache(work), executor_in(work), tell, lambda: False, self._config, self._threads
         )
         made = stages.make_templates(self._mesh, self._viewpoints, self._engine)
         self.chunks = self.chunks or told - 1  # the last word is the stage's
@@ -161,8 +162,8 @@ def _far(
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> tuple[StageResult, float, int]:
     """The stage by the cluster, its seconds, and how often a chunk was handed out."""
-    with DaskWorkers(cluster.address, str(place / "store")) as workers:
-        made, seconds = before.templates(place / "work", lambda work: workers, progress)
+    with DaskExecutor(cluster.address, str(place / "store")) as executor:
+        made, seconds = before.templates(place / "work", lambda work: executor, progress)
     return made, seconds, _handed_out(cluster)
 
 

@@ -20,7 +20,7 @@ class Versions:
     work: folder of the builds; their stage caches make a second run quick.
     """
 
-    def __init__(self, world: BenchWorld, map: Scenery, work: Path) -> None:
+    def __init__(self, world: BenchWorld, map: Scenery, work: Path) -> None:  # noqa: A002
         self._world, self._map, self._work = world, map, work
         self._loaded: dict[str | None, Localizer] = {}
 

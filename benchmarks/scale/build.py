@@ -13,8 +13,8 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from firstfix.builds.config import BuildConfig
-from firstfix_builder.build_stages import engine_of, link
 from firstfix_builder.execution.stage_cache import StageResult
+from firstfix_builder.stage_files import engine_of, link
 
 from .extent import Extent
 from .stages import Cost, ScaleStages

@@ -21,9 +21,11 @@ from firstfix.engine.retrieval.clusters import Clusters
 from firstfix.engine.retrieval.templates import Templates
 from firstfix.sensor import SensorModel
 from firstfix_builder.build_stages import BuildStages
+from firstfix_builder.execution.local_executor import LocalExecutor
 from firstfix_builder.execution.stage_cache import StageCache, StageResult
 from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.simulation.simulate import Simulator
+from firstfix_builder.stage_files import simulator_of
 from firstfix_builder.templates.fit_spacing import sample_fitting_viewpoints
 from firstfix_builder.templates.make import SCANS_AT_ONCE, scan_batch, upright
 
@@ -57,12 +59,12 @@ class ScaleStages(BuildStages):
         costs = work / "costs" / name
         costs.mkdir(parents=True, exist_ok=True)
         return cls(
-            config,
             StageCache(work),
-            threads,
-            threads,
+            LocalExecutor(work, threads, threads),
             lambda stage, fraction: None,
             lambda: False,
+            config,
+            threads,
             StageCache(work / "lasting", code_version=LASTING_VERSION),
             costs,
         )
@@ -80,7 +82,7 @@ class ScaleStages(BuildStages):
 
         def produce(out: Path) -> None:
             found, spacing_m = sample_fitting_viewpoints(
-                _simulator(mesh),
+                simulator_of(mesh),
                 self.config.viewpoints,
                 self.config.sensor_model,
                 np.load(read.directory / "trajectory.npy"),
@@ -106,7 +108,7 @@ class ScaleStages(BuildStages):
 
             def produce(out: Path) -> None:
                 if not simulators:
-                    simulators.append(_simulator(mesh))
+                    simulators.append(simulator_of(mesh))
                 made = _simulated(simulators[0], positions[here], height_m[here], sensor, descriptor)
                 made.save(out)
 
@@ -164,11 +166,6 @@ class ScaleStages(BuildStages):
             now.replace(cost)
         self.took[name] = json.loads(cost.read_text())
         return result
-
-
-def _simulator(mesh: StageResult) -> Simulator:
-    surface = Mesh.load(mesh.directory)
-    return Simulator(surface.vertices, surface.triangles)
 
 
 def _simulated(

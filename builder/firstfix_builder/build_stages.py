@@ -1,17 +1,15 @@
-"""The stages of a build: each takes earlier results and gives its own, or finds it in the cache."""
+"""The stages of a build. Each takes the results of earlier stages; the cache may already hold its own."""
 
 from __future__ import annotations
 
 import json
-import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firstfix.builds.config import BuildConfig
 from firstfix.engine.calibration import Calibration
@@ -21,15 +19,14 @@ from firstfix.engine.localizer import Localizer
 from firstfix.engine.retrieval.cascade import save_projection
 from firstfix.engine.retrieval.clusters import Clusters
 from firstfix.engine.retrieval.templates import Templates
-from firstfix.errors import BuildCancelled
 from firstfix.transform import inverse, make_transform, transform_points
 
-from .execution.chunks import Arrays, Chunk, ChunkResults, Workers, run_chunks
 from .execution.content_hash import content_hash
-from .execution.stage_cache import StageCache, StageResult
-from .index.index_files import SURFACE_STEP_M, write_index_files
+from .execution.stage_cache import StageResult
+from .execution.stage_runner import RunChunks, StageRunner
+from .index.index_files import write_index_files
 from .index.learn_keys import learn_keys
-from .mesh.clean_cloud import clean_cloud, point_spacing_m
+from .mesh.clean_cloud import clean_cloud
 from .mesh.level import level_frame
 from .mesh.map_tiles import by_tiles
 from .mesh.mesh import Mesh
@@ -39,27 +36,24 @@ from .read_map import read_map, read_trajectory
 from .self_test.localizability import draw_localizability
 from .self_test.reliability import draw_reliability
 from .self_test.run import run_self_test
-from .simulation.simulate import Simulator
+from .stage_files import engine_of, link, simulator_of, spacing_m_of, trajectory_of
 from .templates.cluster import cluster_by_pairs, cluster_chunks, cluster_templates
 from .templates.fit_engine import fit_engine
 from .templates.fit_spacing import sample_fitting_viewpoints
 from .templates.linkage import Pairs
 from .templates.make import template_chunks, view_distance_m, write_templates
 
-Progress = Callable[[str, float], None]
-RunChunks = Callable[[Sequence[Chunk]], Iterator[Arrays]]
-
 
 @dataclass(frozen=True)
-class BuildStages:
-    """One build's settings, and its stages: each takes earlier results and gives its own."""
+class BuildStages(StageRunner):
+    """The stages of one build. Each takes the results of earlier stages and returns its own.
+
+    Attributes:
+        threads: run the work of ``learn_keys`` and ``self_test``.
+    """
 
     config: BuildConfig
-    cache: StageCache
     threads: Executor
-    workers: Workers
-    progress: Progress
-    cancelled: Callable[[], bool]
 
     def read_map(self, source: Path, trajectory: Path | None) -> StageResult:
         """The map in its levelled local frame: points or a mesh, trajectory, T_map_level."""
@@ -106,12 +100,12 @@ class BuildStages:
                 mesh = joined_mesh(run(mesh_chunks(points, self.config.reconstruct)))
             TiledMesh.of(mesh).save(out)
 
-        return self._chunked("reconstruct_mesh", {"map": read}, self.config.reconstruct, produce)
+        return self._chunked_stage("reconstruct_mesh", {"map": read}, self.config.reconstruct, produce)
 
     def sample_viewpoints(self, read: StageResult, mesh: StageResult) -> StageResult:
         def produce(out: Path) -> None:
             found, spacing_m = sample_fitting_viewpoints(
-                _simulator(mesh), self.config.viewpoints, self.config.sensor_model, _trajectory(read)
+                simulator_of(mesh), self.config.viewpoints, self.config.sensor_model, trajectory_of(read)
             )
             order, start = by_tiles(found.positions, self.config.viewpoints.tile_m)
             np.save(out / "positions.npy", found.positions[order])
@@ -133,8 +127,8 @@ class BuildStages:
             engine = fit_engine(
                 self.config.engine,
                 self.config.sensor_model,
-                _spacing_m(read),
-                view_distance_m(_simulator(mesh), positions, self.config.sensor_model),
+                spacing_m_of(read),
+                view_distance_m(simulator_of(mesh), positions, self.config.sensor_model),
                 float(np.load(viewpoints.directory / "spacing_m.npy")),
                 np.load(read.directory / "T_map_level.npy"),
             )
@@ -163,7 +157,9 @@ class BuildStages:
             "simulate": self.config.simulate.model_dump(mode="json"),
             "descriptor": engine.descriptor.model_dump(mode="json"),
         }
-        return self._chunked("make_templates", {"mesh": mesh, "viewpoints": viewpoints}, chosen, produce)
+        return self._chunked_stage(
+            "make_templates", {"mesh": mesh, "viewpoints": viewpoints}, chosen, produce
+        )
 
     def cluster(self, templates: StageResult, engine: EngineConfig) -> StageResult:
         """Which templates look alike from neighbouring places, and who stands for them."""
@@ -193,14 +189,14 @@ class BuildStages:
             "descriptor": engine.descriptor.model_dump(mode="json"),
             "cluster": None if engine.cluster is None else engine.cluster.model_dump(mode="json"),
         }
-        return self._chunked("cluster", {"templates": templates}, chosen, produce)
+        return self._chunked_stage("cluster", {"templates": templates}, chosen, produce)
 
     def learn_keys(self, mesh: StageResult, templates: StageResult, engine: EngineConfig) -> StageResult:
         """The projection of the keys; nothing where the config or the map asks for none."""
 
         def produce(out: Path) -> None:
             projection = learn_keys(
-                _simulator(mesh),
+                simulator_of(mesh),
                 self.config.sensor_model.coarser(self.config.simulate.max_rays),
                 Templates.load(templates.directory, engine.descriptor.make()),
                 engine,
@@ -241,7 +237,7 @@ class BuildStages:
             write_index_files(
                 out,
                 np.load(cloud) if cloud.exists() else None,
-                _simulator(mesh),
+                simulator_of(mesh),
                 self.config.sensor_model,
                 engine_of(fitted),
                 self._ticks("build_index"),
@@ -262,7 +258,7 @@ class BuildStages:
         def produce(out: Path) -> None:
             found, calibration, spots = run_self_test(
                 Localizer(MapIndex.load(index.directory, Calibration())),
-                _simulator(mesh),
+                simulator_of(mesh),
                 self.config.sensor_model,
                 self.config.self_test,
                 self.threads,
@@ -280,63 +276,6 @@ class BuildStages:
         }
         return self._stage("self_test", {"mesh": mesh.digest, "index": index.digest}, chosen, produce)
 
-    def _stage(
-        self, name: str, inputs: Mapping[str, str], config: Any, produce: Callable[[Path], None]
-    ) -> StageResult:
-        if self.cancelled():
-            raise BuildCancelled(f"cancelled before {name}")
-        self.progress(name, 0.0)
-        result = self.cache.run(name, inputs, config, produce)
-        self.progress(name, 1.0)
-        return result
-
-    def _chunked(
-        self,
-        name: str,
-        inputs: Mapping[str, StageResult],
-        config: Any,
-        produce: Callable[[Path, RunChunks], None],
-    ) -> StageResult:
-        """A stage whose work is done by the workers, in chunks of which none is done twice."""
-        digests = {reads: result.digest for reads, result in inputs.items()}
-        key = self.cache.key_of(name, digests, config)
-
-        def run(chunks: Sequence[Chunk]) -> Iterator[Arrays]:
-            return run_chunks(self.workers, key, chunks, inputs, self._ticks(name), self.cancelled)
-
-        result = self._stage(name, digests, config, lambda out: produce(out, run))
-        ChunkResults(self.workers.store, key).remove()
-        return result
-
-    def _ticks(self, stage: str) -> Callable[[float], None]:
-        return lambda fraction: self.progress(stage, fraction)
-
-
-def _trajectory(read: StageResult) -> NDArray[np.float64] | None:
-    path = read.directory / "trajectory.npy"
-    return np.load(path) if path.exists() else None
-
-
-def _simulator(mesh: StageResult) -> Simulator:
-    surface = Mesh.load(mesh.directory)
-    return Simulator(surface.vertices, surface.triangles)
-
-
-def engine_of(fitted: StageResult) -> EngineConfig:
-    return EngineConfig.model_validate_json((fitted.directory / ENGINE_FILE).read_text())
-
-
-def _spacing_m(read: StageResult) -> float:
-    path = read.directory / "points.npy"
-    return point_spacing_m(np.load(path)) if path.exists() else SURFACE_STEP_M
-
 
 def _write_json(path: Path, value: Mapping[str, Any]) -> None:
     path.write_text(json.dumps(value, sort_keys=True, indent=1) + "\n")
-
-
-def link(source: Path, target: Path) -> None:
-    try:
-        target.hardlink_to(source)
-    except OSError:  # another file system
-        shutil.copyfile(source, target)

@@ -20,12 +20,14 @@ from firstfix.catalog.manifest import Manifest
 from firstfix.engine.index import ENGINE_FILE, MAP_FILE
 from firstfix.engine.retrieval.clusters import Clusters
 
-from .build_stages import BuildStages, Progress, engine_of, link
-from .execution.chunks import Workers
+from .build_stages import BuildStages
+from .execution.chunk_executor import ChunkExecutor
 from .execution.die_with_parent import die_with_parent
-from .execution.local_workers import LocalWorkers
+from .execution.local_executor import LocalExecutor
 from .execution.stage_cache import StageCache, StageResult, StagesElsewhere
 from .execution.stage_names import STAGES as STAGES
+from .execution.stage_runner import Progress
+from .stage_files import engine_of, link
 
 
 @dataclass(frozen=True)
@@ -77,9 +79,9 @@ def build_version(
     with (
         threadpool_limits(1, user_api="blas"),  # its sums depend on how many threads share them
         ThreadPoolExecutor(os.cpu_count()) as threads,
-        _workers(cluster, work, threads) as workers,
+        _chunk_executor(cluster, work, threads) as executor,
     ):
-        build = BuildStages(config, StageCache(work, shared=shared), threads, workers, progress, cancelled)
+        build = BuildStages(StageCache(work, shared=shared), executor, progress, cancelled, config, threads)
         read = build.read_map(source, trajectory)
         mesh = build.reconstruct_mesh(read)
         viewpoints = build.sample_viewpoints(read, mesh)
@@ -106,23 +108,23 @@ def read_source(
     """Runs the first stage alone. ``build_version`` with the same arguments finds its result, and reads no
     file that others wrote. Raises as that does."""
     with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(1) as threads:
-        workers = LocalWorkers(work, threads, threads)
-        build = BuildStages(config, StageCache(work, shared=shared), threads, workers, progress, cancelled)
+        executor = LocalExecutor(work, threads, threads)
+        build = BuildStages(StageCache(work, shared=shared), executor, progress, cancelled, config, threads)
         build.read_map(source, trajectory)
 
 
 @contextmanager
-def _workers(cluster: Cluster | None, work: Path, threads: Executor) -> Iterator[Workers]:
+def _chunk_executor(cluster: Cluster | None, work: Path, threads: Executor) -> Iterator[ChunkExecutor]:
     if cluster is not None:
-        from .execution.dask_workers import DaskWorkers
+        from .execution.dask_executor import DaskExecutor
 
-        with DaskWorkers(cluster.scheduler, cluster.store_url) as far:
+        with DaskExecutor(cluster.scheduler, cluster.store_url) as far:
             yield far
         return
     with ProcessPoolExecutor(
         os.cpu_count(), mp_context=get_context("spawn"), initializer=die_with_parent
     ) as processes:
-        yield LocalWorkers(work, threads, processes)
+        yield LocalExecutor(work, threads, processes)
 
 
 def _collect(

@@ -62,7 +62,7 @@ def test_finished_stages_are_not_done_again(small_map, small_version, small_work
     def never(*arguments: object, **more: object) -> None:
         raise AssertionError("done again")
 
-    for stage in ("read_map", "sample_fitting_viewpoints", "template_chunks", "self_test"):
+    for stage in ("read_map", "sample_fitting_viewpoints", "template_chunks", "run_self_test"):
         monkeypatch.setattr(stages, stage, never)
     again = build_version(small_map, BuildConfig.parse(CONFIG), small_work)
     assert again.manifest.digest == small_version.manifest.digest

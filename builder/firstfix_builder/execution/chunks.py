@@ -1,11 +1,12 @@
-"""A stage's work in chunks: small descriptions that go to whoever computes, and results in an object store.
+"""Chunks of a stage: small descriptions of work, and their results in an object store.
 
     stages/<stage key>/chunks/<chunk name>     the arrays that one chunk made
 
-The stage's key names all that went into the stage (``stage_cache``) and the chunk's name all that makes it
-this part of it: so a result never changes, whoever made it, and one that is there is never made again.
-Arrays go between a worker and the store, never by way of who hands out the work. When the stage is done
-its chunks are removed; those of a build that did not go on expire with ``firstfix.builds.shared_stages``.
+The stage's key is a hash of everything that goes into the stage (``stage_cache``). The chunk's name is a hash of
+everything that makes it this part of the stage. So a result never changes, whoever made it, and an existing
+result is never made again. Workers write arrays to the store directly; the process that hands out the work never
+sees them. The chunks are removed when the stage is done; those of an abandoned build expire with
+``firstfix.builds.shared_stages``.
 """
 
 from __future__ import annotations
@@ -15,37 +16,34 @@ import io
 import json
 import zipfile
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.builds.shared_stages import ROOT
-from firstfix.errors import NotFound, StoreError
+from firstfix.errors import NotFound
 from firstfix.store.store import Store
 
-from .stage_cache import StageResult
-
 Arrays: TypeAlias = dict[str, NDArray[Any]]
-TRIES = 3  # more of a chunk whose result is damaged, or gone when it is read
 
 
 @dataclass(frozen=True)
 class Chunk(ABC):
-    """A part of a stage's work: a pure function with the plain values that it is called with. Pickles.
+    """A part of a stage's work: a pure function and the plain values it is called with. Picklable.
 
     Attributes:
-        keeps_interpreter: threads would run it one after the other: it takes processes.
+        keeps_interpreter: it holds the interpreter lock, so it runs in a process and not in a thread.
     """
 
     keeps_interpreter: ClassVar[bool] = False
 
     @abstractmethod
     def run(self, inputs: Mapping[str, Path]) -> Arrays:
-        """The same bytes wherever it runs.
+        """Returns the chunk's arrays: the same bytes on every machine.
 
         Args:
             inputs: folders of the finished stages that the stage reads, by its names for them.
@@ -53,7 +51,7 @@ class Chunk(ABC):
 
     @property
     def name(self) -> str:
-        """sha256 of the kind of work and its values."""
+        """The sha256 of the kind of work and its values."""
         said = {"work": type(self).__qualname__, "values": asdict(self)}
         text = json.dumps(said, sort_keys=True, default=lambda model: model.model_dump(mode="json"))
         return hashlib.sha256(text.encode()).hexdigest()
@@ -67,20 +65,21 @@ class ChunkResults:
     stage: str
 
     def made(self) -> set[str]:
-        """Names of the chunks that are there."""
+        """Returns the names of the chunks that have a result."""
         return {key.rsplit("/", 1)[-1] for key in self.store.list(self._key())}
 
     def has(self, name: str) -> bool:
+        """Whether a chunk has a result."""
         return self.store.exists(self._key(name))
 
     def put(self, name: str, arrays: Arrays) -> None:
-        """Atomic; of several that made the same chunk the first one's stays."""
+        """Stores a result atomically. The first result of a chunk stays, whoever else makes it."""
         content, named = io.BytesIO(), dict[str, Any](arrays)
         np.savez(content, **named)
         self.store.put_new(self._key(name), content.getvalue())
 
     def load(self, name: str) -> Arrays | None:
-        """None where it is not there; what is damaged is removed first."""
+        """Returns a result, or None if there is none. A damaged result is removed."""
         try:
             with np.load(io.BytesIO(self.store.get(self._key(name))), allow_pickle=False) as content:
                 return dict(content)
@@ -91,6 +90,7 @@ class ChunkResults:
             return None
 
     def remove(self) -> None:
+        """Removes all results of the stage."""
         for key in self.store.list(self._key()):
             self.store.delete(key)
 
@@ -98,71 +98,6 @@ class ChunkResults:
         return f"{ROOT}/{self.stage}/chunks/{name}".rstrip("/")
 
 
-class Workers(Protocol):
-    """Those who run chunks: threads and processes of this machine, or a cluster."""
-
-    @property
-    def store(self) -> Store:
-        """Takes the results."""
-        ...
-
-    def run(
-        self,
-        stage: str,
-        chunks: Sequence[Chunk],
-        inputs: Mapping[str, StageResult],
-        done: Callable[[], None],
-        cancelled: Callable[[], bool],
-    ) -> None:
-        """Runs them all: every result is in the store then. ``done`` is called after each.
-
-        Raises:
-            BuildCancelled: cancelled() said so; what had not begun is not begun.
-            BuildFailed: workers died of a chunk.
-            whatever a chunk raises.
-        """
-        ...
-
-
-def run_chunks(
-    workers: Workers,
-    stage: str,
-    chunks: Sequence[Chunk],
-    inputs: Mapping[str, StageResult],
-    progress: Callable[[float], None],
-    cancelled: Callable[[], bool],
-) -> Iterator[Arrays]:
-    """Runs the chunks that are not there yet, and gives the results of all in order, one at a time.
-
-    Args:
-        stage: its key.
-
-    Raises:
-        what ``Workers.run`` raises.
-        StoreError: a result is damaged or gone time after time.
-    """
-    results = ChunkResults(workers.store, stage)
-    made = results.made()
-    missing = [chunk for chunk in chunks if chunk.name not in made]
-    count = len(chunks) - len(missing)
-
-    def done() -> None:
-        nonlocal count
-        count += 1
-        progress(count / len(chunks))
-
-    workers.run(stage, missing, inputs, done, cancelled)
-    for chunk in chunks:
-        arrays, tries = results.load(chunk.name), TRIES
-        while arrays is None:
-            if tries == 0:
-                raise StoreError(f"the store does not keep chunk {chunk.name[:12]} of stage {stage[:12]}")
-            tries -= 1
-            workers.run(stage, [chunk], inputs, lambda: None, cancelled)
-            arrays = results.load(chunk.name)
-        yield arrays
-
-
 def make_chunk(store: Store, stage: str, chunk: Chunk, inputs: Mapping[str, Path]) -> None:
-    """Runs a chunk and puts its result."""
+    """Runs a chunk and stores its result."""
     ChunkResults(store, stage).put(chunk.name, chunk.run(inputs))

@@ -19,6 +19,6 @@ if _PLOTS not in sys.modules:
         setattr(_left_out, _name, _nothing_to_look_at)
     sys.modules[_PLOTS] = _left_out
 
-import open3d as o3d
+import open3d as o3d  # noqa: E402
 
 __all__ = ["o3d"]

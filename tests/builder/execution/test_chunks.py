@@ -16,7 +16,8 @@ from firstfix.engine.config import OccupancyConfig, PcaScConfig
 from firstfix.errors import StoreError
 from firstfix.sensor import preset
 from firstfix.store.store import Store
-from firstfix_builder.execution.chunks import ChunkResults, make_chunk, run_chunks
+from firstfix_builder.execution.chunk_executor import ChunkBatch, ChunkExecutor, run_chunks
+from firstfix_builder.execution.chunks import ChunkResults, make_chunk
 from firstfix_builder.execution.stage_cache import StageResult
 from firstfix_builder.templates.make import MAX_CHUNK, TemplatesChunk, template_chunks, write_templates
 
@@ -44,8 +45,8 @@ def numbers(tmp_path: Path) -> StageResult:
     return StageResult("6" * 64, tmp_path / "numbers", "7" * 64)
 
 
-class Here:
-    """Workers that run in this thread.
+class Here(ChunkExecutor):
+    """Runs chunks in this thread.
 
     Attributes:
         forgets: its results vanish before they are read.
@@ -55,12 +56,13 @@ class Here:
         self.store = store
         self.forgets = forgets
 
-    def run(self, stage, chunks, inputs, done, cancelled):
-        for chunk in chunks:
-            make_chunk(self.store, stage, chunk, {name: one.directory for name, one in inputs.items()})
-            done()
+    def run(self, batch: ChunkBatch) -> None:
+        folders = {name: one.directory for name, one in batch.inputs.items()}
+        for chunk in batch.chunks:
+            make_chunk(self.store, batch.stage, chunk, folders)
+            batch.done()
         if self.forgets:
-            ChunkResults(self.store, stage).remove()
+            ChunkResults(self.store, batch.stage).remove()
 
 
 def chunk_of(rows: tuple[int, int] = (0, 128)) -> TemplatesChunk:

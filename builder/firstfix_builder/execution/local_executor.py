@@ -1,8 +1,8 @@
-"""Chunks on this machine: threads, and processes for work that keeps the interpreter to itself."""
+"""Chunks on this machine: in threads, and in processes for work that holds the interpreter lock."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, wait
 from functools import cache
 from pathlib import Path
@@ -11,14 +11,15 @@ from firstfix.builds.shared_stages import collect_stages
 from firstfix.errors import BuildCancelled, BuildFailed, StoreError
 from firstfix.store.store import Store
 
+from .chunk_executor import ChunkBatch, ChunkExecutor
 from .chunks import Chunk, make_chunk
-from .stage_cache import DEFAULT_MAX_AGE_S, StageResult
+from .stage_cache import DEFAULT_MAX_AGE_S
 
 POLL_S = 0.5
 
 
-class LocalWorkers:
-    """Keeps results in the build's work folder: a build that was killed goes on within a stage.
+class LocalExecutor(ChunkExecutor):
+    """Runs chunks here, and keeps results in the build's work folder: a killed build resumes within a stage.
 
     Args:
         work: the build's folder.
@@ -31,27 +32,20 @@ class LocalWorkers:
         self.store = Store.open(str(self._folder))
         collect_stages(self.store, DEFAULT_MAX_AGE_S)
 
-    def run(
-        self,
-        stage: str,
-        chunks: Sequence[Chunk],
-        inputs: Mapping[str, StageResult],
-        done: Callable[[], None],
-        cancelled: Callable[[], bool],
-    ) -> None:
-        folders = {name: result.directory for name, result in inputs.items()}
+    def run(self, batch: ChunkBatch) -> None:
+        folders = {name: result.directory for name, result in batch.inputs.items()}
         pending = set()
         try:
-            for chunk in chunks:
+            for chunk in batch.chunks:
                 pool = self._processes if chunk.keeps_interpreter else self._threads
-                pending.add(pool.submit(_make, str(self._folder), stage, chunk, folders))
+                pending.add(pool.submit(_make, str(self._folder), batch.stage, chunk, folders))
             while pending:
-                if cancelled():
+                if batch.cancelled():
                     raise BuildCancelled("cancelled between the chunks of a stage")
                 ended, pending = wait(pending, POLL_S, FIRST_COMPLETED)
                 for future in ended:
                     future.result()
-                    done()
+                    batch.done()
         except BrokenExecutor as error:
             raise BuildFailed("a worker process died, maybe out of memory") from error
         finally:

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from firstfix.errors import BuildCancelled, BuildFailed
-from firstfix_builder.execution.chunks import run_chunks
-from firstfix_builder.execution.local_workers import LocalWorkers
+from firstfix_builder.execution.chunk_executor import ChunkBatch, run_chunks
+from firstfix_builder.execution.local_executor import LocalExecutor
 from firstfix_builder.execution.stage_cache import StageResult
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -43,33 +43,35 @@ def log(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def workers(tmp_path: Path) -> Iterator[LocalWorkers]:
+def executor(tmp_path: Path) -> Iterator[LocalExecutor]:
     with (
         ThreadPoolExecutor(1) as threads,
         ProcessPoolExecutor(1, mp_context=get_context("spawn")) as processes,
     ):
-        yield LocalWorkers(tmp_path / "work", threads, processes)
+        yield LocalExecutor(tmp_path / "work", threads, processes)
 
 
 def sums(
-    workers: LocalWorkers, chunks: list[Toy], numbers: StageResult, cancelled=lambda: False
+    executor: LocalExecutor, chunks: list[Toy], numbers: StageResult, cancelled=lambda: False
 ) -> list[int]:
-    results = run_chunks(workers, STAGE, chunks, {"numbers": numbers}, lambda fraction: None, cancelled)
+    results = run_chunks(executor, STAGE, chunks, {"numbers": numbers}, lambda fraction: None, cancelled)
     return [int(result["sum"][0]) for result in results]
 
 
-def test_results_come_in_order(workers: LocalWorkers, log: Path, numbers: StageResult):
-    assert sums(workers, [Toy(n, str(log)) for n in (3, 1, 2)], numbers) == [3, 1, 2]
+def test_results_come_in_order(executor: LocalExecutor, log: Path, numbers: StageResult):
+    assert sums(executor, [Toy(n, str(log)) for n in (3, 1, 2)], numbers) == [3, 1, 2]
 
 
-def test_a_fault_costs_only_what_was_not_done(workers: LocalWorkers, log: Path, numbers: StageResult):
+def test_a_fault_costs_only_what_was_not_done(executor: LocalExecutor, log: Path, numbers: StageResult):
     with pytest.raises(BuildFailed, match="cannot be made"):
-        sums(workers, [Toy(1, str(log)), Toy(2, str(log), fate="raises"), Toy(3, str(log))], numbers)
-    assert sums(workers, [Toy(1, str(log)), Toy(2, str(log)), Toy(3, str(log))], numbers) == [1, 2, 3]
+        sums(executor, [Toy(1, str(log)), Toy(2, str(log), fate="raises"), Toy(3, str(log))], numbers)
+    assert sums(executor, [Toy(1, str(log)), Toy(2, str(log)), Toy(3, str(log))], numbers) == [1, 2, 3]
     assert runs(log, 1) == 1
 
 
-def test_cancelled_it_begins_no_more(workers: LocalWorkers, log: Path, numbers: StageResult, tmp_path: Path):
+def test_cancelled_it_begins_no_more(
+    executor: LocalExecutor, log: Path, numbers: StageResult, tmp_path: Path
+):
     gate = tmp_path / "gate"
 
     def cancelled() -> bool:
@@ -79,19 +81,19 @@ def test_cancelled_it_begins_no_more(workers: LocalWorkers, log: Path, numbers: 
         return False
 
     with pytest.raises(BuildCancelled):
-        sums(workers, [Toy(n, str(log), str(gate)) for n in range(9)], numbers, cancelled)
+        sums(executor, [Toy(n, str(log), str(gate)) for n in range(9)], numbers, cancelled)
     assert runs(log) < 9
 
 
-def test_a_process_that_dies_fails_the_build(workers: LocalWorkers, log: Path, numbers: StageResult):
-    assert sums(workers, [Heavy(4, str(log))], numbers) == [4]
+def test_a_process_that_dies_fails_the_build(executor: LocalExecutor, log: Path, numbers: StageResult):
+    assert sums(executor, [Heavy(4, str(log))], numbers) == [4]
     with pytest.raises(BuildFailed, match="worker process died"):
-        sums(workers, [Heavy(5, str(log), fate="dies")], numbers)
+        sums(executor, [Heavy(5, str(log), fate="dies")], numbers)
 
 
 def test_a_folder_that_takes_nothing_fails_the_build(
-    workers: LocalWorkers, log: Path, numbers: StageResult, tmp_path: Path
+    executor: LocalExecutor, log: Path, numbers: StageResult, tmp_path: Path
 ):
     (tmp_path / "work" / "chunks" / "stages").write_text("in the way")
     with pytest.raises(BuildFailed, match="work folder took no result"):
-        workers.run(STAGE, [Toy(1, str(log))], {"numbers": numbers}, lambda: None, lambda: False)
+        executor.run(ChunkBatch(STAGE, [Toy(1, str(log))], {"numbers": numbers}, lambda: None, lambda: False))

@@ -18,8 +18,9 @@ from certificates import certificates
 from firstfix.builds.config import BuildConfig, ReconstructConfig
 from firstfix.errors import BuildCancelled, BuildFailed, ClusterUnavailable, InvalidOption
 from firstfix.store.store import Store
-from firstfix_builder.execution.chunks import ChunkResults, run_chunks
-from firstfix_builder.execution.dask_workers import DaskWorkers
+from firstfix_builder.execution.chunk_executor import run_chunks
+from firstfix_builder.execution.chunks import ChunkResults
+from firstfix_builder.execution.dask_executor import DaskExecutor
 from firstfix_builder.execution.executor_url import dask_address
 from firstfix_builder.execution.stage_cache import StageResult
 from firstfix_builder.mesh.reconstruct import joined_mesh, mesh_chunks
@@ -77,9 +78,14 @@ class Driver:
     def _run(self) -> None:
         cluster, store, chunks, numbers, away_s = self._work
         try:
-            with DaskWorkers(cluster.address, str(store), away_s=away_s) as workers:
+            with DaskExecutor(cluster.address, str(store), away_s=away_s) as executor:
                 results = run_chunks(
-                    workers, STAGE, chunks, {"numbers": numbers}, lambda fraction: None, self.cancelled.is_set
+                    executor,
+                    STAGE,
+                    chunks,
+                    {"numbers": numbers},
+                    lambda fraction: None,
+                    self.cancelled.is_set,
                 )
                 self.sums = [int(result["sum"][0]) for result in results]
         except BaseException as error:
@@ -123,9 +129,9 @@ def test_a_cloud_becomes_the_same_mesh(cluster: DaskCluster, tmp_path: Path):
     chunks = mesh_chunks(points, ReconstructConfig(tile_cells=40))
     assert len(chunks) >= 4
 
-    with DaskWorkers(cluster.address, str(tmp_path / "store")) as workers:
+    with DaskExecutor(cluster.address, str(tmp_path / "store")) as executor:
         far = joined_mesh(
-            run_chunks(workers, STAGE, chunks, {"map": read}, lambda fraction: None, lambda: False)
+            run_chunks(executor, STAGE, chunks, {"map": read}, lambda fraction: None, lambda: False)
         )
     near = joined_mesh(chunk.run({"map": tmp_path / "map"}) for chunk in chunks)
     assert far.vertices.tobytes() == near.vertices.tobytes()
@@ -165,12 +171,12 @@ def test_a_build_that_was_not_connected_to_this_store_is_refused(
 ):
     monkeypatch.setattr(Store, "put", lambda self, key, data: None)  # as if it were another's directory
     with pytest.raises(BuildFailed, match="another store"):
-        DaskWorkers(cluster.address, str(tmp_path / "store"))
+        DaskExecutor(cluster.address, str(tmp_path / "store"))
 
 
 def test_a_store_in_memory_is_no_other_machines():
     with pytest.raises(InvalidOption, match="memory"):
-        DaskWorkers("tcp://127.0.0.1:1", "memory://")
+        DaskExecutor("tcp://127.0.0.1:1", "memory://")
 
 
 def test_workers_that_are_killed_cost_their_chunks(log: Path, numbers: StageResult, tmp_path: Path):
@@ -239,11 +245,11 @@ def test_a_chunk_that_kills_its_workers_fails_the_build(log: Path, numbers: Stag
 
 def test_without_a_scheduler_or_workers_it_says_so(tmp_path: Path):
     with pytest.raises(ClusterUnavailable, match="no Dask scheduler answers"):
-        DaskWorkers(f"tcp://127.0.0.1:{free_port()}", str(tmp_path), away_s=0.0)
+        DaskExecutor(f"tcp://127.0.0.1:{free_port()}", str(tmp_path), away_s=0.0)
     with dask_cluster(tmp_path / "dask", 0) as cluster:
         cluster.wait_for_scheduler()
         with pytest.raises(ClusterUnavailable, match="no workers"):
-            DaskWorkers(cluster.address, str(tmp_path), away_s=2.0)
+            DaskExecutor(cluster.address, str(tmp_path), away_s=2.0)
 
 
 def test_over_tls_both_sides_show_their_certificates(log: Path, numbers: StageResult, tmp_path: Path):
@@ -266,7 +272,7 @@ def test_over_tls_both_sides_show_their_certificates(log: Path, numbers: StageRe
             config.set(shown(stranger)),
             pytest.raises(ClusterUnavailable, match="no Dask scheduler answers"),
         ):
-            DaskWorkers(cluster.address, str(tmp_path / "store"), away_s=1.0)
+            DaskExecutor(cluster.address, str(tmp_path / "store"), away_s=1.0)
 
 
 def test_workers_with_other_code_are_refused(tmp_path: Path):
@@ -279,4 +285,4 @@ def test_workers_with_other_code_are_refused(tmp_path: Path):
         cluster.start_worker(other)
         cluster.wait_for_workers(2)
         with pytest.raises(BuildFailed, match=r"has code \w+ where \w+ is needed"):
-            DaskWorkers(cluster.address, str(tmp_path / "store"))
+            DaskExecutor(cluster.address, str(tmp_path / "store"))

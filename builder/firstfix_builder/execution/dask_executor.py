@@ -1,4 +1,4 @@
-"""Chunks on the workers of a Dask cluster. The one module that knows Dask."""
+"""Chunks on the workers of a Dask cluster. The only module that uses Dask."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import logging
 import os
 import time
 import uuid
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
@@ -17,10 +17,10 @@ from firstfix.errors import BuildCancelled, BuildFailed, ClusterUnavailable, Inv
 from firstfix.store.store import Store
 from firstfix.store.url import StoreUrl
 
+from .chunk_executor import ChunkBatch, ChunkExecutor
 from .chunk_job import ChunkJob, check_runtime, run_job
-from .chunks import Chunk, ChunkResults
+from .chunks import ChunkResults
 from .runtime import Runtime, this_runtime
-from .stage_cache import StageResult
 
 _log = logging.getLogger(__name__)
 CONNECT_S = 5.0
@@ -35,21 +35,21 @@ class _SchedulerLost(Exception):
     pass
 
 
-class DaskWorkers:
-    """One build's connection to a cluster; a context.
+class DaskExecutor(ChunkExecutor):
+    """Runs the chunks of one build on a cluster. A context manager: it closes its connection.
 
-    A worker that dies costs the chunk it was at, which Dask gives to another. A scheduler that dies costs
-    the chunks that were under way: those in the store are not made again.
+    When a worker dies, Dask gives its chunk to another worker. When the scheduler dies, only the chunks that
+    were running are made again: the results in the store stay.
 
     Args:
         address: of the scheduler, as Dask writes it.
-        store_url: of the store that all workers can reach; they have its credentials themselves.
-        away_s: for the scheduler, or a worker, to come back.
+        store_url: of the store that all workers can reach; they have credentials of their own.
+        away_s: longest wait for the scheduler, or a worker, to come back.
 
     Raises:
-        InvalidOption: Dask is not installed, or the store is no other machine's.
-        ClusterUnavailable: no scheduler, or no worker, for so long.
-        BuildFailed: a worker has other software, or does not see the store.
+        InvalidOption: Dask is not installed, or other machines cannot reach the store.
+        ClusterUnavailable: no scheduler, or no worker, within ``away_s``.
+        BuildFailed: a worker has other software versions, or does not see the store.
     """
 
     def __init__(self, address: str, store_url: str, *, away_s: float = AWAY_S) -> None:
@@ -63,7 +63,7 @@ class DaskWorkers:
         self._away_s = away_s
         self._client = self._connect(lambda: False)
 
-    def __enter__(self) -> DaskWorkers:
+    def __enter__(self) -> DaskExecutor:
         return self
 
     def __exit__(
@@ -71,38 +71,33 @@ class DaskWorkers:
     ) -> None:
         self._close()
 
-    def run(
-        self,
-        stage: str,
-        chunks: Sequence[Chunk],
-        inputs: Mapping[str, StageResult],
-        done: Callable[[], None],
-        cancelled: Callable[[], bool],
-    ) -> None:
-        """See ``chunks.Workers``.
+    def run(self, batch: ChunkBatch) -> None:
+        """Runs all chunks of the batch on the cluster's workers.
 
         Raises:
             ClusterUnavailable: the scheduler, or every worker, stayed away.
         """
-        if not chunks:
+        if not batch.chunks:
             return
-        for name, result in inputs.items():
+        for name, result in batch.inputs.items():
             self._shared.put_surely(result.key, name, result.directory)
-        keys = {name: result.key for name, result in inputs.items()}
-        left = {chunk.name: chunk for chunk in chunks}
+        keys = {name: result.key for name, result in batch.inputs.items()}
+        left = {chunk.name: chunk for chunk in batch.chunks}
         while left:
-            jobs = [ChunkJob(self._store_url, stage, chunk, keys, this_runtime()) for chunk in left.values()]
+            jobs = [
+                ChunkJob(self._store_url, batch.stage, chunk, keys, this_runtime()) for chunk in left.values()
+            ]
             try:
-                for name in self._ended(jobs, cancelled):
+                for name in self._ended(jobs, batch.cancelled):
                     del left[name]
-                    done()
+                    batch.done()
             except _SchedulerLost:
                 _log.warning("the scheduler at %s is lost with %d chunks to go", self._address, len(left))
                 self._close()
-                self._client = self._connect(cancelled)
-                for name in ChunkResults(self.store, stage).made() & left.keys():
+                self._client = self._connect(batch.cancelled)
+                for name in ChunkResults(self.store, batch.stage).made() & left.keys():
                     del left[name]
-                    done()
+                    batch.done()
 
     def _ended(self, jobs: Sequence[ChunkJob], cancelled: Callable[[], bool]) -> Iterator[str]:
         """Names of the chunks, each as it ends.
@@ -218,7 +213,7 @@ class _Watch:
 
 @contextmanager
 def _noticing_loss(client: Any) -> Iterator[None]:
-    """What Dask raises when it has lost its scheduler, which is several things, as _SchedulerLost."""
+    """Raises _SchedulerLost for the several errors that Dask raises when its scheduler is gone."""
     try:
         yield
     except Exception as error:

@@ -1,0 +1,94 @@
+"""Running a stage's chunks: on this machine (``local_executor``) or on a cluster (``dask_executor``)."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from firstfix.errors import StoreError
+from firstfix.store.store import Store
+
+from .chunks import Arrays, Chunk, ChunkResults
+from .stage_cache import StageResult
+
+TRIES = 3  # more of a chunk whose result is damaged, or gone when it is read
+
+
+@dataclass(frozen=True)
+class ChunkBatch:
+    """Chunks of one stage that are to be run.
+
+    Attributes:
+        stage: key of the stage.
+        inputs: finished stages that the chunks read, by the chunks' names for them.
+        done: called after each chunk.
+        cancelled: whether the build is to stop.
+    """
+
+    stage: str
+    chunks: Sequence[Chunk]
+    inputs: Mapping[str, StageResult]
+    done: Callable[[], None]
+    cancelled: Callable[[], bool]
+
+
+class ChunkExecutor(ABC):
+    """Runs chunks and puts their results into a store.
+
+    Attributes:
+        store: takes the results.
+    """
+
+    store: Store
+
+    @abstractmethod
+    def run(self, batch: ChunkBatch) -> None:
+        """Runs all chunks of the batch. Their results are in the store when it returns.
+
+        Raises:
+            BuildCancelled: cancelled() said so; no further chunk was begun.
+            BuildFailed: a chunk ended the processes that ran it.
+            ClusterUnavailable: the machines that run chunks are gone.
+            whatever a chunk raises.
+        """
+
+
+def run_chunks(
+    executor: ChunkExecutor,
+    stage: str,
+    chunks: Sequence[Chunk],
+    inputs: Mapping[str, StageResult],
+    progress: Callable[[float], None],
+    cancelled: Callable[[], bool],
+) -> Iterator[Arrays]:
+    """Runs the chunks that have no result yet, then yields the results of all in order, one at a time.
+
+    Args:
+        stage: its key.
+
+    Raises:
+        StoreError: a result is damaged or gone time after time.
+        whatever ``ChunkExecutor.run`` raises.
+    """
+    results = ChunkResults(executor.store, stage)
+    made = results.made()
+    missing = [chunk for chunk in chunks if chunk.name not in made]
+    count = len(chunks) - len(missing)
+
+    def done() -> None:
+        nonlocal count
+        count += 1
+        progress(count / len(chunks))
+
+    batch = ChunkBatch(stage, missing, inputs, done, cancelled)
+    executor.run(batch)
+    for chunk in chunks:
+        arrays, tries = results.load(chunk.name), TRIES
+        while arrays is None:
+            if tries == 0:
+                raise StoreError(f"the store does not keep chunk {chunk.name[:12]} of stage {stage[:12]}")
+            tries -= 1
+            executor.run(replace(batch, chunks=[chunk], done=lambda: None))
+            arrays = results.load(chunk.name)
+        yield arrays

@@ -1,0 +1,49 @@
+"""Reading what finished stages left in their folders."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firstfix.engine.config import EngineConfig
+from firstfix.engine.index import ENGINE_FILE
+
+from .execution.stage_cache import StageResult
+from .index.index_files import SURFACE_STEP_M
+from .mesh.clean_cloud import point_spacing_m
+from .mesh.mesh import Mesh
+from .simulation.simulate import Simulator
+
+
+def trajectory_of(read: StageResult) -> NDArray[np.float64] | None:
+    """(m, 4, 4) poses of the mapping run in the level frame, or None if the map has none."""
+    path = read.directory / "trajectory.npy"
+    return np.load(path) if path.exists() else None
+
+
+def spacing_m_of(read: StageResult) -> float:
+    """Spacing of the map's points."""
+    path = read.directory / "points.npy"
+    return point_spacing_m(np.load(path)) if path.exists() else SURFACE_STEP_M
+
+
+def simulator_of(mesh: StageResult) -> Simulator:
+    """A simulator over the whole mesh."""
+    surface = Mesh.load(mesh.directory)
+    return Simulator(surface.vertices, surface.triangles)
+
+
+def engine_of(fitted: StageResult) -> EngineConfig:
+    """The engine's parameters that ``fit_engine`` chose."""
+    return EngineConfig.model_validate_json((fitted.directory / ENGINE_FILE).read_text())
+
+
+def link(source: Path, target: Path) -> None:
+    """Links a file, or copies it where the file system cannot link."""
+    try:
+        target.hardlink_to(source)
+    except OSError:  # another file system
+        shutil.copyfile(source, target)
