@@ -38,11 +38,11 @@ from firstfix.ros.rmw_zenoh import (
     publishers_pattern,
 )
 from firstfix_client.errors import ServiceUnreachable
-from firstfix_client.first_fix import Ask, FirstFix, State, Wishes
+from firstfix_client.first_fix import Ask, FirstFix, FirstFixConfig, State
 
 NODE_NAME = "firstfix_gateway"
 LOCATE = "first_fix/locate"
-_LOOK_S = 0.1  # how often wishes are looked at, and tokens waited for
+_LOOK_S = 0.1  # poll interval of requests and tokens
 Tell = Callable[[str, str], None]  # a robot's namespace and a line about it
 
 
@@ -75,7 +75,7 @@ class Robot:
         namespace: str,
         pose_topic: str,
         ask: Ask,
-        wishes: Wishes,
+        config: FirstFixConfig,
         tell: Tell,
     ) -> None:
         self.publishers: set[str] = set()  # their tokens
@@ -87,7 +87,7 @@ class Robot:
         self._sequence, self._gid = itertools.count(1), os.urandom(16)
         self._listening: tuple[Any, Any] | None = None
         self._said: tuple[State, str] | None = None
-        self.fix = FirstFix(ask, self._publish, wishes)
+        self.fix = FirstFix(ask, self._publish, config)
         self._declared = [
             graph.token(self._pose, RELIABLE_QOS),
             graph.session.declare_queryable(locate.key, self._on_locate, complete=True),
@@ -159,7 +159,7 @@ class RosGateway:
         self,
         session: Any,
         ask: Ask,
-        wishes: Wishes,
+        config: FirstFixConfig,
         *,
         domain: int = 0,
         points: str = "points",
@@ -169,7 +169,7 @@ class RosGateway:
     ) -> None:
         self.robots: dict[str, Robot] = {}
         self._graph = Graph(session, domain)
-        self._ask, self._wishes, self._tell = ask, wishes, tell
+        self._ask, self._config, self._tell = ask, config, tell
         self._suffix, self._pose_topic = "/" + points.strip("/"), pose_topic.strip("/")
         self._at_start = at_start
         self._tokens: queue.SimpleQueue[tuple[bool, str]] = queue.SimpleQueue()
@@ -211,7 +211,7 @@ class RosGateway:
     def _robot(self, namespace: str, clouds: Endpoint) -> Robot:
         if namespace not in self.robots:
             self.robots[namespace] = robot = Robot(
-                self._graph, clouds, namespace, self._pose_topic, self._ask, self._wishes, self._tell
+                self._graph, clouds, namespace, self._pose_topic, self._ask, self._config, self._tell
             )
             if self._at_start:
                 robot.fix.want()

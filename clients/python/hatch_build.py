@@ -1,4 +1,4 @@
-"""Puts into the robot's wheel what ``firstfix_client`` imports of the core, and nothing else."""
+"""Build hook of the robot's wheel: adds the modules of the core that ``firstfix_client`` imports."""
 
 from __future__ import annotations
 
@@ -14,26 +14,43 @@ sys.path.insert(0, str(HERE))
 
 from import_closure import import_closure  # noqa: E402
 from strip_text import strip_text  # noqa: E402
+from strip_types import strip_types  # noqa: E402
 
-# Whose docstrings ``help`` shows to people who write a robot's program.
+# Modules whose docstrings ``help`` shows to robot programmers.
 DOCUMENTED = {"firstfix_client/client.py", "firstfix_client/calls/maps.py", "firstfix_client/calls/builds.py"}
+# Rooms that robot programs do not import from: they lose the annotations of all functions.
+INTERNAL = (
+    "firstfix/descriptor/",
+    "firstfix/formats/",
+    "firstfix/portable/",
+    "firstfix/ros/",
+    "firstfix_client/drivers/",
+    "firstfix_client/steps/",
+)
+
+
+def shipped(name: str, source: str) -> str:
+    """Returns a module's source as the wheel has it."""
+    if name in DOCUMENTED:
+        return source
+    return strip_types(strip_text(source), public=name.startswith(INTERNAL))
 
 
 class RobotWheel(BuildHookInterface):  # type: ignore[misc]
     """The hook that ``pyproject.toml`` names."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Writes the modules to a folder, and adds them to the wheel."""
         core = HERE.parents[1] / "core" / "firstfix"
         stripped = Path(self.directory) / "stripped"
-        files = import_closure({"firstfix": core, "firstfix_client": HERE / "firstfix_client"})
-        for name, path in files.items():
-            if name in DOCUMENTED or path.suffix != ".py":
-                build_data["force_include"][str(path)] = name
-                continue
+        for name, path in import_closure(
+            {"firstfix": core, "firstfix_client": HERE / "firstfix_client"}
+        ).items():
             target = stripped / name
             target.parent.mkdir(parents=True, exist_ok=True)
-            target.write_text(strip_text(path.read_text()))
+            target.write_text(shipped(name, path.read_text()) if path.suffix == ".py" else "")
             build_data["force_include"][str(target)] = name
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
+        """Removes the folder."""
         shutil.rmtree(Path(self.directory) / "stripped")

@@ -1,4 +1,4 @@
-"""Which modules the robot's side needs: everything that ``firstfix_client`` imports, at the top or later."""
+"""Modules that the robot needs: all that ``firstfix_client`` imports, at the top or later."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ PACKAGES = ("firstfix", "firstfix_client")
 
 
 def import_closure(roots: dict[str, Path], start: str = "firstfix_client") -> dict[str, Path]:
-    """Paths inside a wheel to the files that belong there.
+    """Returns the files of the wheel, by their path in it.
 
     Args:
         roots: package name to its folder.
-        start: package whose modules are all wanted; others come along as far as they are imported.
+        start: package to include whole; of the others only what is imported.
 
     Raises:
-        ModuleNotFoundError: an import of one of the packages names no module of it.
+        ModuleNotFoundError: an import names a module that is not there.
     """
     waiting = [_module_name(roots[start], path) for path in sorted(roots[start].rglob("*.py"))]
     found: dict[str, Path] = {}

@@ -1,4 +1,4 @@
-"""Python source without what only its maintainers read, every statement still on its line."""
+"""Removal of docstrings and comments from Python source. Every statement stays on its line."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ import tokenize
 
 
 def strip_text(source: str) -> str:
-    """The module without docstrings and comments. Line numbers stay, for tracebacks."""
+    """Returns the module without docstrings and comments. Line numbers stay, for tracebacks."""
     lines = source.splitlines()
     for node in ast.walk(ast.parse(source)):
         if not isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)):
             continue
         if ast.get_docstring(node, clean=False) is not None:
-            _blank(lines, node.body[0], "" if isinstance(node, ast.Module) else "...")
+            is_needed = len(node.body) == 1 and not isinstance(node, ast.Module)  # a body needs a statement
+            _blank(lines, node.body[0], "..." if is_needed else "")
     for token in tokenize.generate_tokens(io.StringIO("\n".join(lines)).readline):
         if token.type == tokenize.COMMENT:
             row, column = token.start
@@ -23,11 +24,7 @@ def strip_text(source: str) -> str:
 
 
 def _blank(lines: list[str], docstring: ast.stmt, instead: str) -> None:
-    """
-    Args:
-        instead: a body needs a statement; a module needs none, and none may come before its imports.
-    """
     assert docstring.end_lineno is not None
-    lines[docstring.lineno - 1] = f"{lines[docstring.lineno - 1][: docstring.col_offset]}{instead}"
+    lines[docstring.lineno - 1] = f"{lines[docstring.lineno - 1][: docstring.col_offset]}{instead}".rstrip()
     for row in range(docstring.lineno, docstring.end_lineno):
         lines[row] = ""

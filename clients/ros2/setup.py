@@ -1,3 +1,5 @@
+"""Package of the ROS 2 node, for colcon."""
+
 from setuptools import setup
 
 NAME = "firstfix_ros"
@@ -14,7 +16,7 @@ setup(
     ],
     install_requires=["setuptools"],
     zip_safe=True,
-    description="The first fix of a robot with a LiDAR, asked of a firstfix service.",
+    description="ROS 2 node that gets a LiDAR robot's first fix from a firstfix service.",
     license="Apache-2.0",
     entry_points={"console_scripts": [f"first_fix = {NAME}.node:main"]},
 )

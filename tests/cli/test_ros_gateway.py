@@ -35,7 +35,7 @@ from firstfix.ros.rmw_zenoh import (
 from firstfix.scan.scan import Scan
 from firstfix.transform import make_transform, rotation_z
 from firstfix_cli.ros_gateway import RosGateway, open_session
-from firstfix_client.first_fix import Wishes
+from firstfix_client.first_fix import FirstFixConfig
 from ros_samples import ROS2, cdr, cloud_of_points
 from waiting import LIMIT_S, wait_until
 
@@ -108,7 +108,11 @@ class Gateway:
         self.told: list[tuple[str, str]] = []
         self.session = open_session(router)
         self.gateway = RosGateway(
-            self.session, self._ask, Wishes(retry_s=0.0), tell=lambda *line: self.told.append(line), **options
+            self.session,
+            self._ask,
+            FirstFixConfig(retry_s=0.0),
+            tell=lambda *line: self.told.append(line),
+            **options,
         )
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self.gateway.run, args=[self._stop], daemon=True)

@@ -16,7 +16,7 @@ from firstfix.ros.pose_message import TYPE
 from firstfix.scan.scan import Scan
 from firstfix.transform import inverse, make_transform, rotation_z
 from firstfix_client import ServiceUnreachable
-from firstfix_client.first_fix import FirstFix, State, Wishes
+from firstfix_client.first_fix import FirstFix, FirstFixConfig, State
 from ros_samples import ROS2, cdr, cloud_of_points
 from waiting import LIMIT_S, wait_until
 
@@ -58,9 +58,9 @@ class Asked:
         self.poses.append(ROS2.deserialize_cdr(body, TYPE))
 
 
-def first_fix(asked: Asked, **wishes: Any) -> FirstFix:
+def first_fix(asked: Asked, **config: Any) -> FirstFix:
     frames = {("base_link", "lidar"): BASE_LIDAR, ("lidar", "imu"): LIDAR_IMU}
-    wished = Wishes(retry_s=0.0, **wishes)
+    wished = FirstFixConfig(retry_s=0.0, **config)
     return FirstFix(asked, asked.publish, wished, lambda target, source: frames.get((target, source)))
 
 
@@ -189,7 +189,7 @@ def test_the_robots_pose_is_never_the_sensors():
         fix.want()
         fix.on_cloud(cloud())
         wait_until(lambda: fix.status.state is State.FAILED)
-        assert fix.status.error == "no transform joins the frames 'base_footprint' and 'lidar' (yet)"
+        assert fix.status.error == "no transform between the frames 'base_footprint' and 'lidar' yet"
     assert not asked.poses
 
 

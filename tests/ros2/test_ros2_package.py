@@ -51,7 +51,7 @@ def test_the_sample_parameters_are_the_defaults():
     sample = yaml.safe_load((PACKAGE / "config" / "first_fix.yaml").read_text())
     values = sample["first_fix"]["ros__parameters"]
     assert values == {**Parameters.defaults(), "map_id": "hall"}
-    assert Parameters.checked(values).wishes().base_frame == "base_link"
+    assert Parameters.checked(values).config().base_frame == "base_link"
 
 
 @pytest.mark.parametrize(

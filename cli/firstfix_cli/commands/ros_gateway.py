@@ -41,13 +41,13 @@ def ros_gateway(
     """
     from firstfix.answer.options import LocalizeOptions
     from firstfix.ros.header import check_frame
-    from firstfix_client.first_fix import Wishes
+    from firstfix_client.first_fix import FirstFixConfig
 
     from ..answerer import answerer
     from ..ros_gateway import RosGateway, open_session
 
     options = LocalizeOptions.from_strings({} if base_sensor is None else {"T_base_sensor": base_sensor})
-    wishes = Wishes(options=options, map_frame=check_frame(map_frame), retry_s=retry_s)
+    config = FirstFixConfig(options=options, map_frame=check_frame(map_frame), retry_s=retry_s)
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
@@ -58,7 +58,7 @@ def ros_gateway(
         gateway = RosGateway(
             session,
             ask,
-            wishes,
+            config,
             domain=domain,
             points=points,
             pose_topic=pose,

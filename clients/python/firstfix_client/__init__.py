@@ -1,4 +1,4 @@
-"""What runs on the robot: ask for a fix, get a typed answer.
+"""The robot's side of firstfix: send a LiDAR scan, get the robot's pose in the map.
 
     from firstfix_client import Client
 
@@ -7,17 +7,19 @@
     if fix.T_map_sensor is not None:
         ...
 
-``AsyncClient`` does the same for asyncio, ``ZenohClient`` over zenoh (with eclipse-zenoh installed).
-The names here are loaded when they are used first: a robot's program starts no slower for what it leaves.
+``AsyncClient`` is the same for asyncio. ``ZenohClient`` works over zenoh and needs the extra ``zenoh``.
+The public names of this package are those in ``__all__``; every other name may change. A name is imported on
+first use, so unused names cost no start-up time.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from firstfix.answer.localization import Localization, Verdict
+    from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
     from firstfix.answer.options import LocalizeOptions
     from firstfix.answer.prior import Prior
+    from firstfix.errors import FirstfixError
     from firstfix.scan.descriptor_parameters import QueryParameters
     from firstfix.scan.scan import Scan
     from firstfix.scan.sequence import ScanSequence
@@ -25,10 +27,8 @@ if TYPE_CHECKING:
     from .async_client import AsyncClient
     from .client import Client
     from .errors import ServiceUnreachable
-    from .records import BuildStatus, MapInfo, VersionInfo
-    from .replica_info import ReplicaInfo
-    from .steps.hedge import HedgePolicy
-    from .steps.retry import RetryPolicy
+    from .policies import HedgePolicy, RetryPolicy
+    from .records import BuildStatus, MapInfo, ReplicaInfo, VersionInfo
     from .version_watch import VersionChange, VersionWatch
     from .zenoh_client import ZenohClient
 
@@ -36,12 +36,15 @@ __all__ = [
     "AsyncClient",
     "BuildStatus",
     "Client",
+    "FirstfixError",
     "HedgePolicy",
+    "Hypothesis",
     "Localization",
     "LocalizeOptions",
     "MapInfo",
     "Prior",
     "QueryParameters",
+    "Reason",
     "ReplicaInfo",
     "RetryPolicy",
     "Scan",
@@ -58,14 +61,17 @@ _HOME = {
     "AsyncClient": ".async_client",
     "BuildStatus": ".records",
     "Client": ".client",
-    "HedgePolicy": ".steps.hedge",
+    "FirstfixError": "firstfix.errors",
+    "HedgePolicy": ".policies",
+    "Hypothesis": "firstfix.answer.localization",
     "Localization": "firstfix.answer.localization",
     "LocalizeOptions": "firstfix.answer.options",
     "MapInfo": ".records",
     "Prior": "firstfix.answer.prior",
     "QueryParameters": "firstfix.scan.descriptor_parameters",
-    "ReplicaInfo": ".replica_info",
-    "RetryPolicy": ".steps.retry",
+    "Reason": "firstfix.answer.localization",
+    "ReplicaInfo": ".records",
+    "RetryPolicy": ".policies",
     "Scan": "firstfix.scan.scan",
     "ScanSequence": "firstfix.scan.sequence",
     "ServiceUnreachable": ".errors",
@@ -85,4 +91,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return list(__all__)

@@ -15,10 +15,9 @@ from firstfix.scan.sequence import ScanSequence
 
 from .calls.async_builds import AsyncBuildCalls
 from .calls.async_maps import AsyncMapCalls
-from .steps.hedge import HedgePolicy
+from .policies import HedgePolicy, RetryPolicy
 from .steps.http import HttpSteps, sent_headers
 from .steps.localize import options_of
-from .steps.retry import RetryPolicy
 from .steps.scan_body import BodyForm, Encoding, ScanLike
 
 if TYPE_CHECKING:
@@ -28,13 +27,13 @@ if TYPE_CHECKING:
 
 
 class AsyncClient(AsyncMapCalls, AsyncBuildCalls):
-    """As ``Client``, for asyncio: the same arguments, results and errors, and every call is awaited.
+    """Client of a firstfix service for asyncio, with the arguments, results and errors of ``Client``.
 
-    Use it in one event loop, in an ``async with``, or await ``close``. A call that is cancelled hangs up, and
-    the service stops working for it. Scans are encoded in a thread.
+    Use it in one event loop, in an ``async with``, or await ``close``. A cancelled call closes its
+    connection, and the service stops working on it. Scans are encoded in a thread.
 
     Args:
-        transport: in place of the network, for tests.
+        transport: replaces the network in tests.
     """
 
     def __init__(
@@ -50,7 +49,7 @@ class AsyncClient(AsyncMapCalls, AsyncBuildCalls):
         headers: Mapping[str, str] | None = None,
         transport: httpx.AsyncBaseTransport | None = None,
     ) -> None:
-        from .drivers.async_http import AsyncHttp  # httpx takes as long as all of the rest
+        from .drivers.async_http import AsyncHttp  # importing httpx takes as long as all the rest
 
         form = BodyForm(resolution_m=resolution_m, voxel_m=voxel_m)
         self._steps = HttpSteps(url, timeout_s, retry, hedge, form)
@@ -65,6 +64,7 @@ class AsyncClient(AsyncMapCalls, AsyncBuildCalls):
         await self.close()
 
     async def close(self) -> None:
+        """Closes the connections."""
         await self._http.close()
 
     async def localize(
@@ -78,7 +78,7 @@ class AsyncClient(AsyncMapCalls, AsyncBuildCalls):
         encoding: Encoding = "scan",
         parameters: QueryParameters | None = None,
     ) -> Localization:
-        """As ``Client.localize``."""
+        """Returns the pose of a scan in a map, see ``Client.localize``."""
         form = BodyForm(encoding, parameters)
         return await self._http.run(
             self._steps.fixes.localize(scan, map_id, options_of(options, prior, gravity), form)
@@ -94,7 +94,7 @@ class AsyncClient(AsyncMapCalls, AsyncBuildCalls):
         content_encoding: str | None = None,
         request_id: str | None = None,
     ) -> Localization:
-        """As ``Client.localize_body``."""
+        """Returns the answer to an encoded query, see ``Client.localize_body``."""
         return await self._http.run(
             self._steps.ask(
                 body, media_type, map_id, options or LocalizeOptions(), content_encoding, request_id

@@ -1,4 +1,4 @@
-"""The HTTP client: a fix from a running service, as a typed answer."""
+"""The blocking HTTP client."""
 
 from __future__ import annotations
 
@@ -15,10 +15,9 @@ from firstfix.scan.sequence import ScanSequence
 
 from .calls.builds import BuildCalls
 from .calls.maps import MapCalls
-from .steps.hedge import HedgePolicy
+from .policies import HedgePolicy, RetryPolicy
 from .steps.http import HttpSteps, sent_headers
 from .steps.localize import options_of
-from .steps.retry import RetryPolicy
 from .steps.scan_body import BodyForm, Encoding, ScanLike
 
 if TYPE_CHECKING:
@@ -30,28 +29,28 @@ if TYPE_CHECKING:
 
 
 class Client(MapCalls, BuildCalls):
-    """Asks a firstfix service over HTTP. Thread-safe; close it, or use it in a ``with``.
+    """Client of a firstfix service over HTTP. Thread-safe. Close it, or use it in a ``with``.
 
-    Every call ends within its timeout, retries included: connections that fail or break and services that
-    say "busy" (503) are tried again, elsewhere at once and at the same place after growing, random waits.
-    Besides what its docstring lists, every method raises the service's own error (``firstfix.errors``),
+    Every call ends within its timeout, retries included. It is tried again when a connection fails or
+    breaks, or the service is busy (503): at once on another replica, after a wait on the same one.
+    Besides the errors in its docstring, every method raises the service's own errors (``firstfix.errors``),
     DeadlineExceeded when the timeout is over, and ServiceUnreachable when the last try reached no service.
 
     Args:
-        url: of the service, such as ``http://localhost:8080``; of several replicas as a list, or with commas
-            between them. One of them, at random at first, is asked until it fails.
-        timeout_s: of a call as a whole; uploads and waiting for builds have their own.
+        url: address of the service, such as ``http://localhost:8080``; several replicas as a list or
+            separated by commas. The client picks one at random and keeps it until it fails.
+        timeout_s: limit for one call. Uploads and builds have their own.
         retry: when to try again.
-        hedge: when ``localize`` asks a second replica because the first is slow; the first answer wins and
-            the other query is cancelled. None: by ``HedgePolicy()`` if there are several URLs; True or a
-            policy: also if there is one, which may stand for many replicas; False: never.
-        resolution_m, voxel_m: how whole scans are sent, see ``firstfix.wire.scan.encode_scan``. The default
-            is what the sensor saw, to 1 cm, or to 2.5 cm in a range image; ``voxel_m=0.25`` saves most of the
-            bytes on a thin link.
-        api_key: an API key or a token of the service's issuer; None: FIRSTFIX_API_KEY of the environment, if
-            it is there. Redirects are never followed, so nobody but the service gets it.
+        hedge: when ``localize`` asks a second replica because the first is slow. The first answer wins and
+            the other query is cancelled. None: ``HedgePolicy()`` if there are several URLs; True or a
+            policy: with one URL too, since it may stand for many replicas; False: never.
+        resolution_m, voxel_m: precision and thinning of whole scans, see ``firstfix.wire.scan.encode_scan``.
+            The default keeps all points, to 1 cm, or to 2.5 cm in a range image; ``voxel_m=0.25`` saves
+            most of the bytes on a thin link.
+        api_key: an API key, or a token of the service's issuer; None: the environment's FIRSTFIX_API_KEY, if
+            it is set. Redirects are never followed, so only the service gets it.
         headers: sent with every request.
-        transport: in place of the network, for tests.
+        transport: replaces the network in tests.
     """
 
     def __init__(
@@ -67,7 +66,7 @@ class Client(MapCalls, BuildCalls):
         headers: Mapping[str, str] | None = None,
         transport: httpx.BaseTransport | None = None,
     ) -> None:
-        from .drivers.blocking_service import BlockingService  # httpx takes as long as all of the rest
+        from .drivers.blocking_service import BlockingService  # importing httpx takes as long as all the rest
 
         form = BodyForm(resolution_m=resolution_m, voxel_m=voxel_m)
         steps = HttpSteps(url, timeout_s, retry, hedge, form)
@@ -82,6 +81,7 @@ class Client(MapCalls, BuildCalls):
         self.close()
 
     def close(self) -> None:
+        """Closes the connections."""
         self._service.close()
 
     @property
@@ -99,22 +99,24 @@ class Client(MapCalls, BuildCalls):
         encoding: Encoding = "scan",
         parameters: QueryParameters | None = None,
     ) -> Localization:
-        """The pose of a scan in a map, or why there is none: "not localized" is an answer, not an error.
+        """Returns the pose of a scan in a map, or why there is none.
+
+        "Not localized" is an answer without a pose, not an error.
 
         Args:
             scan: a Scan, (n, 3) points in metres in the sensor frame, the path of a scan file, or several
-                scans with the way between them: the answer is then the pose of the last.
-            map_id: one map, several separated by commas, or empty: all that are served. Where there are
-                several, their places compete.
+                scans with the motion between them. The pose is then that of the last scan.
+            map_id: one map; several, separated by commas; or empty for all maps that are served. The best
+                place in any of them wins.
             prior: where the robot is known to be.
-            gravity: (3,) its direction in the sensor frame (pointing down).
-            options: everything that may be asked; ``prior`` and ``gravity`` are put over them. Without a
+            gravity: (3,) direction of gravity in the sensor frame (pointing down).
+            options: everything that can be asked; ``prior`` and ``gravity`` replace its fields. Without a
                 ``deadline_ms`` the service is told how long this client waits.
             encoding: ``range_image`` sends the whole scan in a ninth to a third of the bytes, 120k points
-                in under 90 KB; ``compact`` sends under 10 KB and is answered as well as the whole scan;
-                ``descriptor`` sends under 1.5 KB and is answered with candidates, never ``localized``.
-            parameters: of the map, for the last two. A descriptor needs those of its one map: where
-                they are not given, the service is asked for them once, and again when the map changes.
+                in under 90 KB. ``compact`` sends under 10 KB and localizes as well as the whole scan.
+                ``descriptor`` sends under 1.5 KB and gets candidates, never ``localized``.
+            parameters: the map's, for the last two. A descriptor needs those of its one map. If they are
+                not given, the client asks the service for them once, and again when the map changes.
 
         Raises:
             NotFound: no such map or version, or no such file.
@@ -135,11 +137,11 @@ class Client(MapCalls, BuildCalls):
         content_encoding: str | None = None,
         request_id: str | None = None,
     ) -> Localization:
-        """As ``localize``, of a query that is encoded already: the service gets these very bytes.
+        """Returns the answer to an encoded query, as ``localize`` does. The bytes are sent unchanged.
 
         Args:
-            media_type, content_encoding: what the bytes are, as clients/PROTOCOL.md says.
-            request_id: to find the query by in the service's log.
+            media_type, content_encoding: format of the bytes, see clients/PROTOCOL.md.
+            request_id: id of the query in the service's log.
         """
         return self._http.run(
             self._http.steps.ask(

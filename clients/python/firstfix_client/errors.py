@@ -1,4 +1,4 @@
-"""What a client raises: the service's own errors as ``firstfix.errors``, and one for no service at all.
+"""Errors of the clients: the service's own errors (``firstfix.errors``), and one when no service answers.
 
 A problem document's ``code`` names the class, so that ``except NotFound`` means the same whether the
 engine runs in this process or behind a network.
@@ -12,24 +12,24 @@ from typing import Any
 
 from firstfix.errors import FirstfixError, Overloaded, RateLimited, StoreUnavailable, all_errors
 
-PASSING = (Overloaded, RateLimited, StoreUnavailable)  # what a service says of a moment: worth asking again
+TRANSIENT = (Overloaded, RateLimited, StoreUnavailable)  # worth another try
 _BY_CODE = {cls.code: cls for cls in all_errors()}
 
 
 class ServiceUnreachable(ConnectionError):
-    """No service answered, after every retry that the timeout allowed.
+    """No service answered, after all retries that the timeout allowed.
 
-    Not a FirstfixError: those are what a service or an engine says, and here nobody said anything.
+    It is not a FirstfixError: those come from a service or an engine, and here none answered.
     """
 
 
 def error_of_problem(body: bytes, status: int | None = None) -> FirstfixError | None:
-    """The error that a problem document (RFC 9457) stands for, or None if the bytes are none.
+    """Returns the error for a problem document (RFC 9457), or None if the bytes are not one.
 
-    A code that this client does not know, from a newer service, becomes the base class.
+    An unknown code, from a newer service, becomes the base class.
 
     Args:
-        status: of the HTTP answer; 503 without a code is an overloaded proxy on the way.
+        status: HTTP status; 503 without a code means an overloaded proxy on the way.
     """
     try:
         problem = json.loads(body)
@@ -38,7 +38,7 @@ def error_of_problem(body: bytes, status: int | None = None) -> FirstfixError | 
     if isinstance(problem, Mapping) and isinstance(problem.get("code"), str):
         return _BY_CODE.get(problem["code"], FirstfixError)(_text_of(problem))
     if status == 503:
-        return Overloaded("the service, or a proxy before it, answered 503")
+        return Overloaded("the service, or a proxy in front of it, answered 503")
     return None
 
 

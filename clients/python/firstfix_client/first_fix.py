@@ -1,4 +1,4 @@
-"""A running robot's clouds until one is localized: the logic of the ROS 2 node and of the gateway."""
+"""The first fix of a running robot: the logic of the ROS 2 node and of the gateway."""
 
 from __future__ import annotations
 
@@ -24,27 +24,29 @@ from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix
 
 Ask = Callable[[Scan, LocalizeOptions], Localization]
-Lookup = Callable[[str, str], "Matrix | None"]  # (target, source) to T_target_source, if it is known
+Lookup = Callable[[str, str], "Matrix | None"]  # (target, source) to T_target_source, None if unknown
 
 
 class State(str, Enum):
+    """State of the search for a fix."""
+
     IDLE = "idle"  # no fix is wanted, and there was none
     WAITING = "waiting"  # for a cloud
     ASKING = "asking"
     LOCALIZED = "localized"
-    NOT_LOCALIZED = "not localized"  # the last cloud was not; the next one is tried
-    FAILED = "failed"  # the last cloud could not be used, or nobody answered; the next one is tried
+    NOT_LOCALIZED = "not localized"  # the last cloud; the next one is tried
+    FAILED = "failed"  # the last cloud was unusable, or no service answered; the next one is tried
 
 
 @dataclass(frozen=True)
 class Status:
-    """What there is to tell.
+    """State and result of the last try.
 
     Attributes:
-        tries: clouds asked for since a fix was wanted last.
-        answer: the last one, None before it.
+        tries: clouds sent since ``want`` was called last.
+        answer: the last answer, None before the first.
         error: why the last try failed, or empty.
-        took_s: of the last try.
+        took_s: duration of the last try.
     """
 
     state: State = State.IDLE
@@ -55,13 +57,14 @@ class Status:
 
 
 @dataclass(frozen=True)
-class Wishes:
-    """
+class FirstFixConfig:
+    """Configuration of the search for a fix.
+
     Attributes:
-        options: of every query.
-        map_frame: of the pose that is published.
-        base_frame: the robot's, whose pose is published; empty: the sensor's is.
-        retry_s: from one try to the next.
+        options: sent with every query.
+        map_frame: frame of the published pose.
+        base_frame: the robot's base frame, whose pose is published; empty: the sensor's pose is published.
+        retry_s: wait between two tries.
     """
 
     options: LocalizeOptions = field(default_factory=LocalizeOptions)
@@ -71,26 +74,27 @@ class Wishes:
 
 
 class FirstFix:
-    """Asks with the newest cloud, in a thread of its own, until it is localized; then rests until ``want``.
+    """Search for a fix: sends the newest cloud, in its own thread, until one is localized.
 
-    Thread-safe; close it, or use it in a ``with``. ``on_cloud`` and ``on_imu`` return at once.
+    Then it rests until ``want`` is called. Thread-safe. Close it, or use it in a ``with``. ``on_cloud`` and
+    ``on_imu`` return at once.
 
     Args:
         ask: a client's ``localize`` for one map.
         publish: takes a PoseWithCovarianceStamped in CDR and the answer; called in the thread.
-        lookup: of fixed frames, as tf2 knows them.
+        lookup: transforms between fixed frames, as tf2 has them.
     """
 
     def __init__(
         self,
         ask: Ask,
         publish: Callable[[bytes, Localization], None],
-        wishes: Wishes,
+        config: FirstFixConfig,
         lookup: Lookup = lambda target, source: None,
     ) -> None:
         self._ask = ask
         self._publish = publish
-        self._wishes = wishes
+        self._config = config
         self._lookup = lookup
         self._window = GravityWindow()
         self._changed = threading.Condition()
@@ -109,7 +113,7 @@ class FirstFix:
         self.close()
 
     def close(self) -> None:
-        """Waits for the try under way."""
+        """Waits for the current try, then ends the thread."""
         with self._changed:
             self._closed = True
             self._changed.notify()
@@ -117,25 +121,27 @@ class FirstFix:
 
     @property
     def status(self) -> Status:
+        """State and result of the last try."""
         with self._changed:
             return self._status
 
     @property
     def wanted(self) -> bool:
-        """Whether clouds are of any use now."""
+        """True while a fix is wanted. Clouds are used only then."""
         with self._changed:
             return self._wanted
 
     def want(self) -> None:
-        """Look for a fix (again), with a cloud that comes after this call."""
+        """Starts the search (again), with a cloud that comes after this call."""
         with self._changed:
             self._wanted, self._cloud = True, None
             self._status = Status(State.WAITING)
 
     def on_cloud(self, body: bytes) -> None:
-        """
+        """Takes a cloud; the newest one is sent next. Ignored when no fix is wanted.
+
         Args:
-            body: a PointCloud2 in CDR. The newest counts; without a wish none does.
+            body: a PointCloud2 in CDR.
         """
         with self._changed:
             if self._wanted:
@@ -143,12 +149,13 @@ class FirstFix:
                 self._changed.notify()
 
     def on_imu(self, body: bytes) -> None:
-        """
+        """Takes an IMU sample; at rest it shows which way is down.
+
         Args:
-            body: an Imu in CDR: at rest it tells which way is down.
+            body: an Imu in CDR.
 
         Raises:
-            MalformedData, UnsupportedFormat: it is none.
+            MalformedData, UnsupportedFormat: the bytes are not an Imu.
         """
         sample = decode_imu(body)
         with self._changed:
@@ -161,17 +168,19 @@ class FirstFix:
                 if self._closed:
                     return
                 cloud, self._cloud = self._cloud, None
-                wish = self._status = replace(self._status, state=State.ASKING, tries=self._status.tries + 1)
+                asking = self._status = replace(
+                    self._status, state=State.ASKING, tries=self._status.tries + 1
+                )
             assert cloud is not None
             begin = time.monotonic()
-            status = replace(self._try(cloud, wish), took_s=time.monotonic() - begin)
+            status = replace(self._try(cloud, asking), took_s=time.monotonic() - begin)
             with self._changed:
-                if self._status is wish:  # nobody has asked anew meanwhile
+                if self._status is asking:  # ``want`` was not called meanwhile
                     self._status = status
                     self._wanted = status.state is not State.LOCALIZED
                     if not self._wanted:
-                        self._cloud = None  # came while it asked
-                self._changed.wait_for(lambda: self._closed, self._wishes.retry_s if self._wanted else 0)
+                        self._cloud = None  # came during the query
+                self._changed.wait_for(lambda: self._closed, self._config.retry_s if self._wanted else 0)
 
     def _try(self, cloud: bytes, status: Status) -> Status:
         try:
@@ -179,7 +188,7 @@ class FirstFix:
             answer = self._ask(stamped.scan(), self._options(stamped.header))
             if answer.T_map_sensor is None:
                 return replace(status, state=State.NOT_LOCALIZED, answer=answer, error="")
-            self._publish(to_pose_cdr(answer, stamped.header.stamp, self._wishes.map_frame), answer)
+            self._publish(to_pose_cdr(answer, stamped.header.stamp, self._config.map_frame), answer)
             return replace(status, state=State.LOCALIZED, answer=answer, error="")
         except (FirstfixError, ConnectionError) as error:
             return replace(status, state=State.FAILED, error=str(error))
@@ -187,12 +196,12 @@ class FirstFix:
             return replace(status, state=State.FAILED, error=f"defect: {error!r}")
 
     def _options(self, header: Header) -> LocalizeOptions:
-        options = self._wishes.options
-        base = self._wishes.base_frame
+        options = self._config.options
+        base = self._config.base_frame
         if base:
             mounting = self._lookup(base, header.frame_id)
-            if mounting is None:  # the sensor's pose in its place would be a wrong one
-                raise NotFound(f"no transform joins the frames {base!r} and {header.frame_id!r} (yet)")
+            if mounting is None:  # the sensor's pose instead would be wrong
+                raise NotFound(f"no transform between the frames {base!r} and {header.frame_id!r} yet")
             options = replace(options, T_base_sensor=mounting)
         gravity = self._gravity(header)
         return options if gravity is None else replace(options, gravity=gravity)

@@ -1,4 +1,4 @@
-"""What the service says of maps, versions and builds."""
+"""Records that the service and its replicas return: maps, versions, builds, replicas."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class MapInfo:
 
     Attributes:
         active_version: digest of the version that answers; None when every version is retired.
-        details: the service's whole record, as it came.
+        details: the service's whole record, unchanged.
     """
 
     map_id: str
@@ -24,6 +24,7 @@ class MapInfo:
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> MapInfo:
+        """Reads the service's JSON."""
         active = data.get("active_version")
         return cls(str(data["map_id"]), None if active is None else str(active), dict(data))
 
@@ -34,7 +35,7 @@ class VersionInfo:
 
     Attributes:
         published_time: UTC, ISO 8601.
-        details: the service's whole record, as it came.
+        details: the service's whole record, unchanged.
     """
 
     version: str
@@ -44,6 +45,7 @@ class VersionInfo:
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> VersionInfo:
+        """Reads the service's JSON."""
         return cls(
             str(data["version"]), bool(data["active"]), str(data.get("published_time", "")), dict(data)
         )
@@ -51,14 +53,14 @@ class VersionInfo:
 
 @dataclass(frozen=True)
 class BuildStatus:
-    """How far a build is.
+    """State and progress of a build.
 
     Attributes:
         state: queued, running, succeeded, failed or cancelled; unreadable: its record in the store is
             damaged.
         progress: 0..1 within the stage.
         version: digest, once succeeded.
-        error_code, error_detail: when failed or unreadable.
+        error_code, error_detail: set when failed or unreadable.
     """
 
     build_id: str
@@ -72,10 +74,12 @@ class BuildStatus:
 
     @property
     def is_final(self) -> bool:
+        """True once the build has ended."""
         return self.state in FINAL_STATES
 
     @classmethod
     def from_mapping(cls, build_id: str, data: Mapping[str, Any]) -> BuildStatus:
+        """Reads the service's JSON."""
         error = data.get("error") or {}
         version = data.get("version")
         return cls(
@@ -87,4 +91,36 @@ class BuildStatus:
             version=None if version is None else str(version),
             error_code=str(error["code"]) if "code" in error else None,
             error_detail=str(error["detail"]) if "detail" in error else None,
+        )
+
+
+@dataclass(frozen=True)
+class ReplicaInfo:
+    """One replica, as it describes itself over zenoh.
+
+    Attributes:
+        service_version: version of its software.
+        maps: map id to the version that it answers with; None: none is loaded yet.
+        queries, limit: queries that wait or run there, and the limit on them.
+        held: number of maps that this replica holds; None: every replica holds all maps.
+    """
+
+    replica: str
+    service_version: str
+    maps: Mapping[str, str | None]
+    queries: int
+    limit: int
+    held: int | None = None
+
+    @classmethod
+    def from_mapping(cls, data: Mapping[str, Any]) -> ReplicaInfo:
+        """Reads the replica's JSON."""
+        load, holding = data.get("load", {}), data.get("holding")
+        return cls(
+            str(data["replica"]),
+            str(data.get("service_version", "")),
+            dict(data.get("maps", {})),
+            int(load.get("queries", 0)),
+            int(load.get("limit", 0)),
+            None if holding is None else int(holding["maps"]),
         )

@@ -1,4 +1,4 @@
-"""Changes of the maps' active versions, as they are told over zenoh."""
+"""Notices over zenoh about changes of the maps' active versions."""
 
 from __future__ import annotations
 
@@ -11,14 +11,16 @@ from types import TracebackType
 from typing import Any
 
 VERSIONS = "firstfix/*/version"
-LOOK_S = 5.0  # for the answers to one look
+LOOK_S = 5.0  # timeout of one look
 
 
 @dataclass(frozen=True)
 class VersionChange:
-    """Attributes:
-    version: digest of the version that is active now; None: the map has none any more.
-    previous: what this watch told before of the map; None the first time.
+    """Change of a map's active version.
+
+    Attributes:
+        version: digest of the version that is active now; None: the map has none any more.
+        previous: version that this watch reported before; None the first time.
     """
 
     map_id: str
@@ -27,22 +29,22 @@ class VersionChange:
 
 
 class VersionWatch:
-    """An iterator over changes: first one for every map that there is, then each as it happens.
+    """Iterator over changes of active versions: first one change for every map, then each new one.
 
-    A map's changes come in the order in which they were made, none twice, whichever replicas tell of them.
-    Versions that were active for a moment only may be left out: the last one always comes. It comes when the
-    first replica follows; others may answer with the version before for one more poll interval. Notices can
-    get lost, so the watch also looks by itself now and then.
+    Changes of one map come in the order in which they were made. Each comes once, even if several replicas
+    report it. A version that was active only for a moment may be left out; the newest one always comes. It
+    comes when the first replica has switched; others may answer with the old version for one more poll
+    interval. Notices can get lost, so the watch also asks for the versions at intervals.
 
-    Use it from one thread; ``close`` may come from another and ends the iteration.
+    Iterate in one thread. ``close`` may be called from another thread and ends the iteration.
     """
 
     def __init__(self, session: Any, look_every_s: float) -> None:
         self._session = session
         self._look_every_s = look_every_s
-        self._told: dict[str, str | None] = {}
+        self._reported: dict[str, str | None] = {}
         self._seen: dict[str, tuple[int, str | None]] = {}  # map id -> newest seq, and its active version
-        self._changed: dict[str, None] = {}  # maps to tell of, in order: bounded, however slow the reader
+        self._changed: dict[str, None] = {}  # maps to report, in order: at most one entry a map
         self._condition = threading.Condition()
         self._closed = False
         self._subscriber = session.declare_subscriber(VERSIONS, self._on_notice)
@@ -57,6 +59,7 @@ class VersionWatch:
         self.close()
 
     def close(self) -> None:
+        """Ends the iteration."""
         with self._condition:
             if self._closed:
                 return
@@ -73,9 +76,9 @@ class VersionWatch:
                 while self._changed:
                     map_id = next(iter(self._changed))
                     del self._changed[map_id]
-                    version, previous = self._seen[map_id][1], self._told.get(map_id)
+                    version, previous = self._seen[map_id][1], self._reported.get(map_id)
                     if version != previous:
-                        self._told[map_id] = version
+                        self._reported[map_id] = version
                         return VersionChange(map_id, version, previous)
                 if self._closed:
                     raise StopIteration
@@ -98,7 +101,7 @@ class VersionWatch:
         try:
             value = json.loads(document)
             map_id, seq, version = str(value["map_id"]), int(value["seq"]), value["version"]
-        except (ValueError, KeyError, TypeError):  # not of a replica that this client understands
+        except (ValueError, KeyError, TypeError):  # from a replica that this client does not understand
             return
         with self._condition:
             if map_id in self._seen and seq <= self._seen[map_id][0]:

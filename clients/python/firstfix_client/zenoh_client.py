@@ -1,4 +1,4 @@
-"""The zenoh client: the same fix, the same answer bytes, without an address to know."""
+"""The zenoh client: it finds the replicas by itself, and gets the same answers as over HTTP."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from .drivers import blocking
 from .drivers.live_replicas import LiveReplicas
 from .drivers.zenoh_ask import ReplicaRoute, ZenohAsk, ZenohQuery
 from .errors import ServiceUnreachable
-from .records import MapInfo
-from .replica_info import ReplicaInfo
+from .policies import HedgePolicy, RetryPolicy
+from .records import MapInfo, ReplicaInfo
 from .steps.answer import Answer
 from .steps.credential import credential
-from .steps.hedge import HedgePolicy, Hedging
+from .steps.deadline import Deadline
+from .steps.hedging import Hedging
 from .steps.http import HttpSteps, sent_headers
 from .steps.localize import LocalizeSteps, options_of
-from .steps.retry import Deadline, RetryPolicy
 from .steps.scan_body import BodyForm, Encoding, ScanLike
 from .steps.send import send
 from .steps.step import Steps, work
@@ -47,22 +47,22 @@ LOOK_S = 1.0
 
 
 class ZenohClient(MapCalls, BuildCalls):
-    """Asks firstfix replicas over zenoh. Thread-safe; close it, or use it in a ``with``.
+    """Client of firstfix replicas over zenoh. Thread-safe. Close it, or use it in a ``with``.
 
-    A query goes to a live replica chosen at random, since the key that replicas share gives them to
-    one of them only; to the shared key when no replica shows itself; and to another one when a reply
-    stays empty, as it does when a replica dies at work, or takes long. Where replicas share the maps those
-    that hold the map show themselves.
+    A query goes to a live replica chosen at random: the key that all replicas share would always give it
+    to the same one. The shared key is used when no replica announces itself. Another replica is asked when a
+    reply takes long, or is empty because the replica died. If each map is held by some of the replicas,
+    only those that hold it are asked.
 
-    Replicas answer ``localize``, ``maps``, ``replicas`` and ``watch_versions`` over zenoh. Everything else
-    that ``Client`` has goes over HTTP, to ``url``.
+    Replicas answer ``localize``, ``maps``, ``replicas`` and ``watch_versions`` over zenoh. Every other method
+    of ``Client`` goes over HTTP, to ``url``.
 
     Args:
-        endpoint: of a router or replica, such as ``tcp/localhost:7447``; None: multicast scouting, or
-            what the config says.
+        endpoint: of a router or replica, such as ``tcp/localhost:7447``; None: multicast scouting, or the
+            endpoints of the config.
         config: a zenoh configuration file (JSON5), for TLS, users and so on.
-        url: of the service over HTTP, as in ``Client``; None: what needs it is an InvalidOption.
-        api_key: as in ``Client``; it travels as the query's attachment.
+        url: of the service over HTTP, as in ``Client``; None: methods that need it raise InvalidOption.
+        api_key: as in ``Client``; it is sent as the query's attachment.
         hedge: when another replica is asked because the first is slow; False: never.
         timeout_s, retry, resolution_m, voxel_m: as in ``Client``.
 
@@ -97,7 +97,9 @@ class ZenohClient(MapCalls, BuildCalls):
         try:
             self._session = self._zenoh.open(settings)
         except self._zenoh.ZError as error:
-            raise ServiceUnreachable(f"no zenoh at {endpoint or config or 'scouting'}: {error}") from None
+            raise ServiceUnreachable(
+                f"no zenoh peer at {endpoint or config or 'scouting'}: {error}"
+            ) from None
         self._replicas = LiveReplicas(self._session)
         self._ask = ZenohAsk(self._zenoh, self._session, credential(api_key))
 
@@ -110,6 +112,7 @@ class ZenohClient(MapCalls, BuildCalls):
         self.close()
 
     def close(self) -> None:
+        """Closes the zenoh session and the HTTP connections."""
         self._session.close()
         if self._service is not None:
             self._service.close()
@@ -117,7 +120,7 @@ class ZenohClient(MapCalls, BuildCalls):
     @property
     def _http(self) -> BlockingService:
         if self._service is None:
-            raise InvalidOption("replicas do not answer this over zenoh: give the client the service's url")
+            raise InvalidOption("this call goes over HTTP: give ZenohClient the url of the service")
         return self._service
 
     def localize(
@@ -131,8 +134,9 @@ class ZenohClient(MapCalls, BuildCalls):
         encoding: Encoding = "scan",
         parameters: QueryParameters | None = None,
     ) -> Localization:
-        """As ``Client.localize``. A descriptor needs its parameters given here if the client has no URL: the
-        replicas serve no manifests over zenoh.
+        """Returns the pose of a scan in a map, see ``Client.localize``.
+
+        Without a URL, the encoding ``descriptor`` needs ``parameters``: replicas do not send them over zenoh.
 
         Raises:
             InputError: the scan or an option cannot be used.
@@ -144,7 +148,7 @@ class ZenohClient(MapCalls, BuildCalls):
         return blocking.run(steps, self._ask)
 
     def maps(self) -> list[MapInfo]:
-        """Every map that the replica which answers can localize in.
+        """Returns the maps that the answering replica can localize in.
 
         Raises:
             ServiceUnreachable: no replica answered.
@@ -155,7 +159,7 @@ class ZenohClient(MapCalls, BuildCalls):
         return answer.parsed(lambda data: [MapInfo.from_mapping(item) for item in data["maps"]])
 
     def replicas(self) -> list[ReplicaInfo]:
-        """Every replica that answers within a second; none is no error."""
+        """Returns the replicas that answer within a second. An empty list is not an error."""
         replies = self._session.get(
             "firstfix/@replicas/*", target=self._zenoh.QueryTarget.ALL, timeout=LOOK_S
         )
@@ -163,10 +167,10 @@ class ZenohClient(MapCalls, BuildCalls):
         return sorted((ReplicaInfo.from_mapping(item) for item in found), key=lambda one: one.replica)
 
     def watch_versions(self, *, look_every_s: float = 10.0) -> VersionWatch:
-        """Changes of the maps' active versions, as they happen: an iterator that is to be closed.
+        """Returns an iterator over changes of the maps' active versions. Close it after use.
 
         Args:
-            look_every_s: how often it makes sure that no notice was lost.
+            look_every_s: interval at which it asks for the versions, in case a notice was lost.
         """
         return VersionWatch(self._session, look_every_s)
 
@@ -213,12 +217,12 @@ def _service(
 
 
 def _zenoh() -> Any:
-    """The module, imported late: a robot that speaks HTTP does without it."""
+    """Returns the module. It is imported late because a robot that speaks HTTP does not need it."""
     try:
         import zenoh
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
-            "ZenohClient needs an extra: pip install 'firstfix-client[zenoh]', or 'firstfix[zenoh]'",
+            "ZenohClient needs eclipse-zenoh: pip install 'firstfix-client[zenoh]', or 'firstfix[zenoh]'",
             name=error.name,
         ) from None
     return zenoh

@@ -1,4 +1,4 @@
-"""A status as diagnostics tell it: a level, a line, and values; no ROS in here."""
+"""Diagnostics from a status: level, message and values. This module does not import ROS."""
 
 from __future__ import annotations
 
@@ -12,12 +12,15 @@ _LEVELS = {State.NOT_LOCALIZED: WARN, State.FAILED: ERROR}
 
 @dataclass(frozen=True)
 class Diagnosis:
+    """Fields of a diagnostic_msgs/DiagnosticStatus."""
+
     level: int
     message: str
     values: dict[str, str]
 
 
 def diagnosis_of(status: Status) -> Diagnosis:
+    """Returns the diagnosis for a status."""
     message = status.state.value + (f": {status.error}" if status.error else "")
     values = {"tries": str(status.tries), "took_s": f"{status.took_s:.3f}"}
     answer = status.answer

@@ -1,10 +1,10 @@
-"""The node: topics, a service and parameters around ``firstfix_client.first_fix``, which does the work.
+"""ROS 2 node around ``firstfix_client.first_fix``: topics, a service and parameters.
 
     in   points (sensor_msgs/PointCloud2), imu (sensor_msgs/Imu), tf
     out  initialpose (geometry_msgs/PoseWithCovarianceStamped), /diagnostics
-    srv  ~/locate (std_srvs/Trigger): look for a fix now
+    srv  ~/locate (std_srvs/Trigger): search for a fix now
 
-Clouds, IMU samples and the pose cross as serialised bytes: nothing is converted twice.
+Clouds, IMU samples and the pose pass as serialised bytes, so nothing is converted twice.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ DIAGNOSTICS_PERIOD_S = 1.0
 
 
 class FirstFixNode(Node):  # type: ignore[misc]
-    """Looks for a first fix at start, and whenever it is asked to."""
+    """Node that searches for a first fix at start, and whenever its service is called.
+
+    Raises:
+        FirstfixError, ConnectionError: a parameter cannot be used, or nothing listens at ``zenoh``.
+    """
 
     def __init__(self) -> None:
-        """
-        Raises:
-            FirstfixError, ConnectionError: a parameter cannot be used, or nothing listens at ``zenoh``.
-        """
         super().__init__("first_fix")
         defaults = Parameters.defaults()
         for name, value in defaults.items():
@@ -53,7 +53,7 @@ class FirstFixNode(Node):  # type: ignore[misc]
         self._listener = TransformListener(self._frames, self)
         self._client = parameters.client()
         self._fix = FirstFix(
-            parameters.ask(self._client), self._publish, parameters.wishes(), lookup=self._lookup
+            parameters.ask(self._client), self._publish, parameters.config(), lookup=self._lookup
         )
         sensor = qos_profile_sensor_data
         self.create_subscription(PointCloud2, "points", self._fix.on_cloud, sensor, raw=True)
@@ -65,6 +65,7 @@ class FirstFixNode(Node):  # type: ignore[misc]
             self._fix.want()
 
     def destroy_node(self) -> None:
+        """Ends the search, closes the client, then destroys the node."""
         self._fix.close()
         self._client.close()
         super().destroy_node()
@@ -77,7 +78,10 @@ class FirstFixNode(Node):  # type: ignore[misc]
 
     def _on_locate(self, request: Any, response: Any) -> Any:
         self._fix.want()
-        response.success, response.message = True, "looking for a fix; it is published when there is one"
+        response.success, response.message = (
+            True,
+            "searching for a fix; its pose is published when it is found",
+        )
         return response
 
     def _publish(self, pose: bytes, answer: Localization) -> None:
@@ -106,6 +110,7 @@ class FirstFixNode(Node):  # type: ignore[misc]
 
 
 def main() -> None:
+    """Runs the node until it is interrupted."""
     rclpy.init()
     try:
         node = FirstFixNode()

@@ -1,4 +1,4 @@
-"""What the node can be told, checked; no ROS in here."""
+"""Parameters of the node, and their checks. This module does not import ROS."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from firstfix.errors import InvalidOption
 from firstfix.ids import check_map_id
 from firstfix.ros.header import check_frame
 from firstfix_client import Client, ZenohClient
-from firstfix_client.first_fix import Ask, Wishes
+from firstfix_client.first_fix import Ask, FirstFixConfig
 
 
 @dataclass(frozen=True)
 class Parameters:
-    """The node's parameters with their defaults; ``config/first_fix.yaml`` says what they mean."""
+    """Parameters of the node with their defaults; ``config/first_fix.yaml`` explains them."""
 
     map_id: str = ""
     url: str = "http://localhost:8080"
@@ -30,28 +30,32 @@ class Parameters:
 
     @classmethod
     def defaults(cls) -> dict[str, Any]:
+        """Returns the default of each parameter."""
         return {field.name: field.default for field in fields(cls)}
 
     @classmethod
     def checked(cls, values: Mapping[str, Any]) -> Parameters:
-        """
+        """Returns the parameters after checking their values.
+
         Raises:
-            InvalidOption: one has a value that it cannot have.
+            InvalidOption: a value is not allowed.
         """
         parameters = cls(**values)
         check_map_id(parameters.map_id)
         check_frame(parameters.map_frame)
         if not (parameters.retry_s >= 0 and parameters.timeout_s > 0 and parameters.voxel_m >= 0):
-            raise InvalidOption("retry_s, timeout_s and voxel_m are no negative numbers, timeout_s is not 0")
+            raise InvalidOption("retry_s and voxel_m must be 0 or more, timeout_s must be greater than 0")
         return parameters
 
-    def wishes(self) -> Wishes:
-        return Wishes(map_frame=self.map_frame, base_frame=self.base_frame, retry_s=self.retry_s)
+    def config(self) -> FirstFixConfig:
+        """Returns the configuration of the search."""
+        return FirstFixConfig(map_frame=self.map_frame, base_frame=self.base_frame, retry_s=self.retry_s)
 
     def client(self) -> Client | ZenohClient:
-        """
+        """Returns a client: over zenoh if ``zenoh`` is set, else over HTTP.
+
         Raises:
-            InvalidOption, ServiceUnreachable, ModuleNotFoundError: as the clients' own.
+            InvalidOption, ServiceUnreachable, ModuleNotFoundError: see the clients.
         """
         voxel_m = self.voxel_m or None
         if self.zenoh:
@@ -59,4 +63,5 @@ class Parameters:
         return Client(self.url, timeout_s=self.timeout_s, voxel_m=voxel_m)
 
     def ask(self, client: Client | ZenohClient) -> Ask:
+        """Returns the client's ``localize`` for the map."""
         return lambda scan, options: client.localize(scan, map_id=self.map_id, options=options)

@@ -1,4 +1,7 @@
-"""ros2 launch firstfix_ros first_fix.launch.py points:=/os/points imu:=/os/imu map_id:=hall"""
+"""Launch file of the node.
+
+ros2 launch firstfix_ros first_fix.launch.py points:=/os/points imu:=/os/imu map_id:=hall
+"""
 
 from ament_index_python.packages import get_package_share_directory
 from launch import LaunchDescription
@@ -10,6 +13,7 @@ TOPICS = {"points": "points", "imu": "imu", "initialpose": "initialpose"}
 
 
 def generate_launch_description() -> LaunchDescription:
+    """Returns the node with its launch arguments."""
     share = get_package_share_directory("firstfix_ros")
     arguments = [
         DeclareLaunchArgument("params", default_value=f"{share}/config/first_fix.yaml"),

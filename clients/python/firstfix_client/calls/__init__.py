@@ -1,1 +1,1 @@
-"""Methods of the clients, in groups: maps and builds."""
+"""Methods of the clients in groups: calls about maps, and calls about builds."""

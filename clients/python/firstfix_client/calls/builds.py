@@ -1,4 +1,4 @@
-"""The client's calls about builds."""
+"""Blocking calls about builds."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from ..records import BuildStatus
-from .http_calls import HttpCalls
+from .base import HttpCalls
 
 DAY_S = 24 * 3600.0
 
 
 class BuildCalls(HttpCalls):
-    """Handing maps in, and following what becomes of them. Part of ``Client`` and, with a URL, of
-    ``ZenohClient``."""
+    """Calls about uploads and builds. Part of ``Client``; of ``ZenohClient`` with a URL."""
 
     def build_map(
         self,
@@ -29,19 +28,20 @@ class BuildCalls(HttpCalls):
     ) -> BuildStatus:
         """Uploads a map file and starts its build.
 
-        However often a connection breaks on the way, it is one build. Files of 64 MiB and more go in
-        parts, of which none is sent twice.
+        One build is started, however often the connection breaks. Files of 64 MiB and more are sent in
+        parts; a part that arrived is not sent again.
 
         Args:
-            config: of the build, as its YAML file would say it; None: the service's defaults.
-            progress: told how far it is, about once a second, until the version is there. None: it is not
-                waited for; ``wait_for_build`` or ``build_events`` follow it.
-            timeout_s: for the build itself, where it is waited for.
+            config: build config, with the keys of its YAML file; None: the service's defaults.
+            trajectory: file with the poses of the mapping run.
+            progress: called about once a second until the build ends. None: do not wait for the build;
+                follow it with ``wait_for_build`` or ``build_events``.
+            timeout_s: limit for the build itself, if it is waited for.
 
         Raises:
             NotFound: no such file.
             InputError: the service cannot use the file or the config.
-            BuildFailed, BuildCancelled: it was waited for and ended without a version.
+            BuildFailed, BuildCancelled: the build ended without a version.
         """
         steps = self._http.steps.builds.build_map(
             path, map_id, config, trajectory, progress, upload_timeout_s, timeout_s
@@ -49,22 +49,23 @@ class BuildCalls(HttpCalls):
         return self._http.run(steps)
 
     def builds(self, *, map_id: str | None = None, state: str | None = None) -> Iterator[BuildStatus]:
-        """Builds on record, newest first, asked for page by page as they are taken."""
+        """Yields the recorded builds, newest first. Pages are fetched as they are needed."""
         return self._http.items(self._http.steps.builds.builds(map_id, state))
 
     def build_status(self, build_id: str) -> BuildStatus:
-        """
+        """Returns the state of a build.
+
         Raises:
             NotFound: no such build.
         """
         return self._http.run(self._http.steps.builds.build_status(build_id))
 
     def build_events(self, build_id: str, *, timeout_s: float = DAY_S) -> Iterator[BuildStatus]:
-        """The build's status whenever it changes, as the service tells it; the last one is final.
+        """Yields the build's status whenever it changes; the last one is final.
 
         Raises:
             NotFound: no such build.
-            DeadlineExceeded: it is not done yet; it goes on all the same.
+            DeadlineExceeded: the build has not ended yet; it goes on.
         """
         return self._http.items(self._http.steps.builds.build_events(build_id, timeout_s))
 
@@ -75,19 +76,19 @@ class BuildCalls(HttpCalls):
         progress: Callable[[BuildStatus], None] = lambda status: None,
         timeout_s: float = DAY_S,
     ) -> BuildStatus:
-        """Waits for the build's version, telling ``progress`` about once a second.
+        """Waits until the build has published its version; calls ``progress`` about once a second.
 
         Raises:
-            BuildFailed, BuildCancelled: it ended without a version.
-            DeadlineExceeded: it is not done yet; it goes on all the same.
+            BuildFailed, BuildCancelled: the build ended without a version.
+            DeadlineExceeded: the build has not ended yet; it goes on.
         """
         return self._http.run(self._http.steps.builds.wait_for_build(build_id, progress, timeout_s))
 
     def cancel_build(self, build_id: str) -> None:
-        """Asks a build to stop; it does so at its next tick.
+        """Cancels a build. It stops a moment later.
 
         Raises:
             NotFound: no such build.
-            Conflict: it has ended.
+            Conflict: the build has ended.
         """
         self._http.run(self._http.steps.builds.cancel_build(build_id))

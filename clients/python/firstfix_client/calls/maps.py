@@ -1,4 +1,4 @@
-"""The client's calls about maps and their versions."""
+"""Blocking calls about maps and their versions."""
 
 from __future__ import annotations
 
@@ -6,37 +6,38 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..records import MapInfo, VersionInfo
-from .http_calls import HttpCalls
+from .base import HttpCalls
 
 if TYPE_CHECKING:
     from firstfix.scan.descriptor_parameters import QueryParameters
 
 
 class MapCalls(HttpCalls):
-    """Maps, versions, and where maps lie. Part of ``Client`` and, with a URL, of ``ZenohClient``."""
+    """Calls about maps, versions and georeferences. Part of ``Client``; of ``ZenohClient`` with a URL."""
 
     def maps(self) -> list[MapInfo]:
-        """Every map that the service can localize in."""
+        """Returns the maps that the service can localize in."""
         return list(self._http.items(self._http.steps.maps.maps()))
 
     def show_map(self, map_id: str) -> MapInfo:
-        """
+        """Returns one map.
+
         Raises:
             NotFound: no such map.
         """
         return self._http.run(self._http.steps.maps.show_map(map_id))
 
     def query_parameters(self, map_id: str) -> QueryParameters:
-        """How scans for the map's active version are described.
+        """Returns the parameters with which a robot describes scans for the map's active version.
 
         Raises:
             NotFound: no such map, or no version of it is active.
-            UnsupportedFormat: robots cannot describe scans for it.
+            UnsupportedFormat: this client cannot compute the version's descriptor.
         """
         return self._http.run(self._http.steps.maps.query_parameters(map_id))
 
     def versions(self, map_id: str) -> list[VersionInfo]:
-        """Versions of a map, newest first.
+        """Returns the versions of a map, newest first.
 
         Raises:
             NotFound: no such map.
@@ -44,7 +45,7 @@ class MapCalls(HttpCalls):
         return list(self._http.items(self._http.steps.maps.versions(map_id)))
 
     def report(self, map_id: str, version: str) -> Mapping[str, Any]:
-        """What a version's build measured of itself, as the service's JSON.
+        """Returns the self-test report of a version, as the service's JSON.
 
         Raises:
             NotFound: no such map or version.
@@ -52,7 +53,7 @@ class MapCalls(HttpCalls):
         return self._http.run(self._http.steps.maps.report(map_id, version))
 
     def activate(self, map_id: str, version: str) -> None:
-        """Lets a published version answer from now on: back or forward.
+        """Makes a published version the active one, which answers queries.
 
         Raises:
             NotFound: no such map or version.
@@ -60,11 +61,11 @@ class MapCalls(HttpCalls):
         self._http.run(self._http.steps.maps.activate(map_id, version))
 
     def roll_back(self, map_id: str) -> str:
-        """Lets the version answer that was active before the active one, and returns it.
+        """Makes the previously active version active again, and returns it.
 
         Raises:
             NotFound: no such map.
-            Conflict: there is none.
+            Conflict: no version was active before.
         """
         return self._http.run(self._http.steps.maps.roll_back(map_id))
 
@@ -72,16 +73,16 @@ class MapCalls(HttpCalls):
         """Takes a version out of service.
 
         Args:
-            force: also if it is the active one; the one that was active before answers then.
+            force: also if it is the active version; the previously active one then answers.
 
         Raises:
             NotFound: no such map or version.
-            Conflict: it is the active one.
+            Conflict: it is the active version, and ``force`` is not set.
         """
         self._http.run(self._http.steps.maps.retire(map_id, version, force))
 
     def collect_garbage(self, map_id: str | None = None, *, dry_run: bool = False) -> Mapping[str, Any]:
-        """Removes what nothing references, of one map or of the whole store; tells what, by kind."""
+        """Removes unreferenced objects of one map, or of the whole store. Returns counts by kind."""
         return self._http.run(self._http.steps.maps.collect_garbage(map_id, dry_run))
 
     def set_georeference(
@@ -95,13 +96,13 @@ class MapCalls(HttpCalls):
         quaternion: Sequence[float] | None = None,
         anchor_m: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> None:
-        """Says where a point of the map lies on the Earth (WGS84) and how the map is turned there.
+        """Sets the map's position and orientation on the Earth (WGS84).
 
         Args:
-            height_m: above the ellipsoid.
-            x_axis_deg: where the map's x axis points, counter-clockwise from east; or
-            quaternion: (x, y, z, w) that turns map axes into east, north, up.
-            anchor_m: (3,) the point, in map coordinates.
+            latitude_deg, longitude_deg, height_m: the anchor's; the height is above the ellipsoid.
+            x_axis_deg: direction of the map's x axis, counter-clockwise from east; or
+            quaternion: (x, y, z, w) that rotates map axes into east, north, up.
+            anchor_m: (3,) a point in map coordinates.
 
         Raises:
             NotFound: no such map.
@@ -114,16 +115,17 @@ class MapCalls(HttpCalls):
         )
 
     def georeference(self, map_id: str) -> Mapping[str, Any]:
-        """Where the map lies, as the service's JSON.
+        """Returns the map's georeference, as the service's JSON.
 
         Raises:
-            NotFound: nobody said.
+            NotFound: no such map, or it has no georeference.
         """
         return self._http.run(self._http.steps.maps.georeference(map_id))
 
     def delete_georeference(self, map_id: str) -> None:
-        """
+        """Removes the map's georeference.
+
         Raises:
-            NotFound: there is none.
+            NotFound: no such map, or it has no georeference.
         """
         self._http.run(self._http.steps.maps.delete_georeference(map_id))

@@ -1,1 +1,1 @@
-"""Drivers perform the steps of a call, over HTTP or zenoh."""
+"""Drivers: they perform the steps of a call, over HTTP or zenoh, blocking or in an event loop."""

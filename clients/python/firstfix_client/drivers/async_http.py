@@ -1,4 +1,4 @@
-"""HTTP for callers that run in an asyncio event loop, and steps performed there."""
+"""Driver for asyncio: performs steps over HTTP."""
 
 from __future__ import annotations
 
@@ -19,27 +19,28 @@ T = TypeVar("T")
 
 
 class AsyncHttp:
-    """Performs steps. What is cancelled is cancelled: its connection is cut.
+    """Performs steps in the event loop. A cancelled call closes its connection.
 
     Args:
-        transport: in place of the network.
+        transport: replaces the network in tests.
     """
 
     def __init__(self, headers: Mapping[str, str], transport: httpx.AsyncBaseTransport | None) -> None:
         self._http = httpx.AsyncClient(headers=headers, transport=transport, follow_redirects=False)
 
     async def close(self) -> None:
+        """Closes the connections."""
         await self._http.aclose()
 
     async def run(self, steps: Steps[T]) -> T:
-        """The call's result."""
+        """Performs a call and returns its result."""
         result: list[T] = []
         async for _ in self._perform(steps, result):
             pass
         return result[0]
 
     async def iterate(self, steps: Steps[None]) -> AsyncGenerator[Any, None]:
-        """The call's items as they come."""
+        """Performs a call and yields its items."""
         async for item in self._perform(steps, []):
             yield item
 
@@ -79,7 +80,7 @@ class AsyncHttp:
         return replace(outcome, took_s=time.monotonic() - begun), None
 
     async def _race(self, step: Try, rival: str, after_s: float, until: float) -> Outcome:
-        """As ``race.race``."""
+        """Asks the rival too after a while, see ``race.race``."""
 
         async def attempt(target: str) -> Outcome:
             left_s = max(until - time.monotonic(), 0.001)
@@ -108,7 +109,7 @@ class AsyncHttp:
         try:
             with ExitStack() as files:
                 request = step.make(step.timeout_s).build(self._http, target, step.timeout_s, files)
-                # httpx counts every read by itself, and a connection's beginning
+                # httpx applies its timeout to each read, and to connecting
                 sending = self._http.send(request, stream=step.stream)
                 response = await asyncio.wait_for(sending, step.timeout_s)
                 streams = step.stream and response.is_success
@@ -135,5 +136,5 @@ async def _next_line(lines: AsyncIterator[str] | None) -> str | None:
     assert lines is not None
     try:
         return await anext(lines, None)
-    except httpx.TransportError:  # it broke: whoever reads asks again
+    except httpx.TransportError:  # it broke: the reader connects again
         return None

@@ -1,4 +1,4 @@
-"""Steps performed in the caller's thread."""
+"""Driver for blocking calls: performs steps in the caller's thread."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from ..steps.outcome import Outcome
 from ..steps.step import Emit, NextLine, Sleep, Steps, Try, Work, advance
 
 T = TypeVar("T")
-Asked = tuple[Outcome, Iterator[str]]  # and the lines of its answer, where they are wanted
+Asked = tuple[Outcome, Iterator[str]]  # and the lines of a streamed answer
 Ask = Callable[[Try, ExitStack], Asked]
 
 
 def run(steps: Steps[T], ask: Ask) -> T:
-    """The call's result.
+    """Performs a call and returns its result.
 
     Args:
-        ask: performs a Try; what stays open is closed with the stack.
+        ask: performs a Try. It registers open resources with the stack.
     """
     items = iterate(steps, ask)
     while True:
@@ -30,7 +30,7 @@ def run(steps: Steps[T], ask: Ask) -> T:
 
 
 def iterate(steps: Steps[T], ask: Ask) -> Generator[Any, None, T]:
-    """The call's items as they come, then its result."""
+    """Performs a call: yields its items, then returns its result."""
     reply: Any = None
     error: Exception | None = None
     lines: Iterator[str] = iter(())

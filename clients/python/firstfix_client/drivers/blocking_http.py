@@ -1,4 +1,4 @@
-"""HTTP for callers that block."""
+"""Tries over HTTP for blocking calls."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import httpx
 from ..steps.http_messages import outcome_of_error, outcome_of_response
 from ..steps.outcome import Outcome, too_late
 from ..steps.step import Try
-from .abortable_line import AbortableLine
+from .abortable_connection import AbortableConnection
 from .blocking import Asked
 from .race import race
 
@@ -21,11 +21,10 @@ from .race import race
 class BlockingHttp:
     """Performs tries. Thread-safe.
 
-    Queries that may be asked twice need connections that another thread can cut; everything else shares a
-    pool.
+    Hedged queries need connections that another thread can close. All other requests share a pool.
 
     Args:
-        transport: in place of the network.
+        transport: replaces the network in tests.
     """
 
     def __init__(self, headers: Mapping[str, str], transport: httpx.BaseTransport | None) -> None:
@@ -33,19 +32,21 @@ class BlockingHttp:
         self._transport = transport
         self._tls = httpx.create_ssl_context()
         self._http = self._client(transport, httpx.Limits(max_connections=100, max_keepalive_connections=20))
-        self._idle: list[AbortableLine] = []
+        self._idle: list[AbortableConnection] = []
         self._lock = threading.Lock()
         self._closed = False
 
     def close(self) -> None:
+        """Closes the connections."""
         with self._lock:
             self._closed = True
             idle, self._idle = self._idle, []
-        for line in idle:
-            line.close()
+        for connection in idle:
+            connection.close()
         self._http.close()
 
     def ask(self, step: Try, opened: ExitStack) -> Asked:
+        """Performs a try, as a race if it has a rival."""
         begun = time.monotonic()
         if step.rival is None:
             return self._ask(self._http, step, step.target, opened)
@@ -55,24 +56,25 @@ class BlockingHttp:
         outcome = race(first, _Attempt(self, step, target, until), after_s, late, step.timeout_s)
         return replace(outcome, took_s=time.monotonic() - begun), iter(())
 
-    def ask_by(self, line: AbortableLine, step: Try, target: str) -> Outcome:
+    def ask_by(self, connection: AbortableConnection, step: Try, target: str) -> Outcome:
+        """Performs a try on one replica over this connection."""
         with ExitStack() as opened:
-            return self._ask(line, step, target, opened)[0]
+            return self._ask(connection, step, target, opened)[0]
 
-    def borrow(self) -> AbortableLine:
-        """A line for one query."""
+    def borrow(self) -> AbortableConnection:
+        """Returns a connection for one query."""
         with self._lock:
             if self._idle:
                 return self._idle.pop()
-        return AbortableLine(self._client(_kept(self._transport), httpx.Limits(max_connections=1)))
+        return AbortableConnection(self._client(_kept(self._transport), httpx.Limits(max_connections=1)))
 
-    def give_back(self, line: AbortableLine) -> None:
-        """One that was not aborted."""
+    def give_back(self, connection: AbortableConnection) -> None:
+        """Takes back a connection that was not aborted."""
         with self._lock:
             if not self._closed:
-                self._idle.append(line)
+                self._idle.append(connection)
                 return
-        line.close()
+        connection.close()
 
     def _client(self, transport: httpx.BaseTransport | None, limits: httpx.Limits) -> httpx.Client:
         return httpx.Client(
@@ -83,7 +85,9 @@ class BlockingHttp:
             limits=limits,
         )
 
-    def _ask(self, http: httpx.Client | AbortableLine, step: Try, target: str, opened: ExitStack) -> Asked:
+    def _ask(
+        self, http: httpx.Client | AbortableConnection, step: Try, target: str, opened: ExitStack
+    ) -> Asked:
         begun = time.monotonic()
         try:
             with ExitStack() as files:
@@ -105,40 +109,40 @@ class BlockingHttp:
 
 
 class _Attempt:
-    """One of two that race, until the same moment."""
+    """One of two attempts in a race, with a common deadline."""
 
     def __init__(self, http: BlockingHttp, step: Try, target: str, until: float) -> None:
         self._http, self._step, self._target, self._until = http, step, target, until
         self._lock = threading.Lock()
-        self._line: AbortableLine | None = None
+        self._connection: AbortableConnection | None = None
         self._over = False
 
     def run(self) -> Outcome:
-        line = self._http.borrow()
+        connection = self._http.borrow()
         with self._lock:
-            self._line = line
+            self._connection = connection
             if self._over:
-                line.abort()
+                connection.abort()
         left_s = max(self._until - time.monotonic(), 0.001)
-        outcome = self._http.ask_by(line, replace(self._step, timeout_s=left_s), self._target)
+        outcome = self._http.ask_by(connection, replace(self._step, timeout_s=left_s), self._target)
         with self._lock:
             aborted, self._over = self._over, True
         if aborted:
-            line.close()
+            connection.close()
         else:
-            self._http.give_back(line)
+            self._http.give_back(connection)
         return outcome
 
     def abort(self) -> None:
         with self._lock:
             if not self._over:
                 self._over = True
-                if self._line is not None:
-                    self._line.abort()
+                if self._connection is not None:
+                    self._connection.abort()
 
 
 class _Shared(httpx.BaseTransport):
-    """A transport that outlives the clients which use it."""
+    """Transport that stays open when a client that uses it is closed."""
 
     def __init__(self, transport: httpx.BaseTransport) -> None:
         self._transport = transport
@@ -152,7 +156,7 @@ def _kept(transport: httpx.BaseTransport | None) -> httpx.BaseTransport | None:
 
 
 def _body(response: httpx.Response, until: float) -> bytes:
-    """All of it. httpx counts every read by itself: bytes that trickle would come for ever."""
+    """Returns the whole body. The limit is needed: httpx limits each read, not their sum."""
     pieces = []
     for piece in response.iter_bytes():
         pieces.append(piece)
@@ -164,5 +168,5 @@ def _body(response: httpx.Response, until: float) -> bytes:
 def _lines(response: httpx.Response) -> Iterator[str]:
     try:
         yield from response.iter_lines()
-    except httpx.TransportError:  # it broke: whoever reads asks again
+    except httpx.TransportError:  # it broke: the reader connects again
         return

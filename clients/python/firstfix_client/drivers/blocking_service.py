@@ -1,4 +1,4 @@
-"""The calls over HTTP, performed for a caller that blocks."""
+"""HTTP calls of a blocking client."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ T = TypeVar("T")
 
 
 class BlockingService:
-    """
+    """A service over HTTP: the steps of its calls, and their blocking driver.
+
     Attributes:
-        steps: to be run.
+        steps: all calls, to be passed to ``run`` or ``items``.
     """
 
     def __init__(
@@ -28,10 +29,13 @@ class BlockingService:
         self._http = BlockingHttp(headers, transport)
 
     def run(self, steps: Steps[T]) -> T:
+        """Performs a call and returns its result."""
         return blocking.run(steps, self._http.ask)
 
     def items(self, steps: Steps[None]) -> Iterator[Any]:
+        """Performs a call and yields its items."""
         return blocking.iterate(steps, self._http.ask)
 
     def close(self) -> None:
+        """Closes the connections."""
         self._http.close()

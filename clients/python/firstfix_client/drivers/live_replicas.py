@@ -1,4 +1,4 @@
-"""Which replicas are alive, by their zenoh liveliness tokens."""
+"""Live replicas, from their zenoh liveliness tokens."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ FIRST_LOOK_S = 1.0
 
 
 class LiveReplicas:
-    """The live replicas behind each key that was asked for, kept current by their tokens. Thread-safe."""
+    """Live replicas for each key that was asked for, updated by their tokens. Thread-safe."""
 
     def __init__(self, session: Any) -> None:
         self._session = session
         self._keys: dict[str, set[str]] = {}
         self._subscribers: list[Any] = []
-        self._watching = threading.Lock()  # held over calls into zenoh
+        self._watching = threading.Lock()  # held during calls into zenoh
         self._changing = threading.Lock()  # taken by zenoh's callbacks, so never held over such calls
 
     def of(self, shared: str) -> list[str]:
-        """Keys ``{shared}/{replica}`` whose replica is alive, sorted."""
+        """Returns the keys ``{shared}/{replica}`` of live replicas, sorted."""
         with self._watching:
             if shared not in self._keys:
                 self._keys[shared] = self._watch(f"{shared}/*")
@@ -37,7 +37,7 @@ class LiveReplicas:
                 else:
                     keys.add(str(sample.key_expr))
 
-        # history: a replica that came or went between the first look and now is told as well
+        # history: also reports replicas that came or went since the first look
         subscriber = self._session.liveliness().declare_subscriber(pattern, changed, history=True)
         self._subscribers.append(subscriber)
         return keys

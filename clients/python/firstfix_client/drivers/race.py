@@ -1,4 +1,4 @@
-"""Two attempts of which the first answer counts, for callers that block."""
+"""A race of two attempts for blocking calls: the first answer wins."""
 
 from __future__ import annotations
 
@@ -12,22 +12,24 @@ from ..steps.outcome import Outcome
 
 
 class Attempt(Protocol):
+    """One attempt; it runs in its own thread."""
+
     def run(self) -> Outcome:
-        """Blocks until there is an outcome; raises nothing."""
+        """Blocks until there is an outcome. Never raises."""
         ...
 
     def abort(self) -> None:
-        """Ends ``run`` early, from another thread. Its outcome does not matter any more."""
+        """Ends ``run`` early, from another thread. Its outcome is ignored."""
         ...
 
 
 def race(first: Attempt, second: Attempt, after_s: float, late: Outcome, timeout_s: float) -> Outcome:
-    """The outcome of the first attempt, or of the second, which starts if the first takes ``after_s``.
+    """Runs the first attempt, and after ``after_s`` the second one too. Returns the first outcome.
 
-    A failure that another replica may not have waits for the other attempt's outcome.
+    If the first outcome is a failure that another replica may not have, the other attempt decides.
 
     Args:
-        late: the outcome when ``timeout_s`` are over.
+        late: outcome if ``timeout_s`` is over.
     """
     until = time.monotonic() + timeout_s
     outcomes: queue.SimpleQueue[Outcome | BaseException] = queue.SimpleQueue()
@@ -62,6 +64,6 @@ def race(first: Attempt, second: Attempt, after_s: float, late: Outcome, timeout
         if outcome is not None and not outcome.is_final:
             outcome = outcome_within(until - time.monotonic())
         return replace(outcome or late, raced=True)
-    finally:  # those that are done do not mind
+    finally:  # no effect on an attempt that has ended
         for attempt in running:
             attempt.abort()

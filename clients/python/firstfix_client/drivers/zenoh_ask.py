@@ -1,4 +1,4 @@
-"""Tries over zenoh: one replica, or two that race."""
+"""Tries over zenoh."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ from .race import race
 
 @dataclass(frozen=True)
 class ZenohQuery:
-    """
+    """Query to a replica.
+
     Attributes:
         encoding: media type of the payload.
     """
@@ -31,32 +32,32 @@ class ZenohQuery:
 
 
 class ReplicaRoute:
-    """The live replicas behind a key, in random order, and at last the key that they share."""
+    """Route to the live replicas of a key in random order, with their shared key last."""
 
     def __init__(self, shared: str, replicas: LiveReplicas | None) -> None:
         self._shared = shared
         self._replicas = replicas
 
     def order(self) -> list[str]:
+        """Returns the replicas' keys in random order, then the shared key."""
         live = [] if self._replicas is None else self._replicas.of(self._shared)
         random.shuffle(live)
         return [*live, self._shared]
 
     def rival(self, target: str, others: list[str]) -> str | None:
-        """Another replica; who gets a query of the shared key is not known."""
+        """Returns another live replica, never the shared key: the same replica might get the query."""
         return others[0] if len(others) > 1 else None
 
     def last_resort(self, target: str, others: list[str]) -> str | None:
-        """The shared key, once more: a query that is on its way when the only replica restarts is not
-        always told to be lost."""
+        """Returns the shared key: zenoh may not report a query lost when the only replica restarts."""
         return self._shared
 
     def answered(self, target: str) -> None:
-        """The next query goes to another one: load is spread."""
+        """Does nothing: the next query goes to another replica, so the load is spread."""
 
 
 class ZenohAsk:
-    """Performs tries. Thread-safe.
+    """Performs tries over zenoh. Thread-safe.
 
     Args:
         zenoh: the module.
@@ -68,6 +69,7 @@ class ZenohAsk:
         self._api_key = api_key
 
     def __call__(self, step: Try, opened: ExitStack) -> Asked:
+        """Performs a try, as a race if it has a rival."""
         begun = time.monotonic()
         until = begun + step.timeout_s
         first = _Get(self, step, step.target, until)
@@ -80,9 +82,11 @@ class ZenohAsk:
         return replace(outcome, took_s=time.monotonic() - begun), iter(())
 
     def token(self) -> Any:
+        """Returns a new cancellation token."""
         return self._zenoh.CancellationToken()
 
     def first_outcome(self, step: Try, target: str, timeout_s: float, token: Any) -> Outcome:
+        """Asks one replica and returns the outcome of its first reply."""
         query: ZenohQuery = step.make(timeout_s)
         selector = self._zenoh.Selector(target, dict(query.parameters))
         replies = self._session.get(
@@ -97,14 +101,14 @@ class ZenohAsk:
             if reply.ok is not None:
                 return Outcome(target, Answer(target, reply.ok.payload.to_bytes()))
             problem = error_of_problem(reply.err.payload.to_bytes())
-            if problem is None:  # zenoh's own word: a timeout
+            if problem is None:  # zenoh's own error: a timeout
                 return too_late(target, timeout_s, repeatable=True)
             return refused(target, problem, repeatable=True)
-        return lost(target, ServiceUnreachable(f"nobody answers on {target}"), repeatable=True)
+        return lost(target, ServiceUnreachable(f"no replica answers on {target}"), repeatable=True)
 
 
 class _Get:
-    """One get, until a moment; it can be cancelled."""
+    """One query with a deadline. It can be cancelled."""
 
     def __init__(self, ask: ZenohAsk, step: Try, target: str, until: float) -> None:
         self._ask, self._step, self._target, self._until = ask, step, target, until

@@ -1,1 +1,1 @@
-"""Calls as steps, without input or output. The drivers perform them."""
+"""Calls as steps: what to send and how to read the answer, without input or output."""

@@ -1,4 +1,4 @@
-"""A successful answer, of whichever transport."""
+"""A successful answer, the same for all transports."""
 
 from __future__ import annotations
 
@@ -14,22 +14,25 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Answer:
-    """
+    """Successful answer to a request.
+
     Attributes:
         source: the URL or key that was asked.
-        body: empty where the lines of the answer come one by one.
+        body: empty for an answer that is read line by line.
     """
 
     source: str
     body: bytes
 
     def parsed(self, parse: Callable[[Any], T]) -> T:
-        """What the answer's JSON says.
+        """Returns the answer's JSON, read by ``parse``.
 
         Raises:
-            FirstfixError: it is not what the protocol says: another service, or a proxy's page.
+            FirstfixError: it does not follow the protocol: another service, or a proxy's page.
         """
         try:
             return parse(json.loads(self.body))
         except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise FirstfixError(f"{self.source} answered nothing this client can read: {error!r}") from None
+            raise FirstfixError(
+                f"{self.source} sent an answer that this client cannot read: {error!r}"
+            ) from None

@@ -1,4 +1,4 @@
-"""What is asked about builds, and how the answers are read."""
+"""Requests about builds, and the reading of the answers."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from typing import Any
 from firstfix.errors import BuildCancelled, BuildFailed, FirstfixError, NotFound
 
 from ..records import BuildStatus
+from .deadline import Deadline
 from .http_messages import HttpAnswer, HttpRequest
 from .http_sender import HttpSender
-from .retry import Deadline
 from .step import Emit, NextLine, Sleep, Steps
 from .uploads import remove_upload, upload_in_parts
 
 POLL_S = 1.0
 IN_PARTS_FROM_BYTES = 64 << 20
-SILENCE_S = 60.0  # of a build's events; the service breaks its silence four times as often
+SILENCE_S = 60.0  # limit for a silent event stream; the service writes four times as often
 PAUSE_S = 0.5
 
 
 class BuildSteps:
-    """The calls of ``BuildCalls`` and ``AsyncBuildCalls``, as steps."""
+    """Calls of ``BuildCalls`` and ``AsyncBuildCalls`` as steps."""
 
     def __init__(self, http: HttpSender) -> None:
         self._http = http
@@ -40,6 +40,7 @@ class BuildSteps:
         upload_timeout_s: float,
         timeout_s: float,
     ) -> Steps[BuildStatus]:
+        """Uploads a map file and starts its build."""
         paths = {"source": Path(path)} | ({} if trajectory is None else {"trajectory": Path(trajectory)})
         for wanted in paths.values():
             if not wanted.is_file():
@@ -50,25 +51,27 @@ class BuildSteps:
         else:
             answer = yield from self._post_uploads(paths, map_id, config, deadline)
         if not answer.last_of_location:
-            raise FirstfixError("the service accepted the map but did not say which build it started")
+            raise FirstfixError("the service accepted the map but returned no build id")
         if progress is not None:
             return (yield from self.wait_for_build(answer.last_of_location, progress, timeout_s))
         return (yield from self.build_status(answer.last_of_location))
 
     def builds(self, map_id: str | None, state: str | None) -> Steps[None]:
+        """Emits the recorded builds."""
         given = {"map_id": map_id, "state": state}
         params = {name: value for name, value in given.items() if value is not None}
         return self._http.pages("builds", _status_of, "builds", params=params)
 
     def build_status(self, build_id: str) -> Steps[BuildStatus]:
+        """Gets the state of a build."""
         answer = yield from self._http.call("GET", "builds", build_id)
         return answer.parsed(lambda data: BuildStatus.from_mapping(build_id, data))
 
     def build_events(self, build_id: str, timeout_s: float) -> Steps[None]:
-        """Emits every status that differs from the one before, over however many connections it takes."""
+        """Emits every new status. Reconnects as often as needed."""
         deadline = Deadline(timeout_s)
         request = HttpRequest("GET", ("builds", build_id, "events"))
-        said: BuildStatus | None = None
+        last: BuildStatus | None = None
         while True:
             patient = Deadline(min(deadline.remaining_s(), SILENCE_S))
             yield from self._http.send_same(request, patient, stream=True)
@@ -78,16 +81,17 @@ class BuildSteps:
                 if not line.startswith("data:"):
                     continue
                 status = _status_in(build_id, line.removeprefix("data:"))
-                if status != said:
-                    said = status
+                if status != last:
+                    last = status
                     yield Emit(status)
                 if status.is_final:
                     return
-            yield Sleep(min(PAUSE_S, deadline.remaining_s()))  # broken, or silent for too long: asked again
+            yield Sleep(min(PAUSE_S, deadline.remaining_s()))  # then reconnect
 
     def wait_for_build(
         self, build_id: str, progress: Callable[[BuildStatus], None], timeout_s: float
     ) -> Steps[BuildStatus]:
+        """Waits until the build has published its version."""
         deadline = Deadline(timeout_s)
         while True:
             status = yield from self.build_status(build_id)
@@ -101,6 +105,7 @@ class BuildSteps:
             yield Sleep(min(POLL_S, deadline.remaining_s()))
 
     def cancel_build(self, build_id: str) -> Steps[None]:
+        """Cancels a build."""
         yield from self._http.call("DELETE", "builds", build_id, repeatable=False)
 
     def _post_form(
@@ -127,7 +132,7 @@ class BuildSteps:
 
 
 def _once() -> dict[str, str]:
-    """However often it is sent, it is done once."""
+    """Returns headers that make a repeated request count once."""
     return {"Idempotency-Key": uuid.uuid4().hex}
 
 

@@ -1,4 +1,4 @@
-"""What a client shows to be let in."""
+"""The credential that a client sends."""
 
 from __future__ import annotations
 
@@ -10,15 +10,17 @@ VARIABLE = "FIRSTFIX_API_KEY"
 
 
 def credential(given: str | None) -> str | None:
-    """An API key or token, else that of the environment; None: there is none.
+    """Returns the given API key or token, else that of the environment, else None.
 
     Raises:
-        InvalidOption: it cannot stand in a header. The message does not repeat it.
+        InvalidOption: the key is not valid in a header. The message does not contain it.
     """
     found = os.environ.get(VARIABLE) if given is None else given
     if not found:
         return None
-    key = found.strip()  # of a file it was read from
+    key = found.strip()  # a key read from a file ends with a newline
     if not key.isascii() or not key.isprintable() or " " in key:
-        raise InvalidOption("the API key has characters that none has")
+        raise InvalidOption(
+            "the API key has characters that are not allowed: only printable ASCII without spaces is"
+        )
     return key

@@ -1,28 +1,28 @@
-"""All calls over HTTP as steps, of one client."""
+"""The HTTP calls of one client, as steps."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
 
+from ..policies import HedgePolicy, RetryPolicy
 from .builds import BuildSteps
 from .credential import credential
-from .hedge import HedgePolicy
 from .http_messages import service_urls
 from .http_sender import HttpSender
 from .localize import LocalizeSteps, ask_over_http
 from .maps import MapSteps
-from .retry import RetryPolicy
 from .scan_body import BodyForm
 
 
 class HttpSteps:
-    """
+    """All calls over HTTP as steps.
+
     Args:
         url, timeout_s, retry, hedge, form: as in ``Client``.
 
     Raises:
-        InvalidOption: no URL of a service.
+        InvalidOption: the URL is not that of a service.
     """
 
     def __init__(
@@ -41,10 +41,10 @@ class HttpSteps:
 
 
 def sent_headers(api_key: str | None, headers: Mapping[str, str] | None) -> dict[str, str]:
-    """What every request carries.
+    """Returns the headers of every request.
 
     Raises:
-        InvalidOption: the key cannot stand in a header.
+        InvalidOption: the key is not valid in a header.
     """
     key = credential(api_key)
     return {**({} if key is None else {"Authorization": f"Bearer {key}"}), **(headers or {})}

@@ -1,4 +1,4 @@
-"""HTTP without a network: what is asked, what came back, and what that means."""
+"""HTTP requests and answers, without a network."""
 
 from __future__ import annotations
 
@@ -14,24 +14,25 @@ from firstfix.errors import FirstfixError, InvalidOption
 from ..errors import error_of_problem
 from .answer import Answer
 from .outcome import Outcome, lost, not_reached, refused, too_late
-from .retry import retry_after_s
 
 if TYPE_CHECKING:
     import httpx
 
 CONNECT_TIMEOUT_S = 5.0
-# Of a proxy that lost its upstream, which may have done its work: only what repeats safely is repeated.
+MAX_RETRY_AFTER_S = 3600.0
+# From a proxy that lost its upstream, which may have acted: only repeatable requests are sent again.
 _LOST_UPSTREAM = frozenset({502, 504})
 
 
 @dataclass(frozen=True)
 class HttpRequest:
-    """
+    """HTTP request to any replica.
+
     Attributes:
-        path: each part is one segment of the URL.
+        path: segments of the URL's path, not yet quoted.
         json: the body, or
         content: the body, or
-        form, files: of a multipart body.
+        form, files: parts of a multipart body.
     """
 
     method: str
@@ -46,7 +47,7 @@ class HttpRequest:
     def build(
         self, http: httpx.Client | httpx.AsyncClient, base_url: str, timeout_s: float, opened: ExitStack
     ) -> httpx.Request:
-        """The request as httpx sends it; its files are closed with ``opened``."""
+        """Returns the request for httpx. Its files are closed with ``opened``."""
         import httpx
 
         files = {
@@ -67,25 +68,27 @@ class HttpRequest:
 
 @dataclass(frozen=True)
 class HttpAnswer(Answer):
-    """
+    """Successful HTTP answer.
+
     Attributes:
-        headers: case does not matter in their names.
+        headers: names are case-insensitive.
     """
 
     headers: Mapping[str, str]
 
     @property
     def last_of_location(self) -> str:
-        """The id of what was made."""
+        """Id of the resource that was made."""
         return self.headers.get("Location", "").rstrip("/").rpartition("/")[2]
 
 
 def outcome_of_response(
     target: str, response: httpx.Response, body: bytes, *, repeatable: bool, took_s: float
 ) -> Outcome:
-    """
+    """Returns what a response means for the call.
+
     Args:
-        body: empty for a stream that succeeded.
+        body: empty for a successful stream.
     """
     url = str(response.url)
     if response.is_success:
@@ -102,27 +105,27 @@ def outcome_of_response(
 
 
 def outcome_of_error(target: str, error: httpx.RequestError, timeout_s: float, repeatable: bool) -> Outcome:
-    """What it means that there was no response."""
+    """Returns what a missing response means for the call."""
     import httpx
 
     why = str(error) or type(error).__name__
-    reached_nobody = not_reached(target, why)
+    unreachable = not_reached(target, why)
     if isinstance(error, (httpx.ConnectError, httpx.ConnectTimeout)):
-        return reached_nobody
+        return unreachable
     if isinstance(error, httpx.TimeoutException):
         return too_late(target, timeout_s, repeatable=repeatable)
-    assert reached_nobody.failure is not None
-    return lost(target, reached_nobody.failure, repeatable=repeatable)
+    assert unreachable.failure is not None
+    return lost(target, unreachable.failure, repeatable=repeatable)
 
 
 def service_urls(given: str | Sequence[str]) -> list[str]:
-    """Addresses of replicas, without a slash at their end.
+    """Returns the URLs of the replicas, without a trailing slash.
 
     Args:
-        given: a list, or a text with commas between them.
+        given: a list, or a string with commas.
 
     Raises:
-        InvalidOption: one of them is no address, or there is none.
+        InvalidOption: one of them is not an HTTP URL, or there is none.
     """
     import httpx
 
@@ -132,10 +135,19 @@ def service_urls(given: str | Sequence[str]) -> list[str]:
         try:
             address = httpx.URL(url.strip())
         except httpx.InvalidURL as error:
-            raise InvalidOption(f"no URL {url!r}: {error}") from None
+            raise InvalidOption(f"not a URL: {url!r}: {error}") from None
         if address.scheme not in ("http", "https") or not address.host:
-            raise InvalidOption(f"the service's URL is of the form http://HOST:PORT, not {url!r}")
+            raise InvalidOption(f"the service's URL must be like http://HOST:PORT, not {url!r}")
         found.append(str(address).rstrip("/"))
     if not found:
         raise InvalidOption("a client needs the URL of a service")
     return list(dict.fromkeys(found))
+
+
+def retry_after_s(header: str | None) -> float | None:
+    """Returns the seconds of a Retry-After header; None if missing, a date, or invalid."""
+    try:
+        seconds = float(header or "")
+    except ValueError:
+        return None
+    return seconds if 0 <= seconds <= MAX_RETRY_AFTER_S else None

@@ -1,4 +1,4 @@
-"""What every call over HTTP stands on: the replicas, and how patiently they are asked."""
+"""Requests over HTTP as steps, with the route to the replicas and the policies."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
-from .hedge import HedgePolicy, Hedging
+from ..policies import HedgePolicy, RetryPolicy
+from .deadline import Deadline
+from .hedging import Hedging
 from .http_messages import HttpAnswer, HttpRequest
-from .retry import Deadline, RetryPolicy
 from .send import send
 from .step import Emit, Steps
 
@@ -17,40 +18,42 @@ Item = TypeVar("Item")
 
 
 class HttpRoute:
-    """The service's addresses. One of them, at random at first, is asked until it fails."""
+    """URLs of the service's replicas. One, picked at random, is asked until it fails."""
 
     def __init__(self, urls: Sequence[str]) -> None:
         self._urls = list(urls)
-        random.shuffle(self._urls)  # a fleet that knows the same addresses spreads over them
+        random.shuffle(self._urls)  # robots with the same list spread over the replicas
         self._lock = threading.Lock()
 
     def order(self) -> list[str]:
+        """Returns all URLs, the one that answered last first."""
         with self._lock:
             return list(self._urls)
 
     def rival(self, target: str, others: list[str]) -> str | None:
-        """Behind a single address there may be many replicas: it is asked itself then."""
+        """Returns the next URL; or the only one, since many replicas may stand behind it."""
         if others:
             return others[0]
         return target if len(self._urls) == 1 else None
 
     def last_resort(self, target: str, others: list[str]) -> str | None:
-        """Nobody: a connection that breaks is seen."""
+        """Returns None: a broken connection is noticed."""
         return None
 
     def answered(self, target: str) -> None:
+        """Puts this URL first."""
         with self._lock:
             place = self._urls.index(target)
             self._urls = self._urls[place:] + self._urls[:place]
 
 
 class HttpSender:
-    """Steps of single requests.
+    """Sends single requests, as steps.
 
     Args:
-        hedge: when localizations are asked twice; None: where there are several addresses, as the default
-            policy says; False: never.
-        timeout_s: of a call as a whole, where it says no other.
+        hedge: when localizations are sent twice; None: by the default policy if there are several URLs;
+            False: never.
+        timeout_s: limit for a call that has no deadline of its own.
     """
 
     def __init__(
@@ -77,7 +80,7 @@ class HttpSender:
         stream: bool = False,
         hedged: bool = False,
     ) -> Steps[HttpAnswer]:
-        """As ``send.send``, to the service."""
+        """Sends a request to the service, see ``send.send``."""
         return send(
             make,
             self._route,
@@ -91,7 +94,7 @@ class HttpSender:
     def send_same(
         self, request: HttpRequest, deadline: Deadline | None = None, **how: bool
     ) -> Steps[HttpAnswer]:
-        """A request that is the same whenever it is made."""
+        """Sends a request that does not depend on the time left."""
         return self.send(lambda left_s: request, deadline, **how)
 
     def call(
@@ -102,14 +105,14 @@ class HttpSender:
         json: Any = None,
         repeatable: bool = True,
     ) -> Steps[HttpAnswer]:
-        """One without a body, or with a short one in JSON."""
+        """Sends a request without a body, or with a short JSON body."""
         request = HttpRequest(method, path, params=params or {}, json=json)
         return self.send_same(request, repeatable=repeatable)
 
     def pages(
         self, name: str, read: Callable[[Any], Item], *path: str, params: Mapping[str, str] | None = None
     ) -> Steps[None]:
-        """Emits the items of a list that comes in pages; each page has the whole timeout."""
+        """Emits the items of a paged list. Each page has the whole timeout."""
         after: str | None = None
         while True:
             asked = {**(params or {}), **({} if after is None else {"after": after})}

@@ -1,4 +1,4 @@
-"""How a fix is asked for, over either transport, and how the answer is read."""
+"""Localization requests over both transports, and the reading of the answers."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from firstfix.scan.descriptor_parameters import QueryParameters
 
 
-# Of a body with its media type, to one map or several, with options.
+# (body, media type, map ids, options) to the steps of a query.
 AskBody = Callable[[bytes, str, str, LocalizeOptions], Steps[Localization]]
 ParametersOf = Callable[[str], "Steps[QueryParameters]"]
 
@@ -32,7 +32,7 @@ ParametersOf = Callable[[str], "Steps[QueryParameters]"]
 def options_of(
     options: LocalizeOptions | None, prior: Prior | None, gravity: ArrayLike | None
 ) -> LocalizeOptions:
-    """The options, with what was given beside them put over them."""
+    """Returns the options with prior and gravity replaced, where given."""
     chosen = options or LocalizeOptions()
     if prior is not None:
         chosen = replace(chosen, prior=prior)
@@ -42,10 +42,11 @@ def options_of(
 
 
 class LocalizeSteps:
-    """Encodes scans as a client was told to, and knows the parameters of maps asked by descriptor.
+    """Localization as steps. Remembers the parameters of maps that are asked by descriptor.
 
     Args:
-        parameters_of: looks them up; None: they must be given with every query.
+        form: the client's encoding of scans.
+        parameters_of: gets a map's parameters; None: each query must bring them.
     """
 
     def __init__(self, form: BodyForm, ask: AskBody, parameters_of: ParametersOf | None) -> None:
@@ -61,9 +62,10 @@ class LocalizeSteps:
         options: LocalizeOptions,
         form: BodyForm,
     ) -> Steps[Localization]:
-        """
+        """Encodes a scan and asks for its pose.
+
         Args:
-            form: its encoding and parameters count; resolutions are the client's.
+            form: encoding and parameters of this query; the client's resolutions are used.
         """
         form = replace(self._form, encoding=form.encoding, parameters=form.parameters)
         if form.encoding != "descriptor" or form.parameters is not None or self._parameters_of is None:
@@ -75,7 +77,7 @@ class LocalizeSteps:
         except DescriptorMismatch:
             if not known:
                 raise
-            self._known.pop(map_id, None)  # another version is active by now
+            self._known.pop(map_id, None)  # another version has become active
         form = replace(form, parameters=(yield from self._looked_up(map_id)))
         return (yield from self._encode_and_ask(scan, map_id, options, form))
 
@@ -102,7 +104,7 @@ def ask_over_http(
     content_encoding: str | None = None,
     request_id: str | None = None,
 ) -> Steps[Localization]:
-    """A query that is encoded already."""
+    """Sends an encoded query."""
     params = {"map": map_id, **options.to_strings()}
     headers = {"Content-Type": media_type}
     if content_encoding:

@@ -1,4 +1,4 @@
-"""What is asked about maps and their versions, and how the answers are read."""
+"""Requests about maps and their versions, and the reading of the answers."""
 
 from __future__ import annotations
 
@@ -16,48 +16,57 @@ if TYPE_CHECKING:
 
 
 class MapSteps:
-    """The calls of ``MapCalls`` and ``AsyncMapCalls``, as steps."""
+    """Calls of ``MapCalls`` and ``AsyncMapCalls`` as steps."""
 
     def __init__(self, http: HttpSender) -> None:
         self._http = http
 
     def maps(self) -> Steps[None]:
+        """Emits the maps."""
         return self._http.pages("maps", MapInfo.from_mapping, "maps")
 
     def show_map(self, map_id: str) -> Steps[MapInfo]:
+        """Gets one map."""
         answer = yield from self._http.call("GET", "maps", map_id)
         return answer.parsed(MapInfo.from_mapping)
 
     def query_parameters(self, map_id: str) -> Steps[QueryParameters]:
+        """Gets the parameters with which scans for the active version are described."""
         from firstfix.scan.descriptor_parameters import QueryParameters
 
         manifest = (yield from self.show_map(map_id)).details.get("manifest")
         if not isinstance(manifest, Mapping):
-            raise NotFound(f"no version of map {map_id} is active")
+            raise NotFound(f"map {map_id} has no active version")
         return QueryParameters.from_engine(manifest.get("engine", {}))
 
     def versions(self, map_id: str) -> Steps[None]:
+        """Emits the versions of a map."""
         return self._http.pages("versions", VersionInfo.from_mapping, "maps", map_id, "versions")
 
     def report(self, map_id: str, version: str) -> Steps[Mapping[str, Any]]:
+        """Gets the self-test report of a version, as the service's JSON."""
         answer = yield from self._http.call("GET", "maps", map_id, "versions", version, "report")
         return answer.parsed(dict)
 
     def activate(self, map_id: str, version: str) -> Steps[None]:
+        """Makes a published version the active one."""
         yield from self._http.call("POST", "maps", map_id, "versions", version, "activate")
 
     def roll_back(self, map_id: str) -> Steps[str]:
-        # twice would come back: not repeated on a connection that broke half-way
+        """Makes the previously active version active again, and returns it."""
+        # A second roll-back would undo the first: it is not repeated when a connection breaks.
         answer = yield from self._http.call("POST", "maps", map_id, "rollback", repeatable=False)
         return answer.parsed(lambda data: str(data["active_version"]))
 
     def retire(self, map_id: str, version: str, force: bool) -> Steps[None]:
+        """Takes a version out of service."""
         params = {"force": "true"} if force else {}
         yield from self._http.call(
             "DELETE", "maps", map_id, "versions", version, params=params, repeatable=False
         )
 
     def collect_garbage(self, map_id: str | None, dry_run: bool) -> Steps[Mapping[str, Any]]:
+        """Removes unreferenced objects. Returns counts by kind."""
         path = ("collect-garbage",) if map_id is None else ("maps", map_id, "collect-garbage")
         answer = yield from self._http.call("POST", *path, params={"dry_run": str(dry_run).lower()})
         return answer.parsed(dict)
@@ -72,6 +81,7 @@ class MapSteps:
         quaternion: Sequence[float] | None,
         anchor_m: Sequence[float],
     ) -> Steps[None]:
+        """Sets the map's position and orientation on the Earth (WGS84)."""
         body: dict[str, Any] = {
             "latitude_deg": latitude_deg,
             "longitude_deg": longitude_deg,
@@ -85,8 +95,10 @@ class MapSteps:
         yield from self._http.call("PUT", "maps", map_id, "georeference", json=body)
 
     def georeference(self, map_id: str) -> Steps[Mapping[str, Any]]:
+        """Gets the map's georeference, as the service's JSON."""
         answer = yield from self._http.call("GET", "maps", map_id, "georeference")
         return answer.parsed(dict)
 
     def delete_georeference(self, map_id: str) -> Steps[None]:
+        """Removes the map's georeference."""
         yield from self._http.call("DELETE", "maps", map_id, "georeference", repeatable=False)

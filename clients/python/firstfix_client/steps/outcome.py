@@ -1,4 +1,4 @@
-"""What came of asking one replica once."""
+"""The outcome of one try."""
 
 from __future__ import annotations
 
@@ -7,19 +7,20 @@ from typing import Any
 
 from firstfix.errors import DeadlineExceeded, FirstfixError, RateLimited, ReadOnly
 
-from ..errors import PASSING, ServiceUnreachable
+from ..errors import TRANSIENT, ServiceUnreachable
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """
+    """Outcome of one try: an answer or a failure.
+
     Attributes:
-        target: who was asked.
-        answer: what it said; None: there is a failure.
-        again: the same one may do better after a wait.
-        elsewhere: another replica may do better at once.
-        asked_wait_s: how long it wants to be left alone.
-        took_s: until it came.
+        target: the replica that was asked.
+        answer: its answer; None: see ``failure``.
+        again: worth another try on the same replica, after a wait.
+        elsewhere: worth a try on another replica, at once.
+        asked_wait_s: wait that the replica asked for.
+        took_s: time until the answer.
         raced: the rival was asked too.
     """
 
@@ -34,36 +35,38 @@ class Outcome:
 
     @property
     def is_final(self) -> bool:
+        """True if another try is of no use."""
         return not (self.again or self.elsewhere)
 
 
 def not_reached(target: str, why: object) -> Outcome:
-    """Nobody was there, so nobody acted."""
+    """Returns the outcome when no replica got the request."""
     failure = ServiceUnreachable(f"no answer from {target}: {why}")
     return Outcome(target, failure=failure, again=True, elsewhere=True)
 
 
 def lost(target: str, failure: Exception, *, repeatable: bool) -> Outcome:
-    """Somebody may have acted, and did not live or wait to tell."""
+    """Returns the outcome when a replica may have acted but its answer was lost."""
     return Outcome(target, failure=failure, again=repeatable, elsewhere=repeatable)
 
 
 def too_late(target: str, timeout_s: float, *, repeatable: bool) -> Outcome:
+    """Returns the outcome when the time of the try is over."""
     return lost(target, DeadlineExceeded(f"no answer within {timeout_s:.3g} s"), repeatable=repeatable)
 
 
 def refused(
     target: str, problem: FirstfixError, *, repeatable: bool, asked_wait_s: float | None = None
 ) -> Outcome:
-    """A problem document: of a moment, of this replica, or final."""
-    passing = isinstance(problem, PASSING)
-    # A limit counts for a caller wherever it goes. One that was told too short a deadline, as replicas are
-    # whose peers shall have some of the time, says so while there is time left.
-    theirs = isinstance(problem, ReadOnly) or (repeatable and isinstance(problem, DeadlineExceeded))
+    """Returns the outcome for a problem document."""
+    transient = isinstance(problem, TRANSIENT)
+    # A rate limit holds on every replica. A try gets only a part of the time if other replicas remain, so a
+    # replica may report that its deadline is over while the call has time left.
+    of_this_replica = isinstance(problem, ReadOnly) or (repeatable and isinstance(problem, DeadlineExceeded))
     return Outcome(
         target,
         failure=problem,
-        again=passing,
-        elsewhere=theirs or (passing and not isinstance(problem, RateLimited)),
+        again=transient,
+        elsewhere=of_this_replica or (transient and not isinstance(problem, RateLimited)),
         asked_wait_s=asked_wait_s,
     )

@@ -1,4 +1,4 @@
-"""What a caller has of a scan, to the bytes that are sent."""
+"""Encoding of scans for sending."""
 
 from __future__ import annotations
 
@@ -22,8 +22,7 @@ from firstfix.wire import sequence as wire_sequence
 if TYPE_CHECKING:
     from firstfix.scan.descriptor_parameters import QueryParameters
 
-# Readers of files and makers of compact queries are imported where they are used: most programs use neither,
-# and all of them have to start.
+# File readers and the code for compact queries are imported on use: most programs use neither.
 
 ScanLike = Union[Scan, ArrayLike, "str | os.PathLike[str]"]
 Encoding = Literal["scan", "range_image", "compact", "descriptor"]
@@ -32,12 +31,13 @@ FEWEST_POINTS = 500
 
 
 def scan_of(scan: ScanLike) -> Scan:
-    """
+    """Returns the scan, made from points or read from a file if needed.
+
     Args:
         scan: a Scan, (n, >=3) points in metres in the sensor frame, or the path of a scan file.
 
     Raises:
-        InvalidScan, TooLarge: the points are not a scan's.
+        InvalidScan, TooLarge: the points are not those of a scan.
         InputError, NotFound: the file cannot be read.
     """
     if isinstance(scan, Scan):
@@ -51,14 +51,13 @@ def scan_of(scan: ScanLike) -> Scan:
 
 @dataclass(frozen=True)
 class BodyForm:
-    """How scans are sent.
+    """Form in which scans are sent.
 
     Attributes:
-        encoding: the whole scan, point by point or as a range image (a ninth to a third of the bytes), a
-            compact query (under MAX_COMPACT_BYTES, answered as well), or the descriptor alone (under 1.5 KB,
-            answered with candidates only).
-        parameters: of the map that is asked. A descriptor needs them; a compact query does without.
-        resolution_m, voxel_m: of whole scans, see ``firstfix.wire.scan.encode_scan``.
+        encoding: ``scan``: all points; ``range_image``: a ninth to a third of the bytes; ``compact``: under
+            MAX_COMPACT_BYTES, localizes as well; ``descriptor``: under 1.5 KB, gets candidates only.
+        parameters: the map's. A descriptor needs them; a compact query does not.
+        resolution_m, voxel_m: for whole scans, see ``firstfix.wire.scan.encode_scan``.
     """
 
     encoding: Encoding = "scan"
@@ -70,17 +69,19 @@ class BodyForm:
 def encoded(
     scan: ScanLike | ScanSequence, form: BodyForm, gravity: NDArray[np.float64] | None = None
 ) -> tuple[str, bytes]:
-    """Media type and body to send. Localization does not use the intensity, so it stays at home.
+    """Returns media type and body. The intensity is left out: localization does not use it.
 
     Raises:
-        InvalidOption: no such encoding; a descriptor without parameters, or of several scans.
-        InputError, NotFound: as ``scan_of``.
+        InvalidOption: unknown encoding; a descriptor without parameters, or for several scans.
+        InputError, NotFound: see ``scan_of``.
     """
     if form.encoding not in get_args(Encoding):
-        raise InvalidOption(f"a scan is sent as {', '.join(get_args(Encoding))}, not {form.encoding!r}")
+        raise InvalidOption(f"encoding must be one of {', '.join(get_args(Encoding))}, not {form.encoding!r}")
     if isinstance(scan, ScanSequence):
         if form.encoding == "descriptor":
-            raise InvalidOption("several scans are not sent as descriptors: nothing would register them")
+            raise InvalidOption(
+                "several scans cannot be sent as descriptors: their points are needed for registration"
+            )
         scans = [_part(one, form) for one in scan.scans]
         return wire_sequence.MEDIA_TYPE, wire_sequence.encode_scans(
             scans, scan.T_last_scan, **_of_whole_scans(form)
@@ -101,13 +102,13 @@ def encoded(
 
 
 def _of_whole_scans(form: BodyForm) -> dict[str, Any]:
-    """Arguments of ``wire.encode_scan``."""
+    """Returns the arguments for ``wire.encode_scan``."""
     chosen = "range_image" if form.encoding == "range_image" else "points"
     return {"form": chosen, "resolution_m": form.resolution_m, "voxel_m": form.voxel_m}
 
 
 def _part(scan: Scan | CompactScan, form: BodyForm) -> Scan | CompactScan:
-    """One of several scans."""
+    """Returns one of several scans in the form to send."""
     if isinstance(scan, CompactScan):
         return scan
     if form.encoding != "compact":
@@ -118,7 +119,7 @@ def _part(scan: Scan | CompactScan, form: BodyForm) -> Scan | CompactScan:
 
 
 def _compact_body(scan: CompactScan) -> bytes:
-    """With fewer points where a scan so rich takes too many bytes, down to where they still suffice."""
+    """Returns the body. A scan with too many bytes loses points, down to FEWEST_POINTS."""
     body = wire_query.encode_query(scan)
     while len(body) >= MAX_COMPACT_BYTES and len(scan) > FEWEST_POINTS:
         kept = rows_by_chance(len(scan), len(scan) * 9 // 10)

@@ -1,33 +1,34 @@
-"""One request to whichever replica answers it: retries, failover and hedging within one deadline."""
+"""Retries, failover and hedging of one request within its deadline."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from .hedge import Hedging
+from ..policies import RetryPolicy
+from .deadline import Deadline
+from .hedging import Hedging
 from .outcome import Outcome
-from .retry import Deadline, RetryPolicy
 from .step import Sleep, Steps, Try
 
 
 class Route(Protocol):
-    """The replicas that there are. Thread-safe."""
+    """Known replicas, and the order in which they are asked. Thread-safe."""
 
     def order(self) -> list[str]:
-        """Whom to ask, one after the other; never empty."""
+        """Returns the replicas in the order in which to ask them; never empty."""
         ...
 
     def rival(self, target: str, others: list[str]) -> str | None:
-        """Whom to ask beside the target, of those that were not asked yet or the target itself."""
+        """Returns a second replica to ask, one of ``others`` or the target itself; None: no one."""
         ...
 
     def last_resort(self, target: str, others: list[str]) -> str | None:
-        """Whom to ask without a rival, when half of the time has passed: a message may have got lost."""
+        """Returns whom to ask at half of the time if there is no rival: a message may be lost."""
         ...
 
     def answered(self, target: str) -> None:
-        """It works."""
+        """Records that the target has answered."""
         ...
 
 
@@ -41,21 +42,20 @@ def send(
     stream: bool = False,
     hedging: Hedging | None = None,
 ) -> Steps[Any]:
-    """The first answer that any replica gives.
+    """Sends a request until a replica answers.
 
-    Replicas are asked one after the other without a wait; when none is left, they are given time and asked
-    again.
+    Replicas are asked one after the other without a wait. A wait comes before each new round.
 
     Args:
-        make: the request of one try, from the seconds that it may take.
-        repeatable: it may be sent again although a replica may have acted on it.
-        stream: the answer's lines are wanted one by one.
-        hedging: when a second one is asked; None: never.
+        make: makes the request for one try, from the seconds that the try may take.
+        repeatable: the request may be sent again although a replica may have acted on it.
+        stream: the answer is read line by line.
+        hedging: when a second replica is asked; None: never.
 
     Raises:
-        FirstfixError: what a replica's problem document stands for.
+        FirstfixError: the error in a replica's problem document.
         DeadlineExceeded: the deadline passed.
-        ServiceUnreachable: the last try reached nobody.
+        ServiceUnreachable: the last try reached no replica.
     """
     patience = Deadline(retry.patience_s)
     attempt = rounds = 0
@@ -64,7 +64,7 @@ def send(
     while True:
         left_s = deadline.remaining_s()
         fresh = [target for target in route.order() if target not in tried]
-        if not fresh:  # those that came and went meanwhile
+        if not fresh:  # replicas came and went meanwhile
             tried.clear()
             continue
         target, *others = fresh
@@ -74,7 +74,7 @@ def send(
                 rival = other, hedging.after_s()
             elif (other := route.last_resort(target, others)) is not None:
                 rival = other, left_s / 2
-        # those that hang must leave time for another
+        # a replica that hangs must leave time for another one
         spare = len(others) > (0 if rival is None else 1)
         timeout_s = left_s / 2 if spare and repeatable else left_s
         attempt += 1

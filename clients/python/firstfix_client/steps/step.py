@@ -1,7 +1,8 @@
-"""What a call does, without doing it: steps that a blocking or an asynchronous driver performs.
+"""Kinds of steps that a call consists of.
 
-Every call of the clients is written once, as a generator that yields what is to be done and is sent what
-came of it. The drivers (``blocking``, ``async_http``) know sockets, threads and event loops; steps do not.
+Every call of the clients is written once, as a generator. It yields a step, and the driver sends back the
+step's result. Drivers (``drivers.blocking``, ``drivers.async_http``) use sockets, threads and event loops.
+Steps do not.
 """
 
 from __future__ import annotations
@@ -16,15 +17,16 @@ Steps = Generator[Any, Any, T]
 
 @dataclass(frozen=True)
 class Try:
-    """Ask a replica, and another one too when the first takes long. The driver sends back an ``Outcome``.
+    """Asks a replica, and another one too if the first is slow. Its result is an ``Outcome``.
 
     Attributes:
-        target: the replica's address or key.
-        make: the request, from the seconds that it may take.
-        timeout_s: of the try as a whole.
-        repeatable: the replica may be asked again although it may have acted.
-        stream: a successful answer's lines are wanted one by one, by ``NextLine``.
-        rival: whom to ask too, and after how many seconds. The first answer wins, the other is cancelled.
+        target: the replica's URL or key.
+        make: makes the request, from the seconds that it may take.
+        timeout_s: limit for the whole try.
+        repeatable: the request may be sent again although a replica may have acted on it.
+        stream: a successful answer is read line by line, with ``NextLine``.
+        rival: second replica, and the seconds after which it is asked. The first answer wins, the other query
+            is cancelled.
     """
 
     target: str
@@ -37,37 +39,39 @@ class Try:
 
 @dataclass(frozen=True)
 class Sleep:
+    """Waits."""
+
     seconds: float
 
 
 @dataclass(frozen=True)
 class Work:
-    """Something that takes the processor or the disk, not the network."""
+    """Calls a function that uses the processor or the disk, not the network."""
 
     function: Callable[[], Any]
 
 
 @dataclass(frozen=True)
 class NextLine:
-    """The next line of the stream that was opened last; None: it ended or broke."""
+    """Reads the next line of the last stream; its result is None when the stream ended or broke."""
 
 
 @dataclass(frozen=True)
 class Emit:
-    """An item for the caller of a call that gives many."""
+    """Gives an item to the caller of a call that yields items."""
 
     item: Any
 
 
 def work(function: Callable[[], T]) -> Steps[T]:
-    """The function's result; what it raises is raised here."""
+    """Returns the function's result, or raises its exception."""
     return (yield Work(function))
 
 
 def advance(steps: Steps[T], reply: Any, error: Exception | None) -> Any:
-    """The next thing to do.
+    """Returns the next step.
 
     Raises:
-        StopIteration: with the call's result.
+        StopIteration: the call has ended; it carries the result.
     """
     return steps.send(reply) if error is None else steps.throw(error)

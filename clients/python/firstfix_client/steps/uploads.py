@@ -1,4 +1,4 @@
-"""A large file in parts, gone on with wherever the connection broke (tus 1.0)."""
+"""Resumable upload of a large file in parts (tus 1.0)."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from pathlib import Path
 
 from firstfix.errors import Conflict, FirstfixError
 
+from .deadline import Deadline
 from .http_messages import HttpRequest
 from .http_sender import HttpSender
-from .retry import Deadline
 from .step import Steps, work
 
 PART_BYTES = 16 << 20
@@ -19,27 +19,27 @@ _PART = {"Content-Type": "application/offset+octet-stream", "Tus-Resumable": "1.
 
 
 def upload_in_parts(http: HttpSender, path: Path, deadline: Deadline) -> Steps[str]:
-    """Sends the file and returns the upload's id. Each part is tried again by itself.
+    """Sends the file and returns the upload's id. Each part has its own retries.
 
     Raises:
-        FirstfixError: as the service says: no room, too large, too many uploads.
-        ChecksumMismatch: the file changed on the way, or while it was read.
-        DeadlineExceeded, ServiceUnreachable: as ``send.send``.
+        FirstfixError: from the service: no room, too large, too many uploads.
+        ChecksumMismatch: the file changed in transfer, or while it was read.
+        DeadlineExceeded, ServiceUnreachable: see ``send.send``.
     """
     size = path.stat().st_size
-    told = {"filename": path.name, "sha256": (yield from work(partial(_sha256, path)))}
-    metadata = ",".join(f"{name} {_base64(value.encode())}" for name, value in told.items())
+    described = {"filename": path.name, "sha256": (yield from work(partial(_sha256, path)))}
+    metadata = ",".join(f"{name} {_base64(value.encode())}" for name, value in described.items())
     headers = {"Upload-Length": str(size), "Upload-Metadata": metadata, "Tus-Resumable": "1.0.0"}
     begin = HttpRequest("POST", ("uploads",), headers=headers)
     upload_id = (yield from http.send_same(begin, deadline)).last_of_location
     if not upload_id:
-        raise FirstfixError("the service took the upload but did not say where it goes")
+        raise FirstfixError("the service accepted the upload but returned no upload id")
     offset = 0
     while offset < size:
         request = yield from work(partial(_part, path, upload_id, offset))
         try:
             answer = yield from http.send_same(request, deadline)
-        except Conflict:  # the part arrived and its reply did not: where it goes on the service knows
+        except Conflict:  # the part arrived but its reply was lost: ask the service for the offset
             look = HttpRequest("HEAD", ("uploads", upload_id))
             answer = yield from http.send_same(look, deadline)
             if int(answer.headers["Upload-Offset"]) <= offset:
@@ -49,7 +49,7 @@ def upload_in_parts(http: HttpSender, path: Path, deadline: Deadline) -> Steps[s
 
 
 def remove_upload(http: HttpSender, upload_id: str, deadline: Deadline) -> Steps[None]:
-    """What a map was made of need not stay."""
+    """Removes an upload that is no longer needed."""
     request = HttpRequest("DELETE", ("uploads", upload_id))
     yield from http.send_same(request, deadline, repeatable=False)
 

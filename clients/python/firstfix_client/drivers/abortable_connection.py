@@ -1,4 +1,4 @@
-"""A connection that another thread can cut while it is waited on."""
+"""A connection that another thread can close during a query."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from typing import Any
 
 import httpx
 
-# What httpcore tells of when there is a socket, plain or through a proxy, and when TLS is put over it.
+# Events of httpcore when a socket is there: plain, through a proxy, or with TLS.
 _CONNECTED = ("connect_tcp.complete", "connect_unix_socket.complete", "start_tls.complete")
 
 
-class AbortableLine:
-    """One connection at most, of one query at a time.
+class AbortableConnection:
+    """At most one connection, for one query at a time.
 
-    httpx cannot be told to give up a request of another thread; but a socket that is shut down ends every
-    wait for it, and a service sees that the caller has hung up.
+    httpx cannot cancel a request from another thread. But shutting down the socket ends every wait on it, and
+    the service sees that the caller is gone.
 
     Args:
-        http: of its own, with room for one connection.
+        http: used by this object only, with a limit of one connection.
     """
 
     def __init__(self, http: httpx.Client) -> None:
@@ -31,22 +31,24 @@ class AbortableLine:
         self._aborted = False
 
     def send(self, request: httpx.Request, *, stream: bool = False) -> httpx.Response:
-        """
+        """Sends a request and returns the response.
+
         Raises:
-            httpx.TransportError: no answer, or it was aborted.
+            httpx.TransportError: no answer, or ``abort`` was called.
         """
         request.extensions = {**request.extensions, "trace": self._on_trace}
         return self._http.send(request, stream=stream)
 
     def abort(self) -> None:
-        """Ends what is being sent. The line is of no use afterwards."""
+        """Ends the request under way. The connection cannot be used again."""
         with self._lock:
             self._aborted = True
             if self._socket is not None:
-                with suppress(OSError):  # the other side was faster
+                with suppress(OSError):  # the other side closed it first
                     self._socket.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
+        """Closes the connection."""
         self._http.close()
 
     def _on_trace(self, event: str, info: Mapping[str, Any]) -> None:

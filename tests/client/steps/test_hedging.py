@@ -1,10 +1,11 @@
-"""After how long a second replica is asked."""
+"""The time after which a second replica is asked."""
 
 from __future__ import annotations
 
 import pytest
 
-from firstfix_client.steps.hedge import ENOUGH, HedgePolicy, Hedging
+from firstfix_client.policies import HedgePolicy
+from firstfix_client.steps.hedging import ENOUGH, Hedging
 
 
 def test_a_set_time_is_taken():
