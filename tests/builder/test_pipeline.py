@@ -21,7 +21,7 @@ import json, os, sys
 from pathlib import Path
 
 def main():
-    from firstfix.build_config import BuildConfig
+    from firstfix.builds.config import BuildConfig
     from firstfix_builder.pipeline import build_version
 
     source, work, config, *deadly = sys.argv[1:]

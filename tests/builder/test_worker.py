@@ -29,9 +29,10 @@ from firstfix.errors import (
 )
 from firstfix.store.store import Store
 from firstfix_builder.job import reporter as build_reporter
+from firstfix_builder.job.build_job import BuildJob
 from firstfix_builder.job.fetch_source import SourcePolicy
 from firstfix_builder.job.reporter import BuildReporter
-from firstfix_builder.worker import run_build
+from firstfix_builder.job.run_build import run_build
 from waiting import LIMIT_S, let_pass, wait_until
 
 STAGES = ("one", "two")
@@ -50,24 +51,15 @@ class TinyPipeline:
     act: Callable[[Callable[[str, float], None], Callable[[], bool]], None] = lambda progress, cancelled: None
     calls: list[dict[str, Any]] = field(default_factory=list)
 
-    def __call__(
-        self,
-        source: Path,
-        config: dict[str, Any],
-        work: Path,
-        *,
-        trajectory: Path | None,
-        progress: Callable[[str, float], None],
-        cancelled: Callable[[], bool],
-    ) -> Built:
-        self.calls.append({"source": source.name, "trajectory": trajectory, "config": config})
-        progress("one", 0.5)
-        self.act(progress, cancelled)
-        directory = work / "version"
+    def __call__(self, job: BuildJob) -> Built:
+        self.calls.append({"source": job.source.name, "trajectory": job.trajectory, "config": job.config})
+        job.progress("one", 0.5)
+        self.act(job.progress, job.cancelled)
+        directory = job.work / "version"
         directory.mkdir(exist_ok=True)
-        (directory / "index.bin").write_bytes(source.read_bytes())
-        progress("two", 1.0)
-        return Built(directory, Manifest.for_directory(directory, config=config))
+        (directory / "index.bin").write_bytes(job.source.read_bytes())
+        job.progress("two", 1.0)
+        return Built(directory, Manifest.for_directory(directory, config=job.config))
 
 
 @dataclass(frozen=True)
@@ -157,11 +149,12 @@ def test_a_trajectory_comes_with_its_own_name(place: Place, tmp_path: Path) -> N
     seen: list[bytes] = []
 
     class Reads(TinyPipeline):
-        def __call__(self, *args: Any, **hooks: Any) -> Built:
-            assert hooks["trajectory"].name == "poses_of_hall.tum"
-            assert hooks["trajectory"].is_relative_to(place.work)
-            seen.append(hooks["trajectory"].read_bytes())
-            return super().__call__(*args, **hooks)
+        def __call__(self, job: BuildJob) -> Built:
+            assert job.trajectory is not None
+            assert job.trajectory.name == "poses_of_hall.tum"
+            assert job.trajectory.is_relative_to(place.work)
+            seen.append(job.trajectory.read_bytes())
+            return super().__call__(job)
 
     assert place.run(Reads(), "b2") == 0
     assert seen == [b"1 2 3"]

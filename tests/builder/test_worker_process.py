@@ -23,11 +23,11 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
-from firstfix.manifest import Manifest
-from firstfix_builder import build_reporter
-from firstfix_builder.die_with_parent import die_with_parent
-from firstfix_builder.stage_cache import StageCache
-from firstfix_builder.worker import run_build
+from firstfix.catalog.manifest import Manifest
+from firstfix_builder.execution.die_with_parent import die_with_parent
+from firstfix_builder.execution.stage_cache import StageCache
+from firstfix_builder.job import reporter
+from firstfix_builder.job.run_build import run_build
 
 @dataclass(frozen=True)
 class Built:
@@ -38,27 +38,28 @@ def nap():
     # half a minute of native code: no Python signal handler runs before it returns
     hashlib.pbkdf2_hmac("sha256", b"", b"", 100_000_000)
 
-def build_version(source, config, work, *, trajectory, progress, cancelled):
+def build_version(job):
+    work = job.work
     def first(out):
         with (work / "made").open("a") as file:
             file.write("first\\n")
-        (out / "a.bin").write_bytes(source.read_bytes())
+        (out / "a.bin").write_bytes(job.source.read_bytes())
     def second(out):
         (out / "b.bin").write_bytes(b"b")
         (work / "hangs").write_text("")
         while not (work / "go").exists():
-            pool.submit(nap).result() if config["in_pool"] else nap()
+            pool.submit(nap).result() if job.config["in_pool"] else nap()
     with ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=die_with_parent) as pool:
         (work / "pool.pid").write_text(str(pool.submit(os.getpid).result()))
         cache = StageCache(work, code_version="1")
-        progress("one", 0.0)
+        job.progress("one", 0.0)
         cache.run("first", {}, {}, first)
-        progress("two", 0.0)
+        job.progress("two", 0.0)
         result = cache.run("second", {}, {}, second)
         return Built(result.directory, Manifest.for_directory(result.directory))
 
 if __name__ == "__main__":
-    build_reporter.CANCEL_GRACE_S = 0.5
+    reporter.CANCEL_GRACE_S = 0.5
     url, work, *tied = sys.argv[1:]
     stages, hooks = ("one", "two"), {"own_process": True, "tied_to_stdin": tied == ["tied"]}
     raise SystemExit(run_build(url, "b1", Path(work), build_version, stages, **hooks))

@@ -21,7 +21,8 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
 from firstfix.errors import StoreError
 from firstfix.store.store import Store
-from firstfix_builder.worker import run_build
+from firstfix_builder.job.build_job import BuildJob
+from firstfix_builder.job.run_build import run_build
 from servers import free_port, running_versitygw
 
 SCRIPT = ROOT / "deploy" / "compose" / "prepare-gateway.py"
@@ -83,9 +84,9 @@ def test_a_worker_builds(gateway: Gateway, monkeypatch: pytest.MonkeyPatch, tmp_
     class Built:
         directory = tmp_path / "version"
 
-    def build_version(source: Path, config: object, work: Path, **_: object) -> Built:
+    def build_version(job: BuildJob) -> Built:
         Built.directory.mkdir()
-        (Built.directory / "index.bin").write_bytes(source.read_bytes())
+        (Built.directory / "index.bin").write_bytes(job.source.read_bytes())
         built = Built()
         built.manifest = Manifest.for_directory(Built.directory)  # type: ignore[attr-defined]
         stages = SharedStages(Store.open(gateway.store_url))

@@ -15,8 +15,8 @@ import json
 import os
 import signal
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,8 @@ from firstfix.catalog.manifest import Manifest
 from firstfix.errors import BuildCancelled, StoreUnavailable
 from firstfix.store.store import Store
 from firstfix_builder.execution.stage_cache import StageCache
-from firstfix_builder.worker import run_build
+from firstfix_builder.job.build_job import BuildJob
+from firstfix_builder.job.run_build import run_build
 
 STAGES = ("read", "mesh", "describe", "cluster", "index")
 FILES = 4
@@ -43,27 +44,18 @@ class Built:
     manifest: Manifest
 
 
-def build_version(
-    source: Path,
-    config: dict[str, Any],
-    work: Path,
-    *,
-    trajectory: Path | None,
-    progress: Callable[[str, float], None],
-    cancelled: Callable[[], bool],
-    shared: SharedStages | None = None,
-) -> Built:
-    """A version whose bytes follow from the source and the config."""
-    told = json.loads(config["sensor"]["name"]) if config else {}
-    seed = hashlib.sha256(source.read_bytes() + str(told.get("seed")).encode()).hexdigest()
-    cache = StageCache(work, shared=shared, code_version="tiny")
+def build_version(job: BuildJob, shared: SharedStages | None = None) -> Built:
+    """Makes a version whose bytes depend on the source and the config alone."""
+    told = json.loads(job.config["sensor"]["name"]) if job.config else {}
+    seed = hashlib.sha256(job.source.read_bytes() + str(told.get("seed")).encode()).hexdigest()
+    cache = StageCache(job.work, shared=shared, code_version="tiny")
 
     def make(stage: str, out: Path) -> None:
-        with (work / "made.txt").open("a") as file:
+        with (job.work / "made.txt").open("a") as file:
             file.write(f"{stage}\n")
         end = time.monotonic() + float(told.get("stage_s", 0.0))
         while time.monotonic() < end or (told.get("hang_in") == stage and not Path(told["until"]).exists()):
-            if cancelled():
+            if job.cancelled():
                 raise BuildCancelled("seen")
             time.sleep(0.02)
         if told.get("die_in") == stage:
@@ -74,7 +66,7 @@ def build_version(
 
     result = None
     for stage in STAGES:
-        progress(stage, 0.0)
+        job.progress(stage, 0.0)
         result = cache.run(stage, {"seed": seed}, {}, lambda out, stage=stage: make(stage, out))
     assert result is not None
     return Built(result.directory, Manifest.for_directory(result.directory, config={"seed": seed}))
@@ -93,7 +85,7 @@ def main() -> int:
             chosen.store,
             chosen.build,
             Path(chosen.work),
-            lambda *arguments, **hooks: build_version(*arguments, **hooks, shared=shared),
+            partial(build_version, shared=shared),
             STAGES,
             own_process=True,
             tied_to_stdin=chosen.tied_to_stdin,

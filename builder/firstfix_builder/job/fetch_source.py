@@ -1,4 +1,4 @@
-"""Brings what a build request names to the local disk."""
+"""Fetches the files of a build request to the local disk."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _ODD = re.compile(r"[^A-Za-z0-9._-]")
 
 @dataclass(frozen=True)
 class SourcePolicy:
-    """What a request may name.
+    """Limits on the sources that a request may name.
 
     Attributes:
         max_bytes: of one file.
@@ -40,57 +40,107 @@ class SourcePolicy:
     urls: tuple[str, ...] = ()
 
 
-def fetch_source(
-    store_url: str,
-    store: Store,
-    map_id: str,
-    build_id: str,
-    named: Mapping[str, Any],
-    file_name: str,
-    folder: Path,
-    policy: SourcePolicy | None = None,
-    told: Callable[[float], None] = lambda done: None,
-) -> Path:
-    """A local file with the content that a request names, under a name with the same ending.
+@dataclass(frozen=True)
+class SourceFetch:
+    """Fetches the files that the request of one build names.
 
-    Args:
-        named: {"key": an upload of this map} or {"url": an object elsewhere}.
-        folder: where it goes; what an earlier run brought there whole is used again.
-        told: called as it arrives with the share that is done, 0..1.
+    Attributes:
+        store_url, store: the store of maps.
+        folder: the files go here. A complete file of an earlier run is used again.
+    """
+
+    store_url: str
+    store: Store
+    map_id: str
+    build_id: str
+    folder: Path
+    policy: SourcePolicy | None = None
+
+    def of_request(
+        self, request: Mapping[str, Any], told: Callable[[float], None] = lambda done: None
+    ) -> dict[str, Path]:
+        """Returns the local files by role: ``source``, and ``trajectory`` if the request has one.
+
+        Args:
+            told: called with the share of all files that has arrived, 0..1.
+
+        Raises:
+            what ``fetch`` raises.
+        """
+        source, trajectory = json_object(request, "source"), json_object(request, "trajectory")
+        named = {"source": (source, str(request.get("file_name") or _url_ending(source)))}
+        if trajectory:
+            named["trajectory"] = (trajectory, str(trajectory.get("file_name") or _url_ending(trajectory)))
+        return {
+            role: self.fetch(where, file_name, _share(told, number, len(named)))
+            for number, (role, (where, file_name)) in enumerate(named.items())
+        }
+
+    def fetch(
+        self, named: Mapping[str, Any], file_name: str, told: Callable[[float], None] = lambda done: None
+    ) -> Path:
+        """Returns a local file with the content that a request names, under a name with the same ending.
+
+        Args:
+            named: {"key": an upload of this map} or {"url": an object elsewhere}.
+            told: called with the share that has arrived, 0..1.
+
+        Raises:
+            InvalidOption: a key of another map, or a URL that the policy or the store forbids.
+            NotFound: there is no such object.
+            BuildFailed: the store of a URL does not answer, or refuses.
+            TooLarge: over the policy's limit.
+        """
+        policy = self.policy or SourcePolicy()
+        if "key" in named:
+            key = str(named["key"])
+            sha256 = key.rsplit("/", 1)[-1]
+            if key != source_key(self.map_id, sha256):
+                raise InvalidOption(f"{key[:200]!r} is not a source of map {self.map_id}")
+            path = self.folder / sha256 / _safe_name(file_name)
+            if path.exists() and sha256_of(path) == sha256:
+                return path
+            try:
+                _download(self.store, key, path, policy.max_bytes, told)
+            except NotFound:  # collected as the build was asked for: then there is a copy for it
+                copy = source_key(self.map_id, sha256, self.build_id)
+                _download(self.store, copy, path, policy.max_bytes, told)
+            return path
+        url = str(named.get("url", ""))
+        path = self.folder / hashlib.sha256(url.encode()).hexdigest() / _safe_name(file_name)
+        if urlsplit(url).scheme in ("http", "https"):
+            fetch_http(check_source_url(url, policy.urls), path, policy.max_bytes, told)
+            return path
+        where = _allowed(url, StoreUrl.parse(self.store_url), policy.roots)
+        parent, _, name = where.prefix.rpartition("/")
+        # Fetched anew in every run: unlike an upload, the object at a URL may have changed.
+        try:
+            _download(Store.open_at(replace(where, prefix=parent)), name, path, policy.max_bytes, told)
+        except StoreError as error:  # a stranger's store: trying again would not help
+            raise BuildFailed(f"the source's store does not give it: {error}") from None
+        return path
+
+
+def json_object(request: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Returns a JSON object of the request, empty if there is none.
 
     Raises:
-        InvalidOption: a key of another map, a URL that the policy or the store forbids.
-        NotFound: there is no such object.
-        BuildFailed: the store of a URL does not answer, or refuses.
-        TooLarge: over the policy's limit.
+        InvalidOption: it is not an object.
     """
-    policy = policy or SourcePolicy()
-    if "key" in named:
-        key = str(named["key"])
-        sha256 = key.rsplit("/", 1)[-1]
-        if key != source_key(map_id, sha256):
-            raise InvalidOption(f"{key[:200]!r} is not a source of map {map_id}")
-        path = folder / sha256 / _safe_name(file_name)
-        if path.exists() and sha256_of(path) == sha256:
-            return path
-        try:
-            _download(store, key, path, policy.max_bytes, told)
-        except NotFound:  # collected as the build was asked for: then there is a copy for it
-            _download(store, source_key(map_id, sha256, build_id), path, policy.max_bytes, told)
-        return path
-    url = str(named.get("url", ""))
-    path = folder / hashlib.sha256(url.encode()).hexdigest() / _safe_name(file_name)
-    if urlsplit(url).scheme in ("http", "https"):
-        fetch_http(check_source_url(url, policy.urls), path, policy.max_bytes, told)
-        return path
-    where = _allowed(url, StoreUrl.parse(store_url), policy.roots)
-    parent, _, name = where.prefix.rpartition("/")
-    # Fetched anew in every run: unlike an upload, what stands at a URL may have changed.
-    try:
-        _download(Store.open_at(replace(where, prefix=parent)), name, path, policy.max_bytes, told)
-    except StoreError as error:  # a stranger's store: no fault of ours that would pass by trying again
-        raise BuildFailed(f"the source's store does not give it: {error}") from None
-    return path
+    value = request.get(name) or {}
+    if not isinstance(value, dict):
+        raise InvalidOption(f"{name} of the request is no JSON object")
+    return value
+
+
+def _share(told: Callable[[float], None], number: int, count: int) -> Callable[[float], None]:
+    """Progress of one of several files, as a share of them all."""
+    return lambda done: told((number + done) / count)
+
+
+def _url_ending(named: Mapping[str, Any]) -> str:
+    """A file name for a source that has only a URL."""
+    return urlsplit(str(named.get("url", ""))).path.rsplit("/", 1)[-1]
 
 
 def _download(store: Store, key: str, path: Path, max_bytes: int, told: Callable[[float], None]) -> None:

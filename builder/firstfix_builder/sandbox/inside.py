@@ -135,8 +135,8 @@ def run_job(flows: Flows, job: dict[str, Any], work: Path, speaker: Speaker, lin
     from firstfix.builds.config import BuildConfig
 
     from ..execution.build_trace import BuildTrace
+    from ..job.error_record import error_record
     from ..job.log import set_up_build_log
-    from .failures import described
 
     set_up_build_log(job["build_id"], level=job["log_level"], as_json=job["log_json"])
     outside = Outside(speaker, lines, work)
@@ -166,7 +166,7 @@ def run_job(flows: Flows, job: dict[str, Any], work: Path, speaker: Speaker, lin
             )
         except Exception as error:
             _log.exception("build %s failed in %s", job["build_id"], trace.stage)
-            speaker.say(failed=described(error, work.parent))
+            speaker.say(failed=error_record(error, work.parent))
             return 1
     speaker.say(built=True)
     return 0

@@ -1,8 +1,8 @@
-"""The worker's side of a build in its sandbox: starts it, tells it the job, and takes over what it made.
+"""The worker's side of a sandboxed build: starts it, sends it the job, and takes its files over.
 
-<work>/sources/    what the build reads
-<work>/build/      what it writes: stages, chunks, the version
-<work>/taken/      what this side took over, or brings; the build does not get there
+<work>/sources/    files that the build reads
+<work>/build/      files that the build writes: stages, chunks, the version
+<work>/taken/      files that this side took over, or is about to hand in; the build has no access
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from firstfix.errors import BuildFailed, CorruptVersion, FirstfixError
 
 from ..execution.build_trace import current_build, mark_cached
 from ..execution.stage_names import STAGES
+from ..job.build_job import BuildJob
 from .failures import as_error, of_exit
 from .hand_over import take_files
 from .messages import Lines, Speaker
@@ -39,7 +40,7 @@ END_WITHIN_S = 20.0  # of a process that was killed
 PROGRAM = ("-m", "firstfix_builder.sandbox.inside")
 MIN_FILE_BYTES = 1 << 30
 MIN_MEMORY_BYTES = 4 << 30  # that libraries reserve for threads and heaps
-# All that a build may know of this process's environment: how to find Python and its libraries.
+# The environment variables that a build gets: how to find Python and its libraries.
 _PASSED = ("PATH", "LANG", "LC_ALL", "TZ", "PYTHONPATH", "PYTHONUNBUFFERED", "PYTHONDONTWRITEBYTECODE")
 _PASSED_PREFIXES = ("OMP_", "OPENBLAS_", "MKL_", "LD_LIBRARY_", "MPL")
 
@@ -50,59 +51,60 @@ class Built:
     manifest: Manifest
 
 
+@dataclass(frozen=True)
+class SandboxOptions:
+    """How builds are confined.
+
+    Attributes:
+        required: refuse to build when the kernel cannot confine it completely.
+        max_memory_bytes: memory of all processes of the build together, which the service enforces. One process may
+            reserve twice as much, used or not. None: all memory of the machine.
+        log_level, log_json: of the build's own log.
+        program: the inner side, as arguments of the Python interpreter.
+    """
+
+    required: bool
+    max_memory_bytes: int | None = None
+    log_level: str = "info"
+    log_json: bool = False
+    program: tuple[str, ...] = PROGRAM
+
+    @property
+    def reserved_bytes(self) -> int:
+        """Memory that one process may reserve."""
+        all_bytes = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        return max(2 * (self.max_memory_bytes or all_bytes), MIN_MEMORY_BYTES)
+
+
 class SandboxedBuild:
-    """Runs one build in its sandbox, while nothing else runs in the folder.
+    """Runs one build in its sandbox. No other build may use the folder at the same time.
 
     Args:
         work: the worker's folder.
-        required: where the kernel lacks a means, no build is run.
-        max_memory_bytes: of all its processes, to which the service holds them; one of them may reserve twice
-            as much, used or not. None: what the machine has.
-        program: of the inner side, after Python's name.
+        shared: finished stages of other machines, or None.
     """
 
     def __init__(
-        self,
-        work: Path,
-        build_id: str,
-        *,
-        required: bool,
-        shared: SharedStages | None,
-        max_memory_bytes: int | None,
-        log_level: str,
-        log_json: bool,
-        program: tuple[str, ...] = PROGRAM,
+        self, work: Path, build_id: str, options: SandboxOptions, shared: SharedStages | None = None
     ) -> None:
         self._work = work.absolute()
         self._folder = self._work / "build"
         self._sources = self._work / "sources"
         self._taken = self._work / "taken"
-        self._about = {"build_id": build_id, "log_level": log_level, "log_json": log_json}
-        self._required = required
-        self._program = program
+        self._build_id = build_id
+        self._options = options
         self._shared = shared
-        all_bytes = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-        self._memory_bytes = max(2 * (max_memory_bytes or all_bytes), MIN_MEMORY_BYTES)
         self._stage = STAGES[0]
 
-    def build_version(
-        self,
-        source: Path,
-        config: dict[str, Any],
-        work: Path,
-        *,
-        trajectory: Path | None,
-        progress: Callable[[str, float], None],
-        cancelled: Callable[[], bool],
-    ) -> Built:
-        """As ``pipeline.build_version``, of files below ``<work>/sources``.
+    def build_version(self, job: BuildJob) -> Built:
+        """Builds a version as ``pipeline.build_version`` does, from files below ``<work>/sources``.
 
         Raises:
             InputError: the source cannot be read.
             BuildFailed: a stage could not do its work, or the sandbox ended it.
             BuildCancelled: cancelled() said so.
         """
-        self._run(source, config, trajectory, progress, cancelled, read_only=False)
+        self._run(job, read_only=False)
         taken = self._taken / "version"
         take_files(self._folder, "version", taken)
         record = taken / FILE_NAME
@@ -115,33 +117,14 @@ class SandboxedBuild:
             raise BuildFailed(f"the build made no version: {error}") from None
         return Built(taken, manifest)
 
-    def read_source(
-        self,
-        source: Path,
-        config: dict[str, Any],
-        *,
-        trajectory: Path | None,
-        progress: Callable[[str, float], None],
-        cancelled: Callable[[], bool],
-    ) -> Path:
-        """The first stage alone, which reads what a stranger wrote.
+    def read_source(self, job: BuildJob) -> None:
+        """Runs the first stage alone, which parses files of unknown origin.
 
-        Returns:
-            the folder in whose stage cache the result stands.
+        The result is in the stage cache of ``<work>/build``. Raises as ``build_version`` does.
         """
-        self._run(source, config, trajectory, progress, cancelled, read_only=True)
-        return self._folder
+        self._run(job, read_only=True)
 
-    def _run(
-        self,
-        source: Path,
-        config: dict[str, Any],
-        trajectory: Path | None,
-        progress: Callable[[str, float], None],
-        cancelled: Callable[[], bool],
-        *,
-        read_only: bool,
-    ) -> None:
+    def _run(self, job: BuildJob, *, read_only: bool) -> None:
         shutil.rmtree(self._taken, ignore_errors=True)
         scratch = self._folder / "tmp"
         shutil.rmtree(scratch, ignore_errors=True)
@@ -158,7 +141,7 @@ class SandboxedBuild:
         finally:
             os.close(said)
         try:
-            self._hear(process, heard, self._job(source, config, trajectory, read_only), progress, cancelled)
+            self._hear(process, heard, job, self._message(job, read_only))
         finally:
             _end(process)  # with all that it started: from here on nothing changes its files
             os.close(heard)
@@ -169,14 +152,14 @@ class SandboxedBuild:
             "--work": self._folder,
             "--sources": self._sources,
             "--say-to": said,
-            "--memory-bytes": self._memory_bytes,
+            "--memory-bytes": self._options.reserved_bytes,
             "--file-bytes": max(shutil.disk_usage(self._folder).free, MIN_FILE_BYTES),
         }
         return subprocess.Popen(
             [
-                *(sys.executable, "-P", *self._program),
+                *(sys.executable, "-P", *self._options.program),
                 *(str(part) for option in options.items() for part in option),
-                *(["--required"] if self._required else []),
+                *(["--required"] if self._options.required else []),
             ],
             stdin=subprocess.PIPE,
             pass_fds=(said,),
@@ -184,27 +167,23 @@ class SandboxedBuild:
             process_group=0,
         )
 
-    def _job(
-        self, source: Path, config: dict[str, Any], trajectory: Path | None, read_only: bool
-    ) -> dict[str, Any]:
+    def _message(self, job: BuildJob, read_only: bool) -> dict[str, Any]:
+        """The job as the inner side reads it."""
         build = current_build()
         return {
-            **self._about,
+            "build_id": self._build_id,
+            "log_level": self._options.log_level,
+            "log_json": self._options.log_json,
             "traceparent": None if build is None or build.trace is None else build.trace.traceparent,
-            "source": str(source.absolute()),
-            "trajectory": None if trajectory is None else str(trajectory.absolute()),
-            "config": config,
+            "source": str(job.source.absolute()),
+            "trajectory": None if job.trajectory is None else str(job.trajectory.absolute()),
+            "config": job.config,
             "share": self._shared is not None,
             "read_only": read_only,
         }
 
     def _hear(
-        self,
-        process: subprocess.Popen[bytes],
-        heard: int,
-        job: dict[str, Any],
-        progress: Callable[[str, float], None],
-        cancelled: Callable[[], bool],
+        self, process: subprocess.Popen[bytes], heard: int, job: BuildJob, message: dict[str, Any]
     ) -> None:
         """Follows the build until it is done.
 
@@ -216,10 +195,10 @@ class SandboxedBuild:
         told = False
         next_look = 0.0
         try:
-            speaker.say(job=job)
+            speaker.say(job=message)
             while True:
-                message = lines.next(LOOK_S)
-                if cancelled() and not told:
+                said = lines.next(LOOK_S)
+                if job.cancelled() and not told:
                     told = True
                     speaker.say(cancel=True)
                 if time.monotonic() >= next_look:
@@ -227,7 +206,7 @@ class SandboxedBuild:
                     problem = too_many_processes(process.pid)
                     if problem:
                         raise BuildFailed(f"{problem} in {self._stage}")
-                if message is not None and self._take(message, speaker, progress):
+                if said is not None and self._take(said, speaker, job.progress):
                     return
         except (BrokenPipeError, EOFError):
             raise of_exit(process.wait(), self._stage) from None
@@ -261,7 +240,7 @@ class SandboxedBuild:
     def _check_confined(self, missing: list[str]) -> None:
         if not missing:
             return
-        if self._required:
+        if self._options.required:
             raise BuildFailed(
                 f"the sandbox is not whole on this machine, and it is required: {'; '.join(missing)}"
             )

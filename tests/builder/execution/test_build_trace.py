@@ -7,7 +7,6 @@ import logging
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -17,8 +16,9 @@ from firstfix.errors import BuildFailed, StoreUnavailable
 from firstfix.store.store import Store
 from firstfix_builder.execution.build_trace import BuildTrace, current_build, mark_cached
 from firstfix_builder.execution.stage_cache import StageCache
+from firstfix_builder.job.build_job import BuildJob
 from firstfix_builder.job.log import set_up_build_log
-from firstfix_builder.worker import run_build
+from firstfix_builder.job.run_build import run_build
 from otlp_collector import Collector, running_collector
 from waiting import LIMIT_S
 
@@ -46,21 +46,21 @@ class CachedPipeline:
     def __init__(self, error: Exception | None = None) -> None:
         self.error = error
 
-    def __call__(self, source: Path, config: dict[str, Any], work: Path, **hooks: Any) -> Built:
-        cache = StageCache(work, code_version="1")
+    def __call__(self, job: BuildJob) -> Built:
+        cache = StageCache(job.work, code_version="1")
 
         def one(out: Path) -> None:
-            (out / "a.bin").write_bytes(source.read_bytes())
+            (out / "a.bin").write_bytes(job.source.read_bytes())
 
         def two(out: Path) -> None:
             if self.error is not None:
                 raise self.error
             (out / "b.bin").write_bytes(b"b")
 
-        hooks["progress"]("one", 0.0)
+        job.progress("one", 0.0)
         cache.run("one", {}, {}, one)
-        hooks["progress"]("one", 1.0)
-        hooks["progress"]("two", 0.0)
+        job.progress("one", 1.0)
+        job.progress("two", 0.0)
         return Built(cache.run("two", {}, {}, two).directory)
 
 

@@ -121,7 +121,7 @@ def test_a_damaged_stage_is_made_again(damage: str, tmp_path: Path) -> None:
 KILLED = """
 import signal, sys
 from pathlib import Path
-from firstfix_builder.stage_cache import StageCache
+from firstfix_builder.execution.stage_cache import StageCache
 
 def produce(out):
     (out / "a.bin").write_bytes(b"half")

@@ -13,7 +13,7 @@ from firstfix.errors import BuildFailed, InvalidOption, NotFound, TooLarge
 from firstfix.store.store import Store
 from firstfix_builder.job import fetch_http as module
 from firstfix_builder.job.fetch_http import fetch_http
-from firstfix_builder.job.fetch_source import SourcePolicy, fetch_source
+from firstfix_builder.job.fetch_source import SourceFetch, SourcePolicy
 
 DATA = bytes(range(256)) * 500
 Answer = Callable[[BaseHTTPRequestHandler], None]
@@ -51,7 +51,8 @@ def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
 
 def fetched(server: Server, folder: Path, policy: SourcePolicy) -> Path:
     store = Store.open("memory://")
-    return fetch_source("memory://", store, "hall", "b1", {"url": server.url}, "hall.ply", folder, policy)
+    fetch = SourceFetch("memory://", store, "hall", "b1", folder, policy)
+    return fetch.fetch({"url": server.url}, "hall.ply")
 
 
 def says(status: int, body: bytes = b"", length: int | None = None, **headers: str) -> Answer:

@@ -21,11 +21,13 @@ from firstfix.errors import BuildCancelled, BuildFailed, FirstfixError, TooLarge
 from firstfix.store.store import Store
 from firstfix_builder import build_stages
 from firstfix_builder.execution.stage_names import STAGES
+from firstfix_builder.job.build_job import BuildJob
+from firstfix_builder.job.run_build import run_build
 from firstfix_builder.sandbox import seccomp
 from firstfix_builder.sandbox.hand_over import take_files
 from firstfix_builder.sandbox.landlock import SIGNALS_VERSION, landlock_version
-from firstfix_builder.sandbox.sandboxed_build import Built, SandboxedBuild
-from firstfix_builder.worker import _build_here, run_build
+from firstfix_builder.sandbox.sandboxed_build import Built, SandboxedBuild, SandboxOptions
+from firstfix_builder.worker import build_here
 from small_world import CONFIG
 
 PROGRAM = (str(Path(__file__).with_name("sandbox_programs.py")),)
@@ -55,24 +57,16 @@ class Place:
         source = self.work / "sources" / "hall.ply"
         source.parent.mkdir(parents=True, exist_ok=True)
         source.write_bytes(b"a cloud")
-        sandbox = SandboxedBuild(
-            self.work,
-            "b1",
-            required=self.required,
-            shared=shared,
-            max_memory_bytes=memory_bytes,
-            log_level="info",
-            log_json=False,
-            program=PROGRAM,
-        )
-        return sandbox.build_version(
+        options = SandboxOptions(self.required, memory_bytes, program=PROGRAM)
+        job = BuildJob(
             source,
+            None,
             config_telling(do=do, **told),
             self.work,
-            trajectory=None,
-            progress=lambda stage, fraction: None,
-            cancelled=lambda: cancelled,
+            lambda stage, fraction: None,
+            lambda: cancelled,
         )
+        return SandboxedBuild(self.work, "b1", options, shared).build_version(job)
 
 
 def config_telling(**told: Any) -> dict[str, Any]:
@@ -235,16 +229,8 @@ def test_the_worker_goes_on_after_a_hostile_build(tmp_path: Path):
             "config": config_telling(do=do),
         }
         catalog.put_build(build_id, request)
-        sandbox = SandboxedBuild(
-            tmp_path / "work",
-            build_id,
-            required=True,
-            shared=None,
-            max_memory_bytes=None,
-            log_level="info",
-            log_json=False,
-            program=PROGRAM,
-        )
+        options = SandboxOptions(required=True, program=PROGRAM)
+        sandbox = SandboxedBuild(tmp_path / "work", build_id, options)
         url, work = str(tmp_path / "store"), tmp_path / "work"
         code = run_build(url, build_id, work, sandbox.build_version, STAGES)
         ended[build_id] = (code, catalog.build_status(build_id))
@@ -262,15 +248,7 @@ def test_with_a_cluster_the_source_is_read_in_the_sandbox(
     source = tmp_path / "work" / "sources" / "yard.ply"
     source.parent.mkdir(parents=True)
     shutil.copy(small_map, source)
-    sandbox = SandboxedBuild(
-        tmp_path / "work",
-        "b1",
-        required=True,
-        shared=None,
-        max_memory_bytes=None,
-        log_level="info",
-        log_json=False,
-    )
+    sandbox = SandboxedBuild(tmp_path / "work", "b1", SandboxOptions(required=True))
     monkeypatch.setattr(build_stages, "read_map", lambda *_, **__: pytest.fail("the worker reads the source"))
     seen: list[str] = []
 
@@ -278,16 +256,18 @@ def test_with_a_cluster_the_source_is_read_in_the_sandbox(
         return len(seen) > 0 and seen[-1] != "read_map"
 
     with pytest.raises(BuildCancelled):
-        _build_here(
-            source,
-            CONFIG,
-            tmp_path / "work",
+        build_here(
+            BuildJob(
+                source,
+                None,
+                CONFIG,
+                tmp_path / "work",
+                lambda stage, fraction: seen.append(stage),
+                stop_after_the_first_stage,
+            ),
             scheduler=None,
             store_url="memory://",
             sandbox=sandbox,
-            trajectory=None,
-            progress=lambda stage, fraction: seen.append(stage),
-            cancelled=stop_after_the_first_stage,
             shared=None,
         )
     assert set(seen) == {"read_map", "reconstruct_mesh"}

@@ -18,7 +18,7 @@ from firstfix.errors import NotFound
 from firstfix.store.store import Store
 from firstfix.upkeep.garbage import Ages, collect_garbage
 from firstfix.upkeep.rebuild import rebuild
-from firstfix_builder.job.fetch_source import fetch_source
+from firstfix_builder.job.fetch_source import SourceFetch
 from firstfix_service.auth.principal import Caller
 from firstfix_service.http_api.bodies.disk_space import DiskSpace
 from firstfix_service.http_api.bodies.multipart import UploadedFile
@@ -45,7 +45,7 @@ def collect(store: Store) -> None:
 
 def fetched(store: Store, build_id: str, folder: Path) -> bytes:
     named = Catalog(store).build_request(build_id)["source"]
-    path = fetch_source("memory://", store, "hall", build_id, named, "a.xyz", folder / build_id)
+    path = SourceFetch("memory://", store, "hall", build_id, folder / build_id).fetch(named, "a.xyz")
     content = path.read_bytes()
     path.unlink()
     return content

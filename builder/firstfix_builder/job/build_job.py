@@ -1,0 +1,47 @@
+"""The inputs of one build, and the interface of whatever builds a version from them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from firstfix.catalog.manifest import Manifest
+
+
+@dataclass(frozen=True)
+class BuildJob:
+    """The inputs of one build on this machine.
+
+    Attributes:
+        source: the map's file.
+        trajectory: poses of the mapping run, or None.
+        config: the build's configuration as JSON.
+        work: folder for stages and the version.
+        progress: called with a stage's name and the share of it that is done.
+        cancelled: whether the build is to stop.
+    """
+
+    source: Path
+    trajectory: Path | None
+    config: dict[str, Any]
+    work: Path
+    progress: Callable[[str, float], None]
+    cancelled: Callable[[], bool]
+
+
+class Built(Protocol):
+    """A version that is ready to be published, such as ``pipeline.BuiltVersion``."""
+
+    @property
+    def directory(self) -> Path: ...
+
+    @property
+    def manifest(self) -> Manifest: ...
+
+
+class BuildVersion(Protocol):
+    """Builds a version from a job."""
+
+    def __call__(self, job: BuildJob) -> Built: ...

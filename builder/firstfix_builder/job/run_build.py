@@ -1,0 +1,128 @@
+"""One build from an object store to an object store: fetch the source, build, publish, record the result."""
+
+from __future__ import annotations
+
+import fcntl
+import logging
+import os
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+
+from firstfix.builds.records import new_status
+from firstfix.catalog.catalog import Catalog
+from firstfix.errors import BuildCancelled, ClusterUnavailable, StoreError, StoreUnavailable
+from firstfix.store.store import Store
+
+from ..execution.build_trace import BuildTrace
+from .build_job import BuildJob, BuildVersion
+from .error_record import error_record
+from .fetch_source import SourceFetch, SourcePolicy, json_object
+from .reporter import EXIT_CANCELLED, BuildReporter
+
+EXIT_SUCCEEDED, EXIT_FAILED = 0, 1
+_EXIT_OF_STATE = {"succeeded": EXIT_SUCCEEDED, "failed": EXIT_FAILED, "cancelled": EXIT_CANCELLED}
+_log = logging.getLogger(__name__)
+
+
+def run_build(
+    store_url: str,
+    build_id: str,
+    work: Path,
+    build_version: BuildVersion,
+    stages: Sequence[str],
+    *,
+    policy: SourcePolicy | None = None,
+    own_process: bool = False,
+    tied_to_stdin: bool = False,
+) -> int:
+    """Runs a build to its end and records the result. A build that has already ended stays as it is.
+
+    Args:
+        work: folder of sources and the stage cache. Builds that share it run one after the other.
+        stages: names that ``build_version`` reports.
+        own_process, tied_to_stdin: see ``BuildReporter``.
+
+    Returns:
+        The exit code of the process.
+
+    Raises:
+        NotFound: no such build.
+        StoreUnavailable: the recorded status may be out of date.
+        ClusterUnavailable: the machines that run the build's chunks are gone.
+    """
+    catalog = Catalog(Store.open(store_url))
+    request = catalog.build_request(build_id)
+    map_id = str(request.get("map_id", ""))
+    with _alone_in(work), BuildTrace(build_id, map_id, request.get("traceparent")) as trace:
+        state = catalog.build_status(build_id)["state"]
+        if state in _EXIT_OF_STATE:
+            return _EXIT_OF_STATE[state]
+        all_stages = ("fetch_source", *stages, "publish")
+        with BuildReporter(
+            catalog, build_id, map_id, all_stages, own_process=own_process, tied_to_stdin=tied_to_stdin
+        ) as reporter:
+
+            def tick(stage: str, fraction: float) -> None:
+                reporter.tick(stage, fraction)
+                trace.tick(stage)
+
+            tick(all_stages[0], 0.0)
+            try:
+                catalog.store.probe()
+                fetched = partial(tick, all_stages[0])
+                fetch = SourceFetch(store_url, catalog.store, map_id, build_id, work / "sources", policy)
+                sources = fetch.of_request(request, fetched)
+                job = BuildJob(
+                    sources["source"],
+                    sources.get("trajectory"),
+                    json_object(request, "config"),
+                    work,
+                    tick,
+                    reporter.is_cancelled,
+                )
+                built = build_version(job)
+                if reporter.is_cancelled():
+                    raise BuildCancelled("cancelled before it was published")
+                tick("publish", 0.0)
+                version = catalog.publish(
+                    map_id,
+                    built.directory,
+                    built.manifest,
+                    build_id=build_id,
+                    told=partial(tick, "publish"),
+                )
+                status = new_status(
+                    "succeeded", map_id=map_id, stage="publish", progress=1.0, version=version
+                )
+            except (StoreUnavailable, ClusterUnavailable):
+                with suppress(StoreError):  # not the build's fault: it is to be run again
+                    catalog.set_build_status(build_id, new_status("queued", map_id=map_id))
+                raise
+            except BuildCancelled:
+                status = new_status("cancelled", map_id=map_id, stage=reporter.stage)
+            except Exception as error:
+                _log.exception("build %s failed in %s", build_id, reporter.stage)
+                status = new_status(
+                    "failed", map_id=map_id, stage=reporter.stage, error=error_record(error, work)
+                )
+        trace.end(status["state"], (status["error"] or {}).get("code"))
+        catalog.set_build_stages(build_id, [asdict(stage) for stage in trace.stages])
+        catalog.set_build_status(build_id, status)
+        shutil.rmtree(work / "sources", ignore_errors=True)
+        return _EXIT_OF_STATE[status["state"]]
+
+
+@contextmanager
+def _alone_in(work: Path) -> Iterator[None]:
+    """Holds the folder's lock: two builds would write their versions to the same place."""
+    work.mkdir(parents=True, exist_ok=True)
+    handle = os.open(work / "worker.lock", os.O_RDWR | os.O_CREAT, 0o644)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
