@@ -41,9 +41,9 @@ class Group:
         self.metrics = {name: Metrics() for name in REPLICAS}
         self.caches = {}
         for name in REPLICAS:
-            holding = Holding(name, copies) if copies else None
-            if holding is not None:
-                holding.see(REPLICAS)
+            placement = Placement(name, copies) if copies else None
+            if placement is not None:
+                placement.set_replicas(REPLICAS)
             self.caches[name] = MapCache(
                 catalog,
                 directory / "cache",
@@ -52,7 +52,7 @@ class Group:
                 max_versions=held,
                 max_bytes=GIB,
                 max_disk_bytes=GIB,
-                holding=holding,
+                placement=placement,
             )
         for cache in self.caches.values():
             cache.poll()
@@ -133,15 +133,15 @@ def movement(maps: int, replicas: int, copies: int) -> dict[str, Any]:
     names = [f"r{number}" for number in range(1, replicas + 1)]
     come, seconds, others = 0, 0.0, 0
     for name in names[:-1]:
-        holding = Holding(name, copies)
-        holding.see(names)
-        holding.know(map(name_of, range(maps)))
-        before = set(holding.maps)
+        placement = Placement(name, copies)
+        placement.set_replicas(names)
+        placement.add_maps(map(name_of, range(maps)))
+        before = set(placement.maps)
         begin = time.perf_counter()
-        moved = holding.see(names[:-1])
+        change = placement.set_replicas(names[:-1])
         seconds = max(seconds, time.perf_counter() - begin)
-        come += len(moved.come)
-        others += len(before - set(holding.maps))
+        come += len(change.gained)
+        others += len(before - set(placement.maps))
     return {
         "maps": maps,
         "replicas": replicas,
@@ -165,7 +165,7 @@ def takeover(directory: Path, maps: int, copies: int) -> dict[str, Any]:
     seconds = []
     for name in others:
         begin = time.perf_counter()
-        group.caches[name].share(others)
+        group.caches[name].set_replicas(others)
         seconds.append(time.perf_counter() - begin)
     figures = {
         "maps": maps,

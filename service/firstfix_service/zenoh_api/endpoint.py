@@ -215,7 +215,7 @@ class ZenohEndpoint:
             Unauthorized, Forbidden, RateLimited: as ``Access`` says.
         """
         if self._trusted:
-            return Caller(TRUSTED)
+            return Principal(TRUSTED)
         caller = await self._access.check(credential_of(query), Scope.LOCALIZE, None)
         self._access.take("localize", caller)
         return caller

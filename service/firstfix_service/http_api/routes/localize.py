@@ -17,7 +17,7 @@ from firstfix.decode import MEDIA_TYPES
 from firstfix.errors import InvalidOption
 from firstfix.ros.media_types import POSE
 
-from ...auth.principal import Caller
+from ...auth.principal import Principal
 from ...lanes import READS
 from ...localize.negotiation import negotiate
 from ...localize.query_head import QueryHead, split_map_ids

@@ -62,8 +62,8 @@ def test_the_one_used_longest_ago_goes_first_with_all_that_belongs_to_it(place: 
 
 def test_what_is_held_stays_until_it_is_given_back(place: Place) -> None:
     first, second = place.fetch(1), place.fetch(2)
-    held = HeldFolder(first)
-    also = HeldFolder(first)
+    held = FolderLock(first)
+    also = FolderLock(first)
     assert prune(place.cache, 0) == [second.name]
     held.close()
     assert prune(place.cache, 0) == []
@@ -100,7 +100,7 @@ def test_a_folder_that_is_gone_cannot_be_held(place: Place) -> None:
     folder = place.fetch(1)
     prune(place.cache, 0)
     with pytest.raises(FileNotFoundError):
-        HeldFolder(folder)
+        FolderLock(folder)
 
 
 def test_leftovers_of_killed_processes_go(place: Place) -> None:
@@ -148,7 +148,7 @@ def test_fetching_holding_and_pruning_at_once_never_shows_half_a_version(place: 
         good = 0
         while good < 30:
             try:
-                held = HeldFolder(place.catalog.fetch_version("hall", name, place.cache))
+                held = FolderLock(place.catalog.fetch_version("hall", name, place.cache))
             except FileNotFoundError:
                 continue
             assert (held.path / "a.npy").read_bytes() == wholes[name]
