@@ -1,5 +1,5 @@
 """Queries by Zipf's law over four replicas with caches too small for all maps: how many meet a loaded
-version, by who is asked. The service's own cache and holding, in one process: counts are exact.
+version, by who is asked. The service's own cache and placement, in one process: counts are exact.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.rendezvous import rendezvous_order
 from firstfix.store.store import Store
 from firstfix_service.maps.map_cache import MapCache
-from firstfix_service.maps.placement import Holding
+from firstfix_service.maps.placement import Placement
 from firstfix_service.query_workers.base import QueryWorkerThreads
 from firstfix_service.telemetry.metrics import Metrics
 

@@ -104,12 +104,11 @@ class MapCache:
         load for all queries that need it.
 
         Args:
+            map_ids: well-formed (``firstfix.ids``), and so is the version.
             version: None means the active version of each map.
 
-        Raises:
-            InvalidOption: a map id or the version is not valid. The future raises NotFound if there is no
-                such map or version, VersionError if neither it nor an earlier active one can be served, and
-                StoreError.
+        The future raises NotFound if there is no such map or version, VersionError if neither it nor an earlier
+        active version can be served, and StoreError.
         """
         if len(map_ids) == 1:
             return gather_leases([self._lease(map_ids[0], version)])

@@ -42,7 +42,7 @@ from ..localize.use_case import LocalizeUseCase
 from ..maps.georeference_cache import GeoreferenceCache
 from ..maps.map_cache import MapCache
 from ..maps.map_poller import MapPoller
-from ..maps.placement import open_holding
+from ..maps.placement import open_placement
 from ..query_workers.base import QueryWorkers, QueryWorkerThreads
 from ..query_workers.pool import QueryWorkerProcesses
 from ..query_workers.query import LocalizesScans, load_localizer
@@ -222,7 +222,7 @@ async def _start_zenoh(
     from ..zenoh_api.replicas import ZenohReplicas
 
     settings, loop = parts.settings, asyncio.get_running_loop()
-    endpoint = await START.run(ZenohEndpoint, settings, replica, parts.use_case, parts.access, loop, requests)
+    endpoint = await START.run(ZenohEndpoint, settings, replica, parts.use_case, parts.authenticator, loop, requests)
     stack.push_async_callback(START.run, endpoint.close)
     parts.metrics.zenoh_connections.set_function(lambda: endpoint.connections)
     parts.metrics.zenoh_maps.set_function(lambda: endpoint.maps_shown)

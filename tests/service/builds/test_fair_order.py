@@ -14,14 +14,9 @@ from nats_world import nats_world
 
 from firstfix.builds.records import FINAL_STATES
 from firstfix_service.builds.fair_order import FairOrder
-<<<<<<< HEAD
-from firstfix_service.builds.nats.builds import AHEAD
-from firstfix_service.builds.unfinished import Unfinished
-from tests.faults.nats_server import nats_server_program
-=======
 from firstfix_service.builds.nats.builds import MAX_AHEAD
 from firstfix_service.builds.unfinished import UnfinishedBuild
->>>>>>> 20b7360 (Say placement, principal, prefetch and loaded versions in the service, in plain English)
+from tests.faults.nats_server import nats_server_program
 from waiting import wait_until
 
 

@@ -104,7 +104,7 @@ async def localize(request: Request, parts: PartsDep, caller: CallerDep) -> Resp
 
 
 async def _localize(
-    request: Request, parts: Parts, caller: Caller, arrived: float
+    request: Request, parts: Parts, caller: Principal, arrived: float
 ) -> tuple[Localization, bytes, str]:
     """The answer, its bytes and their media type."""
     options, accept = single_values(request), request.headers.get("accept", "")

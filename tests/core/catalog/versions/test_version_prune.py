@@ -14,7 +14,7 @@ import pytest
 
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
-from firstfix.catalog.versions.cache import HeldFolder, locked
+from firstfix.catalog.versions.cache import FolderLock, locked
 from firstfix.catalog.versions.prune import ABANDONED_S, prune
 from firstfix.store.store import Store
 
@@ -75,8 +75,8 @@ def test_what_another_process_holds_stays_until_it_is_killed(place: Place) -> No
     folder = place.fetch(1)
     code = (
         "import signal, sys; from pathlib import Path\n"
-        "from firstfix.catalog.versions.cache import HeldFolder\n"
-        "held = HeldFolder(Path(sys.argv[1])); print('held', flush=True); signal.pause()"
+        "from firstfix.catalog.versions.cache import FolderLock\n"
+        "held = FolderLock(Path(sys.argv[1])); print('held', flush=True); signal.pause()"
     )
     holder = subprocess.Popen([sys.executable, "-c", code, str(folder)], stdout=subprocess.PIPE)
     try:
