@@ -1,5 +1,5 @@
 """Queries by Zipf's law over four replicas with caches too small for all maps: how many meet a loaded
-version, by who is asked. The service's own cache and holding, in one process: counts are exact.
+version, by who is asked. The service's own cache and placement, in one process: counts are exact.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.rendezvous import rendezvous_order
 from firstfix.store.store import Store
 from firstfix_service.maps.map_cache import MapCache
-from firstfix_service.maps.placement import Holding
+from firstfix_service.maps.placement import Placement
 from firstfix_service.query_workers.base import QueryWorkerThreads
 from firstfix_service.telemetry.metrics import Metrics
 
@@ -41,9 +41,9 @@ class Group:
         self.metrics = {name: Metrics() for name in REPLICAS}
         self.caches = {}
         for name in REPLICAS:
-            holding = Holding(name, copies) if copies else None
-            if holding is not None:
-                holding.see(REPLICAS)
+            placement = Placement(name, copies) if copies else None
+            if placement is not None:
+                placement.set_replicas(REPLICAS)
             self.caches[name] = MapCache(
                 catalog,
                 directory / "cache",
@@ -52,7 +52,7 @@ class Group:
                 max_versions=held,
                 max_bytes=GIB,
                 max_disk_bytes=GIB,
-                holding=holding,
+                placement=placement,
             )
         for cache in self.caches.values():
             cache.poll()
@@ -133,15 +133,15 @@ def movement(maps: int, replicas: int, copies: int) -> dict[str, Any]:
     names = [f"r{number}" for number in range(1, replicas + 1)]
     come, seconds, others = 0, 0.0, 0
     for name in names[:-1]:
-        holding = Holding(name, copies)
-        holding.see(names)
-        holding.know(map(name_of, range(maps)))
-        before = set(holding.maps)
+        placement = Placement(name, copies)
+        placement.set_replicas(names)
+        placement.add_maps(map(name_of, range(maps)))
+        before = set(placement.maps)
         begin = time.perf_counter()
-        moved = holding.see(names[:-1])
+        change = placement.set_replicas(names[:-1])
         seconds = max(seconds, time.perf_counter() - begin)
-        come += len(moved.come)
-        others += len(before - set(holding.maps))
+        come += len(change.gained)
+        others += len(before - set(placement.maps))
     return {
         "maps": maps,
         "replicas": replicas,
@@ -165,7 +165,7 @@ def takeover(directory: Path, maps: int, copies: int) -> dict[str, Any]:
     seconds = []
     for name in others:
         begin = time.perf_counter()
-        group.caches[name].share(others)
+        group.caches[name].set_replicas(others)
         seconds.append(time.perf_counter() - begin)
     figures = {
         "maps": maps,

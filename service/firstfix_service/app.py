@@ -46,9 +46,8 @@ from .http_api.routes import (
 )
 from .query_workers.query import LocalizesScans
 from .settings import Settings
-from .startup.composition import assemble
-from .startup.retry import Start
-from .startup.start_failure import StartFailure
+from .startup.composition import compose
+from .startup.retry import PlainStartError, RetryingStart
 from .telemetry.metrics import Metrics
 from .telemetry.request_scope import Requests
 
@@ -92,8 +91,8 @@ def create_app(settings: Settings, *, load: Callable[[Path], LocalizesScans] | N
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         state = app.state
-        async with Start(
-            lambda stack: assemble(settings, metrics, requests, load, state.closing, state.draining, stack)
+        async with RetryingStart(
+            lambda stack: compose(settings, metrics, requests, load, state.closing, state.draining, stack)
         ) as state.start:
             yield
 
@@ -117,5 +116,5 @@ def create_app(settings: Settings, *, load: Callable[[Path], LocalizesScans] | N
     problems.add_handlers(app)
     app.add_middleware(WhilePermitted)
     app.add_middleware(RequestLog, metrics=metrics, requests=requests)
-    app.add_middleware(StartFailure)
+    app.add_middleware(PlainStartError)
     return app

@@ -1,4 +1,4 @@
-"""Whether strangers can reach this service, and that nobody opens it to them by mistake."""
+"""Check that a service that other machines can reach is not left open by mistake."""
 
 from __future__ import annotations
 
@@ -17,33 +17,32 @@ _LOCAL_PROTOCOLS = {"unixsock-stream", "unixpipe"}
 
 
 def check_exposure(settings: Settings) -> None:
-    """Says in the log who is let in.
+    """Checks the settings of authentication, and logs who may use the service.
 
     Raises:
-        InvalidOption: it can be reached from beyond this machine, and nobody has said whether callers are
-            to be told apart there.
+        InvalidOption: other machines can reach the service, and FIRSTFIX_AUTH is not set.
     """
     exposed = exposed_at(settings)
     if settings.auth is None and exposed:
         raise InvalidOption(
-            f"{exposed} can be reached from beyond this machine: set FIRSTFIX_AUTH=on, and give out keys by "
-            "'firstfix keys create'; or FIRSTFIX_AUTH=off, where a network or a proxy keeps strangers out"
+            f"{exposed} can be reached from other machines: set FIRSTFIX_AUTH=on and create keys with "
+            "'firstfix keys create', or set FIRSTFIX_AUTH=off if a network or a proxy keeps strangers out"
         )
     if settings.auth == "on":
         _log.info("callers need a key or a token", tokens=settings.jwt_jwks is not None)
         if settings.zenoh_enabled and settings.zenoh_trusted:
-            _log.warning("zenoh callers need no key: zenoh's own access rules have to keep others out")
+            _log.warning("zenoh callers need no key: the access rules of zenoh must keep strangers out")
     elif settings.jwt_jwks is not None:
-        raise InvalidOption("FIRSTFIX_JWT_JWKS is of no use without FIRSTFIX_AUTH=on")
+        raise InvalidOption("FIRSTFIX_JWT_JWKS has no effect without FIRSTFIX_AUTH=on")
     else:
-        _log.warning("authentication is off: whoever reaches this service may do everything", at=exposed)
+        _log.warning("authentication is off: every caller may do everything", at=exposed)
 
 
 def exposed_at(settings: Settings) -> str:
-    """Addresses by which others than this machine reach the service; empty: none.
+    """Returns the addresses at which other machines can reach the service; empty if there are none.
 
-    An operator's zenoh configuration file is not looked into: what it opens, its own TLS, users and access
-    rules are there to guard.
+    A zenoh configuration file of the operator is not read: its TLS, users and access rules protect what it
+    opens.
     """
     found = [] if is_loopback(settings.host) else [f"HTTP on {settings.host}"]
     if settings.zenoh_enabled and settings.zenoh_config is None:
@@ -53,6 +52,7 @@ def exposed_at(settings: Settings) -> str:
 
 
 def is_loopback(host: str) -> bool:
+    """Returns whether only this machine can reach the address."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -60,7 +60,7 @@ def is_loopback(host: str) -> bool:
 
 
 def _is_local_endpoint(endpoint: str) -> bool:
-    """Of ``protocol/address?metadata#config``: whether it stays within this machine."""
+    """Whether an endpoint ``protocol/address?metadata#config`` is on this machine only."""
     protocol, _, rest = endpoint.partition("/")
     if protocol in _LOCAL_PROTOCOLS:
         return True

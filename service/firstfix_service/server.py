@@ -1,4 +1,4 @@
-"""Running the service as a process."""
+"""The service as a server process."""
 
 from __future__ import annotations
 
@@ -12,21 +12,22 @@ import uvicorn
 from fastapi import FastAPI
 
 from .app import create_app
-from .http_server.connections import ConnectionLimits, Connections, Ended
+from .http_server.connections import ConnectionLimits, Connections, EndReason
 from .http_server.protocol import LimitedHttpProtocol
 from .settings import Settings
 from .telemetry.log_setup import set_up_logging
 from .telemetry.metrics import Metrics
 
 _log = structlog.get_logger(__name__)
-STOP_WITHIN_S = 20  # for requests under way, then they are broken off
+STOP_WITHIN_S = 20  # requests that run longer are aborted
 
 
 def uvicorn_config(app: FastAPI, settings: Settings) -> uvicorn.Config:
+    """Returns the configuration of the HTTP server."""
     metrics: Metrics = app.state.metrics
     limits = ConnectionLimits.of(settings)
 
-    def ended(why: Ended) -> None:
+    def ended(why: EndReason) -> None:
         metrics.http_connections_ended.labels(why.value).inc()
 
     connections = Connections(limits, settings.trusted_proxies, ended)
@@ -38,7 +39,7 @@ def uvicorn_config(app: FastAPI, settings: Settings) -> uvicorn.Config:
         loop="auto",  # uvloop where it is installed
         http=partial(LimitedHttpProtocol, connections=connections),  # type: ignore[arg-type]
         ws="none",
-        access_log=False,  # RequestLog writes one line a request
+        access_log=False,  # RequestLog writes one line per request
         log_config=None,
         server_header=False,
         proxy_headers=False,
@@ -49,8 +50,11 @@ def uvicorn_config(app: FastAPI, settings: Settings) -> uvicorn.Config:
 
 
 class Server(uvicorn.Server):
-    """The server of an app. When it is to stop it says so at /readyz and goes on until a proxy has seen
-    that; then it ends streams of events, and waits for what else is under way."""
+    """The HTTP server of an app, with an orderly stop.
+
+    To stop, it answers 503 at /readyz and goes on for ``drain_s``, so that proxies see it. Then it ends the
+    event streams and waits for the other requests.
+    """
 
     def __init__(self, app: FastAPI, settings: Settings) -> None:
         super().__init__(uvicorn_config(app, settings))
@@ -58,19 +62,20 @@ class Server(uvicorn.Server):
         self._drain_s = settings.drain_s
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Drains and stops the server."""
         self._app.state.draining.set()
         if self._drain_s and self.started:
-            _log.info("stopping: no longer ready, requests are still answered", drain_s=self._drain_s)
+            _log.info("stopping: not ready any more, requests are still answered", drain_s=self._drain_s)
             await asyncio.sleep(self._drain_s)
         self._app.state.closing.set()
         await super().shutdown(sockets)
 
 
 def serve(settings: Settings) -> None:
-    """Serves until SIGINT or SIGTERM.
+    """Runs the service until SIGINT or SIGTERM.
 
     Raises:
-        SystemExit: it could not start; the log says why.
+        SystemExit: the service could not start; the log says why.
     """
     set_up_logging(settings.log_level, as_json=settings.log_json)
     Server(create_app(settings), settings).run()

@@ -1,4 +1,4 @@
-"""A cache of versions over a real store, with fake localizers."""
+"""Map cache over a real store, with fake localizers."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from waiting import LIMIT_S
 
 
 class Cache(MapCache):
-    """With what a query does in one call."""
+    """A map cache whose leases are waited for."""
 
     def get(self, map_id: str, version: str | None = None) -> ServedVersion:
-        leases = self.hold(map_id, version=version)
+        leases = self.leased(map_id, version=version)
         leases.close()
         (served,) = leases.served
         return served
 
-    def hold(self, *map_ids: str, version: str | None = None) -> Leases:
+    def leased(self, *map_ids: str, version: str | None = None) -> Leases:
         return self.lease(map_ids, version).result(LIMIT_S)
 
 
 class World:
-    """A cache over a store in a directory, or over one that has to be fetched from."""
+    """A map cache over a directory store, or over a store whose versions must be fetched."""
 
     def __init__(self, tmp_path: Path, store: Store) -> None:
         self.catalog = Catalog(store)

@@ -11,7 +11,7 @@ from callers_world import CLOUD, callers
 
 from firstfix.access.permissions import Grant, Scope
 from firstfix.builds.caller_usage import CallerUsage
-from firstfix_service.auth.principal import Caller
+from firstfix_service.auth.principal import Principal
 from waiting import wait_until
 
 
@@ -172,8 +172,8 @@ def test_builds_are_everybodys_who_has_their_map(tmp_path: Path, method: str, pa
 
 def test_names_and_what_they_own():
     build_scope = Grant(frozenset({Scope.BUILD}))
-    mine, admin = Caller("key:a", build_scope), Caller("key:b", Grant(frozenset({Scope.ADMIN})))
+    mine, admin = Principal("key:a", build_scope), Principal("key:b", Grant(frozenset({Scope.ADMIN})))
     assert [mine.owns(owner) for owner in ("key:a", "key:b", None, "")] == [True, False, True, False]
     assert admin.owns("key:a")
-    assert Caller("address:192.0.2.1").repeats_as == Caller("address:192.0.2.2").repeats_as
-    assert Caller("key:a").repeats_as != Caller("key:b").repeats_as
+    assert Principal("address:192.0.2.1").repeats_as == Principal("address:192.0.2.2").repeats_as
+    assert Principal("key:a").repeats_as != Principal("key:b").repeats_as

@@ -26,8 +26,10 @@ _ROUTER = "import sys, time, zenoh; s = zenoh.open(zenoh.Config.from_file(sys.ar
 
 
 class ZenohWorld:
-    """Attributes:
-    folder: with the example files, adapted in their paths and addresses alone, and certificates.
+    """A zenoh router with TLS.
+
+    Attributes:
+        folder: the example files, with other paths and addresses, and certificates.
     """
 
     def __init__(self, folder: Path) -> None:

@@ -60,16 +60,16 @@ class BuildAttempts:
     as the store does.
 
     Args:
-        holder: unique to whoever may run one build at a time; an open attempt of the same holder is one
+        claimant: unique to whoever may run one build at a time; an open attempt of the same claimant is one
             that it did not live to end.
         lease_s: an attempt without a beat for so long is over.
         max_attempts: that may die or be lost in one and the same stage of a build. One that got further
             before it died may have been killed by anything, and is not held against the build.
     """
 
-    def __init__(self, store: Store, holder: str, *, lease_s: float, max_attempts: int) -> None:
+    def __init__(self, store: Store, claimant: str, *, lease_s: float, max_attempts: int) -> None:
         self._store = store
-        self._holder = holder
+        self._claimant = claimant
         self._lease_s = lease_s
         self._max_attempts = max_attempts
 
@@ -90,7 +90,7 @@ class BuildAttempts:
                 return None
             self.end(Attempt(build_id, last), AttemptEnd.LOST, stage=stage, why=why)
         self._check_failures(build_id, last)
-        content = {"holder": self._holder, "time": _now(), "writer": uuid.uuid4().hex}
+        content = {"holder": self._claimant, "time": _now(), "writer": uuid.uuid4().hex}
         if not self._create(f"{_folder(build_id)}/{last + 1:06d}.json", content):
             return None
         attempt = Attempt(build_id, last + 1)
@@ -157,7 +157,7 @@ class BuildAttempts:
     def _is_own(self, key: str) -> bool:
         """Whether this holder made the attempt. Of one that cannot be read its beat says how it stands."""
         try:
-            return _read(self._store, key)["holder"] == self._holder
+            return _read(self._store, key)["holder"] == self._claimant
         except UnreadableRecord:
             return False
 
@@ -183,7 +183,7 @@ class BuildAttempts:
         return self._store.put_new(key, data) or self._store.get(key) == data
 
 
-def is_held(store: Store, build_id: str) -> bool:
+def has_open_attempt(store: Store, build_id: str) -> bool:
     """Whether somebody runs the build, or did not live to say that it ended."""
     found = _scan(store, build_id)
     return bool(found) and "end.json" not in found[max(found)]

@@ -93,7 +93,7 @@ class BuildRecords:
                 "error": {"code": error.code, "detail": "a record of this build is damaged"},
             }
 
-    def held_status(self, build_id: str) -> dict[str, Any]:
+    def status_or_queued(self, build_id: str) -> dict[str, Any]:
         """As ``build_status``, for whoever has the build and is to write its status: a damaged one is as if
         there were none yet."""
         try:

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from ..builds.attempts import is_held
+from ..builds.attempts import has_open_attempt
 from ..builds.records import new_status
 from ..builds.shared_stages import ROOT as STAGES
 from ..catalog.catalog import Catalog
@@ -85,7 +85,7 @@ class Repair:
     def _build_request(self, key: str) -> str:
         """Without its request a build can neither run nor be looked at: all of it goes."""
         build_id = key.split("/")[1]
-        if is_held(self._store, build_id):
+        if has_open_attempt(self._store, build_id):
             return ""
         for part in [key, *self._store.list(f"builds/{build_id}")]:
             self._aside(part)

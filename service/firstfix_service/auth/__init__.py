@@ -1,1 +1,1 @@
-"""Who calls, with which permissions, and how often."""
+"""Authentication of callers, their permissions and their rate limits."""

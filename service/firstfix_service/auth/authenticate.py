@@ -1,10 +1,9 @@
-"""Who is asking, by the credential that comes with a request: the same for both transports."""
+"""Authentication of callers by the credential of a request, for both transports, and their rate limits."""
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
 from typing import TYPE_CHECKING
 
 import structlog
@@ -16,10 +15,11 @@ from firstfix.store.store import Store
 
 from ..exposure import exposed_at
 from ..lanes import KEYS
+from ..lanes.background import PeriodicTask
 from ..settings import Settings
 from ..telemetry.metrics import Metrics
 from .key_ring import KeyRing
-from .principal import Caller
+from .principal import Principal
 from .rate_limit import RateLimit
 
 if TYPE_CHECKING:
@@ -27,17 +27,17 @@ if TYPE_CHECKING:
 
 _log = structlog.get_logger(__name__)
 _API_KEY = "ffx_"
-# Of one caller, where strangers can be some; changes: of one map.
+# Defaults for one caller of an exposed service; changes are counted for each map.
 DEFAULT_LOCALIZE_PER_S, DEFAULT_BUILDS_PER_HOUR, DEFAULT_CHANGES_PER_MIN = 50.0, 60.0, 60.0
 _LOCALIZE_BURST_S = 5.0
 
 
-class Access:
-    """Tells callers apart and limits how often they come. One event loop's.
+class Authenticator:
+    """Identifies callers and limits their rates. For use by one event loop.
 
     Args:
-        keys: None: nobody is asked for a credential, and what comes is not looked at.
-        tokens: None: there are API keys alone.
+        keys: None means that authentication is off: credentials are ignored.
+        tokens: None means that only API keys are accepted.
     """
 
     def __init__(self, settings: Settings, keys: KeyRing | None, tokens: TokenVerifier | None) -> None:
@@ -52,32 +52,34 @@ class Access:
             "build": _limit("builds", per_hour / 3600, per_hour),
             "change": _limit("changes of this map", changes_per_min / 60, changes_per_min),
         }
-        self._failures = _limit("credentials that are worth nothing", per_min / 60, per_min)
+        self._failures = _limit("invalid credentials", per_min / 60, per_min)
 
     @property
     def is_on(self) -> bool:
+        """Whether callers need a credential."""
         return self._keys is not None
 
-    async def caller(self, credential: str | None, address: str) -> Caller:
-        """
+    async def authenticate(self, credential: str | None, address: str) -> Principal:
+        """Returns the caller.
+
         Args:
-            credential: an API key or a token; None: none came.
-            address: for the limits of callers without a credential that is worth anything.
+            credential: an API key or a token; None if the request has none.
+            address: of the caller; invalid credentials are counted by address.
 
         Raises:
-            Unauthorized: none, or one that is worth nothing.
-            RateLimited: the same, once too often from this address. One that is good works all the same,
-                for robots share addresses.
-            StoreUnavailable, Overloaded: it cannot be checked now.
+            Unauthorized: missing or invalid credential.
+            RateLimited: too many invalid credentials from this address. A valid credential is still accepted,
+                because robots share addresses.
+            StoreUnavailable, Overloaded: the credential cannot be checked now.
         """
         if self._keys is None:
-            return Caller(f"address:{address}")
+            return Principal(f"address:{address}")
         try:
             if not credential:
-                raise Unauthorized("this service asks for an API key or a token")
+                raise Unauthorized("this service needs an API key or a token")
             if credential.startswith(_API_KEY) or self._tokens is None:
-                return self._keys.caller(credential)
-            return await self._tokens.caller(credential)
+                return self._keys.principal(credential)
+            return await self._tokens.principal(credential)
         except Unauthorized as error:
             if credential and self._failures is not None:
                 self._failures.take(address)
@@ -86,73 +88,60 @@ class Access:
 
     async def check(
         self, credential: str | None, scope: Scope, map_id: str | None, *, address: str = "zenoh"
-    ) -> Caller:
-        """The caller, who may do this.
+    ) -> Principal:
+        """Returns the caller if it has the permission.
 
         Raises:
-            Unauthorized, RateLimited, StoreUnavailable, Overloaded: as ``caller``.
-            Forbidden: as ``Caller.check``.
+            Unauthorized, RateLimited, StoreUnavailable, Overloaded: see ``authenticate``.
+            Forbidden: see ``Principal.check``.
         """
-        caller = await self.caller(credential, address)
-        caller.check(scope, map_id)
-        return caller
+        principal = await self.authenticate(credential, address)
+        principal.check(scope, map_id)
+        return principal
 
-    def take(self, what: str, caller: Caller, map_id: str = "") -> None:
-        """Counts a query (``localize``), a build (``build``) or a change of a map (``change``) of this
-        caller. Changes count by map: each is an entry in that map's log.
+    def take(self, what: str, principal: Principal, map_id: str = "") -> None:
+        """Counts a request of this caller against a rate limit.
+
+        Args:
+            what: ``localize``, ``build``, or ``change`` of a map.
+            map_id: of a change. Changes are counted for each map, because each one is an entry in that map's
+                log.
 
         Raises:
             RateLimited: there were too many.
         """
         limit = self._limits[what]
         if limit is not None:
-            limit.take(f"{caller.name} {map_id}" if map_id else caller.name)
+            limit.take(f"{principal.name} {map_id}" if map_id else principal.name)
 
 
 @asynccontextmanager
-async def open_access(settings: Settings, store: Store, metrics: Metrics) -> AsyncIterator[Access]:
-    """Access as the settings say, kept current while the block lasts.
+async def open_authenticator(
+    settings: Settings, store: Store, metrics: Metrics
+) -> AsyncIterator[Authenticator]:
+    """Opens the authenticator that the settings ask for, and refreshes its keys until the block ends.
 
     Raises:
-        InvalidOption: settings that cannot be used.
+        InvalidOption: the settings cannot be used.
     """
-    keys, tokens = None, None
-    running: list[asyncio.Task[None]] = []
-    if settings.auth == "on":
-        keys = KeyRing(ApiKeys(store), settings.keys_max_age_s)
-        await KEYS.run(keys.refresh)
-        running.append(_every(settings.keys_refresh_s, _in_thread(keys.refresh)))
-    if keys is not None and settings.jwt_jwks is not None:
-        from .jwks import REFRESH_S  # PyJWT is loaded only where there are tokens
-        from .token_verifier import TokenVerifier
+    async with AsyncExitStack() as stack:
+        keys, tokens = None, None
+        if settings.auth == "on":
+            keys = KeyRing(ApiKeys(store), settings.keys_max_age_s)
+            refresh_keys, every_s = KEYS.route(keys.refresh), settings.keys_refresh_s
+            await refresh_keys()
+            PeriodicTask("refresh API keys", refresh_keys, every_s, first_after_s=every_s).start(stack)
+        if keys is not None and settings.jwt_jwks is not None:
+            from .jwks import REFRESH_S  # PyJWT is loaded only if tokens are accepted
+            from .token_verifier import TokenVerifier
 
-        tokens = TokenVerifier(settings)
-        await tokens.jwks.refresh()
-        running.append(_every(REFRESH_S, tokens.jwks.refresh))
-    metrics.keys_age.set_function(lambda: 0.0 if keys is None else keys.age_s)
-    try:
-        yield Access(settings, keys, tokens)
-    finally:
-        for task in running:
-            task.cancel()
-            with suppress(asyncio.CancelledError):
-                await task
-
-
-def _every(interval_s: float, work: Callable[[], Awaitable[None]]) -> asyncio.Task[None]:
-    async def run() -> None:
-        while True:
-            await asyncio.sleep(interval_s)
-            try:
-                await work()
-            except Exception:  # without it keys would never be revoked again
-                _log.exception("a look for keys failed")
-
-    return asyncio.create_task(run(), name="access")
-
-
-def _in_thread(work: Callable[[], None]) -> Callable[[], Awaitable[None]]:
-    return lambda: KEYS.run(work)
+            tokens = TokenVerifier(settings)
+            await tokens.jwks.refresh()
+            PeriodicTask(
+                "refresh issuer keys", tokens.jwks.refresh, REFRESH_S, first_after_s=REFRESH_S
+            ).start(stack)
+        metrics.keys_age.set_function(lambda: 0.0 if keys is None else keys.age_s)
+        yield Authenticator(settings, keys, tokens)
 
 
 def _limit(what: str, per_s: float, burst: float) -> RateLimit | None:
@@ -160,10 +149,10 @@ def _limit(what: str, per_s: float, burst: float) -> RateLimit | None:
 
 
 def chosen_limit(given: float | None, default: float, exposed: bool) -> float:
-    """A limit; 0: none.
+    """Returns the given limit, or the default; 0 means no limit.
 
     Args:
-        default: where strangers can be some of the callers.
+        default: used if the service can be reached from other machines; otherwise there is no limit.
     """
     if given is not None:
         return given

@@ -1,4 +1,4 @@
-"""The API keys of the store, in memory: a request never waits for the store."""
+"""The API keys of the store, in memory, so that no request waits for the store."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ import structlog
 from firstfix.access.api_keys import ApiKey, ApiKeys, parse_token
 from firstfix.errors import StoreError, StoreUnavailable, Unauthorized
 
-from .principal import Caller
+from .principal import Principal
 
 _log = structlog.get_logger(__name__)
 
 
 class KeyRing:
-    """The keys as of the last look. Thread-safe.
+    """The API keys as of the last refresh. Thread-safe.
 
     Args:
-        max_age_s: after so long without a look that succeeded they are worth nothing: one of them may have
-            been revoked.
-        clock: seconds, monotonic.
+        max_age_s: the keys are not accepted if no refresh has succeeded for so long, because one of them may
+            have been revoked.
+        clock: monotonic time in seconds.
     """
 
     def __init__(self, keys: ApiKeys, max_age_s: float, clock: Callable[[], float] = time.monotonic) -> None:
@@ -31,33 +31,33 @@ class KeyRing:
         self._clock = clock
         self._known: dict[str, ApiKey] = {}
         self._read_at: float | None = None
-        self._bad: set[str] = set()
+        self._damaged: set[str] = set()
 
     @property
     def age_s(self) -> float:
-        """Seconds since the last look that succeeded; infinite: there was none."""
+        """Seconds since the last refresh that succeeded; infinite before the first one."""
         return float("inf") if self._read_at is None else self._clock() - self._read_at
 
     def refresh(self) -> None:
-        """Looks into the store. When that fails the keys stay as they are."""
+        """Reads the keys from the store. If that fails, the keys in memory stay."""
         started = self._clock()
         try:
-            found, bad = self._keys.all()
+            found, damaged = self._keys.all()
         except StoreError as error:
             _log.warning("cannot read the API keys", code=error.code, error=str(error))
             return
-        for key_id in set(bad) - self._bad:
-            _log.error("the record of an API key cannot be read: it lets nobody in", key_id=key_id)
-        self._bad = set(bad)
+        for key_id in set(damaged) - self._damaged:
+            _log.error("the record of an API key is damaged: the key is not accepted", key_id=key_id)
+        self._damaged = set(damaged)
         self._known = {key.key_id: key for key in found if not key.revoked}
         self._read_at = started
 
-    def caller(self, token: str) -> Caller:
-        """Whose key it is.
+    def principal(self, token: str) -> Principal:
+        """Returns the caller whose API key this is.
 
         Raises:
-            Unauthorized: nobody's, or it has expired.
-            StoreUnavailable: the keys could not be read for too long.
+            Unauthorized: there is no such key, or it has expired.
+            StoreUnavailable: the keys could not be read for ``max_age_s``.
         """
         parsed = parse_token(token)
         if parsed is None:
@@ -65,9 +65,9 @@ class KeyRing:
         if self.age_s > self._max_age_s:
             raise StoreUnavailable("the API keys cannot be read")
         key_id, secret = parsed
-        key = self._known.get(key_id)  # ids are no secrets: that one is looked up faster tells nothing
+        key = self._known.get(key_id)  # ids are not secret: the time of this look-up reveals nothing
         if key is None or not key.matches(secret):
             raise Unauthorized("no such API key, or it was revoked")
         if key.is_expired(datetime.now(timezone.utc)):
             raise Unauthorized(f"API key {key_id} has expired")
-        return Caller(f"key:{key_id}", key.grant)
+        return Principal(f"key:{key_id}", key.grant)

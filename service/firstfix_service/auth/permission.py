@@ -1,5 +1,4 @@
-"""The permission of a request that takes long: it is asked for again while the request goes on, since a key
-may be revoked, or expire, meanwhile."""
+"""Permission of a long request, checked again and again because a key can expire or be revoked."""
 
 from __future__ import annotations
 
@@ -12,33 +11,41 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from firstfix.access import permissions as grant
 
-from .authenticate import Access
+from .authenticate import Authenticator
 
-CHECK_S = 1.0  # between two checks: they read memory, and of a token its signature
+CHECK_S = 1.0  # between two checks: they read memory only, and verify the signature of a token
 
 
 @dataclass(frozen=True)
 class Permission:
-    """Attributes: map_id: that the request is about, as far as its path tells."""
+    """Permission of one request.
 
-    access: Access
+    Attributes:
+        map_id: the map in the path of the request, if any.
+    """
+
+    authenticator: Authenticator
     credential: str | None
     address: str
     scope: grant.Scope
     map_id: str | None
 
     async def check(self, map_id: str | None = None) -> None:
-        """
+        """Checks that the permission is still valid.
+
         Args:
-            map_id: that the request turned out to be about.
+            map_id: the map of the request, if it is not in the path.
 
         Raises:
-            Unauthorized, Forbidden, RateLimited, StoreUnavailable, Overloaded: as ``Access.check``.
+            Unauthorized, Forbidden, RateLimited, StoreUnavailable, Overloaded: see ``Authenticator.check``.
         """
-        await self.access.check(self.credential, self.scope, map_id or self.map_id, address=self.address)
+        await self.authenticator.check(
+            self.credential, self.scope, map_id or self.map_id, address=self.address
+        )
 
 
 async def permission_of(request: Request) -> Permission:
+    """Dependency of routes: the permission that ``authorize`` found."""
     permission: Permission = request.state.permission
     return permission
 
@@ -47,12 +54,13 @@ PermissionDep = Annotated[Permission, Depends(permission_of)]
 
 
 class WhilePermitted:
-    """ASGI middleware: whoever reads the body of a request gets the error when its permission has ended."""
+    """ASGI middleware that raises in the reader of a request body when the permission has ended."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serves a request."""
         checked_at = time.monotonic()
 
         async def receive_while_permitted() -> Message:

@@ -1,4 +1,4 @@
-"""Who asks, and what that caller may do."""
+"""Principal of a request: the caller's name, and what it may do."""
 
 from __future__ import annotations
 
@@ -11,25 +11,27 @@ EVERYTHING = Grant(frozenset({Scope.ADMIN}))
 
 
 @dataclass(frozen=True)
-class Caller:
-    """
+class Principal:
+    """A caller and its permissions.
+
     Attributes:
-        name: for logs, limits and as owner of what is handed in: ``key:<key id>``, ``jwt:<subject>`` or
-            ``address:<address>``. No two callers share one.
-        grant: what the credential allows; everything, where nobody is asked for one.
+        name: for logs, limits and ownership: ``key:<key id>``, ``jwt:<subject>`` or ``address:<address>``. It
+            is unique to the caller.
+        grant: the permissions of the credential; everything if authentication is off.
     """
 
     name: str
     grant: Grant = EVERYTHING
 
     def check(self, scope: Scope, map_id: str | None = None) -> None:
-        """
+        """Checks the permission for a request.
+
         Args:
-            map_id: that it is about, if it is about one.
+            map_id: the map that the request is about, if any.
 
         Raises:
-            Forbidden: the scope is missing, or the map is not one of the caller's. The same whether there
-                is such a map.
+            Forbidden: the scope is missing, or the map is not one of the caller's. The error is the same
+                whether or not the map exists.
         """
         if not self.grant.allows(scope):
             raise Forbidden(f"this needs the scope {scope.value}")
@@ -47,25 +49,30 @@ class Caller:
 
     @property
     def repeats_as(self) -> str:
-        """The name under which repeated requests belong together. Where nobody is asked for a credential it
-        is one for all, as the address of a robot can change between two tries."""
-        return NOBODY_ASKED.name if self.name.startswith("address:") else self.name
+        """Name under which repeated requests of this caller are recognised.
+
+        If authentication is off it is the same for all callers, because a robot's address can change between
+        two tries.
+        """
+        return ANONYMOUS.name if self.name.startswith("address:") else self.name
 
     def owns(self, owner: str | None) -> bool:
-        """Whether the caller may use what the owner handed in: its own, and with ``admin`` everybody's.
+        """Returns whether the caller may use an object: one of its own, or any with the scope ``admin``.
 
         Args:
-            owner: None: it was handed in to a release that did not record callers, and is everybody's.
+            owner: the caller who made the object. None means that its record names no owner: everybody may
+                use it.
         """
         return owner in (None, self.name) or self.grant.allows(Scope.ADMIN)
 
     @property
     def sees_every_map(self) -> bool:
+        """Whether no map is hidden from the caller."""
         return "*" in self.grant.maps
 
     def sees(self, map_id: str) -> bool:
-        """Whether the map is one of the caller's."""
+        """Returns whether the map is one of the caller's."""
         return self.grant.covers(map_id)
 
 
-NOBODY_ASKED = Caller("anybody")  # a caller of the use case itself, behind no transport
+ANONYMOUS = Principal("anybody")  # a caller without a transport, inside the process

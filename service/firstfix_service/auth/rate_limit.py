@@ -1,4 +1,4 @@
-"""How often one caller may do something: a bucket of tokens each, refilled steadily."""
+"""Rate limit for each caller: a token bucket."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ from collections.abc import Callable
 
 from firstfix.errors import RateLimited
 
-MAX_CALLERS = 10_000  # buckets kept; one that is forgotten was used least recently, and starts full again
+MAX_CALLERS = 10_000  # buckets in memory; the least recently used one is dropped, and is full again later
 
 
 class RateLimit:
-    """One event loop's.
+    """A token bucket for each caller. For use by one event loop.
 
     Args:
-        per_s: tokens that come back each second.
-        burst: tokens of a full bucket, at least 1.
-        clock: seconds, monotonic.
+        what: the counted requests, in the plural, for the error message.
+        per_s: tokens that are added to each bucket per second.
+        burst: tokens in a full bucket, at least 1.
+        clock: monotonic time in seconds.
     """
 
     def __init__(
@@ -27,15 +28,18 @@ class RateLimit:
         self._per_s = per_s
         self._burst = max(1.0, burst)
         self._clock = clock
-        self._buckets: OrderedDict[str, tuple[float, float]] = OrderedDict()  # name -> tokens, at this time
+        self._buckets: OrderedDict[str, tuple[float, float]] = (
+            OrderedDict()
+        )  # name -> tokens, time of that count
 
     def __len__(self) -> int:
         return len(self._buckets)
 
     def take(self, name: str) -> None:
-        """
+        """Takes one token from the caller's bucket.
+
         Raises:
-            RateLimited: the caller's bucket is empty.
+            RateLimited: the bucket is empty.
         """
         now = self._clock()
         tokens, then = self._buckets.get(name, (self._burst, now))

@@ -1,4 +1,4 @@
-"""JSON Web Tokens: whether the issuer signed one for this service, and what it allows."""
+"""Verification of JSON Web Tokens: the signature of the issuer, the audience, the time and the scopes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from firstfix.errors import FirstfixError, InvalidOption, Unauthorized
 
 from ..settings import Settings
 from .jwks import Jwks
-from .principal import Caller
+from .principal import Principal
 
 MAX_TOKEN_CHARS = 8192
 MAX_SUBJECT_CHARS = 200
@@ -22,11 +22,11 @@ _SCOPES = {scope.value: scope for scope in Scope}
 
 
 class TokenVerifier:
-    """One event loop's.
+    """Accepts tokens of one issuer for one audience. For use by one event loop.
 
     Raises:
-        InvalidOption: the settings leave out who issues the tokens, or for whom: without these a token that
-            was made for another service would do here.
+        InvalidOption: the settings name no issuer or no audience. Without these, a token that was made for
+            another service would be accepted.
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -35,25 +35,26 @@ class TokenVerifier:
         self.jwks = Jwks(settings.jwt_jwks)
         self._settings = settings
 
-    async def caller(self, token: str) -> Caller:
-        """Whose token it is.
+    async def principal(self, token: str) -> Principal:
+        """Returns the caller that a token names.
 
         Raises:
-            Unauthorized: it is none, not this issuer's, for somebody else, or not of this time.
-            Overloaded: as ``Jwks.key``.
+            Unauthorized: it is not a token, has another issuer or audience, or is not valid at this time.
+            Overloaded: see ``Jwks.key``.
         """
         try:
-            return await self._caller(token)
+            return await self._verified(token)
         except (jwt.PyJWTError, ValueError, RecursionError) as error:
             raise Unauthorized(f"the token is not accepted: {str(error)[:200]}") from None
 
-    async def _caller(self, token: str) -> Caller:
+    async def _verified(self, token: str) -> Principal:
         if len(token) > MAX_TOKEN_CHARS:
             raise Unauthorized(f"the token has over {MAX_TOKEN_CHARS} characters")
         header = jwt.get_unverified_header(token)
         algorithm, key_id = header.get("alg"), header.get("kid")
         if algorithm not in self._settings.jwt_algorithms:  # none and HS* are never among them
-            raise Unauthorized(f"tokens are signed by {', '.join(self._settings.jwt_algorithms)}")
+            accepted = ", ".join(self._settings.jwt_algorithms)
+            raise Unauthorized(f"the signature algorithm is not accepted, only {accepted}")
         key = await self.jwks.key(key_id, algorithm)
         claims = jwt.decode(
             token,
@@ -64,10 +65,10 @@ class TokenVerifier:
             leeway=self._settings.jwt_leeway_s,
             options={"require": _REQUIRED, "enforce_minimum_key_length": True},
         )
-        return Caller(f"jwt:{_subject(claims['sub'])}", self._grant(claims))
+        return Principal(f"jwt:{_subject(claims['sub'])}", self._grant(claims))
 
     def _grant(self, claims: Mapping[str, Any]) -> Grant:
-        """Names that are no scopes of ours are another service's; none at all allow nothing."""
+        """Reads the scopes of this service. Other names are ignored: they are scopes of other services."""
         prefix = self._settings.jwt_scope_prefix
         names = [*_words(claims.get("scope")), *_words(claims.get("scp"))]
         given = [name.removeprefix(prefix) for name in names if name.startswith(prefix)]
@@ -77,12 +78,12 @@ class TokenVerifier:
             maps = tuple(_words(claims.get(self._settings.jwt_maps_claim)))
         try:
             return Grant.parse((scope.value for scope in scopes), maps)
-        except FirstfixError:  # no scope, or patterns that are none
+        except FirstfixError:  # no scope, or an invalid pattern
             return Grant(frozenset(), ())
 
 
 def _subject(claim: str) -> str:
-    """Of a form that logs bear, and never the same for two subjects."""
+    """A printable name for a subject, different for any two subjects."""
     text = ascii(claim)[1:-1]
     if len(text) <= MAX_SUBJECT_CHARS:
         return text
@@ -90,7 +91,7 @@ def _subject(claim: str) -> str:
 
 
 def _words(claim: Any) -> list[str]:
-    """Of a claim that is a list of words, or a text of words with spaces between."""
+    """The words of a claim: a list, or a text with spaces between the words."""
     if isinstance(claim, str):
         return claim.split()
     return [word for word in claim if isinstance(word, str)] if isinstance(claim, list) else []

@@ -1,1 +1,1 @@
-"""Builds: queued, started, watched, cancelled."""
+"""Builds of map versions: queued, run in processes of their own, watched and cancelled."""

@@ -1,9 +1,8 @@
-"""The embedded build queue: one build at a time, each in a process of its own, at low priority. Callers take
-turns.
+"""Embedded build queue: the service runs one build at a time, at low priority. Owners take turns.
 
-The queue is the store itself: a build is durable before its caller hears of it, and whatever has not
-ended when the service starts is run again. The process picks up what it had done, by its stage cache.
-Several services with this queue on one store share the builds: each build is one's at a time.
+The queue is the store itself: a build is recorded before its caller gets an answer, and builds that have not
+ended when the service starts are run again. Their stage cache keeps the finished stages. Several services
+with this queue can share one store: each build is run by one of them at a time.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ _log = structlog.get_logger(__name__)
 
 
 class EmbeddedBuildQueue:
-    """Runs the builds on record: a ``BuildQueue``. One event loop's."""
+    """A ``BuildQueue`` that runs the builds on record in this service. For use by one event loop."""
 
     def __init__(
         self,
@@ -59,12 +58,15 @@ class EmbeddedBuildQueue:
 
     @property
     def running(self) -> str | None:
+        """Id of the build that runs now."""
         return None if self._runner is None else self._runner.running
 
     async def submit(self, build_id: str) -> None:
+        """Wakes the queue."""
         self._wake.set()
 
     async def run(self) -> None:
+        """Runs builds until it is cancelled."""
         folder = await WorkFolder.wait_for(self._work_dir)
         self._runner = runner = BuildRunner(
             self._catalog,
@@ -82,9 +84,9 @@ class EmbeddedBuildQueue:
                 try:
                     pause = not await self._run_one(runner)
                 except FirstfixError as error:
-                    _log.warning("the build queue cannot go on yet", code=error.code, error=str(error))
-                except Exception:  # one odd build must not end the queue
-                    _log.exception("the build queue stumbled")
+                    _log.warning("the build queue cannot continue yet", code=error.code, error=str(error))
+                except Exception:  # a defect at one build must not end the queue
+                    _log.exception("the build queue failed")
                 if pause:
                     with suppress(TimeoutError):
                         async with asyncio.timeout(self._poll_interval_s):
@@ -93,14 +95,13 @@ class EmbeddedBuildQueue:
             folder.release()
 
     async def _run_one(self, runner: BuildRunner) -> bool:
-        """Runs the build that is next of those that nobody else runs. False when there is none, or it is to
-        wait."""
-        for build in self._order.of(await UPKEEP.run(self._unfinished.find)):
+        """Runs the next build that nobody else runs. Returns False if there is none, or if it has to wait."""
+        for build in self._order.sort(await UPKEEP.run(self._unfinished.find)):
             try:
                 turn = await runner.run(build.build_id)
-            except UnreadableRecord:  # damaged just now: the others go on
+            except UnreadableRecord:  # skip a build whose record was damaged just now
                 continue
-            if turn is not Turn.HELD:
-                self._order.served(build.owner)
+            if turn is not Turn.TAKEN:
+                self._order.had_turn(build.owner)
                 return turn is not Turn.PUT_BACK
         return False

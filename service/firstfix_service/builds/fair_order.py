@@ -1,39 +1,41 @@
-"""Order of waiting builds: callers take turns, so that one who hands in many does not hold up the others."""
+"""Order of waiting builds: owners take turns, so that many builds of one do not delay the others."""
 
 from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Sequence
 
-from .unfinished import Unfinished
+from .unfinished import UnfinishedBuild
 
-OWNERS_KEPT = 10_000  # one that is forgotten had its turn long ago
+MAX_OWNERS = 10_000  # the owner whose turn is longest ago is forgotten first
 
 
 class FairOrder:
-    """Round-robin over the builds' owners; of one owner the oldest build first. One event loop's."""
+    """Round-robin over owners; the oldest build of an owner comes first. For use by one event loop."""
 
     def __init__(self) -> None:
-        self._served: OrderedDict[str, None] = OrderedDict()  # owners who had a turn, the last one last
+        self._served: OrderedDict[str, None] = OrderedDict()  # owners that had a turn, the latest one last
 
-    def of(self, builds: Sequence[Unfinished]) -> list[Unfinished]:
-        """Every owner's first build, then every owner's second one, and so on; within such a round first
-        those who had no turn yet, by the age of their build, then those whose last turn is longest ago.
+    def sort(self, builds: Sequence[UnfinishedBuild]) -> list[UnfinishedBuild]:
+        """Returns the first build of each owner, then the second build of each owner, and so on.
+
+        Within such a round, owners without a turn yet come first, by the age of their builds, then the others
+        by the time since their last turn.
 
         Args:
-            builds: the oldest first. Those that run count for their owners' rounds.
+            builds: oldest first. Running builds count for the rounds of their owners.
         """
-        turn = {owner: number for number, owner in enumerate(self._served)}
-        seen: dict[str, int] = {}
+        last_turn = {owner: number for number, owner in enumerate(self._served)}
+        rounds: dict[str, int] = {}
         ranked = []
         for age, build in enumerate(builds):
-            owner_round = seen[build.owner] = seen.get(build.owner, -1) + 1
-            ranked.append((owner_round, turn.get(build.owner, -1), age, build))
+            owner_round = rounds[build.owner] = rounds.get(build.owner, -1) + 1
+            ranked.append((owner_round, last_turn.get(build.owner, -1), age, build))
         return [build for *_, build in sorted(ranked, key=lambda item: item[:3])]
 
-    def served(self, owner: str) -> None:
-        """The owner had a turn."""
+    def had_turn(self, owner: str) -> None:
+        """Records that the owner had a turn now."""
         self._served[owner] = None
         self._served.move_to_end(owner)
-        while len(self._served) > OWNERS_KEPT:
+        while len(self._served) > MAX_OWNERS:
             self._served.popitem(last=False)

@@ -1,4 +1,4 @@
-"""What the metrics say of a build that ended, and what its log's last words were."""
+"""Metrics of a build that ended, and the last message of its log."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from firstfix.errors import FirstfixError
 
 from ..telemetry.metrics import Metrics
 
-# A worker's word becomes a label only if it is one of these: it may be of another release.
+# Only these names become labels: a build worker of another release may report others.
 STAGES = frozenset(
     {
         "fetch_source",
@@ -30,17 +30,17 @@ STAGES = frozenset(
 
 
 def count_build(records: BuildRecords, metrics: Metrics, build_id: str, state: str) -> None:
-    """Counts a build that ended in a final state, and its stages' times where its worker recorded them."""
+    """Counts a build that ended, and the times of its stages if its process recorded them."""
     metrics.builds.labels(state).inc()
-    with suppress(FirstfixError, TypeError, ValueError, KeyError):  # the figures of one build are no matter
+    with suppress(FirstfixError, TypeError, ValueError, KeyError):  # missing times of one build do no harm
         for stage in records.build_stages(build_id):
             name = stage["stage"] if stage["stage"] in STAGES else "other"
             cached = "yes" if stage["cached"] else "no"
             metrics.build_stage_seconds.labels(name, cached).observe(float(stage["seconds"]))
 
 
-def last_words(log: Path) -> str | None:
-    """The last line of a build's log, or if that is JSON the event that it tells of. None without one."""
+def last_message(log: Path) -> str | None:
+    """Returns the last line of a build's log, or its event if the line is JSON; None if there is no line."""
     try:
         line = log.read_text(errors="replace").strip().splitlines()[-1]
     except (OSError, IndexError):

@@ -1,6 +1,6 @@
-"""One build in a process of its own: started, watched, stopped, and what is known of its end.
+"""Process of one build: its start, its memory limit, its stop, and the reason of its end.
 
-Whichever queue runs a build runs it here. The service has no mesh tool: the command has.
+All queues run builds in such a process, because the service itself has no mesh tool.
 """
 
 from __future__ import annotations
@@ -18,26 +18,26 @@ from pathlib import Path
 from firstfix.errors import BuildError
 
 from ..lanes import BUILDS
-from .metrics import last_words
+from .metrics import last_message
 from .session_processes import kill_session, session_memory_bytes
 
-EXIT_TRY_AGAIN = 75  # EX_TEMPFAIL: stopped, or the store is out of reach
-STOP_GRACE_S = 10.0  # from asking a process to end until it is ended
+EXIT_TRY_AGAIN = 75  # EX_TEMPFAIL: the build was stopped, or the store does not answer
+STOP_GRACE_S = 10.0  # between SIGTERM and SIGKILL
 OLD_LOG_S = 30 * 86400.0
 _LOOK_S = 1.0
-_SECRET_PREFIXES = ("FIRSTFIX_NATS_",)  # a process that reads strangers' files has no need of them
+_SECRET_PREFIXES = ("FIRSTFIX_NATS_",)  # a process that reads files of strangers must not have them
 
 
 @dataclass(frozen=True)
 class BuildCommand:
-    """How builds are run here.
+    """Command and limits of build processes.
 
     Attributes:
-        command: runs one build; --store, --build, --work, --tied-to-stdin and, with ``share_stages``,
-            --share-stages are appended.
-        niceness: how far they stand back behind queries.
-        max_memory_bytes: of the process and all that it starts; None: no limit.
-        environment: set for it beside what this process has.
+        command: runs one build. These options are appended: --store, --build, --work, --tied-to-stdin and,
+            with ``share_stages``, --share-stages.
+        niceness: of the process; a higher value leaves more processor time to queries.
+        max_memory_bytes: limit of the process and all that it starts; None: no limit.
+        environment: variables added to those of this process.
     """
 
     command: tuple[str, ...]
@@ -49,19 +49,23 @@ class BuildCommand:
 
 
 class BuildProcess:
-    """A started build. Its standard input stays open as long as this process lives: when that is killed,
-    the build ends too, rather than go on beside its successor."""
+    """A running build process.
+
+    Its standard input stays open as long as this process lives. If this process is killed, the build process
+    ends too and does not run beside its successor.
+    """
 
     def __init__(self, process: Process, log_path: Path, max_memory_bytes: int | None) -> None:
         self._process = process
         self._log_path = log_path
         self._max_memory_bytes = max_memory_bytes
-        self.took_too_much = False  # it was ended for its memory
-        self.overdue: BuildError | None = None  # it was ended for its time, and this is why
+        self.exceeded_memory = False  # it was killed for its memory
+        self.overdue: BuildError | None = None  # it was killed for its time, with this error
 
     @classmethod
     async def start(cls, how: BuildCommand, build_id: str, work_dir: Path) -> BuildProcess:
-        """
+        """Starts the process.
+
         Raises:
             OSError: the command cannot be run.
         """
@@ -80,58 +84,59 @@ class BuildProcess:
                 stdout=log,
                 stderr=log,
                 env={**inherited, **how.environment},
-                start_new_session=True,  # Ctrl-C is the service's, which then ends it in good order
+                start_new_session=True,  # Ctrl-C goes to the service only, which then stops the build
             )
-        with suppress(OSError):  # gone already
+        with suppress(OSError):  # it has ended already
             os.setpriority(os.PRIO_PROCESS, process.pid, how.niceness)
         return cls(process, log_path, how.max_memory_bytes)
 
     async def wait(self, timeout_s: float) -> int | None:
-        """The exit code; None when it still runs after that time."""
+        """Returns the exit code; None if the process still runs after that time."""
         end = time.monotonic() + timeout_s
         while True:
             with suppress(TimeoutError):
-                # wait_for would lose a cancellation that comes as the process ends (gh-86296)
+                # wait_for can lose a cancellation at the end of the process (gh-86296)
                 async with asyncio.timeout(max(min(_LOOK_S, end - time.monotonic()), 0.0)):
                     return await self._process.wait()
-            if self._max_memory_bytes is not None and not self.took_too_much:
+            if self._max_memory_bytes is not None and not self.exceeded_memory:
                 used = await BUILDS.run(session_memory_bytes, self._process.pid)
                 if used > self._max_memory_bytes:
-                    self.took_too_much = True
+                    self.exceeded_memory = True
                     self.kill()
             if time.monotonic() >= end:
                 return None
 
     async def stop(self) -> int:
-        """Asks it to end in good order, and ends it when it does not. Its exit code."""
-        with suppress(ProcessLookupError, PermissionError):  # it leads a group; its sandbox ends with it
+        """Asks the process to end, kills it after ``STOP_GRACE_S``, and returns its exit code."""
+        with suppress(ProcessLookupError, PermissionError):  # the leader of a group; its sandbox ends with it
             os.killpg(self._process.pid, signal.SIGTERM)
         with suppress(TimeoutError):
             async with asyncio.timeout(STOP_GRACE_S):
                 await self._process.wait()
-        self.kill()  # whatever it left behind as well
+        self.kill()  # with all that it left behind
         return await self._process.wait()
 
     def kill(self) -> None:
-        """With all that it started."""
+        """Kills the process and all that it started."""
         kill_session(self._process.pid)
 
     def why(self, code: int) -> str:
-        """For people: how a process ended that did not say it in its status."""
-        if self.took_too_much:
-            return f"the build took more than the {self._max_memory_bytes} bytes of memory that it may"
+        """Returns a message about the end of a process that recorded no reason itself."""
+        if self.exceeded_memory:
+            return f"the build took more memory than the limit of {self._max_memory_bytes} bytes"
         if code < 0:
             hint = " (out of memory?)" if code == -signal.SIGKILL else ""
-            return f"the build process was ended by {signal.Signals(-code).name}{hint}"
-        words = last_words(self._log_path)
-        return f"the build process failed with exit code {code}" + (f": {words}" if words else "")
+            return f"the build process was killed by {signal.Signals(-code).name}{hint}"
+        message = last_message(self._log_path)
+        return f"the build process failed with exit code {code}" + (f": {message}" if message else "")
 
     def remove_log(self) -> None:
+        """Removes the log file."""
         self._log_path.unlink(missing_ok=True)
 
 
 def _remove_old_logs(work_dir: Path) -> None:
-    """Those of builds that failed stay for a while."""
+    """Removes logs of failed builds after ``OLD_LOG_S``."""
     for path in work_dir.glob("*.log"):
         with suppress(FileNotFoundError):
             if time.time() - path.stat().st_mtime > OLD_LOG_S:

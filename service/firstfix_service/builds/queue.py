@@ -1,23 +1,46 @@
-"""What the routes know of the queue of builds, whichever it is."""
+"""The queue of builds as the routes use it: to submit a build and to cancel one."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol
+
+from firstfix.builds.attempts import has_open_attempt
+from firstfix.builds.records import FINAL_STATES, new_status
+from firstfix.catalog.catalog import Catalog
 
 
 class BuildQueue(Protocol):
-    """Builds are on record in the store before they are submitted, and every queue looks for what is on
-    record and not ended: a submission that is lost costs time, never a build.
+    """A queue that runs the builds on record, or hands them to build workers.
 
-    To cancel a build is no matter of its queue: see ``cancel_build``.
+    A build is recorded in the store before it is submitted, and each queue also looks for recorded builds
+    that have not ended. So a lost submission delays a build and never loses it.
     """
 
     @property
     def running(self) -> str | None:
-        """The build that runs in this process's care."""
+        """Id of the build that this process runs now."""
 
     async def submit(self, build_id: str) -> None:
-        """There is a new build on record. Returns soon and raises nothing, whatever is out of reach."""
+        """Tells the queue that a new build is on record. Returns at once and raises nothing."""
 
     async def run(self) -> None:
-        """Until it is cancelled; then a running build is stopped, to be resumed by whoever takes it next."""
+        """Runs until cancelled. A running build is then stopped, and its next runner resumes it."""
+
+
+def cancel_build(catalog: Catalog, build_id: str) -> dict[str, Any]:
+    """Requests the end of a build, whichever queue has it, and returns its status.
+
+    The request is an object in the store. A runner first claims a build and then looks for a request; this
+    function first makes the request and then looks for a runner. So one of them always sees the other. A
+    build that nobody runs is ended here.
+
+    Raises:
+        NotFound: there is no such build.
+        Conflict: the build has ended.
+    """
+    catalog.request_cancel(build_id)
+    status = catalog.build_status(build_id)
+    if status["state"] not in FINAL_STATES and not has_open_attempt(catalog.store, build_id):
+        status = new_status("cancelled", map_id=status["map_id"], stage=status["stage"])
+        catalog.set_build_status(build_id, status)
+    return status

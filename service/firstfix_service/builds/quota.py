@@ -1,4 +1,4 @@
-"""Quota of builds: how many of one caller may wait and run, and for how long in a day."""
+"""Quota of builds for each caller: unfinished builds, and build minutes per day."""
 
 from __future__ import annotations
 
@@ -15,21 +15,23 @@ from ..lanes import READS
 from ..settings import Settings
 
 BUILDS_RETRY_S = 60.0
-DEFAULT_BUILDS, DEFAULT_MINUTES_PER_DAY = 50.0, 1440.0  # of one caller, where strangers can be some
+DEFAULT_BUILDS, DEFAULT_MINUTES_PER_DAY = 50.0, 1440.0  # for one caller of an exposed service
 
 
 class BuildQuota:
-    """For one event loop. Replicas that take one caller's builds at the same moment can let through one each.
+    """Limits the builds of each caller. For use by one event loop.
+
+    Replicas that accept builds of one caller at the same moment can exceed the quota by one build each.
 
     Args:
-        max_unfinished: builds of one caller that wait or run; 0: any number.
-        max_minutes_per_day: that one caller's builds may have run since midnight (UTC) when another is handed
-            in; 0: any number.
+        max_unfinished: builds of one caller that wait or run; 0: no limit.
+        max_minutes_per_day: time that one caller's builds have run since midnight (UTC), after which no other
+            build is accepted; 0: no limit.
     """
 
     @classmethod
     def of(cls, settings: Settings, usage: CallerUsage) -> BuildQuota:
-        """As the settings say; where nobody else can be a caller there is none."""
+        """Returns the quota of the settings. By default there is none unless the service is exposed."""
         exposed = bool(exposed_at(settings))
         return cls(
             usage,
@@ -43,28 +45,28 @@ class BuildQuota:
         self._usage = usage
         self._max_unfinished = max_unfinished
         self._max_minutes_per_day = max_minutes_per_day
-        self._handed_in: dict[str, str] = {}  # builds that are not on record yet: id to owner
+        self._submitting: dict[str, str] = {}  # builds that are not on record yet: id to owner
 
     @asynccontextmanager
-    async def one(self, owner: str, build_id: str) -> AsyncIterator[None]:
-        """Holds a place for a build until it is on record, which is entered as the owner's.
+    async def reserve(self, owner: str, build_id: str) -> AsyncIterator[None]:
+        """Counts a build while it is being recorded; within the block it is put on record as the owner's.
 
         Raises:
-            QuotaExceeded: the caller has as many builds, or minutes, as one may have.
-            StoreError: as the store.
+            QuotaExceeded: the caller has used up the builds or the minutes.
+            StoreError: the store failed.
         """
-        self._handed_in[build_id] = owner
+        self._submitting[build_id] = owner
         try:
-            coming = {name for name, whose in self._handed_in.items() if whose == owner}
-            await READS.run(self._check, owner, coming)
+            submitting = {name for name, whose in self._submitting.items() if whose == owner}
+            await READS.run(self._check, owner, submitting)
             yield
         finally:
-            del self._handed_in[build_id]
+            del self._submitting[build_id]
 
-    def _check(self, owner: str, coming: set[str]) -> None:
-        if self._max_unfinished and len(self._usage.unfinished(owner) | coming) > self._max_unfinished:
+    def _check(self, owner: str, submitting: set[str]) -> None:
+        if self._max_unfinished and len(self._usage.unfinished(owner) | submitting) > self._max_unfinished:
             raise QuotaExceeded(
-                f"{self._max_unfinished:g} builds of this caller wait or run: try again when some have ended",
+                f"{self._max_unfinished:g} builds of this caller wait or run: try again when one has ended",
                 retry_after_s=BUILDS_RETRY_S,
             )
         if self._max_minutes_per_day and self._usage.minutes_today(owner) >= self._max_minutes_per_day:

@@ -1,18 +1,16 @@
-"""Starts what sees to the builds in a service, as its settings say."""
+"""Start of the build queue of a service, and the build command, as the settings say."""
 
 from __future__ import annotations
 
-import asyncio
 import importlib.util
-from collections.abc import Coroutine
-from contextlib import AsyncExitStack, suppress
-from typing import Any
+from contextlib import AsyncExitStack
 
 from firstfix.catalog.catalog import Catalog
 
+from ..lanes.background import run_in_background
 from ..settings import Settings
 from ..telemetry.metrics import Metrics
-from ..upkeep.stage_keeper import keep_stages_within
+from ..upkeep.cleanup import shared_stages_removal
 from .embedded_queue import EmbeddedBuildQueue
 from .nats.queue import NatsBuildQueue
 from .process import BuildCommand
@@ -21,20 +19,22 @@ from .watch import BuildLimits
 
 
 def builder_is_installed() -> bool:
-    """Whether this installation can build maps. Finds the mesh tool without importing it."""
+    """Returns whether this installation can build maps. It finds the mesh tool without importing it."""
     return all(importlib.util.find_spec(name) is not None for name in ("firstfix_builder", "open3d"))
 
 
 def start_builds(
     settings: Settings, catalog: Catalog, metrics: Metrics, stack: AsyncExitStack
 ) -> BuildQueue | None:
-    """The queue, running until the stack is closed; None when another process runs the builds that this
-    one records."""
+    """Starts the build queue, which runs until the stack is closed.
+
+    Returns None if this process only records builds and another one runs them.
+    """
     if settings.read_only:
         return None
     if settings.nats_enabled:
         queue: BuildQueue = NatsBuildQueue(settings, catalog, metrics)
-        run_with(stack, queue.run(), "build-queue")
+        run_in_background(stack, queue.run(), "build-queue")
         return queue
     wanted = builder_is_installed() if settings.run_builds is None else settings.run_builds
     if not wanted:
@@ -48,13 +48,14 @@ def start_builds(
         max_attempts=settings.build_attempts,
         limits=build_limits(settings),
     )
-    run_with(stack, queue.run(), "build-queue")
+    run_in_background(stack, queue.run(), "build-queue")
     if settings.stages_are_shared:
-        run_with(stack, keep_stages_within(settings, catalog.store), "stage-keeper")
+        shared_stages_removal(settings, catalog.store).start(stack)
     return queue
 
 
 def build_command(settings: Settings) -> BuildCommand:
+    """Returns the build command and its limits."""
     return BuildCommand(
         (*settings.build_command, *_source_url_options(settings), *_executor_options(settings)),
         settings.store,
@@ -66,38 +67,27 @@ def build_command(settings: Settings) -> BuildCommand:
 
 
 def _environment(settings: Settings) -> dict[str, str]:
-    """Environment of the worker: variables with the names of the settings."""
-    told = {
+    """Variables of the build process, named like the settings."""
+    variables = {
         "FIRSTFIX_LOG_LEVEL": settings.log_level,
         "FIRSTFIX_LOG_JSON": str(settings.log_json).lower(),
         "FIRSTFIX_BUILD_SANDBOX": settings.build_sandbox,
     }
     if settings.build_max_memory_bytes is not None:
-        told["FIRSTFIX_BUILD_MAX_MEMORY_BYTES"] = str(settings.build_max_memory_bytes)
-    return told
+        variables["FIRSTFIX_BUILD_MAX_MEMORY_BYTES"] = str(settings.build_max_memory_bytes)
+    return variables
 
 
 def build_limits(settings: Settings) -> BuildLimits:
+    """Returns the time limits of builds."""
     return BuildLimits(settings.build_timeout_s, settings.build_stall_s)
 
 
 def _source_url_options(settings: Settings) -> list[str]:
-    """The worker asks for itself which servers it may fetch from: what is on record does not say."""
+    """Tells the build process from which servers it may fetch: it does not trust the record of the build."""
     allowed = [url for url in settings.source_urls if url.startswith(("http://", "https://"))]
     return [option for url in allowed for option in ("--source-url", url)]
 
 
 def _executor_options(settings: Settings) -> list[str]:
     return [] if settings.build_executor == "threads" else ["--executor", settings.build_executor]
-
-
-def run_with(stack: AsyncExitStack, work: Coroutine[Any, Any, None], name: str) -> None:
-    """Runs it until the stack is closed, which waits for it to wind up."""
-    task = asyncio.create_task(work, name=name)
-
-    async def stop() -> None:
-        task.cancel()
-        with suppress(asyncio.CancelledError):
-            await task
-
-    stack.push_async_callback(stop)

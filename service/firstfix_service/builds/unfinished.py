@@ -1,4 +1,4 @@
-"""The builds on record that have not ended: what every queue comes back to."""
+"""The builds on record that have not ended. Every queue looks for them again and again."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from ..telemetry.metrics import Metrics
 
 
 @dataclass(frozen=True)
-class Unfinished:
+class UnfinishedBuild:
     """A build that waits or runs.
 
     Attributes:
-        owner: who handed it in; empty where the record does not say.
+        owner: the caller who submitted it; empty if the record does not say.
     """
 
     build_id: str
@@ -24,16 +24,19 @@ class Unfinished:
 
 
 class UnfinishedBuilds:
-    """Remembers which have ended, and whose the others are: neither changes. One thread's at a time."""
+    """Finds unfinished builds. Not thread-safe.
+
+    It remembers which builds have ended and who owns the others, because neither ever changes.
+    """
 
     def __init__(self, catalog: Catalog, metrics: Metrics) -> None:
         self._catalog = catalog
         self._metrics = metrics
         self._ended: set[str] = set()
-        self._known: dict[str, Unfinished] = {}
+        self._known: dict[str, UnfinishedBuild] = {}
 
-    def find(self) -> list[Unfinished]:
-        """Oldest first: their ids begin with the time."""
+    def find(self) -> list[UnfinishedBuild]:
+        """Returns the unfinished builds, oldest first: build ids begin with the time."""
         found = []
         on_record = self._catalog.build_ids()
         self._ended.intersection_update(on_record)
@@ -46,11 +49,14 @@ class UnfinishedBuilds:
                     self._ended.add(build_id)
                     continue
                 found.append(self._known.get(build_id) or self._read(build_id))
-            except (NotFound, UnreadableRecord):  # no request: no build; damaged: all others go on
+            except (
+                NotFound,
+                UnreadableRecord,
+            ):  # without a request there is no build; a damaged one is skipped
                 continue
         self._known = {build.build_id: build for build in found}
         self._metrics.builds_waiting.set(len(found))
         return found
 
-    def _read(self, build_id: str) -> Unfinished:
-        return Unfinished(build_id, str(self._catalog.build_request(build_id).get("owner") or ""))
+    def _read(self, build_id: str) -> UnfinishedBuild:
+        return UnfinishedBuild(build_id, str(self._catalog.build_request(build_id).get("owner") or ""))

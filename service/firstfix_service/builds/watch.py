@@ -1,4 +1,4 @@
-"""Whether a build has run for too long, in all or without any progress."""
+"""Time limits of a build: total time, and time without progress."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from firstfix.errors import BuildError, BuildStalled, BuildTimedOut
 
 @dataclass(frozen=True)
 class BuildLimits:
-    """
+    """Time limits.
+
     Attributes:
-        timeout_s: that a build may run, all its attempts together.
-        stall_s: that one attempt may run while its status stays the same.
+        timeout_s: of all attempts of a build together.
+        stall_s: of one attempt whose status does not change.
     """
 
     timeout_s: float
@@ -23,11 +24,11 @@ class BuildLimits:
 
 
 class BuildWatch:
-    """Watches one attempt from its start on.
+    """Watches the time of one attempt, from its start.
 
     Args:
-        before_s: for which earlier attempts have run.
-        clock: seconds, monotonic.
+        before_s: time that earlier attempts have run.
+        clock: monotonic time in seconds.
     """
 
     def __init__(
@@ -36,35 +37,35 @@ class BuildWatch:
         self._limits = limits
         self._before_s = before_s
         self._clock = clock
-        self._started = self._moved = clock()
+        self._started = self._progressed = clock()
         self._stopped: float | None = None
         self._seen: object = None
 
     @property
     def ran_s(self) -> float:
-        """For how long this attempt has run."""
+        """Time that this attempt has run."""
         return (self._clock() if self._stopped is None else self._stopped) - self._started
 
     def stop(self) -> None:
-        """The attempt has ended: from here on ``ran_s`` stays as it is."""
+        """Stops the clock: the attempt has ended."""
         self._stopped = self._clock()
 
     def see(self, status: Mapping[str, Any] | None) -> None:
-        """Looks at the build's status.
+        """Records the status of the build.
 
         Args:
-            status: None: it cannot be read now, which says nothing of the build: its time without progress
-                begins anew.
+            status: None if it cannot be read now. The time without progress then starts again, because an
+                unreadable status is not the build's fault.
         """
         seen = None if status is None else (status.get("stage"), status.get("progress"))
         if seen is None or seen != self._seen:
             self._seen = seen
-            self._moved = self._clock()
+            self._progressed = self._clock()
 
     def overdue(self) -> BuildError | None:
-        """The reason to end the build; None if there is none."""
+        """Returns the error if a limit is exceeded."""
         if self._before_s + self.ran_s > self._limits.timeout_s:
             return BuildTimedOut(f"the build ran for more than {self._limits.timeout_s:g} s")
-        if self._clock() - self._moved > self._limits.stall_s:
+        if self._clock() - self._progressed > self._limits.stall_s:
             return BuildStalled(f"the build made no progress for {self._limits.stall_s:g} s")
         return None

@@ -1,4 +1,4 @@
-"""The folder that one queue's builds work in: one process has it at a time, under a name that stays."""
+"""Work folder of builds: one process uses it at a time, and it has a lasting id."""
 
 from __future__ import annotations
 
@@ -18,22 +18,23 @@ WAIT_S = 1.0
 
 
 class WorkFolder:
-    """A folder with a lock that dies with its holder. On a disk of this machine: what is locked over the
-    network may not be.
+    """A folder with a lock that ends with its process.
+
+    It must be on a local disk, because locks over a network are not reliable.
 
     Attributes:
-        holder: the folder's name for ``BuildAttempts``: the same in every process that holds the
-            folder, so that it knows its killed predecessor's attempts for dead.
+        claimant: id of the folder, for ``BuildAttempts``. Every process that takes the folder has the same
+            id, so it recognises open attempts of a killed predecessor.
     """
 
-    def __init__(self, path: Path, handle: int, holder: str) -> None:
+    def __init__(self, path: Path, handle: int, claimant: str) -> None:
         self.path = path
         self._handle = handle
-        self.holder = holder
+        self.claimant = claimant
 
     @classmethod
     def take(cls, path: Path) -> WorkFolder | None:
-        """None while another process has it."""
+        """Takes the folder; returns None if another process has it."""
         path.mkdir(parents=True, exist_ok=True)
         handle = os.open(path / "queue.lock", os.O_RDWR | os.O_CREAT, 0o644)
         try:
@@ -41,17 +42,17 @@ class WorkFolder:
         except BlockingIOError:
             os.close(handle)
             return None
-        holder = uuid.uuid4().hex
+        claimant = uuid.uuid4().hex
         with suppress(FileNotFoundError):
-            holder = (path / "queue.id").read_text().strip() or holder
+            claimant = (path / "queue.id").read_text().strip() or claimant
         part = path / ".queue.id.part"
-        part.write_text(holder)
+        part.write_text(claimant)
         part.replace(path / "queue.id")
-        return cls(path, handle, holder)
+        return cls(path, handle, claimant)
 
     @classmethod
     async def wait_for(cls, path: Path) -> WorkFolder:
-        """At a deployment the next process may be there before the last one is gone."""
+        """Takes the folder as soon as it is free. During a deployment the old process may still have it."""
         waits = False
         while (folder := await START.run(cls.take, path)) is None:
             if not waits:
@@ -61,4 +62,5 @@ class WorkFolder:
         return folder
 
     def release(self) -> None:
+        """Gives the folder back."""
         os.close(self._handle)

@@ -1,8 +1,8 @@
-"""``firstfix worker``: takes builds from NATS and runs them, as long as it lives.
+"""``firstfix worker``: a build worker, which takes builds from NATS and runs them until it is stopped.
 
-Who has a build, and how often that went wrong, is on record in the store (``firstfix.builds.attempts``);
-the stream says which builds there are. So a message that comes twice, too early or not at all does no
-more harm than work done in vain.
+The store records who runs a build and how often that failed (``firstfix.builds.attempts``). The stream only
+says which builds there are. So a message that is lost, early or repeated costs some work and does no other
+harm.
 """
 
 from __future__ import annotations
@@ -20,24 +20,25 @@ from firstfix.errors import BuildAttemptsExceeded, InvalidOption, NotFound, Stor
 from firstfix.store.store import Store
 
 from ..lanes import BUILDS
+from ..lanes.background import run_in_background
 from ..settings import Settings
 from ..telemetry.log_setup import set_up_logging
 from ..telemetry.metrics import Metrics
-from ..upkeep.stage_keeper import keep_stages_within
+from ..upkeep.cleanup import shared_stages_removal
 from .nats.queue import NatsBuildQueue
 from .runner import BuildRunner, Turn
-from .start import build_command, build_limits, run_with
+from .start import build_command, build_limits
 from .work_folder import WorkFolder
-from .worker_health import WorkerHealth
+from .worker_health import BuildWorkerHealth
 
 _log = structlog.get_logger(__name__)
 FETCH_S = 5.0
 RETRY_S = 2.0
-PUT_BACK_S = 5.0  # the store is out of reach, most likely
+PUT_BACK_S = 5.0  # most likely the store does not answer
 
 
 class BuildWorker:
-    """Runs up to ``concurrency`` builds at a time, each in a folder of its own. One event loop's.
+    """Runs up to ``concurrency`` builds at a time, each in its own folder. For use by one event loop.
 
     Raises:
         InvalidOption: the settings name no NATS server.
@@ -45,7 +46,7 @@ class BuildWorker:
 
     def __init__(self, settings: Settings, catalog: Catalog, metrics: Metrics, concurrency: int) -> None:
         if not settings.nats_enabled:
-            raise InvalidOption("a worker takes builds from NATS: --nats nats://host:4222")
+            raise InvalidOption("a build worker needs a NATS server: --nats nats://host:4222")
         self._settings = settings
         self._catalog = catalog
         self._metrics = metrics
@@ -54,11 +55,11 @@ class BuildWorker:
         self._builds = self.queue.builds
 
     async def run(self) -> None:
-        """Until it is cancelled; then running builds are stopped, and go back to the queue at once."""
+        """Runs until it is cancelled. Running builds are then stopped and go back to the queue at once."""
         async with AsyncExitStack() as stack:
-            run_with(stack, self.queue.run(), "build-queue")
+            run_in_background(stack, self.queue.run(), "build-queue")
             if self._settings.stages_are_shared:
-                run_with(stack, keep_stages_within(self._settings, self._catalog.store), "stage-keeper")
+                shared_stages_removal(self._settings, self._catalog.store).start(stack)
             async with asyncio.TaskGroup() as slots:
                 for i in range(self._concurrency):
                     slots.create_task(self._slot(i), name=f"slot-{i}")
@@ -95,8 +96,8 @@ class BuildWorker:
                     _log.warning("builds cannot be fetched", error=str(error))
                     waiting = None
                     await asyncio.sleep(RETRY_S)
-                except Exception:  # one odd message must not end the worker
-                    _log.exception("the worker stumbled")
+                except Exception:  # a defect at one message must not end the build worker
+                    _log.exception("the build worker failed")
                     await asyncio.sleep(RETRY_S)
         finally:
             folder.release()
@@ -104,42 +105,42 @@ class BuildWorker:
     async def _handle(self, runner: BuildRunner, message: Any) -> None:
         build_id = message.data.decode("utf-8", errors="replace")
         try:
-            async with self._kept(message):
+            async with self._renewed(message):
                 turn = await runner.run(build_id)
             if turn is Turn.ENDED:
-                await self._let_go(build_id, message)
+                await self._settle(build_id, message)
             else:
                 await message.nak(self._delay_s(turn))
         except asyncio.CancelledError:
-            await message.nak()  # sent when the connection is closed
+            await message.nak()  # it is sent when the connection is closed
             raise
         except InvalidOption as error:
-            _log.error("no build has such an id", error=str(error))
+            _log.error("a message has an invalid build id", error=str(error))
             await message.term()
         except NotFound as error:
             await self._builds.bury(build_id, str(error))
             await message.ack_sync()
-        except UnreadableRecord:  # once it is mended the queue finds it on record
+        except UnreadableRecord:  # once it is repaired, the queue finds it on record
             await message.ack_sync()
         except StoreError as error:
-            _log.warning("build waits for the store", build_id=build_id, code=error.code, error=str(error))
+            _log.warning("a build waits for the store", build_id=build_id, code=error.code, error=str(error))
             await message.nak(PUT_BACK_S)
 
-    async def _let_go(self, build_id: str, message: Any) -> None:
-        """The build has ended: its message goes, once what is to be known of it is kept."""
-        error = (await BUILDS.run(self._catalog.held_status, build_id))["error"]
+    async def _settle(self, build_id: str, message: Any) -> None:
+        """Removes the message of a build that has ended, after the reason of a dead build is kept."""
+        error = (await BUILDS.run(self._catalog.status_or_queued, build_id))["error"]
         if error is not None and error["code"] == BuildAttemptsExceeded.code:
             await self._builds.bury(build_id, error["detail"])
         await message.ack_sync()
 
     def _delay_s(self, turn: Turn) -> float:
-        """Until a build that has not ended is handed out again."""
-        delays = {Turn.DIED: 0.1, Turn.PUT_BACK: PUT_BACK_S, Turn.HELD: self._settings.build_lease_s / 6}
+        """Delay until a build that has not ended is delivered again."""
+        delays = {Turn.DIED: 0.1, Turn.PUT_BACK: PUT_BACK_S, Turn.TAKEN: self._settings.build_lease_s / 6}
         return delays[turn]
 
     @asynccontextmanager
-    async def _kept(self, message: Any) -> AsyncIterator[None]:
-        """The message is this worker's as long as the context lasts and the server hears of it."""
+    async def _renewed(self, message: Any) -> AsyncIterator[None]:
+        """Keeps the message from being delivered to another build worker while the block runs."""
 
         async def renew() -> None:
             from nats.errors import Error
@@ -157,31 +158,31 @@ class BuildWorker:
 
 
 def run_worker(settings: Settings, *, concurrency: int, health_port: int | None) -> None:
-    """Until SIGTERM or SIGINT.
+    """Runs a build worker until SIGTERM or SIGINT.
 
     Raises:
         InvalidOption: the settings name no NATS server, or a file that cannot be used.
-        StoreError: the store is out of reach, or cannot be used.
+        StoreError: the store does not answer, or cannot be used.
     """
     set_up_logging(settings.log_level, as_json=settings.log_json)
     store = Store.open(settings.store)
     store.probe()
     metrics = Metrics()
     worker = BuildWorker(settings, Catalog(store), metrics, concurrency)
-    with WorkerHealth(worker.queue.builds, metrics, settings.host, health_port) as health:
+    with BuildWorkerHealth(worker.queue.builds, metrics, settings.host, health_port) as health:
         asyncio.run(_until_signalled(worker, health))
 
 
-async def _until_signalled(worker: BuildWorker, health: WorkerHealth) -> None:
+async def _until_signalled(worker: BuildWorker, health: BuildWorkerHealth) -> None:
     signalled = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, signalled.set)
     async with AsyncExitStack() as stack:
-        run_with(stack, health.beat(), "health")
-        work = asyncio.create_task(worker.run(), name="worker")
-        _log.info("worker ready to take builds")
+        run_in_background(stack, health.beat(), "health")
+        work = asyncio.create_task(worker.run(), name="build-worker")
+        _log.info("ready to take builds")
         await asyncio.wait({work, asyncio.create_task(signalled.wait())}, return_when=asyncio.FIRST_COMPLETED)
         work.cancel()
         with suppress(asyncio.CancelledError):
             await work
-    _log.info("worker ends")
+    _log.info("build worker ends")

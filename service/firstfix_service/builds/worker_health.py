@@ -1,4 +1,4 @@
-"""What an orchestrator asks a worker, which answers no queries: alive, ready, how much of what."""
+"""Health and metrics of a build worker over HTTP, for an orchestrator."""
 
 from __future__ import annotations
 
@@ -22,9 +22,12 @@ PERIOD_S = 1.0
 DEAD_AFTER_S = 30.0
 
 
-class WorkerHealth:
-    """GET /healthz, /readyz and /metrics while it is used as a context, from a thread of its own: that the
-    worker's loop is alive is seen from outside of it. No port: nothing is served."""
+class BuildWorkerHealth:
+    """Server of GET /healthz, /readyz and /metrics, as a context manager.
+
+    It runs in a thread of its own, so it can see whether the event loop of the build worker is alive. Without
+    a port nothing is served.
+    """
 
     def __init__(self, builds: NatsBuilds, metrics: Metrics, host: str, port: int | None) -> None:
         self._builds = builds
@@ -37,9 +40,9 @@ class WorkerHealth:
             self._server = uvicorn.Server(
                 uvicorn.Config(app, host=host, port=port, access_log=False, log_config=None)
             )
-        self._thread = threading.Thread(target=self._serve, daemon=True, name="worker-health")
+        self._thread = threading.Thread(target=self._serve, daemon=True, name="build-worker-health")
 
-    def __enter__(self) -> WorkerHealth:
+    def __enter__(self) -> BuildWorkerHealth:
         self._thread.start()
         return self
 
@@ -54,23 +57,26 @@ class WorkerHealth:
         if self._server is not None:
             try:
                 self._server.run()
-            except SystemExit:  # uvicorn's way to say that the port is taken
-                _log.error("the worker's health port cannot be listened on")
+            except SystemExit:  # uvicorn raises this if the port is taken
+                _log.error("cannot listen on the health port")
 
     async def beat(self) -> None:
-        """The worker's loop turns: until it is cancelled."""
+        """Shows that the event loop is alive, until it is cancelled."""
         while True:
             self._last_beat = time.monotonic()
             await asyncio.sleep(PERIOD_S)
 
     def healthz(self, request: Request) -> Response:
+        """Answers 200 if the event loop is alive."""
         alive = time.monotonic() - self._last_beat < DEAD_AFTER_S
         return JSONResponse({"status": "ok" if alive else "stuck"}, 200 if alive else 503)
 
     def readyz(self, request: Request) -> Response:
+        """Answers 200 if NATS is connected."""
         ready = self._builds.connected
-        return JSONResponse({"status": "ready" if ready else "NATS is out of reach"}, 200 if ready else 503)
+        return JSONResponse({"status": "ready" if ready else "NATS does not answer"}, 200 if ready else 503)
 
     def metrics(self, request: Request) -> Response:
+        """Answers with the metrics."""
         body, media_type = self._metrics.exposition()
         return Response(body, headers={"Content-Type": media_type})

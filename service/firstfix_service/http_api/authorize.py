@@ -13,7 +13,7 @@ from firstfix.access.permissions import Scope
 from firstfix.errors import NotFound, Unauthorized
 
 from ..auth.permission import Permission
-from ..auth.principal import Caller
+from ..auth.principal import Principal
 from ..http_server.client_address import client_address
 from ..lanes import AUTH
 from ..settings import Settings
@@ -67,7 +67,7 @@ LIMITED = {
 
 
 async def authorize(request: Request) -> None:
-    """A dependency of every route. Leaves the ``Caller`` in ``request.state.caller``, and the ``Permission``
+    """A dependency of every route. Leaves the ``Principal`` in ``request.state.caller``, and the ``Permission``
     to be asked for again in ``request.state.permission``; where a map id stands in the path, or that of a
     build, the caller may go there. The map in a body or query is the route's to check.
 
@@ -82,26 +82,26 @@ async def authorize(request: Request) -> None:
         return  # whether or not the store has answered yet
     parts = await parts_of(request)
     credential, address = _credential(request), _address(request, parts)
-    caller = await parts.access.caller(credential, address)
+    caller = await parts.authenticator.authenticate(credential, address)
     request.state.caller = caller
     note(caller=caller.name)
     map_id = request.path_params.get("map_id")
     caller.check(scope, map_id)
-    request.state.permission = Permission(parts.access, credential, address, scope, map_id)
+    request.state.permission = Permission(parts.authenticator, credential, address, scope, map_id)
     if (build_id := request.path_params.get("build_id")) is not None and not caller.sees_every_map:
         status = await AUTH.run(parts.catalog.shown_status, build_id)
         if not caller.sees(status["map_id"]):
             raise NotFound(f"no build {build_id}")
     if name in LIMITED:
-        parts.access.take(LIMITED[name], caller, request.path_params.get("map_id", ""))
+        parts.authenticator.take(LIMITED[name], caller, request.path_params.get("map_id", ""))
 
 
-async def caller_of(request: Request) -> Caller:
-    caller: Caller = request.state.caller
+async def caller_of(request: Request) -> Principal:
+    caller: Principal = request.state.caller
     return caller
 
 
-CallerDep = Annotated[Caller, Depends(caller_of)]
+CallerDep = Annotated[Principal, Depends(caller_of)]
 
 
 def _credential(request: Request) -> str | None:

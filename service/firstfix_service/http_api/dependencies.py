@@ -13,7 +13,7 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.georeferences import Georeferences
 from firstfix.catalog.uploads.uploads import Uploads
 
-from ..auth.authenticate import Access
+from ..auth.authenticate import Authenticator
 from ..builds.queue import BuildQueue
 from ..builds.quota import BuildQuota
 from ..localize.pool import QueryPool
@@ -46,7 +46,7 @@ class Parts:
     bodies: BodyReader
     builds: BuildQueue | None
     health: Health
-    access: Access
+    authenticator: Authenticator
     uploads: Uploads
     upload_quota: UploadQuota
     upload_streams: Places

@@ -44,10 +44,10 @@ class Health:
 
     def details(self) -> dict[str, Any]:
         """For people who look: what is wrong although queries are answered."""
-        holding = self._maps.holding
+        placement = self._maps.placement
         return {
             "maps": len(self._maps.served),
-            "holding": None if holding is None else holding.described(self._maps.held_loaded),
+            "holding": None if placement is None else placement.summary(self._maps.held_loaded),
             "catalog": {"age_s": round(self.catalog_age_s(), 1), "error": self._error},
             "queries": self._pool.admitted,
         }

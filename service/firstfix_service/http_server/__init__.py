@@ -1,1 +1,1 @@
-"""Connections of the HTTP server: their limits, and the address of the caller."""
+"""HTTP server: its protocol, the limits of its connections, and the address of the caller."""

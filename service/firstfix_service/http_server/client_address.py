@@ -1,4 +1,4 @@
-"""Where a request comes from, through proxies that are trusted to say so and no others."""
+"""Address of the caller of a request, through trusted proxies."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ from collections.abc import Iterable
 from ipaddress import IPv4Address, IPv4Network, IPv6Address, IPv6Network, ip_address
 
 Network = IPv4Network | IPv6Network
-_IPV6_SITE_BITS = 64  # what one subscriber has at the least: fewer bits would give everybody many names
+_IPV6_SITE_BITS = 64  # the smallest network of one subscriber: each caller has one name, not 2**64
 UNKNOWN = "unknown"
 
 
 def client_address(peer: str | None, forwarded_for: Iterable[str], trusted: Iterable[Network]) -> str:
-    """The address of the nearest caller that is no trusted proxy, of IPv6 its /64.
+    """Returns the address of the nearest caller that is not a trusted proxy; for IPv6 its /64 network.
 
     Args:
-        peer: of the connection; None: it has none.
-        forwarded_for: the values of X-Forwarded-For in their order. Each proxy appends whom it heard, so
-            they are read from the end, and no further than the proxies are trusted: the rest anybody can
-            have written.
+        peer: address of the connection, if known.
+        forwarded_for: values of X-Forwarded-For, in order. Each proxy appends the address of its caller. So
+            the values are read from the end, as long as the proxies are trusted: anybody can have written the
+            rest.
     """
     networks = tuple(trusted)
     address = _parsed(peer or "")
@@ -31,7 +31,7 @@ def client_address(peer: str | None, forwarded_for: Iterable[str], trusted: Iter
 
 
 def is_within(peer: str | None, networks: Iterable[Network]) -> bool:
-    """Whether the address of a connection is one of these networks'."""
+    """Returns whether the address of a connection is in one of these networks."""
     address = _parsed(peer or "")
     return address is not None and _is_in(address, networks)
 

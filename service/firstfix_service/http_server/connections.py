@@ -1,7 +1,7 @@
-"""The HTTP connections of one server: how many there may be, and how long each may wait for its caller.
+"""Limits of the HTTP connections of one server: their number, and the time that each may wait for its caller.
 
-No connection has a timer of its own that received data could reset. One look, twice a second, goes over all
-of them and ends those that are overdue.
+A connection has no timer of its own, because received data could reset it. Instead, a check twice a second
+ends the connections that are overdue.
 """
 
 from __future__ import annotations
@@ -19,66 +19,68 @@ from ..settings import Settings
 from .client_address import Network, client_address, is_within
 
 _log = structlog.get_logger(__name__)
-LOOK_S = 0.5
-MOST_CONNECTIONS = 4096  # by default, however many files may be open: each can hold 128 KiB
-MOST_RESERVED_FILES = 256  # of the limit of open files: for the store, workers, zenoh, logs
-HEALTH_RESERVE = 16  # connections beyond the limit, which may ask for the health alone
+CHECK_S = 0.5
+DEFAULT_MAX_CONNECTIONS = 4096  # even if more files may be open: each connection can use 128 KiB
+MAX_RESERVED_FILES = 256  # open files reserved for the store, query workers, zenoh and logs
+HEALTH_RESERVE = 16  # connections above the limit, for health requests only
 
 
-class Admission(Enum):
-    """Whether a new connection may stay."""
+class ConnectionUse(Enum):
+    """Requests that a new connection may make."""
 
-    FULL = "full"
-    HEALTH_ONLY = "health_only"  # all places, or its address's, are taken by callers that are being served
-    REFUSED = "refused"
+    ALL = "all"
+    HEALTH_ONLY = "health_only"  # all connections, or all of its address, are busy with requests
+    NONE = "none"
 
 
-class Ended(Enum):
-    """Reasons to end a connection from this side; the label of a metric."""
+class EndReason(Enum):
+    """Reason to end a connection from this side; the label of a metric."""
 
-    HEAD = "head"  # no request came, or it did not arrive as a whole
-    BODY = "body"  # the body came too slowly
-    IDLE = "idle"  # no further request came
-    ANSWER = "answer"  # the caller did not take in its answer
-    UNREAD = "unread"  # the caller went on sending a body that nobody reads
-    ROOM = "room"  # it waited for its caller, and another one needed the place
+    HEAD = "head"  # no complete request head arrived in time
+    BODY = "body"  # the body arrived too slowly
+    IDLE = "idle"  # no further request arrived
+    ANSWER = "answer"  # the caller did not read its answer
+    UNREAD = "unread"  # the caller went on sending a body after its answer
+    ROOM = "room"  # it waited for its caller, and a new connection needed its place
     REFUSED = "refused"  # there was no place for it
 
 
 class Connection(Protocol):
-    """An HTTP connection as this module needs it."""
+    """An HTTP connection, as ``Connections`` uses it."""
 
     @property
-    def peer(self) -> str | None: ...
+    def peer(self) -> str | None:
+        """Address of the other end, if known."""
 
     @property
     def waits_for_caller(self) -> bool:
-        """Nothing is being done for the caller: to end the connection loses no work."""
+        """Whether no work is done for the caller now, so that no work is lost if the connection ends."""
 
-    def overdue(self, now: float) -> Ended | None:
-        """The reason to end it now; None if there is none.
+    def overdue(self, now: float) -> EndReason | None:
+        """Returns the reason to end the connection now, if there is one.
 
         Args:
-            now: of the event loop's clock.
+            now: time of the event loop's clock.
         """
 
     def abort(self) -> None:
-        """Ends it at once; what was not sent is lost."""
+        """Ends the connection at once, without sending the rest."""
 
 
 @dataclass(frozen=True)
 class ConnectionLimits:
-    """
+    """Limits of connections.
+
     Attributes:
-        total: connections at the same time, without the reserve for the health.
-        per_address: of one address; 0: any number.
-        head_s: for the head of a request to arrive.
-        idle_s: between two requests.
-        body_s: for a body to arrive; a longer one has ``MIN_BYTES_PER_S`` besides.
-        answer_s: for an answer to be taken in; the same.
+        total: open connections, without the reserve for health requests.
+        per_address: open connections of one address; 0: no limit.
+        head_s: time for the head of a request to arrive.
+        idle_s: time between two requests.
+        body_s: time for a body to arrive; a long body has more time, for ``MIN_BYTES_PER_S``.
+        answer_s: time for the caller to read an answer; more for a long answer, for ``MIN_BYTES_PER_S``.
     """
 
-    total: int = MOST_CONNECTIONS
+    total: int = DEFAULT_MAX_CONNECTIONS
     per_address: int = 0
     head_s: float = 20.0
     idle_s: float = 30.0
@@ -87,15 +89,20 @@ class ConnectionLimits:
 
     @classmethod
     def of(cls, settings: Settings, open_files: int | None = None) -> ConnectionLimits:
-        """
+        """Returns the limits of the settings, reduced to what the limit of open files allows.
+
         Args:
-            open_files: the limit of this process; default: as the system says.
+            open_files: limit of this process; default: the system's.
         """
-        room = _room(resource.getrlimit(resource.RLIMIT_NOFILE)[0] if open_files is None else open_files)
-        total = settings.max_connections or min(room, MOST_CONNECTIONS)
-        if total > room:
-            _log.warning("too few files may be open for so many connections", wanted=total, possible=room)
-            total = room
+        available = _available(
+            resource.getrlimit(resource.RLIMIT_NOFILE)[0] if open_files is None else open_files
+        )
+        total = settings.max_connections or min(available, DEFAULT_MAX_CONNECTIONS)
+        if total > available:
+            _log.warning(
+                "the limit of open files is too low for so many connections", wanted=total, possible=available
+            )
+            total = available
         per_address = settings.max_connections_per_address
         return cls(
             total,
@@ -107,51 +114,56 @@ class ConnectionLimits:
         )
 
 
-def _room(open_files: int) -> int:
+def _available(open_files: int) -> int:
+    """Number of connections for which files can be open."""
     if open_files == resource.RLIM_INFINITY:
-        return MOST_CONNECTIONS
-    return max(1, open_files - min(open_files // 2, MOST_RESERVED_FILES) - HEALTH_RESERVE)
+        return DEFAULT_MAX_CONNECTIONS
+    return max(1, open_files - min(open_files // 2, MAX_RESERVED_FILES) - HEALTH_RESERVE)
 
 
 class Connections:
-    """For one event loop.
+    """The open connections of a server. For use by one event loop.
 
     Args:
-        trusted: networks of proxies: one connection of theirs carries many callers, so they have no limit
-            of their own.
-        ended: told of every connection that is ended from this side.
+        trusted: networks of proxies. A connection of a proxy carries many callers, so ``per_address`` does
+            not apply.
+        ended: called for every connection that is ended from this side.
     """
 
     def __init__(
         self,
         limits: ConnectionLimits,
         trusted: Iterable[Network] = (),
-        ended: Callable[[Ended], None] = lambda why: None,
+        ended: Callable[[EndReason], None] = lambda why: None,
     ) -> None:
         self.limits = limits
         self._trusted = tuple(trusted)
         self._ended = ended
-        # Oldest first, by address; those of trusted proxies by None.
+        # By address, oldest first; the key None is for trusted proxies.
         self._open: dict[str | None, dict[Connection, None]] = {}
         self._reserve: dict[Connection, None] = {}
         self._total = 0
-        self._look: asyncio.TimerHandle | None = None
+        self._check: asyncio.TimerHandle | None = None
 
     def __len__(self) -> int:
         return self._total + len(self._reserve)
 
-    def admit(self, connection: Connection) -> Admission:
-        """Finds a place for a new connection. Where there is none, one that waits for its caller has to go:
-        of the same address if that one has too many, else of the address that has most."""
-        admission = self._place(connection)
-        if admission is Admission.REFUSED:
-            self._ended(Ended.REFUSED)
-        elif self._look is None:
-            self._look = asyncio.get_running_loop().call_later(LOOK_S, self._end_overdue)
-        return admission
+    def admit(self, connection: Connection) -> ConnectionUse:
+        """Finds a place for a new connection.
+
+        If there is no place, a connection that waits for its caller is ended: one of the same address if that
+            has too
+        many connections, otherwise one of the address with the most connections.
+        """
+        use = self._place(connection)
+        if use is ConnectionUse.NONE:
+            self._ended(EndReason.REFUSED)
+        elif self._check is None:
+            self._check = asyncio.get_running_loop().call_later(CHECK_S, self._end_overdue)
+        return use
 
     def leave(self, connection: Connection) -> None:
-        """The connection is closed. Once more does nothing."""
+        """Removes a closed connection. A second call does nothing."""
         if connection in self._reserve:
             del self._reserve[connection]
             return
@@ -163,20 +175,20 @@ class Connections:
             if not of_address:
                 del self._open[address]
 
-    def _place(self, connection: Connection) -> Admission:
+    def _place(self, connection: Connection) -> ConnectionUse:
         address = self._address(connection)
         if self._has_place(address):
             self._open.setdefault(address, {})[connection] = None
             self._total += 1
-            return Admission.FULL
+            return ConnectionUse.ALL
         if len(self._reserve) < HEALTH_RESERVE or self._make_room(self._reserve):
             self._reserve[connection] = None
-            return Admission.HEALTH_ONLY
-        return Admission.REFUSED
+            return ConnectionUse.HEALTH_ONLY
+        return ConnectionUse.NONE
 
     def _has_place(self, address: str | None) -> bool:
-        of_address, most = self._open.get(address, {}), self.limits.per_address
-        if address is not None and 0 < most <= len(of_address) and not self._make_room(of_address):
+        of_address, limit = self._open.get(address, {}), self.limits.per_address
+        if address is not None and 0 < limit <= len(of_address) and not self._make_room(of_address):
             return False
         return self._total < self.limits.total or self._make_room_anywhere()
 
@@ -185,11 +197,11 @@ class Connections:
         return any(self._make_room(self._open[address]) for address in fullest)
 
     def _make_room(self, among: dict[Connection, None]) -> bool:
-        """Ends the oldest of these that waits for its caller. False: none does."""
+        """Ends the oldest of these connections that waits for its caller. Returns False if there is none."""
         oldest = next((one for one in among if one.waits_for_caller), None)
         if oldest is None:
             return False
-        self._end(oldest, Ended.ROOM)
+        self._end(oldest, EndReason.ROOM)
         return True
 
     def _end_overdue(self) -> None:
@@ -199,9 +211,9 @@ class Connections:
         for connection in connections:
             if (why := connection.overdue(now)) is not None:
                 self._end(connection, why)
-        self._look = loop.call_later(LOOK_S, self._end_overdue) if len(self) else None
+        self._check = loop.call_later(CHECK_S, self._end_overdue) if len(self) else None
 
-    def _end(self, connection: Connection, why: Ended) -> None:
+    def _end(self, connection: Connection, why: EndReason) -> None:
         self.leave(connection)
         self._ended(why)
         connection.abort()

@@ -1,5 +1,8 @@
-"""HTTP/1.1 as uvicorn speaks it, with the limits that it leaves to a proxy: what a caller may send besides a
-body, and how long it may take for a head, for a body, for the next request, and to take in an answer."""
+"""HTTP/1.1 protocol: uvicorn's, with limits on size and time that uvicorn leaves to a proxy.
+
+The limits are for the size of a request head, and for the time until the head, the body and the next request
+arrive and the answer is read.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +12,13 @@ from typing import Any
 
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
-from .connections import Admission, Connections, Ended
+from .connections import Connections, ConnectionUse, EndReason
 
 MAX_HEAD_BYTES = 64 << 10
 MAX_HEADERS = 100
-MAX_PIPELINED = 100  # requests that wait for the answer to the one before
-MIN_BYTES_PER_S = 500  # of a body, and of an answer: mobile networks at their worst have more
-LINGER_S = 5.0  # for a caller to see an answer that came before it had sent its whole body
+MAX_PIPELINED = 100  # requests that wait for an earlier answer
+MIN_BYTES_PER_S = 500  # of a body, and of an answer: the slowest mobile networks are faster
+LINGER_S = 5.0  # for a caller that still sends its body to see an early answer
 LINGER_BYTES = 4 << 20
 HEALTH_PATHS = {b"/healthz", b"/readyz"}
 _FULL = "too many connections: try again"
@@ -26,86 +29,97 @@ class Reading(Enum):
 
     HEAD = "head"
     BODY = "body"
-    BETWEEN = "between"  # the last one has come as a whole, the next one has not begun
-    LINGER = "linger"  # what comes is thrown away
+    BETWEEN = "between"  # the last request is complete, the next one has not begun
+    LINGER = "linger"  # received data is dropped
 
 
 class _Refusal(Exception):
-    """Ends the parsing of a request that is over a limit."""
+    """Stops the parser at a request that exceeds a limit."""
 
 
 class LimitedHttpProtocol(HttpToolsProtocol):
-    """A connection to a caller who may be slow, greedy or deaf."""
+    """A connection whose caller may send too much, too slowly, or read nothing."""
 
     def __init__(self, *args: Any, connections: Connections, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self._all = connections
         self._limits = connections.limits
-        self._admission = Admission.FULL
+        self._use = ConnectionUse.ALL
         self._reading = Reading.HEAD
-        self._since = self._looked_at = self.loop.time()  # _since: that this is being waited for
-        self._overhead_bytes = 0  # of the data since the request began or a piece of its body came
+        self._since = self._checked_at = self.loop.time()  # _since: start of the current phase
+        self._overhead_bytes = 0  # received since the request began, or since the last piece of its body
         self._head_bytes = self._headers = 0
         self._body_bytes = 0
         self._linger_bytes = 0
-        self._keep_alive = False  # what the caller wishes; granted once its body was read
+        self._keep_alive = False  # the caller's wish; granted after its body was read
         self._refusal: tuple[bytes, str] | None = None
-        self._unsent_bytes: int | None = None  # when writing was paused; None: it is not
+        self._unsent_bytes: int | None = None  # at the pause of writing; None: not paused
         self._write_paused_at = 0.0
         self._closing_since: float | None = None
 
-    # What ``Connections`` asks
+    # Used by ``Connections``
 
     @property
     def peer(self) -> str | None:
+        """Address of the other end, if known."""
         return None if self.client is None else self.client[0]
 
     @property
     def waits_for_caller(self) -> bool:
+        """Whether no work is done for the caller now."""
         ending = self.is_lingering or self.transport.is_closing()
         return ending or (self._reading is not Reading.BODY and not self._answering)
 
-    def overdue(self, now: float) -> Ended | None:
-        waited_since, self._looked_at = self._looked_at, now
-        if self._unsent_bytes is not None:  # nothing is written meanwhile, so what is gone was taken in
-            taken = self._unsent_bytes - self.transport.get_write_buffer_size()
-            allowed_s = self._limits.answer_s + taken / MIN_BYTES_PER_S
-            return Ended.ANSWER if now - self._write_paused_at > allowed_s else None
+    def overdue(self, now: float) -> EndReason | None:
+        """Returns the reason to end the connection now, if there is one."""
+        last_check, self._checked_at = self._checked_at, now
+        if (
+            self._unsent_bytes is not None
+        ):  # nothing is written during a pause, so the caller has read the difference
+            read_bytes = self._unsent_bytes - self.transport.get_write_buffer_size()
+            allowed_s = self._limits.answer_s + read_bytes / MIN_BYTES_PER_S
+            return EndReason.ANSWER if now - self._write_paused_at > allowed_s else None
         if self.transport.is_closing():
             if self._closing_since is None:
                 self._closing_since = now
-            return Ended.ANSWER if now - self._closing_since > LINGER_S else None
+            return EndReason.ANSWER if now - self._closing_since > LINGER_S else None
         if self.is_lingering:
-            return Ended.UNREAD if now - self._since > LINGER_S else None
+            return EndReason.UNREAD if now - self._since > LINGER_S else None
         if self._reading is Reading.BODY:
-            if self.flow.read_paused or self.cycle.waiting_for_100_continue:  # the caller has to wait
-                self._since += now - waited_since
+            if (
+                self.flow.read_paused or self.cycle.waiting_for_100_continue
+            ):  # the caller must wait for this side
+                self._since += now - last_check
             allowed_s = self._limits.body_s + LINGER_S + self._body_bytes / MIN_BYTES_PER_S
-            return Ended.BODY if now - self._since > allowed_s else None
+            return EndReason.BODY if now - self._since > allowed_s else None
         if self._answering:
             return None
         if self._reading is Reading.HEAD:
-            return Ended.HEAD if now - self._since > self._limits.head_s else None
-        return Ended.IDLE if now - self._since > self._limits.idle_s else None
+            return EndReason.HEAD if now - self._since > self._limits.head_s else None
+        return EndReason.IDLE if now - self._since > self._limits.idle_s else None
 
     def abort(self) -> None:
+        """Ends the connection at once."""
         self.transport.abort()
 
-    # What the transport calls
+    # Called by the transport
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Asks for a place among the connections."""
         super().connection_made(transport)
         self._wait_for(Reading.HEAD)
-        self._admission = self._all.admit(self)
-        if self._admission is Admission.REFUSED:  # nothing looks after it: it ends at once
+        self._use = self._all.admit(self)
+        if self._use is ConnectionUse.NONE:  # ``Connections`` does not watch it: it ends at once
             self._write_refusal(b"503 Service Unavailable", _FULL)
             self.transport.close()
 
     def connection_lost(self, exc: Exception | None) -> None:
+        """Gives the place back."""
         self._all.leave(self)
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
+        """Parses data, or drops it while the connection lingers."""
         if self.is_lingering:
             self._linger_bytes += len(data)
             if self._linger_bytes > LINGER_BYTES:
@@ -117,51 +131,59 @@ class LimitedHttpProtocol(HttpToolsProtocol):
             self._refuse(*_TOO_LARGE)
 
     def pause_writing(self) -> None:
+        """Starts to measure how fast the caller reads."""
         super().pause_writing()
         self._unsent_bytes = self.transport.get_write_buffer_size()
         self._write_paused_at = self.loop.time()
 
     def resume_writing(self) -> None:
+        """Ends the measurement: the caller has read enough."""
         super().resume_writing()
         self._unsent_bytes = None
 
-    # What the parser calls
+    # Called by the parser
 
     def on_message_begin(self) -> None:
+        """Starts the head of a request."""
         super().on_message_begin()
         self._head_bytes = self._headers = self._body_bytes = 0
         self._wait_for(Reading.HEAD)
 
     def on_url(self, url: bytes) -> None:
+        """Counts the URL as part of the head."""
         self._count_head(len(url))
         super().on_url(url)
 
     def on_header(self, name: bytes, value: bytes) -> None:
+        """Counts a header as part of the head."""
         self._headers += 1
         self._count_head(len(name) + len(value) + 4)
-        if self._reading is Reading.HEAD:  # else it is a trailer: nobody reads those
+        if self._reading is Reading.HEAD:  # otherwise it is a trailer, which is ignored
             super().on_header(name, value)
 
     def on_headers_complete(self) -> None:
+        """Starts the request, if the connection may make it."""
         self._overhead_bytes = 0
         path = self.url.partition(b"?")[0]
-        if self._admission is Admission.HEALTH_ONLY and path not in HEALTH_PATHS:
+        if self._use is ConnectionUse.HEALTH_ONLY and path not in HEALTH_PATHS:
             self._stop_parsing(b"503 Service Unavailable", _FULL)
         if len(self.pipeline) >= MAX_PIPELINED:
             self._stop_parsing(b"429 Too Many Requests", "too many requests at the same time")
         super().on_headers_complete()
-        # An answer that comes before the body was read ends the connection, and says so.
-        self._keep_alive = self.cycle.keep_alive and self._admission is Admission.FULL
+        # An answer before the end of the body closes the connection, and its headers say so.
+        self._keep_alive = self.cycle.keep_alive and self._use is ConnectionUse.ALL
         self.cycle.keep_alive = False
         self.cycle.transport = _AnswerTransport(self)  # type: ignore[assignment]
         self._wait_for(Reading.BODY)
 
     def on_body(self, body: bytes) -> None:
+        """Counts a piece of the body."""
         self._overhead_bytes = 0
         self._body_bytes += len(body)
         super().on_body(body)
 
     def on_message_complete(self) -> None:
+        """Ends the request: the connection may be kept alive now."""
         self._overhead_bytes = 0
         super().on_message_complete()
         if not self.cycle.response_started:
@@ -169,12 +191,13 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self._wait_for(Reading.BETWEEN)
 
     def send_400_response(self, msg: str) -> None:
-        """The parser has stopped."""
+        """Answers a request that the parser refused."""
         self._refuse(*(self._refusal or (b"400 Bad Request", msg)))
 
-    # What the answer's cycle and the server call
+    # Called by the cycle of the answer and by the server
 
     def on_response_complete(self) -> None:
+        """Waits for the next request."""
         if self.is_lingering:
             self.server_state.total_requests += 1
             return
@@ -182,12 +205,17 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         super().on_response_complete()
 
     def shutdown(self) -> None:
+        """Ends the connection after the current answer."""
         self._keep_alive = False
         super().shutdown()
 
     def end_after_answer(self) -> None:
-        """The answer was written. What of the request is still on its way would make the system throw the
-        answer away, if the connection were closed now."""
+        """Closes the connection after an answer.
+
+        If the request is still arriving, the connection lingers first: the operating system would drop the
+            answer if the
+        connection were closed with unread data.
+        """
         if self._reading is Reading.BODY and self.cycle.response_complete:
             self._linger()
         else:
@@ -195,6 +223,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
 
     @property
     def is_lingering(self) -> bool:
+        """Whether received data is dropped until the caller closes."""
         return self._reading is Reading.LINGER
 
     @property
@@ -207,7 +236,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
 
     def _wait_for(self, what: Reading) -> None:
         self._reading = what
-        self._since = self._looked_at = self.loop.time()
+        self._since = self._checked_at = self.loop.time()
 
     def _count_head(self, size: int) -> None:
         self._head_bytes += size
@@ -219,8 +248,10 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         raise _Refusal
 
     def _refuse(self, status: bytes, text: str) -> None:
-        """Before the route is known there is no problem document to send. Nothing is sent where it would be
-        taken for the answer to an earlier request, or for a part of it."""
+        """Sends a short refusal in plain text: there is no problem document before the route is known.
+
+        Nothing is sent if the caller could take it for the answer to an earlier request, or a part of it.
+        """
         own = self._reading is Reading.BODY and not self.cycle.response_started and not self.pipeline
         if self._answering and not own:
             self.transport.close()
@@ -235,8 +266,8 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         )
 
     def _linger(self) -> None:
-        """Says that nothing more comes from here, and takes what comes for a moment."""
-        if self._answering:  # whoever reads the body gets to know that no more of it comes
+        """Closes this side for writing, and drops received data for a while."""
+        if self._answering:  # tells the reader of the body that no more of it will arrive
             self.cycle.disconnected = True
             self.cycle.message_event.set()
         self._wait_for(Reading.LINGER)
@@ -249,7 +280,7 @@ _TOO_LARGE = (b"431 Request Header Fields Too Large", "request header fields too
 
 
 class _AnswerTransport:
-    """The connection as the cycle of a request and its answer sees it."""
+    """The transport that the cycle of a request and its answer uses."""
 
     def __init__(self, connection: LimitedHttpProtocol) -> None:
         self._connection = connection

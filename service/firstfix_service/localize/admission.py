@@ -8,7 +8,7 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.errors import InvalidOption, NotFound
 from firstfix.ids import check_map_id, check_version
 
-from ..auth.principal import Caller
+from ..auth.principal import Principal
 from ..maps.served_maps import ServedMaps
 from ..query_workers.body_format import BodyFormat
 from .pool import QueryPool
@@ -41,7 +41,7 @@ class Admission:
         return _group_of(self.map_ids)
 
 
-def admit(head: QueryHead, caller: Caller, served: ServedMaps, pool: QueryPool) -> Admission:
+def admit(head: QueryHead, caller: Principal, served: ServedMaps, pool: QueryPool) -> Admission:
     """Checks the head of a query.
 
     Args:
@@ -66,7 +66,7 @@ def admit(head: QueryHead, caller: Caller, served: ServedMaps, pool: QueryPool) 
     return Admission(head, map_ids, options, body_format, deadline)
 
 
-def _maps_to_search(head: QueryHead, caller: Caller, served: ServedMaps) -> tuple[str, ...]:
+def _maps_to_search(head: QueryHead, caller: Principal, served: ServedMaps) -> tuple[str, ...]:
     if head.map_ids:
         map_ids = tuple(dict.fromkeys(head.map_ids))
     else:

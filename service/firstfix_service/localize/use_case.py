@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from firstfix.answer.localization import Localization
 
-from ..auth.principal import Caller
+from ..auth.principal import Principal
 from ..maps.leases import Leases
 from ..maps.map_cache import MapCache
 from ..query_workers.base import QueryWorkers
@@ -38,7 +38,7 @@ class LocalizeUseCase:
         self._recorder = recorder
         self._max_decoded_bytes = max_decoded_bytes
 
-    def admit(self, head: QueryHead, caller: Caller) -> Admission:
+    def admit(self, head: QueryHead, caller: Principal) -> Admission:
         """Checks a query before its body is read.
 
         Raises:

@@ -1,1 +1,1 @@
-"""Map versions in memory: loaded, leased, prefetched, evicted, placed on replicas."""
+"""Map versions in memory: loaded, leased, prefetched, evicted, and placed on replicas."""

@@ -1,8 +1,8 @@
-"""Which maps to look at: those that a notice names, and all of them in turn, a few at a time.
+"""Selects the maps whose logs are read at each poll.
 
-One look asks the store for one object where nothing changed, and for the logs of a few maps: so many that
-each map has had its turn after ``sweep_s``, as a notice may be lost; but no more than ``LOGS_A_SECOND``,
-however many maps there are: with thousands a turn takes longer.
+A poll reads the change notices and the logs of the maps that they name. A notice can be lost, so a few other
+maps are read at each poll too: every map is read once in ``sweep_s``. No more than ``MAX_LOGS_PER_S`` logs
+are read for this, so with thousands of maps a sweep takes longer.
 """
 
 from __future__ import annotations
@@ -12,57 +12,58 @@ from collections import deque
 
 from firstfix.catalog.catalog import Catalog
 
-LOGS_A_SECOND = 10
+MAX_LOGS_PER_S = 10
 
 
 class CatalogWatch:
-    """For one thread."""
+    """Change notices of the catalog, and a slow sweep over all maps. For use by one thread.
+
+    Args:
+        interval_s: time between polls.
+        sweep_s: time in which every map is read once, if there are few enough maps.
+    """
 
     def __init__(self, catalog: Catalog, *, interval_s: float, sweep_s: float) -> None:
-        """
-        Args:
-            interval_s: between looks.
-            sweep_s: until every map was looked at, where there are few enough.
-        """
         self._catalog = catalog
-        self._looks_a_sweep = max(1.0, sweep_s / interval_s)
-        self._most = math.ceil(LOGS_A_SECOND * interval_s)
-        self._position: int | None = None  # last notice that was read; None before the first look
+        self._polls_per_sweep = max(1.0, sweep_s / interval_s)
+        self._max_swept = math.ceil(MAX_LOGS_PER_S * interval_s)
+        self._position: int | None = None  # last notice that was read; None before the first poll
         self._names: list[str] = []
-        self._turns: deque[str] = deque()
+        self._sweep: deque[str] = deque()
 
-    def look(self) -> tuple[list[str], frozenset[str] | None]:
-        """Maps to look at now; and when all were listed again: their names.
+    def poll(self) -> tuple[list[str], frozenset[str] | None]:
+        """Returns the maps to read now and, if the maps were listed again, the names of all maps.
 
         Raises:
-            StoreUnavailable, StoreError: as the store. The next look makes up for it.
+            StoreUnavailable, StoreError: the store failed. The next poll catches up.
         """
         if self._position is None:
-            position = self._catalog.changes.end()  # before the maps are read, or one could slip through
+            position = self._catalog.changes.end()  # before the maps are listed, or a change could be missed
             self._names = self._catalog.folder_names()
             self._position = position
             return list(self._names), frozenset(self._names)
         named, self._position = self._catalog.changes.since(self._position)
         listed = None
-        if not self._turns:
-            new = self._list_again()
+        if not self._sweep:
+            new = self._begin_sweep()
             listed = frozenset(self._names)
             named.extend(new)
-        few = min(math.ceil(len(self._names) / self._looks_a_sweep), self._most)
-        named.extend(self._turns.popleft() for _ in range(min(few, len(self._turns))))
+        swept = min(math.ceil(len(self._names) / self._polls_per_sweep), self._max_swept)
+        named.extend(self._sweep.popleft() for _ in range(min(swept, len(self._sweep))))
         return list(dict.fromkeys(named)), listed
 
-    def start_again(self) -> None:
-        """The next look is at all maps at once."""
+    def reset(self) -> None:
+        """Makes the next poll return all maps."""
         self._position = None
-        self._turns.clear()
+        self._sweep.clear()
 
-    def _list_again(self) -> list[str]:
-        """Returns the maps that are new."""
+    def _begin_sweep(self) -> list[str]:
+        """Lists the maps and returns the new ones."""
         assert self._position is not None
-        self._position = self._catalog.changes.go_on_from(self._position)  # some may have been collected
+        # Old notices may have been collected.
+        self._position = self._catalog.changes.go_on_from(self._position)
         names = self._catalog.folder_names()
         new = sorted(set(names) - set(self._names))
         self._names = names
-        self._turns.extend(names)
+        self._sweep.extend(names)
         return new

@@ -1,5 +1,4 @@
-"""The order in which versions leave the memory: those used longest ago first, but before those that this
-replica keeps all others."""
+"""Order in which versions are evicted from memory: least recently used first, protected versions last."""
 
 from __future__ import annotations
 
@@ -12,53 +11,59 @@ Key = tuple[str, str]  # map id, version
 
 
 class Sized(Protocol):
+    """An item with a size in bytes."""
+
     @property
-    def bytes(self) -> int: ...
+    def bytes(self) -> int:
+        """Size in memory."""
 
 
 Item = TypeVar("Item", bound=Sized)
 
 
-class LeavingOrder(Generic[Item]):
-    """Versions by key. Not thread-safe. No call but ``sort_again`` takes longer with more of them.
+class EvictionOrder(Generic[Item]):
+    """Versions by key, in the order of eviction. Not thread-safe.
+
+    Every call except ``reclassify`` takes constant time.
 
     Args:
-        keeps: whether a version goes after all those that are not kept; asked when it comes, when it is
-            used, and by ``sort_again``.
+        is_protected: whether a version is evicted only after all unprotected ones. It is called when a
+            version is added or used, and by ``reclassify``.
     """
 
-    def __init__(self, keeps: Callable[[Key], bool]) -> None:
-        self._keeps = keeps
-        self._guests: OrderedDict[Key, Item] = OrderedDict()
-        self._kept: OrderedDict[Key, Item] = OrderedDict()
+    def __init__(self, is_protected: Callable[[Key], bool]) -> None:
+        self._is_protected = is_protected
+        self._unprotected: OrderedDict[Key, Item] = OrderedDict()
+        self._protected: OrderedDict[Key, Item] = OrderedDict()
         self.bytes = 0
-        self.kept_bytes = 0
+        self.protected_bytes = 0
 
     def __len__(self) -> int:
-        return len(self._guests) + len(self._kept)
+        return len(self._unprotected) + len(self._protected)
 
     def __contains__(self, key: Key) -> bool:
-        return key in self._guests or key in self._kept
+        return key in self._unprotected or key in self._protected
 
     def __iter__(self) -> Iterator[Key]:
-        """The first to leave first."""
-        return chain(self._guests, self._kept)
+        """Iterates over the keys; the first one is evicted first."""
+        return chain(self._unprotected, self._protected)
 
     @property
-    def kept(self) -> int:
-        """How many of them are kept."""
-        return len(self._kept)
+    def protected(self) -> int:
+        """Number of protected versions."""
+        return len(self._protected)
 
     def add(self, key: Key, item: Item) -> None:
+        """Adds a version at the end of its class."""
         self.bytes += item.bytes
-        if self._keeps(key):
-            self._kept[key] = item
-            self.kept_bytes += item.bytes
+        if self._is_protected(key):
+            self._protected[key] = item
+            self.protected_bytes += item.bytes
         else:
-            self._guests[key] = item
+            self._unprotected[key] = item
 
     def use(self, key: Key) -> Item | None:
-        """The version, which is now the last of its kind to leave; None: it is not here."""
+        """Returns a version and moves it to the end of its class; None if it is not here."""
         if key not in self:
             return None
         item = self.pop(key)
@@ -66,18 +71,22 @@ class LeavingOrder(Generic[Item]):
         return item
 
     def pop(self, key: Key) -> Item:
-        if key in self._guests:
-            item = self._guests.pop(key)
+        """Removes a version and returns it."""
+        if key in self._unprotected:
+            item = self._unprotected.pop(key)
         else:
-            item = self._kept.pop(key)
-            self.kept_bytes -= item.bytes
+            item = self._protected.pop(key)
+            self.protected_bytes -= item.bytes
         self.bytes -= item.bytes
         return item
 
-    def sort_again(self) -> None:
-        """After what is kept has changed. Among its kind each stays in its place; what is no longer kept
-        leaves after the other guests."""
-        for key in [key for key in self._kept if not self._keeps(key)]:
+    def reclassify(self) -> None:
+        """Asks again which versions are protected.
+
+        Within its class each version keeps its place. A version that is no longer protected goes to the end
+        of the unprotected ones.
+        """
+        for key in [key for key in self._protected if not self._is_protected(key)]:
             self.add(key, self.pop(key))
-        for key in [key for key in self._guests if self._keeps(key)]:
+        for key in [key for key in self._unprotected if self._is_protected(key)]:
             self.add(key, self.pop(key))

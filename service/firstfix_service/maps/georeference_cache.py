@@ -1,4 +1,4 @@
-"""Georeferences for queries: read from the store now and then, not with every query."""
+"""Cache of georeferences, so that a query does not read the store."""
 
 from __future__ import annotations
 
@@ -15,47 +15,51 @@ MAX_MAPS = 1024
 
 
 @dataclass(frozen=True)
-class _Known:
+class _Entry:
     georeference: Georeference | None
-    until: float  # time.monotonic
+    expires_at: float  # time.monotonic
 
 
 class GeoreferenceCache:
-    """Thread-safe. What was known stays so while the store does not answer."""
+    """Georeferences of maps, read again after ``ttl_s``. Thread-safe.
+
+    While the store does not answer, expired entries stay in use.
+    """
 
     def __init__(self, georeferences: Georeferences, ttl_s: float) -> None:
         self._georeferences = georeferences
         self._ttl_s = ttl_s
-        self._known: OrderedDict[str, _Known] = OrderedDict()
+        self._entries: OrderedDict[str, _Entry] = OrderedDict()
         self._lock = threading.Lock()
 
     def of(self, map_id: str) -> Georeference:
-        """
+        """Returns the georeference of a map.
+
         Raises:
             NotAcceptable: the map has none, so its poses have no geographic form.
-            InvalidOption: the id is none.
-            StoreError: the store failed, and nothing is known from before.
+            InvalidOption: the map id is not valid.
+            StoreError: the store failed, and there is no entry from before.
         """
         with self._lock:
-            known = self._known.get(map_id)
-        if known is None or time.monotonic() > known.until:
+            entry = self._entries.get(map_id)
+        if entry is None or time.monotonic() > entry.expires_at:
             try:
                 georeference = self._georeferences.get(map_id)
             except StoreUnavailable:
-                if known is None:
+                if entry is None:
                     raise
-                georeference = known.georeference
-            known = _Known(georeference, time.monotonic() + self._ttl_s)
+                georeference = entry.georeference
+            entry = _Entry(georeference, time.monotonic() + self._ttl_s)
             with self._lock:
-                self._known[map_id] = known
-                self._known.move_to_end(map_id)
-                while len(self._known) > MAX_MAPS:
-                    self._known.popitem(last=False)
-        if known.georeference is None:
-            raise NotAcceptable(f"map {map_id} has no georeference, so no pose in it is {MEDIA_TYPE}")
-        return known.georeference
+                self._entries[map_id] = entry
+                self._entries.move_to_end(map_id)
+                while len(self._entries) > MAX_MAPS:
+                    self._entries.popitem(last=False)
+        if entry.georeference is None:
+            raise NotAcceptable(f"map {map_id} has no georeference: its poses cannot be sent as {MEDIA_TYPE}")
+        return entry.georeference
 
     def forget(self, map_id: str) -> None:
-        """It was changed here."""
+        """Removes the entry of a map whose georeference this process changed."""
         with self._lock:
-            self._known.pop(map_id, None)
+            self._entries.pop(map_id, None)

@@ -1,12 +1,25 @@
-"""The versions that one query needs, of which some may still be on their way."""
+"""Leases of loaded versions: a leased version is neither unloaded nor removed from the disk."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 
-from .loaded_versions import Lease
+from ..query_workers.query import ServedVersion
+
+
+class Lease:
+    """A version that stays in memory and on the disk until the lease is closed. Close it once.
+
+    Attributes:
+        renew: returns another lease of the same version, for another user.
+    """
+
+    def __init__(self, served: ServedVersion, close: Callable[[], None], renew: Callable[[], Lease]) -> None:
+        self.served = served
+        self.close = close
+        self.renew = renew
 
 
 class Leases:
@@ -17,12 +30,13 @@ class Leases:
         self.served = tuple(lease.served for lease in leases)
 
     def close(self) -> None:
+        """Closes all leases."""
         for lease in self._leases:
             lease.close()
 
 
-def together(futures: Sequence[Future[Lease]]) -> Future[Leases]:
-    """All of them, or the first error when all have ended."""
+def gather_leases(futures: Sequence[Future[Lease]]) -> Future[Leases]:
+    """Returns a future of all the leases. If one fails, it raises the first error after all have ended."""
     gathered: Future[Leases] = Future()
     left = len(futures)
     lock = threading.Lock()

@@ -1,4 +1,4 @@
-"""The versions in memory, within limits: in the order of ``leaving_order``, never one that a query uses."""
+"""The versions in memory. They stay within limits of number and bytes; a version in use is never unloaded."""
 
 from __future__ import annotations
 
@@ -10,68 +10,61 @@ from dataclasses import dataclass
 
 import structlog
 
-from firstfix.catalog.versions.cache import HeldFolder
+from firstfix.catalog.versions.cache import FolderLock
 
 from ..query_workers.base import QueryWorkers
 from ..query_workers.query import ServedVersion
 from ..telemetry.metrics import Metrics
-from .eviction_order import Key, LeavingOrder
+from .eviction_order import EvictionOrder, Key
+from .leases import Lease
 
 _log = structlog.get_logger(__name__)
-ROOM_WITHIN_S = 30.0  # without anything having gone meanwhile: then the limit is passed rather than wait on
+ROOM_WITHIN_S = 30.0  # a load waits so long for an unload to end, then it exceeds the limits
 
 
 @dataclass(frozen=True)
 class VersionFiles:
-    """A version on this machine.
+    """The files of a version on this machine.
 
     Attributes:
-        hold: keeps a fetched folder on the disk; None for one in a file store.
+        folder_lock: keeps a fetched folder on the disk; None for a version in a file store.
     """
 
     served: ServedVersion
     file_bytes: int
-    hold: HeldFolder | None
+    folder_lock: FolderLock | None
 
     @property
     def key(self) -> Key:
+        """Map id and version."""
         return self.served.map_id, self.served.version
 
 
 @dataclass(eq=False)
-class _Resident:
-    """Attributes:
-    bytes: of its files, and of what the workers hold besides.
-    leases: queries that use it.
-    leaving: nobody gets it any more.
+class _Loaded:
+    """A version in memory.
+
+    Attributes:
+        bytes: size of its files and of what the query workers hold in memory besides.
+        leases: number of open leases.
+        is_leaving: it was evicted: there are no new leases, and it is unloaded when the last one is closed.
     """
 
     files: VersionFiles
     bytes: int
     leases: int = 0
-    leaving: bool = False
+    is_leaving: bool = False
 
 
-class Lease:
-    """A version that stays in memory, and on the disk, until it is closed. Close it once.
+class LoadedVersions:
+    """The versions in memory, within limits. Thread-safe.
 
-    Attributes:
-        again: another lease of it, for somebody else.
-    """
-
-    def __init__(self, served: ServedVersion, close: Callable[[], None], again: Callable[[], Lease]) -> None:
-        self.served = served
-        self.close = close
-        self.again = again
-
-
-class ResidentVersions:
-    """Thread-safe. The limits hold for what is in memory, what is on its way in and what is on its way out.
+    The limits count versions in memory, versions that are being loaded and versions that are being unloaded.
 
     Args:
-        stays: whether the first version must not be put out for the second.
-        keeps: whether a version is only put out when no other one can be.
-        left: called for each one that nobody gets any more.
+        must_stay: whether the first version must not be evicted to make room for the second.
+        is_protected: whether a version is evicted only if no unprotected one is left.
+        on_evict: called for each evicted version.
     """
 
     def __init__(
@@ -81,185 +74,193 @@ class ResidentVersions:
         *,
         max_versions: int,
         max_bytes: int,
-        stays: Callable[[Key, Key], bool],
-        keeps: Callable[[Key], bool],
-        left: Callable[[Key], None],
+        must_stay: Callable[[Key, Key], bool],
+        is_protected: Callable[[Key], bool],
+        on_evict: Callable[[Key], None],
     ) -> None:
         self._workers = workers
         self._metrics = metrics
         self._max_versions, self._max_bytes = max_versions, max_bytes
-        self._stays = stays
-        self._left = left
+        self._must_stay = must_stay
+        self._on_evict = on_evict
         self._changed = threading.Condition()
-        self._residents: LeavingOrder[_Resident] = LeavingOrder(keeps)
-        self._leaving: set[_Resident] = set()
+        self._loaded: EvictionOrder[_Loaded] = EvictionOrder(is_protected)
+        self._leaving: set[_Loaded] = set()
         self._leaving_bytes = 0
-        self._coming: dict[Key, int] = {}  # bytes of those being loaded
-        self._coming_bytes = 0
+        self._loading: dict[Key, int] = {}  # to bytes
+        self._loading_bytes = 0
         self._line: deque[Key] = deque()  # of loads that wait for room
-        self._hurries = 0
-        self._dropper = ThreadPoolExecutor(1, thread_name_prefix="map-dropper")
+        self._overcommits = 0
+        self._unloader = ThreadPoolExecutor(1, thread_name_prefix="map-unloader")
 
-    def has_room(self, versions: int, size: int, *, kept: bool) -> bool:
-        """For so many more versions of so many bytes together, without any other having to go.
+    def has_room(self, versions: int, size_bytes: int, *, protected: bool) -> bool:
+        """Returns whether so many more versions fit without an eviction.
 
         Args:
-            kept: they are kept: those that are not may go for them.
+            size_bytes: of these versions together.
+            protected: they are protected versions: unprotected ones may be evicted for them.
         """
         with self._changed:
-            taken, taken_bytes = self._taken()
-            if kept:
-                taken -= len(self._residents) - self._residents.kept
-                taken_bytes -= self._residents.bytes - self._residents.kept_bytes
-            return taken + versions <= self._max_versions and taken_bytes + size <= self._max_bytes
+            used, used_bytes = self._used()
+            if protected:
+                used -= len(self._loaded) - self._loaded.protected
+                used_bytes -= self._loaded.bytes - self._loaded.protected_bytes
+            return used + versions <= self._max_versions and used_bytes + size_bytes <= self._max_bytes
 
     @property
-    def kept(self) -> int:
-        """Versions in memory that are kept."""
+    def protected(self) -> int:
+        """Number of protected versions in memory."""
         with self._changed:
-            return self._residents.kept
+            return self._loaded.protected
 
-    def sort_again(self) -> None:
-        """After what is kept has changed."""
+    def reclassify(self) -> None:
+        """Asks again which versions are protected."""
         with self._changed:
-            self._residents.sort_again()
+            self._loaded.reclassify()
 
     def __contains__(self, key: Key) -> bool:
         with self._changed:
-            return key in self._residents
+            return key in self._loaded
 
     def lease(self, key: Key) -> Lease | None:
-        """None: it is not in memory."""
+        """Returns a lease of a version; None if it is not in memory."""
         with self._changed:
-            resident = self._residents.use(key)
-            return None if resident is None else self._lease(resident)
+            version = self._loaded.use(key)
+            return None if version is None else self._lease(version)
 
     def load(self, files: VersionFiles) -> Lease:
-        """Loads a version that is not in memory; one thread for each.
+        """Loads a version that is not in memory. A version is loaded by one thread only.
 
         Raises:
-            VersionError: as ``QueryWorkers.load``.
+            VersionError: see ``QueryWorkers.load``.
         """
         key = files.key
         with self._changed:
             self._wait_for_room(key, files.file_bytes)
-            self._coming[key] = files.file_bytes
-            self._coming_bytes += files.file_bytes
+            self._loading[key] = files.file_bytes
+            self._loading_bytes += files.file_bytes
         try:
-            private = self._workers.load(files.served)
+            private_bytes = self._workers.load(files.served)
         except BaseException:
             with self._changed:
-                self._coming_bytes -= self._coming.pop(key)
+                self._loading_bytes -= self._loading.pop(key)
                 self._changed.notify_all()
             raise
         with self._changed:
-            self._coming_bytes -= self._coming.pop(key)
-            resident = _Resident(files, files.file_bytes + private)
-            self._residents.add(key, resident)
-            lease = self._lease(resident)
-            self._bid_go_for(key)  # it may take more than its files
+            self._loading_bytes -= self._loading.pop(key)
+            version = _Loaded(files, files.file_bytes + private_bytes)
+            self._loaded.add(key, version)
+            lease = self._lease(version)
+            self._evict_for(key)  # it may take more memory than its files
             self._changed.notify_all()
-            self._show()
+            self._update_metrics()
         return lease
 
-    def succeed(self, key: Key, before: Key | None) -> None:
-        """This version serves now and the one before need not: what is over the limit goes."""
+    def serving_changed(self, key: Key, before: Key | None) -> None:
+        """Applies the limits after a version has become the serving one of its map in place of another."""
         with self._changed:
             for one in (before, key):
                 if one is not None:
-                    self._residents.use(one)  # which of them is kept has changed
-            self._bid_go_for(key)
-            self._show()
+                    self._loaded.use(one)  # whether it is protected has changed
+            self._evict_for(key)
+            self._update_metrics()
 
-    def begin_hurry(self) -> None:
-        """While a query gathers several versions the limit is passed: the query may itself hold what would
-        have to go for the next of them."""
+    def begin_overcommit(self) -> None:
+        """Allows loads above the limits while a query gathers several versions.
+
+        Without this the query could wait for itself: it may lease the version that would have to be evicted.
+        """
         with self._changed:
-            self._hurries += 1
+            self._overcommits += 1
             self._changed.notify_all()
 
-    def end_hurry(self) -> None:
+    def end_overcommit(self) -> None:
+        """Ends what ``begin_overcommit`` began."""
         with self._changed:
-            self._hurries -= 1
+            self._overcommits -= 1
 
     def close(self) -> None:
-        self._dropper.shutdown()
+        """Waits until the evicted versions are unloaded."""
+        self._unloader.shutdown()
 
-    def _lease(self, resident: _Resident) -> Lease:
-        resident.leases += 1
-        return Lease(
-            resident.files.served, lambda: self._give_back(resident), lambda: self._lease_again(resident)
-        )
+    def _lease(self, version: _Loaded) -> Lease:
+        version.leases += 1
+        return Lease(version.files.served, lambda: self._give_back(version), lambda: self._renew(version))
 
-    def _lease_again(self, resident: _Resident) -> Lease:
+    def _renew(self, version: _Loaded) -> Lease:
         with self._changed:
-            return self._lease(resident)
+            return self._lease(version)
 
-    def _give_back(self, resident: _Resident) -> None:
+    def _give_back(self, version: _Loaded) -> None:
         with self._changed:
-            resident.leases -= 1
-            if resident.leaving and not resident.leases:
-                self._dropper.submit(self._drop, resident)
+            version.leases -= 1
+            if version.is_leaving and not version.leases:
+                self._unloader.submit(self._unload, version)
 
-    def _wait_for_room(self, key: Key, need: int) -> None:
-        """Under the lock. In the order of asking; begins anyway when there is nothing left to wait for."""
+    def _wait_for_room(self, key: Key, need_bytes: int) -> None:
+        """Waits until a version fits, in the order of the calls; returns if nothing is left to wait for.
+
+        Under the lock.
+        """
         self._line.append(key)
         try:
             while True:
                 if self._line[0] == key:
-                    self._bid_go_for(key, need)
-                    versions, size = self._taken()
-                    fits = versions + 1 <= self._max_versions and size + need <= self._max_bytes
-                    if fits or not (self._leaving or self._coming):
+                    self._evict_for(key, need_bytes)
+                    versions, used_bytes = self._used()
+                    fits = versions + 1 <= self._max_versions and used_bytes + need_bytes <= self._max_bytes
+                    if fits or not (self._leaving or self._loading):
                         return
-                if self._hurries:
+                if self._overcommits:
                     return
                 if not self._changed.wait(ROOM_WITHIN_S):
-                    _log.warning("versions that are still used pass the cache's limit", map_id=key[0])
+                    _log.warning("versions in use exceed the limits of the cache", map_id=key[0])
                     return
         finally:
             self._line.remove(key)
             self._changed.notify_all()
 
-    def _bid_go_for(self, key: Key, need: int | None = None) -> None:
-        """Under the lock. The first to leave go, as soon as no query uses them, until the rest is within the
-        limits, and so is one more of ``need`` bytes."""
-        more = need is not None
+    def _evict_for(self, key: Key, need_bytes: int | None = None) -> None:
+        """Evicts versions until the others are within the limits, together with one more of ``need_bytes``.
+
+        Under the lock. An evicted version is unloaded as soon as no query uses it.
+        """
+        more = need_bytes is not None
         while (
-            len(self._residents) + len(self._coming) + more > self._max_versions
-            or self._residents.bytes + self._coming_bytes + (need or 0) > self._max_bytes
+            len(self._loaded) + len(self._loading) + more > self._max_versions
+            or self._loaded.bytes + self._loading_bytes + (need_bytes or 0) > self._max_bytes
         ):
-            candidates = (one for one in self._residents if one != key and not self._stays(one, key))
+            candidates = (one for one in self._loaded if one != key and not self._must_stay(one, key))
             candidate = next(candidates, None)
             if candidate is None:
                 return
-            resident = self._residents.pop(candidate)
-            self._left(candidate)
-            resident.leaving = True
-            self._leaving.add(resident)
-            self._leaving_bytes += resident.bytes
-            if not resident.leases:
-                self._dropper.submit(self._drop, resident)
+            version = self._loaded.pop(candidate)
+            self._on_evict(candidate)
+            version.is_leaving = True
+            self._leaving.add(version)
+            self._leaving_bytes += version.bytes
+            if not version.leases:
+                self._unloader.submit(self._unload, version)
 
-    def _drop(self, resident: _Resident) -> None:
-        served = resident.files.served
+    def _unload(self, version: _Loaded) -> None:
+        served = version.files.served
         try:
             self._workers.drop(served)
         finally:
-            if resident.files.hold is not None:
-                resident.files.hold.close()
+            if version.files.folder_lock is not None:
+                version.files.folder_lock.close()
             with self._changed:
-                self._leaving.discard(resident)
-                self._leaving_bytes -= resident.bytes
+                self._leaving.discard(version)
+                self._leaving_bytes -= version.bytes
                 self._changed.notify_all()
         self._metrics.version_evictions.inc()
-        _log.info("version put out", map_id=served.map_id, version=served.version)
+        _log.info("version evicted", map_id=served.map_id, version=served.version)
 
-    def _taken(self) -> tuple[int, int]:
-        """Versions and bytes, of what comes and goes too."""
-        versions = len(self._residents) + len(self._coming) + len(self._leaving)
-        return versions, self._residents.bytes + self._coming_bytes + self._leaving_bytes
+    def _used(self) -> tuple[int, int]:
+        """Versions and bytes, with those that are being loaded and unloaded."""
+        versions = len(self._loaded) + len(self._loading) + len(self._leaving)
+        return versions, self._loaded.bytes + self._loading_bytes + self._leaving_bytes
 
-    def _show(self) -> None:
-        self._metrics.versions_loaded.set(len(self._residents))
-        self._metrics.version_bytes.set(self._residents.bytes)
+    def _update_metrics(self) -> None:
+        self._metrics.versions_loaded.set(len(self._loaded))
+        self._metrics.version_bytes.set(self._loaded.bytes)

@@ -1,4 +1,4 @@
-"""Keeps the served versions in step with the catalog, in a thread of its own."""
+"""Thread that polls the catalog, so that the served versions follow it."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ _log = structlog.get_logger(__name__)
 
 
 class MapPoller:
-    """Calls ``MapCache.poll`` now and then.
+    """Calls ``MapCache.poll`` in a thread, every ``interval_s``.
 
     Args:
         after: called after every poll that succeeded.
-        failed: called with the error of every other one.
+        failed: called with the error of every poll that failed.
     """
 
     def __init__(
@@ -37,11 +37,13 @@ class MapPoller:
         self._thread = threading.Thread(target=self._run, name="map-poller", daemon=True)
 
     def start(self) -> None:
+        """Starts the thread."""
         self._thread.start()
 
     def close(self) -> None:
+        """Stops the thread and waits until it has ended."""
         self._stop.set()
-        self._maps.load_no_more()
+        self._maps.stop_prefetch()
         self._thread.join(timeout=30)
 
     def _run(self) -> None:
@@ -49,10 +51,12 @@ class MapPoller:
             try:
                 self._maps.poll()
                 self._after()
-            except FirstfixError as error:  # what is loaded goes on answering
+            except FirstfixError as error:  # loaded versions go on answering
                 self._failed(error)
                 _log.warning("cannot read the catalog", code=error.code, error=str(error))
-            except Exception as error:  # the poller must outlive a defect: without it nothing new is served
+            except (
+                Exception
+            ) as error:  # the poller must survive a defect: without it no new version is served
                 self._failed(error)
                 _log.exception("the poll failed")
             self._stop.wait(self._interval_s)

@@ -1,5 +1,7 @@
-"""Maps that are loaded before anybody asks for them: each once, while there is room; where replicas share the
-maps those that are held here."""
+"""Prefetch: maps are loaded before they are queried, each once, while there is room.
+
+Where replicas share the maps, a replica prefetches the maps that it holds.
+"""
 
 from __future__ import annotations
 
@@ -9,61 +11,68 @@ from concurrent.futures import ThreadPoolExecutor
 
 from firstfix.catalog.catalog import Catalog
 
-from .loaded_versions import ResidentVersions
-from .placement import Holding
+from .loaded_versions import LoadedVersions
+from .placement import Placement
 
 THREADS = 8
-FEW = 16  # maps that are not worth threads
+FEW = 16  # so few maps are loaded without threads
 
 
-class LoadAhead:
-    """What was loaded ahead so far. Thread-safe."""
+class Prefetcher:
+    """Runs rounds of prefetch and remembers which maps are settled. Thread-safe.
 
-    def __init__(self, catalog: Catalog, resident: ResidentVersions, holding: Holding | None) -> None:
+    A map is settled when it was loaded, or there was no room for it, or it cannot be loaded.
+    """
+
+    def __init__(self, catalog: Catalog, loaded: LoadedVersions, placement: Placement | None) -> None:
         self._catalog = catalog
-        self._resident = resident
-        self._holding = holding
+        self._loaded = loaded
+        self._placement = placement
         self._lock = threading.Lock()
         self._settled: set[str] = set()
         self._stop = threading.Event()
 
     def is_settled(self, map_id: str) -> bool:
-        """Whether the map was loaded, or there was no room, or it cannot be loaded."""
+        """Returns whether the map needs no prefetch any more."""
         return map_id in self._settled
 
-    def begin_again(self, map_ids: Iterable[str]) -> None:
-        """These are to be loaded ahead once more."""
+    def unsettle(self, map_ids: Iterable[str]) -> None:
+        """Makes these maps candidates for prefetch again."""
         with self._lock:
             self._settled.difference_update(map_ids)
 
-    def held_and_not_settled(self) -> list[str]:
-        held = () if self._holding is None else self._holding.maps
+    def unsettled_held_maps(self) -> list[str]:
+        """Returns the held maps that are not settled; none if replicas share nothing."""
+        held = () if self._placement is None else self._placement.maps
         return [map_id for map_id in held if map_id not in self._settled]
 
     def stop(self) -> None:
-        """Rounds end with what they have begun."""
+        """Ends the rounds: loads that have begun go on, no other load begins."""
         self._stop.set()
 
-    def see_to(
-        self, map_ids: Iterable[str], see_to: Callable[[str, Round], bool], superseded: Callable[[], bool]
+    def run_round(
+        self,
+        map_ids: Iterable[str],
+        follow: Callable[[str, PrefetchRound], bool],
+        is_superseded: Callable[[], bool],
     ) -> None:
-        """One round, for many maps in threads; where there may be no room for all the most important first.
+        """Runs one round; many maps are loaded by several threads, the maps with the best rank first.
 
         Args:
-            see_to: loads a map, if it is to be; False: it should be tried again in another round.
-            superseded: whether the round is to end.
+            follow: loads a map if it is due. Returns False if the map should be tried again in another round.
+            is_superseded: whether the round should end.
         """
-        names = sorted(map_ids) if self._holding is None else self._holding.in_order(map_ids)
-        this = Round(self._catalog, self._resident, self._holding, names)
+        names = sorted(map_ids) if self._placement is None else self._placement.sorted_by_rank(map_ids)
+        this_round = PrefetchRound(self._catalog, self._loaded, self._placement, names)
 
         def one(map_id: str) -> None:
             try:
-                if superseded() or self._stop.is_set():
+                if is_superseded() or self._stop.is_set():
                     return
-                is_settled = see_to(map_id, this)
+                is_settled = follow(map_id, this_round)
             finally:
-                this.ended(map_id)
-            if is_settled and (self._holding is None or map_id in self._holding):
+                this_round.load_ended(map_id)
+            if is_settled and (self._placement is None or map_id in self._placement):
                 with self._lock:
                     self._settled.add(map_id)
 
@@ -71,54 +80,56 @@ class LoadAhead:
             for name in names:
                 one(name)
             return
-        with ThreadPoolExecutor(THREADS, thread_name_prefix="map-ahead") as threads:
+        with ThreadPoolExecutor(THREADS, thread_name_prefix="map-prefetch") as threads:
             list(threads.map(one, names))
 
 
-class Round:
-    """Room, until there is none for one of the maps: each gets it after those that stand before it in the
-    order, whichever thread is quicker. Thread-safe.
+class PrefetchRound:
+    """Shares out the free room among the maps of one round, in a fixed order. Thread-safe.
+
+    Each map gets room after the maps before it in the order, whichever thread is faster. When there is no
+    room for one of them, the maps after it get none.
 
     Args:
-        order: of the maps, the most important first. Their threads begin in this order.
+        order: the maps, the most important first. Their threads begin in this order.
     """
 
     def __init__(
-        self, catalog: Catalog, resident: ResidentVersions, holding: Holding | None, order: Sequence[str]
+        self, catalog: Catalog, loaded: LoadedVersions, placement: Placement | None, order: Sequence[str]
     ) -> None:
         self._catalog = catalog
-        self._resident = resident
-        self._holding = holding
+        self._loaded = loaded
+        self._placement = placement
         self._order = order
-        self._turn = 0  # the place in the order of the first map that is not decided
+        self._turn = 0  # place in the order of the first map that is not decided
         self._decided: set[str] = set()
-        self._given: dict[str, int] = {}  # bytes of the maps that are being loaded, or soon will be
+        self._reserved: dict[str, int] = {}  # bytes, by map, of the loads that were given room
         self._is_full = False
         self._changed = threading.Condition()
 
-    def has_room(self, map_id: str, version: str) -> bool:
-        """For a map to be loaded ahead, without another one having to go; what is not held goes for what is.
+    def take_room(self, map_id: str, version: str) -> bool:
+        """Reserves room for a map if it fits without an eviction; unheld maps may be evicted for held ones.
 
         Raises:
-            NotFound, VersionError, StoreError: as ``Catalog.manifest``.
+            NotFound, VersionError, StoreError: see ``Catalog.manifest``.
         """
-        if self._is_full or (self._holding is not None and map_id not in self._holding):
+        if self._is_full or (self._placement is not None and map_id not in self._placement):
             return False
-        kept = self._holding is not None
-        if not self._resident.has_room(1, 1, kept=kept):  # then the store need not be asked
+        protected = self._placement is not None
+        if not self._loaded.has_room(1, 1, protected=protected):  # saves a request to the store
             self._is_full = True
             return False
-        need = self._catalog.manifest(map_id, version).total_bytes
+        need_bytes = self._catalog.manifest(map_id, version).total_bytes
         with self._changed:
             while not self._is_full and self._order[self._turn] != map_id:
                 self._changed.wait()
-            # What was given room may be in memory by now and counted twice: at the limit it is waited for.
+            # A reserved load may be in memory already and count twice. So near the limit, wait for its end.
             while not self._is_full:
-                versions, size = len(self._given) + 1, sum(self._given.values()) + need
-                if self._resident.has_room(versions, size, kept=kept):
-                    self._given[map_id] = need
+                versions, size_bytes = len(self._reserved) + 1, sum(self._reserved.values()) + need_bytes
+                if self._loaded.has_room(versions, size_bytes, protected=protected):
+                    self._reserved[map_id] = need_bytes
                     return True
-                if self._given:
+                if self._reserved:
                     self._changed.wait()
                 else:
                     self._is_full = True
@@ -126,15 +137,15 @@ class Round:
         return False
 
     def decided(self, map_id: str) -> None:
-        """Whether the map is to be loaded is known: the next one's turn."""
+        """Records that it is known whether the map will be loaded: the next map may take room."""
         with self._changed:
             self._decided.add(map_id)
             while self._turn < len(self._order) and self._order[self._turn] in self._decided:
                 self._turn += 1
             self._changed.notify_all()
 
-    def ended(self, map_id: str) -> None:
-        """The map's load, if there was one."""
+    def load_ended(self, map_id: str) -> None:
+        """Gives back the reservation of the map, if it has one."""
         with self._changed:
-            self._given.pop(map_id, None)
+            self._reserved.pop(map_id, None)
         self.decided(map_id)

@@ -1,4 +1,4 @@
-"""Which maps there are, and which version of each answers."""
+"""The published maps, and the version of each map that answers queries."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ..telemetry.metrics import Metrics
 
 
 class ServedMaps:
-    """Thread-safe. What is said is as of the last poll, or a query since."""
+    """Published maps and their serving versions, as of the last poll or a later query. Thread-safe."""
 
     def __init__(self, metrics: Metrics) -> None:
         self._metrics = metrics
@@ -24,40 +24,40 @@ class ServedMaps:
             return len(self._published)
 
     def __contains__(self, map_id: object) -> bool:
-        """Whether a map has a version."""
+        """Returns whether a map is published, that is, has a version."""
         with self._lock:
             return map_id in self._published
 
     @property
     def ids(self) -> list[str]:
-        """Maps with a version, in order."""
+        """Ids of the published maps, sorted."""
         with self._lock:
             return sorted(self._published)
 
     @property
     def versions(self) -> dict[str, str]:
-        """Map id to the version that answers when none is named, of maps asked for or loaded so far."""
+        """Serving versions by map id, of the maps that were queried or loaded so far."""
         with self._lock:
             return dict(self._serving)
 
     def version(self, map_id: str) -> str | None:
-        """That of one map."""
+        """Returns the serving version of a map, if there is one."""
         with self._lock:
             return self._serving.get(map_id)
 
     def is_behind(self, map_id: str) -> bool:
-        """Whether another version answers than the active one, which was refused."""
+        """Returns whether an older version answers because the active one was refused."""
         with self._lock:
             return map_id in self._behind
 
     def add(self, map_ids: Set[str]) -> None:
-        """These have a version."""
+        """Adds published maps."""
         with self._lock:
             self._published |= map_ids
             self._touched |= map_ids
 
     def serve(self, map_id: str, version: str, *, is_active: bool) -> str | None:
-        """This version answers from now on; returns the one that did."""
+        """Sets the serving version of a map and returns the one before."""
         with self._lock:
             before = self._serving.get(map_id)
             self._serving[map_id] = version
@@ -68,7 +68,7 @@ class ServedMaps:
         return before
 
     def forget(self, map_id: str) -> None:
-        """It has nothing active any more."""
+        """Removes a map that has no active version any more."""
         with self._lock:
             self._published.discard(map_id)
             self._serving.pop(map_id, None)
@@ -77,12 +77,12 @@ class ServedMaps:
             self._metrics.maps_behind.set(len(self._behind))
 
     def touch(self, map_ids: Iterable[str]) -> None:
-        """Something that callers look at may have changed of these."""
+        """Marks maps whose public state may have changed."""
         with self._lock:
             self._touched.update(map_ids)
 
     def take_touched(self) -> set[str]:
-        """Maps of which what is said here, or of their logs, may have changed since the last call."""
+        """Returns the maps whose public state may have changed since the last call."""
         with self._lock:
             touched, self._touched = self._touched, set()
             return touched

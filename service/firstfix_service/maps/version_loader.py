@@ -1,4 +1,4 @@
-"""A version from the store into memory: fetched, verified, loaded, once however many ask; or refused."""
+"""Loads a version: fetches it from the store, verifies it and loads it into memory, or refuses it."""
 
 from __future__ import annotations
 
@@ -11,66 +11,68 @@ from pathlib import Path
 import structlog
 
 from firstfix.catalog.catalog import Catalog
-from firstfix.catalog.versions.cache import HeldFolder
+from firstfix.catalog.versions.cache import FolderLock
 from firstfix.catalog.versions.prune import prune
 from firstfix.errors import VersionError
 
 from ..query_workers.query import ServedVersion
 from ..telemetry.metrics import Metrics
 from .eviction_order import Key
-from .loaded_versions import Lease, ResidentVersions, VersionFiles
+from .leases import Lease
+from .loaded_versions import LoadedVersions, VersionFiles
 
 _log = structlog.get_logger(__name__)
-REFUSED_FOR_S = 60.0  # a version that was found bad is read again after this: somebody may have mended it
-# Making room on the disk looks at every version there: it is done when so much may have come as would matter.
+REFUSED_FOR_S = 60.0  # a refused version is read again after this time: it may have been repaired
+# Pruning the disk looks at every version there. So it is done only after so many bytes were fetched.
 PRUNE_SHARE = 100  # part of the limit
-PRUNE_EVERY_S = 600.0  # for what was left by others
+PRUNE_EVERY_S = 600.0  # for versions that other processes left
 
 
 @dataclass(frozen=True)
 class _Refusal:
     error: VersionError
-    until: float
+    until: float  # time.monotonic
 
 
 class VersionLoader:
-    """Thread-safe.
+    """Loads versions, each once however many threads ask. Thread-safe.
 
     Args:
-        directory: versions that were fetched; up to ``max_disk_bytes`` of those not in use stay there, and a
-            hundredth of that for a moment.
+        directory: folder of fetched versions. Those not in use are kept there up to ``max_disk_bytes``, and
+            one hundredth more for a short time.
     """
 
     def __init__(
         self,
         catalog: Catalog,
-        resident: ResidentVersions,
+        loaded: LoadedVersions,
         metrics: Metrics,
         directory: Path,
         *,
         max_disk_bytes: int,
     ) -> None:
         self._catalog = catalog
-        self._resident = resident
+        self._loaded = loaded
         self._metrics = metrics
         self._directory = directory
         self._max_disk_bytes = max_disk_bytes
         self._lock = threading.Lock()
         self._under_way: dict[Key, Future[None]] = {}
         self._refused: dict[Key, _Refusal] = {}
-        self._fetched_bytes = 0  # since room was made
+        self._fetched_bytes = 0  # since the last prune
         self._pruned_at = -PRUNE_EVERY_S
 
     def load(self, map_id: str, version: str) -> Lease:
-        """
+        """Returns a lease of a version, which is loaded if it is not in memory.
+
         Raises:
-            NotFound: no such version.
-            VersionError: it cannot be served.
+            NotFound: there is no such version.
+            VersionError: the version cannot be served.
             StoreError: the store failed.
         """
         key = (map_id, version)
         while True:
-            lease = self._resident.lease(key)
+            lease = self._loaded.lease(key)
             if lease is not None:
                 return lease
             with self._lock:
@@ -100,10 +102,10 @@ class VersionLoader:
         files = None
         try:
             files = self._fetch(map_id, version)
-            lease = self._resident.load(files)
+            lease = self._loaded.load(files)
         except BaseException as error:
-            if files is not None and files.hold is not None:
-                files.hold.close()
+            if files is not None and files.folder_lock is not None:
+                files.folder_lock.close()
             if isinstance(error, VersionError):
                 self._refuse(map_id, version, error)
             raise
@@ -113,9 +115,9 @@ class VersionLoader:
         self._metrics.version_loads.labels("ok").inc()
         self._metrics.load_seconds.observe(seconds)
         _log.info("version loaded", map_id=map_id, version=version, seconds=round(seconds, 3))
-        if self._is_time_to_prune(0 if files.hold is None else files.file_bytes):
-            for gone in prune(self._directory, self._max_disk_bytes):
-                _log.info("version taken off the disk", version=gone)
+        if self._is_time_to_prune(0 if files.folder_lock is None else files.file_bytes):
+            for removed in prune(self._directory, self._max_disk_bytes):
+                _log.info("version removed from the disk", version=removed)
         return lease
 
     def _is_time_to_prune(self, fetched_bytes: int) -> bool:
@@ -132,11 +134,11 @@ class VersionLoader:
         while True:
             directory = self._catalog.fetch_version(map_id, version, self._directory)
             served = ServedVersion(map_id, version, directory)
-            if directory.parent != self._directory:  # a file store's own
+            if directory.parent != self._directory:  # the file store's own folder
                 return VersionFiles(served, manifest.total_bytes, None)
             try:
-                return VersionFiles(served, manifest.total_bytes, HeldFolder(directory))
-            except FileNotFoundError:  # another process made room meanwhile
+                return VersionFiles(served, manifest.total_bytes, FolderLock(directory))
+            except FileNotFoundError:  # another process has just pruned it
                 continue
 
     def _refuse(self, map_id: str, version: str, error: VersionError) -> None:

@@ -1,1 +1,1 @@
-"""Start of the service: its parts put together, retried while the store is away."""
+"""Start of the service: composes its parts, and retries while the store does not answer."""

@@ -1,4 +1,4 @@
-"""The service's parts, started in the order in which they need each other."""
+"""Composition of the service: its parts, started in the order of their dependencies."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.errors import InvalidOption, StoreUnavailable
 from firstfix.store.store import Store
 
-from ..auth.authenticate import open_access
+from ..auth.authenticate import open_authenticator
 from ..builds.quota import BuildQuota
-from ..builds.start import run_with, start_builds
+from ..builds.start import start_builds
 from ..exposure import check_exposure
 from ..http_api.bodies.disk_space import DiskSpace
 from ..http_api.bodies.paced_body import Pace
@@ -34,6 +34,7 @@ from ..http_api.concurrency_limit import Places
 from ..http_api.dependencies import Parts
 from ..http_api.health import Health
 from ..lanes import START
+from ..lanes.background import run_in_background
 from ..localize.pool import QueryPool
 from ..localize.recorder import QueryRecorder
 from ..localize.sampler import QuerySampler, SamplePolicy
@@ -41,7 +42,7 @@ from ..localize.use_case import LocalizeUseCase
 from ..maps.georeference_cache import GeoreferenceCache
 from ..maps.map_cache import MapCache
 from ..maps.map_poller import MapPoller
-from ..maps.placement import open_holding
+from ..maps.placement import open_placement
 from ..query_workers.base import QueryWorkers, QueryWorkerThreads
 from ..query_workers.pool import QueryWorkerProcesses
 from ..query_workers.query import LocalizesScans, load_localizer
@@ -50,15 +51,15 @@ from ..telemetry.metered_store import metered
 from ..telemetry.metrics import Metrics
 from ..telemetry.request_scope import Requests
 from ..telemetry.tracing import start_tracing
-from ..upkeep.janitor import keep_clean
-from ..upkeep.verify_keeper import keep_verified
+from ..upkeep.cleanup import abandoned_objects_removal
+from ..upkeep.verification import store_verification
 from .settings_summary import settings_summary
 
 _log = structlog.get_logger(__name__)
 ABANDONED_UPLOAD_S = 86400.0
 
 
-async def assemble(
+async def compose(
     settings: Settings,
     metrics: Metrics,
     requests: Requests,
@@ -67,18 +68,19 @@ async def assemble(
     draining: asyncio.Event,
     stack: AsyncExitStack,
 ) -> Parts:
-    """Starts everything in order; the stack stops it in the reverse order. May be tried again.
+    """Starts all parts in order; the stack stops them in reverse. After an error it can be tried again.
 
     Args:
-        closing: as in ``Parts``.
-        draining: set before that, when others are to take over while this service goes on answering.
+        load: loads a version's folder in this process; None: as the settings say.
+        closing: see ``Parts``.
+        draining: set before ``closing``: other replicas take over while this one still answers.
     """
     check_exposure(settings)
     replica = settings.replica or uuid.uuid4().hex[:12]
-    holding = open_holding(settings, replica)
+    placement = open_placement(settings, replica)
     await _start_tracing(requests, replica, stack)
     store = metered(await START.run(_open_store, settings), metrics)
-    access = await stack.enter_async_context(open_access(settings, store, metrics))
+    authenticator = await stack.enter_async_context(open_authenticator(settings, store, metrics))
     catalog = Catalog(store)
     await START.run(_remove_abandoned_uploads, settings.work_dir / "uploads")
     workers = _workers(settings, metrics, load)
@@ -91,19 +93,19 @@ async def assemble(
         max_bytes=settings.cache_max_bytes,
         max_disk_bytes=settings.cache_max_disk_bytes,
         pinned=settings.pinned_maps,
-        holding=holding,
+        placement=placement,
         poll_interval_s=settings.poll_interval_s,
         sweep_interval_s=settings.sweep_interval_s,
     )
     stack.push_async_callback(START.run, maps.close)
-    stack.push_async_callback(START.run, workers.close)  # first: it ends the loads under way
+    stack.push_async_callback(START.run, workers.close)  # closed before the maps: it ends the loads under way
     pool = QueryPool(settings.workers, settings.queue_size)
     stack.push_async_callback(pool.close)
     metrics.queries_admitted.set_function(lambda: pool.admitted)
-    if holding is not None:
-        metrics.maps_held.set_function(holding.__len__)
+    if placement is not None:
+        metrics.maps_held.set_function(placement.__len__)
         metrics.maps_held_loaded.set_function(lambda: maps.held_loaded)
-        metrics.holding_replicas.set_function(lambda: len(holding.replicas))
+        metrics.holding_replicas.set_function(lambda: len(placement.replicas))
     bodies = BodyReader(settings.max_body_bytes, settings.max_inflight_bytes, settings.body_timeout_s)
     metrics.body_bytes.set_function(lambda: bodies.inflight_bytes)
     samples = await _start_samples(settings, store, metrics, stack)
@@ -113,9 +115,9 @@ async def assemble(
     health = Health(maps, pool, metrics)
     builds = start_builds(settings, catalog, metrics, stack)
     if not settings.read_only:
-        run_with(stack, keep_clean(catalog), "janitor")
+        abandoned_objects_removal(catalog).start(stack)
         if settings.verify_bytes_per_s:
-            run_with(stack, keep_verified(settings, store, metrics), "verify-keeper")
+            store_verification(settings, store, metrics).start(stack)
     georeferences = Georeferences(store)
     uploads, usage = Uploads(store), CallerUsage(catalog)
     upload_quota = UploadQuota(
@@ -135,7 +137,7 @@ async def assemble(
         bodies,
         builds,
         health,
-        access,
+        authenticator,
         uploads,
         upload_quota,
         Places(settings.max_upload_streams, settings.max_upload_streams_per_caller, "uploads"),
@@ -148,14 +150,14 @@ async def assemble(
         GeoreferenceCache(georeferences, settings.georeference_ttl_s),
         closing,
     )
-    show = None
+    update_zenoh = None
     if settings.zenoh_enabled:
-        show = await _start_zenoh(parts, replica, requests, draining, stack)
+        update_zenoh = await _start_zenoh(parts, replica, requests, draining, stack)
 
     def polled() -> None:
         health.catalog_read()
-        if show is not None:
-            show()
+        if update_zenoh is not None:
+            update_zenoh()
 
     poller = MapPoller(maps, settings.poll_interval_s, polled, health.catalog_failed)
     poller.start()
@@ -184,7 +186,7 @@ def _workers(
 def _open_store(settings: Settings) -> Store:
     try:
         store = Store.open(settings.store, read_only=settings.read_only)
-    except StoreUnavailable as error:  # a directory that cannot be had: waiting does not mend it
+    except StoreUnavailable as error:  # a directory that cannot be made: a retry would not help
         raise InvalidOption(str(error)) from None
     store.probe()
     return store
@@ -213,61 +215,61 @@ async def _start_samples(
 async def _start_zenoh(
     parts: Parts, replica: str, requests: Requests, draining: asyncio.Event, stack: AsyncExitStack
 ) -> Callable[[], None]:
-    """Answers over zenoh. What it gives keeps what is shown there in step, after every poll."""
+    """Starts to answer over zenoh. Returns a callback that updates the zenoh tokens after each poll."""
     from ..zenoh_api.catalog import ZenohCatalog
     from ..zenoh_api.config import client_config
     from ..zenoh_api.endpoint import ZenohEndpoint
     from ..zenoh_api.replicas import ZenohReplicas
 
     settings, loop = parts.settings, asyncio.get_running_loop()
-    endpoint = await START.run(ZenohEndpoint, settings, replica, parts.use_case, parts.access, loop, requests)
+    endpoint = await START.run(ZenohEndpoint, settings, replica, parts.use_case, parts.authenticator, loop, requests)
     stack.push_async_callback(START.run, endpoint.close)
     parts.metrics.zenoh_connections.set_function(lambda: endpoint.connections)
     parts.metrics.zenoh_maps.set_function(lambda: endpoint.maps_shown)
-    shown = None
-    # These keys ask for no credential: where callers need one, only zenoh's own rules may open them.
+    zenoh_catalog = None
+    # These keys need no credential. If callers need one, they are served only where zenoh has access rules.
     if settings.auth != "on" or settings.zenoh_trusted:
 
         def load() -> dict[str, int]:
             return {"queries": parts.pool.admitted, "limit": settings.workers + settings.queue_size}
 
-        shown = ZenohCatalog(endpoint.session, replica, parts.maps, parts.catalog, load)
-        stack.push_async_callback(START.run, shown.close)
+        zenoh_catalog = ZenohCatalog(endpoint.session, replica, parts.maps, parts.catalog, load)
+        stack.push_async_callback(START.run, zenoh_catalog.close)
     _log.info("answering over zenoh", replica=replica)
-    showing = threading.Lock()
+    updating = threading.Lock()
 
-    def show() -> None:
-        with showing:
+    def update() -> None:
+        with updating:
             touched = parts.maps.served.take_touched()
             endpoint.show_maps({map_id: parts.maps.is_offered(map_id) for map_id in touched})
-            if shown is not None:
-                shown.update(touched)
+            if zenoh_catalog is not None:
+                zenoh_catalog.update(touched)
 
-    if parts.maps.holding is None or settings.replica_names:
-        return show
+    if parts.maps.placement is None or settings.replica_names:
+        return update
 
-    def changed(names: frozenset[str], superseded: Callable[[], bool]) -> None:
-        parts.maps.share(names, show, superseded)
+    def changed(names: frozenset[str], is_superseded: Callable[[], bool]) -> None:
+        parts.maps.set_replicas(names, update, is_superseded)
 
     replicas = ZenohReplicas(endpoint.session, replica, changed, client_config(settings))
     stack.push_async_callback(START.run, replicas.close)
-    parts.maps.holding.see(await START.run(replicas.start))
+    parts.maps.placement.set_replicas(await START.run(replicas.start))
 
     async def leave() -> None:
         await draining.wait()
         await START.run(replicas.leave)
 
-    run_with(stack, leave(), "leave-replicas")
+    run_in_background(stack, leave(), "leave-replicas")
 
-    def show_and_join() -> None:
-        show()
+    def update_and_join() -> None:
+        update()
         replicas.join()
 
-    return show_and_join
+    return update_and_join
 
 
 def _remove_abandoned_uploads(directory: Path) -> None:
-    """What a killed service left; another one on this machine may be receiving the young ones."""
+    """Removes old uploads of a killed service. Young ones may belong to another service on this machine."""
     if not directory.is_dir():
         return
     for folder in directory.iterdir():

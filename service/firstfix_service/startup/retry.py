@@ -1,62 +1,66 @@
-"""Starting while the store does not answer: the process stays up, not ready, and tries again."""
+"""Start of the service with retries: the process stays up, not ready, while the store does not answer."""
 
 from __future__ import annotations
 
 import asyncio
 import random
+import sys
 from collections.abc import Awaitable, Callable
 from contextlib import AsyncExitStack, suppress
 from types import TracebackType
 
 import structlog
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from firstfix.errors import StoreError, StoreUnavailable
+from firstfix.errors import FirstfixError, StoreError, StoreUnavailable
 
 from ..http_api.dependencies import Parts
 
 _log = structlog.get_logger(__name__)
-FIRST_TRY_S = 5.0  # then the process listens and says that it is not ready
+FIRST_TRY_S = 5.0  # after this time the process listens and says that it is not ready
 FIRST_WAIT_S = 1.0  # between two tries; it doubles
 MAX_WAIT_S = 15.0
 
 
-class Start:
-    """Makes the parts, at once or as soon as it can be done; what was started is stopped at the exit.
+class RetryingStart:
+    """Composes the parts of the service, with retries, and stops them at the exit.
 
-    A store that does not answer is waited for: ending the process would only have it restarted, again and
-    again. Anything else ends it, with its reason, if it is known within ``FIRST_TRY_S``; later it is told to
-    whoever asks, and only what the store said is tried again.
+    While the store does not answer the process waits, because an orchestrator would only restart it again and
+    again. Any other error within ``FIRST_TRY_S`` ends the process. After that time the process listens: it
+    answers requests with the error, and retries only errors of the store.
 
     Args:
-        make: starts everything in order and gives the stack what stops it again.
+        compose: starts the parts in order, and pushes what stops them onto the stack.
     """
 
-    def __init__(self, make: Callable[[AsyncExitStack], Awaitable[Parts]]) -> None:
-        self._make = make
+    def __init__(self, compose: Callable[[AsyncExitStack], Awaitable[Parts]]) -> None:
+        self._compose = compose
         self._stack = AsyncExitStack()
         self._parts: Parts | None = None
         self._error: Exception = StoreUnavailable("the object store has not answered yet")
-        self._trying: asyncio.Task[None] | None = None
+        self._retrying: asyncio.Task[None] | None = None
 
     @property
     def parts(self) -> Parts:
-        """
+        """The parts of the service.
+
         Raises:
-            FirstfixError: why they are not there yet.
+            FirstfixError: the service has not started; the error says why.
         """
         if self._parts is None:
-            raise self._error.with_traceback(None)  # it is raised again and again
+            raise self._error.with_traceback(None)  # the same error is raised again and again
         return self._parts
 
-    async def __aenter__(self) -> Start:
-        """
+    async def __aenter__(self) -> RetryingStart:
+        """Starts the service.
+
         Raises:
-            FirstfixError: what waiting does not mend.
+            FirstfixError: the service cannot start, and a retry would not help.
         """
         first = asyncio.create_task(self._try())
         await asyncio.wait({first}, timeout=FIRST_TRY_S)
         if not first.done() or isinstance(first.exception(), StoreUnavailable):
-            self._trying = asyncio.create_task(self._go_on(first), name="start")
+            self._retrying = asyncio.create_task(self._retry(first), name="start")
         else:
             first.result()
         return self
@@ -64,13 +68,13 @@ class Start:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._trying is not None:
-            self._trying.cancel()
+        if self._retrying is not None:
+            self._retrying.cancel()
             with suppress(asyncio.CancelledError):
-                await self._trying
+                await self._retrying
         await self._stack.aclose()
 
-    async def _go_on(self, attempt: asyncio.Task[None]) -> None:
+    async def _retry(self, attempt: asyncio.Task[None]) -> None:
         wait_s = FIRST_WAIT_S
         while True:
             try:
@@ -83,11 +87,35 @@ class Start:
                 self._error = error
                 _log.exception("cannot start")
                 return
-            await asyncio.sleep(random.uniform(wait_s / 2, wait_s))  # replicas must not come back together
+            await asyncio.sleep(random.uniform(wait_s / 2, wait_s))  # replicas must not retry all at once
             wait_s = min(2 * wait_s, MAX_WAIT_S)
             attempt = asyncio.create_task(self._try())
 
     async def _try(self) -> None:
         async with AsyncExitStack() as stack:
-            self._parts = await self._make(stack)
+            self._parts = await self._compose(stack)
             self._stack = stack.pop_all()
+
+
+class PlainStartError:
+    """ASGI middleware that reports a failed start in one line instead of a traceback.
+
+    Such an error is a mistake of the operator, not a defect of the service.
+    """
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serves a request, or the lifespan."""
+        if scope["type"] != "lifespan":
+            await self._app(scope, receive, send)
+            return
+
+        async def send_plainly(message: Message) -> None:
+            error = sys.exc_info()[1]  # the framework sends this message from its except block
+            if message["type"] == "lifespan.startup.failed" and isinstance(error, FirstfixError):
+                message = {**message, "message": f"cannot start: {error} ({error.code})"}
+            await send(message)
+
+        await self._app(scope, receive, send_plainly)

@@ -1,4 +1,4 @@
-"""The settings as the log may show them."""
+"""Summary of the settings for the log, without secrets."""
 
 from __future__ import annotations
 
@@ -15,8 +15,11 @@ _SECRET_WORDS = ("secret", "password", "token", "credential", "private", "api_ke
 
 
 def settings_summary(settings: Settings) -> dict[str, Any]:
-    """Name to value, JSON-ready. What is secret by its type or name is hidden, as are users, passwords and
-    unknown parameters in URLs."""
+    """Returns the values by name, ready for JSON.
+
+    Values that are secret by their type or name are hidden, and so are users, passwords and unknown
+    parameters in URLs.
+    """
     return {
         name: HIDDEN if value is not None and _is_secret(name, value) else _shown(value)
         for name, value in settings
@@ -37,7 +40,7 @@ def _shown(value: Any) -> Any:
     return value if value is None or isinstance(value, bool | int | float) else _shown(str(value))
 
 
-# Parameters of store URLs that say where, never who.
+# Parameters of store URLs that name a place. Any other one could be a credential.
 _HARMLESS = {
     "endpoint",
     "region",
@@ -49,7 +52,7 @@ _HARMLESS = {
 
 
 def without_secrets(url: str) -> str:
-    """The URL without user and password, and with the values of unknown parameters hidden."""
+    """Returns the URL without user and password, and with the values of unknown parameters hidden."""
     parts = urlsplit(url)
     host = parts.netloc.rpartition("@")[2]
     query = [

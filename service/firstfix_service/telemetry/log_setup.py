@@ -1,4 +1,4 @@
-"""Logs: structlog for ours, the standard library's for everybody else's, one form for both."""
+"""Set-up of logs: structlog for this service, logging for its libraries, in one format."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from firstfix.redact import redactor
 
 
 def set_up_logging(level: str, *, as_json: bool) -> None:
-    """For the process: called by ``serve``, never by an import."""
+    """Sets up the logs of this process. Called by ``serve``, never by an import."""
     shared: list[structlog.typing.Processor] = [
         structlog.contextvars.merge_contextvars,
         structlog.stdlib.add_log_level,
@@ -29,7 +29,7 @@ def set_up_logging(level: str, *, as_json: bool) -> None:
     last: list[structlog.typing.Processor] = (
         [structlog.processors.format_exc_info, structlog.processors.JSONRenderer()]
         if as_json
-        # a traceback without its variables: they hold requests, and those hold secrets
+        # tracebacks without variables, which could contain the secrets of requests
         else [
             structlog.dev.ConsoleRenderer(exception_formatter=structlog.dev.plain_traceback),
         ]
@@ -47,7 +47,7 @@ def set_up_logging(level: str, *, as_json: bool) -> None:
 
 
 def hiding_secrets() -> structlog.typing.Processor:
-    """A last processor: keys, tokens and passwords out of the finished line, wherever in it they stand."""
+    """Returns the last log processor, which hides keys, tokens and passwords in the finished line."""
     redact = redactor()
 
     def hide(logger: Any, name: str, line: Any) -> str:

@@ -1,4 +1,4 @@
-"""An object store whose operations are timed and whose failures are counted."""
+"""Metrics of an object store: times of operations, failures and damaged records."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from firstfix.store.store import Store
 
 from .metrics import Metrics
 
-# Store's calls that ask something of the store; the others are made of these.
+# The methods of Store that make requests; its other methods use these.
 OPERATIONS = (
     *("put_new", "put", "put_pieces", "put_file"),
     *("get", "get_range", "download", "sha256", "size", "scan", "folders", "delete"),
@@ -21,9 +21,9 @@ OPERATIONS = (
 
 
 def metered(store: Store, metrics: Metrics) -> Store:
-    """The same store, which from now on tells the metrics what it does, and which records are damaged.
+    """Makes a store report its operations and damaged records to the metrics, and returns the same store.
 
-    An operation that is made of others counts once, as what the caller asked for.
+    An operation that uses other operations counts once, under its own name.
     """
     inside = threading.local()
 

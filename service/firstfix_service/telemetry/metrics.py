@@ -1,4 +1,4 @@
-"""What the service counts. Labels come from fixed sets: no map ids, no paths as they were typed."""
+"""Metrics of the service. Label values come from fixed sets: never map ids or raw paths."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _PROBABILITIES = (0.01, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95,
 
 
 class Metrics:
-    """The instruments of one app, in a registry of its own: two apps in one process do not mix."""
+    """The metrics of one app, in a registry of its own, so that two apps in one process do not mix."""
 
     def __init__(self) -> None:
         self.registry = registry = CollectorRegistry()
@@ -39,7 +39,7 @@ class Metrics:
         self.http_connections = Gauge("firstfix_http_connections", "HTTP connections", registry=registry)
         self.http_connections_ended = Counter(
             "firstfix_http_connections_ended",
-            "HTTP connections that the service ended, by what the caller had to do in time",
+            "HTTP connections that the service ended, by what the caller did not do in time",
             ["why"],
             registry=registry,
         )
@@ -54,42 +54,42 @@ class Metrics:
         )
         self.localize_seconds = Histogram(
             "firstfix_localize_seconds",
-            "Time from a query's arrival to its answer or error",
+            "Time from the arrival of a query to its answer or error",
             ["transport"],
             buckets=_SECONDS,
             registry=registry,
         )
         self.reasons = Counter(
             "firstfix_reasons",
-            "Why answers were not localized: one answer may have several",
+            "Reasons why answers were not localized; one answer can have several",
             ["reason"],
             registry=registry,
         )
         self.probability = Histogram(
             "firstfix_probability",
-            "Probability of the best place",
+            "Probability of the best hypothesis",
             ["verdict"],
             buckets=_PROBABILITIES,
             registry=registry,
         )
         self.stage_seconds = Histogram(
             "firstfix_stage_seconds",
-            "Time in a stage of a query; queue: waiting for a worker",
+            "Time in a stage of a query; queue: waiting for a query worker",
             ["stage"],
             buckets=_SECONDS,
             registry=registry,
         )
         self.cache_lookups = Counter(
             "firstfix_cache_lookups",
-            "Versions that queries asked for: in memory or not",
+            "Map versions that queries needed: in memory (hit) or not (miss)",
             ["result"],
             registry=registry,
         )
         self.version_evictions = Counter(
-            "firstfix_version_evictions", "Map versions put out of memory to make room", registry=registry
+            "firstfix_version_evictions", "Map versions evicted from memory", registry=registry
         )
         self.version_loads = Counter(
-            "firstfix_version_loads", "Map versions loaded, or why not", ["result"], registry=registry
+            "firstfix_version_loads", "Loads of map versions, by result", ["result"], registry=registry
         )
         self.load_seconds = Histogram(
             "firstfix_version_load_seconds",
@@ -100,35 +100,43 @@ class Metrics:
         self.versions_loaded = Gauge("firstfix_versions_loaded", "Map versions in memory", registry=registry)
         self.version_bytes = Gauge(
             "firstfix_version_bytes",
-            "Bytes of the map versions in memory: their files, and what the workers hold besides",
+            "Bytes of the map versions in memory: their files, and other memory of the query workers",
             registry=registry,
         )
         self.maps_behind = Gauge(
             "firstfix_maps_behind",
-            "Maps that answer from another version than the active one, as that one was refused",
+            "Maps that answer from an older version because the active one was refused",
             registry=registry,
         )
         self.maps_held = Gauge(
-            "firstfix_maps_held", "Maps that are this replica's to hold; 0 without holders", registry=registry
+            "firstfix_maps_held",
+            "Maps that this replica holds; 0 without FIRSTFIX_HOLDERS",
+            registry=registry,
         )
         self.maps_held_loaded = Gauge(
-            "firstfix_maps_held_loaded", "Maps held by this replica that are in memory", registry=registry
+            "firstfix_maps_held_loaded",
+            "Maps that this replica holds and that are in memory",
+            registry=registry,
         )
         self.holding_replicas = Gauge(
             "firstfix_holding_replicas",
-            "Replicas that hold the maps, as this one sees it; 0 without holders",
+            "Replicas that share the maps, as this one sees it; 0 without FIRSTFIX_HOLDERS",
             registry=registry,
         )
         self.worker_deaths = Counter(
             "firstfix_worker_deaths",
-            "Worker processes that died and were replaced",
+            "Query workers that died and were replaced",
             registry=registry,
         )
-        self.builds = Counter("firstfix_builds", "Builds ended here, by state", ["state"], registry=registry)
-        self.builds_waiting = Gauge("firstfix_builds_waiting", "Builds not ended yet", registry=registry)
+        self.builds = Counter(
+            "firstfix_builds", "Builds that ended in this process, by state", ["state"], registry=registry
+        )
+        self.builds_waiting = Gauge(
+            "firstfix_builds_waiting", "Builds that have not ended", registry=registry
+        )
         self.build_stage_seconds = Histogram(
             "firstfix_build_stage_seconds",
-            "Time in a stage of a build that ended here; cached: it was done before",
+            "Time in a stage of a build that ended in this process; cached: the result was there already",
             ["stage", "cached"],
             buckets=_BUILD_SECONDS,
             registry=registry,
@@ -142,62 +150,62 @@ class Metrics:
         )
         self.catalog_age = Gauge(
             "firstfix_catalog_age_seconds",
-            "Time since the catalog was last read: more than a few seconds, and the store does not answer",
+            "Time since the catalog was last read; if it grows, the store does not answer",
             registry=registry,
         )
         self.store_errors = Counter(
             "firstfix_store_errors",
-            "Operations that the object store failed or refused",
+            "Operations on the object store that failed or were refused",
             ["operation", "code"],
             registry=registry,
         )
         self.unreadable_records = Counter(
             "firstfix_unreadable_records",
-            "Records in the store that were found damaged, by kind: each once, and passed over",
+            "Damaged records found in the store and skipped, by kind; each is counted once",
             ["kind"],
             registry=registry,
         )
         self.verified_objects = Counter(
             "firstfix_verified_objects",
-            "Objects in the store that were read to find damage",
+            "Objects in the store that were verified",
             ["result"],
             registry=registry,
         )
         self.verify_bytes = Counter(
-            "firstfix_verify_bytes", "Bytes of the store that were read to find damage", registry=registry
+            "firstfix_verify_bytes", "Bytes of the store that were verified", registry=registry
         )
         self.verify_seconds = Counter(
-            "firstfix_verify_seconds", "Time spent reading the store to find damage", registry=registry
+            "firstfix_verify_seconds", "Time spent on verification of the store", registry=registry
         )
         self.damaged_objects = Gauge(
             "firstfix_damaged_objects",
-            "Damaged objects that the last whole look through the store found",
+            "Damaged objects found by the last complete verification of the store",
             registry=registry,
         )
         self.zenoh_connections = Gauge(
-            "firstfix_zenoh_connections", "zenoh routers, peers and clients connected with", registry=registry
+            "firstfix_zenoh_connections", "Connected zenoh routers, peers and clients", registry=registry
         )
         self.zenoh_maps = Gauge(
-            "firstfix_zenoh_maps", "Maps that this replica shows in zenoh by a token", registry=registry
+            "firstfix_zenoh_maps", "Maps for which this replica has a zenoh token", registry=registry
         )
         self.queries_admitted = Gauge(
             "firstfix_queries_admitted", "Queries that wait or run", registry=registry
         )
-        self.body_bytes = Gauge("firstfix_body_bytes", "Bytes of query bodies held", registry=registry)
+        self.body_bytes = Gauge("firstfix_body_bytes", "Bytes of query bodies in memory", registry=registry)
         self.keys_age = Gauge(
             "firstfix_keys_age_seconds",
-            "Since the API keys were read; 0 without authentication",
+            "Time since the API keys were read; 0 without authentication",
             registry=registry,
         )
         self.samples = Counter(
             "firstfix_samples",
-            "Queries chosen to be kept, and what became of them",
+            "Queries chosen to be kept as samples, by result",
             ["result"],
             registry=registry,
         )
         self.sample_bytes = Gauge(
             "firstfix_sample_bytes",
-            "Bytes of kept queries in the store, when last counted",
+            "Bytes of kept queries in the store, at the last count",
             registry=registry,
         )
         self.info = Info("firstfix", "This service's version", registry=registry)
@@ -206,7 +214,7 @@ class Metrics:
         self._begin_at_zero()
 
     def _begin_at_zero(self) -> None:
-        """What alerts count: the first failed build would not be a rise if its series began with it."""
+        """Makes the series that alerts count: an increase is only seen if a series begins at zero."""
         for transport in TRANSPORTS:
             for verdict in Verdict:
                 self.verdicts.labels(transport, verdict.value)
@@ -222,7 +230,10 @@ class Metrics:
             self.verified_objects.labels(result)
 
     def exposition(self, accept: str = "") -> tuple[bytes, str]:
-        """The body of /metrics and its media type: Prometheus text, or OpenMetrics, which has exemplars, for
-        those whose Accept header asks for it."""
+        """Returns the body of /metrics and its media type.
+
+        Args:
+            accept: the Accept header. It selects Prometheus text or OpenMetrics, which has exemplars.
+        """
         encode, media_type = choose_encoder(accept)
         return encode(self.registry), media_type

@@ -1,6 +1,6 @@
-"""What belongs to one request of either transport: its ids, its span, and what its line in the log says.
+"""Scope of one request of either transport: its ids, its span, and the fields of its log line.
 
-Whoever works for the request adds to it by ``note``, from any task or thread that runs in its context.
+Any task or thread that runs in the request's context can add fields with ``note``.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ class RequestScope:
     """One request.
 
     Attributes:
-        started: of ``time.monotonic``.
-        trace: its own span's place in the trace, or where nothing is traced here the caller's.
-        span: None where nothing is traced here.
-        status: of the answer, as HTTP says it; 0: none was given.
-        fields: of its line in the log; its span gets them too, as ``firstfix.*``.
+        started: time of arrival (``time.monotonic``).
+        trace: trace context of its span; without tracing, the context that the caller sent.
+        span: None without tracing.
+        status: HTTP status of the answer; 0 if there was no answer.
+        fields: fields of its log line; its span gets them too, as ``firstfix.*``.
     """
 
     request_id: str
@@ -51,12 +51,12 @@ class RequestScope:
 
     @property
     def seconds(self) -> float:
-        """Since it began."""
+        """Seconds since the request arrived."""
         return time.monotonic() - self.started
 
     @property
     def line(self) -> dict[str, Any]:
-        """What the log says of a request besides its ids, method and path."""
+        """Fields of the log line, besides ids, method and path."""
         return {"status": self.status, "ms": round(self.seconds * 1e3, 2), **self.fields}
 
 
@@ -64,18 +64,19 @@ _current: ContextVar[RequestScope | None] = ContextVar("firstfix_request", defau
 
 
 def current_request() -> RequestScope | None:
+    """Returns the request that is being served, if any."""
     return _current.get()
 
 
 def note(**fields: Any) -> None:
-    """Adds to the log line and the span of the request that is being served; without one: nothing."""
+    """Adds fields to the log line and the span of the request that is being served, if any."""
     scope = _current.get()
     if scope is not None:
         scope.fields.update(fields)
 
 
 def with_traceparent(record: Mapping[str, Any]) -> dict[str, Any]:
-    """The record with the trace that it comes from, so that whoever works on it later goes on with it."""
+    """Returns the record with the current trace context, so that later work on it continues the trace."""
     scope = _current.get()
     if scope is None or scope.trace is None:
         return dict(record)
@@ -83,7 +84,7 @@ def with_traceparent(record: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def in_this_context(work: Callable[P, T]) -> Callable[P, T]:
-    """Work that a thread does as part of the request that is being served here."""
+    """Returns the function bound to the context of the current request, to be run by another thread."""
     context = contextvars.copy_context()
 
     def run(*args: P.args, **kwargs: P.kwargs) -> T:
@@ -93,10 +94,10 @@ def in_this_context(work: Callable[P, T]) -> Callable[P, T]:
 
 
 class Requests:
-    """Opens the scopes of one app's requests.
+    """Factory of the request scopes of one app.
 
     Attributes:
-        tracing: set when the app starts; None: no spans.
+        tracing: set when the app starts; None: there are no spans.
     """
 
     def __init__(self) -> None:
@@ -106,12 +107,13 @@ class Requests:
     def scope(
         self, transport: str, name: str | None, *, request_id: str, traceparent: str | None, started: float
     ) -> Iterator[RequestScope]:
-        """
+        """Opens the scope of a request.
+
         Args:
-            name: of the span; None: the request is not worth one.
-            request_id: the caller's; kept if it is harmless, else one is made.
-            traceparent: the caller's, if any.
-            started: of ``time.monotonic``.
+            name: of the span; None: the request gets no span.
+            request_id: sent by the caller; if its form is not allowed, a new one is made.
+            traceparent: sent by the caller, if any.
+            started: time of arrival (``time.monotonic``).
         """
         caller = TraceContext.parse(traceparent)
         span: Span | None = None
@@ -132,19 +134,19 @@ class Requests:
     def _finish(self, scope: RequestScope) -> None:
         if self.tracing is None or scope.span is None:
             return
-        about = {**scope.fields, **_told(scope), "status": scope.status}
+        about = {**scope.fields, **_transport_ids(scope), "status": scope.status}
         scope.span.set_attributes({f"firstfix.{key}": value for key, value in about.items()})
         if scope.status >= 500:
             self.tracing.fail(scope.span, str(scope.fields.get("code", scope.status)))
 
 
-def _told(scope: RequestScope) -> dict[str, str]:
+def _transport_ids(scope: RequestScope) -> dict[str, str]:
     return {"request_id": scope.request_id, "transport": scope.transport}
 
 
 def _ids(scope: RequestScope) -> dict[str, str]:
-    """What every line in the log says that is written on behalf of the request."""
-    ids = _told(scope)
+    """Fields of every log line that is written during the request."""
+    ids = _transport_ids(scope)
     if scope.trace is not None:
         ids |= {"trace_id": scope.trace.trace_id, "span_id": scope.trace.span_id}
     return ids

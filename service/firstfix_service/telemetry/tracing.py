@@ -1,7 +1,7 @@
 """OpenTelemetry spans of requests and of the stages of queries.
 
-On when OpenTelemetry's variables name a collector (OTEL_EXPORTER_OTLP_ENDPOINT), as its other variables
-say; else its SDK is never imported. Spans go out by OTLP over HTTP, in a thread of their own.
+Tracing is on if a variable of OpenTelemetry names a collector (OTEL_EXPORTER_OTLP_ENDPOINT); otherwise its
+SDK is never imported. A thread sends the spans by OTLP over HTTP.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ SERVICE_NAME = "firstfix"
 
 
 def start_tracing(replica: str, environ: Mapping[str, str] = os.environ) -> Tracing | None:
-    """None where no collector is named."""
+    """Starts tracing; returns None if no collector is named."""
     if not is_tracing_wanted(environ):
         return None
     from opentelemetry.exporter.otlp.proto.http.trace_exporter import OTLPSpanExporter
@@ -53,10 +53,10 @@ class Tracing:
 
     @contextmanager
     def request(self, name: str, parent: TraceContext | None, start_ns: int) -> Iterator[Span]:
-        """The span of a request, below its caller's if there is one.
+        """Opens the span of a request, as a child of the caller's span if there is one.
 
         Args:
-            start_ns: since 1970.
+            start_ns: nanoseconds since 1970.
         """
         carrier = {} if parent is None else {"traceparent": parent.traceparent}
         above = self._propagator.extract(carrier, self._no_context)
@@ -68,8 +68,10 @@ class Tracing:
             span.end()
 
     def stages(self, span: Span, start_ns: int, timings_ms: Mapping[str, float]) -> None:
-        """A child for each stage of a query, one after the other. A stage that was gone through twice
-        is one child of both times together, as in the answer's timings."""
+        """Adds a child span for each stage of a query, one after the other.
+
+        A stage that ran twice has one span with the sum of both times, as in the timings of the answer.
+        """
         if not span.is_recording():
             return
         context = self._trace.set_span_in_context(span)
@@ -79,16 +81,16 @@ class Tracing:
             start_ns = end_ns
 
     def fail(self, span: Span, code: str, error: BaseException | None = None) -> None:
-        """Marks the span as one that went wrong."""
+        """Marks the span as failed."""
         if error is not None:
             span.record_exception(error)
         span.set_status(self._trace.Status(self._trace.StatusCode.ERROR, code))
 
     def close(self) -> None:
-        """Sends what is left, for as long as OpenTelemetry's timeouts allow."""
+        """Sends the remaining spans, within the timeouts of OpenTelemetry."""
         self._provider.shutdown()
 
 
 def started_ns(started: float) -> int:
-    """Nanoseconds since 1970 of a reading of ``time.monotonic``."""
+    """Converts a reading of ``time.monotonic`` to nanoseconds since 1970."""
     return time.time_ns() - int((time.monotonic() - started) * 1e9)

@@ -1,1 +1,1 @@
-"""Tasks that run now and then: abandoned uploads, shared stages, verification of the store."""
+"""Periodic tasks: removal of abandoned objects, removal of old shared stages, verification of the store."""

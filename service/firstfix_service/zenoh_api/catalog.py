@@ -144,8 +144,8 @@ class ZenohCatalog:
             "maps": {map_id: one.serving_version for map_id, one in sorted(self._known.items())},
             "load": self._load(),
         }
-        if self._maps.holding is not None:
-            described["holding"] = self._maps.holding.described(self._maps.held_loaded)
+        if self._maps.placement is not None:
+            described["holding"] = self._maps.placement.summary(self._maps.held_loaded)
         with query:
             query.reply(f"firstfix/@replicas/{self._replica}", _json(described), encoding=JSON)
 

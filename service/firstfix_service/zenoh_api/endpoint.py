@@ -30,8 +30,8 @@ from firstfix.access.permissions import Scope
 from firstfix.errors import FirstfixError, InvalidOption, Overloaded, TooLarge
 
 from .. import problems
-from ..auth.authenticate import Access
-from ..auth.principal import Caller
+from ..auth.authenticate import Authenticator
+from ..auth.principal import Principal
 from ..localize.response_format import encode_answer
 from ..localize.use_case import LocalizeUseCase
 from ..problems import problem_of
@@ -55,7 +55,7 @@ class ZenohEndpoint:
         settings: Settings,
         replica: str,
         use_case: LocalizeUseCase,
-        access: Access,
+        access: Authenticator,
         loop: asyncio.AbstractEventLoop,
         requests: Requests,
     ) -> None:
@@ -208,14 +208,14 @@ class ZenohEndpoint:
 
         await self._loop.run_in_executor(self._replies, reply)
 
-    async def _caller(self, query: Any) -> Caller:
+    async def _caller(self, query: Any) -> Principal:
         """The caller, with the scope ``localize`` and within its rate limit.
 
         Raises:
-            Unauthorized, Forbidden, RateLimited: as ``Access`` says.
+            Unauthorized, Forbidden, RateLimited: as ``Authenticator`` says.
         """
         if self._trusted:
-            return Caller(TRUSTED)
+            return Principal(TRUSTED)
         caller = await self._access.check(credential_of(query), Scope.LOCALIZE, None)
         self._access.take("localize", caller)
         return caller

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from firstfix.builds.attempts import Attempt, AttemptEnd, BuildAttempts, is_held
+from firstfix.builds.attempts import Attempt, AttemptEnd, BuildAttempts, has_open_attempt
 from firstfix.errors import BuildAttemptsExceeded
 from firstfix.store.store import Store
 from waiting import let_pass, wait_until
@@ -26,15 +26,15 @@ def attempts(store: Store, holder: str, lease_s: float = LONG_S, max_attempts: i
 
 def test_a_build_is_one_holders_until_it_ends(store: Store) -> None:
     one, two = attempts(store, "one"), attempts(store, "two")
-    assert not is_held(store, "b1")
+    assert not has_open_attempt(store, "b1")
     first = one.claim("b1", "")
     assert first is not None
     assert first.number == 1
-    assert is_held(store, "b1")
+    assert has_open_attempt(store, "b1")
     assert two.claim("b1", "") is None
     assert one.beat(first)
     one.end(first, AttemptEnd.STOPPED)
-    assert not is_held(store, "b1")
+    assert not has_open_attempt(store, "b1")
     second = two.claim("b1", "")
     assert second is not None
     assert second.number == 2
@@ -106,7 +106,7 @@ def test_a_kill_of_the_holder_counts(store: Store) -> None:
         assert attempts(store, "one").claim("b1", "cluster") is not None
     with pytest.raises(BuildAttemptsExceeded, match="the process that ran the build's worker ended"):
         attempts(store, "one").claim("b1", "cluster")
-    assert not is_held(store, "b1")
+    assert not has_open_attempt(store, "b1")
 
 
 def test_nothing_but_the_record_is_left_of_an_attempt_that_ended(store: Store) -> None:

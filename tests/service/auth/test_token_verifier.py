@@ -19,7 +19,7 @@ from token_world import ALL_KEYS, KEYS, OTHER, SHORT, claims, key_set, public_jw
 
 from firstfix.access.permissions import Scope
 from firstfix.errors import InvalidOption, Unauthorized
-from firstfix_service.auth.principal import Caller
+from firstfix_service.auth.principal import Principal
 from firstfix_service.auth.token_verifier import TokenVerifier
 
 
@@ -30,8 +30,8 @@ def key_file(tmp_path: Path) -> Path:
     return path
 
 
-def caller_of(key_file: Path, token: str, **changes: Any) -> Caller:
-    return asyncio.run(TokenVerifier(settings(key_file, **changes)).caller(token))
+def caller_of(key_file: Path, token: str, **changes: Any) -> Principal:
+    return asyncio.run(TokenVerifier(settings(key_file, **changes)).principal(token))
 
 
 @pytest.mark.parametrize("algorithm", KEYS)

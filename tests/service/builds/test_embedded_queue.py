@@ -106,7 +106,7 @@ def test_a_second_process_waits_for_the_work_folder(tmp_path: Path):
         assert wait_until_ended(service, response)["state"] == "succeeded"
     again = WorkFolder.take(tmp_path / "work")
     assert again is not None
-    assert again.holder == folder.holder
+    assert again.claimant == folder.claimant
     again.release()
 
 

@@ -14,31 +14,31 @@ from nats_world import nats_world
 
 from firstfix.builds.records import FINAL_STATES
 from firstfix_service.builds.fair_order import FairOrder
-from firstfix_service.builds.nats.builds import AHEAD
-from firstfix_service.builds.unfinished import Unfinished
+from firstfix_service.builds.nats.builds import MAX_AHEAD
+from firstfix_service.builds.unfinished import UnfinishedBuild
 from tests.faults.nats_server import nats_server_program
 from waiting import wait_until
 
 
-def builds(owners: str) -> list[Unfinished]:
-    return [Unfinished(f"{owner}{age}", owner) for age, owner in enumerate(owners)]
+def builds(owners: str) -> list[UnfinishedBuild]:
+    return [UnfinishedBuild(f"{owner}{age}", owner) for age, owner in enumerate(owners)]
 
 
-def ids(found: list[Unfinished]) -> list[str]:
+def ids(found: list[UnfinishedBuild]) -> list[str]:
     return [build.build_id for build in found]
 
 
 def test_callers_take_turns():
-    assert ids(FairOrder().of(builds("aaaabbc"))) == ["a0", "b4", "c6", "a1", "b5", "a2", "a3"]
+    assert ids(FairOrder().sort(builds("aaaabbc"))) == ["a0", "b4", "c6", "a1", "b5", "a2", "a3"]
 
 
 def test_who_had_a_turn_is_last_of_the_round():
     order = FairOrder()
-    order.served("a")
-    order.served("b")
-    assert ids(order.of(builds("abcd"))) == ["c2", "d3", "a0", "b1"]
-    order.served("a")
-    assert ids(order.of(builds("ab"))) == ["b1", "a0"]
+    order.had_turn("a")
+    order.had_turn("b")
+    assert ids(order.sort(builds("abcd"))) == ["c2", "d3", "a0", "b1"]
+    order.had_turn("a")
+    assert ids(order.sort(builds("ab"))) == ["b1", "a0"]
 
 
 @given(st.text("abcd", min_size=1, max_size=40))
@@ -47,8 +47,8 @@ def test_a_caller_waits_for_one_build_of_each_other_at_most(owners: str):
     waiting, order = builds(owners), FairOrder()
     ran = []
     while waiting:
-        following = order.of(waiting)[0]
-        order.served(following.owner)
+        following = order.sort(waiting)[0]
+        order.had_turn(following.owner)
         ran.append(following)
         waiting.remove(following)
     for owner in set(owners):
@@ -78,16 +78,16 @@ def test_a_flood_of_builds_leaves_room_in_the_stream(tmp_path: Path):
         return str(caller.post_map(name).json()["build_id"])
 
     with nats_world(tmp_path) as world, callers(tmp_path, build_queue=world.server.url) as these:
-        flood = [post(these.a, f"a{number}") for number in range(AHEAD + 4)]
-        wait_until(lambda: len(world.in_stream()) == AHEAD)
+        flood = [post(these.a, f"a{number}") for number in range(MAX_AHEAD + 4)]
+        wait_until(lambda: len(world.in_stream()) == MAX_AHEAD)
         other = post(these.b, "b")
-        assert world.in_stream() == flood[:AHEAD]
+        assert world.in_stream() == flood[:MAX_AHEAD]
         # one is done with: the other caller's comes next, however many came before it
         these.a.call("DELETE", f"/builds/{flood[0]}")
         taken = take_one(world.server.url)
         assert taken == flood[0]
         wait_until(lambda: other in world.in_stream())
-        assert world.in_stream() == sorted([*flood[1:AHEAD], other])
+        assert world.in_stream() == sorted([*flood[1:MAX_AHEAD], other])
 
 
 def take_one(url: str) -> str:

@@ -12,7 +12,7 @@ import pytest
 from service_world import Service, running_service
 
 from firstfix.builds.idempotency import CallersKey, claim_build
-from firstfix_service.auth.principal import NOBODY_ASKED
+from firstfix_service.auth.principal import ANONYMOUS
 from firstfix_service.http_api.bodies.submission import NamedUrl, Submission
 
 BODY = {"map_id": "hall", "source": {"url": "s3://maps/hall.laz"}, "config": {"level": False}}
@@ -73,8 +73,8 @@ def test_it_holds_over_replicas(tmp_path: Path):
 
 
 def test_a_service_killed_between_claim_and_record_is_made_good(recorder: Service):
-    submission = Submission(NOBODY_ASKED, "hall", NamedUrl("s3://maps/hall.laz"), None, {"level": False})
-    key = CallersKey(NOBODY_ASKED.name, "night-1")
+    submission = Submission(ANONYMOUS, "hall", NamedUrl("s3://maps/hall.laz"), None, {"level": False})
+    key = CallersKey(ANONYMOUS.name, "night-1")
     claim_build(recorder.catalog.store, key, submission.fingerprint(), "b-of-the-dead")
     answer = post(recorder, "night-1")
     assert answer.json()["build_id"] == "b-of-the-dead"

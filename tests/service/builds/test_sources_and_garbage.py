@@ -19,7 +19,7 @@ from firstfix.store.store import Store
 from firstfix.upkeep.garbage import Ages, collect_garbage
 from firstfix.upkeep.rebuild import rebuild
 from firstfix_builder.job.fetch_source import SourceFetch
-from firstfix_service.auth.principal import Caller
+from firstfix_service.auth.principal import Principal
 from firstfix_service.http_api.bodies.disk_space import DiskSpace
 from firstfix_service.http_api.bodies.multipart import UploadedFile
 from firstfix_service.http_api.bodies.submission import NamedUpload, Submission
@@ -27,7 +27,7 @@ from firstfix_service.http_api.routes.maps import _record
 from interleavings import run_interleaved, switch_points
 
 CONTENT = b"0 0 0\n1 1 1\n"
-CALLER = Caller("key:0123456789ab")
+CALLER = Principal("key:0123456789ab")
 ANY_AGE = Ages(things_s=-5, builds_s=-5)
 
 

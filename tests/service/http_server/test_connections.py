@@ -32,7 +32,7 @@ OTHER_ADDRESS = "127.0.0.9"
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(http_protocol, "LINGER_S", 0.5)
-    monkeypatch.setattr(connections, "LOOK_S", 0.1)
+    monkeypatch.setattr(connections, "CHECK_S", 0.1)
 
 
 @pytest.fixture
@@ -47,8 +47,7 @@ def connect(service: Service, source: str = "127.0.0.1") -> socket.socket:
 
 
 def is_closed_while_dripping(connection: socket.socket, drop: bytes) -> bool:
-    """Whether the service closes a connection on which a little comes all the time: for reading too, not
-    only for what it sends itself."""
+    """Whether the service closes a connection in both directions, although data drips in."""
     for _ in range(round(LIMIT_S / DRIP_S)):
         try:
             connection.sendall(drop)

@@ -1,4 +1,4 @@
-"""What a look at the catalog costs, and that nothing is overlooked for longer than a sweep."""
+"""Cost of a poll of the catalog; and every map is read within a sweep."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 
 from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store, StoredObject
-from firstfix_service.maps.catalog_watch import LOGS_A_SECOND, CatalogWatch
+from firstfix_service.maps.catalog_watch import MAX_LOGS_PER_S, CatalogWatch
 
 
 class Counts(Store):
@@ -44,16 +44,16 @@ def catalog() -> Catalog:
     return Catalog(store)
 
 
-def test_thousands_of_maps_cost_a_few_calls_a_look(catalog: Catalog):
+def test_thousands_of_maps_cost_a_few_calls_a_poll(catalog: Catalog):
     watch = CatalogWatch(catalog, interval_s=2, sweep_s=600)
-    names, listed = watch.look()
+    names, listed = watch.poll()
     assert len(names) == MAPS
     assert listed == set(names)
     seen: set[str] = set()
     assert isinstance(catalog.store, Counts)
     for _ in range(300):
         catalog.store.calls.clear()
-        names, _ = watch.look()
+        names, _ = watch.poll()
         assert len(names) == MAPS / 300, "logs that are then read"
         assert sum(catalog.store.calls.values()) <= 4
         seen.update(names)
@@ -62,37 +62,37 @@ def test_thousands_of_maps_cost_a_few_calls_a_look(catalog: Catalog):
 
 def test_however_many_maps_there_are_no_more_than_some_logs_are_read_a_second(catalog: Catalog):
     watch = CatalogWatch(catalog, interval_s=2, sweep_s=60)
-    watch.look()
-    looks = [watch.look()[0] for _ in range(MAPS // (2 * LOGS_A_SECOND))]
-    assert {len(names) for names in looks} == {2 * LOGS_A_SECOND}, "30 looks would have to read 100 each"
-    assert len({name for names in looks for name in names}) == MAPS, "and each has its turn"
+    watch.poll()
+    polls = [watch.poll()[0] for _ in range(MAPS // (2 * MAX_LOGS_PER_S))]
+    assert {len(names) for names in polls} == {2 * MAX_LOGS_PER_S}, "30 polls would have to read 100 each"
+    assert len({name for names in polls for name in names}) == MAPS, "and each has its turn"
 
 
-def test_a_notice_is_followed_at_the_next_look(catalog: Catalog):
+def test_a_notice_is_followed_at_the_next_poll(catalog: Catalog):
     catalog.changes.note("map-0007")
     watch = CatalogWatch(catalog, interval_s=2, sweep_s=600)
-    watch.look()
-    watch.look()
+    watch.poll()
+    watch.poll()
     writer = Catalog(catalog.store)
     writer.changes.note("map-2999")
     writer.changes.note("brand-new")
-    names, _ = watch.look()
+    names, _ = watch.poll()
     assert names[:2] == ["map-2999", "brand-new"]
-    assert "brand-new" not in watch.look()[0]
+    assert "brand-new" not in watch.poll()[0]
 
 
-def test_a_few_maps_are_looked_at_now_and_then():
+def test_a_few_maps_are_read_at_each_poll():
     catalog = Catalog(Store.open("memory://"))
     watch = CatalogWatch(catalog, interval_s=2, sweep_s=60)
-    assert watch.look() == ([], frozenset())
+    assert watch.poll() == ([], frozenset())
     catalog.store.put_new("maps/attic/log/000001.json", b"{}")
-    assert watch.look() == (["attic"], {"attic"})
-    assert watch.look()[0] == ["attic"]
+    assert watch.poll() == (["attic"], {"attic"})
+    assert watch.poll()[0] == ["attic"]
 
 
-def test_it_starts_again_from_all(catalog: Catalog):
+def test_after_a_reset_all_maps_are_read(catalog: Catalog):
     watch = CatalogWatch(catalog, interval_s=2, sweep_s=600)
-    watch.look()
-    watch.look()
-    watch.start_again()
-    assert len(watch.look()[0]) == MAPS
+    watch.poll()
+    watch.poll()
+    watch.reset()
+    assert len(watch.poll()[0]) == MAPS

@@ -119,7 +119,7 @@ def test_a_mended_version_is_taken_after_a_while(world: World, monkeypatch: pyte
     monkeypatch.setattr(world.behaviour, "load", lambda directory: FakeLocalizer(9, world.behaviour))
     mended = world.cache()  # its loader understands it
     assert mended.get("hall").version == bad
-    monkeypatch.setattr(cache._loader._resident, "_workers", world.workers)
+    monkeypatch.setattr(cache._loader._loaded, "_workers", world.workers)
     cache.poll()
     assert cache.get("hall").version == good, "not tried again at once"
     refused = cache._loader._refused
@@ -172,7 +172,7 @@ def test_the_least_recently_used_goes_first(world: World):
     cache.get("b")
     assert len(world.behaviour.loads) == before + 1
     cache.poll()
-    assert len(world.behaviour.loads) == before + 1, "the poll does not bring back what was put out"
+    assert len(world.behaviour.loads) == before + 1, "the poll does not load evicted versions again"
 
 
 def test_the_bytes_are_bounded_but_one_version_always_fits(world: World):
@@ -214,10 +214,10 @@ def test_room_on_the_disk_is_not_looked_for_at_each_load(remote: World, monkeypa
 def test_files_in_use_never_leave_the_disk(remote: World):
     first, _ = remote.publish("a", "1"), remote.publish("b", "2")
     cache = remote.cache(max_versions=1, max_disk_bytes=0)
-    held = cache.hold("a")
+    leases = cache.leased("a")
     asked = cache.lease(["b"])
     assert (remote.cache_dir / first).is_dir()
-    held.close()
+    leases.close()
     asked.result(LIMIT_S).close()
     cache.get("a")
     cache.get("b")
@@ -244,7 +244,7 @@ def test_what_is_loaded_goes_on_when_the_store_does_not(world: World, monkeypatc
         raise StoreUnavailable("gone")
 
     cache.poll()
-    monkeypatch.setattr(cache._watch, "look", fails)
+    monkeypatch.setattr(cache._watch, "poll", fails)
     poller = MapPoller(cache, 0.01)
     poller.start()
     wait_until(lambda: polls >= 3)
@@ -275,25 +275,25 @@ def test_a_version_that_a_query_uses_stays_until_it_is_given_back(world: World):
     for name in "ab":
         world.publish(name, "1")
     cache = world.cache(max_versions=1)
-    held = cache.hold("a")
+    leases = cache.leased("a")
     asked = cache.lease(["b"])
     let_pass(0.1)
     assert not asked.done(), "the limit holds also while a query goes on"
-    assert list(world.workers._localizers) == list(held.served)
-    held.close()
+    assert list(world.workers._localizers) == list(leases.served)
+    leases.close()
     asked.result(LIMIT_S).close()
     assert len(world.workers._localizers) == 1
 
 
-def test_what_is_bid_go_is_loaded_again_for_who_asks(world: World):
+def test_an_evicted_version_is_loaded_again_for_a_new_query(world: World):
     for name in "ab":
         world.publish(name, "1")
     cache = world.cache(max_versions=1)
-    held = cache.hold("a")
+    leases = cache.leased("a")
     first = cache.lease(["b"])
-    wait_until(lambda: ("a", held.served[0].version) not in cache._resident)
+    wait_until(lambda: ("a", leases.served[0].version) not in cache._loaded)
     second = cache.lease(["a"])
-    held.close()
+    leases.close()
     first.result(LIMIT_S).close()
     second.result(LIMIT_S).close()
     assert world.behaviour.loads == ["1"] * 3
@@ -303,11 +303,11 @@ def test_a_query_over_more_maps_than_the_limit_gets_them_all(world: World):
     for name in "abc":
         world.publish(name, "1")
     cache = world.cache(max_versions=1)
-    held = cache.hold("a")
-    both = cache.hold("b", "a", "c")
+    leases = cache.leased("a")
+    both = cache.leased("b", "a", "c")
     assert [served.map_id for served in both.served] == ["b", "a", "c"]
     both.close()
-    held.close()
+    leases.close()
     cache.get("a")
     wait_until(lambda: len(world.workers._localizers) == 1)
 
@@ -317,10 +317,10 @@ def test_one_bad_map_of_several_gives_the_others_back(world: World):
     world.publish("bad", "unreadable")
     cache = world.cache(max_versions=1)
     with pytest.raises(CorruptVersion):
-        cache.hold("good", "bad")
+        cache.leased("good", "bad")
     world.publish("next", "2")
     cache.get("next")
-    assert len(world.workers._localizers) == 1, "nothing still holds the good one"
+    assert len(world.workers._localizers) == 1, "no lease of the good one is left"
 
 
 def test_ten_maps_of_which_three_fit_are_all_answered_within_the_limit(world: World):
@@ -339,7 +339,7 @@ def test_ten_maps_of_which_three_fit_are_all_answered_within_the_limit(world: Wo
     cache.poll()
 
     def ask(k: int) -> None:
-        leases = cache.hold(names[k])
+        leases = cache.leased(names[k])
         assert label(leases.served[0]) == k
         assert leases.served[0] in world.workers._localizers
         leases.close()
@@ -396,7 +396,7 @@ def test_the_old_version_serves_until_the_new_one_is_loaded(world: World):
     wait_until(lambda: len(world.workers._localizers) == 1)
 
 
-def test_a_slow_load_holds_up_no_other(world: World):
+def test_a_slow_load_delays_no_other(world: World):
     for name in ("slow", "quick"):
         world.publish(name, "1" if name == "slow" else "2")
     gate = threading.Event()
@@ -453,5 +453,5 @@ def test_ids_that_were_made_up_leave_no_trace(world: World):
     for k in range(20):
         with pytest.raises(NotFound):
             cache.get(f"made-up-{k}")
-    traces = (cache._waiting, cache.served.versions, cache._ahead._settled, cache.served.ids)
+    traces = (cache._loads._waiting, cache.served.versions, cache._prefetcher._settled, cache.served.ids)
     assert not any((*traces, cache._loader._under_way, cache._loader._refused))

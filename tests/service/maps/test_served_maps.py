@@ -1,4 +1,4 @@
-"""What a replica knows of its maps without asking the store."""
+"""State of the served maps, kept without asking the store."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def maps() -> ServedMaps:
     return ServedMaps(Metrics())
 
 
-def test_maps_with_a_version_and_those_that_answer(maps: ServedMaps) -> None:
+def test_published_maps_and_serving_versions(maps: ServedMaps) -> None:
     maps.add({"b", "a"})
     assert maps.serve("c", "v1", is_active=True) is None
     assert maps.serve("c", "v2", is_active=True) == "v1"
@@ -38,7 +38,7 @@ def test_a_map_is_behind_until_its_active_version_answers(maps: ServedMaps) -> N
     assert maps.version("a") is None
 
 
-def test_what_was_touched_is_told_once(maps: ServedMaps) -> None:
+def test_touched_maps_are_returned_once(maps: ServedMaps) -> None:
     maps.add({"a", "b"})
     maps.serve("c", "v1", is_active=True)
     maps.forget("a")

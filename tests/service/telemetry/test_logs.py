@@ -16,7 +16,7 @@ import structlog
 from service_world import Service, publish, running_service
 
 from firstfix.errors import StoreUnavailable
-from firstfix_service.builds.metrics import last_words
+from firstfix_service.builds.metrics import last_message
 from firstfix_service.settings import Settings
 from firstfix_service.startup.settings_summary import settings_summary, without_secrets
 from firstfix_service.telemetry.log_setup import set_up_logging
@@ -212,7 +212,7 @@ def test_a_worker_run_by_hand_logs_plain_lines(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         ("a\nthe reason\n", "the reason"),
         ('{"event": "the reason", "level": "error"}\n', "the reason"),
@@ -221,8 +221,8 @@ def test_a_worker_run_by_hand_logs_plain_lines(tmp_path: Path):
         ("", None),
     ],
 )
-def test_the_last_words_of_a_build(tmp_path: Path, text: str, words: str | None):
+def test_the_last_message_of_a_build(tmp_path: Path, text: str, message: str | None):
     log = tmp_path / "b.log"
     log.write_text(text)
-    assert last_words(log) == words
-    assert last_words(tmp_path / "none.log") is None
+    assert last_message(log) == message
+    assert last_message(tmp_path / "none.log") is None

@@ -25,7 +25,7 @@ from firstfix.store.json_record import RecordKind
 from firstfix.store.store import Store
 from firstfix_builder.pipeline import STAGES as BUILDER_STAGES
 from firstfix_service.builds import metrics as build_metrics
-from firstfix_service.http_server.connections import Ended
+from firstfix_service.http_server.connections import EndReason
 from firstfix_service.telemetry.metered_store import OPERATIONS, metered
 from firstfix_service.telemetry.metrics import Metrics
 from waiting import LIMIT_S, wait_until
@@ -198,7 +198,7 @@ def test_no_label_takes_what_callers_make_up(tmp_path: Path):
             "route": routes | {"unknown"},
             "status": {"0", "200", "202", "400", "404", "405", "415", "503"},
             "state": set(FINAL_STATES),
-            "why": {why.value for why in Ended},
+            "why": {why.value for why in EndReason},
             "operation": set(OPERATIONS),
             "version": {firstfix.__version__},
             "kind": {kind.value for kind in RecordKind},

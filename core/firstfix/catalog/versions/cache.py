@@ -164,7 +164,7 @@ def locked(path: Path, *, wait: bool = True) -> Iterator[None]:
             os.close(handle)
 
 
-class HeldFolder:
+class FolderLock:
     """A version's folder that no process takes off the disk until it is closed, or its holder dies."""
 
     def __init__(self, path: Path) -> None:

@@ -22,7 +22,7 @@ _USUAL = {"", ".verified", ".lock"}  # of a version that stands here
 def prune(directory: Path, max_bytes: int) -> list[str]:
     """Removes versions until the folder's files are within the limit, and what killed processes left.
 
-    One that is being fetched, or that some process holds (``HeldFolder``), stays: so the limit may be
+    One that is being fetched, or that some process holds (``FolderLock``), stays: so the limit may be
     passed by what is in use.
 
     Returns:

@@ -1,1 +1,1 @@
-"""Builds handed out over NATS to build workers on other machines."""
+"""Builds that are given to build workers over NATS."""

@@ -1,4 +1,4 @@
-"""Where NATS is and how this process shows who it is, from the settings. Secrets stand in files only."""
+"""Address of the NATS server and credentials for it, from the settings. Secrets are in files only."""
 
 from __future__ import annotations
 
@@ -21,11 +21,12 @@ _MAX_CREDENTIALS_BYTES = 64 << 10
 
 @dataclass(frozen=True)
 class NatsAddress:
-    """
+    """Address and credentials.
+
     Attributes:
-        url: without secrets: it may be logged.
-        name: of the streams; deployments that share a server have one each.
-        credentials: what the settings name, read when it is needed.
+        url: has no secrets and may be logged.
+        name: of the streams. Deployments that share a NATS server need different names.
+        credentials: file that is read when it is needed.
     """
 
     url: str
@@ -36,9 +37,10 @@ class NatsAddress:
 
     @classmethod
     def of(cls, settings: Settings) -> NatsAddress:
-        """
+        """Returns the address in the settings.
+
         Raises:
-            InvalidOption: the URL is none of the form tls://host:4222/name.
+            InvalidOption: the URL does not have the form tls://host:4222/name.
         """
         try:
             parts = urlsplit(settings.build_queue)
@@ -48,7 +50,7 @@ class NatsAddress:
         name = parts.path.strip("/") or DEFAULT_NAME
         if not parts.hostname or parts.query or parts.fragment or not _NAME.fullmatch(name):
             raise InvalidOption(
-                "build queue: nats://host:4222 or tls://host:4222, and /name of a-z, 0-9, _ and -"
+                "build queue: must be nats://host:4222 or tls://host:4222, with optional /name of a-z 0-9 _ -"
             )
         host = f"[{parts.hostname}]" if ":" in parts.hostname else parts.hostname
         return cls(
@@ -60,10 +62,10 @@ class NatsAddress:
         )
 
     def options(self) -> dict[str, Any]:
-        """For ``nats.connect``.
+        """Returns the options for ``nats.connect``.
 
         Raises:
-            InvalidOption: a file is missing or of another form.
+            InvalidOption: a file is missing or malformed.
         """
         try:
             return {**self._tls(), **self._identity()}
@@ -87,11 +89,11 @@ class NatsAddress:
             text = file.read(_MAX_CREDENTIALS_BYTES).decode("utf-8", errors="replace").strip()
         if "BEGIN NATS USER JWT" in text:
             if importlib.util.find_spec("nkeys") is None:
-                raise InvalidOption("a .creds file for NATS needs the package nkeys beside firstfix")
+                raise InvalidOption("a .creds file for NATS needs the package nkeys")
             return {"user_credentials": str(self.credentials)}
         if not text or len(text.splitlines()) != 1:
             raise InvalidOption(
-                "the credentials for NATS are one line, user:password or a token, or a .creds file"
+                "the NATS credentials must be a .creds file, or one line with user:password or a token"
             )
         user, colon, password = text.partition(":")
         return {"user": user, "password": password} if colon else {"token": text}

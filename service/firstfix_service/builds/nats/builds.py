@@ -1,11 +1,10 @@
-"""The builds that wait, as streams of NATS JetStream.
+"""Waiting builds as streams of NATS JetStream.
 
-    <NAME>_BUILDS          <name>.builds.waiting.<build_id>   work queue: one message a build, gone when acked
-    <NAME>_DEAD_BUILDS     <name>.builds.dead.<build_id>      the last word on builds that had their attempts
+    <NAME>_BUILDS          <name>.builds.waiting.<build_id>   work queue: one message per build, until acked
+    <NAME>_DEAD_BUILDS     <name>.builds.dead.<build_id>      builds that used up their attempts, and why
 
-One message a subject, and no second one while it is there: so a build can be submitted as often as one
-likes. The build itself, its status and its attempts are in the store; a stream that is lost is made again
-from there.
+A subject has one message at most, so a build can be submitted again without harm. The build, its status and
+its attempts are in the store; a lost stream is made again from there.
 """
 
 from __future__ import annotations
@@ -26,31 +25,35 @@ _log = structlog.get_logger(__name__)
 API_TIMEOUT_S = 3.0
 RECONNECT_S = 1
 CONSUMER = "workers"
-AHEAD = 4  # builds in the stream that no worker has asked for yet: their order is settled
-_SUBJECT_TAKEN = 10077  # JSStreamStoreFailedF: the subject has its one message
-_OTHER_CONFIG = 10058  # JSStreamNameExistErr: a stream of another release, or edited by an operator
+MAX_AHEAD = (
+    4  # builds in the stream that no build worker has asked for yet: their order cannot change any more
+)
+_SUBJECT_TAKEN = 10077  # JSStreamStoreFailedF: the subject has a message already
+_OTHER_CONFIG = (
+    10058  # JSStreamNameExistErr: the stream was made by another release, or changed by an operator
+)
 _DEAD_MAX_AGE_S = 90 * 86400.0
 _DEAD_MAX_MESSAGES = 10_000
 
 
 class NatsBuilds:
-    """A connection that comes back by itself, and the streams. One event loop's.
+    """The streams of builds, over a connection that reconnects by itself. For use by one event loop.
 
     Args:
-        lease_s: without a sign of life from a worker until a message is given to another one.
-        when_back: called after the connection was lost and is there again.
+        lease_s: a message is delivered to another build worker if the first one is silent for so long.
+        on_reconnect: called after the connection was lost and is back.
 
     Raises:
         InvalidOption: the address names a file that cannot be used.
     """
 
     def __init__(
-        self, address: NatsAddress, *, lease_s: float, when_back: Callable[[], None] = lambda: None
+        self, address: NatsAddress, *, lease_s: float, on_reconnect: Callable[[], None] = lambda: None
     ) -> None:
         self._url = address.url
         self._options = address.options()
         self._lease_s = lease_s
-        self._when_back = when_back
+        self._on_reconnect = on_reconnect
         self._prefix = f"{address.name}.builds"
         self._stream = f"{address.name.upper()}_BUILDS"
         self._dead_stream = f"{address.name.upper()}_DEAD_BUILDS"
@@ -59,31 +62,32 @@ class NatsBuilds:
 
     @property
     def connected(self) -> bool:
+        """Whether the connection is open now."""
         return self._client is not None and bool(self._client.is_connected)
 
     async def connect(self) -> None:
-        """Returns once the server is there, however long that takes."""
+        """Connects; waits for the server as long as it takes."""
         import nats
 
-        out = False
+        is_out = False
 
-        async def told(error: Exception) -> None:
-            nonlocal out
-            if not out:  # once an outage, not at every try
-                _log.warning("NATS is out of reach", url=self._url, error=str(error) or type(error).__name__)
-            out = True
+        async def failed(error: Exception) -> None:
+            nonlocal is_out
+            if not is_out:  # log once per outage, not at every try
+                _log.warning("NATS does not answer", url=self._url, error=str(error) or type(error).__name__)
+            is_out = True
 
         async def back() -> None:
-            nonlocal out
-            out = False
-            _log.info("NATS is back", url=self._url)
-            self._when_back()
+            nonlocal is_out
+            is_out = False
+            _log.info("NATS answers again", url=self._url)
+            self._on_reconnect()
 
         client = nats.NATS()
         await client.connect(
             self._url,
             name="firstfix",
-            error_cb=told,
+            error_cb=failed,
             reconnected_cb=back,
             max_reconnect_attempts=-1,
             reconnect_time_wait=RECONNECT_S,
@@ -91,12 +95,12 @@ class NatsBuilds:
             **self._options,
         )
         _log.info("connected to NATS", url=self._url)
-        out = False
+        is_out = False
         self._client = client
         self._jetstream = client.jetstream(timeout=API_TIMEOUT_S)
 
     async def close(self) -> None:
-        """Sends what is on its way, as far as the server takes it."""
+        """Closes the connection, after a short try to send pending messages."""
         if self._client is None:
             return
         with suppress(Exception):
@@ -105,10 +109,10 @@ class NatsBuilds:
             await self._client.close()
 
     async def make_streams(self) -> None:
-        """Makes what is not there.
+        """Makes the streams and the consumer that do not exist.
 
         Raises:
-            nats.errors.Error: the server does not answer, or refuses.
+            nats.errors.Error: the server does not answer, or refuses the request.
         """
         from nats.js import api
 
@@ -142,7 +146,7 @@ class NatsBuilds:
                 durable_name=CONSUMER,
                 ack_policy=api.AckPolicy.EXPLICIT,
                 ack_wait=self._lease_s,
-                max_deliver=-1,  # what counts is in the store: a stop in good order is no failure
+                max_deliver=-1,  # attempts are counted in the store, where an orderly stop is not a failure
                 max_ack_pending=1000,
                 filter_subject=f"{self._prefix}.waiting.*",
             ),
@@ -156,25 +160,26 @@ class NatsBuilds:
         except APIError as error:
             if error.err_code != _OTHER_CONFIG:
                 raise
-            there = await self._jetstream.stream_info(config.name)
-            config.num_replicas = there.config.num_replicas  # the operator's
+            existing = await self._jetstream.stream_info(config.name)
+            config.num_replicas = existing.config.num_replicas  # the operator may have set it
             await self._jetstream.update_stream(config)
 
     async def room(self) -> int:
-        """Number of builds that can be submitted before the stream is further ahead of the workers than it
-        has to be: one for each worker that waits, and a few so that none has to.
+        """Returns how many builds should be submitted now.
+
+        One for each build worker that waits, and ``MAX_AHEAD`` so that the next one need not wait.
 
         Raises:
-            nats.errors.Error: the server does not answer, or refuses.
+            nats.errors.Error: the server does not answer, or refuses the request.
         """
-        told = await self._jetstream.consumer_info(self._stream, CONSUMER)
-        return AHEAD + (told.num_waiting or 0) - (told.num_pending or 0)
+        info = await self._jetstream.consumer_info(self._stream, CONSUMER)
+        return MAX_AHEAD + (info.num_waiting or 0) - (info.num_pending or 0)
 
     async def submit(self, build_id: str) -> bool:
-        """False when the build waits in the stream already, or is being run.
+        """Puts a build into the stream. Returns False if it is there already, waiting or running.
 
         Raises:
-            nats.errors.Error: the server does not answer, or refuses.
+            nats.errors.Error: the server does not answer, or refuses the request.
         """
         from nats.js.errors import APIError
 
@@ -191,18 +196,18 @@ class NatsBuilds:
         return not ack.duplicate
 
     async def bury(self, build_id: str, reason: str) -> None:
-        """Keeps the id of a build that had its attempts, with the reason: for people and their tools.
+        """Keeps the id of a build that used up its attempts, with the reason, for operators.
 
         Raises:
-            nats.errors.Error: the server does not answer, or refuses.
+            nats.errors.Error: the server does not answer, or refuses the request.
         """
         body = json.dumps({"build_id": build_id, "reason": reason[:1000]}).encode()
         await self._jetstream.publish(f"{self._prefix}.dead.{check_build_id(build_id)}", body)
 
     async def waiting(self) -> Any:
-        """A pull subscription to the builds that wait.
+        """Returns a pull subscription to the waiting builds.
 
         Raises:
-            nats.errors.Error: the server does not answer, or refuses.
+            nats.errors.Error: the server does not answer, or refuses the request.
         """
         return await self._jetstream.pull_subscribe_bind(CONSUMER, self._stream)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from firstfix.catalog.uploads.uploads import Upload, Uploads
 from firstfix.errors import NotFound
 
-from ...auth.principal import Caller
+from ...auth.principal import Principal
 
 
-def own_upload(uploads: Uploads, caller: Caller, upload_id: str) -> Upload:
+def own_upload(uploads: Uploads, caller: Principal, upload_id: str) -> Upload:
     """
     Raises:
         NotFound: no such upload, or it is another caller's: who asks cannot tell which.

@@ -19,7 +19,7 @@ from firstfix.ids import check_map_id, check_upload_id
 from firstfix.store.sha256 import sha256_of
 from firstfix.upkeep.doomed_keys import is_doomed
 
-from ...auth.principal import Caller
+from ...auth.principal import Principal
 from ..dependencies import Parts
 from .form_room import FormRoom
 from .json_body import parse_object, read_object
@@ -59,7 +59,7 @@ class Submission:
         config: of the build, as it was given; it has been checked.
     """
 
-    caller: Caller
+    caller: Principal
     map_id: str
     source: Source
     trajectory: Source | None
@@ -132,7 +132,7 @@ def keep_for_good(parts: Parts, build_id: str, record: Mapping[str, Any], submis
         submission.keep(parts)
 
 
-async def from_form(request: Request, parts: Parts, caller: Caller, room: FormRoom) -> Submission:
+async def from_form(request: Request, parts: Parts, caller: Principal, room: FormRoom) -> Submission:
     """The submission of a multipart form, its files in the room's directory.
 
     Raises:
@@ -161,7 +161,7 @@ async def from_form(request: Request, parts: Parts, caller: Caller, room: FormRo
     )
 
 
-async def from_json(request: Request, parts: Parts, caller: Caller) -> Submission:
+async def from_json(request: Request, parts: Parts, caller: Principal) -> Submission:
     """The submission of a body that names URLs or uploads.
 
     Raises:
@@ -185,7 +185,7 @@ async def from_json(request: Request, parts: Parts, caller: Caller) -> Submissio
     )
 
 
-def _map_id(caller: Caller, given: str) -> str:
+def _map_id(caller: Principal, given: str) -> str:
     map_id = check_map_id(given)
     caller.check(Scope.BUILD, map_id)
     return map_id

@@ -10,7 +10,7 @@ from firstfix.builds.records import FINAL_STATES
 from firstfix.errors import NotFound
 from firstfix.ids import check_map_id
 
-from ...builds.cancel import cancel_build as cancel_build_anywhere
+from ...builds.queue import cancel_build as cancel_build_anywhere
 from ...lanes import CHANGES, LISTS, READS
 from ..authorize import CallerDep
 from ..dependencies import PartsDep

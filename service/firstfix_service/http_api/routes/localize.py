@@ -17,7 +17,7 @@ from firstfix.decode import MEDIA_TYPES
 from firstfix.errors import InvalidOption
 from firstfix.ros.media_types import POSE
 
-from ...auth.principal import Caller
+from ...auth.principal import Principal
 from ...lanes import READS
 from ...localize.negotiation import negotiate
 from ...localize.query_head import QueryHead, split_map_ids
@@ -104,7 +104,7 @@ async def localize(request: Request, parts: PartsDep, caller: CallerDep) -> Resp
 
 
 async def _localize(
-    request: Request, parts: Parts, caller: Caller, arrived: float
+    request: Request, parts: Parts, caller: Principal, arrived: float
 ) -> tuple[Localization, bytes, str]:
     """The answer, its bytes and their media type."""
     options, accept = single_values(request), request.headers.get("accept", "")

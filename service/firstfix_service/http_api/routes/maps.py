@@ -13,7 +13,7 @@ from firstfix.builds.idempotency import CallersKey, claim_build, claimed_build
 from firstfix.errors import Conflict, NotFound, UnsupportedFormat
 from firstfix.ids import is_name, new_build_id
 
-from ...auth.principal import Caller
+from ...auth.principal import Principal
 from ...lanes import COPIES, LISTS, READS
 from ...telemetry.request_scope import with_traceparent
 from ..authorize import CallerDep
@@ -100,18 +100,20 @@ def get_map(map_id: MapId, parts: PartsDep) -> dict[str, Any]:
 
 
 @asynccontextmanager
-async def _place(parts: Parts, caller: Caller, build_id: str, key: CallersKey | None) -> AsyncIterator[None]:
+async def _place(
+    parts: Parts, caller: Principal, build_id: str, key: CallersKey | None
+) -> AsyncIterator[None]:
     """One of the caller's places for builds, before anything of a form is taken. A request whose build is on
     record asks for none: it hands in nothing new."""
     if key is not None and await READS.run(_is_repeated, parts, key):
         yield
         return
-    async with parts.build_quota.one(caller.name, build_id):
+    async with parts.build_quota.reserve(caller.name, build_id):
         yield
 
 
 @asynccontextmanager
-async def _received(request: Request, parts: Parts, caller: Caller) -> AsyncIterator[Submission]:
+async def _received(request: Request, parts: Parts, caller: Principal) -> AsyncIterator[Submission]:
     """What the request hands in; files of a form are on this disk meanwhile."""
     media_type = request.headers.get("content-type", "").split(";", 1)[0].strip().lower()
     if media_type == "application/json":

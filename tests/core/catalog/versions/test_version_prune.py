@@ -14,7 +14,7 @@ import pytest
 
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
-from firstfix.catalog.versions.cache import HeldFolder, locked
+from firstfix.catalog.versions.cache import FolderLock, locked
 from firstfix.catalog.versions.prune import ABANDONED_S, prune
 from firstfix.store.store import Store
 
@@ -62,8 +62,8 @@ def test_the_one_used_longest_ago_goes_first_with_all_that_belongs_to_it(place: 
 
 def test_what_is_held_stays_until_it_is_given_back(place: Place) -> None:
     first, second = place.fetch(1), place.fetch(2)
-    held = HeldFolder(first)
-    also = HeldFolder(first)
+    held = FolderLock(first)
+    also = FolderLock(first)
     assert prune(place.cache, 0) == [second.name]
     held.close()
     assert prune(place.cache, 0) == []
@@ -75,8 +75,8 @@ def test_what_another_process_holds_stays_until_it_is_killed(place: Place) -> No
     folder = place.fetch(1)
     code = (
         "import signal, sys; from pathlib import Path\n"
-        "from firstfix.catalog.versions.cache import HeldFolder\n"
-        "held = HeldFolder(Path(sys.argv[1])); print('held', flush=True); signal.pause()"
+        "from firstfix.catalog.versions.cache import FolderLock\n"
+        "held = FolderLock(Path(sys.argv[1])); print('held', flush=True); signal.pause()"
     )
     holder = subprocess.Popen([sys.executable, "-c", code, str(folder)], stdout=subprocess.PIPE)
     try:
@@ -100,7 +100,7 @@ def test_a_folder_that_is_gone_cannot_be_held(place: Place) -> None:
     folder = place.fetch(1)
     prune(place.cache, 0)
     with pytest.raises(FileNotFoundError):
-        HeldFolder(folder)
+        FolderLock(folder)
 
 
 def test_leftovers_of_killed_processes_go(place: Place) -> None:
@@ -148,7 +148,7 @@ def test_fetching_holding_and_pruning_at_once_never_shows_half_a_version(place: 
         good = 0
         while good < 30:
             try:
-                held = HeldFolder(place.catalog.fetch_version("hall", name, place.cache))
+                held = FolderLock(place.catalog.fetch_version("hall", name, place.cache))
             except FileNotFoundError:
                 continue
             assert (held.path / "a.npy").read_bytes() == wholes[name]

@@ -1,4 +1,4 @@
-"""What a replica loads ahead of the first query, alone and among replicas that share the maps."""
+"""Prefetch of maps by one replica alone, and by replicas that share the maps."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from firstfix.catalog.manifest import Manifest
 from firstfix.catalog.rendezvous import rendezvous_order
 from firstfix.errors import StoreUnavailable
 from firstfix.store.store import Store
-from firstfix_service.maps.placement import Holding
+from firstfix_service.maps.placement import Placement
 from waiting import let_pass, wait_until
 
 NAMES = [f"map-{k:02}" for k in range(24)]
@@ -31,9 +31,9 @@ def world(tmp_path: Path) -> World:
 
 
 def sharing(world: World, copies: int = 1, **changes: Any) -> Cache:
-    holding = Holding("r1", copies)
-    holding.see(REPLICAS)
-    return world.cache(holding=holding, **{"max_versions": 30, **changes})
+    placement = Placement("r1", copies)
+    placement.set_replicas(REPLICAS)
+    return world.cache(placement=placement, **{"max_versions": 30, **changes})
 
 
 def held(names: list[str], copies: int = 1) -> set[str]:
@@ -45,7 +45,7 @@ def loaded(world: World) -> set[str]:
 
 
 @pytest.mark.parametrize("copies", [1, 2])
-def test_what_is_held_is_loaded_ahead_and_nothing_else(world: World, copies: int):
+def test_only_held_maps_are_prefetched(world: World, copies: int):
     cache = sharing(world, copies)
     cache.poll()
     assert loaded(world) == held(REPLICAS, copies)
@@ -61,7 +61,7 @@ def test_any_map_is_answered(world: World):
         assert (cache.get(name).directory / "label.txt").read_text() == str(k)
 
 
-def test_guests_go_before_what_is_held_however_long_ago_that_was_used(world: World):
+def test_held_maps_are_evicted_after_the_others_however_long_ago_they_were_used(world: World):
     own = held(REPLICAS)
     cache = sharing(world, max_versions=len(own) + 1)
     cache.poll()
@@ -71,7 +71,7 @@ def test_guests_go_before_what_is_held_however_long_ago_that_was_used(world: Wor
     assert cache.held_loaded == len(own)
 
 
-def test_a_new_version_of_what_is_held_is_kept_in_place_of_the_old_one(world: World):
+def test_a_new_version_of_a_held_map_is_protected_in_place_of_the_old_one(world: World):
     own = sorted(held(REPLICAS))
     cache = sharing(world, max_versions=len(own) + 1)
     cache.poll()
@@ -79,7 +79,7 @@ def test_a_new_version_of_what_is_held_is_kept_in_place_of_the_old_one(world: Wo
     cache.poll()
     for name in NAMES:
         cache.get(name)
-    assert (own[0], version) in cache._resident
+    assert (own[0], version) in cache._loaded
     assert cache.held_loaded == len(own)
 
 
@@ -89,30 +89,32 @@ def test_the_maps_of_a_replica_that_went_are_taken_over(world: World):
     cache.served.take_touched()
     before, after = held(REPLICAS), held(["r1", "r3"])
     offered: list[set[str]] = []
-    cache.share(
+    cache.set_replicas(
         ["r1", "r3"], lambda: offered.append({n for n in cache.served.take_touched() if cache.is_offered(n)})
     )
     assert loaded(world) == after
     assert offered[0] == after - before, "a first holder is there at once: there is no other"
-    cache.share(REPLICAS)
+    cache.set_replicas(REPLICAS)
     assert {name for name in NAMES if cache.is_offered(name)} == before
     loads = len(world.behaviour.loads)
-    cache.share(["r1", "r3"])
+    cache.set_replicas(["r1", "r3"])
     assert len(world.behaviour.loads) == loads, "what has come back was still there"
 
 
-def test_a_second_holder_is_shown_when_it_has_loaded(world: World):
+def test_a_second_holder_offers_a_map_after_it_has_loaded_it(world: World):
     cache = sharing(world, copies=2)
     cache.poll()
     cache.served.take_touched()
-    come = held(["r1", "r2"], 2) - held(REPLICAS, 2)
-    assert come
+    gained = held(["r1", "r2"], 2) - held(REPLICAS, 2)
+    assert gained
     offered: list[set[str]] = []
-    cache.share(["r1", "r2"], lambda: offered.append({name for name in come if cache.is_offered(name)}))
-    assert offered == [{n for n in come if rendezvous_order(n, ["r1", "r2"])[0] == "r1"}, come]
+    cache.set_replicas(
+        ["r1", "r2"], lambda: offered.append({name for name in gained if cache.is_offered(name)})
+    )
+    assert offered == [{n for n in gained if rendezvous_order(n, ["r1", "r2"])[0] == "r1"}, gained]
 
 
-def test_without_room_for_all_the_first_holder_alone_shows_a_map(world: World):
+def test_without_room_for_all_only_the_first_holder_offers_a_map(world: World):
     firsts = held(REPLICAS)
     cache = sharing(world, copies=2, max_versions=len(firsts) + 1)
     cache.poll()
@@ -149,9 +151,9 @@ def test_a_round_that_is_superseded_ends_and_the_next_one_goes_on(world: World):
     cache = sharing(world)
     cache.poll()
     before, after = held(REPLICAS), held(["r1"])
-    cache.share(["r1"], superseded=lambda: len(world.behaviour.loads) >= len(before) + 2)
+    cache.set_replicas(["r1"], is_superseded=lambda: len(world.behaviour.loads) >= len(before) + 2)
     assert len(before) + 2 <= len(world.behaviour.loads) <= len(before) + 9 < len(after)
-    cache.share(["r1"])
+    cache.set_replicas(["r1"])
     assert loaded(world) == after == set(NAMES)
 
 
@@ -161,7 +163,7 @@ def test_replicas_that_change_during_the_first_poll_are_followed(world: World):
     def load(directory: Path) -> FakeLocalizer:
         if not first.is_set():
             first.set()
-            cache.share(["r1", "r3"])
+            cache.set_replicas(["r1", "r3"])
         return world.behaviour.load(directory)
 
     cache = sharing(world, load=load)
@@ -171,7 +173,7 @@ def test_replicas_that_change_during_the_first_poll_are_followed(world: World):
 
 @pytest.mark.parametrize("limits", [{"max_versions": 3}, {"max_bytes": 5}])
 @pytest.mark.parametrize("make", [World.cache, sharing], ids=["alone", "sharing"])
-def test_no_more_is_loaded_ahead_than_there_is_room_for(
+def test_no_more_is_prefetched_than_there_is_room_for(
     world: World, make: Callable[..., Cache], limits: dict[str, int]
 ):
     cache = make(world, **limits)
@@ -181,10 +183,10 @@ def test_no_more_is_loaded_ahead_than_there_is_room_for(
         assert 4 <= size <= 5
     else:
         assert len(world.behaviour.loads) == 3
-    assert not world.metric("firstfix_version_evictions_total"), "nothing is put out for it"
+    assert not world.metric("firstfix_version_evictions_total"), "nothing is evicted for it"
 
 
-def test_what_the_store_failed_to_give_is_tried_again(world: World, monkeypatch: pytest.MonkeyPatch):
+def test_a_map_that_the_store_failed_to_give_is_tried_again(world: World, monkeypatch: pytest.MonkeyPatch):
     cache = sharing(world)
     fetch = world.catalog.fetch_version
     fails = True
@@ -198,7 +200,7 @@ def test_what_the_store_failed_to_give_is_tried_again(world: World, monkeypatch:
     cache.poll()
     assert loaded(world) == held(REPLICAS) - {min(held(REPLICAS))}
     fails = False
-    cache.share(REPLICAS)
+    cache.set_replicas(REPLICAS)
     assert loaded(world) == held(REPLICAS)
 
 
@@ -217,9 +219,9 @@ def test_a_new_map_is_loaded_by_its_holder(world: World):
     assert set(new) <= cache.served.take_touched()
 
 
-def test_it_loads_no_more_when_it_is_told_to_stop(world: World):
+def test_a_stopped_prefetch_loads_nothing(world: World):
     cache = sharing(world)
-    cache.load_no_more()
+    cache.stop_prefetch()
     cache.poll()
     assert not world.behaviour.loads
     assert cache.get(NAMES[0]).map_id == NAMES[0]

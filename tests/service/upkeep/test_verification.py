@@ -1,4 +1,4 @@
-"""The background look through the store: what it counts, how fast it reads, when it is not made."""
+"""Periodic verification of the store: its metrics, its rate, and when it does not run."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store
 from firstfix_service.settings import Settings
 from firstfix_service.telemetry.metrics import Metrics
-from firstfix_service.upkeep import verify_keeper
-from firstfix_service.upkeep.verify_keeper import CALL_BYTES, verify_once
+from firstfix_service.upkeep import verification
+from firstfix_service.upkeep.verification import CALL_BYTES, verify_once
 from waiting import wait_until
 
 
@@ -24,7 +24,7 @@ def catalog(tmp_path: Path) -> Catalog:
     return catalog
 
 
-def looked_through(
+def verified(
     catalog: Catalog, monkeypatch: pytest.MonkeyPatch, **settings: object
 ) -> tuple[Metrics, list[float]]:
     pauses: list[float] = []
@@ -34,7 +34,7 @@ def looked_through(
 
     metrics = Metrics()
     with monkeypatch.context() as patch:
-        patch.setattr(verify_keeper.asyncio, "sleep", sleep)
+        patch.setattr(verification.asyncio, "sleep", sleep)
         asyncio.run(verify_once(Settings(store="memory://", **settings), catalog.store, metrics))
     return metrics, pauses
 
@@ -46,7 +46,7 @@ def counted(metrics: Metrics, name: str, **labels: str) -> float:
 
 
 def test_right_and_damaged_objects_are_counted(catalog: Catalog, monkeypatch: pytest.MonkeyPatch):
-    metrics, _ = looked_through(catalog, monkeypatch)
+    metrics, _ = verified(catalog, monkeypatch)
     right = counted(metrics, "firstfix_verified_objects_total", result="right")
     assert right >= 5
     assert counted(metrics, "firstfix_verified_objects_total", result="damaged") == 0
@@ -57,31 +57,31 @@ def test_right_and_damaged_objects_are_counted(catalog: Catalog, monkeypatch: py
     (first, *_) = (o for o in catalog.store.scan("maps/hall/versions") if not o.key.endswith("manifest.json"))
     catalog.store.put(first.key, b"x" * first.size_bytes)
     catalog.store.put("changes/00000001.json", b"")
-    metrics, _ = looked_through(catalog, monkeypatch)
+    metrics, _ = verified(catalog, monkeypatch)
     assert counted(metrics, "firstfix_verified_objects_total", result="damaged") == 2
     assert counted(metrics, "firstfix_damaged_objects") == 2
-    assert catalog.store.get("changes/00000001.json") == b"", "nothing is repaired behind anybody's back"
+    assert catalog.store.get("changes/00000001.json") == b"", "verification repairs nothing"
 
 
 def test_it_reads_no_faster_than_it_may(catalog: Catalog, monkeypatch: pytest.MonkeyPatch):
     rate = 1 << 20
-    metrics, pauses = looked_through(catalog, monkeypatch, verify_bytes_per_s=rate)
+    metrics, pauses = verified(catalog, monkeypatch, verify_bytes_per_s=rate)
     assert sum(pauses) >= counted(metrics, "firstfix_verify_bytes_total") / rate
     assert min(pauses) >= CALL_BYTES / rate, "small objects count too"
 
 
 @pytest.mark.parametrize("settings", [{}, {"verify_bytes_per_s": 0}, {"read_only": True}])
-def test_a_service_does_it_where_it_may_write(
+def test_a_service_verifies_the_store_if_it_may_write(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, settings: dict[str, object]
 ):
-    monkeypatch.setattr(verify_keeper, "FIRST_AFTER_S", 0.0)
+    monkeypatch.setattr(verification, "FIRST_AFTER_S", 0.0)
     begun: list[Settings] = []
 
     async def begin(settings: Settings, store: Store, metrics: Metrics) -> None:
         begun.append(settings)
         raise RuntimeError("a defect is logged, and the service goes on")
 
-    monkeypatch.setattr(verify_keeper, "verify_once", begin)
+    monkeypatch.setattr(verification, "verify_once", begin)
     Store.open(str(tmp_path / "store"))
     with running_service(tmp_path, zenoh=False, **settings) as service:
         if not settings:

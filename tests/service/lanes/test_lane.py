@@ -29,7 +29,7 @@ from firstfix_service.settings import Settings
 from firstfix_service.telemetry.request_scope import Requests, note
 from waiting import LIMIT_S, wait_until
 
-SOURCES = sorted(Path(firstfix_service.__file__).parent.glob("*.py"))
+SOURCES = sorted(Path(firstfix_service.__file__).parent.rglob("*.py"))
 SHARED = {"to_thread", "run_in_threadpool", "run_sync", "set_default_executor"}
 SLOW_POSTS = 40  # more than any shared pool has threads
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from firstfix_service.maps.eviction_order import Key, LeavingOrder
+from firstfix_service.maps.eviction_order import EvictionOrder, Key
 
 
 @dataclass
@@ -10,8 +10,8 @@ class Item:
     bytes: int
 
 
-def order_of(kept: set[str], *names: str) -> LeavingOrder[Item]:
-    order: LeavingOrder[Item] = LeavingOrder(lambda key: key[0] in kept)
+def order_of(protected: set[str], *names: str) -> EvictionOrder[Item]:
+    order: EvictionOrder[Item] = EvictionOrder(lambda key: key[0] in protected)
     for size, name in enumerate(names, 1):
         order.add(key(name), Item(size))
     return order
@@ -21,11 +21,11 @@ def key(name: str) -> Key:
     return name, "v"
 
 
-def names(order: LeavingOrder[Item]) -> str:
+def names(order: EvictionOrder[Item]) -> str:
     return "".join(name for name, _ in order)
 
 
-def test_what_was_used_longest_ago_leaves_first():
+def test_the_least_recently_used_is_evicted_first():
     order = order_of(set(), *"abc")
     assert order.use(key("a")) == Item(1)
     assert names(order) == "bca"
@@ -39,31 +39,31 @@ def test_what_is_kept_leaves_after_the_others_however_long_ago_it_was_used():
     order.use(key("a"))
     order.use(key("b"))
     assert names(order) == "dbca"
-    assert (order.kept, order.kept_bytes, order.bytes) == (2, 4, 10)
+    assert (order.protected, order.protected_bytes, order.bytes) == (2, 4, 10)
 
 
-def test_bytes_are_those_of_what_is_here():
+def test_bytes_are_those_of_the_versions_present():
     order = order_of(set("ac"), *"abcd")
     assert order.pop(key("c")) == Item(3)
     assert order.pop(key("b")) == Item(2)
-    assert (order.kept, order.kept_bytes, order.bytes) == (1, 1, 5)
+    assert (order.protected, order.protected_bytes, order.bytes) == (1, 1, 5)
     assert key("b") not in order
     assert key("a") in order
 
 
 def test_another_choice_of_what_is_kept_counts_when_it_is_sorted_again():
-    kept = set("ac")
-    order = order_of(kept, *"abcd")
-    kept ^= set("ab")
-    order.sort_again()
+    protected = set("ac")
+    order = order_of(protected, *"abcd")
+    protected ^= set("ab")
+    order.reclassify()
     assert names(order) == "dacb"
-    assert (order.kept, order.kept_bytes, order.bytes) == (2, 5, 10)
+    assert (order.protected, order.protected_bytes, order.bytes) == (2, 5, 10)
 
 
-def test_what_is_used_is_looked_at_again():
-    kept = set("a")
-    order = order_of(kept, *"abc")
-    kept.clear()
+def test_using_a_version_asks_again_whether_it_is_protected():
+    protected = set("a")
+    order = order_of(protected, *"abc")
+    protected.clear()
     order.use(key("a"))
     assert names(order) == "bca"
-    assert order.kept == order.kept_bytes == 0
+    assert order.protected == order.protected_bytes == 0

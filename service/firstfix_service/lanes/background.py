@@ -1,0 +1,60 @@
+"""Tasks of the event loop that run in the background."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Coroutine
+from contextlib import AsyncExitStack, suppress
+from dataclasses import dataclass
+from typing import Any
+
+import structlog
+
+from firstfix.errors import FirstfixError
+
+_log = structlog.get_logger(__name__)
+
+
+@dataclass(frozen=True)
+class PeriodicTask:
+    """A task that runs again and again. A failure is logged and does not end it.
+
+    Attributes:
+        name: of the task, in the log.
+        work: one run.
+        interval_s: from the end of one run to the next run.
+        first_after_s: from the start of the service to the first run.
+    """
+
+    name: str
+    work: Callable[[], Awaitable[None]]
+    interval_s: float
+    first_after_s: float = 0.0
+
+    async def run(self) -> None:
+        """Runs the task until it is cancelled."""
+        await asyncio.sleep(self.first_after_s)
+        while True:
+            try:
+                await self.work()
+            except FirstfixError as error:
+                _log.warning("a periodic task failed", task=self.name, code=error.code, error=str(error))
+            except Exception:  # a defect must not end the task for good
+                _log.exception("a periodic task failed", task=self.name)
+            await asyncio.sleep(self.interval_s)
+
+    def start(self, stack: AsyncExitStack) -> None:
+        """Runs the task until the stack is closed."""
+        run_in_background(stack, self.run(), self.name)
+
+
+def run_in_background(stack: AsyncExitStack, work: Coroutine[Any, Any, None], name: str) -> None:
+    """Runs a coroutine as a task until the stack is closed. Closing cancels it and waits for its end."""
+    task = asyncio.create_task(work, name=name)
+
+    async def stop() -> None:
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task
+
+    stack.push_async_callback(stop)
