@@ -30,7 +30,7 @@ from ..http_api.bodies.disk_space import DiskSpace
 from ..http_api.bodies.paced_body import Pace
 from ..http_api.bodies.request_body import BodyReader
 from ..http_api.bodies.upload_quota import UploadQuota
-from ..http_api.concurrency_limit import Places
+from ..http_api.concurrency_limit import ConcurrencyLimit
 from ..http_api.dependencies import Parts
 from ..http_api.health import Health
 from ..lanes import START
@@ -138,12 +138,14 @@ async def assemble(
         access,
         uploads,
         upload_quota,
-        Places(settings.max_upload_streams, settings.max_upload_streams_per_caller, "uploads"),
+        ConcurrencyLimit(settings.max_upload_streams, settings.max_upload_streams_per_caller, "uploads"),
         pace,
         BuildQuota.of(settings, usage),
         usage,
         DiskSpace(settings.min_free_bytes),
-        Places(settings.max_event_streams, settings.max_event_streams_per_caller, "streams of events"),
+        ConcurrencyLimit(
+            settings.max_event_streams, settings.max_event_streams_per_caller, "streams of events"
+        ),
         georeferences,
         GeoreferenceCache(georeferences, settings.georeference_ttl_s),
         closing,
