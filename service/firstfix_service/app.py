@@ -13,36 +13,19 @@ import firstfix
 
 from . import problems
 from .auth.permission import WhilePermitted
-from .http_api.authorize import authorize
+from .http_api.authorize import authorize, refuse_changes
 from .http_api.openapi import DocumentedApp
-from .http_api.read_only import refuse_changes
 from .http_api.request_log import RequestLog
 from .http_api.routes import (
-    build_events as http_build_events,
-)
-from .http_api.routes import (
-    builds as http_builds,
-)
-from .http_api.routes import (
-    garbage as http_garbage,
-)
-from .http_api.routes import (
-    georeference as http_georeference,
-)
-from .http_api.routes import (
-    localize as http_localize,
-)
-from .http_api.routes import (
-    maps as http_maps,
-)
-from .http_api.routes import (
+    build_events,
+    builds,
+    garbage,
+    georeference,
+    localize,
+    maps,
     operations,
-)
-from .http_api.routes import (
-    uploads as http_uploads,
-)
-from .http_api.routes import (
-    versions as http_versions,
+    uploads,
+    versions,
 )
 from .query_workers.query import LocalizesScans
 from .settings import Settings
@@ -51,15 +34,7 @@ from .startup.retry import PlainStartError, RetryingStart
 from .telemetry.metrics import Metrics
 from .telemetry.request_scope import Requests
 
-_OF_THE_STORE = (
-    http_maps,
-    http_versions,
-    http_georeference,
-    http_uploads,
-    http_builds,
-    http_build_events,
-    http_garbage,
-)
+_OF_THE_STORE = (maps, versions, georeference, uploads, builds, build_events, garbage)
 _PROBLEM = {
     "description": "a problem document (RFC 9457) with a stable `code`",
     "content": {
@@ -81,10 +56,10 @@ _PROBLEM = {
 
 
 def create_app(settings: Settings, *, load: Callable[[Path], LocalizesScans] | None = None) -> FastAPI:
-    """The app for these settings.
+    """Returns the app for these settings.
 
     Args:
-        load: a version's folder to what answers from it, in threads of this process whatever the settings.
+        load: makes the localizer of a version's folder. With it, queries run in threads of this process.
     """
     metrics, requests = Metrics(), Requests()
 
@@ -101,15 +76,15 @@ def create_app(settings: Settings, *, load: Callable[[Path], LocalizesScans] | N
         version=firstfix.__version__,
         summary="The first fix for LiDAR robots: one scan in, the pose in the map out.",
         lifespan=lifespan,
-        docs_url=None,  # pages that load scripts from elsewhere
+        docs_url=None,  # its page loads scripts from other hosts
         redoc_url=None,
-        redirect_slashes=False,  # the Host header would say where to
+        redirect_slashes=False,  # the target would come from the Host header
         dependencies=[Depends(authorize)],
         responses={"default": _PROBLEM},
     )
     app.state.settings, app.state.metrics, app.state.closing = settings, metrics, asyncio.Event()
     app.state.draining = asyncio.Event()
-    for router in (http_localize.router, operations.router):
+    for router in (localize.router, operations.router):
         app.include_router(router)
     for module in _OF_THE_STORE:
         app.include_router(module.router, dependencies=[Depends(refuse_changes)])

@@ -1,4 +1,4 @@
-"""Errors as RFC 9457 problem documents: one table from error class to status, for both transports."""
+"""RFC 9457 problem documents: one table from error class to status, for both transports."""
 
 from __future__ import annotations
 
@@ -58,8 +58,8 @@ STATUS: dict[type[FirstfixError], int] = {
     errors.WorkerLost: 503,
     errors.DeadlineExceeded: 504,
 }
-TITLES = {460: "Checksum Mismatch"}  # of the tus protocol; not registered
-# What the response says besides: when trying again helps; that the rest of a large body is not read.
+TITLES = {460: "Checksum Mismatch"}  # of the tus protocol, not registered with IANA
+# Headers: when to try again; that the rest of a large body is not read.
 HEADERS: dict[type[FirstfixError], dict[str, str]] = {
     errors.Unauthorized: {"WWW-Authenticate": 'Bearer realm="firstfix"'},
     errors.WorkerLost: {"Retry-After": "1"},
@@ -96,14 +96,15 @@ class Problem:
         ).encode()
 
     def response(self) -> Response:
+        """Returns the HTTP response, and notes the code in the request's log line."""
         note(code=self.code)
         return Response(self.body, self.status, self.headers, MEDIA_TYPE)
 
 
 def problem_of(error: BaseException) -> Problem:
-    """What a caller may know of an error: of one that is not ours, nothing but that it happened."""
+    """Returns the problem that a caller sees. Unexpected errors reveal no details."""
     if not isinstance(error, FirstfixError):
-        return Problem(FirstfixError.code, 500, "an unexpected error: it was logged with the request's id")
+        return Problem(FirstfixError.code, 500, "an unexpected error, logged with the request's id")
     mapped = next(cls for cls in type(error).__mro__ if cls in STATUS)
     headers = HEADERS.get(mapped, {})
     retry_after_s = getattr(error, "retry_after_s", None)
@@ -113,7 +114,7 @@ def problem_of(error: BaseException) -> Problem:
 
 
 def add_handlers(app: FastAPI) -> None:
-    """Makes every error that leaves a route a problem document."""
+    """Turns every error of a route into a problem document."""
     app.add_exception_handler(FirstfixError, _on_firstfix_error)
     app.add_exception_handler(RequestValidationError, _on_validation_error)
     app.add_exception_handler(HTTPException, _on_http_exception)
@@ -130,7 +131,7 @@ async def _on_validation_error(request: Request, error: Exception) -> Response:
 
 
 async def _on_http_exception(request: Request, error: Exception) -> Response:
-    """What the framework itself refuses: no such path, no such method."""
+    """Refusals by the framework: unknown path or method."""
     assert isinstance(error, HTTPException)
     codes = {404: errors.NotFound.code, 405: "method_not_allowed"}
     code = codes.get(error.status_code, errors.InputError.code)

@@ -1,6 +1,6 @@
-"""The one gate of the HTTP routes: who asks, whether that caller may, and how often.
+"""The gate of all HTTP routes: the caller, its permission and its rate limit; and the read-only mode.
 
-What is not in the table needs ``admin``: a route that somebody forgets to enter is shut, not open.
+A route that is missing in the table needs ``admin``: a forgotten entry closes a route, never opens it.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import Annotated
 from fastapi import Depends, Request
 
 from firstfix.access.permissions import Scope
-from firstfix.errors import NotFound, Unauthorized
+from firstfix.errors import NotFound, ReadOnly, Unauthorized
 
 from ..auth.permission import Permission
 from ..auth.principal import Principal
@@ -21,7 +21,8 @@ from ..telemetry.request_scope import note
 from .dependencies import Parts, parts_of
 
 PUBLIC = None
-# By the name of a route, which is that of its function.
+_READING = frozenset({"GET", "HEAD", "OPTIONS"})
+# By route name, which is the name of its function.
 SCOPES: dict[str, Scope | None] = {
     "healthz": PUBLIC,
     "readyz": PUBLIC,
@@ -54,7 +55,7 @@ SCOPES: dict[str, Scope | None] = {
     "collect_garbage_of_map": Scope.ADMIN,
     "collect_all_garbage": Scope.ADMIN,
 }
-# Routes whose requests are counted, as what.
+# Rate limits of routes.
 LIMITED = {
     "localize": "localize",
     "post_map": "build",
@@ -67,19 +68,21 @@ LIMITED = {
 
 
 async def authorize(request: Request) -> None:
-    """A dependency of every route. Leaves the ``Principal`` in ``request.state.caller``, and the ``Permission``
-    to be asked for again in ``request.state.permission``; where a map id stands in the path, or that of a
-    build, the caller may go there. The map in a body or query is the route's to check.
+    """Lets a request pass, or refuses it. A dependency of every route.
+
+    Stores the ``Principal`` in ``request.state.caller`` and the ``Permission``, for later checks, in
+    ``request.state.permission``. Checks the map or build in the path. Routes check the maps in a body or in
+    query parameters.
 
     Raises:
-        Unauthorized, Forbidden, RateLimited: as they say.
-        NotFound: a build of a map that the caller may not see is like one that does not exist.
+        Unauthorized, Forbidden, RateLimited: the request is refused.
+        NotFound: the build belongs to a map that the caller may not see.
     """
     name = getattr(request.scope.get("route"), "name", "")
     scope = SCOPES.get(name, Scope.ADMIN)
     settings: Settings = request.app.state.settings
     if scope is PUBLIC or (name == "metrics" and (settings.metrics_public or settings.auth != "on")):
-        return  # whether or not the store has answered yet
+        return  # also before the store has answered
     parts = await parts_of(request)
     credential, address = _credential(request), _address(request, parts)
     caller = await parts.authenticator.authenticate(credential, address)
@@ -96,7 +99,21 @@ async def authorize(request: Request) -> None:
         parts.authenticator.take(LIMITED[name], caller, request.path_params.get("map_id", ""))
 
 
+async def refuse_changes(request: Request) -> None:
+    """Refuses changes in read-only mode, before the body is read. A dependency of the routes of the store.
+
+    The store, which is opened read-only, refuses changes too.
+
+    Raises:
+        ReadOnly: the request would change something.
+    """
+    settings: Settings = request.app.state.settings
+    if settings.read_only and request.method not in _READING:
+        raise ReadOnly("this service is read-only (FIRSTFIX_READ_ONLY): use one that is not")
+
+
 async def caller_of(request: Request) -> Principal:
+    """Returns the caller of an authorized request."""
     caller: Principal = request.state.caller
     return caller
 
@@ -105,9 +122,10 @@ CallerDep = Annotated[Principal, Depends(caller_of)]
 
 
 def _credential(request: Request) -> str | None:
-    """
+    """The credential in the header; None without the header. URLs end up in logs, so none is read there.
+
     Raises:
-        Unauthorized: the header is of another form. A credential in the URL is none: URLs end up in logs.
+        Unauthorized: the header is malformed.
     """
     given = request.headers.getlist("authorization")
     if not given:

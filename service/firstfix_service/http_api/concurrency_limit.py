@@ -1,4 +1,4 @@
-"""A bounded number of long requests at a time, of one caller and of all; the next one is told so at once."""
+"""A limit of the long requests under way, of one caller and of all. One more is refused at once."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from contextlib import contextmanager
 from firstfix.errors import Overloaded, QuotaExceeded
 
 
-class Places:
-    """Counts what is under way. One event loop's.
+class ConcurrencyLimit:
+    """Counts the requests under way. Belongs to one event loop.
 
     Args:
         limit: of all callers together.
-        per_caller: of one caller: the others' places are not his to take.
-        what: for people: what there are too many of.
+        per_caller: of one caller, so that none takes the room of the others.
+        what: the kind of request, for error messages.
     """
 
     def __init__(self, limit: int, per_caller: int, what: str) -> None:
@@ -26,14 +26,16 @@ class Places:
 
     @property
     def taken(self) -> int:
+        """Number of requests under way."""
         return self._taken.total()
 
     @contextmanager
-    def one(self, caller: str) -> Iterator[None]:
-        """
+    def request(self, caller: str) -> Iterator[None]:
+        """Counts one request of a caller until the block ends.
+
         Raises:
-            QuotaExceeded: the caller has as many as one may have.
-            Overloaded: all are taken.
+            QuotaExceeded: the caller has reached its limit.
+            Overloaded: all callers together have reached theirs.
         """
         if self._taken[caller] >= self._per_caller:
             text = f"{self._per_caller} {self._what} of this caller are under way: end one, or wait for it"

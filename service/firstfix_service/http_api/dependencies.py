@@ -1,4 +1,4 @@
-"""What the routes share: one of each, made by ``create_app`` and started with it."""
+"""Parts of the service that the routes share. ``create_app`` makes one of each."""
 
 from __future__ import annotations
 
@@ -26,15 +26,17 @@ from .bodies.disk_space import DiskSpace
 from .bodies.paced_body import Pace
 from .bodies.request_body import BodyReader
 from .bodies.upload_quota import UploadQuota
-from .concurrency_limit import Places
+from .concurrency_limit import ConcurrencyLimit
 from .health import Health
 
 
 @dataclass(frozen=True)
 class Parts:
-    """Attributes:
-    builds: None when this process records builds and another one runs them.
-    closing: set when the service begins to stop: what would go on for long ends then.
+    """Parts of a running service.
+
+    Attributes:
+        builds: None where this process records builds and another one runs them.
+        closing: set when the service begins to stop. Streams of events end then.
     """
 
     settings: Settings
@@ -49,21 +51,22 @@ class Parts:
     authenticator: Authenticator
     uploads: Uploads
     upload_quota: UploadQuota
-    upload_streams: Places
+    upload_streams: ConcurrencyLimit
     upload_pace: Pace
     build_quota: BuildQuota
     usage: CallerUsage
     disks: DiskSpace
-    event_streams: Places
+    event_streams: ConcurrencyLimit
     georeferences: Georeferences
     georeference_cache: GeoreferenceCache
     closing: asyncio.Event
 
 
 async def parts_of(request: Request) -> Parts:
-    """
+    """Returns the parts of the service that answers a request.
+
     Raises:
-        FirstfixError: they are not there yet, see ``firstfix_service.startup.retry``.
+        FirstfixError: the service has not started yet, see ``firstfix_service.startup.retry``.
     """
     parts: Parts = request.app.state.start.parts
     return parts

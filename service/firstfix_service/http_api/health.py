@@ -1,4 +1,4 @@
-"""Whether queries should be sent here, and why not."""
+"""Readiness of the service, and the reason if it is not ready."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..telemetry.metrics import Metrics
 
 
 class Health:
-    """What readiness stands on. The poller tells it how reading the catalog went. Thread-safe."""
+    """State behind readiness. The poller reports each read of the catalog. Thread-safe."""
 
     def __init__(self, maps: MapCache, pool: QueryPool, metrics: Metrics) -> None:
         self._maps = maps
@@ -24,18 +24,22 @@ class Health:
         metrics.catalog_age.set_function(self.catalog_age_s)
 
     def catalog_read(self) -> None:
+        """Records that the catalog was read."""
         self._read_at, self._error = time.monotonic(), None
 
     def catalog_failed(self, error: BaseException) -> None:
-        """Its code is shown, not its text: that may name hosts and paths."""
+        """Records a failed read. Only the error's code is shown: its text may name hosts and paths."""
         self._error = error.code if isinstance(error, FirstfixError) else FirstfixError.code
 
     def catalog_age_s(self) -> float:
-        """Since the catalog was read; while it never was, since the start."""
+        """Returns the seconds since the catalog was read, or since the start if it never was."""
         return time.monotonic() - (self._started if self._read_at is None else self._read_at)
 
     def why_not_ready(self) -> str | None:
-        """None: it is. Once ready it stays so when the store fails: what is loaded goes on answering."""
+        """Returns the reason, or None if the service is ready.
+
+        It stays ready when the store fails later: loaded maps go on answering.
+        """
         if self._maps.polled:
             return None
         if self._error is not None:
@@ -43,7 +47,7 @@ class Health:
         return "the maps are being loaded"
 
     def details(self) -> dict[str, Any]:
-        """For people who look: what is wrong although queries are answered."""
+        """Returns the details of /readyz, for people: faults that do not stop queries."""
         placement = self._maps.placement
         return {
             "maps": len(self._maps.served),

@@ -1,4 +1,4 @@
-"""The OpenAPI document: what FastAPI finds out by itself, and the bodies that are read by hand."""
+"""The OpenAPI document: FastAPI's own, and the schemas of bodies that the service parses itself."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ _REF = "#/components/schemas/{model}"
 
 
 class DocumentedApp(FastAPI):
-    """An app whose document has the schemas that no route's signature names."""
+    """An app whose document also has the schemas that no route's signature names."""
 
     def openapi(self) -> dict[str, Any]:
+        """Returns the document."""
         if self.openapi_schema is None:
             schemas = super().openapi()["components"]["schemas"]
             schemas.update(CONFIG_SCHEMAS)
@@ -28,8 +29,10 @@ class DocumentedApp(FastAPI):
         return self.openapi_schema
 
     def setup(self) -> None:
-        """The route of the document. Its bytes are made once: it needs no key, and making it takes longer
-        than a query."""
+        """Adds the document's route.
+
+        Its bytes are made once: the route is public, and making them takes longer than a query.
+        """
         made: list[bytes] = []
 
         async def openapi(request: Request) -> Response:

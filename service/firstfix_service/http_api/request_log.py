@@ -1,5 +1,4 @@
-"""Around every HTTP request: an id, a span, one line in the log, the counters, and a document for what went
-wrong."""
+"""Request scope of HTTP requests: an id, a span, one log line, metrics, and a problem document for errors."""
 
 from __future__ import annotations
 
@@ -17,12 +16,12 @@ _log = structlog.get_logger(__name__)
 _QUIET = {"/healthz", "/readyz", "/metrics"}
 _METHODS = {"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"}
 TRANSPORT = "http"
-MAX_PATH_CHARS = 300  # a stranger's path is no reason for a log line of any length
-CLIENT_GONE = 499  # as nginx logs it; nobody is there to read it
+MAX_PATH_CHARS = 300  # a longer path is cut in the log
+CLIENT_GONE = 499  # nginx's status for it; nobody reads the answer
 
 
 class RequestLog:
-    """ASGI middleware. The caller's X-Request-Id is kept if it is harmless, and always given back."""
+    """ASGI middleware. Every answer has an X-Request-Id: the caller's, if it is well-formed."""
 
     def __init__(self, app: ASGIApp, metrics: Metrics, requests: Requests) -> None:
         self._app = app
@@ -30,6 +29,7 @@ class RequestLog:
         self._requests = requests
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serves one request within its scope."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
@@ -61,7 +61,7 @@ class RequestLog:
             status = CLIENT_GONE
         except Exception as error:
             _log.exception("unexpected error")
-            if status:  # the answer was under way: nothing to do but to break it off
+            if status:  # the answer is under way: the connection must break
                 raise
             await problem_of(error).response()(scope, receive, send_with_id)
         finally:

@@ -2,8 +2,8 @@
 
 The way of a scan through the service, each step once:
 
-1. Gate. HTTP: ``http_api.authorize``; zenoh: ``ZenohEndpoint``. Finds the caller by its credential, checks the
-   scope ``localize`` and takes the query from the caller's rate limit.
+1. Gate. HTTP: ``http_api.authorize``; zenoh: ``ZenohEndpoint``. Finds the caller by its credential, checks
+   the scope ``localize`` and takes the query from the caller's rate limit.
 2. Head. HTTP: ``http_api.routes.localize``; zenoh: ``zenoh_api.query``. Reads the parameters into a
    ``QueryHead`` and the ``PoseFormat``.
 3. ``LocalizeUseCase.admit`` (``admission``). Checks map ids and the caller's maps, parses the options, checks

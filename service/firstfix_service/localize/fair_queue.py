@@ -131,7 +131,7 @@ class FairQueue:
         return [job for group in self._groups.values() for job in group.waiting]
 
     def crowding(self, group: str) -> Job | None:
-        """Returns the newest query of the longest group, if this group with one more is shorter; else None."""
+        """Returns the newest query of the longest group; None if this group with one more is as long."""
         if not self._groups:
             return None
         longest = max(self._groups.values(), key=lambda one: len(one.waiting))
@@ -149,7 +149,7 @@ class FairQueue:
         return self._workers - 1 if others else self._workers
 
     def _tidy(self, name: str) -> None:
-        """Forgets a map without a single answer, whose id may be invented; and the oldest of too many maps."""
+        """Forgets a map without any answer, as its id may be invented; and the oldest of too many maps."""
         group = self._groups[name]
         if group.idle and not group.mean_s:
             del self._groups[name]

@@ -1,7 +1,7 @@
 """A bounded, fair pool: one query at a time for each worker, a few more wait, the others are refused at once.
 
-Queries wait in one queue for each map, and the maps take turns. A full pool still accepts a query of a map that
-has few: it replaces the newest query of the map that has most.
+Queries wait in one queue for each map, and the maps take turns. A full pool still accepts a query of a map
+that has few: it replaces the newest query of the map that has most.
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ class QueryPool:
     ) -> T:
         """Returns the result of the work, once it is the query's turn.
 
-        A cancelled call gives up its place in the queue. Work that has begun goes on and keeps its place until
-        it ends; otherwise abandoned queries would pile up behind it.
+        A cancelled call gives up its place in the queue. Work that has begun goes on and keeps its place
+        until it ends; otherwise abandoned queries would pile up behind it.
 
         Args:
             group: takes turns with the other groups: the map's id.

@@ -55,6 +55,7 @@ class SamplePolicy:
 
     @classmethod
     def of(cls, settings: Settings) -> SamplePolicy:
+        """Returns the policy in the settings."""
         return cls(
             share=settings.samples_share,
             share_localized=settings.samples_share_localized,
@@ -67,9 +68,11 @@ class SamplePolicy:
 
     @property
     def is_on(self) -> bool:
+        """Whether any query can be stored."""
         return self.share > 0 or self.share_localized > 0
 
     def share_of(self, answer: Localization) -> float:
+        """Returns the share of queries with such an answer to store."""
         if answer.verdict is not Verdict.LOCALIZED:
             return self.share
         return self.share_localized if answer.probability < self.below_probability else 0.0
@@ -91,6 +94,7 @@ class QuerySampler:
         self._thread = threading.Thread(target=self._run, name="query-sampler", daemon=True)
 
     def start(self) -> None:
+        """Starts the thread."""
         self._thread.start()
 
     def close(self) -> None:
@@ -126,7 +130,7 @@ class QuerySampler:
         self._waiting.put((sample, body))
 
     def _take(self, size: int) -> str:
-        """ "taken", or the reason for not taking it: a label of the metric."""
+        """The word "taken", or the reason against it: a label of the metric."""
         if size > self._policy.max_body_bytes:
             return "too_large"
         with self._lock:

@@ -61,20 +61,24 @@ class QueryWorkerThreads:
         self._loads: dict[ServedVersion, threading.Lock] = {}
 
     def load(self, version: ServedVersion) -> int:
+        """Loads a version; returns its bytes in memory."""
         localizer = self._localizer(version)
         # FAISS reads its file into memory, which ``private_bytes`` cannot see.
         held_by_faiss = sum(path.stat().st_size for path in version.directory.glob("*.faiss"))
         return private_bytes(localizer) + held_by_faiss
 
     def drop(self, version: ServedVersion) -> None:
+        """Unloads a version."""
         with self._lock:
             self._localizers.pop(version, None)
             self._loads.pop(version, None)
 
     def answer(self, query: Query) -> Localization:
+        """Returns the answer to a query."""
         return answer_query(query, [self._localizer(version) for version in query.versions])
 
     def close(self) -> None:
+        """Unloads all versions."""
         with self._lock:
             self._localizers.clear()
 

@@ -67,6 +67,7 @@ class QueryWorkerHandle:
 
     @property
     def pid(self) -> int:
+        """Process id."""
         return self._process.pid
 
     def wait_until_up(self) -> None:

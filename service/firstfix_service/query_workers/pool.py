@@ -125,7 +125,8 @@ class QueryWorkerProcesses:
         self._loaders.shutdown()
 
     def _free_one(self) -> QueryWorkerHandle:
-        """
+        """A process that runs no query.
+
         Raises:
             WorkerLost: no process was free in time.
         """
@@ -179,7 +180,7 @@ class QueryWorkerProcesses:
 
 
 def _load_if_alive(version: ServedVersion, worker: QueryWorkerHandle) -> int:
-    """Loads a version that another process has loaded. An error is this process's own: the next query reports it."""
+    """Loads a version that another process could load. The next query reports an error of this one."""
     try:
         return worker.load(version)
     except (QueryWorkerDied, FirstfixError, QueryWorkerDefect) as error:

@@ -1,8 +1,8 @@
 """A process that answers queries, one at a time: ``python -m firstfix_service.query_workers.process FD FD``.
 
-Two sockets connect it with the service. One carries queries; the other carries versions to load and to drop, so
-that a load does not delay queries. The process ends when the service ends for any reason, because the kernel
-then closes the sockets.
+Two sockets connect it with the service. One carries queries; the other carries versions to load and to drop,
+so that a load does not delay queries. The process ends when the service ends for any reason, because
+the kernel then closes the sockets.
 """
 
 from __future__ import annotations

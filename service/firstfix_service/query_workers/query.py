@@ -20,7 +20,9 @@ from .body_format import BodyFormat
 class LocalizesScans(SearchesMap, Protocol):
     """A loaded map version that answers scans."""
 
-    def localize(self, scan: AnyScan, options: LocalizeOptions | None = None) -> Localization: ...
+    def localize(self, scan: AnyScan, options: LocalizeOptions | None = None) -> Localization:
+        """Returns the answer to one scan."""
+        ...
 
 
 @dataclass(frozen=True)

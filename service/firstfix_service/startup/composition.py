@@ -30,7 +30,7 @@ from ..http_api.bodies.disk_space import DiskSpace
 from ..http_api.bodies.paced_body import Pace
 from ..http_api.bodies.request_body import BodyReader
 from ..http_api.bodies.upload_quota import UploadQuota
-from ..http_api.concurrency_limit import Places
+from ..http_api.concurrency_limit import ConcurrencyLimit
 from ..http_api.dependencies import Parts
 from ..http_api.health import Health
 from ..lanes import START
@@ -140,12 +140,14 @@ async def compose(
         authenticator,
         uploads,
         upload_quota,
-        Places(settings.max_upload_streams, settings.max_upload_streams_per_caller, "uploads"),
+        ConcurrencyLimit(settings.max_upload_streams, settings.max_upload_streams_per_caller, "uploads"),
         pace,
         BuildQuota.of(settings, usage),
         usage,
         DiskSpace(settings.min_free_bytes),
-        Places(settings.max_event_streams, settings.max_event_streams_per_caller, "streams of events"),
+        ConcurrencyLimit(
+            settings.max_event_streams, settings.max_event_streams_per_caller, "streams of events"
+        ),
         georeferences,
         GeoreferenceCache(georeferences, settings.georeference_ttl_s),
         closing,
@@ -222,7 +224,9 @@ async def _start_zenoh(
     from ..zenoh_api.replicas import ZenohReplicas
 
     settings, loop = parts.settings, asyncio.get_running_loop()
-    endpoint = await START.run(ZenohEndpoint, settings, replica, parts.use_case, parts.authenticator, loop, requests)
+    endpoint = await START.run(
+        ZenohEndpoint, settings, replica, parts.use_case, parts.authenticator, loop, requests
+    )
     stack.push_async_callback(START.run, endpoint.close)
     parts.metrics.zenoh_connections.set_function(lambda: endpoint.connections)
     parts.metrics.zenoh_maps.set_function(lambda: endpoint.maps_shown)

@@ -1,15 +1,15 @@
 """Localization over zenoh.
 
     firstfix/{map_id}/localize             one queryable for every map that this replica can serve (complete)
-    firstfix/{map_id}/localize/{replica}   this replica alone; one liveliness token for each map that it serves,
-                                           or that it holds where replicas share the maps
+    firstfix/{map_id}/localize/{replica}   this replica alone; one liveliness token for each map that it
+                                           serves, or that it holds where replicas share the maps
     firstfix/@any/localize                 several maps, named by the parameter ``map=a,b``; without it all
     firstfix/@any/localize/{replica}       this replica alone; one liveliness token
 
 No map can have the id ``@any``, and no wildcard matches it. The options are selector parameters. The payload
 has the same bytes as the HTTP body; its encoding is the media type. The parameters ``content_encoding``,
-``accept``, ``request_id`` and ``traceparent`` replace the HTTP headers. The attachment carries the credential of
-the header Authorization, without the word Bearer. Errors are the same problem documents.
+``accept``, ``request_id`` and ``traceparent`` replace the HTTP headers. The attachment carries the credential
+of the header Authorization, without the word Bearer. Errors are the same problem documents.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ class ZenohEndpoint:
         self._replies.shutdown(wait=False)
 
     def _on_query(self, query: Any) -> None:
-        """Hands the query to the event loop. zenoh calls back one query after the other, so this must be quick."""
+        """Hands the query to the event loop. zenoh calls this once at a time, so it must be quick."""
         arrived = time.monotonic()
         size = 0 if query.payload is None else len(query.payload)
         try:
@@ -154,11 +154,12 @@ class ZenohEndpoint:
         future.add_done_callback(self._ended)
 
     def _check_room(self, size: int) -> None:
-        """
+        """Checks the limits of zenoh queries. ``LocalizeUseCase.admit`` checks the room in the pool.
+
         Raises:
             TooLarge: over the limit of one body.
             Overloaded: the service stops, too many zenoh queries wait already, or all bodies together
-                would be too large. Room in the pool is checked by ``LocalizeUseCase.admit``.
+                would be too large.
         """
         if size > self._max_body_bytes:
             raise TooLarge(f"the body has {size} bytes, the limit is {self._max_body_bytes}")

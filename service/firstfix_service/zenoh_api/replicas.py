@@ -1,9 +1,10 @@
-"""Which replicas share the maps, by their liveliness tokens in zenoh.
+"""The replicas that share the maps, found by their liveliness tokens in zenoh.
 
     firstfix/@replicas/{replica}   liveliness token of every replica that holds maps (``FIRSTFIX_HOLDERS``)
 
-A router does not tell its peers of each other (it takes them to be connected), only its clients of all. So
-where a replica connects somewhere it watches the others by a session of its own, as a client.
+A router does not announce its peers to each other, because it takes them to be connected; it announces all
+of them to its clients. So a replica that connects to a router watches the others in a second session, as a
+client.
 """
 
 from __future__ import annotations
@@ -19,19 +20,19 @@ _log = structlog.get_logger(__name__)
 TOKENS = "firstfix/@replicas"
 FIRST_LOOK_S = 2.0
 RETRY_S = 3.0
-# Without a change until what is seen is believed: when a router restarts the replicas vanish and come back
-# one after the other, and each would load the maps of all meanwhile.
+# Time without a change before the replicas count. When a router restarts, the replicas vanish and come back
+# one after the other. Without this wait, each would load the maps of all the others.
 SETTLED_S = 3.0
 
 
 class ZenohReplicas:
-    """Follows the tokens in a thread of its own, and shows one. Thread-safe.
+    """Watches the tokens in a thread of its own, and declares this replica's token. Thread-safe.
 
     Args:
-        session: in which its token is shown.
-        changed: called with the replicas' names, this one among them, after every change, once it has
-            settled. The second argument says whether another change has come by now.
-        client: configuration of a session to watch by; None: by ``session``.
+        session: for this replica's token.
+        changed: called after every change, once it has settled, with the names of all replicas, this one
+            included. Its second argument returns whether another change has come since.
+        client: config of the session that watches; None: ``session`` watches.
     """
 
     def __init__(
@@ -53,33 +54,35 @@ class ZenohReplicas:
         self._event = threading.Event()
         self._stop = threading.Event()
         self._token: Any = None
-        self._watching: Any = None  # session that it watches by
+        self._watching: Any = None  # session that watches
         self._subscriber: Any = None
-        self._told: frozenset[str] | None = None  # what was told last, and seen to
+        self._told: frozenset[str] | None = None  # names of the last successful call of ``changed``
         self._thread = threading.Thread(target=self._run, name="replica-watch", daemon=True)
 
     @property
     def names(self) -> frozenset[str]:
-        """Replicas that show a token, and this one."""
+        """Names of the replicas with a token, and of this one."""
         with self._lock:
             return frozenset(key.rpartition("/")[2] for key in self._keys)
 
     def start(self) -> frozenset[str]:
-        """Follows the tokens from now on, or as soon as there is somebody to connect with; returns who is
-        seen already. Blocks for a few seconds at most."""
+        """Starts to watch, and returns the names seen so far. Blocks for a few seconds at most.
+
+        If nothing can be reached yet, it tries again later.
+        """
         self._watch()
         self._told = names = self.names
         self._thread.start()
         return names
 
     def join(self) -> None:
-        """Shows this replica's token, once: others leave to it what it holds, so that should be loaded."""
+        """Declares this replica's token, once. Load its maps before: the others rely on it then."""
         if self._token is None and not self._stop.is_set():
             self._token = self._session.liveliness().declare_token(self._own)
             _log.info("holding maps among replicas", replicas=sorted(self.names))
 
     def leave(self) -> None:
-        """Takes the token back, for good: others load what it holds, while it goes on answering."""
+        """Takes the token back for good. Others load this replica's maps while it goes on answering."""
         self._stop.set()
         self._event.set()
         token, self._token = self._token, None
@@ -87,7 +90,7 @@ class ZenohReplicas:
             token.undeclare()
 
     def close(self) -> None:
-        """Leaves, and looks no more. May be called again."""
+        """Leaves and stops watching. May be called again."""
         self.leave()
         if self._thread.ident is not None:
             self._thread.join()
@@ -102,7 +105,7 @@ class ZenohReplicas:
             replies = watching.liveliness().get(pattern, timeout=FIRST_LOOK_S)
             with self._lock:
                 self._keys |= {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
-            # history: who came or went between the look and now is told as well
+            # history: also reports changes between the look and now
             self._subscriber = watching.liveliness().declare_subscriber(pattern, self._on_token, history=True)
         except zenoh.ZError as error:
             _log.warning("other replicas are not seen yet", error=str(error))
@@ -132,11 +135,13 @@ class ZenohReplicas:
                 continue
             names = self.names
             if not self._watching.info.transports():
-                self._event.set()  # it is this one that is cut off: the others have not gone
+                self._event.set()  # this replica is cut off; the others have not gone
             elif names != self._told:
                 _log.info("other replicas hold maps", replicas=sorted(names))
                 try:
                     self._changed(names, self._event.is_set)
-                except Exception:  # the watch must outlive a defect: else nobody takes over
-                    _log.exception("what other replicas held was not taken over")
-                self._told = None if self._event.is_set() else names  # it may have ended early
+                except Exception:  # a defect must not end the watch: nobody would take over
+                    _log.exception("the maps of other replicas were not taken over")
+                self._told = (
+                    None if self._event.is_set() else names
+                )  # it may have ended early, after another change

@@ -21,7 +21,7 @@ from firstfix.upkeep.rebuild import rebuild
 from firstfix_builder.job.fetch_source import SourceFetch
 from firstfix_service.auth.principal import Principal
 from firstfix_service.http_api.bodies.disk_space import DiskSpace
-from firstfix_service.http_api.bodies.multipart import UploadedFile
+from firstfix_service.http_api.bodies.multipart import FormFile
 from firstfix_service.http_api.bodies.submission import NamedUpload, Submission
 from firstfix_service.http_api.routes.maps import _record
 from interleavings import run_interleaved, switch_points
@@ -63,7 +63,7 @@ def submission(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Submissi
         uploads.append(uploads.get("u1"), CONTENT)
 
     if request.param == "file":
-        return Submission(CALLER, "hall", UploadedFile(path, "a.xyz"), None, {}), lambda store: None
+        return Submission(CALLER, "hall", FormFile(path, "a.xyz"), None, {}), lambda store: None
     return Submission(CALLER, "hall", NamedUpload("u1"), None, {}), put_upload
 
 
@@ -97,7 +97,7 @@ def test_a_request_that_is_repeated_after_a_kill_finds_its_source(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "a.xyz").write_bytes(CONTENT)
-    handed_in = Submission(CALLER, "hall", UploadedFile(tmp_path / "a.xyz", "a.xyz"), None, {})
+    handed_in = Submission(CALLER, "hall", FormFile(tmp_path / "a.xyz", "a.xyz"), None, {})
 
     def run(kill_at: int, switches: tuple[int, ...]) -> int:
         store = Store.open("memory://")
@@ -123,7 +123,7 @@ def test_a_collection_that_was_killed_leaves_nothing_for_ever(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "a.xyz").write_bytes(CONTENT)
-    handed_in = Submission(CALLER, "hall", UploadedFile(tmp_path / "a.xyz", "a.xyz"), None, {})
+    handed_in = Submission(CALLER, "hall", FormFile(tmp_path / "a.xyz", "a.xyz"), None, {})
 
     def run(kill_at: int) -> int:
         store = Store.open("memory://")

@@ -86,7 +86,7 @@ def test_a_version_that_cannot_be_loaded_is_refused_and_forgotten(
 
 
 def test_queries_survive_kills(workers: QueryWorkerProcesses, query: Query):
-    """kill -9 again and again, idle or at work: a query is answered or says that its worker was lost."""
+    """Kills come again and again, idle or at work: a query is answered or says that its worker was lost."""
     end = threading.Event()
 
     def ask() -> tuple[int, int]:

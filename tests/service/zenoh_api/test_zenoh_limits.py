@@ -55,6 +55,13 @@ class TalkativeLocalizer(FakeLocalizer):
         return dataclasses.replace(answer, verdict=Verdict.LOCALIZED, hypotheses=many)
 
 
+def other_client(service: Service) -> Service:
+    """The service as a session of its own sees it, which has seen the service's keys."""
+    session = client_session(service.endpoint)
+    wait_until(lambda: list(session.liveliness().get("firstfix/@any/localize/*", timeout=5)))
+    return dataclasses.replace(service, session=session)
+
+
 def metric(service: Service, name: str) -> float:
     lines = service.http.get("/metrics").text.splitlines()
     return sum(float(line.rsplit(" ", 1)[1]) for line in lines if line.startswith(name))
@@ -63,13 +70,13 @@ def metric(service: Service, name: str) -> float:
 def test_a_message_over_the_limit_harms_nobody(tmp_path: Path):
     with running_service(tmp_path, zenoh_max_message_bytes=1 << 20) as service:
         publish(service.catalog, "hall", "1", service.scratch)
-        other = client_session(service.endpoint)
-        replies = other.get("firstfix/hall/localize", payload=bytes(3 << 20), encoding=XYZ, timeout=2)
+        other = other_client(service)
+        replies = other.session.get("firstfix/hall/localize", payload=bytes(3 << 20), encoding=XYZ, timeout=2)
         assert not any(reply.ok for reply in replies)
         assert metric(service, "firstfix_localize_failures_total") == 0, "the service has not seen it"
         assert service.ask_zenoh().ok
-        assert dataclasses.replace(service, session=other).ask_zenoh().ok, "also who sent it is answered"
-        other.close()
+        assert other.ask_zenoh().ok, "also who sent it is answered"
+        other.session.close()
 
 
 def test_bodies_together_are_bounded(tmp_path: Path):
@@ -135,9 +142,9 @@ def test_an_asker_who_takes_nothing_in_holds_nobody_up(tmp_path: Path):
             asker.kill()
             asker.wait()
         # of a new session: that of the test, idle for so long, may have been given up on a busy machine
-        other = client_session(service.endpoint)
-        assert dataclasses.replace(service, session=other).ask_zenoh().ok
-        other.close()
+        other = other_client(service)
+        assert other.ask_zenoh().ok
+        other.session.close()
 
 
 def test_stopping_answers_all_who_wait(tmp_path: Path):
@@ -147,8 +154,8 @@ def test_stopping_answers_all_who_wait(tmp_path: Path):
         running_service(tmp_path, behaviour=behaviour, workers=1) as service,
     ):
         publish(service.catalog, "hall", "1", service.scratch)
-        peer = client_session(service.endpoint)
-        asked = dataclasses.replace(service, session=peer)
+        asked = other_client(service)
+        peer = asked.session
         waiting = [threads.submit(asked.ask_zenoh) for _ in range(5)]
         wait_until(lambda: metric(service, "firstfix_queries_admitted") == 5)
         service.stop()

@@ -1,5 +1,8 @@
-"""Replicas that share the maps: over the router of deploy/zenoh with its rules, one killed and started again
-while robots ask; and a replica's view of the others, over sessions on loopback."""
+"""Replicas that share the maps.
+
+Over the router of deploy/zenoh with its rules, one replica is killed and started again while robots ask. The
+view of a single replica is tested over sessions on loopback.
+"""
 
 from __future__ import annotations
 

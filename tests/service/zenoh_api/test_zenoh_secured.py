@@ -1,5 +1,4 @@
-"""The example files of deploy/zenoh: TLS, passwords and access rules, through a router, with replicas that
-die, hang and come back."""
+"""The example files of deploy/zenoh: TLS, passwords and access rules of a router; replicas die and return."""
 
 from __future__ import annotations
 

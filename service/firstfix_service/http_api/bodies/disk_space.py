@@ -1,4 +1,4 @@
-"""Room on the disks for what arrives: promised before it is taken, so that no two get the same bytes."""
+"""Disk space for files that arrive. It is reserved before use, so no two requests count on the same bytes."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from firstfix.errors import OutOfSpace
 
 
 class DiskSpace:
-    """Ledger of the process: promised bytes of each disk. Thread-safe.
+    """Reserved bytes of each disk, of this process. Thread-safe.
 
     Args:
-        min_free_bytes: that stay free on every disk.
+        min_free_bytes: stay free on every disk.
     """
 
     def __init__(self, min_free_bytes: int) -> None:
@@ -25,12 +25,13 @@ class DiskSpace:
 
     @contextmanager
     def reserve(self, what: str, directory: Path | None) -> Iterator[Reservation]:
-        """A reservation on the directory's disk, of nothing yet. What it is promised is given back when the
-        block ends, however it ends. The disk is not asked: that is for a thread to do.
+        """Opens a reservation of zero bytes on the directory's disk. It is given back when the block ends.
+
+        This does not block: the disk is only read by ``Reservation.ensure`` and ``take``.
 
         Args:
-            what: for people: whose disk it is.
-            directory: None: a store that is no directory, and has any room.
+            what: name of the disk, for error messages.
+            directory: None: a store without a directory, which is never full.
         """
         reservation = Reservation(self, what, directory)
         with self._lock:
@@ -43,12 +44,12 @@ class DiskSpace:
 
     @property
     def promised_bytes(self) -> int:
-        """Promised and not yet written, on all disks."""
+        """Reserved bytes that are not written yet, on all disks."""
         with self._lock:
             return sum(one.outstanding_bytes for one in self._open)
 
     def ensure(self, reservation: Reservation, size_bytes: int, next_bytes: int) -> None:
-        """See ``Reservation``: makes it up to ``size_bytes``, of which ``next_bytes`` are written next."""
+        """Grows a reservation to ``size_bytes``, of which ``next_bytes`` are written next."""
         if reservation.directory is None:
             return
         if reservation.device is None:
@@ -59,7 +60,7 @@ class DiskSpace:
             more = max(size_bytes - reservation.promised_bytes, 0)
             promised = sum(one.outstanding_bytes for one in self._open if one.device == reservation.device)
             room = free - self._min_free_bytes
-            # A promise counts beside those of others; what is written needs room whatever was promised.
+            # A reservation counts beside those of others; a write needs room even if it was reserved.
             if (more and promised + more > room) or (next_bytes and next_bytes > room):
                 raise OutOfSpace(f"{reservation.what} has no room for {max(more, next_bytes)} more bytes")
             reservation.promised_bytes += more
@@ -67,12 +68,12 @@ class DiskSpace:
 
 
 class Reservation:
-    """One caller's share of a disk. What it was promised stays promised until it is written.
+    """One request's share of a disk. Its bytes stay reserved until they are written.
 
     Attributes:
-        promised_bytes: in all, written ones too.
-        taken_bytes: that were or are just being written.
-        written_bytes: that the disk itself counts as used.
+        promised_bytes: reserved in all, written ones included.
+        taken_bytes: written, or being written now.
+        written_bytes: counted as used by the disk itself.
     """
 
     def __init__(self, ledger: DiskSpace, what: str, directory: Path | None) -> None:
@@ -84,20 +85,21 @@ class Reservation:
 
     @property
     def outstanding_bytes(self) -> int:
+        """Reserved bytes that are not written yet."""
         return self.promised_bytes - self.written_bytes
 
     def ensure(self, size_bytes: int) -> None:
-        """Makes it a promise of so many bytes in all, if it is not one already.
+        """Reserves so many bytes in all, if fewer are reserved.
 
         Raises:
-            OutOfSpace: there is not so much beside what others were promised.
+            OutOfSpace: there is not enough room beside the other reservations.
         """
         self._ledger.ensure(self, size_bytes, 0)
 
     def take(self, size_bytes: int) -> None:
-        """To be called before so many bytes are written, after those of the last call were.
+        """Announces a write of so many bytes. Call it after the previous write has ended.
 
         Raises:
-            OutOfSpace: they were not promised and there is no room, or the disk has run full otherwise.
+            OutOfSpace: the bytes are not reserved and there is no room, or the disk is full.
         """
         self._ledger.ensure(self, self.taken_bytes + size_bytes, size_bytes)

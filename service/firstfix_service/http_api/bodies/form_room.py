@@ -1,4 +1,4 @@
-"""Room for a form's files: in the work folder, where they arrive, and in the store, which gets a copy."""
+"""Disk space for a form's files: in the work folder, where they arrive, and for the copy in the store."""
 
 from __future__ import annotations
 
@@ -15,8 +15,10 @@ from .disk_space import DiskSpace, Reservation
 
 
 class FormRoom:
-    """Attributes:
-    directory: for the files; it goes with them.
+    """Disk space of one form.
+
+    Attributes:
+        directory: for the files; it is removed with them.
     """
 
     def __init__(self, directory: Path, here: Reservation, in_store: Reservation) -> None:
@@ -25,10 +27,10 @@ class FormRoom:
         self._in_store = in_store
 
     def take(self, size_bytes: int) -> None:
-        """To be called before so many bytes more are written to the directory.
+        """Announces a write of so many bytes to the directory.
 
         Raises:
-            OutOfSpace: they have no room here, or would have none in the store.
+            OutOfSpace: there is no room here or in the store.
         """
         self._here.take(size_bytes)
         self._in_store.ensure(self._here.taken_bytes)
@@ -38,13 +40,14 @@ class FormRoom:
 async def form_room(
     disks: DiskSpace, store: Store, folder: Path, declared_bytes: int
 ) -> AsyncIterator[FormRoom]:
-    """A directory of its own below the folder, and the promise of room, until the block ends.
+    """Makes a directory for one form and reserves space for it, until the block ends.
 
     Args:
-        declared_bytes: of the form; 0: it does not say.
+        folder: parent of the directory.
+        declared_bytes: size of the form; 0: not declared.
 
     Raises:
-        OutOfSpace: there is no room for what was declared: nothing has been made.
+        OutOfSpace: there is no room for the declared size. No directory was made.
     """
     directory = folder / uuid.uuid4().hex
     with (

@@ -1,4 +1,4 @@
-"""JSON objects from outside: of bounded size, and of numbers that JSON has."""
+"""JSON objects in request bodies: of bounded size, without NaN and infinity."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 async def read_object(request: Request) -> dict[str, Any]:
-    """The JSON object in a request's body.
+    """Returns the JSON object in a request's body.
 
     Raises:
-        TooLarge: over a mebibyte.
-        DeadlineExceeded: it did not arrive.
+        TooLarge: over MAX_JSON_BYTES.
+        DeadlineExceeded: it did not arrive in time.
         MalformedData: as ``parse_object``.
     """
     body = await BodyReader(MAX_JSON_BYTES, MAX_JSON_BYTES, TIMEOUT_S).read(request)
@@ -32,10 +32,10 @@ async def read_object(request: Request) -> dict[str, Any]:
 
 
 async def read_model(request: Request, model: type[Model]) -> Model:
-    """The body as a model.
+    """Returns the body as a model.
 
     Raises:
-        InvalidOption: names every field that is wrong, and why.
+        InvalidOption: names each wrong field and the reason.
         TooLarge, DeadlineExceeded, MalformedData: as ``read_object``.
     """
     data = await read_object(request)
@@ -50,16 +50,20 @@ async def read_model(request: Request, model: type[Model]) -> Model:
 
 
 def parse_object(data: bytes, what: str) -> dict[str, Any]:
-    """
+    """Returns a JSON object.
+
+    Args:
+        what: name of the data, for error messages.
+
     Raises:
-        MalformedData: not JSON, not an object, or with numbers that JSON does not have.
+        MalformedData: not JSON, not an object, or with NaN or infinite numbers.
     """
     try:
         value = json.loads(data, parse_constant=_refuse, parse_float=_finite)
     except (ValueError, RecursionError):
         raise MalformedData(f"{what} is not JSON") from None
     if not isinstance(value, dict):
-        raise MalformedData(f"{what} is no JSON object")
+        raise MalformedData(f"{what} is not a JSON object")
     return value
 
 

@@ -1,4 +1,4 @@
-"""A multipart form whose files go to disk as they arrive: gigabytes of map pass through a small process."""
+"""Multipart forms. Their files are written to disk as they arrive, so gigabytes need little memory."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ if TYPE_CHECKING:
 MAX_TEXT_BYTES = 1 << 20
 MAX_HEADER_BYTES = 16 << 10
 MAX_BOUNDARY_BYTES = 70  # RFC 2046; the parser's work grows with it
-_BATCH_BYTES = 1 << 20  # written by one hand-over to a thread
+_BATCH_BYTES = 1 << 20  # written by one call in a thread
 
 
 @dataclass(frozen=True)
-class UploadedFile:
-    """A file of the form, on disk.
+class FormFile:
+    """A file of a form, on disk.
 
     Attributes:
-        file_name: what the caller called it, made harmless; its ending says how to read it.
+        file_name: the caller's name for it, made harmless. Its suffix says how to read it.
     """
 
     path: Path
@@ -40,8 +40,10 @@ class UploadedFile:
 
 @dataclass
 class Form:
+    """Fields of a multipart form, by name."""
+
     texts: dict[str, str] = field(default_factory=dict)
-    files: dict[str, UploadedFile] = field(default_factory=dict)
+    files: dict[str, FormFile] = field(default_factory=dict)
 
 
 async def receive_form(
@@ -54,16 +56,16 @@ async def receive_form(
     pace: Pace,
     take: Callable[[int], None],
 ) -> Form:
-    """The form of a request.
+    """Returns the form in a request's body.
 
     Args:
-        directory: for the files, which the caller removes.
-        take: called, in a thread, before so many bytes are written: raises where there is no room.
+        directory: for the files. The caller removes it.
+        take: called in a thread before so many bytes are written. It raises if there is no room.
 
     Raises:
-        DeadlineExceeded: the body does not keep the pace.
+        DeadlineExceeded: the body is too slow.
         TooLarge: over the limit.
-        InvalidOption: a field that is not asked for, or twice the same.
+        InvalidOption: a field is unknown or given twice.
         MalformedData: not a multipart form, or cut off.
     """
     _, parameters = parse_options_header(request.headers.get("content-type"))
@@ -83,7 +85,7 @@ async def receive_form(
         async for part in paced_pieces(request, pace):
             size += len(part)
             if size > max_bytes:
-                raise TooLarge(f"the upload has over {max_bytes} bytes")
+                raise TooLarge(f"the form has over {max_bytes} bytes")
             batch += part
             if len(batch) >= _BATCH_BYTES:
                 await COPIES.run(write, bytes(batch))
@@ -99,7 +101,7 @@ async def receive_form(
 
 
 class _FormWriter:
-    """Takes the parser's events."""
+    """Builds a form from the parser's events."""
 
     def __init__(self, directory: Path, text_fields: set[str], file_fields: set[str]) -> None:
         self.form = Form()
@@ -114,6 +116,7 @@ class _FormWriter:
         self._file: BinaryIO | None = None
 
     def callbacks(self) -> MultipartCallbacks:
+        """Returns the handlers of the parser's events."""
         return {
             "on_part_begin": self._begin,
             "on_header_field": self._header_field,
@@ -126,6 +129,7 @@ class _FormWriter:
         }
 
     def close(self) -> None:
+        """Closes the file that is being written, if any."""
         if self._file is not None:
             self._file.close()
             self._file = None
@@ -156,12 +160,12 @@ class _FormWriter:
         _, parameters = parse_options_header(self._headers.get(b"content-disposition"))
         self._name = parameters.get(b"name", b"").decode("utf-8", "replace")
         if self._name in self.form.texts or self._name in self.form.files:
-            raise InvalidOption(f"the form has {self._name} twice")
+            raise InvalidOption(f"the form has the field {self._name!r} twice")
         if self._name in self._file_fields:
             given = parameters.get(b"filename", b"").decode("utf-8", "replace")
             path = self._directory / self._name
             self._file = path.open("wb")
-            self.form.files[self._name] = UploadedFile(path, harmless_name(given))
+            self.form.files[self._name] = FormFile(path, harmless_name(given))
         elif self._name not in self._text_fields:
             wanted = ", ".join(sorted(self._text_fields | self._file_fields))
             raise InvalidOption(f"the form has no field {self._name[:80]!r}; there are {wanted}")
@@ -188,6 +192,6 @@ class _FormWriter:
 
 
 def harmless_name(name: str) -> str:
-    """The last part of a path, of letters, digits, ``.``, ``_`` and ``-``, without a leading dot."""
+    """Returns the last part of a path, with letters, digits, ``.``, ``_`` and ``-`` only, no dot in front."""
     last = re.split(r"[/\\]", name)[-1]
     return re.sub(r"[^A-Za-z0-9._-]", "_", last).lstrip(".")[-100:] or "map"

@@ -1,4 +1,4 @@
-"""Long bodies, which may take hours but have to keep coming."""
+"""Long bodies, which may take hours but must keep a minimum pace."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from firstfix.errors import DeadlineExceeded
 
 @dataclass(frozen=True)
 class Pace:
-    """Pace that a body has to keep. Only the time counts in which the sender is waited for.
+    """Minimum pace of a body. Only the time in which the service waits for the sender counts.
 
     Attributes:
-        stall_s: without a byte until it is given up; over each such time the mean rate is looked at.
-        min_bytes_per_s: the lowest mean rate: one byte now and then is no progress.
-        timeout_s: for all of it.
+        stall_s: limit without a single byte. The mean rate is measured over windows of this length.
+        min_bytes_per_s: lowest mean rate.
+        timeout_s: limit of the whole body.
     """
 
     stall_s: float
@@ -28,10 +28,10 @@ class Pace:
 
 
 async def paced_pieces(request: Request, pace: Pace) -> AsyncIterator[bytes]:
-    """The pieces of a request's body, as they come.
+    """Yields the pieces of a request's body as they arrive.
 
     Raises:
-        DeadlineExceeded: the body does not keep the pace.
+        DeadlineExceeded: the body is too slow.
         ClientDisconnect: the caller has gone.
     """
     stream = aiter(request.stream())
@@ -55,8 +55,8 @@ async def paced_pieces(request: Request, pace: Pace) -> AsyncIterator[bytes]:
         if window_s >= pace.stall_s:
             if window_bytes < pace.min_bytes_per_s * window_s:
                 raise DeadlineExceeded(
-                    f"the body comes with {window_bytes / window_s:.0f} bytes/s: at least "
-                    f"{pace.min_bytes_per_s} are expected"
+                    f"the body arrives with {window_bytes / window_s:.0f} bytes/s, the minimum is "
+                    f"{pace.min_bytes_per_s}"
                 )
             window_s, window_bytes = 0.0, 0
         yield piece
@@ -65,4 +65,4 @@ async def paced_pieces(request: Request, pace: Pace) -> AsyncIterator[bytes]:
 def _too_slow(pace: Pace, in_all: bool) -> DeadlineExceeded:
     if in_all:
         return DeadlineExceeded(f"the body did not arrive within {pace.timeout_s:g} s")
-    return DeadlineExceeded(f"nothing of the body came for {pace.stall_s:g} s")
+    return DeadlineExceeded(f"no byte of the body arrived for {pace.stall_s:g} s")

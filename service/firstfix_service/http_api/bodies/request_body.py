@@ -1,4 +1,4 @@
-"""Reading a request's body without letting a caller fill the memory or keep it forever."""
+"""Request bodies in memory, with limits of their size and of the time to send them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from firstfix.errors import DeadlineExceeded, InputError, Overloaded, TooLarge
 
 
 class BodyReader:
-    """Reads bodies up to a limit each, and up to a limit together. One event loop's."""
+    """Reads bodies up to a limit for each and a limit for all together. Belongs to one event loop."""
 
     def __init__(self, max_bytes: int, max_inflight_bytes: int, timeout_s: float) -> None:
         self._max_bytes = max_bytes
@@ -19,11 +19,11 @@ class BodyReader:
         self.inflight_bytes = 0
 
     async def read(self, request: Request) -> bytes:
-        """The body. The caller gives its bytes back with ``release`` when it has done with them.
+        """Returns the body. Call ``release`` when it is no longer needed.
 
         Raises:
-            TooLarge: over the limit, by its declared length or as it arrives.
-            Overloaded: all bodies together would take too much.
+            TooLarge: over the limit, by the declared length or by the bytes that arrive.
+            Overloaded: all bodies together are too large.
             DeadlineExceeded: it did not arrive in time.
         """
         check_declared_length(request, self._max_bytes)
@@ -47,27 +47,29 @@ class BodyReader:
         return b"".join(parts)
 
     def release(self, body: bytes) -> None:
+        """Takes a body out of the count of all bodies."""
         self.inflight_bytes -= len(body)
 
 
 def declared_length(request: Request) -> int | None:
-    """Content-Length; None: the body is sent without saying how long it is.
+    """Returns Content-Length, or None without that header.
 
     Raises:
-        InputError: it is no number.
+        InputError: it is not a number.
     """
     declared = request.headers.get("content-length")
     if declared is None:
         return None
     if not (declared.isascii() and declared.isdecimal()) or len(declared) > 18:
-        raise InputError("Content-Length is no number")
+        raise InputError("Content-Length is not a number")
     return int(declared)
 
 
 def check_declared_length(request: Request, max_bytes: int) -> None:
-    """
+    """Checks Content-Length before the body is read.
+
     Raises:
-        TooLarge: Content-Length says so: nothing of the body is read.
+        TooLarge: over the limit.
     """
     declared = declared_length(request)
     if declared is not None and declared > max_bytes:

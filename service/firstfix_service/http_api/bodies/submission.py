@@ -1,4 +1,4 @@
-"""What POST /maps hands in: read and checked in whole before anything is kept or built."""
+"""Submissions of POST /maps: read and checked completely before anything is stored or built."""
 
 from __future__ import annotations
 
@@ -23,31 +23,32 @@ from ...auth.principal import Principal
 from ..dependencies import Parts
 from .form_room import FormRoom
 from .json_body import parse_object, read_object
-from .multipart import UploadedFile, harmless_name, receive_form
-from .own_upload import own_upload
+from .multipart import FormFile, harmless_name, receive_form
+from .upload_stream import own_upload
 
 _TEXTS, _FILES = {"map_id", "config"}, {"source", "trajectory"}
 
 
 @dataclass(frozen=True)
 class NamedUrl:
-    """A file elsewhere, which whoever builds the map fetches."""
+    """A file at a URL. The build worker fetches it."""
 
     url: str
 
     @property
     def file_name(self) -> str:
+        """The last part of the URL's path."""
         return harmless_name(self.url.split("?", 1)[0])
 
 
 @dataclass(frozen=True)
 class NamedUpload:
-    """A file that came by /uploads."""
+    """A file that was sent to /uploads."""
 
     upload_id: str
 
 
-Source = UploadedFile | NamedUrl | NamedUpload
+Source = FormFile | NamedUrl | NamedUpload
 
 
 @dataclass(frozen=True)
@@ -55,8 +56,7 @@ class Submission:
     """A map to be built.
 
     Attributes:
-        caller: who hands it in.
-        config: of the build, as it was given; it has been checked.
+        config: of the build, as given; it was checked.
     """
 
     caller: Principal
@@ -67,20 +67,21 @@ class Submission:
 
     @property
     def copies_uploads(self) -> bool:
-        """Whether the store has to copy files, which can take as long as sending them."""
+        """Whether the store must copy uploads, which can take as long as sending them."""
         return any(isinstance(source, NamedUpload) for source in (self.source, self.trajectory))
 
     def fingerprint(self) -> str:
-        """Equal for equal submissions: of files in the body the content counts."""
+        """Returns a digest that is equal for equal submissions. Of a form's files, the content counts."""
         described = [self.map_id, _identity(self.source), _identity(self.trajectory), self.config]
         return hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()
 
     def keep(self, parts: Parts, *, build_id: str = "") -> dict[str, Any]:
-        """The build's record, once the files are in the store. Again does no harm, and brings back what a
-        garbage collection took in between.
+        """Puts the files into the store and returns the build's record.
+
+        It may be repeated, and then restores files that a garbage collection has removed meanwhile.
 
         Args:
-            build_id: the files are kept once more, for this build alone.
+            build_id: not empty: the files are stored once more, for this build alone.
 
         Raises:
             NotFound: no such upload of this caller.
@@ -103,10 +104,10 @@ class Submission:
         }
 
     def _kept(self, parts: Parts, source: Source, build_id: str) -> tuple[dict[str, str], str]:
-        """The source as the record names it, and the file name by whose ending it is read."""
+        """The source's entry in the record, and the file name whose suffix says how to read it."""
         if isinstance(source, NamedUrl):
             return {"url": source.url}, source.file_name
-        if isinstance(source, UploadedFile):
+        if isinstance(source, FormFile):
             sha256 = parts.catalog.put_source(self.map_id, source.path, build_id=build_id)
             return {"key": source_key(self.map_id, sha256)}, source.file_name
         upload = own_upload(parts.uploads, self.caller, source.upload_id)
@@ -117,12 +118,13 @@ class Submission:
 
 
 def keep_for_good(parts: Parts, build_id: str, record: Mapping[str, Any], submission: Submission) -> None:
-    """Sees to the files that a build names, once it is on record: from here on a garbage collection sees
-    the record. One that began before may have removed a file that was in the store already, or may still
-    do it: then the build gets a copy of its own.
+    """Makes sure that a recorded build has its files.
+
+    A garbage collection that began before the record was written may have removed a file, or may still do so.
+    Then the build gets a copy of its own.
 
     Raises:
-        as ``Submission.keep``.
+        FirstfixError: as ``Submission.keep``.
     """
     store = parts.catalog.store
     keys = [one["key"] for role in ("source", "trajectory") if (one := record.get(role)) and "key" in one]
@@ -133,12 +135,12 @@ def keep_for_good(parts: Parts, build_id: str, record: Mapping[str, Any], submis
 
 
 async def from_form(request: Request, parts: Parts, caller: Principal, room: FormRoom) -> Submission:
-    """The submission of a multipart form, its files in the room's directory.
+    """Returns the submission in a multipart form. Its files are in the room's directory.
 
     Raises:
         InvalidOption, MalformedData, TooLarge: the form cannot be used.
-        OutOfSpace: there is no room for it, here or in the store.
-        DeadlineExceeded: it does not keep the pace.
+        OutOfSpace: there is no room for it here or in the store.
+        DeadlineExceeded: it arrives too slowly.
         Forbidden: the caller may not build this map.
     """
     form = await receive_form(
@@ -162,7 +164,7 @@ async def from_form(request: Request, parts: Parts, caller: Principal, room: For
 
 
 async def from_json(request: Request, parts: Parts, caller: Principal) -> Submission:
-    """The submission of a body that names URLs or uploads.
+    """Returns the submission in a JSON body, which names URLs or uploads.
 
     Raises:
         InvalidOption, MalformedData, TooLarge: the body cannot be used, or the operator forbids a URL.
@@ -174,7 +176,7 @@ async def from_json(request: Request, parts: Parts, caller: Principal) -> Submis
         raise InvalidOption(f"no field {', '.join(sorted(unknown))[:200]}")
     config = body.get("config") or {}
     if not isinstance(config, dict):
-        raise InvalidOption("config is a JSON object")
+        raise InvalidOption("config is not a JSON object")
     trajectory = body.get("trajectory")
     return Submission(
         caller,
@@ -209,7 +211,7 @@ def _named(parts: Parts, named: Any, role: str) -> NamedUrl | NamedUpload:
 def _identity(source: Source | None) -> list[str] | None:
     if source is None:
         return None
-    if isinstance(source, UploadedFile):
+    if isinstance(source, FormFile):
         return ["file", source.file_name, sha256_of(source.path)]
     if isinstance(source, NamedUrl):
         return ["url", source.url]

@@ -1,4 +1,4 @@
-"""The headers of resumable uploads: tus 1.0, core with creation, checksum, termination and expiration."""
+"""Headers of resumable uploads: tus 1.0 with creation, checksum, termination and expiration."""
 
 from __future__ import annotations
 
@@ -21,18 +21,23 @@ _NUMBER = re.compile(r"[0-9]{1,18}")
 
 
 def check_version(given: str | None) -> None:
-    """
+    """Checks the caller's tus version. None is accepted, because clients like curl do not send it.
+
     Raises:
-        PreconditionFailed: the caller speaks another version; one that does not say may be curl.
+        PreconditionFailed: another version.
     """
     if given not in (None, VERSION):
         raise PreconditionFailed(f"this service speaks tus {VERSION}")
 
 
 def number(name: str, text: str) -> int:
-    """
+    """Returns the number in a header.
+
+    Args:
+        name: of the header.
+
     Raises:
-        InvalidOption: the header is no number.
+        InvalidOption: it is not a number.
     """
     if not _NUMBER.fullmatch(text):
         raise InvalidOption(f"{name} is a number of bytes, not {text[:40]!r}")
@@ -40,10 +45,10 @@ def number(name: str, text: str) -> int:
 
 
 def metadata(text: str) -> dict[str, str]:
-    """The pairs of an Upload-Metadata header: names, and values in base64.
+    """Returns the names and decoded values of an Upload-Metadata header.
 
     Raises:
-        InvalidOption: it is not of that form.
+        InvalidOption: the header is malformed.
     """
     found: dict[str, str] = {}
     for pair in filter(None, (pair.strip() for pair in text.split(","))):
@@ -58,10 +63,10 @@ def metadata(text: str) -> dict[str, str]:
 
 
 class Checksum:
-    """What an Upload-Checksum header says of a body.
+    """The checksum in an Upload-Checksum header.
 
     Raises:
-        InvalidOption: an algorithm that is not offered, or no digest of it.
+        InvalidOption: unknown algorithm, or the digest is malformed.
     """
 
     def __init__(self, header: str) -> None:
@@ -72,21 +77,22 @@ class Checksum:
         try:
             self._expected = base64.b64decode(value.strip(), validate=True)
         except (binascii.Error, ValueError):
-            raise InvalidOption("Upload-Checksum: no base64") from None
+            raise InvalidOption("Upload-Checksum: not base64") from None
         if len(self._expected) != hashlib.new(name, usedforsecurity=False).digest_size:
-            raise InvalidOption(f"Upload-Checksum: no {name} digest")
+            raise InvalidOption(f"Upload-Checksum: not a {name} digest")
 
     def check(self, data: bytes) -> None:
-        """
+        """Checks the digest of a body.
+
         Raises:
             ChecksumMismatch: the data have another digest.
         """
         if hashlib.new(self._name, data, usedforsecurity=False).digest() != self._expected:
-            raise ChecksumMismatch(f"the part has another {self._name} than its Upload-Checksum says")
+            raise ChecksumMismatch(f"the {self._name} of the part differs from its Upload-Checksum")
 
 
 def headers_of(upload: Upload) -> dict[str, str]:
-    """How far it is, and when it is given up."""
+    """Returns the headers with the upload's offset, length and expiry."""
     until = upload.last_modified + timedelta(seconds=DAY_S)
     return {
         "Tus-Resumable": VERSION,

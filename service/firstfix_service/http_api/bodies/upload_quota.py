@@ -1,4 +1,4 @@
-"""Quota of open uploads, of one caller and of all."""
+"""Quotas of open uploads, of one caller and of all."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ from firstfix.errors import Overloaded, QuotaExceeded
 
 
 class UploadQuota:
-    """Thread-safe. Replicas that begin uploads of one caller at the same moment can let through one each.
+    """Limits of open uploads. Thread-safe.
+
+    Several replicas that begin uploads of one caller at the same moment may each let one pass.
 
     Args:
         max_open: uploads of all callers.
-        max_open_per_caller: of one.
-        max_bytes_per_caller: of one's open uploads together, as announced.
+        max_open_per_caller: uploads of one caller.
+        max_bytes_per_caller: announced bytes of one caller's open uploads.
     """
 
     def __init__(
@@ -31,14 +33,14 @@ class UploadQuota:
     def begin(
         self, owner: str, upload_id: str, *, size_bytes: int, file_name: str, sha256: str | None
     ) -> None:
-        """Announces a file.
+        """Creates an upload within the quotas.
 
         Raises:
-            QuotaExceeded: the caller has as many as one may have.
-            Overloaded: all together are too many.
+            QuotaExceeded: the caller has reached its quota.
+            Overloaded: all callers together have too many.
         """
         wanted = UploadRecord(size_bytes, file_name, sha256, owner)
-        with self._lock:  # never held while the store is asked
+        with self._lock:  # not held during requests to the store
             self._beginning[upload_id] = wanted
             beginning = dict(self._beginning)
         try:

@@ -1,4 +1,4 @@
-"""The body of a request to the end of an upload, part after part: what has arrived stays, come what may."""
+"""Bodies of tus uploads: what has arrived is stored, even if the connection breaks."""
 
 from __future__ import annotations
 
@@ -6,12 +6,26 @@ from fastapi import Request
 from starlette.requests import ClientDisconnect
 
 from firstfix.catalog.uploads.uploads import PART_BYTES, Upload, Uploads
-from firstfix.errors import DeadlineExceeded, TooLarge
+from firstfix.errors import DeadlineExceeded, NotFound, TooLarge
 
+from ...auth.principal import Principal
 from ...lanes import COPIES
 from .disk_space import Reservation
 from .paced_body import Pace, paced_pieces
 from .tus import Checksum
+
+
+def own_upload(uploads: Uploads, caller: Principal, upload_id: str) -> Upload:
+    """Returns an upload of this caller.
+
+    Raises:
+        NotFound: no such upload, or another caller's: the caller cannot tell which.
+        StoreError: the store failed.
+    """
+    upload = uploads.get(upload_id)
+    if not caller.owns(upload.owner):
+        raise NotFound(f"no upload {upload_id}")
+    return upload
 
 
 async def append_body(
@@ -22,16 +36,17 @@ async def append_body(
     pace: Pace,
     room: Reservation,
 ) -> Upload:
-    """The upload with the body at its end. One part of it is in memory at a time. When the connection
-    breaks or is too slow, what has arrived is kept, but for a body with a checksum: that one counts as a
-    whole.
+    """Appends a request's body to an upload, and returns the upload.
+
+    One part of the body is in memory at a time. If the connection breaks or is too slow, the bytes that have
+    arrived are stored; those of a body with a checksum are not.
 
     Raises:
-        TooLarge: more than was announced, or a body with a checksum of more than one part.
-        ChecksumMismatch: the body is not what the checksum says: nothing of it is kept.
-        Conflict: another writer goes on with this upload.
-        DeadlineExceeded: the body does not keep the pace.
-        OutOfSpace: the store's disk has run full.
+        TooLarge: more bytes than announced, or a body with a checksum that has more than one part.
+        ChecksumMismatch: nothing of the body is stored.
+        Conflict: another request writes to this upload.
+        DeadlineExceeded: the body is too slow.
+        OutOfSpace: the store's disk is full.
     """
     waiting = bytearray()
     broken: BaseException | None = None

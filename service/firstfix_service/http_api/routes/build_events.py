@@ -1,4 +1,4 @@
-"""GET /builds/{id}/events: a build's progress as it comes, as server-sent events."""
+"""GET /builds/{id}/events: the progress of a build as server-sent events."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from ...auth.permission import Permission, PermissionDep
 from ...lanes import READS
 from ..authorize import CallerDep
 from ..dependencies import Parts, PartsDep
-from ..schema.path_parameters import BuildId
+from ..schema.parameters import BuildId
 
 router = APIRouter(prefix="/builds", tags=["builds"])
 _log = structlog.get_logger(__name__)
-LOOK_S = 1.0  # between looks at the status, which its writer renews twice a second
-HEARTBEAT_S = 15.0  # proxies cut connections on which nothing moves
+LOOK_S = 1.0  # between reads of the status, which its writer renews twice a second
+HEARTBEAT_S = 15.0  # proxies close idle connections
 _EVENTS: dict[int | str, dict[str, Any]] = {
     200: {
-        "description": "`event: progress` with the status as `data` whenever it changes, then "
-        "`event: end` with the last one. Comment lines in between keep the connection alive. A stream that "
-        "ends without `end` is to be opened again",
+        "description": "`event: progress` with the status as `data` at every change, then `event: end` with "
+        "the final status. Comment lines keep the connection alive. Open the stream again if it ends without "
+        "`end`",
         "content": {
             "text/event-stream": {
                 "schema": {"type": "string"},
@@ -48,28 +48,28 @@ async def get_build_events(
 ) -> StreamingResponse:
     """The build's status as it changes, until it ends or the caller's key or token is no longer valid."""
     status = await READS.run(parts.catalog.build_status, build_id)
-    place = ExitStack()
-    place.enter_context(parts.event_streams.one(caller.name))
-    return _Stream(_events(parts, permission, build_id, status), place)
+    counted = ExitStack()
+    counted.enter_context(parts.event_streams.request(caller.name))
+    return _Stream(_events(parts, permission, build_id, status), counted)
 
 
 class _Stream(StreamingResponse):
-    """Gives its place back when it has ended, however it does."""
+    """A stream that counts as a request under way until it ends."""
 
-    def __init__(self, events: AsyncIterator[bytes], place: ExitStack) -> None:
+    def __init__(self, events: AsyncIterator[bytes], counted: ExitStack) -> None:
         headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
         super().__init__(events, media_type="text/event-stream", headers=headers)
-        self._place = place
+        self._counted = counted
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        with self._place:
+        with self._counted:
             await super().__call__(scope, receive, send)
 
 
 async def _events(
     parts: Parts, permission: Permission, build_id: str, status: dict[str, Any]
 ) -> AsyncIterator[bytes]:
-    """Also ends when the service stops, and is cancelled when the caller has gone."""
+    """Events until the build ends, the service stops or the permission ends."""
     said: dict[str, Any] | None = None
     last = time.monotonic()
     while status["state"] not in FINAL_STATES:
@@ -87,7 +87,7 @@ async def _events(
         try:
             await permission.check(status["map_id"])
         except FirstfixError as error:
-            _log.info("a stream of events ended: its caller may not see it any more", code=error.code)
+            _log.info("a stream of events ended: its caller has lost the permission", code=error.code)
             return
         try:
             status = await READS.run(parts.catalog.build_status, build_id)

@@ -1,4 +1,4 @@
-"""/builds: which there are, how far one is, and stopping it."""
+"""/builds: list builds, see the progress of one, cancel one."""
 
 from __future__ import annotations
 
@@ -15,12 +15,11 @@ from ...lanes import CHANGES, LISTS, READS
 from ..authorize import CallerDep
 from ..dependencies import PartsDep
 from ..schema.api_models import Build, BuildPage
-from ..schema.paging import DEFAULT_LIMIT, After, Limit
-from ..schema.path_parameters import BuildId
+from ..schema.parameters import DEFAULT_LIMIT, After, BuildId, Limit
 
 router = APIRouter(prefix="/builds", tags=["builds"])
 RETRY_AFTER_S = 2
-LOOKED_AT = 1000  # records that one page looks at, however few of them it shows
+LOOKED_AT = 1000  # records that are read for one page, however few of them match
 
 
 @router.get("")
@@ -28,16 +27,18 @@ LOOKED_AT = 1000  # records that one page looks at, however few of them it shows
 def get_builds(
     parts: PartsDep,
     caller: CallerDep,
-    map_id: Annotated[str | None, Query(max_length=63, description="only this map's")] = None,
+    map_id: Annotated[str | None, Query(max_length=63, description="only builds of this map")] = None,
     state: Annotated[
         Literal["queued", "running", "succeeded", "failed", "cancelled", "unreadable"] | None,
-        Query(description="only those in this state"),
+        Query(description="only builds in this state"),
     ] = None,
     limit: Limit = DEFAULT_LIMIT,
     after: After = None,
 ) -> BuildPage:
-    """Builds of the caller's maps on record, newest first. A page can be short and yet not the last:
-    `next` says."""
+    """Recorded builds of the caller's maps, newest first.
+
+    A short page need not be the last one: see `next`.
+    """
     if map_id is not None:
         check_map_id(map_id)
     older = [name for name in reversed(parts.catalog.build_ids()) if after is None or name < after]
@@ -60,8 +61,10 @@ def get_builds(
 @router.get("/{build_id}")
 @READS.route
 def get_build(build_id: BuildId, parts: PartsDep, response: Response) -> Build:
-    """State, stage, progress, error, and the version once it has succeeded. `unreadable`: its record in the
-    store is damaged."""
+    """State, stage, progress, error, and the version of a build that has succeeded.
+
+    State `unreadable`: the build's record in the store is damaged.
+    """
     status = parts.catalog.shown_status(build_id)
     if status["state"] not in FINAL_STATES:
         response.headers["Retry-After"] = str(RETRY_AFTER_S)
@@ -71,6 +74,8 @@ def get_build(build_id: BuildId, parts: PartsDep, response: Response) -> Build:
 @router.delete("/{build_id}", status_code=202)
 @CHANGES.route
 def cancel_build(build_id: BuildId, parts: PartsDep) -> Build:
-    """Asks the build to stop. One that waits is cancelled at once, a running one within seconds: its
-    status says when."""
+    """Asks the build to stop.
+
+    A waiting build is cancelled at once, a running one within seconds. Its status says when.
+    """
     return Build.model_validate({"build_id": build_id, **cancel_build_anywhere(parts.catalog, build_id)})

@@ -1,4 +1,4 @@
-"""Removing what nothing references, of one map or of the whole store."""
+"""Garbage collection of one map or of the whole store."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from firstfix.upkeep.garbage import DAY_S, Ages, Garbage, collect_garbage
 from ...lanes import UPKEEP
 from ..dependencies import PartsDep
 from ..schema.api_models import GarbageReport
-from ..schema.path_parameters import MapId
+from ..schema.parameters import MapId
 
 router = APIRouter(tags=["garbage"])
 MAX_KEYS = 1000
-DryRun = Annotated[bool, Query(description="say what would be removed, remove nothing")]
+DryRun = Annotated[bool, Query(description="report what would be removed, remove nothing")]
 OlderThanH = Annotated[
-    float, Query(ge=1, le=8760, description="hours that a thing has to be old: it may be on its way")
+    float,
+    Query(ge=1, le=8760, description="minimum age in hours; younger objects may belong to work under way"),
 ]
 
 
@@ -26,8 +27,7 @@ OlderThanH = Annotated[
 def collect_garbage_of_map(
     map_id: MapId, parts: PartsDep, dry_run: DryRun = False, older_than_h: OlderThanH = 24.0
 ) -> GarbageReport:
-    """Removes the files of retired versions and of publishes that never ended, and sources that no build
-    names."""
+    """Removes files of retired versions, of unfinished publishes, and sources that no build names."""
     ages = Ages(things_s=older_than_h * 3600)
     return _report(collect_garbage(parts.catalog, map_id=map_id, ages=ages, dry_run=dry_run), dry_run)
 
@@ -39,11 +39,18 @@ def collect_all_garbage(
     dry_run: DryRun = False,
     older_than_h: OlderThanH = 24.0,
     builds_older_than_d: Annotated[
-        float, Query(ge=1, le=3650, description="days since a build ended without a version that is left")
+        float,
+        Query(
+            ge=1,
+            le=3650,
+            description="minimum age in days of records of builds without a version",
+        ),
     ] = 30.0,
 ) -> GarbageReport:
-    """The same for all maps, and: abandoned uploads, records of builds that ended long ago and of which no
-    version is left, and idempotency keys."""
+    """Collects the garbage of all maps and of the store.
+
+    Also removes abandoned uploads, idempotency keys, and old records of builds without a version.
+    """
     ages = Ages(things_s=older_than_h * 3600, builds_s=builds_older_than_d * DAY_S)
     return _report(collect_garbage(parts.catalog, ages=ages, dry_run=dry_run), dry_run)
 

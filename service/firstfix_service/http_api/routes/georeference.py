@@ -13,7 +13,7 @@ from ...lanes import CHANGES, READS
 from ..bodies.json_body import read_model
 from ..dependencies import Parts, PartsDep
 from ..schema.api_models import GeoreferenceBody, GeoreferenceRecord
-from ..schema.path_parameters import MapId
+from ..schema.parameters import MapId
 
 router = APIRouter(prefix="/maps/{map_id}/georeference", tags=["georeference"])
 _BODY: dict[str, Any] = {
@@ -26,8 +26,10 @@ _BODY: dict[str, Any] = {
 
 @router.put("", openapi_extra=_BODY)
 async def put_georeference(map_id: MapId, request: Request, parts: PartsDep) -> GeoreferenceRecord:
-    """Says where the map lies. It counts for all versions, here at once and on other replicas within
-    seconds."""
+    """Sets where the map lies on the Earth, for all its versions.
+
+    This replica uses it at once, other replicas within seconds.
+    """
     body = await read_model(request, GeoreferenceBody)
     georeference = _georeference(body)
     await CHANGES.run(_set, parts, map_id, georeference)
@@ -37,7 +39,7 @@ async def put_georeference(map_id: MapId, request: Request, parts: PartsDep) -> 
 @router.get("")
 @READS.route
 def get_georeference(map_id: MapId, parts: PartsDep) -> GeoreferenceRecord:
-    """Where the map lies; 404 if nobody said."""
+    """The map's place on the Earth; 404 if it was never set."""
     georeference = parts.georeferences.get(map_id)
     if georeference is None:
         raise NotFound(f"map {map_id} has no georeference")
@@ -47,7 +49,7 @@ def get_georeference(map_id: MapId, parts: PartsDep) -> GeoreferenceRecord:
 @router.delete("", status_code=204)
 @CHANGES.route
 def delete_georeference(map_id: MapId, parts: PartsDep) -> None:
-    """Takes it back."""
+    """Removes the georeference."""
     if parts.georeferences.get(map_id) is None:
         raise NotFound(f"map {map_id} has no georeference")
     _set(parts, map_id, None)

@@ -33,8 +33,8 @@ _OPTION_TEXT = {
     "gravity": "direction of gravity in the sensor frame, `x,y,z`, or the sensor's `roll_deg,pitch_deg`",
     "prior": "region of the map that contains the sensor: `x,y,z,radius_m`, optionally with "
     "`,yaw_deg,yaw_range_deg`",
-    "T_base_sensor": "pose of the sensor on the robot, `x,y,z,qx,qy,qz,qw`: the answer then has `T_map_base`, "
-    "and directions near the robot's z axis are tried first as up",
+    "T_base_sensor": "pose of the sensor on the robot, `x,y,z,qx,qy,qz,qw`: the answer then has "
+    "`T_map_base`, and directions near the robot's z axis are tried first as up",
     "max_candidates": "limit of the places to try",
     "min_probability": "an answer with a lower probability is not `localized`",
     "deadline_ms": "milliseconds after which an answer is of no use: the request then fails",
@@ -86,9 +86,11 @@ _ANSWERS: dict[int | str, dict[str, Any]] = {
 
 @router.post("/localize", response_class=Response, responses=_ANSWERS, openapi_extra=_openapi())
 async def localize(request: Request, parts: PartsDep, caller: CallerDep) -> Response:
-    """The pose of a scan in a map, or the reasons why there is none. `Accept: application/geopose+json` asks
-    for the geographic pose; the map must have a georeference (else 406). The media type of a ROS pose message
-    asks for that message."""
+    """The pose of a scan in a map, or the reasons why there is none.
+
+    `Accept: application/geopose+json` asks for the geographic pose; 406 if the map has no georeference.
+    `Accept` with the media type of a ROS pose message asks for that message.
+    """
     arrived = time.monotonic()
     try:
         answer, content, media_type = await _localize(request, parts, caller, arrived)

@@ -1,4 +1,4 @@
-"""/maps: hand a map in, see what there is."""
+"""/maps: submit a map for building, list the maps."""
 
 from __future__ import annotations
 
@@ -23,14 +23,13 @@ from ..bodies.submission import Submission, from_form, from_json, keep_for_good
 from ..dependencies import Parts, PartsDep
 from ..schema.api_models import Build, MapDetails, MapPage
 from ..schema.map_submission import BODY, IDEMPOTENCY_KEY_TEXT
-from ..schema.paging import DEFAULT_LIMIT, After, Limit
-from ..schema.path_parameters import MapId
+from ..schema.parameters import DEFAULT_LIMIT, After, Limit, MapId
 
 router = APIRouter(prefix="/maps", tags=["maps"])
 RETRY_AFTER_S = 2
 _ACCEPTED = {
     "model": Build,
-    "description": "recorded: it is built, then becomes the active version",
+    "description": "recorded: the map will be built and then become the active version",
     "headers": {
         "Location": {"description": "`/builds/{build_id}`", "schema": {"type": "string"}},
         "Retry-After": {"description": "seconds", "schema": {"type": "string"}},
@@ -48,11 +47,13 @@ async def post_map(
         Header(min_length=1, max_length=255, pattern="^[\\x21-\\x7e]+$", description=IDEMPOTENCY_KEY_TEXT),
     ] = None,
 ) -> Response:
-    """Hands in a map: it is built into a new version, which then becomes the active one. 429
-    `quota_exceeded`: as many builds of this caller wait or run as may, or have run long enough today."""
+    """Submits a map. It is built into a new version, which then becomes the active one.
+
+    429 `quota_exceeded`: too many builds of the caller wait or run, or its build time of today is used up.
+    """
     build_id = new_build_id()
     key = None if idempotency_key is None else CallersKey(caller.repeats_as, idempotency_key)
-    async with _place(parts, caller, build_id, key), _received(request, parts, caller) as submission:
+    async with _within_quota(parts, caller, build_id, key), _received(request, parts, caller) as submission:
         if key is not None:
             fingerprint = await COPIES.run(submission.fingerprint)
             build_id = await COPIES.run(claim_build, parts.catalog.store, key, fingerprint, build_id)
@@ -69,7 +70,7 @@ async def post_map(
 def get_maps(
     parts: PartsDep, caller: CallerDep, limit: Limit = DEFAULT_LIMIT, after: After = None
 ) -> MapPage:
-    """The caller's maps that have a version to serve, by their ids."""
+    """The caller's maps that have a version, sorted by id."""
     found: list[dict[str, Any]] = []
     for map_id in parts.catalog.store.folders("maps"):
         if not is_name(map_id) or map_id <= (after or "") or not caller.sees(map_id):
@@ -85,7 +86,7 @@ def get_maps(
 @router.get("/{map_id}", response_model=MapDetails, response_model_exclude_unset=True)
 @READS.route
 def get_map(map_id: MapId, parts: PartsDep) -> dict[str, Any]:
-    """One map, with what the manifest of its active version says."""
+    """One map, with the manifest of its active version."""
     state = parts.catalog.state(map_id)
     if not state.exists:
         raise NotFound(f"no map {map_id}")
@@ -100,11 +101,13 @@ def get_map(map_id: MapId, parts: PartsDep) -> dict[str, Any]:
 
 
 @asynccontextmanager
-async def _place(
+async def _within_quota(
     parts: Parts, caller: Principal, build_id: str, key: CallersKey | None
 ) -> AsyncIterator[None]:
-    """One of the caller's places for builds, before anything of a form is taken. A request whose build is on
-    record asks for none: it hands in nothing new."""
+    """Counts the build against the caller's quota, before anything of a form is read.
+
+    A repeated request, whose build is recorded already, does not count.
+    """
     if key is not None and await READS.run(_is_repeated, parts, key):
         yield
         return
@@ -114,24 +117,24 @@ async def _place(
 
 @asynccontextmanager
 async def _received(request: Request, parts: Parts, caller: Principal) -> AsyncIterator[Submission]:
-    """What the request hands in; files of a form are on this disk meanwhile."""
+    """The request's submission. Files of a form are on this disk until the block ends."""
     media_type = request.headers.get("content-type", "").split(";", 1)[0].strip().lower()
     if media_type == "application/json":
         submission = await from_json(request, parts, caller)
-        with parts.upload_streams.one(caller.name) if submission.copies_uploads else nullcontext():
+        with parts.upload_streams.request(caller.name) if submission.copies_uploads else nullcontext():
             yield submission
     elif media_type == "multipart/form-data":
         folder, declared_bytes = parts.settings.work_dir / "uploads", declared_length(request) or 0
         check_declared_length(request, parts.settings.max_upload_bytes)
-        with parts.upload_streams.one(caller.name):
+        with parts.upload_streams.request(caller.name):
             async with form_room(parts.disks, parts.catalog.store, folder, declared_bytes) as room:
                 yield await from_form(request, parts, caller, room)
     else:
-        raise UnsupportedFormat("POST /maps takes multipart/form-data or application/json")
+        raise UnsupportedFormat("POST /maps accepts multipart/form-data or application/json")
 
 
 def _record(parts: Parts, build_id: str, submission: Submission, repeated: bool) -> None:
-    """Puts the build on record, its files first. A repeated request may find it there."""
+    """Stores the files, then the build's record. A repeated request may find the record there."""
     record = _on_record(parts, build_id) if repeated else None
     if record is None:
         record = submission.keep(parts)

@@ -1,4 +1,4 @@
-"""What an orchestrator and a monitor ask: alive, ready, how much of what."""
+"""Routes for orchestrators and monitoring: liveness, readiness, metrics."""
 
 from __future__ import annotations
 
@@ -16,14 +16,17 @@ router = APIRouter(tags=["operations"])
 
 @router.get("/healthz")
 async def healthz() -> Health:
-    """The process answers."""
+    """Liveness: the process answers."""
     return Health(status="ok", version=firstfix.__version__)
 
 
 @router.get("/readyz")
 async def readyz(request: Request, parts: PartsDep) -> Readiness:
-    """Send queries here: the catalog was read and what fits is loaded. Stays so when the store fails
-    later, as what is loaded goes on answering; ends FIRSTFIX_DRAIN_S before the service does."""
+    """Readiness: the catalog was read, and as many maps are loaded as fit.
+
+    The service stays ready when the store fails later, because loaded maps go on answering. It stops being
+    ready FIRSTFIX_DRAIN_S before it ends.
+    """
     why_not = parts.health.why_not_ready()
     if request.app.state.draining.is_set():
         why_not = "the service is about to stop"
@@ -34,7 +37,7 @@ async def readyz(request: Request, parts: PartsDep) -> Readiness:
 
 @router.get("/metrics", include_in_schema=False)
 async def metrics(request: Request) -> Response:
-    """Also before the service is ready."""
+    """Metrics in Prometheus format, also before the service is ready."""
     counted: Metrics = request.app.state.metrics
     body, media_type = counted.exposition(request.headers.get("accept", ""))
     return Response(body, headers={"Content-Type": media_type, "Vary": "Accept"})

@@ -1,6 +1,6 @@
-"""/uploads: map files of gigabytes, in as many requests as the connection needs (tus 1.0).
+"""/uploads: resumable uploads of large map files (tus 1.0).
 
-Parts stand in the store, so any replica goes on with an upload that another one began.
+The parts are in the store, so any replica can continue an upload that another one began.
 """
 
 from __future__ import annotations
@@ -18,14 +18,13 @@ from ...lanes import CHANGES, COPIES, LISTS, READS
 from ..authorize import CallerDep
 from ..bodies import tus
 from ..bodies.multipart import harmless_name
-from ..bodies.own_upload import own_upload
-from ..bodies.upload_stream import append_body
+from ..bodies.upload_stream import append_body, own_upload
 from ..dependencies import PartsDep
 from ..schema.api_models import UploadStatus
-from ..schema.path_parameters import UploadId
+from ..schema.parameters import UploadId
 
 router = APIRouter(prefix="/uploads", tags=["uploads"])
-TusResumable = Annotated[str | None, Header(description="1.0.0, if the caller speaks tus")]
+TusResumable = Annotated[str | None, Header(description="the caller's tus version, 1.0.0")]
 _DIGITS = {"pattern": "^[0-9]{1,18}$"}
 
 
@@ -46,7 +45,7 @@ _PART: dict[str, Any] = {
     "", status_code=204, responses={204: _headers("Tus-Version", "Tus-Extension", "Tus-Max-Size")}
 )
 async def describe_uploads(parts: PartsDep) -> Response:
-    """What of tus this service speaks."""
+    """The tus version, extensions and limits of this service."""
     return Response(
         status_code=204,
         headers={
@@ -62,7 +61,7 @@ async def describe_uploads(parts: PartsDep) -> Response:
 @router.post(
     "",
     status_code=201,
-    responses={201: {**_headers("Location", "Upload-Offset", "Upload-Expires"), "description": "begun"}},
+    responses={201: {**_headers("Location", "Upload-Offset", "Upload-Expires"), "description": "created"}},
 )
 @LISTS.route
 def begin_upload(
@@ -75,16 +74,18 @@ def begin_upload(
     upload_metadata: Annotated[
         str,
         Header(
-            description="pairs of name and base64 value: `filename`, whose ending says how the file is read, "
-            "and it may be `sha256`, 64 hex characters, which the whole is compared with",
+            description="pairs of a name and a base64 value: `filename`, whose suffix says how the file is "
+            "read, and optionally `sha256` of the whole file, 64 hex characters",
             examples=["filename aGFsbC5sYXo="],
         ),
     ],
     tus_resumable: TusResumable = None,
 ) -> UploadStatus:
-    """Announces a file. Its bytes follow by PATCH to the Location; what is not gone on with for a day is
-    removed. The upload is its caller's: to others, but those with the scope `admin`, it is not there. 429
-    `quota_exceeded`: this caller has as many uploads or bytes open as one may have."""
+    """Creates an upload. Send its bytes by PATCH to the Location.
+
+    An upload without new bytes for a day is removed. Only its caller, and callers with the scope `admin`, see
+    it. 429 `quota_exceeded`: the caller has too many open uploads or bytes.
+    """
     tus.check_version(tus_resumable)
     size_bytes = tus.number("Upload-Length", upload_length)
     if size_bytes < 1:
@@ -99,7 +100,7 @@ def begin_upload(
         check_version(sha256)
     upload_id, name = f"u{uuid.uuid4().hex}", harmless_name(told["filename"])
     with parts.disks.reserve("the store's disk", parts.catalog.store.directory) as room:
-        room.ensure(size_bytes)  # what has no room is refused at once; its bytes are promised as they come
+        room.ensure(size_bytes)  # refused at once without room; reserved as bytes arrive
     parts.upload_quota.begin(caller.name, upload_id, size_bytes=size_bytes, file_name=name, sha256=sha256)
     upload = parts.uploads.get(upload_id)
     response.headers.update({**tus.headers_of(upload), "Location": f"/uploads/{upload_id}"})
@@ -111,7 +112,7 @@ def begin_upload(
 def get_upload_offset(
     upload_id: UploadId, parts: PartsDep, caller: CallerDep, tus_resumable: TusResumable = None
 ) -> Response:
-    """Where to go on: `Upload-Offset`."""
+    """Offset at which to continue, in `Upload-Offset`."""
     tus.check_version(tus_resumable)
     return Response(headers=tus.headers_of(own_upload(parts.uploads, caller, upload_id)))
 
@@ -119,7 +120,7 @@ def get_upload_offset(
 @router.get("/{upload_id}")
 @READS.route
 def get_upload(upload_id: UploadId, parts: PartsDep, caller: CallerDep) -> UploadStatus:
-    """The same for eyes."""
+    """State of an upload, for people."""
     return _status(own_upload(parts.uploads, caller, upload_id))
 
 
@@ -130,26 +131,32 @@ async def append_to_upload(
     parts: PartsDep,
     caller: CallerDep,
     upload_offset: Annotated[
-        str, Header(description="where the body begins: what HEAD says", json_schema_extra=_DIGITS)
+        str,
+        Header(description="offset of the body's first byte, as HEAD returns it", json_schema_extra=_DIGITS),
     ],
     upload_checksum: Annotated[
         str | None,
-        Header(description="`sha256` or `sha1` and the body's digest in base64; then at most 16 MiB"),
+        Header(
+            description="`sha256` or `sha1`, and the body's digest in base64. The body then has up to 16 MiB"
+        ),
     ] = None,
     tus_resumable: TusResumable = None,
 ) -> Response:
-    """Goes on with a file. 409: it goes on elsewhere, ask HEAD. 460: a checksum does not hold, of the body
-    (which is then not kept) or of the whole file (which is then removed)."""
+    """Appends the body to an upload.
+
+    409: the upload continues at another offset, ask HEAD. 460: a checksum does not match. The body is then
+    discarded; if the whole file does not match, the upload is removed.
+    """
     tus.check_version(tus_resumable)
     media_type = request.headers.get("content-type", "").split(";", 1)[0].strip().lower()
     if media_type != tus.MEDIA_TYPE:
         raise UnsupportedFormat(f"a part of an upload is {tus.MEDIA_TYPE}")
     offset = tus.number("Upload-Offset", upload_offset)
     checksum = None if upload_checksum is None else tus.Checksum(upload_checksum)
-    with parts.upload_streams.one(caller.name):
+    with parts.upload_streams.request(caller.name):
         upload = await READS.run(own_upload, parts.uploads, caller, upload_id)
         if offset != upload.offset:
-            raise Conflict(f"upload {upload_id} goes on at {upload.offset}, not at {offset}")
+            raise Conflict(f"upload {upload_id} continues at {upload.offset}, not at {offset}")
         with parts.disks.reserve("the store's disk", parts.catalog.store.directory) as room:
             await READS.run(room.ensure, upload.size_bytes - offset)
             upload = await append_body(parts.uploads, upload, request, checksum, parts.upload_pace, room)
@@ -163,7 +170,7 @@ async def append_to_upload(
 def delete_upload(
     upload_id: UploadId, parts: PartsDep, caller: CallerDep, tus_resumable: TusResumable = None
 ) -> Response:
-    """Gives an upload up, or removes what a map was made of: the map keeps its own copy."""
+    """Removes an upload, complete or not. A map that was built from it keeps its own copy."""
     tus.check_version(tus_resumable)
     own_upload(parts.uploads, caller, upload_id)
     parts.uploads.remove(upload_id)

@@ -1,4 +1,4 @@
-"""/maps/{map_id}/versions: what was built, what the build says of it, and which one answers."""
+"""/maps/{map_id}/versions: versions of a map, their reports, and which version is active."""
 
 from __future__ import annotations
 
@@ -11,20 +11,19 @@ from firstfix.errors import NotFound
 from ...lanes import CHANGES, LISTS, READS
 from ..dependencies import PartsDep
 from ..schema.api_models import Activation, Retirement, VersionDetails, VersionPage, VersionReport
-from ..schema.paging import DEFAULT_LIMIT, After, Limit
-from ..schema.path_parameters import MapId, Version
+from ..schema.parameters import DEFAULT_LIMIT, After, Limit, MapId, Version
 
 router = APIRouter(prefix="/maps/{map_id}", tags=["versions"])
 PICTURES = ("preview", "reliability", "localizability")
 MAX_PICTURE_BYTES = 64 << 20
-# Whatever the version names never changes; whether one may see it is not a proxy's to know.
+# The content of a version never changes. Shared caches must not serve it: callers need permission.
 _FOREVER = "private, max-age=31536000, immutable"
 _PICTURE: dict[int | str, dict[str, Any]] = {
     200: {
         "content": {"image/png": {"schema": {"type": "string", "format": "binary"}}},
-        "headers": {"ETag": {"description": "its sha256", "schema": {"type": "string"}}},
+        "headers": {"ETag": {"description": "sha256 of the picture", "schema": {"type": "string"}}},
     },
-    304: {"description": "the caller has it"},
+    304: {"description": "not modified"},
 }
 
 
@@ -33,12 +32,12 @@ _PICTURE: dict[int | str, dict[str, Any]] = {
 def get_versions(
     map_id: MapId, parts: PartsDep, limit: Limit = DEFAULT_LIMIT, after: After = None
 ) -> VersionPage:
-    """The map's versions that can be served, newest first."""
+    """Published versions of the map, newest first."""
     infos = parts.catalog.versions(map_id)
     if after is not None:
         names = [info.version for info in infos]
         if after not in names:
-            raise NotFound(f"map {map_id} has no version {after[:64]} to go on after")
+            raise NotFound(f"map {map_id} has no version {after[:64]} (after)")
         infos = infos[names.index(after) + 1 :]
     page = [
         {"version": info.version, "active": info.active, "published_time": info.published_time}
@@ -64,8 +63,10 @@ def get_version(map_id: MapId, version: Version, parts: PartsDep) -> dict[str, A
 @router.get("/versions/{version}/report", response_model=VersionReport)
 @READS.route
 def get_report(map_id: MapId, version: Version, parts: PartsDep) -> dict[str, Any]:
-    """What the build measured: success, reliability of the probabilities, and where in the map a robot can
-    find itself."""
+    """Results of the build's self-test.
+
+    Success rate, reliability of the probabilities, and localizability: where a robot can find itself.
+    """
     manifest = parts.catalog.manifest(map_id, version)
     return {
         "map_id": map_id,
@@ -87,10 +88,13 @@ def get_picture(
     version: Version,
     request: Request,
     parts: PartsDep,
-    if_none_match: Annotated[str | None, Header(description="ETags that the caller has")] = None,
+    if_none_match: Annotated[str | None, Header(description="ETags of the caller's copies")] = None,
 ) -> Response:
-    """A picture of the version: `preview`, the map from above with its templates; `reliability`, how the
-    probabilities came true; `localizability`, where a robot can find itself."""
+    """A picture of the version.
+
+    `preview`: the map from above with its templates. `reliability`: predicted and measured probabilities.
+    `localizability`: where a robot can find itself.
+    """
     name = f"{request.url.path.rsplit('/', 1)[-1]}.png"
     entry = parts.catalog.manifest(map_id, version).files.get(name)
     if entry is None:
@@ -105,8 +109,10 @@ def get_picture(
 @router.post("/versions/{version}/activate")
 @CHANGES.route
 def activate(map_id: MapId, version: Version, parts: PartsDep) -> Activation:
-    """Lets a published version answer from now on: back or forward. This replica follows before it
-    answers, others within their poll interval."""
+    """Makes a published version, older or newer, the active one.
+
+    This replica serves it before it answers the request, other replicas within their poll interval.
+    """
     parts.catalog.activate(map_id, version)
     serving = parts.maps.refresh(map_id).version
     return Activation(map_id=map_id, active_version=version, serving_version=serving)
@@ -115,8 +121,10 @@ def activate(map_id: MapId, version: Version, parts: PartsDep) -> Activation:
 @router.post("/rollback")
 @CHANGES.route
 def roll_back(map_id: MapId, parts: PartsDep) -> Activation:
-    """Lets the version answer that was active before the active one; twice comes back. 409 where there is
-    none."""
+    """Makes the previously active version the active one. A second call undoes the first.
+
+    409: no version was active before.
+    """
     version = parts.catalog.roll_back(map_id)
     serving = parts.maps.refresh(map_id).version
     return Activation(map_id=map_id, active_version=version, serving_version=serving)
@@ -129,11 +137,13 @@ def retire(
     version: Version,
     parts: PartsDep,
     force: Annotated[
-        bool, Query(description="also if it is the active one: the one before answers then")
+        bool, Query(description="also retire the active version: the one before it becomes active")
     ] = False,
 ) -> Retirement:
-    """Takes a version out of service; its files go with the next garbage collection. 409 if it is the
-    active one, without `force`."""
+    """Takes a version out of service. The next garbage collection removes its files.
+
+    409: it is the active version, and `force` is not set.
+    """
     parts.catalog.retire(map_id, version, force=force)
     return Retirement(map_id=map_id, version=version, active_version=parts.catalog.active_version(map_id))
 

@@ -1,4 +1,4 @@
-"""The forms of the answer to a query, for the OpenAPI document: ``Localization.to_mapping`` makes them."""
+"""Schemas of the answer, for the OpenAPI document. ``Localization.to_mapping`` makes the answer itself."""
 
 from __future__ import annotations
 
@@ -15,14 +15,18 @@ Quaternion = Annotated[list[float], Field(min_length=4, max_length=4, descriptio
 
 
 class Pose(BaseModel):
+    """Position and orientation."""
+
     position: Position = Field(description="metres")
     quaternion: Quaternion
 
 
 class Hypothesis(BaseModel):
+    """A possible pose, with the quality of its alignment."""
+
     T_map_sensor: Pose
-    inlier_ratio: float = Field(description="share of the scan that lies on the map there")
-    alignment_score: float = Field(description="the same, near points counting more")
+    inlier_ratio: float = Field(description="share of the scan's points that lie on the map at this pose")
+    alignment_score: float = Field(description="the inlier ratio, with closer matches counting more")
     free_space_violation: float = Field(description="share of directions that pass through a mapped surface")
     probability: float
     template: int
@@ -30,7 +34,7 @@ class Hypothesis(BaseModel):
 
 
 class Answer(BaseModel):
-    """ "Not localized" is an answer too: its pose is null."""
+    """Answer to a query. The pose is null unless the verdict is `localized`."""
 
     model_config = ConfigDict(
         json_schema_extra={
@@ -68,19 +72,23 @@ class Answer(BaseModel):
         description="6 x 6, row by row, over x, y, z and rotations about the map's axes (m, rad)"
     )
     probability: float
-    hypotheses: list[Hypothesis] = Field(description="best first")
+    hypotheses: list[Hypothesis] = Field(description="sorted, the best one first")
     map_id: str
     map_version: str
     timings_ms: dict[str, float]
 
 
 class GeoPosition(BaseModel):
+    """Position on the Earth."""
+
     lat: float = Field(description="degrees, WGS84")
     lon: float = Field(description="degrees, WGS84")
     h: float = Field(description="metres above the WGS84 ellipsoid")
 
 
 class GeoQuaternion(BaseModel):
+    """Rotation of the body in the east-north-up frame."""
+
     x: float
     y: float
     z: float

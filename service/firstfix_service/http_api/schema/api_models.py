@@ -1,4 +1,4 @@
-"""What the service answers, as models: the OpenAPI document is made of them."""
+"""Models of the service's answers, for validation and for the OpenAPI document."""
 
 from __future__ import annotations
 
@@ -21,20 +21,26 @@ class MapSummary(BaseModel):
 
     model_config = _example(map_id="hall", active_version=_VERSION)
     map_id: str
-    active_version: str | None = Field(description="what answers; null when every version is retired")
+    active_version: str | None = Field(description="version that answers; null: every version is retired")
 
 
 class MapPage(BaseModel):
+    """A page of maps."""
+
     maps: list[MapSummary]
-    next: str | None = Field(description="`after` of the next page; null: this is the last")
+    next: str | None = Field(description="`after` of the next page; null: this is the last page")
 
 
 class MapDetails(MapSummary):
-    versions: int = Field(description="how many can be served")
-    manifest: dict[str, Any] = Field({}, description="of the active version; not there without one")
+    """A map with its active manifest."""
+
+    versions: int = Field(description="number of published versions")
+    manifest: dict[str, Any] = Field({}, description="manifest of the active version; missing without one")
 
 
 class VersionSummary(BaseModel):
+    """A published version."""
+
     model_config = _example(version=_VERSION, active=True, published_time="2025-03-01T12:00:00+00:00")
     version: str
     active: bool
@@ -42,53 +48,69 @@ class VersionSummary(BaseModel):
 
 
 class VersionPage(BaseModel):
+    """A page of versions."""
+
     map_id: str
     versions: list[VersionSummary] = Field(description="newest first")
-    next: str | None = Field(description="`after` of the next page; null: this is the last")
+    next: str | None = Field(description="`after` of the next page; null: this is the last page")
 
 
 class VersionDetails(BaseModel):
+    """A version with its manifest."""
+
     map_id: str
     version: str
     active: bool
-    manifest: dict[str, Any] = Field(description="all that the version is made of; its digest is its name")
+    manifest: dict[str, Any] = Field(
+        description="files and parameters of the version; its digest is the version's name"
+    )
 
 
 class VersionReport(BaseModel):
-    """What the build measured of itself."""
+    """Results of the build's self-test."""
 
     map_id: str
     version: str
-    counts: dict[str, int] = Field(description="templates, points of the map and so on")
-    sensor: dict[str, Any] = Field(description="the scanner that the templates were simulated for")
+    counts: dict[str, int] = Field(description="numbers of templates, map points and so on")
+    sensor: dict[str, Any] = Field(description="sensor for which the templates were simulated")
     bounds: list[list[float]] = Field(description="lowest and highest local coordinates, metres")
     self_test: dict[str, Any] = Field(
         description="success, false accepts, `reliability` of the probabilities, and `localizability`: where "
-        "in the map a robot can find itself and where not"
+        "in the map a robot can find itself"
     )
-    pictures: list[str] = Field(description="names of those that there are, beside this report")
+    pictures: list[str] = Field(description="names of the pictures of this version")
 
 
 class Activation(BaseModel):
+    """Active version of a map after a change."""
+
     model_config = _example(map_id="hall", active_version=_VERSION, serving_version=_VERSION)
     map_id: str
     active_version: str
-    serving_version: str = Field(description="another one only if the active one was refused")
+    serving_version: str = Field(
+        description="version that this replica serves; it differs only if the active version was refused"
+    )
 
 
 class Retirement(BaseModel):
+    """A retired version."""
+
     model_config = _example(map_id="hall", version=_VERSION, active_version=None)
     map_id: str
     version: str
-    active_version: str | None = Field(description="what answers now; null: nothing")
+    active_version: str | None = Field(description="version that answers now; null: none")
 
 
 class BuildError(BaseModel):
+    """Reason of a failed build."""
+
     code: str
     detail: str
 
 
 class Build(BaseModel):
+    """Status of a build."""
+
     model_config = ConfigDict(
         extra="allow",
         json_schema_extra={
@@ -111,17 +133,21 @@ class Build(BaseModel):
     stage: str
     progress: float = Field(ge=0, le=1)
     error: BuildError | None
-    version: str | None = Field(description="digest, once it has succeeded")
+    version: str | None = Field(description="digest of the built version; null until the build has succeeded")
 
 
 class BuildPage(BaseModel):
+    """A page of builds."""
+
     builds: list[Build] = Field(description="newest first")
     next: str | None = Field(
-        description="`after` of the next page, also where this one is short; null: this is the last"
+        description="`after` of the next page, even if this page is short; null: this is the last page"
     )
 
 
 class UploadStatus(BaseModel):
+    """State of an upload."""
+
     model_config = _example(
         upload_id="u3f6c",
         file_name="hall.laz",
@@ -133,25 +159,29 @@ class UploadStatus(BaseModel):
     upload_id: str
     file_name: str
     size_bytes: int
-    offset_bytes: int = Field(description="where to go on")
-    sha256: str | None = Field(description="of the whole file, as its sender announced it")
+    offset_bytes: int = Field(description="bytes received: continue here")
+    sha256: str | None = Field(description="digest of the whole file, as announced by the sender")
     complete: bool
 
 
 class GarbageReport(BaseModel):
+    """Removed objects."""
+
     model_config = _example(
         dry_run=True,
         objects={"versions": 12, "sources": 1},
         keys={"versions": ["maps/hall/versions/..."], "sources": ["maps/hall/sources/..."]},
     )
-    dry_run: bool = Field(description="nothing was removed")
-    objects: dict[str, int] = Field(description="how many, by kind")
-    keys: dict[str, list[str]] = Field(description="their keys, the first thousand of each kind")
+    dry_run: bool = Field(description="true: nothing was removed")
+    objects: dict[str, int] = Field(description="number of objects of each kind")
+    keys: dict[str, list[str]] = Field(description="keys of the objects, the first 1000 of each kind")
 
 
 class GeoreferenceBody(BaseModel):
-    """Where a point of the map lies on the Earth and how the map is turned there: either `x_axis_deg`, for
-    a map whose z axis points up, or `quaternion`."""
+    """Position of a map's anchor point on the Earth, and the map's rotation there.
+
+    The rotation is either `x_axis_deg`, for a map whose z axis points up, or `quaternion`.
+    """
 
     model_config = ConfigDict(
         extra="forbid",
@@ -168,20 +198,22 @@ class GeoreferenceBody(BaseModel):
         None,
         ge=-360,
         le=360,
-        description="where the map's x axis points, counter-clockwise from east: 0 is east, 90 is north. "
-        "A compass heading h is 90 - h",
+        description="direction of the map's x axis, counter-clockwise from east: 0 is east, 90 is north. "
+        "For a compass heading h it is 90 - h",
     )
     quaternion: Quaternion | None = Field(
-        None, description="of length 1: turns map axes into east, north, up at the anchor"
+        None, description="unit quaternion that rotates map axes to east, north, up at the anchor"
     )
     anchor_m: Position = Field(
         [0.0, 0.0, 0.0],
-        description="the point, in map coordinates: the map's origin, or for a map in projected coordinates "
-        "(UTM) one in the middle of it",
+        description="point in map coordinates: the origin, or in a map with projected coordinates (UTM) "
+        "a point near its centre",
     )
 
 
 class GeoreferenceRecord(BaseModel):
+    """Georeference of a map."""
+
     map_id: str
     latitude_deg: float
     longitude_deg: float
@@ -192,25 +224,33 @@ class GeoreferenceRecord(BaseModel):
 
 
 class Health(BaseModel):
+    """Liveness of the service."""
+
     status: Literal["ok"]
-    version: str = Field(description="of the service")
+    version: str = Field(description="release of the service")
 
 
 class CatalogHealth(BaseModel):
-    age_s: float = Field(description="since it was read")
-    error: str | None = Field(description="code of why it cannot be read")
+    """State of the catalog."""
+
+    age_s: float = Field(description="seconds since the catalog was read")
+    error: str | None = Field(description="error code if it cannot be read")
 
 
 class Holding(BaseModel):
-    copies: int = Field(description="replicas that hold each map")
-    replicas: int = Field(description="that share the maps, as this one sees it")
-    maps: int = Field(description="that are this replica's to hold")
-    loaded: int = Field(description="of those, in memory")
+    """Maps that this replica holds, where replicas share the maps."""
+
+    copies: int = Field(description="number of replicas that hold each map")
+    replicas: int = Field(description="number of replicas that share the maps, as seen by this one")
+    maps: int = Field(description="number of maps assigned to this replica")
+    loaded: int = Field(description="number of those in memory")
 
 
 class Readiness(BaseModel):
+    """Readiness of the service."""
+
     status: Literal["ready"]
-    maps: int = Field(description="that are served")
-    holding: Holding | None = Field(description="null: replicas share nothing")
+    maps: int = Field(description="number of served maps")
+    holding: Holding | None = Field(description="null: the replicas do not share the maps")
     catalog: CatalogHealth
-    queries: int = Field(description="that wait or run")
+    queries: int = Field(description="number of queries that wait or run")

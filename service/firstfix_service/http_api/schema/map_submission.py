@@ -1,4 +1,4 @@
-"""The body of POST /maps for the OpenAPI document: it is read by hand, as it may be gigabytes."""
+"""Schema of the body of POST /maps. The service parses it itself, because it may have gigabytes."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Any
 from firstfix.builds.config import BuildConfig
 
 IDEMPOTENCY_KEY_TEXT = (
-    "makes the request safe to repeat for a day: with the same key and the same request the first build is "
-    "answered, with another request 409 `idempotency_conflict`"
+    "makes the request safe to repeat for a day: the same key with the same request returns the first build, "
+    "with another request 409 `idempotency_conflict`"
 )
 _CONFIG: dict[str, Any] = BuildConfig.model_json_schema(ref_template="#/components/schemas/{model}")
 CONFIG_SCHEMAS: dict[str, Any] = {**_CONFIG.pop("$defs"), "BuildConfig": _CONFIG}
@@ -21,7 +21,7 @@ _NAMED = {
             "properties": {kind: {"type": "string", "description": text}},
         }
         for kind, text in (
-            ("url", "an object below a prefix that the operator allows"),
+            ("url", "URL of a file below a prefix that the operator allows"),
             ("upload", "id of a complete upload"),
         )
     ]

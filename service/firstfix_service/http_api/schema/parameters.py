@@ -1,10 +1,10 @@
-"""The parts of paths that name things. Their form is checked by the core; here it is described."""
+"""Path and query parameters that several routes share. The core checks the ids; here they are described."""
 
 from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import Path
+from fastapi import Path, Query
 
 _NAME = {"pattern": "^[a-z0-9][a-z0-9_-]{0,62}$"}
 
@@ -16,4 +16,11 @@ BuildId = Annotated[str, Path(description="id of the build", json_schema_extra=_
 UploadId = Annotated[str, Path(description="id of the upload", json_schema_extra=_NAME)]
 Version = Annotated[
     str, Path(description="digest of the version", json_schema_extra={"pattern": "^[0-9a-f]{64}$"})
+]
+
+DEFAULT_LIMIT = 100  # entries of one page
+MAX_LIMIT = 1000
+Limit = Annotated[int, Query(ge=1, le=MAX_LIMIT, description="limit of the entries on this page")]
+After = Annotated[
+    str | None, Query(max_length=200, description="`next` of the previous page; none for the first page")
 ]
