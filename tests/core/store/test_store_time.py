@@ -13,9 +13,10 @@ import pytest
 import firstfix
 from firstfix.builds.idempotency import CallersKey, claim_build
 from firstfix.builds.shared_stages import SharedStages, collect_stages
-from firstfix.catalog.catalog import Catalog, source_key
+from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
 from firstfix.catalog.query_samples import QuerySamples, new_sample_id
+from firstfix.catalog.sources import source_key
 from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.store.store import Store
 from firstfix.upkeep.garbage import collect_garbage, remove_abandoned

@@ -6,9 +6,10 @@ import pytest
 
 from firstfix.builds.idempotency import CallersKey, claim_build
 from firstfix.builds.records import new_status
-from firstfix.catalog.catalog import Catalog, source_key
+from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.log.map_log import EVERY
 from firstfix.catalog.manifest import Manifest
+from firstfix.catalog.sources import put_source, source_key
 from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.store.store import Store
 from firstfix.upkeep.garbage import Ages, collect_garbage, remove_abandoned
@@ -28,7 +29,7 @@ def build(catalog: Catalog, tmp_path: Path, build_id: str, state: str, version: 
     """A build on record and its uploaded source, whose key is returned."""
     path = tmp_path / f"{build_id}.ply"
     path.write_text(build_id)
-    key = source_key("hall", catalog.put_source("hall", path))
+    key = source_key("hall", put_source(catalog.store, "hall", path))
     catalog.put_build(build_id, {"map_id": "hall", "source": {"key": key}, "trajectory": None, "config": {}})
     catalog.set_build_status(build_id, new_status(state, map_id="hall", version=version))
     return key

@@ -15,6 +15,7 @@ from firstfix.catalog.geopose import Georeference
 from firstfix.catalog.georeferences import Georeferences
 from firstfix.catalog.log.map_log import EVERY
 from firstfix.catalog.manifest import Manifest
+from firstfix.catalog.sources import put_source
 from firstfix.errors import Conflict
 from firstfix.store.store import Store
 from firstfix.upkeep.backup import copy_store
@@ -42,7 +43,7 @@ def source(tmp_path: Path) -> Catalog:
     catalog.roll_back("hall")
     catalog.retire("hall", catalog.versions("hall")[0].version)
     (tmp_path / "hall.laz").write_bytes(b"cloud")
-    catalog.put_source("hall", tmp_path / "hall.laz")
+    put_source(catalog.store, "hall", tmp_path / "hall.laz")
     catalog.put_build("b1", {"map_id": "hall"})
     catalog.set_build_status("b1", new_status("queued", map_id="hall"))
     Georeferences(catalog.store).set("hall", Georeference(48.0, 11.0, 500.0, (0.0, 0.0, 0.0, 1.0)))

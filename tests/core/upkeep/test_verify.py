@@ -16,6 +16,7 @@ from firstfix.catalog.geopose import Georeference
 from firstfix.catalog.georeferences import Georeferences
 from firstfix.catalog.log.map_log import EVERY
 from firstfix.catalog.manifest import Manifest
+from firstfix.catalog.sources import put_source
 from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.store.json_record import RecordKind
 from firstfix.store.store import Store
@@ -43,7 +44,7 @@ def catalog(any_store_url: str, tmp_path: Path) -> Catalog:
     for content in (b"1", b"2"):
         publish(catalog, "hall", content, tmp_path, build_id=f"b{content.decode()}")
     (tmp_path / "hall.laz").write_bytes(b"cloud")
-    catalog.put_source("hall", tmp_path / "hall.laz")
+    put_source(catalog.store, "hall", tmp_path / "hall.laz")
     for build_id in ("b1", "b2", "b3"):
         catalog.put_build(build_id, {"map_id": "hall"})
         catalog.set_build_status(build_id, new_status("queued", map_id="hall"))
@@ -215,7 +216,7 @@ def test_publishing_again_mends_what_has_the_same_size(catalog: Catalog, tmp_pat
         spoil(catalog.store, key)
     folder = tmp_path / "hall-2"
     assert Catalog(catalog.store).publish("hall", folder, Manifest.for_directory(folder)) == version
-    catalog.put_source("hall", tmp_path / "hall.laz")
+    put_source(catalog.store, "hall", tmp_path / "hall.laz")
     assert verified(catalog) == {}
 
 

@@ -11,8 +11,9 @@ import pytest
 
 from firstfix.builds.caller_usage import CallerUsage
 from firstfix.builds.records import new_status
-from firstfix.catalog.catalog import Catalog, source_key
+from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.log.map_state import Event
+from firstfix.catalog.sources import put_source, source_key
 from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.errors import NotFound
 from firstfix.store.store import Store
@@ -76,7 +77,7 @@ def test_a_build_that_was_taken_finds_its_source(
     def run(switches: tuple[int, ...]) -> int:
         store = Store.open("memory://")
         prepare(store)
-        Catalog(store).put_source("hall", tmp_path / "a.xyz")  # of a build long ago
+        put_source(store, "hall", tmp_path / "a.xyz")  # of a build long ago
         works: list[Callable[[], Any]] = [
             lambda: _record(parts_of(store), "b1", handed_in, False),
             lambda: collect(store),
@@ -101,7 +102,7 @@ def test_a_request_that_is_repeated_after_a_kill_finds_its_source(
 
     def run(kill_at: int, switches: tuple[int, ...]) -> int:
         store = Store.open("memory://")
-        Catalog(store).put_source("hall", tmp_path / "a.xyz")
+        put_source(store, "hall", tmp_path / "a.xyz")
         works: list[Callable[[], Any]] = [
             lambda: _record(parts_of(store), "b1", handed_in, True),
             lambda: collect(store),
@@ -127,7 +128,7 @@ def test_a_collection_that_was_killed_leaves_nothing_for_ever(
 
     def run(kill_at: int) -> int:
         store = Store.open("memory://")
-        Catalog(store).put_source("hall", tmp_path / "a.xyz")
+        put_source(store, "hall", tmp_path / "a.xyz")
         works: list[Callable[[], Any]] = [lambda: collect(store), lambda: None]
         calls = run_interleaved(works, (), kill_at=kill_at, monkeypatch=monkeypatch)
         _record(parts_of(store), "b1", handed_in, False)
@@ -150,7 +151,7 @@ def test_a_map_that_is_built_once_more_finds_its_source(
     def run(switches: tuple[int, ...]) -> int:
         store = Store.open("memory://")
         catalog = Catalog(store)
-        sha256 = catalog.put_source("hall", tmp_path / "a.xyz")
+        sha256 = put_source(store, "hall", tmp_path / "a.xyz")
         catalog.put_build("old", {"map_id": "hall", "source": {"key": source_key("hall", sha256)}})
         for event in (Event.PUBLISHED, Event.ACTIVATED):
             catalog._map_log("hall").append(event, version, build_id="old", needed=lambda state: True)
