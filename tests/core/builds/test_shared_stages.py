@@ -147,4 +147,4 @@ def test_a_stage_that_is_collected_as_it_is_shared_is_right_or_not_there(
         assert fetched(store, tmp_path) == contents(made)
         return steps
 
-    print("RUNS", run_every_order(run))
+    run_every_order(run)

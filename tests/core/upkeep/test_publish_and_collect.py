@@ -76,7 +76,7 @@ def test_what_is_published_is_whole_in_every_order(
         check_whole(store, made, tmp_path / "cache")
         return steps
 
-    print("RUNS", run_every_order(run))
+    run_every_order(run)
 
 
 @pytest.mark.parametrize("left", LEFT)

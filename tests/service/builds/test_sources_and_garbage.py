@@ -25,7 +25,7 @@ from firstfix_service.http_api.bodies.disk_space import DiskSpace
 from firstfix_service.http_api.bodies.multipart import UploadedFile
 from firstfix_service.http_api.bodies.submission import NamedUpload, Submission
 from firstfix_service.http_api.routes.maps import _record
-from interleavings import run_interleaved, switch_points
+from interleavings import Step, run_every_order, run_interleaved
 
 CONTENT = b"0 0 0\n1 1 1\n"
 CALLER = Caller("key:0123456789ab")
@@ -74,7 +74,7 @@ def test_a_build_that_was_taken_finds_its_source(
 ) -> None:
     handed_in, prepare = submission
 
-    def run(switches: tuple[int, ...]) -> int:
+    def run(switches: tuple[int, ...]) -> list[Step]:
         store = Store.open("memory://")
         prepare(store)
         put_source(store, "hall", tmp_path / "a.xyz")  # of a build long ago
@@ -84,14 +84,13 @@ def test_a_build_that_was_taken_finds_its_source(
         ]
         if first == "collect":
             works.reverse()
-        calls = run_interleaved(works, switches, monkeypatch=monkeypatch)
+        steps = run_interleaved(works, switches, monkeypatch=monkeypatch)
         assert fetched(store, "b1", tmp_path / "work") == CONTENT
         collect(store)
         assert fetched(store, "b1", tmp_path / "work") == CONTENT
-        return calls
+        return steps
 
-    for switches in switch_points(run(()), sampled=50):
-        run(switches)
+    run_every_order(run)
 
 
 def test_a_request_that_is_repeated_after_a_kill_finds_its_source(
@@ -107,11 +106,11 @@ def test_a_request_that_is_repeated_after_a_kill_finds_its_source(
             lambda: _record(parts_of(store), "b1", handed_in, True),
             lambda: collect(store),
         ]
-        calls = run_interleaved(works, switches, kill_at=kill_at, monkeypatch=monkeypatch)
+        steps = run_interleaved(works, switches, kill_at=kill_at, monkeypatch=monkeypatch)
         _record(parts_of(store), "b1", handed_in, True)
         collect(store)
         assert fetched(store, "b1", tmp_path / "work") == CONTENT
-        return calls
+        return len(steps)
 
     calls = run(1000, ())
     for kill_at in range(calls):
@@ -130,13 +129,13 @@ def test_a_collection_that_was_killed_leaves_nothing_for_ever(
         store = Store.open("memory://")
         put_source(store, "hall", tmp_path / "a.xyz")
         works: list[Callable[[], Any]] = [lambda: collect(store), lambda: None]
-        calls = run_interleaved(works, (), kill_at=kill_at, monkeypatch=monkeypatch)
+        steps = run_interleaved(works, (), kill_at=kill_at, monkeypatch=monkeypatch)
         _record(parts_of(store), "b1", handed_in, False)
         assert fetched(store, "b1", tmp_path / "work") == CONTENT
         Catalog(store).set_build_status("b1", new_status("failed", map_id="hall"))
         collect_garbage(Catalog(store), ages=ANY_AGE)
         assert [key for key in store.list() if not key.startswith(("maps/hall/log/", "callers/"))] == []
-        return calls
+        return len(steps)
 
     for kill_at in range(run(1000)):
         run(kill_at)
@@ -148,7 +147,7 @@ def test_a_map_that_is_built_once_more_finds_its_source(
     (tmp_path / "a.xyz").write_bytes(CONTENT)
     version = "a" * 64
 
-    def run(switches: tuple[int, ...]) -> int:
+    def run(switches: tuple[int, ...]) -> list[Step]:
         store = Store.open("memory://")
         catalog = Catalog(store)
         sha256 = put_source(store, "hall", tmp_path / "a.xyz")
@@ -170,10 +169,9 @@ def test_a_map_that_is_built_once_more_finds_its_source(
             except NotFound:  # said to whoever asked
                 return
 
-        calls = run_interleaved([build_again, collect_all], switches, monkeypatch=monkeypatch)
+        steps = run_interleaved([build_again, collect_all], switches, monkeypatch=monkeypatch)
         for build_id in made:
             assert fetched(store, build_id, tmp_path / "work") == CONTENT
-        return calls
+        return steps
 
-    for switches in switch_points(run(()), sampled=50):
-        run(switches)
+    run_every_order(run)
