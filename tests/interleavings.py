@@ -30,7 +30,12 @@ class Step:
     writes: set[str] = field(default_factory=set)
 
     def record(self, call: str, key: str) -> None:
-        kinds = {"put": self.writes, "delete": self.writes, "list": self.lists, "list_with_delimiter": self.lists}
+        kinds = {
+            "put": self.writes,
+            "delete": self.writes,
+            "list": self.lists,
+            "list_with_delimiter": self.lists,
+        }
         kinds |= dict.fromkeys(("get", "get_range", "head"), self.reads)
         kinds[call].add(key)
 

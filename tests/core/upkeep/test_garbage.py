@@ -7,12 +7,12 @@ import pytest
 from firstfix.builds.idempotency import CallersKey, claim_build
 from firstfix.builds.records import new_status
 from firstfix.catalog.catalog import Catalog
-from firstfix.catalog.log.map_log import EVERY
 from firstfix.catalog.manifest import Manifest
 from firstfix.catalog.sources import put_source, source_key
 from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.store.store import Store
 from firstfix.upkeep.garbage import Ages, collect_garbage, remove_abandoned
+from frequent_snapshots import EVERY
 from waiting import let_pass
 
 NOW = Ages(things_s=-5, builds_s=-5)  # whatever its age
@@ -122,6 +122,7 @@ def test_an_upload_that_goes_on_is_young(catalog: Catalog):
     assert remove_abandoned(catalog, older_than_s=-5).count == 2
 
 
+@pytest.mark.usefixtures("frequent_snapshots")
 def test_entries_that_snapshots_have_summed_up_go(catalog: Catalog, tmp_path: Path):
     for name in ("one", "two"):
         publish(catalog, tmp_path, name)
@@ -139,6 +140,7 @@ def test_entries_that_snapshots_have_summed_up_go(catalog: Catalog, tmp_path: Pa
     assert Catalog(catalog.store).versions("hall") == catalog.versions("hall")
 
 
+@pytest.mark.usefixtures("frequent_snapshots")
 def test_a_long_log_without_snapshots_gets_one(catalog: Catalog, tmp_path: Path):
     for name in ("one", "two"):
         publish(catalog, tmp_path, name)

@@ -14,7 +14,6 @@ from firstfix.builds.shared_stages import SharedStages
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.geopose import Georeference
 from firstfix.catalog.georeferences import Georeferences
-from firstfix.catalog.log.map_log import EVERY
 from firstfix.catalog.manifest import Manifest
 from firstfix.catalog.sources import put_source
 from firstfix.catalog.uploads.uploads import Uploads
@@ -22,6 +21,7 @@ from firstfix.store.json_record import RecordKind
 from firstfix.store.store import Store
 from firstfix.upkeep.repair import QUARANTINE, Repair
 from firstfix.upkeep.verify import Verification
+from frequent_snapshots import EVERY
 
 
 class Reads(Store):
@@ -168,6 +168,7 @@ def test_the_status_of_a_build_that_made_nothing_is_moved_and_it_waits_again(cat
     assert catalog.build_status("b3")["state"] == "queued"
 
 
+@pytest.mark.usefixtures("frequent_snapshots")
 def test_an_entry_of_a_log_is_written_again_from_a_snapshot(catalog: Catalog) -> None:
     for _ in range(EVERY):
         catalog.roll_back("hall")
