@@ -18,6 +18,7 @@ import pytest
 from firstfix.builds.records import new_status
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
+from firstfix.catalog.sources import put_source
 from firstfix.errors import (
     BuildCancelled,
     BuildFailed,
@@ -86,7 +87,7 @@ def place(tmp_path: Path) -> Place:
 def make_place(url: str, tmp_path: Path) -> Place:
     catalog = Catalog(Store.open(url))
     (tmp_path / "upload").write_bytes(b"a cloud")
-    sha256 = catalog.put_source("hall", tmp_path / "upload")
+    sha256 = put_source(catalog.store, "hall", tmp_path / "upload")
     catalog.put_build(
         "b1",
         {
@@ -124,7 +125,7 @@ def test_what_waits_for_the_network_tells_how_far_it_is(
 ) -> None:
     """A build without progress is ended: a slow connection is not one that hangs."""
     (tmp_path / "poses").write_bytes(b"1 2 3 4")
-    sha256 = place.catalog.put_source("hall", tmp_path / "poses")
+    sha256 = put_source(place.catalog.store, "hall", tmp_path / "poses")
     place.request("b2", trajectory={"key": f"maps/hall/sources/{sha256}", "file_name": "poses.tum"})
     told: list[tuple[str, float]] = []
     tick = BuildReporter.tick
@@ -143,7 +144,7 @@ def test_what_waits_for_the_network_tells_how_far_it_is(
 
 def test_a_trajectory_comes_with_its_own_name(place: Place, tmp_path: Path) -> None:
     (tmp_path / "poses").write_bytes(b"1 2 3")
-    sha256 = place.catalog.put_source("hall", tmp_path / "poses")
+    sha256 = put_source(place.catalog.store, "hall", tmp_path / "poses")
     named = {"key": f"maps/hall/sources/{sha256}", "file_name": "../../poses of hall.tum"}
     place.request("b2", trajectory=named)
     seen: list[bytes] = []

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.sources import put_source
 from firstfix.store.store import Store
 from waiting import LIMIT_S, let_pass, wait_until
 
@@ -81,7 +82,7 @@ class Place:
         self.program.write_text(PROGRAM)
         self.catalog = Catalog(Store.open(self.url))
         (tmp_path / "upload").write_bytes(b"a cloud")
-        key = f"maps/hall/sources/{self.catalog.put_source('hall', tmp_path / 'upload')}"
+        key = f"maps/hall/sources/{put_source(self.catalog.store, 'hall', tmp_path / 'upload')}"
         self.catalog.put_build(
             "b1", {"map_id": "hall", "source": {"key": key}, "file_name": "a.ply", "config": config}
         )

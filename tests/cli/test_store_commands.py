@@ -12,6 +12,7 @@ import yaml
 from firstfix.builds.config import BuildConfig
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
+from firstfix.catalog.sources import put_source
 from firstfix.errors import InvalidOption, NotFound
 from firstfix.store.store import Store
 from firstfix_cli.answerer import fetch_active_version
@@ -184,7 +185,7 @@ def test_maps_are_built_again_and_stores_copied(versions, tmp_path, capsys):
     assert ended(["maps", "rebuild", "hall", "--store", tmp_path / "store"]) == 2
     assert "hand the map in again" in capsys.readouterr().err
     (tmp_path / "cloud.xyz").write_text("0 0 0")
-    key = f"maps/hall/sources/{catalog.put_source('hall', tmp_path / 'cloud.xyz')}"
+    key = f"maps/hall/sources/{put_source(catalog.store, 'hall', tmp_path / 'cloud.xyz')}"
     catalog.put_build("b1", {"map_id": "hall", "source": {"key": key}, "trajectory": None, "config": {}})
     files = tmp_path / "three"
     files.mkdir()

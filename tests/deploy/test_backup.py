@@ -15,7 +15,8 @@ import pytest
 
 from firstfix.access.api_keys import ApiKeys
 from firstfix.access.permissions import Grant
-from firstfix.catalog.catalog import Catalog, source_key
+from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.sources import put_source, source_key
 from firstfix.errors import CorruptVersion
 from firstfix.store.store import Store
 from firstfix.transform import pose_error
@@ -49,7 +50,7 @@ def store(small_version, small_map: Path, tmp_path: Path) -> Path:
     """A file store with the yard, its source, the record of its build, and a robot's key."""
     folder = tmp_path / "store"
     catalog = Catalog(Store.open(str(folder)))
-    key = source_key("hall", catalog.put_source("hall", small_map))
+    key = source_key("hall", put_source(catalog.store, "hall", small_map))
     request = {"map_id": "hall", "source": {"key": key}, "file_name": "yard.ply", "trajectory": None}
     catalog.put_build("b1", {**request, "config": CONFIG})
     catalog.publish("hall", small_version.directory, small_version.manifest, build_id="b1")

@@ -19,6 +19,7 @@ from firstfix.builds.caller_usage import CallerUsage
 from firstfix.builds.shared_stages import SharedStages
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
+from firstfix.catalog.sources import put_source
 from firstfix.errors import StoreError
 from firstfix.store.store import Store
 from firstfix_builder.job.build_job import BuildJob
@@ -77,7 +78,7 @@ def test_a_service_does_all_that_it_has_to(gateway: Gateway, monkeypatch: pytest
 def test_a_worker_builds(gateway: Gateway, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     service = Catalog(gateway.as_user("service", monkeypatch))
     (tmp_path / "upload").write_bytes(np.random.default_rng(0).bytes(20 << 20))  # in several parts
-    key = f"maps/hall/sources/{service.put_source('hall', tmp_path / 'upload')}"
+    key = f"maps/hall/sources/{put_source(service.store, 'hall', tmp_path / 'upload')}"
     service.put_build("b1", {"map_id": "hall", "source": {"key": key}, "file_name": "hall.ply", "config": {}})
     gateway.as_user("worker", monkeypatch)
 

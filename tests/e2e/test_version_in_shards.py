@@ -77,8 +77,6 @@ def test_a_damaged_or_missing_file_is_a_corrupt_version(versions, name):
     folder = versions[1]
     content = (folder / name).read_bytes()
     for damage in (content[: len(content) // 2], b"", None):
-        if name == FILE and damage is None:
-            continue  # as in a version of format 4
         (folder / name).unlink()
         if damage is not None:
             (folder / name).write_bytes(damage)

@@ -18,6 +18,7 @@ from service_world import free_port
 
 from firstfix.builds.records import FINAL_STATES
 from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.sources import put_source
 from firstfix.store.store import Store
 from tests.faults.nats_server import NatsServer
 from tests.faults.tiny_worker import config_telling
@@ -67,7 +68,7 @@ class NatsWorld:
         """A build on record, as POST /maps leaves it: with the config, or one telling the tiny worker so."""
         self.count += 1
         (self.folder / "upload").write_bytes(b"a cloud")
-        key = f"maps/{map_id}/sources/{self.catalog.put_source(map_id, self.folder / 'upload')}"
+        key = f"maps/{map_id}/sources/{put_source(self.catalog.store, map_id, self.folder / 'upload')}"
         build_id = f"b{self.count:03d}"
         self.catalog.put_build(
             build_id,

@@ -11,7 +11,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from firstfix.builds.source_policy import check_source_url
-from firstfix.catalog.catalog import source_key
+from firstfix.catalog.sources import source_key
 from firstfix.errors import BuildFailed, InvalidOption, NotFound, StoreError, TooLarge
 from firstfix.store.sha256 import sha256_of
 from firstfix.store.store import Store

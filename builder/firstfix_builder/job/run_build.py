@@ -93,7 +93,7 @@ def run_build(
                     built.directory,
                     built.manifest,
                     build_id=build_id,
-                    told=partial(tick, "publish"),
+                    on_progress=partial(tick, "publish"),
                 )
                 status = new_status(
                     "succeeded", map_id=map_id, stage="publish", progress=1.0, version=version

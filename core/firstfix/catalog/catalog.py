@@ -1,16 +1,15 @@
 """Maps, their versions and builds in an object store.
 
-    maps/<map_id>/sources/<sha256>                  uploaded clouds, by content
-    maps/<map_id>/sources/<sha256>.<build_id>       a copy for one build, as somebody was removing the other
-    maps/<map_id>/versions/<digest>/...             files of a version; see ``firstfix.catalog.versions.objects``
+    maps/<map_id>/sources/...                       see ``firstfix.catalog.sources``
+    maps/<map_id>/versions/<digest>/...             files of a version: ``firstfix.catalog.versions.objects``
     maps/<map_id>/versions/<digest>/manifest.json   written last
     maps/<map_id>/log/000001.json, ...              see ``firstfix.catalog.log.map_log``
-    maps/<map_id>/snapshots/000050.json, ...        the same
+    maps/<map_id>/snapshots/000050.json, ...        see ``firstfix.catalog.log.map_log``
     changes/00000001.json, ...                      see ``firstfix.catalog.log.change_log``
     builds/<build_id>/...                           see ``firstfix.builds.records``
 
-A version without a manifest does not exist, and one without a ``published`` entry in the log is not
-seen: so a publish that dies at any point has either published or not, and can be repeated.
+A version without a manifest does not exist. A version without a ``published`` entry in the map's log is not
+visible. So a publication that dies at any point has either published or not, and can be repeated.
 """
 
 from __future__ import annotations
@@ -18,25 +17,24 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 
 from ..builds.records import BuildRecords
-from ..errors import Conflict, NotFound, StoreError, StoreUnavailable
-from ..ids import check_build_id, check_map_id, check_version, is_name
-from ..store.sha256 import sha256_of
+from ..errors import NotFound, StoreError
+from ..ids import check_map_id, check_version, is_name
 from ..store.store import Store
+from . import activation
 from .log.change_log import ChangeLog
 from .log.map_log import MapLog
 from .log.map_state import Event, LogEntry, MapState
 from .manifest import Manifest
+from .publish import publish_and_activate
 from .versions.garbage import collect_versions
 from .versions.objects import VersionFolder, VersionObjects
 
 _log = logging.getLogger(__name__)
-_MAX_COLLECTIONS = 5  # that one publish meets
 
 
 @dataclass(frozen=True)
@@ -53,31 +51,31 @@ class VersionInfo:
 
 
 class Catalog(BuildRecords):
-    """What the builder writes and the service reads. Thread-safe.
+    """Maps and builds that the builder writes and the service reads. Thread-safe.
 
-    Every method raises InvalidOption for an id or version that is none, and StoreUnavailable or
-    StoreError as the store does.
+    Every method raises InvalidOption for an invalid id or version, and StoreUnavailable or StoreError if the
+    store fails.
     """
 
     def __init__(self, store: Store) -> None:
         super().__init__(store)
         self.changes = ChangeLog(store)
-        self._logs: dict[str, MapLog] = {}  # of maps that there are: ids that were made up leave no trace
+        self._logs: dict[str, MapLog] = {}  # of existing maps only: made-up ids leave no trace
         self._objects = VersionObjects(store)
         self._lock = threading.Lock()
 
-    # Maps and versions
+    # Reading
 
     def map_ids(self) -> list[str]:
-        """Maps that have a version to serve."""
+        """Ids of the maps that have a version to serve."""
         return [name for name in self.folder_names() if self.state(name).published]
 
     def folder_names(self) -> list[str]:
-        """Ids that something is stored under, whether or not there is a version yet. One listing."""
+        """Ids of all maps with anything in the store, with or without a version. One listing."""
         return [name for name in self.store.folders("maps") if is_name(name)]
 
     def state(self, map_id: str) -> MapState:
-        """What the map's log adds up to; of a map that does not exist: nothing."""
+        """Current state of a map, summed up from its log. Empty for a map that does not exist."""
         log = self._map_log(map_id)
         state = log.state()
         with self._lock:
@@ -86,22 +84,22 @@ class Catalog(BuildRecords):
         return state
 
     def known_state(self, map_id: str) -> MapState:
-        """As ``state``, as of the last time that it was read: the store is not asked."""
+        """State of a map when it was last read. Sends no request to the store."""
         return self._map_log(map_id).known_state()
 
     def log(self, map_id: str) -> list[LogEntry]:
-        """The newest entries of the map's log, and of the older ones those that still matter
-        (``MapState.entries``)."""
+        """Newest entries of the map's log, and the older ones that still matter (``MapState.entries``)."""
         return list(self.state(map_id).entries)
 
     def active_version(self, map_id: str) -> str | None:
+        """Version that the map serves; None if it has none."""
         return self.state(map_id).active
 
     def versions(self, map_id: str) -> list[VersionInfo]:
         """Versions that can be served, newest first.
 
         Raises:
-            NotFound: the map has none and never had.
+            NotFound: the map never had a version.
         """
         state = self.state(map_id)
         if not state.exists:
@@ -114,33 +112,39 @@ class Catalog(BuildRecords):
         ]
 
     def manifest(self, map_id: str, version: str) -> Manifest:
-        """
+        """Read the manifest of a version.
+
         Raises:
             NotFound: the map has no such version, or it was retired.
-            CorruptVersion: the manifest is missing or is not the one that the version is named by.
-            IncompatibleVersion: its format is not this reader's.
+            CorruptVersion: the manifest is missing, or its digest is not the version.
+            IncompatibleVersion: this release does not read its format.
         """
         return self._objects.manifest(self._published(map_id, version))
 
     def fetch_version(self, map_id: str, version: str, directory: Path) -> Path:
-        """The local folder with the version's files, each verified by its sha256; in the cache
-        directory, or in the store itself when that is a directory. Safe to call concurrently.
+        """Fetch a version's files, each verified by its sha256. Safe to call concurrently.
+
+        Returns:
+            The local folder with the files: in the cache directory, or in the store itself if that is a
+            directory.
 
         Raises:
-            NotFound, IncompatibleVersion: as ``manifest``.
-            CorruptVersion: as ``manifest``, or a file is missing or differs.
+            NotFound, IncompatibleVersion: see ``manifest``.
+            CorruptVersion: see ``manifest``; or a file is missing or differs.
         """
         return self._objects.fetch(self._published(map_id, version), directory)
 
     def read_file(self, map_id: str, version: str, name: str, *, max_bytes: int) -> bytes:
-        """One file of a version, checked by its sha256.
+        """Read one file of a version, verified by its sha256.
 
         Raises:
-            NotFound: the version has no such file, or as ``manifest``.
-            TooLarge: it is over the limit.
-            CorruptVersion: as ``manifest``, or the file is missing or differs.
+            NotFound: the version has no such file; or see ``manifest``.
+            TooLarge: the file has more than ``max_bytes``.
+            CorruptVersion: see ``manifest``; or the file is missing or differs.
         """
         return self._objects.read_file(self._published(map_id, version), name, max_bytes=max_bytes)
+
+    # Writing
 
     def publish(
         self,
@@ -149,126 +153,68 @@ class Catalog(BuildRecords):
         manifest: Manifest,
         *,
         build_id: str = "",
-        told: Callable[[float], None] = lambda done: None,
+        on_progress: Callable[[float], None] = lambda done: None,
     ) -> str:
-        """Puts a version's files, then its manifest, then says so in the log and activates it.
+        """Put a version's files and its manifest, record the publication in the log, and activate it.
 
-        Repeating it after a kill at any point completes it. With a build id each log entry is written
-        once for that build, so that a repeat does not undo what somebody did in between. A garbage
-        collection of the version at the same time does no harm: either it sees the publish, or the publish
-        sees it and puts the files anew.
+        With a build id each log entry is written once for that build, so that a repetition does not undo what
+        somebody did in between.
 
         Args:
-            told: called as the files are put with the share that is done, 0..1.
+            on_progress: called as the files are put with the share that is done, 0..1.
 
         Returns:
-            the version's digest.
+            The version's digest.
 
         Raises:
-            CorruptVersion: a file in the directory is not what the manifest says.
+            CorruptVersion: a file in the directory differs from the manifest.
         """
-        version = manifest.digest
         log = self._map_log(map_id)
-
-        def done(event: Event, state: MapState) -> bool:
-            return bool(build_id) and any(
-                (e.event, e.version, e.build_id) == (event, version, build_id) for e in state.entries
-            )
-
-        for _ in range(_MAX_COLLECTIONS):
-            generation = self.state(map_id).generation(version)
-            self._objects.put(VersionFolder(map_id, version, generation), directory, manifest, told)
-
-            def is_needed(state: MapState, generation: int = generation) -> bool:
-                if version in state.published or done(Event.PUBLISHED, state):
-                    return False
-                if state.generation(version) != generation:
-                    raise _Collected
-                return True
-
-            with suppress(_Collected):
-                published = log.append(
-                    Event.PUBLISHED, version, build_id=build_id, generation=generation, needed=is_needed
-                )
-                break
-        else:
-            raise StoreUnavailable(f"version {version} of map {map_id} is collected again and again")
-        activated = log.append(
-            Event.ACTIVATED,
-            version,
-            build_id=build_id,
-            needed=lambda state: (
-                version in state.published and version != state.active and not done(Event.ACTIVATED, state)
-            ),
-        )
-        if published is not None or activated is not None:
-            self._note(map_id)
-        return version
+        if publish_and_activate(
+            map_id, log, self._objects, directory, manifest, build_id=build_id, on_progress=on_progress
+        ):
+            self._note_change(map_id)
+        return manifest.digest
 
     def activate(self, map_id: str, version: str) -> None:
-        """Serves a published version from now on: back or forward.
+        """Serve a published version, older or newer, from now on.
 
         Raises:
             NotFound: the map has no such version, or it was retired.
             CorruptVersion, IncompatibleVersion: its manifest cannot be used.
         """
         self.manifest(map_id, version)
-
-        def needed(state: MapState) -> bool:
-            if version not in state.published:
-                raise NotFound(f"map {map_id} has no version {version}")
-            return state.active != version
-
-        if self._map_log(map_id).append(Event.ACTIVATED, version, needed=needed) is not None:
-            self._note(map_id)
+        if activation.activate(map_id, self._map_log(map_id), version):
+            self._note_change(map_id)
 
     def roll_back(self, map_id: str) -> str:
-        """Serves the version that was active before the active one; doing it twice comes back.
+        """Serve the version that was active before the active one. A second call undoes the first.
 
         Returns:
-            the version that is active now.
+            The version that is active now.
 
         Raises:
             NotFound: no such map.
-            Conflict: no version was active before, or somebody activates another one just now.
+            Conflict: no version was active before, or another one was activated meanwhile.
             CorruptVersion, IncompatibleVersion: its manifest cannot be used.
         """
         before = self.state(map_id)
-        if not before.exists:
-            raise NotFound(f"no map {map_id}")
-        if len(before.activated) < 2:
-            raise Conflict(f"map {map_id} has no version that was active before")
-        version = before.activated[1]
+        version = activation.version_before(map_id, before)
         self.manifest(map_id, version)
-
-        def needed(state: MapState) -> bool:
-            if state.activated != before.activated:
-                raise Conflict(f"map {map_id} was just switched: look again")
-            return True
-
-        self._map_log(map_id).append(Event.ACTIVATED, version, needed=needed)
-        self._note(map_id)
+        activation.roll_back(map_id, self._map_log(map_id), before)
+        self._note_change(map_id)
         return version
 
     def retire(self, map_id: str, version: str, *, force: bool = False) -> None:
-        """Takes a version out of service. Its objects stay until ``collect_garbage``.
+        """Take a version out of service. Its objects stay until ``collect_garbage``.
 
         Raises:
             NotFound: the map has no such version, or it was retired.
-            Conflict: it is the active one, and not ``force``. With it the map falls back to the
-                version that was active before, or has none.
+            Conflict: it is the active one, and not ``force``. With ``force`` the map serves the version that
+                was active before, or none.
         """
-        check_version(version)
-
-        def needed(state: MapState) -> bool:
-            if version not in state.published:
-                raise NotFound(f"map {map_id} has no version {version}")
-            if version == state.active and not force:
-                raise Conflict(f"version {version} of map {map_id} is active: activate another one first")
-            return True
-
-        self._map_log(map_id).append(Event.RETIRED, version, needed=needed)
-        self._note(map_id)
+        activation.retire(map_id, self._map_log(map_id), check_version(version), force=force)
+        self._note_change(map_id)
 
     def collect_garbage(
         self,
@@ -278,29 +224,24 @@ class Catalog(BuildRecords):
         now: datetime | None = None,
         dry_run: bool = False,
     ) -> list[str]:
-        """Removes what nobody can see: files of retired versions and of publishes that never ended.
+        """Remove the files of retired versions and of publications that never ended.
 
-        What was put, or retired, less than ``older_than_s`` ago by the store's times stays: a publish may
-        be under way, or a replica may still serve it.
+        Anything put or retired less than ``older_than_s`` ago by the store's clock stays: a publication may
+        be in progress, or a replica may still serve the version.
 
         Args:
             now: the store's time, if the caller knows it.
 
         Returns:
-            the keys that were removed, or with ``dry_run`` would be.
+            The removed keys, or with ``dry_run`` those that would be removed.
         """
         cutoff = (now or self.store.now()) - timedelta(seconds=older_than_s)
         seen = self.state(map_id)
         return collect_versions(map_id, seen, self._map_log(map_id), self._objects, cutoff, dry_run=dry_run)
 
     def _published(self, map_id: str, version: str) -> VersionFolder:
-        """
-        Raises:
-            NotFound: the map has no such version, or it was retired.
-        """
         state = self.state(map_id)
-        if check_version(version) not in state.published:
-            raise NotFound(f"map {map_id} has no version {version}")
+        activation.check_published(map_id, check_version(version), state)
         return _folder(map_id, version, state)
 
     def _map_log(self, map_id: str) -> MapLog:
@@ -308,21 +249,12 @@ class Catalog(BuildRecords):
         with self._lock:
             return self._logs.get(map_id) or MapLog(self.store, log_folder(map_id))
 
-    def _note(self, map_id: str) -> None:
-        """After the entry, which is what holds: without a notice readers only see it later."""
+    def _note_change(self, map_id: str) -> None:
+        """Put a notice of the change. Without it readers only see the log's new entry later."""
         try:
             self.changes.note(map_id)
         except StoreError as error:
             _log.warning("no notice of the change of map %s: %s", map_id, error)
-
-    # Sources
-
-    def put_source(self, map_id: str, path: Path, *, build_id: str = "") -> str:
-        """Keeps an uploaded file under its content's sha256, which is returned; for one build alone, if its
-        id is given."""
-        sha256 = sha256_of(path)
-        self.store.put_file(source_key(map_id, sha256, build_id), path)
-        return sha256
 
 
 def log_folder(map_id: str) -> str:
@@ -330,15 +262,5 @@ def log_folder(map_id: str) -> str:
     return f"maps/{check_map_id(map_id)}/log"
 
 
-class _Collected(Exception):
-    """The files that a publish has put are being removed."""
-
-
 def _folder(map_id: str, version: str, state: MapState) -> VersionFolder:
     return VersionFolder(map_id, version, state.generation(version))
-
-
-def source_key(map_id: str, sha256: str, build_id: str = "") -> str:
-    """Key of an uploaded file, or of a copy of it for one build alone."""
-    own = f".{check_build_id(build_id)}" if build_id else ""
-    return f"maps/{check_map_id(map_id)}/sources/{check_version(sha256)}{own}"

@@ -19,8 +19,7 @@ from ..errors import CorruptVersion, IncompatibleVersion, InvalidOption
 from ..store.object_keys import check_key
 from ..store.sha256 import sha256_of
 
-FORMAT = 5  # 3: before the map was stored ready to use; such a version needs a rebuild
-READABLE = (4, 5)  # 4: before keys and cells were kept by tile; it is queried as it is
+FORMAT = 6  # this release reads no other
 FILE_NAME = "manifest.json"
 MAX_BYTES = 64 << 20
 _SHA256 = re.compile(r"[0-9a-f]{64}")
@@ -124,9 +123,11 @@ class Manifest:
             found = mapping["format"]
         except (ValueError, KeyError, TypeError, RecursionError):
             raise CorruptVersion("the manifest is no JSON object with a format") from None
-        if found not in READABLE:
-            known = " and ".join(map(str, READABLE))
-            raise IncompatibleVersion(f"the version has format {found!r}, this reader knows {known}")
+        if found != FORMAT or type(found) is not int:
+            raise IncompatibleVersion(
+                f"the version has format {found!r}, this release reads format {FORMAT}: build the map again with "
+                "`firstfix maps rebuild MAP`, or hand it in again (POST /maps)"
+            )
         unknown = set(mapping) - {f.name for f in fields(cls)}
         if unknown:
             raise IncompatibleVersion(f"the manifest has unknown fields: {', '.join(sorted(unknown))}")

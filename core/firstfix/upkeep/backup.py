@@ -26,6 +26,7 @@ from datetime import timedelta
 from ..catalog.log.change_log import ChangeLog
 from ..catalog.log.map_log import MapLog
 from ..catalog.manifest import FILE_NAME
+from ..catalog.sources import sha256_of_source
 from ..catalog.versions.objects import VersionFolder
 from ..errors import Conflict, CorruptVersion, NotFound
 from ..ids import is_name
@@ -160,7 +161,7 @@ class _Copy:
 
     def _copy_sources(self, map_id: str, checked: CheckedObjects) -> None:
         keys = self._source.list(f"maps/{map_id}/sources")
-        damaged = self._copy_files({key: key.rsplit("/", 1)[-1].split(".")[0] for key in keys}, checked)
+        damaged = self._copy_files({key: sha256_of_source(key) for key in keys}, checked)
         self._report.damaged += filter(self._source.exists, damaged)  # others were collected meanwhile
 
     def _copy_version(self, folder: str, version: str, checked: CheckedObjects) -> None:

@@ -16,8 +16,7 @@ from ..catalog.georeferences import parse_georeference
 from ..catalog.log.change_log import parse_notice
 from ..catalog.log.map_state import LogEntry, MapState
 from ..catalog.query_samples import parse_sample
-from ..catalog.uploads.record import UploadRecord
-from ..catalog.uploads.uploads import parse_whole
+from ..catalog.uploads.record import UploadRecord, parse_whole
 from ..store.json_record import RecordKind, max_bytes, parse_record
 from .checked_objects import parse_checked
 

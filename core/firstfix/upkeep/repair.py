@@ -24,6 +24,7 @@ from ..catalog.catalog import Catalog
 from ..catalog.log.map_log import read_snapshot, snapshots_of
 from ..catalog.log.map_state import Event
 from ..catalog.manifest import FILE_NAME
+from ..catalog.sources import sha256_of_source
 from ..catalog.versions.objects import VersionFolder
 from ..errors import CorruptVersion, FirstfixError, NotFound, UnreadableRecord
 from ..ids import is_name
@@ -138,7 +139,7 @@ class Repair:
             self._copies = {}
             for map_id in self._catalog.folder_names():
                 for key in self._store.list(f"maps/{map_id}/sources"):
-                    self._copies.setdefault(sha256_named(key), []).append(key)
+                    self._copies.setdefault(sha256_of_source(key), []).append(key)
                 state = self._catalog.state(map_id)
                 for version in state.published:
                     self._copies_of(VersionFolder(map_id, version, state.generation(version)))
@@ -157,8 +158,3 @@ class Repair:
         if self._cache is None or parts[2:3] != ["versions"] or parts[-1] == FILE_NAME:
             return None
         return self._cache / parts[3].split(".")[0] / "/".join(parts[4:])
-
-
-def sha256_named(key: str) -> str:
-    """The sha256 that a source is named by, whether it is every build's or a copy for one."""
-    return key.rsplit("/", 1)[-1].split(".")[0]

@@ -22,6 +22,7 @@ from typing import Any
 from ..catalog.catalog import log_folder
 from ..catalog.log.map_log import MapLog
 from ..catalog.manifest import MAX_BYTES as MAX_MANIFEST_BYTES
+from ..catalog.sources import sha256_of_source
 from ..catalog.versions.objects import VersionFolder
 from ..errors import NotFound, TooLarge
 from ..ids import is_name
@@ -29,7 +30,7 @@ from ..store.json_record import max_bytes
 from ..store.store import Store, StoredObject
 from .checked_objects import CheckedObjects
 from .record_kinds import FOLDERS, RecordForm, form_of
-from .repair import Repair, sha256_named
+from .repair import Repair
 
 
 @dataclass(frozen=True)
@@ -122,7 +123,7 @@ class Verification:
             yield from self._version(folder, items, checked)
         for key, item in items.items():
             if key.startswith(f"maps/{map_id}/sources/"):
-                yield from self._file(item, sha256_named(key), checked)
+                yield from self._file(item, sha256_of_source(key), checked)
         if checked is not None:
             checked.save(set(items))
 

@@ -12,6 +12,7 @@ import pytest
 
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
+from firstfix.catalog.sources import put_source
 from firstfix.errors import BuildFailed, StoreUnavailable
 from firstfix.store.store import Store
 from firstfix_builder.execution.build_trace import BuildTrace, current_build, mark_cached
@@ -69,7 +70,7 @@ def catalog(tmp_path: Path) -> Catalog:
     catalog = Catalog(Store.open(str(tmp_path / "store")))
     source = tmp_path / "map.bin"
     source.write_bytes(b"cloud")
-    sha256 = catalog.put_source("hall", source)
+    sha256 = put_source(catalog.store, "hall", source)
     for build_id in ("b1", "b2"):
         request = {
             "map_id": "hall",

@@ -17,6 +17,7 @@ import pytest
 
 from firstfix.builds.shared_stages import SharedStages
 from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.sources import put_source
 from firstfix.errors import BuildCancelled, BuildFailed, FirstfixError, TooLarge
 from firstfix.store.store import Store
 from firstfix_builder import build_stages
@@ -219,7 +220,7 @@ def test_the_worker_goes_on_after_a_hostile_build(tmp_path: Path):
     """The whole way: two builds of one worker, of which the first attacks."""
     catalog = Catalog(Store.open(str(tmp_path / "store")))
     (tmp_path / "upload").write_bytes(b"a cloud")
-    key = f"maps/hall/sources/{catalog.put_source('hall', tmp_path / 'upload')}"
+    key = f"maps/hall/sources/{put_source(catalog.store, 'hall', tmp_path / 'upload')}"
     ended = {}
     for build_id, do in (("b1", "fork bomb"), ("b2", "succeed")):
         request = {

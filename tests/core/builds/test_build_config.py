@@ -13,7 +13,7 @@ from firstfix.errors import InvalidOption
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(), inner, max_size=4),
-    max_leaves=20,
+    max_leaves=8,
 )
 FIELDS = list(BuildConfig.model_fields)
 

@@ -11,7 +11,7 @@ import pytest
 
 from firstfix.builds.shared_stages import SharedStages, collect_stages
 from firstfix.store.store import Store
-from interleavings import run_interleaved, switch_points
+from interleavings import Step, run_every_order, run_interleaved
 
 KEY, OTHER = "a" * 64, "b" * 64
 
@@ -136,16 +136,15 @@ def test_old_stages_go_first(made: Path, tmp_path: Path) -> None:
 def test_a_stage_that_is_collected_as_it_is_shared_is_right_or_not_there(
     made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def run(switches: tuple[int, ...]) -> int:
+    def run(switches: tuple[int, ...]) -> list[Step]:
         store = Store.open("memory://")
         SharedStages(store).put(KEY, "mesh", made)
         store.delete(f"stages/{KEY}/stage.json")  # what a put that was killed left
         works = [lambda: SharedStages(store).put(KEY, "mesh", made), lambda: collect_stages(store, -5)]
-        calls = run_interleaved(works, switches, monkeypatch=monkeypatch)
+        steps = run_interleaved(works, switches, monkeypatch=monkeypatch)
         assert fetched(store, tmp_path) in (None, contents(made))
         SharedStages(store).put(KEY, "mesh", made)  # it was made again
         assert fetched(store, tmp_path) == contents(made)
-        return calls
+        return steps
 
-    for switches in switch_points(run(()), sampled=20):
-        run(switches)
+    run_every_order(run)

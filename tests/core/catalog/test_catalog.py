@@ -14,6 +14,7 @@ import pytest
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.log.map_state import Event
 from firstfix.catalog.manifest import Manifest
+from firstfix.catalog.sources import put_source
 from firstfix.catalog.versions import cache as version_cache
 from firstfix.errors import (
     Conflict,
@@ -260,7 +261,7 @@ def test_an_altered_manifest_is_refused(tmp_path: Path) -> None:
     for data, error in (
         (original.replace(b'"x":1', b'"x":2'), CorruptVersion),
         (original[:-5], CorruptVersion),
-        (original.replace(b'"format":5', b'"format":9'), IncompatibleVersion),
+        (original.replace(b'"format":6', b'"format":9'), IncompatibleVersion),
     ):
         catalog.store.put(key, data)
         with pytest.raises(error):
@@ -345,8 +346,8 @@ def test_garbage_is_what_nobody_can_see(catalog: Catalog, tmp_path: Path) -> Non
 
 def test_a_source_is_kept_once_by_its_content(catalog: Catalog, tmp_path: Path) -> None:
     (tmp_path / "cloud.ply").write_bytes(b"ply" * 1000)
-    sha256 = catalog.put_source("hall", tmp_path / "cloud.ply")
-    assert catalog.put_source("hall", tmp_path / "cloud.ply") == sha256
+    sha256 = put_source(catalog.store, "hall", tmp_path / "cloud.ply")
+    assert put_source(catalog.store, "hall", tmp_path / "cloud.ply") == sha256
     assert catalog.store.list() == [f"maps/hall/sources/{sha256}"]
     assert catalog.map_ids() == []  # a map without a version is none yet
 

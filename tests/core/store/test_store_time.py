@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import ast
 import importlib
+import pkgutil
+from collections.abc import Iterator
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -13,14 +16,16 @@ import pytest
 import firstfix
 from firstfix.builds.idempotency import CallersKey, claim_build
 from firstfix.builds.shared_stages import SharedStages, collect_stages
-from firstfix.catalog.catalog import Catalog, source_key
+from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
 from firstfix.catalog.query_samples import QuerySamples, new_sample_id
+from firstfix.catalog.sources import source_key
 from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.store.store import Store
 from firstfix.upkeep.garbage import collect_garbage, remove_abandoned
 
-MODULES = ("catalog", "garbage", "map_log", "query_samples", "shared_stages", "store", "uploads")
+ROOMS = ("builds", "catalog", "store", "upkeep")
+WRITES_TIMES_FOR_PEOPLE = ("builds/attempts.py", "catalog/log/map_log.py")
 HOURS_WRONG = [25, -25]
 
 
@@ -34,11 +39,23 @@ class WrongClock(datetime):
         return datetime.now(tz) + timedelta(hours=cls.hours)
 
 
+def modules_of(package: str) -> Iterator[ModuleType]:
+    paths = importlib.import_module(package).__path__
+    for found in pkgutil.walk_packages(paths, f"{package}."):
+        yield importlib.import_module(found.name)
+
+
+def uses_datetime(module: ModuleType) -> bool:
+    return getattr(module, "datetime", None) is datetime
+
+
 @pytest.fixture(params=HOURS_WRONG)
 def wrong_clock(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(WrongClock, "hours", request.param)
-    for name in MODULES:
-        monkeypatch.setattr(importlib.import_module(f"firstfix.{name}"), "datetime", WrongClock)
+    modules = [module for room in ROOMS for module in modules_of(f"firstfix.{room}") if uses_datetime(module)]
+    assert importlib.import_module("firstfix.catalog.query_samples") in modules
+    for module in modules:
+        monkeypatch.setattr(module, "datetime", WrongClock)
 
 
 def test_a_store_tells_its_time(any_store_url: str, wrong_clock: None) -> None:
@@ -110,14 +127,15 @@ def _aged(found: list[Any], old: dict[str, datetime]) -> list[Any]:
 
 
 def test_nothing_compares_a_stores_time_with_this_clock() -> None:
-    for path in Path(firstfix.__file__).parent.rglob("*.py"):
+    root = Path(firstfix.__file__).parent
+    found = set()
+    for path in root.rglob("*.py"):
         attributes = {
             f"{node.value.id}.{node.attr}" if isinstance(node.value, ast.Name) else f".{node.attr}"
             for node in ast.walk(ast.parse(path.read_text()))
             if isinstance(node, ast.Attribute)
         }
         reads_ages = any(name.endswith(".last_modified") for name in attributes)
-        assert not (reads_ages and attributes & {"datetime.now", "time.time"}) or path.name in (
-            "build_attempts.py",  # its times are for people
-            "map_log.py",  # so are its entries'
-        ), f"{path.name} reads this machine's clock: use Store.now"
+        if reads_ages and attributes & {"datetime.now", "time.time"}:
+            found.add(path.relative_to(root).as_posix())
+    assert found == set(WRITES_TIMES_FOR_PEOPLE), "the others use Store.now"

@@ -6,12 +6,13 @@ import pytest
 
 from firstfix.builds.idempotency import CallersKey, claim_build
 from firstfix.builds.records import new_status
-from firstfix.catalog.catalog import Catalog, source_key
-from firstfix.catalog.log.map_log import EVERY
+from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
+from firstfix.catalog.sources import put_source, source_key
 from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.store.store import Store
 from firstfix.upkeep.garbage import Ages, collect_garbage, remove_abandoned
+from frequent_snapshots import EVERY
 from waiting import let_pass
 
 NOW = Ages(things_s=-5, builds_s=-5)  # whatever its age
@@ -28,7 +29,7 @@ def build(catalog: Catalog, tmp_path: Path, build_id: str, state: str, version: 
     """A build on record and its uploaded source, whose key is returned."""
     path = tmp_path / f"{build_id}.ply"
     path.write_text(build_id)
-    key = source_key("hall", catalog.put_source("hall", path))
+    key = source_key("hall", put_source(catalog.store, "hall", path))
     catalog.put_build(build_id, {"map_id": "hall", "source": {"key": key}, "trajectory": None, "config": {}})
     catalog.set_build_status(build_id, new_status(state, map_id="hall", version=version))
     return key
@@ -121,6 +122,7 @@ def test_an_upload_that_goes_on_is_young(catalog: Catalog):
     assert remove_abandoned(catalog, older_than_s=-5).count == 2
 
 
+@pytest.mark.usefixtures("frequent_snapshots")
 def test_entries_that_snapshots_have_summed_up_go(catalog: Catalog, tmp_path: Path):
     for name in ("one", "two"):
         publish(catalog, tmp_path, name)
@@ -138,6 +140,7 @@ def test_entries_that_snapshots_have_summed_up_go(catalog: Catalog, tmp_path: Pa
     assert Catalog(catalog.store).versions("hall") == catalog.versions("hall")
 
 
+@pytest.mark.usefixtures("frequent_snapshots")
 def test_a_long_log_without_snapshots_gets_one(catalog: Catalog, tmp_path: Path):
     for name in ("one", "two"):
         publish(catalog, tmp_path, name)

@@ -10,7 +10,7 @@ import pytest
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
 from firstfix.store.store import Store
-from interleavings import run_interleaved, switch_points
+from interleavings import Step, run_every_order, run_interleaved
 
 FILES = {"a.npy": b"content", "z.npy": b"more of it"}
 
@@ -68,16 +68,15 @@ def check_whole(store: Store, made: tuple[Path, Manifest], cache: Path) -> None:
 def test_what_is_published_is_whole_in_every_order(
     left: Callable[..., None], made: tuple[Path, Manifest], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def run(switches: tuple[int, ...]) -> int:
+    def run(switches: tuple[int, ...]) -> list[Step]:
         store = Store.open("memory://")
         left(store, made)
         works = [lambda: Catalog(store).publish("hall", *made), lambda: collect(store)]
-        calls = run_interleaved(works, switches, monkeypatch=monkeypatch)
+        steps = run_interleaved(works, switches, monkeypatch=monkeypatch)
         check_whole(store, made, tmp_path / "cache")
-        return calls
+        return steps
 
-    for switches in switch_points(run(())):
-        run(switches)
+    run_every_order(run)
 
 
 @pytest.mark.parametrize("left", LEFT)
@@ -95,15 +94,17 @@ def test_a_kill_at_any_point_is_mended_by_a_repeat(
         works = [lambda: Catalog(store).publish("hall", *made), lambda: collect(store)]
         if killed == "collect":
             works.reverse()
-        calls = run_interleaved(works, switches, kill_at=kill_at, monkeypatch=monkeypatch)
+        steps = run_interleaved(works, switches, kill_at=kill_at, monkeypatch=monkeypatch)
         if killed == "publish":
             assert Catalog(store).publish("hall", *made) == made[1].digest
         check_whole(store, made, tmp_path / "cache")
         collect(store)
         folders = {key.split("/")[3] for key in store.list("maps/hall/versions")}
         assert len(folders) == 1, "nothing is left that nobody refers to"
-        return calls
+        return sum(step.actor == 0 for step in steps)
 
-    for kill_at in range(run(1000, ())):
-        for switches in ((), (kill_at,), (kill_at // 2,), (kill_at // 2, kill_at)):
+    kill_at = 0
+    while run(kill_at, ()) > kill_at:  # else it ended before
+        for switches in ((kill_at // 2,), (kill_at // 2, kill_at)):
             run(kill_at, switches)
+        kill_at += 1

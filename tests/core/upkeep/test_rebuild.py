@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from firstfix.catalog.catalog import Catalog, source_key
+from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
+from firstfix.catalog.sources import put_source, source_key
 from firstfix.errors import NotFound
 from firstfix.store.store import Store
 from firstfix.upkeep.rebuild import rebuild
@@ -23,7 +24,7 @@ def built(catalog: Catalog, tmp_path: Path, content: bytes, **manifest: int) -> 
     cloud = tmp_path / content.decode()
     cloud.write_bytes(content)
     build_id = f"b{content.decode()}"
-    key = source_key("hall", catalog.put_source("hall", cloud))
+    key = source_key("hall", put_source(catalog.store, "hall", cloud))
     request = {"map_id": "hall", "source": {"key": key}, "file_name": "hall.laz", "trajectory": None}
     catalog.put_build(build_id, {**request, "config": {"sensor": content.decode()}, "traceparent": "00-1"})
     folder = tmp_path / f"{content.decode()}-version"

@@ -13,13 +13,14 @@ from firstfix.builds.records import new_status
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.geopose import Georeference
 from firstfix.catalog.georeferences import Georeferences
-from firstfix.catalog.log.map_log import EVERY
 from firstfix.catalog.manifest import Manifest
+from firstfix.catalog.sources import put_source
 from firstfix.errors import Conflict
 from firstfix.store.store import Store
 from firstfix.upkeep.backup import copy_store
 from firstfix.upkeep.checked_objects import CheckedObjects
 from firstfix.upkeep.garbage import Ages, collect_garbage
+from frequent_snapshots import EVERY
 
 MADE_ANEW = ("stages/1/a", "uploads/1/a", "idempotency/a", "samples/a.body", "changes/00000001.json")
 
@@ -42,7 +43,7 @@ def source(tmp_path: Path) -> Catalog:
     catalog.roll_back("hall")
     catalog.retire("hall", catalog.versions("hall")[0].version)
     (tmp_path / "hall.laz").write_bytes(b"cloud")
-    catalog.put_source("hall", tmp_path / "hall.laz")
+    put_source(catalog.store, "hall", tmp_path / "hall.laz")
     catalog.put_build("b1", {"map_id": "hall"})
     catalog.set_build_status("b1", new_status("queued", map_id="hall"))
     Georeferences(catalog.store).set("hall", Georeference(48.0, 11.0, 500.0, (0.0, 0.0, 0.0, 1.0)))
@@ -201,6 +202,7 @@ def test_a_damaged_record_does_not_replace_a_good_one(source: Catalog, tmp_path:
     assert target.store.get("builds/b1/status.json") == good
 
 
+@pytest.mark.usefixtures("frequent_snapshots")
 def test_a_log_of_which_old_entries_were_collected_is_copied(source: Catalog, tmp_path: Path) -> None:
     for _ in range(4 * EVERY):
         source.roll_back("attic") if len(source.state("attic").activated) > 1 else publish(

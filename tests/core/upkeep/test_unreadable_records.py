@@ -18,7 +18,6 @@ from firstfix.builds.shared_stages import SharedStages
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.geopose import Georeference
 from firstfix.catalog.georeferences import Georeferences
-from firstfix.catalog.log.map_log import EVERY
 from firstfix.catalog.manifest import Manifest
 from firstfix.catalog.query_samples import QuerySample, QuerySamples
 from firstfix.catalog.uploads.uploads import Uploads
@@ -29,6 +28,7 @@ from firstfix.upkeep.backup import copy_store
 from firstfix.upkeep.checked_objects import CheckedObjects
 from firstfix.upkeep.garbage import Ages, collect_garbage
 from firstfix.upkeep.record_kinds import FORMS, form_of, why_unreadable
+from frequent_snapshots import EVERY
 
 STAGES = ("a" * 64, "b" * 64)
 SAMPLES = ("20260101t000000000000-0000000a", "20260102t000000000000-0000000b")
@@ -73,10 +73,25 @@ DAMAGED: dict[RecordKind, tuple[str, set[str]]] = {
 }
 
 
-@pytest.fixture
-def store(tmp_path: Path) -> Store:
-    """Two or more things of every kind."""
+@pytest.fixture(scope="module")
+def filled(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """Objects of a store with two or more records of every kind."""
     store = Store.open("memory://")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("firstfix.catalog.log.map_log.ENTRIES_PER_SNAPSHOT", EVERY)
+        _fill(store, tmp_path_factory.mktemp("filled"))
+    return {key: store.get(key) for key in store.list()}
+
+
+@pytest.fixture
+def store(filled: dict[str, bytes], frequent_snapshots: None) -> Store:
+    store = Store.open("memory://")
+    for key, data in filled.items():
+        store.put(key, data)
+    return store
+
+
+def _fill(store: Store, tmp_path: Path) -> None:
     catalog = Catalog(store)
     for map_id in ("hall", "yard"):
         for content in (b"1", b"2"):
@@ -119,7 +134,6 @@ def store(tmp_path: Path) -> Store:
         claim_build(store, key, "same", "b1")
     for stage in STAGES:
         SharedStages(store).put(stage, "mesh", tmp_path / "hall" / "1")
-    return store
 
 
 def everything(store: Store, scratch: Path) -> dict[str, Any]:

@@ -14,13 +14,14 @@ from firstfix.builds.shared_stages import SharedStages
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.geopose import Georeference
 from firstfix.catalog.georeferences import Georeferences
-from firstfix.catalog.log.map_log import EVERY
 from firstfix.catalog.manifest import Manifest
+from firstfix.catalog.sources import put_source
 from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.store.json_record import RecordKind
 from firstfix.store.store import Store
 from firstfix.upkeep.repair import QUARANTINE, Repair
 from firstfix.upkeep.verify import Verification
+from frequent_snapshots import EVERY
 
 
 class Reads(Store):
@@ -43,7 +44,7 @@ def catalog(any_store_url: str, tmp_path: Path) -> Catalog:
     for content in (b"1", b"2"):
         publish(catalog, "hall", content, tmp_path, build_id=f"b{content.decode()}")
     (tmp_path / "hall.laz").write_bytes(b"cloud")
-    catalog.put_source("hall", tmp_path / "hall.laz")
+    put_source(catalog.store, "hall", tmp_path / "hall.laz")
     for build_id in ("b1", "b2", "b3"):
         catalog.put_build(build_id, {"map_id": "hall"})
         catalog.set_build_status(build_id, new_status("queued", map_id="hall"))
@@ -167,6 +168,7 @@ def test_the_status_of_a_build_that_made_nothing_is_moved_and_it_waits_again(cat
     assert catalog.build_status("b3")["state"] == "queued"
 
 
+@pytest.mark.usefixtures("frequent_snapshots")
 def test_an_entry_of_a_log_is_written_again_from_a_snapshot(catalog: Catalog) -> None:
     for _ in range(EVERY):
         catalog.roll_back("hall")
@@ -215,7 +217,7 @@ def test_publishing_again_mends_what_has_the_same_size(catalog: Catalog, tmp_pat
         spoil(catalog.store, key)
     folder = tmp_path / "hall-2"
     assert Catalog(catalog.store).publish("hall", folder, Manifest.for_directory(folder)) == version
-    catalog.put_source("hall", tmp_path / "hall.laz")
+    put_source(catalog.store, "hall", tmp_path / "hall.laz")
     assert verified(catalog) == {}
 
 

@@ -11,8 +11,9 @@ import pytest
 
 from firstfix.builds.caller_usage import CallerUsage
 from firstfix.builds.records import new_status
-from firstfix.catalog.catalog import Catalog, source_key
+from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.log.map_state import Event
+from firstfix.catalog.sources import put_source, source_key
 from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.errors import NotFound
 from firstfix.store.store import Store
@@ -24,7 +25,7 @@ from firstfix_service.http_api.bodies.disk_space import DiskSpace
 from firstfix_service.http_api.bodies.multipart import FormFile
 from firstfix_service.http_api.bodies.submission import NamedUpload, Submission
 from firstfix_service.http_api.routes.maps import _record
-from interleavings import run_interleaved, switch_points
+from interleavings import Step, run_every_order, run_interleaved
 
 CONTENT = b"0 0 0\n1 1 1\n"
 CALLER = Principal("key:0123456789ab")
@@ -73,24 +74,23 @@ def test_a_build_that_was_taken_finds_its_source(
 ) -> None:
     handed_in, prepare = submission
 
-    def run(switches: tuple[int, ...]) -> int:
+    def run(switches: tuple[int, ...]) -> list[Step]:
         store = Store.open("memory://")
         prepare(store)
-        Catalog(store).put_source("hall", tmp_path / "a.xyz")  # of a build long ago
+        put_source(store, "hall", tmp_path / "a.xyz")  # of a build long ago
         works: list[Callable[[], Any]] = [
             lambda: _record(parts_of(store), "b1", handed_in, False),
             lambda: collect(store),
         ]
         if first == "collect":
             works.reverse()
-        calls = run_interleaved(works, switches, monkeypatch=monkeypatch)
+        steps = run_interleaved(works, switches, monkeypatch=monkeypatch)
         assert fetched(store, "b1", tmp_path / "work") == CONTENT
         collect(store)
         assert fetched(store, "b1", tmp_path / "work") == CONTENT
-        return calls
+        return steps
 
-    for switches in switch_points(run(()), sampled=50):
-        run(switches)
+    run_every_order(run)
 
 
 def test_a_request_that_is_repeated_after_a_kill_finds_its_source(
@@ -101,16 +101,16 @@ def test_a_request_that_is_repeated_after_a_kill_finds_its_source(
 
     def run(kill_at: int, switches: tuple[int, ...]) -> int:
         store = Store.open("memory://")
-        Catalog(store).put_source("hall", tmp_path / "a.xyz")
+        put_source(store, "hall", tmp_path / "a.xyz")
         works: list[Callable[[], Any]] = [
             lambda: _record(parts_of(store), "b1", handed_in, True),
             lambda: collect(store),
         ]
-        calls = run_interleaved(works, switches, kill_at=kill_at, monkeypatch=monkeypatch)
+        steps = run_interleaved(works, switches, kill_at=kill_at, monkeypatch=monkeypatch)
         _record(parts_of(store), "b1", handed_in, True)
         collect(store)
         assert fetched(store, "b1", tmp_path / "work") == CONTENT
-        return calls
+        return len(steps)
 
     calls = run(1000, ())
     for kill_at in range(calls):
@@ -127,15 +127,15 @@ def test_a_collection_that_was_killed_leaves_nothing_for_ever(
 
     def run(kill_at: int) -> int:
         store = Store.open("memory://")
-        Catalog(store).put_source("hall", tmp_path / "a.xyz")
+        put_source(store, "hall", tmp_path / "a.xyz")
         works: list[Callable[[], Any]] = [lambda: collect(store), lambda: None]
-        calls = run_interleaved(works, (), kill_at=kill_at, monkeypatch=monkeypatch)
+        steps = run_interleaved(works, (), kill_at=kill_at, monkeypatch=monkeypatch)
         _record(parts_of(store), "b1", handed_in, False)
         assert fetched(store, "b1", tmp_path / "work") == CONTENT
         Catalog(store).set_build_status("b1", new_status("failed", map_id="hall"))
         collect_garbage(Catalog(store), ages=ANY_AGE)
         assert [key for key in store.list() if not key.startswith(("maps/hall/log/", "callers/"))] == []
-        return calls
+        return len(steps)
 
     for kill_at in range(run(1000)):
         run(kill_at)
@@ -147,10 +147,10 @@ def test_a_map_that_is_built_once_more_finds_its_source(
     (tmp_path / "a.xyz").write_bytes(CONTENT)
     version = "a" * 64
 
-    def run(switches: tuple[int, ...]) -> int:
+    def run(switches: tuple[int, ...]) -> list[Step]:
         store = Store.open("memory://")
         catalog = Catalog(store)
-        sha256 = catalog.put_source("hall", tmp_path / "a.xyz")
+        sha256 = put_source(store, "hall", tmp_path / "a.xyz")
         catalog.put_build("old", {"map_id": "hall", "source": {"key": source_key("hall", sha256)}})
         for event in (Event.PUBLISHED, Event.ACTIVATED):
             catalog._map_log("hall").append(event, version, build_id="old", needed=lambda state: True)
@@ -169,10 +169,9 @@ def test_a_map_that_is_built_once_more_finds_its_source(
             except NotFound:  # said to whoever asked
                 return
 
-        calls = run_interleaved([build_again, collect_all], switches, monkeypatch=monkeypatch)
+        steps = run_interleaved([build_again, collect_all], switches, monkeypatch=monkeypatch)
         for build_id in made:
             assert fetched(store, build_id, tmp_path / "work") == CONTENT
-        return calls
+        return steps
 
-    for switches in switch_points(run(()), sampled=50):
-        run(switches)
+    run_every_order(run)

@@ -12,7 +12,7 @@ The files of a version stand in a folder of a generation, which ``retired`` or `
 on a remover may take the files whenever it gets to it, and a publish that began before is not recorded any
 more. Whoever publishes the version again puts its files into the next generation, which no remover knows.
 
-Every ``EVERY`` entries a writer leaves a snapshot. A reader begins with the newest one that it can read and
+Every ``ENTRIES_PER_SNAPSHOT`` entries a writer leaves a snapshot. A reader begins with the newest one that it can read and
 asks for the entries after it alone: its calls are bounded, however long the log is. ``log_garbage``
 removes entries long after they are in snapshots. A writer that was stopped for so long between its look and
 its put could create a removed number again: so it looks at the snapshots after its put, and an entry that a
@@ -42,7 +42,7 @@ from ...store.store import Store
 from .map_state import MAX_SKIPPED, Event, LogEntry, MapState
 
 _log = logging.getLogger(__name__)
-EVERY = 50  # entries from one snapshot to the next
+ENTRIES_PER_SNAPSHOT = 50
 _MAX_RACES = 200
 _MAX_LOOKS = 5  # of one reader, while what it was about to read is collected
 
@@ -66,9 +66,9 @@ class _Seen:
     @classmethod
     def of(cls, base: MapState, entries: dict[int, LogEntry | None], has_foreign: bool) -> _Seen:
         """With a later base, once many entries follow: so that a reader that lives long lists few."""
-        if len(entries) > 2 * EVERY:
+        if len(entries) > 2 * ENTRIES_PER_SNAPSHOT:
             listed = list(entries.items())
-            base, entries = _added_up(base, dict(listed[:-EVERY])), dict(listed[-EVERY:])
+            base, entries = _added_up(base, dict(listed[:-ENTRIES_PER_SNAPSHOT])), dict(listed[-ENTRIES_PER_SNAPSHOT:])
         return cls(base, entries, _added_up(base, entries), has_foreign)
 
 
@@ -132,11 +132,11 @@ class MapLog:
             now = datetime.now(timezone.utc).isoformat(timespec="seconds")
             entry = LogEntry(seq, event, check_version(version), now, build_id, writer, generation)
             if self._create(entry):
-                newer = scan_after(self._store, self._snapshots, max(0, seq - EVERY))
+                newer = scan_after(self._store, self._snapshots, max(0, seq - ENTRIES_PER_SNAPSHOT))
                 if self._is_part(entry, list(newer)):
                     new = _Seen.of(seen.base, {**seen.entries, seq: entry}, seen.has_foreign)
                     self._keep(new)
-                    if seq >= EVERY and not newer:
+                    if seq >= ENTRIES_PER_SNAPSHOT and not newer:
                         self._put_snapshot(new)
                     return entry
                 self._store.delete(self._key(seq))
@@ -149,7 +149,7 @@ class MapLog:
         a release that left none, or whose writer was killed."""
         seen = self._look()
         last = seen.state.last_seq
-        if last - max(scan_after(self._store, self._snapshots, 0), default=0) >= EVERY:
+        if last - max(scan_after(self._store, self._snapshots, 0), default=0) >= ENTRIES_PER_SNAPSHOT:
             self._put_snapshot(seen)
 
     def _create(self, entry: LogEntry) -> bool:

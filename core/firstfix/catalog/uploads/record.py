@@ -1,4 +1,4 @@
-"""Record of an announced upload: the content of ``uploads/<upload_id>/upload.json``."""
+"""Records of an upload: what was announced, and the sha256 of the complete file."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from ...store.json_record import text_of, whole_number_of
 
 @dataclass(frozen=True)
 class UploadRecord:
-    """
+    """Announcement of an upload, the content of ``upload.json``.
+
     Attributes:
         size_bytes: of the whole file.
-        file_name: its ending says how to read it.
-        sha256: of the whole file; None: the sender did not say.
-        owner: the caller who announced it; None: a release that did not record callers wrote this.
+        file_name: its ending tells the format.
+        sha256: of the whole file; None if the sender did not give it.
+        owner: caller who announced the upload; None if the record is from a release without callers.
     """
 
     size_bytes: int
@@ -26,13 +27,15 @@ class UploadRecord:
     owner: str | None
 
     def to_json(self) -> bytes:
+        """Content of ``upload.json``."""
         return json.dumps(asdict(self)).encode()
 
     @classmethod
     def parse(cls, record: dict[str, Any]) -> UploadRecord:
-        """
+        """Parse the content of ``upload.json``.
+
         Raises:
-            KeyError, TypeError, ValueError, InvalidOption: not what an upload announces.
+            KeyError, TypeError, ValueError, InvalidOption: it is not the record of an upload.
         """
         sha256, owner = record["sha256"], record.get("owner")
         return cls(
@@ -41,3 +44,12 @@ class UploadRecord:
             None if sha256 is None else check_version(sha256),
             None if owner is None else text_of(record, "owner"),
         )
+
+
+def parse_whole(record: dict[str, Any]) -> str:
+    """SHA-256 of a complete upload, from the content of ``whole.json``.
+
+    Raises:
+        KeyError, TypeError, InvalidOption: the record has no valid sha256.
+    """
+    return check_version(record["sha256"])

@@ -119,14 +119,14 @@ class VersionObjects:
         folder: VersionFolder,
         directory: Path,
         manifest: Manifest,
-        told: Callable[[float], None] = lambda done: None,
+        on_progress: Callable[[float], None] = lambda done: None,
     ) -> None:
         """Every file, then the manifest; then it looks whether all of it is there. Repeating it after a kill
         at any point completes it, and mends what a fault altered since: the version is named by what it has
         to be.
 
         Args:
-            told: called after each file with the share of the bytes that is there, 0..1.
+            on_progress: called after each file with the share of the bytes that is there, 0..1.
 
         Raises:
             CorruptVersion: a file in the directory is not what the manifest says.
@@ -139,7 +139,7 @@ class VersionObjects:
             for name in manifest.files:
                 self._store.put_file(f"{folder.key}/{name}", directory / name)
                 put_bytes += manifest.files[name].bytes
-                told(put_bytes / all_bytes if all_bytes else 1.0)
+                on_progress(put_bytes / all_bytes if all_bytes else 1.0)
             content, key = manifest.to_json(), folder.manifest_key
             with suppress(NotFound):  # somebody removes it this moment: again
                 if not self._store.put_new(key, content) and self._store.get(key) != content:

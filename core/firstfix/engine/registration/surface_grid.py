@@ -72,13 +72,9 @@ class SurfaceGrid:
 
     @classmethod
     def load(cls, path: Path) -> SurfaceGrid:
-        """Memory-mapped. In a version of format 4 every block is its own group.
+        """Memory-mapped.
 
         Raises:
             ValueError, TypeError, OSError: it is no such file.
         """
-        arrays = map_arrays(path)
-        if "group" not in arrays and "block" in arrays:
-            arrays["group"] = arrays["block"]
-            arrays["block"] = np.arange(len(arrays["point"]), dtype=np.int32).reshape(-1, 1, 1, 1)
-        return cls(**arrays)
+        return cls(**map_arrays(path))

@@ -48,7 +48,7 @@ class TemplateTiles:
 
     @classmethod
     def load(cls, directory: Path, position_m: NDArray[np.floating]) -> TemplateTiles:
-        """Memory-mapped. A version of format 4 has no such file: it is made, which takes 0.1 s a million.
+        """Memory-mapped.
 
         Args:
             position_m: (n, 3) of the version's templates.
@@ -56,8 +56,6 @@ class TemplateTiles:
         Raises:
             ValueError, TypeError, OSError: it is no such file, or of other templates.
         """
-        if not (directory / FILE).exists():
-            return cls.of(position_m)
         tiles = cls(**map_arrays(directory / FILE))
         if len(tiles.row) != len(position_m):
             raise ValueError(f"{FILE} is of another number of templates")

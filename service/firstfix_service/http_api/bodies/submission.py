@@ -13,7 +13,7 @@ from fastapi import Request
 from firstfix.access.permissions import Scope
 from firstfix.builds.config import BuildConfig
 from firstfix.builds.source_policy import check_source_url
-from firstfix.catalog.catalog import source_key
+from firstfix.catalog.sources import put_source, source_key
 from firstfix.errors import InvalidOption
 from firstfix.ids import check_map_id, check_upload_id
 from firstfix.store.sha256 import sha256_of
@@ -108,7 +108,7 @@ class Submission:
         if isinstance(source, NamedUrl):
             return {"url": source.url}, source.file_name
         if isinstance(source, FormFile):
-            sha256 = parts.catalog.put_source(self.map_id, source.path, build_id=build_id)
+            sha256 = put_source(parts.catalog.store, self.map_id, source.path, build_id=build_id)
             return {"key": source_key(self.map_id, sha256)}, source.file_name
         upload = own_upload(parts.uploads, self.caller, source.upload_id)
         with parts.disks.reserve("the store's disk", parts.catalog.store.directory) as room:

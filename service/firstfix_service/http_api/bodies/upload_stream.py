@@ -5,7 +5,8 @@ from __future__ import annotations
 from fastapi import Request
 from starlette.requests import ClientDisconnect
 
-from firstfix.catalog.uploads.uploads import PART_BYTES, Upload, Uploads
+from firstfix.catalog.uploads.parts import PART_BYTES
+from firstfix.catalog.uploads.uploads import Upload, Uploads
 from firstfix.errors import DeadlineExceeded, NotFound, TooLarge
 
 from ...auth.principal import Principal

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from firstfix.catalog.catalog import source_key
+from firstfix.catalog.sources import source_key
 from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.errors import ChecksumMismatch, Conflict, InvalidOption, NotFound, StoreError, TooLarge
 from firstfix.store.store import Store
@@ -130,7 +130,7 @@ def test_limits_and_names():
 
 
 def test_too_many_parts(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("firstfix.catalog.uploads.uploads.MAX_PARTS", 3)
+    monkeypatch.setattr("firstfix.catalog.uploads.parts.MAX_PARTS", 3)
     uploads = Uploads(Store.open("memory://"))
     begun(uploads)
     upload = uploads.get("u1")
@@ -190,12 +190,12 @@ def test_more_parts_than_there_may_be_are_not_counted(monkeypatch: pytest.Monkey
     begun(Uploads(store))
     for offset in range(5):
         store.put_new(part(offset), DATA[offset : offset + 1])
-    monkeypatch.setattr("firstfix.catalog.uploads.uploads.MAX_PARTS", 3)
+    monkeypatch.setattr("firstfix.catalog.uploads.parts.MAX_PARTS", 3)
     assert Uploads(store).get("u1").parts == (1, 1, 1)
 
 
 def test_a_part_is_bounded(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("firstfix.catalog.uploads.uploads.PART_BYTES", 100)
+    monkeypatch.setattr("firstfix.catalog.uploads.parts.PART_BYTES", 100)
     store = Store.open("memory://")
     uploads = Uploads(store)
     begun(uploads)

@@ -39,11 +39,6 @@ def test_what_was_saved_answers_the_same(tmp_path):
     assert np.array_equal(again.within(POSITION_M, centre, 15.0), TILES.within(POSITION_M, centre, 15.0))
 
 
-def test_a_version_without_the_file_is_as_one_with_it(tmp_path):
-    found = TemplateTiles.load(tmp_path, POSITION_M)
-    assert np.array_equal(found.row, TILES.row)
-
-
 def test_tiles_of_other_templates_and_no_tiles_are_told(tmp_path):
     TILES.save(tmp_path)
     with pytest.raises(ValueError, match="another number"):

@@ -17,6 +17,7 @@ from nats_world import LEASE_S, NatsWorld, nats_world
 from service_world import FAKE_WORKER, Service, running_service
 
 from certificates import certificates
+from firstfix.catalog.sources import put_source
 from firstfix_service.builds.nats import queue as nats_queue
 from firstfix_service.builds.nats.address import NatsAddress
 from firstfix_service.builds.nats.builds import NatsBuilds
@@ -125,7 +126,7 @@ def test_a_build_goes_on_at_another_worker_from_the_last_finished_stage(world: N
 def test_a_real_build_goes_on_at_another_worker(world: NatsWorld, small_map: Path):
     command = (sys.executable, "-m", "firstfix_builder.worker")
     first = world.start_worker("w1", command=command)
-    key = f"maps/yard/sources/{world.catalog.put_source('yard', small_map)}"
+    key = f"maps/yard/sources/{put_source(world.catalog.store, 'yard', small_map)}"
     request = {"map_id": "yard", "source": {"key": key}, "file_name": "yard.ply", "config": CONFIG}
     world.catalog.put_build("b1", request)
     wait_until(lambda: stages_shared(world) >= 3)

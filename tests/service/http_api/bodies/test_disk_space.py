@@ -14,7 +14,7 @@ import pytest
 from callers_world import Caller
 from service_world import Service, running_service
 
-from firstfix.catalog.uploads.uploads import PART_BYTES
+from firstfix.catalog.uploads.parts import PART_BYTES
 from firstfix.errors import OutOfSpace
 from firstfix_service.http_api.bodies.disk_space import DiskSpace
 from waiting import wait_until

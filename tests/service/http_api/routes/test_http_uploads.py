@@ -16,7 +16,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from service_world import Service, running_service
 
-from firstfix.catalog.uploads.uploads import PART_BYTES
+from firstfix.catalog.uploads.parts import PART_BYTES
 from waiting import wait_until
 
 PART = {"Content-Type": "application/offset+octet-stream"}
