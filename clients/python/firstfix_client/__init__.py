@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from firstfix.answer.localization import Localization, Verdict
     from firstfix.answer.options import LocalizeOptions
     from firstfix.answer.prior import Prior
-    from firstfix.scan.descriptor_parameters import QueryParameters
+    from firstfix.scan.descriptor_parameters import DescriptorParameters
     from firstfix.scan.scan import Scan
     from firstfix.scan.sequence import ScanSequence
 
@@ -41,7 +41,7 @@ __all__ = [
     "LocalizeOptions",
     "MapInfo",
     "Prior",
-    "QueryParameters",
+    "DescriptorParameters",
     "ReplicaInfo",
     "RetryPolicy",
     "Scan",
@@ -63,7 +63,7 @@ _HOME = {
     "LocalizeOptions": "firstfix.answer.options",
     "MapInfo": ".records",
     "Prior": "firstfix.answer.prior",
-    "QueryParameters": "firstfix.scan.descriptor_parameters",
+    "DescriptorParameters": "firstfix.scan.descriptor_parameters",
     "ReplicaInfo": ".replica_info",
     "RetryPolicy": ".retry",
     "Scan": "firstfix.scan.scan",

@@ -9,7 +9,7 @@ from .async_calls import AsyncCalls
 from .records import MapInfo, VersionInfo
 
 if TYPE_CHECKING:
-    from firstfix.scan.descriptor_parameters import QueryParameters
+    from firstfix.scan.descriptor_parameters import DescriptorParameters
 
 
 class AsyncMapCalls(AsyncCalls):
@@ -21,8 +21,8 @@ class AsyncMapCalls(AsyncCalls):
     async def show_map(self, map_id: str) -> MapInfo:
         return await self._http.run(self._steps.maps.show_map(map_id))
 
-    async def query_parameters(self, map_id: str) -> QueryParameters:
-        return await self._http.run(self._steps.maps.query_parameters(map_id))
+    async def descriptor_parameters(self, map_id: str) -> DescriptorParameters:
+        return await self._http.run(self._steps.maps.descriptor_parameters(map_id))
 
     async def versions(self, map_id: str) -> list[VersionInfo]:
         return [item async for item in self._http.iterate(self._steps.maps.versions(map_id))]

@@ -24,7 +24,7 @@ from .scan_body import BodyForm, Encoding, ScanLike
 if TYPE_CHECKING:
     import httpx
 
-    from firstfix.scan.descriptor_parameters import QueryParameters
+    from firstfix.scan.descriptor_parameters import DescriptorParameters
 
     from .blocking_service import BlockingService
 
@@ -97,7 +97,7 @@ class Client(MapCalls, BuildCalls):
         gravity: ArrayLike | None = None,
         options: LocalizeOptions | None = None,
         encoding: Encoding = "scan",
-        parameters: QueryParameters | None = None,
+        parameters: DescriptorParameters | None = None,
     ) -> Localization:
         """The pose of a scan in a map, or why there is none: "not localized" is an answer, not an error.
 

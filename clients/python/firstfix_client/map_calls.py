@@ -9,7 +9,7 @@ from .http_calls import HttpCalls
 from .records import MapInfo, VersionInfo
 
 if TYPE_CHECKING:
-    from firstfix.scan.descriptor_parameters import QueryParameters
+    from firstfix.scan.descriptor_parameters import DescriptorParameters
 
 
 class MapCalls(HttpCalls):
@@ -26,14 +26,14 @@ class MapCalls(HttpCalls):
         """
         return self._http.run(self._http.steps.maps.show_map(map_id))
 
-    def query_parameters(self, map_id: str) -> QueryParameters:
+    def descriptor_parameters(self, map_id: str) -> DescriptorParameters:
         """How scans for the map's active version are described.
 
         Raises:
             NotFound: no such map, or no version of it is active.
             UnsupportedFormat: robots cannot describe scans for it.
         """
-        return self._http.run(self._http.steps.maps.query_parameters(map_id))
+        return self._http.run(self._http.steps.maps.descriptor_parameters(map_id))
 
     def versions(self, map_id: str) -> list[VersionInfo]:
         """Versions of a map, newest first.

@@ -12,7 +12,7 @@ from .records import MapInfo, VersionInfo
 from .steps import Steps
 
 if TYPE_CHECKING:
-    from firstfix.scan.descriptor_parameters import QueryParameters
+    from firstfix.scan.descriptor_parameters import DescriptorParameters
 
 
 class MapSteps:
@@ -28,13 +28,13 @@ class MapSteps:
         answer = yield from self._http.call("GET", "maps", map_id)
         return answer.parsed(MapInfo.from_mapping)
 
-    def query_parameters(self, map_id: str) -> Steps[QueryParameters]:
-        from firstfix.scan.descriptor_parameters import QueryParameters
+    def descriptor_parameters(self, map_id: str) -> Steps[DescriptorParameters]:
+        from firstfix.scan.descriptor_parameters import DescriptorParameters
 
         manifest = (yield from self.show_map(map_id)).details.get("manifest")
         if not isinstance(manifest, Mapping):
             raise NotFound(f"no version of map {map_id} is active")
-        return QueryParameters.from_engine(manifest.get("engine", {}))
+        return DescriptorParameters.from_engine(manifest.get("engine", {}))
 
     def versions(self, map_id: str) -> Steps[None]:
         return self._http.pages("versions", VersionInfo.from_mapping, "maps", map_id, "versions")

@@ -37,7 +37,7 @@ from .version_watch import VersionWatch
 from .zenoh_ask import ReplicaRoute, ZenohAsk, ZenohQuery
 
 if TYPE_CHECKING:
-    from firstfix.scan.descriptor_parameters import QueryParameters
+    from firstfix.scan.descriptor_parameters import DescriptorParameters
 
     from .blocking_service import BlockingService
 
@@ -129,7 +129,7 @@ class ZenohClient(MapCalls, BuildCalls):
         gravity: ArrayLike | None = None,
         options: LocalizeOptions | None = None,
         encoding: Encoding = "scan",
-        parameters: QueryParameters | None = None,
+        parameters: DescriptorParameters | None = None,
     ) -> Localization:
         """As ``Client.localize``. A descriptor needs its parameters given here if the client has no URL: the
         replicas serve no manifests over zenoh.
@@ -187,8 +187,8 @@ class ZenohClient(MapCalls, BuildCalls):
         )
         return answer.parsed(Localization.from_mapping)
 
-    def _look_up(self, map_id: str) -> Steps[QueryParameters]:
-        return work(lambda: self.query_parameters(map_id))
+    def _look_up(self, map_id: str) -> Steps[DescriptorParameters]:
+        return work(lambda: self.descriptor_parameters(map_id))
 
     def _settings(self, endpoint: str | None, config: Path | str | None) -> Any:
         try:
