@@ -6,12 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from firstfix.scan.condense import condense, describe
-from firstfix.scan.descriptor_parameters import QueryParameters
+from firstfix.scan.descriptor_parameters import DescriptorParameters
 from firstfix.scan.scan import Scan
 from firstfix.wire import scan as wire
 from firstfix.wire.query import MEDIA_TYPE, encode_query
 
-Encode = Callable[[Scan, QueryParameters], bytes]
+Encode = Callable[[Scan, DescriptorParameters], bytes]
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,11 @@ def _any_map(points: int, resolution_m: float) -> Encode:
     return lambda scan, known: encode_query(condense(scan, points=points), resolution_m=resolution_m)
 
 
-def _this_map(scan: Scan, known: QueryParameters) -> bytes:
+def _this_map(scan: Scan, known: DescriptorParameters) -> bytes:
     return encode_query(condense(scan, known))
 
 
-def _descriptor(scan: Scan, known: QueryParameters) -> bytes:
+def _descriptor(scan: Scan, known: DescriptorParameters) -> bytes:
     return encode_query(describe(scan, known))
 
 

@@ -21,7 +21,7 @@ from firstfix.builds.config import BuildConfig
 from firstfix.decode import decode_query, read_scan_file
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
-from firstfix.scan.descriptor_parameters import QueryParameters
+from firstfix.scan.descriptor_parameters import DescriptorParameters
 from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix, pose_error
 from firstfix_builder.execution.stage_cache import StageCache
@@ -82,7 +82,7 @@ def _asked(
     localizer: Localizer, queries: Sequence[Query], form: Form
 ) -> tuple[list[Outcome], list[int], list[float], list[float]]:
     """What came of every query, the bytes of each, and the times of encoding and decoding, milliseconds."""
-    known = QueryParameters.from_engine(localizer.index.config.model_dump())
+    known = DescriptorParameters.from_engine(localizer.index.config.model_dump())
     outcomes, bytes_, encode_ms, decode_ms = [], [], [], []
     for number, (scan, T_map_sensor) in enumerate(queries):
         began = time.perf_counter()

@@ -14,7 +14,7 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
 from firstfix.engine.index import ENGINE_FILE, MapIndex
 from firstfix.engine.localizer import Localizer
-from firstfix.scan.descriptor_parameters import QueryParameters
+from firstfix.scan.descriptor_parameters import DescriptorParameters
 from firstfix.scan.scan import Scan
 from firstfix.store.store import Store
 from firstfix_builder.execution.stage_cache import StageCache
@@ -42,9 +42,9 @@ class QueriedVersion:
     def localizer(self) -> Localizer:
         return Localizer(MapIndex.load(self.version))
 
-    def parameters(self) -> QueryParameters:
+    def parameters(self) -> DescriptorParameters:
         """How a robot describes scans for it."""
-        return QueryParameters.from_engine(json.loads((self.version / ENGINE_FILE).read_text()))
+        return DescriptorParameters.from_engine(json.loads((self.version / ENGINE_FILE).read_text()))
 
     def publish(self, store_url: str, map_id: str, scratch: Path, mark: str = "") -> str:
         """Its digest.

@@ -80,7 +80,7 @@ def _in_process(map_id: str, store: str, encoding: Encoding) -> Answerer:
     from firstfix.decode import decode_query
     from firstfix.engine.index import MapIndex
     from firstfix.engine.localizer import Localizer
-    from firstfix.scan.descriptor_parameters import QueryParameters
+    from firstfix.scan.descriptor_parameters import DescriptorParameters
     from firstfix_client.steps.scan_body import BodyForm, encoded
 
     loaded: dict[str | None, tuple[str, Localizer]] = {}
@@ -94,7 +94,7 @@ def _in_process(map_id: str, store: str, encoding: Encoding) -> Answerer:
         if encoding != "scan":
             described = encoding == "descriptor"
             engine = localizer.index.config.model_dump()
-            form = BodyForm(encoding, QueryParameters.from_engine(engine) if described else None)
+            form = BodyForm(encoding, DescriptorParameters.from_engine(engine) if described else None)
             media_type, body = encoded(scan, form, options.gravity)
             query = decode_query(body, media_type)
         return replace(localizer.localize(query, options), map_id=map_id, map_version=version)

@@ -163,13 +163,23 @@ def queries() -> Iterator[Vector]:
 
 
 def parameters() -> Iterator[Vector]:
-    """Of ``query_parameters``: from a map's manifest."""
+    """Of ``descriptor_parameters``: from a map's manifest."""
     for name, engine in (("usual", ENGINE), ("odd", ODD_ENGINE)):
-        yield {"name": f"parameters-{name}", "function": "query_parameters", "input": {"engine": engine}}
+        yield {"name": f"parameters-{name}", "function": "descriptor_parameters", "input": {"engine": engine}}
     other = {**ENGINE, "descriptor": {**ENGINE["descriptor"], "kind": "pca_sc"}}
     unusable = {"expected": {"error": "unsupported_format"}}
-    yield {"name": "parameters-paper", "function": "query_parameters", "input": {"engine": other}, **unusable}
-    yield {"name": "parameters-none", "function": "query_parameters", "input": {"engine": {}}, **unusable}
+    yield {
+        "name": "parameters-paper",
+        "function": "descriptor_parameters",
+        "input": {"engine": other},
+        **unusable,
+    }
+    yield {
+        "name": "parameters-none",
+        "function": "descriptor_parameters",
+        "input": {"engine": {}},
+        **unusable,
+    }
 
 
 def _scan(name: str, scene: str, **more: Any) -> Vector:

@@ -14,7 +14,7 @@ from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.prior import Prior
 from firstfix.scan.condense import POINTS, condense, describe
-from firstfix.scan.descriptor_parameters import QueryParameters
+from firstfix.scan.descriptor_parameters import DescriptorParameters
 from firstfix.scan.scan import Scan
 from firstfix.transform import from_quaternion
 from firstfix.wire import query as wire_query
@@ -69,7 +69,7 @@ def _compact_query(folder: Path, given: Vector, parameters: Vector) -> bytes:
 
 def _descriptor_query(folder: Path, given: Vector, parameters: Vector) -> bytes:
     known, gravity = _levelling(parameters)
-    return wire_query.encode_query(describe(scan_of(folder, given), known or QueryParameters(), gravity))
+    return wire_query.encode_query(describe(scan_of(folder, given), known or DescriptorParameters(), gravity))
 
 
 def _decode_query(folder: Path, given: Vector, parameters: Vector) -> bytes:
@@ -78,16 +78,16 @@ def _decode_query(folder: Path, given: Vector, parameters: Vector) -> bytes:
     )
 
 
-def _levelling(parameters: Vector) -> tuple[QueryParameters | None, Any]:
+def _levelling(parameters: Vector) -> tuple[DescriptorParameters | None, Any]:
     engine, gravity = parameters.get("engine"), parameters.get("gravity")
     return (
-        None if engine is None else QueryParameters.from_engine(engine),
+        None if engine is None else DescriptorParameters.from_engine(engine),
         None if gravity is None else np.array(gravity, np.float64),
     )
 
 
-def _query_parameters(folder: Path, given: Vector, parameters: Vector) -> dict[str, Any]:
-    known = QueryParameters.from_engine(given["engine"])
+def _descriptor_parameters(folder: Path, given: Vector, parameters: Vector) -> dict[str, Any]:
+    known = DescriptorParameters.from_engine(given["engine"])
     assert known.descriptor is not None
     return {
         "min_range_m": known.min_range_m,
@@ -138,7 +138,7 @@ _FUNCTIONS: dict[str, Callable[[Path, Vector, Vector], Any]] = {
     "compact_query": _compact_query,
     "descriptor_query": _descriptor_query,
     "decode_query": _decode_query,
-    "query_parameters": _query_parameters,
+    "descriptor_parameters": _descriptor_parameters,
     "options": _options,
     "answer": _answer,
     "geopose": _geopose,

@@ -14,7 +14,7 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.engine.config import EngineConfig, OccupancyConfig, PcaScConfig
 from firstfix.errors import DescriptorMismatch, NotFound, UnsupportedFormat
 from firstfix.scan.compact import CompactScan, ScanDescriptor
-from firstfix.scan.descriptor_parameters import QueryParameters
+from firstfix.scan.descriptor_parameters import DescriptorParameters
 from firstfix.wire import query as wire_query
 from firstfix_client import Client
 
@@ -52,7 +52,7 @@ def test_a_compact_query_asks_nothing_but_the_question(server):
 
 def test_parameters_put_a_descriptor_beside_the_points(server):
     server.answers = [ok(answer_bytes())]
-    parameters = QueryParameters.from_engine(of_range(25.0).model_dump())
+    parameters = DescriptorParameters.from_engine(of_range(25.0).model_dump())
     Client(server.url).localize(SCAN, map_id="hall", encoding="compact", parameters=parameters)
     query = wire_query.decode_query(server.requests[0][4])
     assert query.described.agrees_with(of_range(25.0).descriptor.make())

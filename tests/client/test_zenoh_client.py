@@ -18,7 +18,7 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.descriptor import LayeredOccupancy, PolarGrid
 from firstfix.errors import FirstfixError, InvalidOption, NotFound, Overloaded
 from firstfix.scan.compact import CompactScan, ScanDescriptor
-from firstfix.scan.descriptor_parameters import QueryParameters
+from firstfix.scan.descriptor_parameters import DescriptorParameters
 from firstfix.wire import query as wire_query
 from firstfix.wire import scan as wire
 from firstfix_client import HedgePolicy, RetryPolicy, ServiceUnreachable, ZenohClient
@@ -125,7 +125,7 @@ def test_a_fix_is_a_typed_answer(replica, client):
 
 def test_it_sends_what_the_http_client_sends(replica, client):
     only = replica("r1")
-    parameters = QueryParameters(descriptor=LayeredOccupancy(PolarGrid(20, 60, 25.0)))
+    parameters = DescriptorParameters(descriptor=LayeredOccupancy(PolarGrid(20, 60, 25.0)))
     client.localize(SCAN, map_id="hall", encoding="compact")
     client.localize(SCAN, map_id="hall", encoding="descriptor", parameters=parameters)
     with pytest.raises(InvalidOption, match="parameters"):

@@ -14,7 +14,7 @@ from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer, localize_among
 from firstfix.engine.preprocess import PreparedQuery, preprocess
 from firstfix.scan.condense import condense, describe
-from firstfix.scan.descriptor_parameters import QueryParameters
+from firstfix.scan.descriptor_parameters import DescriptorParameters
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix.sensor import SensorModel
@@ -135,7 +135,7 @@ def test_a_shaken_gravity_is_held_against_the_surfaces(localizer, small_scans):
 
 
 def test_every_encoding_with_points_works_head_down(localizer, small_version, small_scans):
-    parameters = QueryParameters.from_engine(small_version.manifest.engine)
+    parameters = DescriptorParameters.from_engine(small_version.manifest.engine)
     for scan, T in small_scans[2:4]:
         other, T_other = remounted(scan, T, HEAD_DOWN)
         bodies = {
@@ -150,7 +150,7 @@ def test_every_encoding_with_points_works_head_down(localizer, small_version, sm
 
 
 def test_a_descriptor_alone_works_head_down_with_gravity(localizer, small_version, small_scans):
-    parameters = QueryParameters.from_engine(small_version.manifest.engine)
+    parameters = DescriptorParameters.from_engine(small_version.manifest.engine)
     scan, T = small_scans[0]
     other, T_other = remounted(scan, T, HEAD_DOWN)
     gravity = T_other[:3, :3].T @ [0, 0, -9.8]

@@ -17,7 +17,7 @@ from firstfix.engine.localizer import Localizer, localize_among
 from firstfix.errors import DescriptorMismatch
 from firstfix.scan.compact import CompactScan
 from firstfix.scan.condense import condense, describe
-from firstfix.scan.descriptor_parameters import QueryParameters
+from firstfix.scan.descriptor_parameters import DescriptorParameters
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import inverse, pose_error
@@ -31,7 +31,7 @@ def localizer(small_version):
 
 @pytest.fixture(scope="module")
 def parameters(small_version):
-    return QueryParameters.from_engine(small_version.manifest.engine)
+    return DescriptorParameters.from_engine(small_version.manifest.engine)
 
 
 def sent(query):

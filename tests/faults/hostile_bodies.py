@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from firstfix.descriptor import LayeredOccupancy, PolarGrid
 from firstfix.ros.media_types import NAMES as POINT_CLOUDS
 from firstfix.scan.condense import condense
-from firstfix.scan.descriptor_parameters import QueryParameters
+from firstfix.scan.descriptor_parameters import DescriptorParameters
 from firstfix.scan.scan import Scan
 from firstfix.wire import query as wire_query
 from firstfix.wire import scan as wire
@@ -65,7 +65,7 @@ def good_bodies(points: int = 60, seed: int = 0) -> list[Body]:
     xyzi = np.hstack([xyz, levels])
     scan = Scan(xyz, levels[:, 0])
     sequence = wire_sequence.encode_scans([scan] * 3, [np.eye(4)] * 3)
-    compact = condense(scan, QueryParameters(descriptor=LayeredOccupancy(PolarGrid())))
+    compact = condense(scan, DescriptorParameters(descriptor=LayeredOccupancy(PolarGrid())))
     raw = "application/vnd.firstfix.xyz"
     ok = frozenset({200})
     return [

@@ -18,7 +18,7 @@ from firstfix.answer.prior import Prior
 from firstfix.builds.records import new_status
 from firstfix.descriptor import LayeredOccupancy, PolarGrid
 from firstfix.errors import BuildFailed, Conflict, FirstfixError, InvalidOption, InvalidScan, NotFound
-from firstfix.scan.descriptor_parameters import QueryParameters
+from firstfix.scan.descriptor_parameters import DescriptorParameters
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix_client import Client, ZenohClient
@@ -26,7 +26,7 @@ from firstfix_client import Client, ZenohClient
 KINDS = ["http", "asyncio", "zenoh"]
 POINTS = np.random.default_rng(5).uniform(-20, 20, (800, 3))
 SCAN = Scan.from_points(POINTS)
-PARAMETERS = QueryParameters(descriptor=LayeredOccupancy(PolarGrid(20, 60, 25.0)))
+PARAMETERS = DescriptorParameters(descriptor=LayeredOccupancy(PolarGrid(20, 60, 25.0)))
 NOWHERE = 7.0
 
 

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "firstfix/scan.hpp"
+#include "firstfix/scan/scan.hpp"
 
 namespace firstfix::example {
 

@@ -28,7 +28,7 @@ Scan sent(const Scan& scan) {
 // Of maps that were asked with a descriptor.
 struct Client::Parameters {
   std::mutex mutex;
-  std::map<std::string, QueryParameters> by_map;
+  std::map<std::string, DescriptorParameters> by_map;
 };
 
 Client::Client(const std::string& url, Settings settings)
@@ -63,7 +63,7 @@ Localization Client::localize(const Scan& scan, const std::string& map_id, const
 
 Localization Client::localize_described(const Scan& scan, const std::string& map_id, const LocalizeOptions& options,
                                         bool* known) {
-  QueryParameters parameters;
+  DescriptorParameters parameters;
   {
     const std::lock_guard<std::mutex> lock(parameters_->mutex);
     const auto found = parameters_->by_map.find(map_id);
@@ -71,7 +71,7 @@ Localization Client::localize_described(const Scan& scan, const std::string& map
     if (*known) parameters = found->second;
   }
   if (!*known) {
-    parameters = query_parameters(map_id);
+    parameters = descriptor_parameters(map_id);
     const std::lock_guard<std::mutex> lock(parameters_->mutex);
     parameters_->by_map[map_id] = parameters;
   }
@@ -104,9 +104,9 @@ GeoAnswer Client::geopose(const Scan& scan, const std::string& map_id, const Loc
   return {std::nullopt, parse_localization(reply.body)};
 }
 
-QueryParameters Client::query_parameters(const std::string& map_id) {
+DescriptorParameters Client::descriptor_parameters(const std::string& map_id) {
   const Request request{"maps/" + Http::escaped(map_id), {}, {}, nullptr, false};
-  return parse_query_parameters(http_->send(request, Deadline(settings_.timeout_s)).body);
+  return parse_descriptor_parameters(http_->send(request, Deadline(settings_.timeout_s)).body);
 }
 
 std::vector<MapInfo> Client::maps() {

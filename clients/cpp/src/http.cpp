@@ -89,7 +89,7 @@ bool Deadline::allows(double wait_s) const {
 }
 
 Error Deadline::exceeded() const {
-  return {"deadline_exceeded", "no answer within " + detail::joined({timeout_s_}) + " s"};
+  return {"deadline_exceeded", "no answer within " + detail::comma_separated({timeout_s_}) + " s"};
 }
 
 Client::Http::Http(const std::string& url, const Settings& settings) : url_(checked_url(url)), settings_(settings) {
@@ -144,7 +144,7 @@ Client::Http::Outcome Client::Http::try_once(const Request& request, double left
   const auto named = [](const auto& one) { return one.first == "deadline_ms"; };
   if (request.tell_deadline && std::none_of(query.begin(), query.end(), named)) {
     const double left_ms = std::clamp(std::floor(left_s * 1000), 1.0, 600'000.0);
-    query.emplace_back("deadline_ms", detail::joined({left_ms}));
+    query.emplace_back("deadline_ms", detail::comma_separated({left_ms}));
   }
   const char* before = "?";
   for (const auto& [name, value] : query) {

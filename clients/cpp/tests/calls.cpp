@@ -34,7 +34,7 @@ void run(Client& client, const std::string& call, const std::string& map_id) {
   if (call == "maps") {
     for (const MapInfo& one : client.maps()) std::printf("%s %s\n", one.map_id.c_str(), one.active_version.value_or("-").c_str());
   } else if (call == "parameters") {
-    std::printf("%zu\n", client.query_parameters(map_id).descriptor->rings);
+    std::printf("%zu\n", client.descriptor_parameters(map_id).descriptor->rings);
   } else if (call == "scan") {
     show(client.localize(helix(), map_id, options));
   } else if (call == "range_image") {

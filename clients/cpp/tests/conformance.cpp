@@ -49,8 +49,8 @@ ScanForm form_of(const Json& parameters) {
   return name == "points" ? ScanForm::points : ScanForm::range_image;
 }
 
-QueryParameters parameters_of(const Json& parameters) {
-  return parameters.contains("engine") ? parse_engine(parameters.at("engine").dump()) : QueryParameters{};
+DescriptorParameters parameters_of(const Json& parameters) {
+  return parameters.contains("engine") ? parse_engine(parameters.at("engine").dump()) : DescriptorParameters{};
 }
 
 std::optional<Gravity> gravity_of(const Json& parameters) {
@@ -108,9 +108,9 @@ Result decode_query_vector(const std::string& folder, const Json& input, const J
   return {encode_query(*compact, parameters.value("resolution_m", 0.02)), {}};
 }
 
-Result query_parameters_vector(const std::string&, const Json& input, const Json&) {
-  const QueryParameters known = parse_engine(input.at("engine").dump());
-  const DescriptorParameters& grid = known.descriptor.value();
+Result descriptor_parameters_vector(const std::string&, const Json& input, const Json&) {
+  const DescriptorParameters known = parse_engine(input.at("engine").dump());
+  const LayeredOccupancy& grid = known.descriptor.value();
   return {std::nullopt,
           {{"min_range_m", known.min_range_m},
            {"max_range_m", known.max_range_m},
@@ -194,7 +194,7 @@ const std::map<std::string, Function>& functions() {
       {"encode_scan", encode_scan_vector},           {"decode_scan", decode_scan_vector},
       {"encode_scans", encode_scans_vector},         {"decode_scans", decode_scans_vector},
       {"compact_query", compact_query_vector},       {"descriptor_query", descriptor_query_vector},
-      {"decode_query", decode_query_vector},         {"query_parameters", query_parameters_vector},
+      {"decode_query", decode_query_vector},         {"descriptor_parameters", descriptor_parameters_vector},
       {"options", options_vector},                   {"answer", answer_vector},
       {"geopose", geopose_vector},                   {"problem", problem_vector},
   };

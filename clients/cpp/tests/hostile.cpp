@@ -83,7 +83,7 @@ bool documents(const std::string& folder) {
       refused([&document] { parse_localization(document); });
       refused([&document] { parse_geopose(document); });
       refused([&document] { parse_maps(document); });
-      refused([&document] { parse_query_parameters(document); });
+      refused([&document] { parse_descriptor_parameters(document); });
       refused([&document] { parse_problem(document, 400); });
     }
   }
@@ -114,18 +114,18 @@ void calls() {
   check(refused([] { cleaned(Scan{std::vector<Point>(3), std::vector<float>(4), {}}); }), "one intensity too many");
   check(refused([] { encode_query(CompactScan{{}, {}, {}}); }), "a compact scan without a view");
   for (const double bad : {0.0, -1.0, 1e-300, 1e300, std::numeric_limits<double>::quiet_NaN()}) {
-    QueryParameters parameters;
+    DescriptorParameters parameters;
     parameters.voxel_m = bad;
     check(refused([&] { condense(odd, parameters); }), "a voxel of no use");
-    parameters = QueryParameters{};
-    parameters.descriptor = DescriptorParameters{20, 60, bad, {0, 1}};
+    parameters = DescriptorParameters{};
+    parameters.descriptor = LayeredOccupancy{20, 60, bad, {0, 1}};
     check(refused([&] { describe(odd, parameters); }), "a descriptor's range of no use");
     check(refused([&] { encode_scan(cleaned(odd), bad); }), "a resolution of no use");
     check(refused([&] { encode_scan(cleaned(odd), bad, {}, ScanForm::range_image); }), "of a range image neither");
     check(refused([&] { encode_query(condense(odd), bad); }), "a compact query's resolution of no use");
   }
-  QueryParameters parameters;
-  parameters.descriptor = DescriptorParameters{};
+  DescriptorParameters parameters;
+  parameters.descriptor = LayeredOccupancy{};
   check(refused([&] { describe(odd, parameters, Gravity{0, 0, 0}); }), "gravity without a direction");
   check(!refused([&] { describe(Scan{}, parameters); }), "a scan without points is described");
   parameters.descriptor->layer_edges_m = {1, 0};

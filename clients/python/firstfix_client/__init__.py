@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from firstfix.answer.options import LocalizeOptions
     from firstfix.answer.prior import Prior
     from firstfix.errors import FirstfixError
-    from firstfix.scan.descriptor_parameters import QueryParameters
+    from firstfix.scan.descriptor_parameters import DescriptorParameters
     from firstfix.scan.scan import Scan
     from firstfix.scan.sequence import ScanSequence
 
@@ -43,7 +43,7 @@ __all__ = [
     "LocalizeOptions",
     "MapInfo",
     "Prior",
-    "QueryParameters",
+    "DescriptorParameters",
     "Reason",
     "ReplicaInfo",
     "RetryPolicy",
@@ -68,7 +68,7 @@ _HOME = {
     "LocalizeOptions": "firstfix.answer.options",
     "MapInfo": ".records",
     "Prior": "firstfix.answer.prior",
-    "QueryParameters": "firstfix.scan.descriptor_parameters",
+    "DescriptorParameters": "firstfix.scan.descriptor_parameters",
     "Reason": "firstfix.answer.localization",
     "ReplicaInfo": ".records",
     "RetryPolicy": ".policies",

@@ -23,7 +23,7 @@ from .steps.scan_body import BodyForm, Encoding, ScanLike
 if TYPE_CHECKING:
     import httpx
 
-    from firstfix.scan.descriptor_parameters import QueryParameters
+    from firstfix.scan.descriptor_parameters import DescriptorParameters
 
 
 class AsyncClient(AsyncMapCalls, AsyncBuildCalls):
@@ -76,7 +76,7 @@ class AsyncClient(AsyncMapCalls, AsyncBuildCalls):
         gravity: ArrayLike | None = None,
         options: LocalizeOptions | None = None,
         encoding: Encoding = "scan",
-        parameters: QueryParameters | None = None,
+        parameters: DescriptorParameters | None = None,
     ) -> Localization:
         """Returns the pose of a scan in a map, see ``Client.localize``."""
         form = BodyForm(encoding, parameters)

@@ -23,7 +23,7 @@ from .steps.scan_body import BodyForm, Encoding, ScanLike
 if TYPE_CHECKING:
     import httpx
 
-    from firstfix.scan.descriptor_parameters import QueryParameters
+    from firstfix.scan.descriptor_parameters import DescriptorParameters
 
     from .drivers.blocking_service import BlockingService
 
@@ -97,7 +97,7 @@ class Client(MapCalls, BuildCalls):
         gravity: ArrayLike | None = None,
         options: LocalizeOptions | None = None,
         encoding: Encoding = "scan",
-        parameters: QueryParameters | None = None,
+        parameters: DescriptorParameters | None = None,
     ) -> Localization:
         """Returns the pose of a scan in a map, or why there is none.
 

@@ -37,7 +37,7 @@ from .steps.step import Steps, work
 from .version_watch import VersionWatch
 
 if TYPE_CHECKING:
-    from firstfix.scan.descriptor_parameters import QueryParameters
+    from firstfix.scan.descriptor_parameters import DescriptorParameters
 
     from .drivers.blocking_service import BlockingService
 
@@ -132,7 +132,7 @@ class ZenohClient(MapCalls, BuildCalls):
         gravity: ArrayLike | None = None,
         options: LocalizeOptions | None = None,
         encoding: Encoding = "scan",
-        parameters: QueryParameters | None = None,
+        parameters: DescriptorParameters | None = None,
     ) -> Localization:
         """Returns the pose of a scan in a map, see ``Client.localize``.
 
@@ -191,8 +191,8 @@ class ZenohClient(MapCalls, BuildCalls):
         )
         return answer.parsed(Localization.from_mapping)
 
-    def _look_up(self, map_id: str) -> Steps[QueryParameters]:
-        return work(lambda: self.query_parameters(map_id))
+    def _look_up(self, map_id: str) -> Steps[DescriptorParameters]:
+        return work(lambda: self.descriptor_parameters(map_id))
 
     def _settings(self, endpoint: str | None, config: Path | str | None) -> Any:
         try:

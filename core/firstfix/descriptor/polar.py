@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..portable.atan2 import turns
+from ..portable.atan2 import atan2_turns
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class PolarGrid:
         radius *= np.float32(self.rings / self.max_range_m)
         ring = radius.astype(np.int32)
         np.minimum(ring, self.rings - 1, out=ring)  # a radius a hair below the end may round up
-        turn = turns(y, x)
+        turn = atan2_turns(y, x)
         turn *= np.float32(self.sectors)
         sector = np.floor(turn, out=turn).astype(np.int32)
         sector += (sector < 0) * np.int32(self.sectors)  # -0.5..0.5: the cell before 0 is the last

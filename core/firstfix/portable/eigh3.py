@@ -1,7 +1,7 @@
 """Eigenvectors of many symmetric 3 x 3 matrices, the same on every machine and in every language.
 
-Jacobi's method with a fixed number of sweeps, of steps that IEEE 754 rounds in one way (no library's
-eigensolver promises that), on all matrices at once.
+Jacobi's method with a fixed number of sweeps, on all matrices at once. IEEE 754 defines the rounding of every
+step, which no eigensolver of a library promises.
 """
 
 from __future__ import annotations
@@ -9,13 +9,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-_SWEEPS = 4  # enough for 12 digits; each doubles them or better
+_SWEEPS = 4  # enough for 12 digits; each sweep at least doubles the number of digits
 _TINY = 1e-300
 
 
-def smallest_axes(matrices: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(n, 3, 3) symmetric to their (n, 3) eigenvalues, ascending, and the (n, 3) unit eigenvectors of the
-    smallest."""
+def smallest_eigenvectors(matrices: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns the eigenvalues of symmetric matrices, and the eigenvectors of the smallest ones.
+
+    Args:
+        matrices: (n, 3, 3) symmetric.
+
+    Returns:
+        (n, 3) eigenvalues, ascending, and the (n, 3) unit eigenvectors of the smallest eigenvalues.
+    """
     n = len(matrices)
     a = np.ascontiguousarray(matrices.transpose(1, 2, 0))  # (3, 3, n): every element a row
     v = np.zeros((3, 3, n))
@@ -30,7 +36,7 @@ def smallest_axes(matrices: NDArray[np.float64]) -> tuple[NDArray[np.float64], N
 
 
 def _rotate(a: NDArray[np.float64], v: NDArray[np.float64], p: int, q: int, r: int) -> None:
-    """The turn in the plane of p and q that brings a[p, q] to 0; r is the third axis."""
+    """Rotates in the plane of p and q so that a[p, q] becomes 0; r is the third axis."""
     off, gap = a[p, q], a[q, q] - a[p, p]
     below = np.abs(gap) + np.sqrt(gap * gap + 4 * (off * off))
     tangent = np.where(gap < 0, -2.0, 2.0) * off / np.maximum(below, _TINY)

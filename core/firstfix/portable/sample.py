@@ -1,7 +1,7 @@
-"""Parts of many points that stand for all of them, whatever order they come in.
+"""Random samples of rows, the same for the same arguments.
 
-A stride (every fourth row) is no sample of an ordered list. Rows that repeat with its period are taken always
-or never: the beams of a scan, the storeys of a column of viewpoints.
+Every k-th row is not a representative sample of an ordered list: rows that repeat with the period k are taken
+either always or never. Examples are the beams of a scan, and the storeys of a column of viewpoints.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ _MIX_1, _MIX_2 = np.uint32(0x85EBCA6B), np.uint32(0xC2B2AE35)
 
 
 def rows_by_chance(count: int, at_most: int) -> NDArray[np.int64]:
-    """Rows of a list, ascending: one by chance out of each of ``at_most`` equal runs of it.
+    """Ascending rows of a list: one random row of each of ``at_most`` equal runs.
 
-    The same for the same arguments, to the last bit (clients/protocol/on-the-robot.md).
+    The result is the same on every machine (clients/protocol/on-the-robot.md).
 
     Args:
         count: length of the list.
-        at_most: rows wanted; all rows where there are no more.
+        at_most: number of rows. A shorter list gives all its rows.
     """
     if count <= at_most:
         return np.arange(count)
@@ -31,14 +31,14 @@ def rows_by_chance(count: int, at_most: int) -> NDArray[np.int64]:
 def rows_by_place(
     points: NDArray[np.floating], at_most: int, cell_m: float, seed: int = 0
 ) -> NDArray[np.int64]:
-    """Rows, ascending, of points that are spread over all places evenly: storeys are places of their own.
+    """Ascending rows of points that are evenly spread in space.
 
-    Space is cut into cubes. One point by chance is taken of each cube, then a second of each, and so on;
-    of the cubes that the last round cannot all serve, chance decides.
+    Space is divided into cubes, so that storeys are separate. One random point of each cube is taken, then a
+    second one of each, and so on. In the last round, the cubes that still get a point are random.
 
     Args:
         points: (n, 3) metres.
-        at_most: rows wanted; all rows where there are no more.
+        at_most: number of rows. A shorter list gives all its rows.
         cell_m: edge of a cube.
     """
     count = len(points)
@@ -46,21 +46,21 @@ def rows_by_place(
         return np.arange(count)
     order = np.random.default_rng(seed).permutation(count)
     cells = np.unique(cells_of(points, cell_m)[order], axis=0, return_inverse=True)[1].reshape(-1)
-    by_cell = np.argsort(cells, kind="stable")  # within a cell: in the order of chance
+    by_cell = np.argsort(cells, kind="stable")  # within a cell: in random order
     starts = np.flatnonzero(np.diff(cells[by_cell], prepend=-1))
-    turn = np.empty(count, np.int64)  # of each point: how many of its cell come before it
+    turn = np.empty(count, np.int64)  # of each point: the number of points of its cell before it
     turn[by_cell] = np.arange(count) - np.repeat(starts, np.diff(starts, append=count))
-    chosen = np.argsort(turn, kind="stable")[:at_most]  # within a turn too
+    chosen = np.argsort(turn, kind="stable")[:at_most]  # random within a turn too
     return np.sort(order[chosen])
 
 
 def cells_of(points: NDArray[np.floating], cell_m: float) -> NDArray[np.int64]:
-    """(n, 3) the cube of each of (n, 3) points."""
+    """Returns (n, 3) the cube of each of (n, 3) points."""
     return np.floor(np.asarray(points, np.float64) / cell_m).astype(np.int64)
 
 
 def _hash(count: int) -> NDArray[np.uint64]:
-    """(count,) of 0, 1, 2, ...: 32 bits each, as good as by chance (the last steps of MurmurHash3)."""
+    """Hashes of 0, 1, 2, ..., 32 bits each: the last steps of MurmurHash3."""
     x = np.arange(count, dtype=np.uint32)
     x ^= x >> np.uint32(16)
     x *= _MIX_1

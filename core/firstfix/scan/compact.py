@@ -2,7 +2,7 @@
 
 A few thousand of its voxels are registered; how far it sees in each direction checks free space; its
 descriptor, where the robot knows the map's, finds candidates. ``condense`` makes these on the robot,
-``wire_query`` writes them as bytes.
+``wire.query`` encodes them.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class ScanDescriptor:
 class CompactScan:
     """Attributes:
     points: (n, 3) float32 metres, sensor frame: an even part of the scan's voxel means.
-    nearest_m: (cells,) float32, ``scan_view.nearest_by_direction`` of its returns.
+    nearest_m: (cells,) float32, ``range_view.nearest_by_direction`` of its returns.
     described: None: the server describes the scan from these.
     """
 

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from ..descriptor import LayeredOccupancy, ScanBatch
 from ..errors import InvalidOption
-from ..portable.eigh3 import smallest_axes
+from ..portable.eigh3 import smallest_eigenvectors
 from .compact import MAX_COMPACT_POINTS, CompactScan, ScanDescriptor
-from .descriptor_parameters import QueryParameters
+from .descriptor_parameters import DescriptorParameters
 from .levelling import estimate_up, floor_height, levelling_rotation, turned
 from .range_view import nearest_by_direction
 from .scan import Scan
@@ -33,7 +33,7 @@ _FLAT = 100.0  # variance along a patch over that across it: what is less flat h
 
 def condense(
     scan: Scan,
-    parameters: QueryParameters | None = None,
+    parameters: DescriptorParameters | None = None,
     gravity: NDArray[np.float64] | None = None,
     *,
     points: int = POINTS,
@@ -50,7 +50,7 @@ def condense(
     """
     if not 1 <= points <= MAX_COMPACT_POINTS:
         raise InvalidOption(f"a compact query has 1 to {MAX_COMPACT_POINTS} points, not {points}")
-    used = parameters or QueryParameters()
+    used = parameters or DescriptorParameters()
     near = within_range(scan.points, used.min_range_m, used.max_range_m)
     means = voxel_means(at_most(near, _VOXELLED), used.voxel_m)
     described = None if used.descriptor is None else _describe(near, means, used, used.descriptor, gravity)
@@ -59,7 +59,7 @@ def condense(
 
 
 def describe(
-    scan: Scan, parameters: QueryParameters, gravity: NDArray[np.float64] | None = None
+    scan: Scan, parameters: DescriptorParameters, gravity: NDArray[np.float64] | None = None
 ) -> ScanDescriptor:
     """The descriptor alone, for candidates without registration.
 
@@ -67,7 +67,7 @@ def describe(
         InvalidOption: the parameters have no descriptor.
     """
     if parameters.descriptor is None:
-        raise InvalidOption("a descriptor needs the map's parameters: QueryParameters.from_engine")
+        raise InvalidOption("a descriptor needs the map's parameters: DescriptorParameters.from_engine")
     near = within_range(scan.points, parameters.min_range_m, parameters.max_range_m)
     means = voxel_means(at_most(near, _VOXELLED), parameters.voxel_m)
     return _describe(near, means, parameters, parameters.descriptor, gravity)
@@ -76,7 +76,7 @@ def describe(
 def _describe(
     near: NDArray[np.float32],
     means: NDArray[np.float64],
-    parameters: QueryParameters,
+    parameters: DescriptorParameters,
     descriptor: LayeredOccupancy,
     gravity: NDArray[np.float64] | None,
 ) -> ScanDescriptor:
@@ -120,7 +120,7 @@ def _patches(means: NDArray[np.float64], side_m: float) -> tuple[NDArray[np.floa
         for b in range(a, 3):
             scatter[:, a, b] = scatter[:, b, a] = sums(off[:, a] * off[:, b])
     filled = np.flatnonzero(count >= _PATCH_POINTS)
-    variance, axes = smallest_axes(scatter[filled])
+    variance, axes = smallest_eigenvectors(scatter[filled])
     flat = variance[:, 1] > _FLAT * variance[:, 0]
     normal = np.zeros((len(count), 3))
     normal[filled[flat]] = axes[flat]

@@ -1,4 +1,4 @@
-"""What a robot needs to know of a map to describe its scans as the map's templates are described."""
+"""Parameters with which a robot condenses and describes its scans."""
 
 from __future__ import annotations
 
@@ -11,14 +11,17 @@ from ..errors import UnsupportedFormat
 
 
 @dataclass(frozen=True)
-class QueryParameters:
-    """The defaults suit every map; a descriptor belongs to one map's version.
+class DescriptorParameters:
+    """Parameters of a map's descriptors.
+
+    The defaults are right for every map if there is no descriptor. A descriptor's parameters belong to one
+    version of a map.
 
     Attributes:
         min_range_m, max_range_m: returns outside are left out.
-        voxel_m: of the points that are sent.
-        default_height_m: of the sensor, where no floor is seen.
-        descriptor: None: the server describes.
+        voxel_m: voxel size of the points that are sent.
+        default_height_m: height of the sensor above the floor, if the scan shows no floor.
+        descriptor: the map's descriptor. None: the server describes the scan.
     """
 
     min_range_m: float = 0.5
@@ -28,11 +31,11 @@ class QueryParameters:
     descriptor: LayeredOccupancy | None = None
 
     @classmethod
-    def from_engine(cls, engine: Mapping[str, Any]) -> QueryParameters:
-        """From ``engine`` in a version's manifest, as ``GET /maps/{id}`` shows it.
+    def from_engine(cls, engine: Mapping[str, Any]) -> DescriptorParameters:
+        """Reads the parameters from ``engine`` of a version's manifest (``GET /maps/{id}``).
 
         Raises:
-            UnsupportedFormat: that map is described in another way, or this is no engine's config.
+            UnsupportedFormat: the map has another kind of descriptor, or this is not an engine's config.
         """
         try:
             described, used = engine["descriptor"], engine["preprocess"]

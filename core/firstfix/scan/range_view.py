@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..portable.atan2 import turns
+from ..portable.atan2 import atan2_turns
 
 CELL_DEG = 2.0
 COLUMNS = round(360 / CELL_DEG)
@@ -49,8 +49,8 @@ def nearest_by_direction(points: NDArray[np.float32]) -> NDArray[np.float32]:
     x, y, z = np.ascontiguousarray(points.T)
     across2 = x * x + y * y
     distance = np.sqrt(across2 + z * z)
-    column = ((turns(y, x) + np.float32(0.5)) * np.float32(COLUMNS)).astype(np.int32)
-    row = ((turns(z, np.sqrt(across2)) + np.float32(0.25)) * np.float32(COLUMNS)).astype(np.int32)
+    column = ((atan2_turns(y, x) + np.float32(0.5)) * np.float32(COLUMNS)).astype(np.int32)
+    row = ((atan2_turns(z, np.sqrt(across2)) + np.float32(0.25)) * np.float32(COLUMNS)).astype(np.int32)
     cell = np.minimum(row, ROWS - 1) * COLUMNS + column % COLUMNS
     image = np.full(ROWS * COLUMNS, np.inf, np.float32)
     far = distance > NEAREST_M

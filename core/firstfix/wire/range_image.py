@@ -46,7 +46,7 @@ import zstandard
 from numpy.typing import NDArray
 
 from ..errors import InvalidOption, MalformedData, TooLarge
-from ..portable.atan2 import turns
+from ..portable.atan2 import atan2_turns
 from ..scan.scan import MAX_POINTS, Scan
 from .frame_reader import FrameReader
 from .packing import halves_of, joined, packed_halves, planes_of
@@ -116,8 +116,8 @@ def _nearest_by_cell(points: NDArray[np.float32], resolution_m: float) -> tuple[
     x, y, z = np.ascontiguousarray(points.T)
     across2 = x * x + y * y
     steps = np.rint(np.sqrt(across2 + z * z).astype(np.float64) * (1 / resolution_m)).astype(np.int64)
-    column = ((turns(y, x) + np.float32(0.5)) * np.float32(COLUMNS)).astype(np.int64) % COLUMNS
-    row = ((turns(z, np.sqrt(across2)) + np.float32(0.25)) * np.float32(2 * ROWS)).astype(np.int64)
+    column = ((atan2_turns(y, x) + np.float32(0.5)) * np.float32(COLUMNS)).astype(np.int64) % COLUMNS
+    row = ((atan2_turns(z, np.sqrt(across2)) + np.float32(0.25)) * np.float32(2 * ROWS)).astype(np.int64)
     cell = np.minimum(row, ROWS - 1) * COLUMNS + column
     # one number a return, so that a plain sort puts a cell's nearest first, whatever the points' order
     keys = np.sort(((cell << 16) | steps)[(steps > 0) & (steps <= _MAX_STEPS)])

@@ -8,7 +8,7 @@ from firstfix.descriptor import LayeredOccupancy, PolarGrid
 from firstfix.errors import InvalidOption
 from firstfix.scan.compact import CompactScan, ScanDescriptor
 from firstfix.scan.condense import condense
-from firstfix.scan.descriptor_parameters import QueryParameters
+from firstfix.scan.descriptor_parameters import DescriptorParameters
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import make_transform, rotation_z
@@ -18,7 +18,7 @@ from firstfix.wire import sequence as wire_sequence
 from firstfix_client.steps.scan_body import MAX_COMPACT_BYTES, BodyForm, encoded
 
 POINTS = np.random.default_rng(0).uniform(-9, 9, (40, 3)).astype(np.float32)
-PARAMETERS = QueryParameters(descriptor=LayeredOccupancy(PolarGrid(20, 60, 25.0)))
+PARAMETERS = DescriptorParameters(descriptor=LayeredOccupancy(PolarGrid(20, 60, 25.0)))
 SCAN = Scan(POINTS, np.arange(40, dtype=np.float32))
 
 

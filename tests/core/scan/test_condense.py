@@ -13,7 +13,7 @@ from firstfix.engine.config import EngineConfig, PcaScConfig, PreprocessConfig
 from firstfix.engine.preprocess import preprocess
 from firstfix.errors import InvalidOption, UnsupportedFormat
 from firstfix.scan.condense import POINTS, condense, describe
-from firstfix.scan.descriptor_parameters import QueryParameters
+from firstfix.scan.descriptor_parameters import DescriptorParameters
 from firstfix.scan.range_view import ScanView, nearest_by_direction
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
@@ -21,7 +21,7 @@ from firstfix.scan.voxel_filter import at_most
 from firstfix.transform import rotation_between
 
 ENGINE = EngineConfig(preprocess=PreprocessConfig(min_range_m=0.3, voxel_m=0.25, default_height_m=0.7))
-PARAMETERS = QueryParameters.from_engine(ENGINE.model_dump(mode="json"))
+PARAMETERS = DescriptorParameters.from_engine(ENGINE.model_dump(mode="json"))
 TILT = rotation_between([0.1, -0.06, 1.0], [0.0, 0.0, 1.0])
 
 
@@ -113,7 +113,7 @@ def test_senseless_wishes_are_refused():
     with pytest.raises(InvalidOption):
         condense(room_scan(), points=0)
     with pytest.raises(InvalidOption, match="parameters"):
-        describe(room_scan(), QueryParameters())
+        describe(room_scan(), DescriptorParameters())
 
 
 @pytest.mark.parametrize(
@@ -121,7 +121,7 @@ def test_senseless_wishes_are_refused():
 )
 def test_parameters_come_from_an_engine_that_robots_know(engine):
     with pytest.raises(UnsupportedFormat):
-        QueryParameters.from_engine(engine)
+        DescriptorParameters.from_engine(engine)
 
 
 def test_the_robot_needs_numpy_and_zstandard_alone():

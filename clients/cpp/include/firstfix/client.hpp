@@ -1,4 +1,4 @@
-// The HTTP client: a fix from a running service, as a typed answer.
+// The HTTP client: asks a running service for a fix.
 #pragma once
 
 #include <memory>
@@ -6,74 +6,76 @@
 #include <string>
 #include <vector>
 
-#include "answer.hpp"
-#include "condense.hpp"
-#include "options.hpp"
-#include "wire.hpp"
-#include "wire_query.hpp"
-#include "wire_sequence.hpp"
+#include "firstfix/answer/documents.hpp"
+#include "firstfix/answer/options.hpp"
+#include "firstfix/scan/condense.hpp"
+#include "firstfix/wire/query.hpp"
+#include "firstfix/wire/scan.hpp"
+#include "firstfix/wire/sequence.hpp"
 
 namespace firstfix {
 
-// When to try again: random waits whose longest doubles from try to try, never less than the service asks for.
+// Retries wait a random time. Its upper limit doubles with every attempt. A wait that the service asks for is kept.
 struct RetryPolicy {
-  int attempts = 5;  // the first included; 1 turns retries off
+  int attempts = 5;  // including the first; 1 turns retries off
   double first_wait_s = 0.1, max_wait_s = 2.0;
 };
 
 enum class Encoding {
-  scan,         // all of it
-  range_image,  // all of it in a ninth to a third of the bytes
-  compact,      // under 10 KB, and answered as well
-  descriptor,   // under 1.5 KB, and answered with candidates, never localized
+  scan,         // the whole scan
+  range_image,  // the whole scan in a ninth to a third of the bytes
+  compact,      // under 10 KB; answered as well as the whole scan
+  descriptor,   // under 1.5 KB; answered with candidates, never localized
 };
 
 struct Settings {
-  double timeout_s = 10;  // of a call as a whole, retries included
+  double timeout_s = 10;  // of a whole call, including retries
   RetryPolicy retry;
-  std::optional<double> resolution_m;  // of whole scans; none: 1 cm, of range images 2.5 cm
-  std::optional<double> voxel_m;       // of whole scans: only the first point of each cube
-  std::optional<std::string> api_key;  // none: FIRSTFIX_API_KEY of the environment, if it is there
-  std::string ca_file;                 // certificates to trust beside the system's none: the system's
+  std::optional<double> resolution_m;  // of whole scans; default 1 cm, for range images 2.5 cm
+  std::optional<double> voxel_m;       // of whole scans: send only the first point of each voxel
+  std::optional<std::string> api_key;  // default: the variable FIRSTFIX_API_KEY, if it is set
+  std::string ca_file;                 // trusted certificates; default: the system's
 };
 
+// Exactly one of the two is present.
 struct GeoAnswer {
-  std::optional<GeoPose> pose;                // where localized
-  std::optional<Localization> not_localized;  // where not
+  std::optional<GeoPose> pose;                // if localized
+  std::optional<Localization> not_localized;  // if not
 };
 
-// Asks a firstfix service over HTTP. Thread-safe; connections are kept between calls, redirects never followed.
+// Asks a firstfix service over HTTP. Thread-safe. Connections are kept between calls. Redirects are not followed.
 //
-// Every call ends within its timeout. Besides what is said there, calls throw Error with the service's own code,
-// "deadline_exceeded" when the timeout is over, "unreachable" when no try reached a service, and "unreadable" when
-// what answered is none.
+// Every call ends within its timeout. All calls may throw Error with the service's own code, "deadline_exceeded" when
+// the timeout is over, "unreachable" if no attempt reached a service, and "unreadable" if the answer is not from a
+// firstfix service.
 class Client {
  public:
-  // Throws "invalid_option" for a URL, key or setting of no use.
+  // Throws "invalid_option" for an invalid URL, key or setting.
   explicit Client(const std::string& url, Settings settings = {});
   ~Client();
   Client(const Client&) = delete;
   Client& operator=(const Client&) = delete;
 
-  // The pose of a scan in a map, or why there is none. Points that are not finite or beyond 1000 m are left out.
+  // Localizes a scan in a map. Points that are not finite or beyond 1000 m are left out.
   //
-  // A descriptor needs its map's parameters: they are asked for once, and again when the map changes.
+  // A descriptor needs the map's descriptor parameters. They are fetched once, and again when the map changes.
   Localization localize(const Scan& scan, const std::string& map_id, const LocalizeOptions& options = {},
                         Encoding encoding = Encoding::scan);
 
-  // Of several scans with the way between them: the pose of the last.
+  // Localizes the last of several scans.
   Localization localize(const ScanSequence& sequence, const std::string& map_id, const LocalizeOptions& options = {});
 
-  // Of a query that is encoded already: the service gets these very bytes.
+  // Sends a query that is already encoded. The bytes are not changed.
   Localization localize_body(const Bytes& body, const std::string& media_type, const std::string& map_id,
                              const LocalizeOptions& options = {});
 
-  // As localize, in geographic coordinates. Throws "not_acceptable" where the map has no georeference.
+  // Localizes a scan in geographic coordinates. Throws "not_acceptable" if the map has no georeference.
   GeoAnswer geopose(const Scan& scan, const std::string& map_id, const LocalizeOptions& options = {});
 
-  // How scans for the map's active version are described.
-  QueryParameters query_parameters(const std::string& map_id);
+  // Descriptor parameters of the map's active version.
+  DescriptorParameters descriptor_parameters(const std::string& map_id);
 
+  // All maps of the service.
   std::vector<MapInfo> maps();
 
  private:
@@ -87,7 +89,7 @@ class Client {
   std::unique_ptr<Parameters> parameters_;
 };
 
-// A compact query's body, under 10 KB: with fewer points where a scan is so rich that it takes more.
+// Encodes a compact query in under 10 KB. A scan that needs more bytes is sent with fewer points.
 Bytes compact_body(CompactScan scan);
 
 }  // namespace firstfix

@@ -1,4 +1,4 @@
-// What the client throws: one class, told apart by its code, which never changes.
+// The exception of this library. Its code says what went wrong and never changes.
 #pragma once
 
 #include <stdexcept>
@@ -7,11 +7,11 @@
 
 namespace firstfix {
 
-// "Not localized" is no error: it is an answer without a pose.
+// A scan that is not localized is not an error: the answer then has no pose.
 //
-// code() is the protocol's (clients/PROTOCOL.md, Errors): of the service, or of this side where it refuses the
-// input itself. Two belong to this side alone: "unreachable", no service answered, and "unreadable", what answered
-// is no firstfix service.
+// code() is one of the protocol's codes (clients/PROTOCOL.md, Errors). The service sent it, or this library refused the
+// input itself. Two codes exist in this library only: "unreachable" (no service answered) and "unreadable" (the answer
+// is not from a firstfix service).
 class Error : public std::runtime_error {
  public:
   Error(std::string code, const std::string& detail)

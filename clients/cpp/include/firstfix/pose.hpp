@@ -1,4 +1,4 @@
-// Rigid poses as position and quaternion.
+// A rigid pose as position and quaternion.
 #pragma once
 
 #include <array>
@@ -22,7 +22,7 @@ inline bool usable(const Pose& pose) {
   return ok;
 }
 
-// With a quaternion of length 1 and w not negative.
+// The same pose, its quaternion with length 1 and w >= 0.
 inline Pose normalised(Pose pose) {
   double length2 = 0;
   for (const double v : pose.quaternion) length2 += v * v;

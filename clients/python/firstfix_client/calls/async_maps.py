@@ -9,7 +9,7 @@ from ..records import MapInfo, VersionInfo
 from .base import AsyncCalls
 
 if TYPE_CHECKING:
-    from firstfix.scan.descriptor_parameters import QueryParameters
+    from firstfix.scan.descriptor_parameters import DescriptorParameters
 
 
 class AsyncMapCalls(AsyncCalls):
@@ -23,9 +23,9 @@ class AsyncMapCalls(AsyncCalls):
         """Returns one map."""
         return await self._http.run(self._steps.maps.show_map(map_id))
 
-    async def query_parameters(self, map_id: str) -> QueryParameters:
+    async def descriptor_parameters(self, map_id: str) -> DescriptorParameters:
         """Returns the parameters with which a robot describes scans for the active version."""
-        return await self._http.run(self._steps.maps.query_parameters(map_id))
+        return await self._http.run(self._steps.maps.descriptor_parameters(map_id))
 
     async def versions(self, map_id: str) -> list[VersionInfo]:
         """Returns the versions of a map, newest first."""

@@ -9,7 +9,7 @@ from ..records import MapInfo, VersionInfo
 from .base import HttpCalls
 
 if TYPE_CHECKING:
-    from firstfix.scan.descriptor_parameters import QueryParameters
+    from firstfix.scan.descriptor_parameters import DescriptorParameters
 
 
 class MapCalls(HttpCalls):
@@ -27,14 +27,14 @@ class MapCalls(HttpCalls):
         """
         return self._http.run(self._http.steps.maps.show_map(map_id))
 
-    def query_parameters(self, map_id: str) -> QueryParameters:
+    def descriptor_parameters(self, map_id: str) -> DescriptorParameters:
         """Returns the parameters with which a robot describes scans for the map's active version.
 
         Raises:
             NotFound: no such map, or no version of it is active.
             UnsupportedFormat: this client cannot compute the version's descriptor.
         """
-        return self._http.run(self._http.steps.maps.query_parameters(map_id))
+        return self._http.run(self._http.steps.maps.descriptor_parameters(map_id))
 
     def versions(self, map_id: str) -> list[VersionInfo]:
         """Returns the versions of a map, newest first.

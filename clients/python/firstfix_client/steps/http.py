@@ -37,7 +37,7 @@ class HttpSteps:
         self.maps = MapSteps(sender)
         self.builds = BuildSteps(sender)
         self.ask = partial(ask_over_http, sender)
-        self.fixes = LocalizeSteps(form, self.ask, self.maps.query_parameters)
+        self.fixes = LocalizeSteps(form, self.ask, self.maps.descriptor_parameters)
 
 
 def sent_headers(api_key: str | None, headers: Mapping[str, str] | None) -> dict[str, str]:

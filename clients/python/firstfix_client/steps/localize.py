@@ -21,12 +21,12 @@ from .scan_body import BodyForm, ScanLike, encoded
 from .step import Steps, work
 
 if TYPE_CHECKING:
-    from firstfix.scan.descriptor_parameters import QueryParameters
+    from firstfix.scan.descriptor_parameters import DescriptorParameters
 
 
 # (body, media type, map ids, options) to the steps of a query.
 AskBody = Callable[[bytes, str, str, LocalizeOptions], Steps[Localization]]
-ParametersOf = Callable[[str], "Steps[QueryParameters]"]
+ParametersOf = Callable[[str], "Steps[DescriptorParameters]"]
 
 
 def options_of(
@@ -53,7 +53,7 @@ class LocalizeSteps:
         self._form = form
         self._ask = ask
         self._parameters_of = parameters_of
-        self._known: dict[str, QueryParameters] = {}
+        self._known: dict[str, DescriptorParameters] = {}
 
     def localize(
         self,
@@ -81,7 +81,7 @@ class LocalizeSteps:
         form = replace(form, parameters=(yield from self._looked_up(map_id)))
         return (yield from self._encode_and_ask(scan, map_id, options, form))
 
-    def _looked_up(self, map_id: str) -> Steps[QueryParameters]:
+    def _looked_up(self, map_id: str) -> Steps[DescriptorParameters]:
         found = self._known.get(map_id)
         if found is None:
             assert self._parameters_of is not None

@@ -12,7 +12,7 @@ from .http_sender import HttpSender
 from .step import Steps
 
 if TYPE_CHECKING:
-    from firstfix.scan.descriptor_parameters import QueryParameters
+    from firstfix.scan.descriptor_parameters import DescriptorParameters
 
 
 class MapSteps:
@@ -30,14 +30,14 @@ class MapSteps:
         answer = yield from self._http.call("GET", "maps", map_id)
         return answer.parsed(MapInfo.from_mapping)
 
-    def query_parameters(self, map_id: str) -> Steps[QueryParameters]:
+    def descriptor_parameters(self, map_id: str) -> Steps[DescriptorParameters]:
         """Gets the parameters with which scans for the active version are described."""
-        from firstfix.scan.descriptor_parameters import QueryParameters
+        from firstfix.scan.descriptor_parameters import DescriptorParameters
 
         manifest = (yield from self.show_map(map_id)).details.get("manifest")
         if not isinstance(manifest, Mapping):
             raise NotFound(f"map {map_id} has no active version")
-        return QueryParameters.from_engine(manifest.get("engine", {}))
+        return DescriptorParameters.from_engine(manifest.get("engine", {}))
 
     def versions(self, map_id: str) -> Steps[None]:
         """Emits the versions of a map."""

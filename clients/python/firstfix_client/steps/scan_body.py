@@ -20,7 +20,7 @@ from firstfix.wire import scan as wire
 from firstfix.wire import sequence as wire_sequence
 
 if TYPE_CHECKING:
-    from firstfix.scan.descriptor_parameters import QueryParameters
+    from firstfix.scan.descriptor_parameters import DescriptorParameters
 
 # File readers and the code for compact queries are imported on use: most programs use neither.
 
@@ -61,7 +61,7 @@ class BodyForm:
     """
 
     encoding: Encoding = "scan"
-    parameters: QueryParameters | None = None
+    parameters: DescriptorParameters | None = None
     resolution_m: float | None = None
     voxel_m: float | None = None
 
@@ -95,7 +95,9 @@ def encoded(
         from firstfix.scan.condense import describe
 
         if form.parameters is None:
-            raise InvalidOption("a descriptor needs the parameters of the map: QueryParameters.from_engine")
+            raise InvalidOption(
+                "a descriptor needs the parameters of the map: DescriptorParameters.from_engine"
+            )
         return wire_query.MEDIA_TYPE, wire_query.encode_query(describe(one, form.parameters, gravity))
     plain = replace(one, intensity=None)
     return wire.MEDIA_TYPE, wire.encode_scan(plain, **_of_whole_scans(form))

@@ -68,7 +68,10 @@ class _Seen:
         """With a later base, once many entries follow: so that a reader that lives long lists few."""
         if len(entries) > 2 * ENTRIES_PER_SNAPSHOT:
             listed = list(entries.items())
-            base, entries = _added_up(base, dict(listed[:-ENTRIES_PER_SNAPSHOT])), dict(listed[-ENTRIES_PER_SNAPSHOT:])
+            base, entries = (
+                _added_up(base, dict(listed[:-ENTRIES_PER_SNAPSHOT])),
+                dict(listed[-ENTRIES_PER_SNAPSHOT:]),
+            )
         return cls(base, entries, _added_up(base, entries), has_foreign)
 
 

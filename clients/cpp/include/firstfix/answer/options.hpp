@@ -1,4 +1,4 @@
-// What a caller may ask of one localization: clients/PROTOCOL.md, Options.
+// Options of one query: clients/PROTOCOL.md, Options.
 #pragma once
 
 #include <array>
@@ -10,12 +10,12 @@
 #include <utility>
 #include <vector>
 
-#include "errors.hpp"
-#include "pose.hpp"
+#include "firstfix/errors.hpp"
+#include "firstfix/pose.hpp"
 
 namespace firstfix {
 
-// Where the sensor is known to be in the map.
+// The region of the map where the sensor is known to be.
 struct Prior {
   std::array<double, 3> position{};  // m
   double radius_m = 0;
@@ -23,9 +23,9 @@ struct Prior {
 };
 
 struct LocalizeOptions {
-  std::optional<std::array<double, 3>> gravity;  // direction in the sensor frame, downwards
+  std::optional<std::array<double, 3>> gravity;  // points down, in the sensor frame
   std::optional<Prior> prior;
-  std::optional<Pose> T_base_sensor;  // mounting: the answer then has T_map_base
+  std::optional<Pose> T_base_sensor;  // mounting of the sensor; the answer then has T_map_base
   std::optional<int> max_candidates;
   std::optional<double> min_probability;
   std::optional<double> deadline_ms;
@@ -36,14 +36,14 @@ using Strings = std::vector<std::pair<std::string, std::string>>;
 
 namespace detail {
 
-// Of enough digits to be the same double again, whatever the process's locale.
-inline std::string joined(const std::vector<double>& numbers) {
+// Comma-separated numbers in any locale, with enough digits to read the same double again.
+inline std::string comma_separated(const std::vector<double>& numbers) {
   std::ostringstream text;
   text.imbue(std::locale::classic());
   text.precision(17);
   const char* between = "";
   for (const double v : numbers) {
-    if (!std::isfinite(v)) throw Error("invalid_option", "an option holds a number that is not finite");
+    if (!std::isfinite(v)) throw Error("invalid_option", "a number of an option is not finite");
     text << between << v;
     between = ",";
   }
@@ -52,11 +52,12 @@ inline std::string joined(const std::vector<double>& numbers) {
 
 }  // namespace detail
 
-// Names and values as query parameters, not escaped. Throws "invalid_option" for numbers that are not finite.
+// Names and values of the options as query parameters, not escaped. Throws "invalid_option" for a number that is not
+// finite.
 inline Strings strings_of(const LocalizeOptions& options) {
   Strings strings;
   const auto add = [&strings](const char* name, const std::vector<double>& numbers) {
-    strings.emplace_back(name, detail::joined(numbers));
+    strings.emplace_back(name, detail::comma_separated(numbers));
   };
   if (options.gravity) add("gravity", {options.gravity->begin(), options.gravity->end()});
   if (options.prior) {
@@ -66,7 +67,7 @@ inline Strings strings_of(const LocalizeOptions& options) {
     add("prior", numbers);
   }
   if (options.T_base_sensor) {
-    if (!detail::usable(*options.T_base_sensor)) throw Error("invalid_option", "T_base_sensor is no pose");
+    if (!detail::usable(*options.T_base_sensor)) throw Error("invalid_option", "T_base_sensor is not a valid pose");
     const Pose pose = detail::normalised(*options.T_base_sensor);
     std::vector<double> numbers(pose.position.begin(), pose.position.end());
     numbers.insert(numbers.end(), pose.quaternion.begin(), pose.quaternion.end());

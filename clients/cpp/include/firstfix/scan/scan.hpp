@@ -7,12 +7,12 @@
 #include <optional>
 #include <vector>
 
-#include "errors.hpp"
+#include "firstfix/errors.hpp"
 
 #if defined(__FAST_MATH__)
-#error "firstfix needs IEEE arithmetic to make the same bytes as other clients: do not use -ffast-math"
+#error "firstfix needs IEEE arithmetic to produce the same bytes as other clients: do not use -ffast-math"
 #endif
-static_assert(FLT_EVAL_METHOD == 0, "float arithmetic must be done in float: not on the x87 unit");
+static_assert(FLT_EVAL_METHOD == 0, "float arithmetic must be done in float, not on the x87 unit");
 
 namespace firstfix {
 
@@ -25,19 +25,19 @@ struct Point {
 
 struct Scan {
   std::vector<Point> points;
-  std::optional<std::vector<float>> intensity;  // one a point
+  std::optional<std::vector<float>> intensity;  // one per point
   std::optional<double> stamp_s;                // since the epoch
 };
 
 inline bool usable(const Point& p) {
-  const auto within = [](float v) { return std::fabs(static_cast<double>(v)) <= kMaxAbsCoordinate; };  // NaN is not
+  const auto within = [](float v) { return std::fabs(static_cast<double>(v)) <= kMaxAbsCoordinate; };  // false for NaN
   return within(p.x) && within(p.y) && within(p.z);
 }
 
-// Without what drivers deliver for "no return": points that are not finite or absurdly far.
+// The scan without points that are not finite or beyond 1000 m, which drivers deliver for "no return".
 inline Scan cleaned(const Scan& scan) {
   if (scan.intensity && scan.intensity->size() != scan.points.size()) {
-    throw Error("invalid_scan", "there is not one intensity for every point");
+    throw Error("invalid_scan", "the number of intensities is not the number of points");
   }
   Scan kept{{}, std::nullopt, scan.stamp_s};
   kept.points.reserve(scan.points.size());

@@ -1,5 +1,5 @@
 // Documents of the service, read with every field checked.
-#include "firstfix/answer.hpp"
+#include "firstfix/answer/documents.hpp"
 
 #include <cmath>
 #include <nlohmann/json.hpp>
@@ -95,19 +95,19 @@ std::size_t whole(const Json& object, const char* name) {
   return static_cast<std::size_t>(value);
 }
 
-QueryParameters parameters_of(const Json& engine) {
+DescriptorParameters parameters_of(const Json& engine) {
   const Json* described = member(engine, "descriptor");
   const Json* used = member(engine, "preprocess");
   if (described == nullptr || used == nullptr) throw Error("unsupported_format", "this is no map's engine");
   if (text(*described, "kind") != "occupancy") {
     throw Error("unsupported_format", "robots cannot compute the map's descriptor");
   }
-  QueryParameters made;
+  DescriptorParameters made;
   made.min_range_m = number(*used, "min_range_m");
   made.max_range_m = number(*used, "max_range_m");
   made.voxel_m = number(*used, "voxel_m");
   made.default_height_m = number(*used, "default_height_m");
-  DescriptorParameters grid;
+  LayeredOccupancy grid;
   grid.rings = whole(*described, "rings");
   grid.sectors = whole(*described, "sectors");
   grid.max_range_m = number(*described, "max_range_m");
@@ -121,7 +121,7 @@ QueryParameters parameters_of(const Json& engine) {
 }
 
 // What is wrong with a map's engine is a format that this client does not know.
-QueryParameters usable_parameters(const Json& engine) {
+DescriptorParameters usable_parameters(const Json& engine) {
   try {
     return parameters_of(engine);
   } catch (const Error& error) {
@@ -187,12 +187,12 @@ MapPage parse_maps(std::string_view document) {
   return page;
 }
 
-QueryParameters parse_engine(std::string_view engine) {
+DescriptorParameters parse_engine(std::string_view engine) {
   const Json data = Json::parse(engine.begin(), engine.end(), nullptr, false);
   return usable_parameters(data);
 }
 
-QueryParameters parse_query_parameters(std::string_view map_record) {
+DescriptorParameters parse_descriptor_parameters(std::string_view map_record) {
   const Json data = parsed(map_record);
   const Json* manifest = member(data, "manifest");
   if (manifest == nullptr) throw Error("not_found", "no version of the map is active");

@@ -1,4 +1,4 @@
-// Every point of a scan, kind 1 of application/vnd.firstfix.scan: clients/protocol/scan.md has every byte.
+// Kind 1 of application/vnd.firstfix.scan: every point of a scan. clients/protocol/scan.md specifies every byte.
 #pragma once
 
 #include <algorithm>
@@ -10,11 +10,11 @@
 #include <optional>
 #include <vector>
 
-#include "bytes.hpp"
-#include "errors.hpp"
-#include "scan.hpp"
-#include "voxel_filter.hpp"
-#include "zstd_frame.hpp"
+#include "firstfix/errors.hpp"
+#include "firstfix/scan/scan.hpp"
+#include "firstfix/scan/voxel_filter.hpp"
+#include "firstfix/wire/bytes.hpp"
+#include "firstfix/wire/zstd_frame.hpp"
 
 namespace firstfix::detail {
 
@@ -25,11 +25,12 @@ struct PointsForm {
   std::array<double, 3> origin{};
   std::size_t coordinate_bytes = 2;
   std::size_t intensity_bytes = 0;
-  double scale = 1, offset = 0;  // of the intensity; floats
+  double scale = 1, offset = 0;  // of the intensity; float values
 };
 
-// Two bytes reach 327 m at 1 cm: further, the origin moves to the middle, or it takes four.
-inline void place(const std::vector<Point>& points, double resolution_m, PointsForm& form) {
+// Chooses origin and bytes per coordinate. Two bytes reach 327 m at 1 cm. For a scan that reaches further, the origin
+// moves to the middle, or a coordinate takes four bytes.
+inline void choose_coordinates(const std::vector<Point>& points, double resolution_m, PointsForm& form) {
   const double reach_m = 32'767 * resolution_m;
   constexpr double kFar = std::numeric_limits<double>::infinity();
   Vector3 low{kFar, kFar, kFar}, high{-kFar, -kFar, -kFar};
@@ -55,8 +56,8 @@ inline void place(const std::vector<Point>& points, double resolution_m, PointsF
   }
 }
 
-// Exact for whole numbers of 8 or 16 bits, else 65536 steps of the range.
-inline void spread(const std::vector<float>& intensity, PointsForm& form) {
+// Chooses the form of the intensity: exact for integers of 8 or 16 bits, otherwise 65,536 steps over the range.
+inline void choose_intensity(const std::vector<float>& intensity, PointsForm& form) {
   double low = 0, high = 0;
   bool whole = true;
   for (std::size_t i = 0; i < intensity.size(); ++i) {
@@ -75,7 +76,7 @@ inline void spread(const std::vector<float>& intensity, PointsForm& form) {
   form.scale = static_cast<double>(std::nextafter(static_cast<float>((high - form.offset) / 65'535), kEnd));
 }
 
-// Planes of n bytes, the least significant first, of n values.
+// Writes n values as planes of n bytes: first the least significant byte of every value, then the next.
 inline void put_planes(Bytes& out, const std::vector<std::uint32_t>& values, std::size_t bytes) {
   std::size_t at = out.size();
   out.resize(at + bytes * values.size());
@@ -84,6 +85,7 @@ inline void put_planes(Bytes& out, const std::vector<std::uint32_t>& values, std
   }
 }
 
+// The inverse of put_planes.
 inline std::vector<std::uint32_t> joined(const std::uint8_t* planes, std::size_t count, std::size_t bytes) {
   std::vector<std::uint32_t> values(count);
   for (std::size_t plane = 0; plane < bytes; ++plane) {
@@ -94,6 +96,7 @@ inline std::vector<std::uint32_t> joined(const std::uint8_t* planes, std::size_t
   return values;
 }
 
+// Replaces NaN by 0 and limits the values to 1e30.
 inline std::vector<float> finite(const std::vector<float>& intensity) {
   std::vector<float> clean(intensity.size());
   std::transform(intensity.begin(), intensity.end(), clean.begin(), [](float v) {
@@ -102,14 +105,14 @@ inline std::vector<float> finite(const std::vector<float>& intensity) {
   return clean;
 }
 
-// What follows the six bytes that every scan begins with.
+// Writes the part of a scan after its first six bytes.
 inline void put_points(Bytes& body, const Scan& scan, double resolution_m) {
   const std::vector<Point>& points = scan.points;
   std::optional<std::vector<float>> intensity;
   if (scan.intensity) intensity = finite(*scan.intensity);
   PointsForm form;
-  place(points, resolution_m, form);
-  if (intensity) spread(*intensity, form);
+  choose_coordinates(points, resolution_m, form);
+  if (intensity) choose_intensity(*intensity, form);
 
   put(body, static_cast<std::uint8_t>(form.coordinate_bytes));
   put(body, static_cast<std::uint8_t>(form.intensity_bytes));
@@ -146,6 +149,7 @@ inline void put_points(Bytes& body, const Scan& scan, double resolution_m) {
   append(body, compressed(planes, 1, true));
 }
 
+// Reads the part of a scan after its first six bytes.
 inline Scan take_points(Reader& rest) {
   const std::size_t c = rest.get<std::uint8_t>(), i = rest.get<std::uint8_t>();
   const std::size_t count = rest.get<std::uint32_t>();

@@ -1,4 +1,4 @@
-// The encoding application/vnd.firstfix.query: clients/protocol/query.md has every byte.
+// The encoding application/vnd.firstfix.query: clients/protocol/query.md specifies every byte.
 #pragma once
 
 #include <algorithm>
@@ -11,13 +11,13 @@
 #include <variant>
 #include <vector>
 
-#include "bytes.hpp"
-#include "compact_scan.hpp"
-#include "errors.hpp"
-#include "scan_view.hpp"
-#include "voxel_filter.hpp"
-#include "wire.hpp"
-#include "zstd_frame.hpp"
+#include "firstfix/errors.hpp"
+#include "firstfix/scan/compact.hpp"
+#include "firstfix/scan/range_view.hpp"
+#include "firstfix/scan/voxel_filter.hpp"
+#include "firstfix/wire/bytes.hpp"
+#include "firstfix/wire/scan.hpp"
+#include "firstfix/wire/zstd_frame.hpp"
 
 namespace firstfix {
 
@@ -27,12 +27,12 @@ namespace detail {
 
 constexpr std::size_t kMaskBytes = kDirections / 8;
 static_assert(kDirections % 8 == 0);
-constexpr int kQueryLevel = 12;  // of zstd
+constexpr int kQueryZstdLevel = 12;
 constexpr std::uint8_t kCompactPart = 1, kDescriptorPart = 2;
 
 inline float range_of_level(double level) { return static_cast<float>(5 * std::expm1(0.012 * level)); }
 
-// Where the levels 1 to 254 end.
+// The range at which each of the levels 1 to 254 ends.
 inline const std::array<float, 254>& level_edges() {
   static const std::array<float, 254> edges = [] {
     std::array<float, 254> made{};
@@ -42,13 +42,14 @@ inline const std::array<float, 254>& level_edges() {
   return edges;
 }
 
-inline Bytes view_content(const std::vector<float>& nearest_m) {
-  if (nearest_m.size() != kDirections) throw Error("invalid_scan", "a compact scan has 16,200 ranges");
+// A bit for each direction, then the levels' differences.
+inline Bytes range_view_content(const std::vector<float>& nearest_m) {
+  if (nearest_m.size() != kDirections) throw Error("invalid_scan", "a compact scan must have 16,200 ranges");
   Bytes content(kMaskBytes);
   std::uint8_t before = 0;
   for (std::size_t i = 0; i < kDirections; ++i) {
     const float range = nearest_m[i];
-    if (!(range >= 0)) throw Error("invalid_scan", "a range is below 0");
+    if (!(range >= 0)) throw Error("invalid_scan", "a range is NaN or below 0");
     if (std::isinf(range)) continue;
     content[i / 8] = static_cast<std::uint8_t>(content[i / 8] | (0x80U >> (i % 8)));
     const auto& edges = level_edges();
@@ -68,7 +69,7 @@ inline void put_compact(Bytes& body, const CompactScan& scan, double wanted_reso
   const std::size_t n = scan.points.size();
   if (n > kMaxCompactPoints) throw Error("too_large", "the query has over 10,000 points");
   const auto resolution = static_cast<float>(wanted_resolution_m);
-  const auto resolution_m = static_cast<double>(resolution);  // as the header says it
+  const auto resolution_m = static_cast<double>(resolution);  // the value in the header
   std::vector<Cell> cells(n), steps(n);
   for (std::size_t i = 0; i < n; ++i) {
     if (!usable(scan.points[i])) throw Error("invalid_scan", "a coordinate is not finite, or beyond 1000 m");
@@ -84,7 +85,7 @@ inline void put_compact(Bytes& body, const CompactScan& scan, double wanted_reso
     const bool reached = std::abs(box.lowest[axis]) <= 32'767 && box.size[axis] <= 65'535;
     product *= reached ? static_cast<std::uint64_t>(box.size[axis]) : 0;
     if (!reached || product > std::uint64_t{1} << 32) {
-      throw Error("invalid_scan", "the points reach too far for the resolution");
+      throw Error("invalid_scan", "the points are too far apart for the resolution");
     }
   }
   std::vector<std::size_t> order(n);
@@ -105,8 +106,8 @@ inline void put_compact(Bytes& body, const CompactScan& scan, double wanted_reso
   if (n % 2 == 1) low.insert(low.end(), 3, 0);
   Bytes planes;
   put_planes(planes, apart, 4);
-  const Bytes first = compressed(planes, kQueryLevel, false);
-  const Bytes second = compressed(view_content(scan.nearest_m), kQueryLevel, false);
+  const Bytes first = compressed(planes, kQueryZstdLevel, false);
+  const Bytes second = compressed(range_view_content(scan.nearest_m), kQueryZstdLevel, false);
   put(body, resolution);
   put(body, static_cast<std::uint16_t>(n));
   for (const std::int64_t v : box.lowest) put(body, static_cast<std::int16_t>(v));
@@ -121,11 +122,11 @@ inline void put_compact(Bytes& body, const CompactScan& scan, double wanted_reso
 }
 
 inline void put_descriptor(Bytes& body, const ScanDescriptor& described) {
-  const DescriptorParameters& grid = described.parameters;
+  const LayeredOccupancy& grid = described.descriptor;
   if (!usable(grid) || described.occupancy.size() != grid.bytes()) {
-    throw Error("invalid_scan", "the descriptor is not of its parameters' form");
+    throw Error("invalid_scan", "the descriptor does not have the size of its grid");
   }
-  const Bytes frame = compressed(described.occupancy, kQueryLevel, false);
+  const Bytes frame = compressed(described.occupancy, kQueryZstdLevel, false);
   put(body, std::uint8_t{1});
   put(body, static_cast<std::uint8_t>(grid.layers()));
   put(body, static_cast<std::uint16_t>(grid.rings));
@@ -138,7 +139,8 @@ inline void put_descriptor(Bytes& body, const ScanDescriptor& described) {
   append(body, frame);
 }
 
-inline std::vector<float> read_view(const Bytes& content) {
+// The inverse of range_view_content.
+inline std::vector<float> read_range_view(const Bytes& content) {
   std::vector<float> nearest_m(kDirections, std::numeric_limits<float>::infinity());
   std::size_t at = kMaskBytes;
   std::uint8_t level = 0;
@@ -166,14 +168,14 @@ inline CompactScan read_compact(Reader& rest) {
   }
   const Bytes planes = decompressed(rest.take(first), 4 * n, 4 * n);
   CompactScan scan;
-  scan.nearest_m = read_view(decompressed(rest.take(second), kMaskBytes, kMaskBytes + kDirections));
+  scan.nearest_m = read_range_view(decompressed(rest.take(second), kMaskBytes, kMaskBytes + kDirections));
   const Span low = rest.take(3 * ((n + 1) / 2));
   std::int64_t number = 0;
   for (std::size_t k = 0; k < n; ++k) {
     for (std::size_t plane = 0; plane < 4; ++plane) {
       number += static_cast<std::int64_t>(planes[plane * n + k]) << (8 * plane);
     }
-    if (number >= cells) throw Error("malformed_data", "a point of the query lies beyond its cells");
+    if (number >= cells) throw Error("malformed_data", "a point of the query is outside its cells");
     const Cell cell{number % size[0], number / size[0] % size[1], number / (size[0] * size[1])};
     std::array<float, 3> metres{};
     for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -193,14 +195,14 @@ inline CompactScan read_compact(Reader& rest) {
 inline ScanDescriptor read_descriptor(Reader& rest) {
   const auto kind = rest.get<std::uint8_t>(), layers = rest.get<std::uint8_t>();
   ScanDescriptor described;
-  DescriptorParameters& grid = described.parameters;
+  LayeredOccupancy& grid = described.descriptor;
   grid.rings = rest.get<std::uint16_t>();
   grid.sectors = rest.get<std::uint16_t>();
   const std::size_t frame = rest.get<std::uint16_t>();
   grid.max_range_m = static_cast<double>(rest.get<float>());
   for (double& v : described.up) v = static_cast<double>(rest.get<float>());
   described.height_m = static_cast<double>(rest.get<float>());
-  if (kind != 1) throw Error("unsupported_format", "this reads descriptors of kind 1");
+  if (kind != 1) throw Error("unsupported_format", "only descriptors of kind 1 are supported");
   const double length = std::hypot(described.up[0], described.up[1], described.up[2]);
   if (layers < 1 || layers > 16 || !(std::fabs(length - 1) < 1e-3) || !(std::fabs(described.height_m) <= 100)) {
     throw Error("malformed_data", "a field of the descriptor is out of range");
@@ -215,10 +217,10 @@ inline ScanDescriptor read_descriptor(Reader& rest) {
 
 }  // namespace detail
 
-// Throws "invalid_option" (a resolution outside 0.005 to 0.1 m), "invalid_scan", "too_large".
+// Encodes a query. Throws "invalid_option" (a resolution outside 0.005 to 0.1 m), "invalid_scan", "too_large".
 inline Bytes encode_query(const CompactScan& scan, double resolution_m = 0.02) {
   if (!(resolution_m >= 0.005 && resolution_m <= 0.1)) {
-    throw Error("invalid_option", "a compact query's resolution lies in [0.005, 0.1] m");
+    throw Error("invalid_option", "the resolution of a compact query must be in [0.005, 0.1] m");
   }
   const std::uint8_t parts = scan.described ? detail::kCompactPart | detail::kDescriptorPart : detail::kCompactPart;
   Bytes body{'F', 'F', 'Q', 'Y', 1, parts, 0, 0};
@@ -233,17 +235,18 @@ inline Bytes encode_query(const ScanDescriptor& described) {
   return body;
 }
 
+// A compact scan, with or without a descriptor, or a descriptor alone.
 using Query = std::variant<CompactScan, ScanDescriptor>;
 
-// What encode_query was given. Throws "malformed_data", "unsupported_format", "too_large"; every size is checked
-// before memory is taken for it.
+// Decodes a query. Throws "malformed_data", "unsupported_format", "too_large". Every size is checked before memory is
+// allocated.
 inline Query decode_query(const std::uint8_t* data, std::size_t size) {
   detail::Reader rest(data, size, kQueryMediaType);
   rest.magic("FFQY");
   const auto version = rest.get<std::uint8_t>(), parts = rest.get<std::uint8_t>();
-  if (rest.get<std::uint16_t>() != 0) throw Error("malformed_data", "a reserved field of the query is set");
+  if (rest.get<std::uint16_t>() != 0) throw Error("malformed_data", "a reserved field of the query is not 0");
   if (version != 1 || parts < 1 || parts > 3) {
-    throw Error("unsupported_format", "this reads version 1 with the parts 1 to 3");
+    throw Error("unsupported_format", "only version 1 with the parts 1 to 3 is supported");
   }
   Query query;
   if ((parts & detail::kCompactPart) != 0) {

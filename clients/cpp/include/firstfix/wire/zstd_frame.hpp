@@ -1,4 +1,4 @@
-// zstd frames that declare their content's size, which is checked before memory is taken for it.
+// zstd frames that declare the size of their content. The size is checked before memory is allocated.
 #pragma once
 
 #include <zstd.h>
@@ -7,8 +7,8 @@
 #include <memory>
 #include <string>
 
-#include "bytes.hpp"
-#include "errors.hpp"
+#include "firstfix/errors.hpp"
+#include "firstfix/wire/bytes.hpp"
 
 namespace firstfix::detail {
 
@@ -25,16 +25,16 @@ inline Bytes compressed(const Bytes& content, int level, bool checksum) {
   return frame;
 }
 
-// Of exactly one frame, whose declared size must lie in [least, most].
+// The content of exactly one frame. Its declared size must be in [least, most].
 inline Bytes decompressed(Span frame, std::size_t least, std::size_t most) {
   static constexpr std::uint8_t kMagic[] = {0x28, 0xB5, 0x2F, 0xFD};
   if (frame.size < sizeof kMagic || std::memcmp(frame.data, kMagic, sizeof kMagic) != 0) {
-    throw Error("malformed_data", "no zstd frame where one belongs");
+    throw Error("malformed_data", "a zstd frame is missing");
   }
   const unsigned long long declared = ZSTD_getFrameContentSize(frame.data, frame.size);
   if (declared == ZSTD_CONTENTSIZE_UNKNOWN || declared == ZSTD_CONTENTSIZE_ERROR || declared < least ||
       declared > most) {
-    throw Error("malformed_data", "a zstd frame declares another size than its header allows");
+    throw Error("malformed_data", "a zstd frame declares a size that the header does not allow");
   }
   if (ZSTD_findFrameCompressedSize(frame.data, frame.size) != frame.size) {
     throw Error("malformed_data", "a zstd frame is cut off, or bytes follow it");

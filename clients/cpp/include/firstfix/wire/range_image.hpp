@@ -1,4 +1,4 @@
-// A scan as a range image, kind 2 of application/vnd.firstfix.scan: clients/protocol/range-image.md has every byte.
+// Kind 2 of application/vnd.firstfix.scan: a range image. clients/protocol/range-image.md specifies every byte.
 #pragma once
 
 #include <algorithm>
@@ -8,11 +8,11 @@
 #include <limits>
 #include <vector>
 
-#include "bytes.hpp"
-#include "errors.hpp"
-#include "scan.hpp"
-#include "turns.hpp"
-#include "zstd_frame.hpp"
+#include "firstfix/errors.hpp"
+#include "firstfix/portable/atan2.hpp"
+#include "firstfix/scan/scan.hpp"
+#include "firstfix/wire/bytes.hpp"
+#include "firstfix/wire/zstd_frame.hpp"
 
 namespace firstfix::detail {
 
@@ -21,7 +21,7 @@ constexpr double kMinImageResolution = 0.005;  // m
 constexpr std::size_t kMaxImageCells = std::size_t{1} << 24U;
 constexpr std::uint32_t kMaxImageSteps = 65'535, kWideGap = 15, kWideRange = 255;
 
-// Sorted by their lower `bits` bits, 11 at a time: as fast as a pass over them.
+// Radix sort by the lower `bits` bits, 11 bits per pass.
 inline void sort_keys(std::vector<std::uint64_t>& keys, unsigned bits) {
   constexpr unsigned kDigit = 11;
   std::vector<std::uint64_t> sorted(keys.size());
@@ -35,7 +35,7 @@ inline void sort_keys(std::vector<std::uint64_t>& keys, unsigned bits) {
   }
 }
 
-// Of every cell with a return its number and, in the lower 16 bits, its nearest range in steps; ascending.
+// For every cell with a return: the cell number, and in the lower 16 bits the nearest range in steps. Ascending.
 inline std::vector<std::uint64_t> nearest_by_cell(const std::vector<Point>& points, double resolution_m) {
   std::vector<std::uint64_t> keys;
   keys.reserve(points.size());
@@ -45,18 +45,18 @@ inline std::vector<std::uint64_t> nearest_by_cell(const std::vector<Point>& poin
     const float distance = std::sqrt(across2 + p.z * p.z);
     const double steps = std::nearbyint(static_cast<double>(distance) * steps_a_metre);
     if (!(steps >= 1 && steps <= kMaxImageSteps)) continue;
-    const auto column = static_cast<std::uint64_t>((turns(p.y, p.x) + 0.5F) * kImageColumns) % kImageColumns;
-    const auto row = static_cast<std::uint64_t>((turns(p.z, std::sqrt(across2)) + 0.25F) * (2 * kImageRows));
+    const auto column = static_cast<std::uint64_t>((atan2_turns(p.y, p.x) + 0.5F) * kImageColumns) % kImageColumns;
+    const auto row = static_cast<std::uint64_t>((atan2_turns(p.z, std::sqrt(across2)) + 0.25F) * (2 * kImageRows));
     const std::uint64_t cell = std::min<std::uint64_t>(row, kImageRows - 1) * kImageColumns + column;
     keys.push_back(cell << 16U | static_cast<std::uint64_t>(steps));
   }
-  sort_keys(keys, 38);  // 22 of the cell, 16 of the range
+  sort_keys(keys, 38);  // 22 bits of the cell, 16 of the range
   const auto same_cell = [](std::uint64_t a, std::uint64_t b) { return a >> 16U == b >> 16U; };
   keys.erase(std::unique(keys.begin(), keys.end(), same_cell), keys.end());
   return keys;
 }
 
-// Behind the escapes among the small numbers: the wide ones in planes of bytes, the least significant first.
+// Writes the numbers that are not below the escape value as planes of bytes, least significant first.
 inline void put_wide(Bytes& out, const std::vector<std::uint32_t>& numbers, std::uint32_t escape, unsigned planes) {
   for (unsigned plane = 0; plane < planes; ++plane) {
     for (const std::uint32_t number : numbers) {
@@ -65,9 +65,10 @@ inline void put_wide(Bytes& out, const std::vector<std::uint32_t>& numbers, std:
   }
 }
 
+// Replaces each escape value by the next wide number.
 inline void take_wide(std::vector<std::uint32_t>& numbers, std::uint32_t escape, Span rest, std::size_t planes) {
   const auto wide = static_cast<std::size_t>(std::count(numbers.begin(), numbers.end(), escape));
-  if (rest.size != planes * wide) throw Error("malformed_data", "other wide numbers than the range image needs");
+  if (rest.size != planes * wide) throw Error("malformed_data", "the number of wide numbers of the range image is wrong");
   std::size_t k = 0;
   for (std::uint32_t& number : numbers) {
     if (number != escape) continue;
@@ -97,7 +98,7 @@ inline Bytes packed_ranges(const std::vector<std::uint32_t>& zigzag) {
   return packed;
 }
 
-// What follows the six bytes that every scan begins with.
+// Writes the part of a scan after its first six bytes.
 inline void put_range_image(Bytes& body, const Scan& scan, double resolution_m) {
   const std::vector<std::uint64_t> keys = nearest_by_cell(scan.points, resolution_m);
   std::vector<std::uint32_t> gaps(keys.size()), zigzag(keys.size());
@@ -130,7 +131,7 @@ inline std::vector<std::uint32_t> unpacked_gaps(const Bytes& content, std::size_
     gaps[k] = k % 2 == 0 ? content[k / 2] >> 4U : content[k / 2] & 15U;
   }
   if (count % 2 == 1 && (content[halves - 1] & 15U) != 0) {
-    throw Error("malformed_data", "half a byte behind the last gap of the range image is not 0");
+    throw Error("malformed_data", "the four bits after the last gap of the range image are not 0");
   }
   take_wide(gaps, kWideGap, {content.data() + halves, content.size() - halves}, 3);
   return gaps;
@@ -142,12 +143,13 @@ inline std::vector<std::uint32_t> unpacked_ranges(const Bytes& content, std::siz
   std::uint32_t sum = 0;
   for (std::uint32_t& step : steps) {
     sum = (sum + ((step >> 1U) ^ (0U - (step & 1U)))) & 0xffffU;
-    if (sum == 0) throw Error("malformed_data", "the range image has a return without a range");
+    if (sum == 0) throw Error("malformed_data", "a return of the range image has the range 0");
     step = sum;
   }
   return steps;
 }
 
+// Reads the part of a scan after its first six bytes.
 inline Scan take_range_image(Reader& rest) {
   const std::size_t columns = rest.get<std::uint16_t>(), count = rest.get<std::uint32_t>();
   const std::size_t rows = rest.get<std::uint16_t>();
@@ -169,7 +171,7 @@ inline Scan take_range_image(Reader& rest) {
   std::uint64_t next_cell = 0;
   for (std::size_t k = 0; k < count; ++k) {
     const std::uint64_t cell = next_cell + gaps[k];
-    if (cell >= columns * rows) throw Error("malformed_data", "the range image has returns outside of its grid");
+    if (cell >= columns * rows) throw Error("malformed_data", "a return of the range image is outside its grid");
     next_cell = cell + 1;
     const double azimuth =
         (static_cast<double>(cell % columns) + 0.5) * (2 * kPi / static_cast<double>(columns)) - kPi;

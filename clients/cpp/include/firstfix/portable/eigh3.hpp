@@ -1,4 +1,4 @@
-// Eigenvectors of a symmetric 3 x 3 matrix by Jacobi's method with a fixed number of sweeps: equal to
+// Eigenvectors of a symmetric 3 x 3 matrix by Jacobi's method with a fixed number of sweeps. Equal to
 // firstfix.portable.eigh3 to the last bit.
 #pragma once
 
@@ -8,18 +8,16 @@
 #include <cstddef>
 #include <numeric>
 
-#include "voxel_filter.hpp"
+#include "firstfix/portable/vector3.hpp"
 
 namespace firstfix::detail {
 
-using Matrix3 = std::array<Vector3, 3>;
-
-struct SmallestAxis {
-  Vector3 values{};  // ascending
-  Vector3 axis{};    // the unit eigenvector of the smallest
+struct SmallestEigenvector {
+  Vector3 values{};  // all three eigenvalues, ascending
+  Vector3 vector{};  // unit eigenvector of the smallest eigenvalue
 };
 
-inline SmallestAxis smallest_axis(Matrix3 a) {
+inline SmallestEigenvector smallest_eigenvector(Matrix3 a) {
   constexpr int kSweeps = 4;
   constexpr std::size_t kPlanes[][3] = {{0, 1, 2}, {0, 2, 1}, {1, 2, 0}};
   Matrix3 v{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};

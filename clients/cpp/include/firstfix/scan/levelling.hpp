@@ -1,4 +1,4 @@
-// Which way is up and how far down is the floor: docs/method.md, section 6.
+// Estimates of the up direction and of the height above the floor: docs/method.md, section 6.
 #pragma once
 
 #include <algorithm>
@@ -7,17 +7,15 @@
 #include <optional>
 #include <vector>
 
-#include "scan.hpp"
-#include "symmetric.hpp"
-#include "turns.hpp"
-#include "voxel_filter.hpp"
+#include "firstfix/portable/atan2.hpp"
+#include "firstfix/portable/eigh3.hpp"
+#include "firstfix/portable/vector3.hpp"
+#include "firstfix/scan/scan.hpp"
+#include "firstfix/scan/voxel_filter.hpp"
 
 namespace firstfix::detail {
 
-
-inline double dot(const Vector3& a, const Vector3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
-// R_level_sensor, the smallest turn that brings `up` (of any length but zero) to z.
+// R_level_sensor: the smallest rotation that brings `up` (of any length but zero) to z.
 inline Matrix3 levelling_rotation(const Vector3& up) {
   const double length = std::sqrt(dot(up, up));
   const double x = up[0] / length, y = up[1] / length, z = up[2] / length;
@@ -26,10 +24,10 @@ inline Matrix3 levelling_rotation(const Vector3& up) {
   return {{{1 - x * x / k, -(x * y) / k, -x}, {-(x * y) / k, 1 - y * y / k, -y}, {x, y, z}}};
 }
 
-inline Vector3 turned(const Vector3& p, const Matrix3& R) { return {dot(R[0], p), dot(R[1], p), dot(R[2], p)}; }
+inline Vector3 rotated(const Vector3& p, const Matrix3& R) { return {dot(R[0], p), dot(R[1], p), dot(R[2], p)}; }
 
-// In float, as the descriptor's points are.
-inline Point turned(const Point& p, const Matrix3& R) {
+// In float, since the descriptor is computed in float.
+inline Point rotated(const Point& p, const Matrix3& R) {
   const auto along = [&p](const Vector3& row) {
     return p.x * static_cast<float>(row[0]) + p.y * static_cast<float>(row[1]) + p.z * static_cast<float>(row[2]);
   };
@@ -37,7 +35,7 @@ inline Point turned(const Point& p, const Matrix3& R) {
 }
 
 // Directions within 35 degrees of z, about four degrees apart.
-inline std::vector<Vector3> cone() {
+inline std::vector<Vector3> up_candidates() {
   std::vector<Vector3> directions{{0, 0, 1}};
   for (int tilt_deg = 4; tilt_deg <= 35; tilt_deg += 4) {
     const double tilt = tilt_deg * (kPi / 180);
@@ -51,6 +49,7 @@ inline std::vector<Vector3> cone() {
   return directions;
 }
 
+// Score of one up direction: normals parallel or perpendicular to it vote for it.
 inline double votes(const std::vector<Vector3>& normals, const Vector3& direction) {
   const double width = 5.0 * (kPi / 180);
   const auto scale = static_cast<float>(-1 / (2 * width * width));
@@ -66,13 +65,13 @@ inline double votes(const std::vector<Vector3>& normals, const Vector3& directio
   return sum * (1 - 0.15 * tilt_deg / 35.0);
 }
 
-// Of unit surface normals of either sign: the direction that the most of them confirm as up.
+// The up direction that most of the unit surface normals (of either sign) confirm.
 inline Vector3 estimate_up(const std::vector<Vector3>& all_normals) {
   constexpr std::size_t kVoters = 2000;
   const std::vector<Vector3> normals = at_most(all_normals, kVoters);
   Vector3 up{0, 0, 1};
   double most = -1;
-  for (const Vector3& direction : cone()) {
+  for (const Vector3& direction : up_candidates()) {
     const double won = votes(normals, direction);
     if (won > most) {
       most = won;
@@ -89,19 +88,19 @@ inline Vector3 estimate_up(const std::vector<Vector3>& all_normals) {
         for (std::size_t j = 0; j < 3; ++j) scatter[i][j] += n[i] * weight * n[j];
       }
     }
-    Vector3 refined = smallest_axis(scatter).axis;
+    Vector3 refined = smallest_eigenvector(scatter).vector;
     double agrees = dot(refined, up);
     if (!(agrees > 0)) {
       for (double& v : refined) v = -v;
       agrees = -agrees;
     }
-    if (agrees < std::cos(6.0 * (kPi / 180))) break;  // nothing to hold on to in one direction: keep the vote
+    if (agrees < std::cos(6.0 * (kPi / 180))) break;  // one direction is not constrained: keep the vote
     up = refined;
   }
   return up;
 }
 
-// Height of the sensor above the floor around it: the lowest well-filled height among level surfaces.
+// Height of the sensor above the floor near it: the lowest height with many points on level surfaces.
 inline std::optional<double> floor_height(const std::vector<Vector3>& points, const std::vector<Vector3>& normals) {
   std::vector<double> heights;
   for (std::size_t i = 0; i < points.size(); ++i) {
@@ -118,7 +117,7 @@ inline std::optional<double> floor_height(const std::vector<Vector3>& points, co
     if (counts.size() <= bin) counts.resize(bin + 1);
     ++counts[bin];
   }
-  std::vector<std::ptrdiff_t> smooth = counts;  // with the bins above and below
+  std::vector<std::ptrdiff_t> smooth = counts;  // each bin with its two neighbours
   for (std::size_t i = 0; i + 1 < counts.size(); ++i) {
     smooth[i + 1] += counts[i];
     smooth[i] += counts[i + 1];

@@ -1,4 +1,5 @@
-// Thinning a cloud: by range, evenly, to one point a cell. Defined to the last bit (clients/protocol/on-the-robot.md).
+// Filters of a cloud: by range, to a number of points, to one point per voxel. Defined to the last bit
+// (clients/protocol/on-the-robot.md).
 #pragma once
 
 #include <algorithm>
@@ -6,16 +7,16 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <limits>
 #include <unordered_set>
 #include <utility>
 #include <vector>
 
-#include "scan.hpp"
+#include "firstfix/portable/sample.hpp"
+#include "firstfix/portable/vector3.hpp"
+#include "firstfix/scan/scan.hpp"
 
 namespace firstfix::detail {
 
-using Vector3 = std::array<double, 3>;
 using Cell = std::array<std::int64_t, 3>;
 
 inline Cell cell_of(const Vector3& p, double side) {
@@ -44,13 +45,13 @@ struct CellBox {
     return box;
   }
 
-  // z before y before x
+  // Numbers a cell: z is the slowest index, x the fastest.
   std::int64_t number(const Cell& cell) const {
     return ((cell[2] - lowest[2]) * size[1] + (cell[1] - lowest[1])) * size[0] + (cell[0] - lowest[0]);
   }
 };
 
-// Those between the two distances from the origin; points that are not usable are not.
+// Usable points between two distances from the origin.
 inline std::vector<Point> within_range(const std::vector<Point>& points, double min_range_m, double max_range_m) {
   const auto least = static_cast<float>(min_range_m * min_range_m);
   const auto most = static_cast<float>(max_range_m * max_range_m);
@@ -64,30 +65,17 @@ inline std::vector<Point> within_range(const std::vector<Point>& points, double 
   return kept;
 }
 
-// 32 bits, as good as by chance: the last steps of MurmurHash3.
-inline std::uint32_t mixed(std::uint32_t x) {
-  x ^= x >> 16;
-  x *= 0x85ebca6bu;
-  x ^= x >> 13;
-  x *= 0xc2b2ae35u;
-  return x ^ (x >> 16);
-}
-
-// As many of them, in their order: one by chance out of each of `count` equal runs. All where there are no more. A
-// stride would take rows that repeat with its period, such as the beams of a scan, always or never.
+// At most `count` of the points, in their order: see rows_by_chance.
 template <typename T>
 std::vector<T> at_most(const std::vector<T>& points, std::size_t count) {
   if (points.size() <= count) return points;
   std::vector<T> kept;
   kept.reserve(count);
-  for (std::uint64_t i = 0; i < count; ++i) {
-    const std::uint64_t start = i * points.size() / count, end = (i + 1) * points.size() / count;
-    kept.push_back(points[start + (mixed(static_cast<std::uint32_t>(i)) * (end - start) >> 32)]);
-  }
+  for (const std::size_t row : rows_by_chance(points.size(), count)) kept.push_back(points[row]);
   return kept;
 }
 
-// Rows, ascending, of the first point in every cube.
+// Ascending rows of the first point in every voxel.
 inline std::vector<std::size_t> first_in_voxel(const std::vector<Point>& points, double voxel_m) {
   std::vector<Cell> cells(points.size());
   for (std::size_t i = 0; i < points.size(); ++i) cells[i] = cell_of(vector_of(points[i]), voxel_m);
@@ -100,8 +88,8 @@ inline std::vector<std::size_t> first_in_voxel(const std::vector<Point>& points,
   return rows;
 }
 
-// The mean of the points in every cube, ordered by the cubes' z, then y, then x; of coordinates in steps of
-// 2^-20 m, so that their sums are exact in whatever order.
+// The mean of the points in every voxel, ordered by the voxels' z, then y, then x. Coordinates are rounded to steps of
+// 2^-20 m, so that their sums are exact in any order.
 inline std::vector<Vector3> voxel_means(const std::vector<Point>& points, double voxel_m) {
   constexpr double kStepsAMetre = 1048576.0;
   std::vector<Cell> cells(points.size());

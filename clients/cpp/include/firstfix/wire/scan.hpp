@@ -1,4 +1,4 @@
-// The encoding application/vnd.firstfix.scan: clients/protocol/scan.md has every byte.
+// The encoding application/vnd.firstfix.scan: clients/protocol/scan.md specifies every byte.
 #pragma once
 
 #include <algorithm>
@@ -8,35 +8,35 @@
 #include <optional>
 #include <vector>
 
-#include "bytes.hpp"
-#include "errors.hpp"
-#include "scan.hpp"
-#include "voxel_filter.hpp"
-#include "wire_points.hpp"
-#include "wire_range_image.hpp"
+#include "firstfix/errors.hpp"
+#include "firstfix/scan/scan.hpp"
+#include "firstfix/scan/voxel_filter.hpp"
+#include "firstfix/wire/bytes.hpp"
+#include "firstfix/wire/points.hpp"
+#include "firstfix/wire/range_image.hpp"
 
 namespace firstfix {
 
 inline constexpr const char* kScanMediaType = "application/vnd.firstfix.scan";
 
 enum class ScanForm {
-  points,       // every point, to 1 cm unless told
-  range_image,  // the nearest return in each of 4 million directions, to 2.5 cm unless told; no intensity
+  points,       // every point; the default resolution is 1 cm
+  range_image,  // the nearest return in each of 4 million directions, no intensity; 2.5 cm
 };
 
-// The scan's bytes. With voxel_m only the first point of each cube of this side is sent. Throws "invalid_option",
-// "invalid_scan" (a coordinate that is not finite or beyond 1000 m: see `cleaned`), "too_large".
+// Encodes a scan. With voxel_m, only the first point of each voxel is sent. Throws "invalid_option", "invalid_scan" (a
+// coordinate is not finite or beyond 1000 m: see `cleaned`), "too_large".
 inline Bytes encode_scan(const Scan& scan, std::optional<double> resolution_m = std::nullopt,
                          std::optional<double> voxel_m = std::nullopt, ScanForm form = ScanForm::points) {
   const bool points = form == ScanForm::points;
   const double step_m = resolution_m.value_or(points ? 0.01 : 0.025);
   if (!(step_m >= (points ? detail::kMinResolution : detail::kMinImageResolution) && step_m <= detail::kMaxResolution)) {
-    throw Error("invalid_option", "a resolution lies in [0.0001, 1] m, of a range image in [0.005, 1]");
+    throw Error("invalid_option", "the resolution must be in [0.0001, 1] m, of a range image in [0.005, 1] m");
   }
-  if (voxel_m && !(*voxel_m >= 0.01 && *voxel_m <= 10)) throw Error("invalid_option", "a voxel lies in [0.01, 10] m");
+  if (voxel_m && !(*voxel_m >= 0.01 && *voxel_m <= 10)) throw Error("invalid_option", "the voxel must be in [0.01, 10] m");
   if (scan.points.size() > kMaxPoints) throw Error("too_large", "the scan has over 2,000,000 points");
   if (scan.intensity && scan.intensity->size() != scan.points.size()) {
-    throw Error("invalid_scan", "there is not one intensity for every point");
+    throw Error("invalid_scan", "the number of intensities is not the number of points");
   }
   if (!std::all_of(scan.points.begin(), scan.points.end(), [](const Point& p) { return usable(p); })) {
     throw Error("invalid_scan", "a coordinate is not finite, or beyond 1000 m");
@@ -56,13 +56,13 @@ inline Bytes encode_scan(const Scan& scan, std::optional<double> resolution_m = 
   return body;
 }
 
-// What encode_scan was given. Throws "malformed_data", "unsupported_format", "too_large"; every size is checked
-// before memory is taken for it.
+// Decodes a scan. Throws "malformed_data", "unsupported_format", "too_large". Every size is checked before memory is
+// allocated.
 inline Scan decode_scan(const std::uint8_t* data, std::size_t size) {
   detail::Reader rest(data, size, kScanMediaType);
   rest.magic("FFSC");
   const auto version = rest.get<std::uint8_t>(), kind = rest.get<std::uint8_t>();
-  if (version != 1 || kind < 1 || kind > 2) throw Error("unsupported_format", "this reads version 1, kinds 1 and 2");
+  if (version != 1 || kind < 1 || kind > 2) throw Error("unsupported_format", "only version 1, kinds 1 and 2 are supported");
   Scan scan = kind == 1 ? detail::take_points(rest) : detail::take_range_image(rest);
   for (const Point& p : scan.points) {
     const auto within = [](float v) { return std::fabs(static_cast<double>(v)) <= kMaxAbsCoordinate * 1.001; };

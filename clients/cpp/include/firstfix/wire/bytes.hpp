@@ -1,4 +1,4 @@
-// Little-endian bytes, written and read piece by piece.
+// Writing and reading of little-endian values.
 #pragma once
 
 #include <cstddef>
@@ -8,7 +8,7 @@
 #include <type_traits>
 #include <vector>
 
-#include "errors.hpp"
+#include "firstfix/errors.hpp"
 
 namespace firstfix {
 
@@ -33,13 +33,13 @@ void put(Bytes& out, Value value) {
 
 inline void append(Bytes& out, const Bytes& more) { out.insert(out.end(), more.begin(), more.end()); }
 
-// A run of bytes of a body that is somebody else's memory.
+// A view of bytes that another object owns.
 struct Span {
   const std::uint8_t* data = nullptr;
   std::size_t size = 0;
 };
 
-// The bytes of a body that are not read yet; throws "malformed_data" where they end too early.
+// Reads a body from its beginning. Throws "malformed_data" if the body ends too early.
 class Reader {
  public:
   Reader(const std::uint8_t* data, std::size_t size, std::string name) : rest_{data, size}, name_(std::move(name)) {}
@@ -63,10 +63,10 @@ class Reader {
     return value;
   }
 
-  // The magic and the version every encoding begins with; the caller says which other numbers it knows.
+  // The four bytes that every encoding begins with.
   void magic(const char* wanted) {
     const Span found = take(4);
-    if (std::memcmp(found.data, wanted, 4) != 0) throw Error("malformed_data", "this is no " + name_);
+    if (std::memcmp(found.data, wanted, 4) != 0) throw Error("malformed_data", "the body is not " + name_ + ": its first four bytes are wrong");
   }
 
   std::size_t left() const { return rest_.size; }

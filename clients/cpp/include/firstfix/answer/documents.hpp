@@ -1,0 +1,79 @@
+// Answers and other documents of the service.
+#pragma once
+
+#include <array>
+#include <map>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "firstfix/errors.hpp"
+#include "firstfix/pose.hpp"
+#include "firstfix/scan/descriptor_parameters.hpp"
+
+namespace firstfix {
+
+enum class Verdict { localized, ambiguous, rejected };
+
+// How well a scan fits the map at a pose; shares, 0 to 1.
+struct AlignmentQuality {
+  double inlier_ratio = 0, alignment_score = 0, free_space_violation = 0;
+};
+
+// A pose where the scan may have been taken.
+struct Hypothesis {
+  Pose T_map_sensor;
+  std::optional<AlignmentQuality> quality;  // absent if the query had no points
+  double probability = 0;
+  long long template_row = 0;
+  std::string map_id;  // the map of this pose, if several maps were asked
+};
+
+// The answer to a query. A scan that is not localized has no pose: there is no fallback pose.
+struct Localization {
+  Verdict verdict = Verdict::rejected;
+  std::vector<std::string> reasons;  // why the scan is not localized: clients/PROTOCOL.md, Answer
+  std::optional<Pose> T_map_sensor;  // present if and only if localized
+  std::optional<Pose> T_map_base;
+  std::optional<std::array<double, 36>> covariance;  // row by row over x, y, z and rotations about x, y, z (m, rad)
+  double probability = 0;
+  std::vector<Hypothesis> hypotheses;  // best first
+  std::string map_id, map_version;
+  std::map<std::string, double> timings_ms;
+};
+
+// OGC GeoPose 1.0, Basic-Quaternion: WGS84, height above the ellipsoid, orientation in the local east-north-up frame.
+struct GeoPose {
+  double latitude_deg = 0, longitude_deg = 0, height_m = 0;
+  std::array<double, 4> quaternion{0, 0, 0, 1};  // x, y, z, w
+};
+
+struct MapInfo {
+  std::string map_id;
+  std::optional<std::string> active_version;  // absent if every version is retired
+};
+
+struct MapPage {
+  std::vector<MapInfo> maps;
+  std::optional<std::string> next;  // the parameter `after` of the next page
+};
+
+// Parsers of the service's documents. They throw "unreadable" for anything else.
+Localization parse_localization(std::string_view document);
+GeoPose parse_geopose(std::string_view document);
+MapPage parse_maps(std::string_view document);
+
+// Descriptor parameters from a map's record (GET /maps/{id}), or from the `engine` of its manifest. They throw
+// "unsupported_format" if robots cannot describe scans for the map. The first one throws "not_found" if no version is
+// active.
+DescriptorParameters parse_descriptor_parameters(std::string_view map_record);
+DescriptorParameters parse_engine(std::string_view engine);
+
+// The error of a problem document (RFC 9457), or none if the document is not a problem. A status 503 without one comes
+// from an overloaded proxy.
+std::optional<Error> parse_problem(std::string_view document, long status);
+
+const char* text_of(Verdict verdict);
+
+}  // namespace firstfix
