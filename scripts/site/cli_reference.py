@@ -1,4 +1,4 @@
-"""The page of the command line, from the help of the commands themselves."""
+"""The commands of ``firstfix``, from their own help."""
 
 from __future__ import annotations
 
@@ -6,20 +6,11 @@ from typing import Any
 
 import typer
 
-_HEAD = """# Command line
-
-This page is generated from the commands' own help. [Scripts and exit codes](../how-to/command-line.md) explains
-how the commands find a service and what their exit codes mean.
-
-`firstfix --install-completion bash` (`zsh`, `fish`, `powershell`) teaches your shell the commands and options.
-"""
-
-
-def cli_page() -> str:
-    """The page as Markdown."""
+def cli_reference() -> str:
+    """The commands as Markdown."""
     from firstfix_cli.main import app
 
-    parts = [_HEAD]
+    parts: list[str] = []
     _add(parts, typer.main.get_command(app), "firstfix", 1)
     return "\n\n".join(parts) + "\n"
 

@@ -1,31 +1,14 @@
-"""The page of error codes, from the tree of errors and the table of HTTP statuses."""
+"""The error codes, from the tree of errors and the table of HTTP statuses."""
 
 from __future__ import annotations
 
 from http import HTTPStatus
 
-_HEAD = """# Errors
-
-An error has the media type `application/problem+json` ([RFC 9457](https://www.rfc-editor.org/rfc/rfc9457)), over
-HTTP and over zenoh:
-
-```json
-{"type": "urn:firstfix:error:overloaded", "title": "Service Unavailable", "status": 503,
- "detail": "...", "code": "overloaded"}
-```
-
-Match on `code`. It never changes, while `detail` is for people. Where waiting helps, the HTTP header `Retry-After`
-says how many seconds. A scan that was not localized is an answer, not an error.
-
-This page is generated from the code. The Python client raises the exception that the last column names.
-
-| code | HTTP status | meaning | exception |
-| --- | --- | --- | --- |
-"""
+_HEAD = "| code | HTTP status | meaning | exception |\n| --- | --- | --- | --- |\n"
 
 
-def error_page() -> str:
-    """The page as Markdown."""
+def error_reference() -> str:
+    """The error codes as a Markdown table."""
     from firstfix.errors import all_errors
     from firstfix_service.problems import STATUS
 

@@ -8,26 +8,26 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from cli_reference import cli_page
+from cli_reference import cli_reference
 from equations import with_mathml
-from error_reference import error_page
-from http_reference import http_page
+from error_reference import error_reference
+from http_reference import http_reference
 from notebook_page import notebook_files
 from repository_links import PAGES, linked_files, rewrite_links
 from mkdocs.structure.files import File, Files
 
 REPO = Path(__file__).resolve().parents[2]
+# Pages whose mark is replaced by what is made of the code.
+MARK = "<!-- generated -->"
 GENERATED = {
-    "reference/cli.md": cli_page,
-    "reference/errors.md": error_page,
-    "reference/http-endpoints.md": lambda: http_page(REPO / "docs" / "openapi.json"),
+    "reference/cli.md": cli_reference,
+    "reference/errors.md": error_reference,
+    "reference/http-endpoints.md": lambda: http_reference(REPO / "docs" / "openapi.json"),
 }
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Adds the generated pages, the pages that lie elsewhere in the repository, and the files these link to."""
-    for uri, make in GENERATED.items():
-        files.append(File.generated(config, uri, content=make()))
+    """Adds the pages that lie elsewhere in the repository, the notebooks, and the files that pages link to."""
     for uri, source in PAGES.items():
         files.append(File.generated(config, uri, content=(REPO / source).read_text()))
     for notebook in sorted((REPO / "docs" / "notebooks").glob("*.ipynb")):
@@ -39,8 +39,10 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
-    """Turns links between files of the repository into links between pages of the site."""
-    return rewrite_links(markdown, page.file.src_uri, REPO)
+    """Fills in what is generated, and turns links between files of the repository into links of the site."""
+    make = GENERATED.get(page.file.src_uri)
+    text = markdown.replace(MARK, make()) if make else markdown
+    return rewrite_links(text, page.file.src_uri, REPO)
 
 
 def on_page_content(html: str, page: Any, config: Any, files: Files) -> str:

@@ -1,4 +1,4 @@
-"""The page of HTTP endpoints, from ``docs/openapi.json``."""
+"""The HTTP endpoints, from ``docs/openapi.json``."""
 
 from __future__ import annotations
 
@@ -6,19 +6,11 @@ import json
 from pathlib import Path
 from typing import Any
 
-_HEAD = """# HTTP endpoints
-
-This page lists every endpoint with its parameters, bodies and answers. It is generated from
-[openapi.json](../openapi.json), the document that a running service gives at `/openapi.json`.
-[The HTTP API](http-api.md) explains the calls with examples, [Errors](errors.md) lists the error codes.
-
-An error is answered with `application/problem+json` ([RFC 9457](https://www.rfc-editor.org/rfc/rfc9457)).
-"""
 _METHODS = ("get", "head", "post", "put", "patch", "delete", "options")
 
 
-def http_page(openapi: Path) -> str:
-    """The page as Markdown."""
+def http_reference(openapi: Path) -> str:
+    """The endpoints and schemas as Markdown."""
     document = json.loads(openapi.read_text())
     by_tag: dict[str, list[str]] = {}
     for path, operations in document["paths"].items():
@@ -26,7 +18,7 @@ def http_page(openapi: Path) -> str:
             if method in operations:
                 operation = operations[method]
                 by_tag.setdefault(operation["tags"][0], []).append(_operation(method, path, operation))
-    parts = [_HEAD]
+    parts: list[str] = []
     for tag in sorted(by_tag):
         parts += [f"## {tag.capitalize()}", *by_tag[tag]]
     parts.append("## Schemas")

@@ -71,4 +71,6 @@ def _repository_path(page_uri: str, target: str) -> str:
 def _site_uri(path: str) -> str:
     if path in _SITE_PAGE:
         return _SITE_PAGE[path]
+    if path.startswith("docs/notebooks/"):
+        path = path.replace(".ipynb", ".md")  # the page that shows the notebook
     return path.removeprefix("docs/") if path.startswith("docs/") else f"files/{path}"
