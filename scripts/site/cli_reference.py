@@ -6,6 +6,7 @@ from typing import Any
 
 import typer
 
+
 def cli_reference() -> str:
     """The commands as Markdown."""
     from firstfix_cli.main import app

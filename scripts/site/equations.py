@@ -13,7 +13,7 @@ _TAG = re.compile(r"\\tag\{([^}]*)\}")
 
 
 def with_mathml(page: str) -> str:
-    """The page with every equation as MathML. An equation's ``\\tag`` stands at the line's end."""
+    """Returns the page with every equation as MathML. The number of an equation stands at the line's end."""
     return _EQUATION.sub(_mathml, page)
 
 

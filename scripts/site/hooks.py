@@ -12,9 +12,9 @@ from cli_reference import cli_reference
 from equations import with_mathml
 from error_reference import error_reference
 from http_reference import http_reference
+from mkdocs.structure.files import File, Files
 from notebook_page import notebook_files
 from repository_links import PAGES, linked_files, rewrite_links
-from mkdocs.structure.files import File, Files
 
 REPO = Path(__file__).resolve().parents[2]
 # Pages whose mark is replaced by what is made of the code.
@@ -27,7 +27,7 @@ GENERATED = {
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Adds the pages that lie elsewhere in the repository, the notebooks, and the files that pages link to."""
+    """Adds the pages that lie elsewhere in the repository, notebooks, and files that pages link to."""
     for uri, source in PAGES.items():
         files.append(File.generated(config, uri, content=(REPO / source).read_text()))
     for notebook in sorted((REPO / "docs" / "notebooks").glob("*.ipynb")):

@@ -30,12 +30,20 @@ def _operation(method: str, path: str, operation: dict[str, Any]) -> str:
     parts = [f"### `{method.upper()} {path}`", operation.get("description", "")]
     if parameters := operation.get("parameters"):
         rows = [
-            [f"`{p['name']}`", p["in"], _type(p["schema"]), "yes" if p.get("required") else "no", _described(p)]
+            [
+                f"`{p['name']}`",
+                p["in"],
+                _type(p["schema"]),
+                "yes" if p.get("required") else "no",
+                _described(p),
+            ]
             for p in parameters
         ]
         parts.append(_table(["parameter", "in", "type", "required", "meaning"], rows))
     if body := operation.get("requestBody"):
-        rows = [[f"`{media}`", _type(content.get("schema", {}))] for media, content in body["content"].items()]
+        rows = [
+            [f"`{media}`", _type(content.get("schema", {}))] for media, content in body["content"].items()
+        ]
         parts.append(_table(["body", "type"], rows))
     parts.append(_table(["answer", "media type", "type", "meaning"], _answers(operation["responses"])))
     return "\n\n".join(part for part in parts if part)
@@ -49,7 +57,12 @@ def _answers(responses: dict[str, Any]) -> list[list[str]]:
         contents = response.get("content") or {"": {}}
         for media, content in contents.items():
             rows.append(
-                [status, f"`{media}`" if media else "", _type(content.get("schema", {})), _described(response)]
+                [
+                    status,
+                    f"`{media}`" if media else "",
+                    _type(content.get("schema", {})),
+                    _described(response),
+                ]
             )
     return rows
 

@@ -1,6 +1,9 @@
-"""Runs a notebook and stores its outputs: ``python scripts/site/run_notebook.py docs/notebooks/first_fix.ipynb``.
+"""Runs a notebook and stores its outputs.
 
-The cells run one after the other in this Python, as a notebook server would run them; no such server is needed.
+    python scripts/site/run_notebook.py docs/notebooks/first_fix.ipynb
+
+The cells run one after the other in this Python, as a notebook server would.
+No such server is needed.
 Printed text, the value of a cell's last line, and figures are the outputs.
 """
 
