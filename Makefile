@@ -1,5 +1,5 @@
 # firstfix. `make demo` shows it, `make test` proves it; both set up what they need.
-.PHONY: setup demo test lint bench faults lock test-servers clean
+.PHONY: setup demo test lint docs bench faults lock test-servers clean
 .DEFAULT_GOAL := help
 bin := .venv/bin
 # Two files' tests at a time; PYTEST_ARGS="-k name" or a path narrows a run.
@@ -32,6 +32,10 @@ bench: setup  ## the suites of benchmarks/ (ARGS="real --quick")
 
 faults: setup test-servers  ## the fault drills of tests/faults (ARGS="power_cuts --cuts 50")
 	@PATH="$(CURDIR)/$(bin):$$PATH" $(bin)/python -m tests.faults $(ARGS)
+
+docs: setup  ## the documentation site, in build/site
+	@NO_MKDOCS_2_WARNING=1 $(bin)/mkdocs build --strict --quiet
+	@echo "docs: open build/site/index.html, or: $(bin)/mkdocs serve"
 
 lock: setup  ## resolve deploy/locks anew (LOCK_ARGS=--upgrade for newer releases)
 	@scripts/lock.sh $(LOCK_ARGS)

@@ -1,4 +1,4 @@
-"""docs/operations/backup.md by its own commands: a store is copied, lost, restored, and localizes."""
+"""docs/how-to/back-up.md by its own commands: a store is copied, lost, restored, and localizes."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from servers import free_port, running
 from small_world import CONFIG
 from waiting import LIMIT_S
 
-PAGE = (Path(__file__).resolve().parents[2] / "docs" / "operations" / "backup.md").read_text()
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "how-to" / "back-up.md").read_text()
 MAPS, BACKUP = "s3://maps", "s3://maps-backup"
 
 
 def commands(heading: str) -> list[str]:
     """The commands of firstfix in a section of the page."""
     section = PAGE.split(f"\n## {heading}\n")[1].split("\n## ")[0]
-    return re.findall(r"^    (firstfix .*?)(?: +#.*)?$", section, re.M)
+    return re.findall(r"^(firstfix .*?)(?: +#.*)?$", section, re.M)
 
 
 def run(command: str, places: dict[str, str]) -> str:

@@ -1,4 +1,4 @@
-"""docs/operations.md names every setting and every metric that there is, and none that there is not."""
+"""The reference pages name every setting and every metric, and none that do not exist."""
 
 import re
 from pathlib import Path
@@ -8,21 +8,21 @@ from fastapi.testclient import TestClient
 from firstfix_service.app import create_app
 from firstfix_service.settings import Settings
 
-PAGE = (Path(__file__).resolve().parents[2] / "docs" / "operations.md").read_text()
+REFERENCE = Path(__file__).resolve().parents[2] / "docs" / "reference"
 
 
-def rows(heading: str) -> dict[str, list[str]]:
-    """The first table below a heading: first column's code -> the other columns."""
-    section = PAGE.split(f"\n## {heading}\n")[1].split("\n## ")[0]
+def rows(page: str) -> dict[str, list[str]]:
+    """The rows of a page's tables: first column's code -> the other columns."""
     cells = [
         [cell.strip() for cell in line.strip("|").split(" | ")]
-        for line in re.findall(r"^\| `.*$", section, re.M)
+        for line in re.findall(r"^\| `.*$", (REFERENCE / page).read_text(), re.M)
     ]
+    assert len(cells) == len({first for first, *_ in cells}), "one row for each"
     return {first.strip("`"): rest for first, *rest in cells}
 
 
 def test_every_setting_is_documented_with_its_default():
-    documented = rows("Settings")
+    documented = rows("settings.md")
     assert set(documented) == {f"FIRSTFIX_{name.upper()}" for name in Settings.model_fields}
     for name, field in Settings.model_fields.items():
         fixed = name != "workers" and isinstance(field.default, int | float | str)  # workers: as many as CPUs
@@ -35,4 +35,4 @@ def test_every_metric_is_documented(tmp_path: Path):
     with TestClient(create_app(settings)) as client:
         shown = client.get("/metrics").text
     names = set(re.findall(r"^# TYPE (firstfix_\w+) ", shown, re.M))
-    assert set(rows("Metrics")) == {name for name in names if not name.endswith("_created")}
+    assert set(rows("metrics.md")) == {name for name in names if not name.endswith("_created")}
