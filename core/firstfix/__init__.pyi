@@ -1,0 +1,29 @@
+from . import errors as errors
+from . import transform as transform
+from .answer.localization import Hypothesis as Hypothesis
+from .answer.localization import Localization as Localization
+from .answer.localization import Reason as Reason
+from .answer.localization import Verdict as Verdict
+from .answer.options import LocalizeOptions as LocalizeOptions
+from .answer.prior import Prior as Prior
+from .answer.quality import AlignmentQuality as AlignmentQuality
+from .builds.config import BuildConfig as BuildConfig
+from .catalog.catalog import Catalog as Catalog
+from .catalog.manifest import Manifest as Manifest
+from .decode import decode_query as decode_query
+from .decode import read_scan_file as read_scan_file
+from .engine.index import MapIndex as MapIndex
+from .engine.localizer import Localizer as Localizer
+from .engine.localizer import localize_among as localize_among
+from .errors import FirstfixError as FirstfixError
+from .scan.compact import CompactScan as CompactScan
+from .scan.compact import ScanDescriptor as ScanDescriptor
+from .scan.condense import condense as condense
+from .scan.condense import describe as describe
+from .scan.descriptor_parameters import QueryParameters as QueryParameters
+from .scan.scan import Scan as Scan
+from .scan.sequence import ScanSequence as ScanSequence
+from .sensor import SensorModel as SensorModel
+from .store.store import Store as Store
+
+__version__: str

@@ -1,0 +1,73 @@
+"""Public names of the package: complete, importable, documented and loaded on first use."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import firstfix
+
+STUB = Path(firstfix.__file__).with_suffix(".pyi")
+NAMES = sorted(set(firstfix.__all__) - {"__version__"})
+
+
+def names_of_the_stub() -> set[str]:
+    """Names that type checkers see, and the module of each."""
+    names = set()
+    for node in ast.parse(STUB.read_text()).body:
+        if isinstance(node, ast.ImportFrom):
+            names |= {str(alias.asname) for alias in node.names}
+        elif isinstance(node, ast.AnnAssign):
+            names.add(ast.unparse(node.target))
+    return names
+
+
+def test_dir_shows_the_public_names_alone():
+    import firstfix.engine.localizer
+
+    assert dir(firstfix) == sorted(firstfix.__all__)
+    assert len(set(firstfix.__all__)) == len(firstfix.__all__)
+
+
+def test_type_checkers_see_the_same_names():
+    assert names_of_the_stub() == set(firstfix.__all__)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_public_name_is_importable_and_documented(name: str):
+    value = getattr(firstfix, name)
+    text = inspect.getdoc(value)
+    assert text
+    assert not text.startswith(f"{name}("), "a dataclass's signature is no docstring"
+    assert not inspect.isclass(value) or value.__name__ == name
+    assert name in (firstfix.__doc__ or "").replace(",", " ").split()
+
+
+def test_other_names_are_refused():
+    with pytest.raises(AttributeError, match="no attribute 'Robot'"):
+        _ = firstfix.Robot
+
+
+def run(program: str) -> str:
+    return subprocess.run([sys.executable, "-c", program], capture_output=True, check=True, text=True).stdout
+
+
+def test_nothing_is_loaded_before_its_use():
+    loaded = "sorted(name for name in sys.modules if name.startswith(('firstfix.', 'numpy')))"
+    assert run(f"import sys, firstfix; print({loaded})").strip() == "[]"
+
+
+def test_a_name_that_this_installation_cannot_load_says_what_to_install():
+    """The base installation has no pydantic, obstore or scipy."""
+    program = (
+        "import sys; sys.modules['scipy'] = sys.modules['pydantic'] = None\n"
+        "import firstfix\n"
+        "try: firstfix.MapIndex\n"
+        "except ImportError as error: print(error)"
+    )
+    assert "firstfix[service]" in run(program)
