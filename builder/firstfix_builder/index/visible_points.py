@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from firstfix.engine.registration.surface import Surface
-from firstfix.portable.sample import cells_of, rows_by_place
 from firstfix.sensor import SensorModel
 
 from ..mesh.clean_cloud import voxel_means
 from ..simulation.simulate import Simulator
 from ..templates.make import scan_batch, upright
+from ..viewpoints.even_sample import cells_of, rows_by_place
 
 RAYS = 16_384
 VIEWPOINTS = 3000  # or one for each cube of VIEWPOINT_M, where that is more

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from firstfix.descriptor import ScanBatch
 from firstfix.engine.config import DescriptorConfig
 from firstfix.engine.retrieval.templates import PREFIX
-from firstfix.portable.sample import rows_by_place
 from firstfix.sensor import SensorModel
 
 from ..execution.chunks import Arrays, Chunk
 from ..simulation.local_simulator import local_simulator
 from ..simulation.simulate import Simulator
+from ..viewpoints.even_sample import rows_by_place
 
 SCANS_AT_ONCE = 128
 MIN_CHUNKS = 32  # so that many machines find work, where there are viewpoints enough
