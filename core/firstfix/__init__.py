@@ -4,7 +4,7 @@ The names here are those that users may rely on; everything else may change. The
 ``import firstfix`` is light. Types for editors and type checkers stand in ``__init__.pyi``.
 
     Scan, ScanSequence, CompactScan           one query's scans
-    ScanDescriptor, QueryParameters           a scan described on the robot, and what that takes
+    ScanDescriptor, DescriptorParameters      a scan described on the robot, and what that takes
     condense, describe                        a scan to its compact form, or to its descriptor alone
     read_scan_file, decode_query              a file or a request body to scans
     LocalizeOptions, Prior                    options of a query
@@ -27,6 +27,7 @@ _HOME = {
     "BuildConfig": ".builds.config",
     "Catalog": ".catalog.catalog",
     "CompactScan": ".scan.compact",
+    "DescriptorParameters": ".scan.descriptor_parameters",
     "FirstfixError": ".errors",
     "Hypothesis": ".answer.localization",
     "Localization": ".answer.localization",
@@ -35,7 +36,6 @@ _HOME = {
     "Manifest": ".catalog.manifest",
     "MapIndex": ".engine.index",
     "Prior": ".answer.prior",
-    "QueryParameters": ".scan.descriptor_parameters",
     "Reason": ".answer.localization",
     "Scan": ".scan.scan",
     "ScanDescriptor": ".scan.compact",

@@ -20,7 +20,7 @@ from .scan.compact import CompactScan as CompactScan
 from .scan.compact import ScanDescriptor as ScanDescriptor
 from .scan.condense import condense as condense
 from .scan.condense import describe as describe
-from .scan.descriptor_parameters import QueryParameters as QueryParameters
+from .scan.descriptor_parameters import DescriptorParameters as DescriptorParameters
 from .scan.scan import Scan as Scan
 from .scan.sequence import ScanSequence as ScanSequence
 from .sensor import SensorModel as SensorModel

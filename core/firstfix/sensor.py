@@ -1,4 +1,4 @@
-"""Sensor models: what the simulator casts and what a query may declare."""
+"""Sensor models: the rays of a LiDAR and its mounting, for the simulator."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from .errors import InvalidOption
 from .scan.levelling import MAX_TILT_DEG, turned
 from .transform import rotation_z
 
-MIN_FAN_DEG = 15.0  # between headings of a sensor on its side, however narrow its beams are
+MIN_FAN_DEG = 15.0  # between headings of a sensor on its side, even if its beams are narrower
 
 
 @dataclass(frozen=True)
 class SensorModel:
-    """A spinning (or spinning-like) LiDAR: every beam elevation at every azimuth.
+    """Spinning LiDAR, or one like it: every beam elevation at every azimuth.
 
     Attributes:
-        name: the preset's name, or the user's.
-        elevations_deg: one per beam, any order, within (-90, 90).
+        name: of the preset, or the user's own.
+        elevations_deg: one for each beam, in any order, within (-90, 90).
         azimuth_step_deg: angle between columns.
         min_range_m, max_range_m: returns outside are not reported.
-        mount_height_m: of the sensor above the floor it drives on.
+        mount_height_m: height of the sensor above the floor that the robot drives on.
         range_noise_m: standard deviation of a range.
-        mount_roll_deg, mount_pitch_deg: of the sensor on a robot that stands level: roll about x, then pitch
-            about y. Roll 180 hangs head down.
+        mount_roll_deg, mount_pitch_deg: mounting on a robot that stands level: roll about x, then pitch about
+            y. With roll 180 the sensor hangs head down.
     """
 
     name: str
@@ -58,7 +58,7 @@ class SensorModel:
                 raise InvalidOption(f"sensor {self.name!r}: {name} = {getattr(self, name)!r} is out of range")
 
     def directions(self) -> NDArray[np.float32]:
-        """(beams * columns, 3) unit rays in the sensor frame, beam by beam."""
+        """Unit rays (beams * columns, 3) in the sensor frame, beam by beam."""
         columns = round(360 / self.azimuth_step_deg)
         azimuth = np.linspace(-np.pi, np.pi, columns, endpoint=False)
         elevation = np.radians(self.elevations_deg)
@@ -68,17 +68,17 @@ class SensorModel:
 
     @property
     def R_base_sensor(self) -> NDArray[np.float64]:
-        """(3, 3) the mounting: from the sensor frame to that of a robot that stands level."""
+        """(3, 3) mounting: from the sensor frame to the frame of a robot that stands level."""
         roll, pitch = np.radians([self.mount_roll_deg, self.mount_pitch_deg])
         about_x = [[1, 0, 0], [0, np.cos(roll), -np.sin(roll)], [0, np.sin(roll), np.cos(roll)]]
         about_y = [[np.cos(pitch), 0, np.sin(pitch)], [0, 1, 0], [-np.sin(pitch), 0, np.cos(pitch)]]
         return np.array(about_y) @ np.array(about_x)
 
     def directions_at_any_heading(self) -> NDArray[np.float32]:
-        """(beams * columns, 3) unit rays in the frame of a robot that stands level: where it may look.
+        """Unit rays (beams * columns, 3) in the frame of a level robot, covering all headings.
 
-        A sensor that stands upright or hangs head down looks all round at one heading. One that sits on its
-        side does not: its rays are shared out over headings enough to look all round.
+        A sensor that stands upright or hangs head down sees all around at one heading. One that sits on its
+        side does not: its rays are distributed over enough headings to see all around.
         """
         rays = turned(self.directions(), self.R_base_sensor)
         if abs(self.R_base_sensor[2, 2]) >= np.cos(np.radians(MAX_TILT_DEG)):
@@ -89,7 +89,7 @@ class SensorModel:
         return rays
 
     def coarser(self, max_rays: int) -> SensorModel:
-        """The same field of view with fewer rays: what template simulation needs to stay cheap."""
+        """Model with the same field of view and fewer rays, which keeps the simulation of templates cheap."""
         beams, columns = len(self.elevations_deg), round(360 / self.azimuth_step_deg)
         if beams * columns <= max_rays:
             return self
@@ -100,20 +100,21 @@ class SensorModel:
         return replace(self, elevations_deg=tuple(float(v) for v in chosen), azimuth_step_deg=360 / columns)
 
     def to_mapping(self) -> dict[str, Any]:
+        """Values by name, ready for JSON or YAML."""
         return {**asdict(self), "elevations_deg": list(self.elevations_deg)}
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> SensorModel:
-        """A model from a YAML or JSON mapping; ``preset: NAME`` starts from a preset.
+        """Model from a YAML or JSON mapping; ``preset: NAME`` takes other values from a preset.
 
         Raises:
-            InvalidOption: an unknown key, a missing one, or a value out of range.
+            InvalidOption: an unknown key, a missing key, or a value out of range.
         """
         values = dict(data)
         base = preset(str(values.pop("preset"))) if "preset" in values else None
         unknown = set(values) - {f.name for f in fields(cls)}
         if unknown:
-            raise InvalidOption(f"a sensor has no {', '.join(sorted(unknown))}")
+            raise InvalidOption(f"unknown key of a sensor: {', '.join(sorted(unknown))}")
         try:
             if "elevations_deg" in values:
                 values["elevations_deg"] = tuple(float(v) for v in values["elevations_deg"])
@@ -147,14 +148,15 @@ _PRESETS = {
 
 
 def presets() -> list[str]:
+    """Names of the presets, sorted."""
     return sorted(_PRESETS)
 
 
 def preset(name: str) -> SensorModel:
-    """A common LiDAR by name, in any case.
+    """Sensor model of a common LiDAR, by its name in upper or lower case.
 
     Raises:
-        InvalidOption: no such preset.
+        InvalidOption: no preset has this name.
     """
     try:
         return _PRESETS[name.lower()]

@@ -1,7 +1,7 @@
-"""Rigid transforms as (4, 4) float64 matrices, named by both frames.
+"""Rigid transforms: (4, 4) float64 matrices, named by both frames.
 
-``T_map_sensor`` brings a point from the sensor frame to the map frame. Quaternions are (x, y, z, w),
-as in ROS and OGC GeoPose.
+``T_map_sensor`` brings a point from the sensor frame to the map frame. Quaternions are (x, y, z, w), as in
+ROS and OGC GeoPose.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ Matrix = NDArray[np.float64]
 
 
 def make_transform(rotation: ArrayLike, translation: ArrayLike) -> Matrix:
-    """(3, 3) rotation and (3,) translation to (4, 4)."""
+    """Transform (4, 4) from a (3, 3) rotation and a (3,) translation."""
     T = np.eye(4)
     T[:3, :3] = rotation
     T[:3, 3] = translation
@@ -21,10 +21,10 @@ def make_transform(rotation: ArrayLike, translation: ArrayLike) -> Matrix:
 
 
 def from_quaternion(translation: ArrayLike, quaternion_xyzw: ArrayLike) -> Matrix:
-    """Pose from (3,) metres and an (x, y, z, w) quaternion of any length but zero.
+    """Transform from a (3,) translation in metres and an (x, y, z, w) quaternion of any length but zero.
 
     Raises:
-        ValueError: the quaternion is zero or not finite, or its length is not.
+        ValueError: the length of the quaternion is zero or not finite.
     """
     q = np.asarray(quaternion_xyzw, np.float64)
     with np.errstate(over="ignore"):
@@ -41,7 +41,7 @@ def from_quaternion(translation: ArrayLike, quaternion_xyzw: ArrayLike) -> Matri
 
 
 def quaternion_of(T: Matrix) -> NDArray[np.float64]:
-    """(x, y, z, w) with w >= 0, by Shepperd's method: stable at every angle."""
+    """Quaternion (x, y, z, w) with w >= 0, by Shepperd's method, which is stable at every angle."""
     R = T[:3, :3]
     t = np.trace(R)
     diagonal = np.array([R[0, 0], R[1, 1], R[2, 2], t])
@@ -60,32 +60,33 @@ def quaternion_of(T: Matrix) -> NDArray[np.float64]:
 
 
 def inverse(T: Matrix) -> Matrix:
+    """Inverse of a transform: from ``T_map_sensor`` to ``T_sensor_map``."""
     R = T[:3, :3].T
     return make_transform(R, -R @ T[:3, 3])
 
 
 def transform_points(T: Matrix, points: ArrayLike) -> NDArray[np.float64]:
-    """(n, 3) points of the right frame of T, in its left frame."""
+    """Brings (n, 3) points from the right frame of T to its left frame."""
     return np.asarray(points, np.float64) @ T[:3, :3].T + T[:3, 3]
 
 
 def rotation_z(yaw_rad: float) -> NDArray[np.float64]:
-    """(3, 3) turn about z."""
+    """Rotation (3, 3) about z."""
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def yaw_of(T: Matrix) -> float:
-    """Heading of the x axis about the left frame's z, in radians."""
+    """Heading of the x axis about z of the left frame, in radians."""
     return float(np.arctan2(T[1, 0], T[0, 0]))
 
 
 def rotation_between(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
-    """The smallest rotation (3, 3) that turns direction a into direction b (Rodrigues)."""
+    """Smallest rotation (3, 3) that turns direction a into direction b (Rodrigues)."""
     u = np.asarray(a, np.float64) / np.linalg.norm(a)
     v = np.asarray(b, np.float64) / np.linalg.norm(b)
     axis, cosine = np.cross(u, v), float(u @ v)
-    if cosine < -1 + 1e-12:  # opposite: any axis at right angles serves
+    if cosine < -1 + 1e-12:  # opposite: any axis at right angles will do
         helper = np.eye(3)[int(np.argmin(np.abs(u)))]
         axis = np.cross(u, helper)
         axis /= np.linalg.norm(axis)
@@ -97,7 +98,7 @@ def rotation_between(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
 
 
 def rotation_angle_deg(R: Matrix) -> float:
-    """Angle of a (3, 3) rotation, or of the rotation of a (4, 4), in degrees."""
+    """Angle in degrees of a (3, 3) rotation, or of the rotation in a (4, 4) transform."""
     # atan2 of sine and cosine: accurate near 0, where arccos of the trace is not
     sine = np.linalg.norm([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
     cosine = (R[0, 0] + R[1, 1] + R[2, 2] - 1) / 2

@@ -1,4 +1,4 @@
-"""A sensor may hang head down, sit on its side or lie anyhow: the map tells which way is up."""
+"""A sensor may hang head down, sit on its side or lie in any orientation: the map shows which way is up."""
 
 from dataclasses import replace
 
@@ -43,7 +43,7 @@ def remounted(scan, T_map_sensor, R_base_sensor):
 
 
 def is_right(answer: Localization, T_map_sensor) -> bool:
-    """Whether the first hypothesis is: some of the scans are ambiguous, whichever way up they are."""
+    """Returns whether the first hypothesis is right: some scans are ambiguous in every orientation."""
     if not answer.hypotheses:
         return False
     off_m, off_deg = pose_error(T_map_sensor, answer.hypotheses[0].T_map_sensor)
@@ -75,7 +75,7 @@ def test_a_sensor_in_any_orientation_is_answered_as_an_upright_one(localizer, sm
 
 @pytest.fixture
 def looked_otherwise(monkeypatch):
-    """How often other ways up were looked at."""
+    """One entry for each time that other up directions were tried."""
     calls = []
     look = PreparedQuery.with_other_ups
     monkeypatch.setattr(PreparedQuery, "with_other_ups", lambda *given: calls.append(1) or look(*given))
@@ -178,7 +178,7 @@ def test_scans_of_another_place_gain_no_pose_by_more_ways_up(localizer):
 
 
 def test_a_map_is_built_for_a_sensor_that_hangs_head_down(small_world, small_map, tmp_path):
-    """It looks up to 52 degrees down and hardly up: the templates and the self-test look so too."""
+    """The sensor sees up to 52 degrees down and hardly up, and so do the templates and the self-test."""
     hanging = replace(
         SensorModel.from_mapping(SENSOR),
         elevations_deg=tuple(np.linspace(-7, 52, 16)),

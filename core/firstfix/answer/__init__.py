@@ -1,1 +1,1 @@
-"""Options of a query and the answer to it, as the robot sees them."""
+"""Options of a query and the answer to it."""

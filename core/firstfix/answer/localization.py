@@ -1,4 +1,4 @@
-"""The answer to a query. "Not localized" is an answer whose pose is None: never a fallback pose."""
+"""Answer to a query. "Not localized" is an answer without a pose: there is no fallback pose."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ from .quality import AlignmentQuality
 
 
 class Verdict(str, Enum):
+    """Outcome of a query."""
+
     LOCALIZED = "localized"
-    AMBIGUOUS = "ambiguous"  # several places explain the scan: they stand in the hypotheses
+    AMBIGUOUS = "ambiguous"  # several poses explain the scan: see the hypotheses
     REJECTED = "rejected"
 
 
 class Reason(str, Enum):
-    """Why a scan was not localized."""
+    """Cause of an answer that is not ``localized``."""
 
     TOO_FEW_POINTS = "too_few_points"
     NO_CANDIDATE = "no_candidate"
@@ -29,19 +31,20 @@ class Reason(str, Enum):
     FREE_SPACE_VIOLATION = "free_space_violation"
     LOW_PROBABILITY = "low_probability"
     SEVERAL_PLACES = "several_places"
-    NOT_REGISTERED = "not_registered"  # the query had no points: these are candidates
+    NOT_REGISTERED = "not_registered"  # the query had no points: the hypotheses are only candidates
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One place that the registration settled on, or of a query without points, where it may be.
+    """One pose at which the scan may have been taken.
 
     Attributes:
-        T_map_sensor: (4, 4).
-        quality: how the scan lies on the map there; None: it had no points to lay.
-        probability: 0..1, calibrated: of being right. Hypotheses that tie have equal shares.
-        template: row of the template it started from.
-        map_id: whose frame T_map_sensor is in, where several maps were asked.
+        T_map_sensor: (4, 4), after registration; of a query without points, as the template implies it.
+        quality: fit of the scan to the map at this pose; None: the query had no points.
+        probability: 0..1, calibrated probability that this pose is right. Hypotheses that tie have equal
+            shares.
+        template: row of the template that led to it.
+        map_id: map whose frame T_map_sensor is in, if several maps were asked.
     """
 
     T_map_sensor: NDArray[np.float64]
@@ -53,16 +56,21 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class Localization:
-    """The answer to one query.
+    """Answer to one query.
 
     Attributes:
-        T_map_sensor: (4, 4) when localized, else None.
-        covariance: (6, 6) row-major over x, y, z, rotX, rotY, rotZ about the map's axes (m, rad),
-            as in geometry_msgs/PoseWithCovariance; None with the pose.
-        probability: 0..1 that the best hypothesis is right, or one of those that tie with it. Only the best
-            where the answer is localized.
-        hypotheses: best first; also there when ambiguous. Empty when rejected without a candidate.
-        timings_ms: stage to milliseconds.
+        verdict: outcome of the query.
+        reasons: causes of an answer that is not localized.
+        T_map_sensor: (4, 4) pose if localized, else None.
+        T_map_base: (4, 4) pose of the robot's base if localized and the query had ``T_base_sensor``, else
+            None.
+        covariance: (6, 6) of the pose, over x, y, z, rotX, rotY, rotZ about the map's axes (m, rad),
+            as in geometry_msgs/PoseWithCovariance; None without a pose.
+        probability: 0..1, probability that the best hypothesis or one that ties with it is right.
+        hypotheses: competing poses, best first, whatever the verdict. Empty if there was no candidate.
+        map_id: map whose frame the pose is in.
+        map_version: digest of the version that answered.
+        timings_ms: milliseconds by stage.
     """
 
     verdict: Verdict
@@ -78,10 +86,10 @@ class Localization:
 
     def __post_init__(self) -> None:
         if (self.verdict is Verdict.LOCALIZED) != (self.T_map_sensor is not None):
-            raise ValueError("exactly a localized answer has a pose")
+            raise ValueError("a localized answer must have a pose, and no other answer may have one")
 
     def to_mapping(self) -> dict[str, Any]:
-        """JSON-ready: the answer's form on both transports."""
+        """Values ready for JSON, as both transports send them."""
         return {
             "verdict": self.verdict.value,
             "reasons": [reason.value for reason in self.reasons],
@@ -108,7 +116,7 @@ class Localization:
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> Localization:
-        """What ``to_mapping`` gave, as a client reads it. Unknown keys are ignored."""
+        """Reads what ``to_mapping`` returned. Unknown keys are ignored."""
         covariance = data.get("covariance")
         return cls(
             verdict=Verdict(data["verdict"]),

@@ -1,4 +1,4 @@
-"""What a caller may ask of one localization: the same names over HTTP, zenoh and in Python."""
+"""Options of a query, with the same names over HTTP, zenoh and in Python."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..errors import InvalidOption
 from .prior import Prior
 
 MAX_CANDIDATES = 100
-MAX_NUMBER = 1e9  # metres or degrees that mean something; from 1e154 on squares are infinite
+MAX_NUMBER = 1e9  # metres or degrees; more means nothing, and squares above 1e154 are infinite
 
 
 @dataclass(frozen=True)
@@ -23,15 +23,15 @@ class LocalizeOptions:
     """Options of one query.
 
     Attributes:
-        gravity: (3,) direction of gravity in the sensor frame, as a resting IMU reports it negated
-            (pointing down), or None: it is estimated from the scan, in any orientation of the sensor.
-        prior: where the robot is known to be; None: anywhere in the map.
-        T_base_sensor: (4, 4) mounting; when given the answer also has T_map_base, and up is looked for near
-            the robot's z first.
-        max_candidates: how many candidates are registered at most; None: the map's own default.
+        gravity: (3,) direction of gravity in the sensor frame, pointing down: the negated acceleration of a
+            resting IMU. None: it is estimated from the scan, in any orientation of the sensor.
+        prior: region in which the robot is known to be; None: anywhere in the map.
+        T_base_sensor: (4, 4) mounting of the sensor. If given, the answer also has T_map_base, and up is
+            searched near the robot's z first.
+        max_candidates: largest number of candidates to register; None: the map's own default.
         min_probability: below it the answer is not ``localized``; None: the map's own default.
-        deadline_ms: the answer is worthless after this; None: none.
-        version: digest of the map version to use; None: the active one.
+        deadline_ms: time after which the caller no longer needs the answer; None: no deadline.
+        version: digest of the map version to use; None: the active version.
     """
 
     gravity: NDArray[np.float64] | None = None
@@ -44,14 +44,14 @@ class LocalizeOptions:
 
     @classmethod
     def from_strings(cls, values: Mapping[str, str]) -> LocalizeOptions:
-        """From query parameters. Forms:
+        """Options from query parameters.
 
-        ``gravity=x,y,z`` or ``gravity=roll_deg,pitch_deg``; ``prior=x,y,z,radius_m`` or
-        ``prior=x,y,z,radius_m,yaw_deg,yaw_range_deg``; ``T_base_sensor=x,y,z,qx,qy,qz,qw``; the others
+        Forms: ``gravity=x,y,z`` or ``gravity=roll_deg,pitch_deg``; ``prior=x,y,z,radius_m`` or
+        ``prior=x,y,z,radius_m,yaw_deg,yaw_range_deg``; ``T_base_sensor=x,y,z,qx,qy,qz,qw``; the others are
         plain numbers or text.
 
         Raises:
-            InvalidOption: an unknown name, or a value that is not of the option's form or range.
+            InvalidOption: an unknown name, or a value with a wrong form or out of range.
         """
         unknown = set(values) - set(cls.__dataclass_fields__)
         if unknown:
@@ -78,7 +78,7 @@ class LocalizeOptions:
         return cls(**options)
 
     def to_strings(self) -> dict[str, str]:
-        """The form that ``from_strings`` reads; what clients send."""
+        """Query parameters that ``from_strings`` reads, as clients send them."""
         values: dict[str, str] = {}
         if self.gravity is not None:
             values["gravity"] = _joined(self.gravity)

@@ -15,7 +15,7 @@ MAX_MARGIN = 0.5
 
 @dataclass(frozen=True)
 class AlignmentQuality:
-    """How well a scan fits the map at one pose.
+    """Fit of a scan to the map at one pose.
 
     Attributes:
         inlier_ratio: 0..1, share of the scan's points within the inlier distance of the map.

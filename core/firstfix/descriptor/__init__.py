@@ -1,7 +1,7 @@
-"""What a scan looks like from where it was taken: NumPy alone, for builder, service and robot.
+"""Descriptors of scans. They need NumPy only, for builder, service and robot.
 
-LayeredOccupancy is the default: occupancy by height layers, keyed by its ring spectrum. The paper's PCA-SC,
-its CNZ key and its column similarity are in ``pca_sc``, which no robot needs.
+LayeredOccupancy is the default: occupancy by height layers, with its ring spectrum as key. The paper's
+PCA-SC, its CNZ key and its column similarity are in ``pca_sc``, which no robot needs.
 """
 
 from .base import Described, Descriptor, rows_of

@@ -1,4 +1,4 @@
-"""What a descriptor is to those who use one: the builder, the search, a robot that sends its own."""
+"""Interface of a descriptor, for the builder, the search, and robots that send their own."""
 
 from __future__ import annotations
 
@@ -10,37 +10,41 @@ from numpy.typing import NDArray
 from .scan_batch import ScanBatch
 
 Described: TypeAlias = dict[str, NDArray[Any]]
-"""n scans, described: named arrays, a row for every scan. As it comes, so it is stored."""
+"""Description of n scans: named arrays with one row for each scan. It is stored in this form."""
 
 
 class Descriptor(Protocol):
-    """How scans are described, found by key, and compared. Pure and thread-safe.
+    """Method to describe scans, to find them by key, and to compare them. Pure and thread-safe.
 
     Attributes:
-        arrays: names of those that ``describe`` makes.
+        arrays: names of the arrays that ``describe`` returns.
     """
 
     arrays: ClassVar[tuple[str, ...]]
 
     def describe(self, scans: ScanBatch) -> Described:
-        """n levelled scans."""
+        """Describes n levelled scans."""
         ...
 
     def keys(self, described: Described) -> NDArray[np.float32]:
-        """(n, d): near each other (L2) for scans of the same place, whatever their headings."""
+        """Keys, (n, d). Scans of the same place have near keys (L2), whatever their headings."""
         ...
 
     def similarity(self, x: Described, y: Described) -> NDArray[np.float32]:
-        """(n, m), 0..1, of scans whose frames are comparable as they are: templates."""
+        """Similarities, (n, m) in 0..1, of scans with the same heading: templates."""
         ...
 
     def match(
         self, query: Described, templates: Described
     ) -> tuple[NDArray[np.floating], NDArray[np.float32]]:
-        """One scan against m templates: (m,) its yaw in each one's frame, radians, and (m,) score, 0..1."""
+        """Compares one scan with m templates.
+
+        Returns:
+            (m,) yaw of the scan in each template's frame, radians, and (m,) score, 0..1.
+        """
         ...
 
 
 def rows_of(described: Described, rows: NDArray[np.integer] | slice) -> Described:
-    """The given rows of every array."""
+    """Returns the given rows of every array."""
     return {name: array[rows] for name, array in described.items()}

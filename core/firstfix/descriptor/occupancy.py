@@ -1,8 +1,8 @@
-"""The default engine's descriptor: which cells of the polar grid hold something, layer by layer.
+"""Layered occupancy, the default descriptor: filled cells of a polar grid in height layers, one bit each.
 
-Maximum height alone wastes an indoor scan: it sees the ceiling. Occupancy in several height layers
-keeps what stands at every height, in bits. Its key is the magnitude of the first Fourier coefficients
-of every ring (docs/method.md): turning the robot only shifts the phases, so the key stays the same.
+The maximum height alone wastes an indoor scan: it is the ceiling's. Several layers keep what stands at each
+height. The key is the magnitude of the first Fourier coefficients of every ring (docs/method.md section 3):
+when the robot turns only the phases shift, so the key stays the same.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ class LayeredOccupancy:
     """Occupancy of a polar grid with height layers.
 
     Attributes:
-        edges_m: layer boundaries above the floor, ascending: n + 1 edges make n layers; what is
-            below the first (the floor itself) or above the last counts nowhere.
-        coefficients: of every ring's spectrum that the key keeps.
+        edges_m: layer boundaries above the floor, ascending: n + 1 edges make n layers. Points below the
+            first edge (the floor itself) or above the last are in no layer.
+        coefficients: number that the key keeps of every ring's spectrum.
     """
 
     arrays: ClassVar[tuple[str, ...]] = ("occupancy",)
@@ -36,11 +36,11 @@ class LayeredOccupancy:
 
     @property
     def rows(self) -> int:
-        """Layers times rings: one circular signal over the sectors each."""
+        """Number of circular signals over the sectors: layers times rings."""
         return (len(self.edges_m) - 1) * self.grid.rings
 
     def describe(self, scans: ScanBatch) -> Described:
-        """occupancy: (n, ceil(rows * sectors / 8)) uint8, packed bits (docs/method.md 3.1)."""
+        """Returns ``occupancy``: (n, ceil(rows * sectors / 8)) uint8, packed bits (docs/method.md 3.1)."""
         above = scans.points[:, 2] + scans.height_m[scans.scan_of_point]
         layers = len(self.edges_m) - 1
         layer = np.searchsorted(np.asarray(self.edges_m, np.float32), above, side="right") - 1
@@ -52,14 +52,14 @@ class LayeredOccupancy:
         return {"occupancy": np.packbits(filled.reshape(len(scans), -1), axis=1)}
 
     def filled(self, described: Described) -> NDArray[np.uint8]:
-        """(n, rows, sectors), 0 or 1."""
+        """Unpacked occupancy: (n, rows, sectors), 0 or 1."""
         bits = np.unpackbits(described["occupancy"], axis=1, count=self.rows * self.grid.sectors)
         return bits.reshape(-1, self.rows, self.grid.sectors)
 
     def keys(self, described: Described) -> NDArray[np.float32]:
-        """The ring spectrum: (n, rows * coefficients), of unit length.
+        """Ring spectra, (n, rows * coefficients), of unit length.
 
-        Coefficients past the mean count twice in the signal's energy (Parseval), hence the root of two.
+        Coefficients after the first count twice in the signal's energy (Parseval), hence the root of two.
         """
         signal = self.filled(described).astype(np.float32)
         spectrum = np.abs(np.fft.rfft(signal, axis=-1))[..., : self.coefficients].astype(np.float32)
@@ -69,7 +69,7 @@ class LayeredOccupancy:
         return key
 
     def similarity(self, x: Described, y: Described) -> NDArray[np.float32]:
-        """Cosine of the occupied cells as they lie: (n, m)."""
+        """Cosines (n, m) of the occupied cells, without turning."""
         a, b = (self.filled(d).reshape(-1, self.rows * self.grid.sectors).astype(np.float32) for d in (x, y))
         alike: NDArray[np.float32] = a @ b.T
         alike /= np.maximum(np.sqrt(np.outer(a.sum(axis=1), b.sum(axis=1))), 1)
@@ -78,16 +78,16 @@ class LayeredOccupancy:
     def match(
         self, query: Described, templates: Described
     ) -> tuple[NDArray[np.floating], NDArray[np.float32]]:
-        """The turn at which each template explains the query best (docs/method.md 3.3)."""
+        """Finds the yaw at which each template resembles the query most (docs/method.md 3.3)."""
         asked, stack = self.filled(query)[0], self.filled(templates)
         sectors = self.grid.sectors
         norm = np.sqrt(np.float32(asked.sum()) * stack.sum(axis=(1, 2), dtype=np.float32))
-        rows = np.flatnonzero(asked.any(axis=1))  # the others meet nothing at any turn
+        rows = np.flatnonzero(asked.any(axis=1))  # empty rows match nothing at any yaw
         sector = np.arange(sectors)
         turned = asked[rows][:, (sector - sector[:, None]) % sectors]  # (rows, turns, sectors)
         turned = turned.transpose(1, 0, 2).reshape(sectors, -1)
         common = stack[:, rows].reshape(len(stack), -1).astype(np.float32)
-        overlap = common @ turned.T.astype(np.float32)  # cell j of the query meets j + s of the template
-        shift = overlap.argmax(axis=1)
-        score = overlap[np.arange(len(stack)), shift] / np.maximum(norm, np.float32(1))
+        shared = common @ turned.T.astype(np.float32)  # cell j of the query meets j + s of the template
+        shift = shared.argmax(axis=1)
+        score = shared[np.arange(len(stack)), shift] / np.maximum(norm, np.float32(1))
         return shift * (2 * np.pi / sectors), score

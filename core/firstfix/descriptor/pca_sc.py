@@ -1,4 +1,4 @@
-"""The paper's descriptor: Scan Context in the frame of the scan's principal axes (PCA-SC), and CNZ.
+"""PCA-SC, the paper's descriptor: Scan Context in the frame of the scan's principal axes; its key is CNZ.
 
 Paper III.A to III.C.
 """
@@ -17,7 +17,7 @@ from .principal_axes import principal_axes
 from .scan_batch import ScanBatch
 from .similarity import Columns, best_shift, similarity
 
-LEAST_HEIGHT_M = np.float32(0.01)  # of a cell that holds something, with ground="keep"
+LEAST_HEIGHT_M = np.float32(0.01)  # of a filled cell with ground="keep"
 
 
 @dataclass(frozen=True)
@@ -26,14 +26,14 @@ class PcaScanContext:
 
     Attributes:
         grid: 20 rings x 60 sectors in the paper.
-        height_origin: "floor", so that another mount changes nothing, or "sensor".
-        ground: what lies on the floor. "raw": its height as measured, and a cell whose maximum is not
-            above the origin is empty; "keep": a cell with any return is filled; "drop": points less
-            than ``ground_m`` above the floor are left out.
-        ground_m: above the floor.
-        max_ratio: where the query's second eigenvalue is less than this share of its first, its axis
-            is trusted: contexts are compared directly; else at every shift (equation 6).
-        trusted_shifts: columns to either side that are tried when the axis is trusted.
+        height_origin: "floor", so that another mounting height changes nothing, or "sensor".
+        ground: treatment of points on the floor. "raw": heights as measured; a cell whose maximum is not
+            above the origin is empty. "keep": a cell with any return is filled. "drop": points less than
+            ``ground_m`` above the floor are left out.
+        ground_m: height above the floor.
+        max_ratio: if the query's second eigenvalue is less than this share of its first, its axis is trusted
+            and contexts are compared directly, else at every shift (equation 6).
+        trusted_shifts: columns to either side that are tried if the axis is trusted.
     """
 
     arrays: ClassVar[tuple[str, ...]] = ("angle_rad", "ratio", "context")
@@ -46,13 +46,13 @@ class PcaScanContext:
     trusted_shifts: int = 1
 
     def describe(self, scans: ScanBatch) -> Described:
-        """PCA-SC of n levelled scans.
+        """Describes n levelled scans.
 
         Returns:
-            angle_rad: (n,) float32, of the first principal axis in the scan's frame.
+            angle_rad: (n,) float32, angle of the first principal axis in the scan's frame.
             ratio: (n,) float32 in 0..1, second eigenvalue over first.
-            context: (n, rings, sectors) float16 metres, 0 where empty: 1 cm at 20 m is finer than
-                any map, and a context is most of a template's bytes.
+            context: (n, rings, sectors) float16 metres, 0 in empty cells. Contexts are most of a template's
+                bytes, and float16 (1 cm at 20 m) is finer than any map.
         """
         angle, ratio = principal_axes(scans, self.grid.max_range_m)
         context = np.zeros(len(scans) * self.grid.cells, np.float32)
@@ -75,17 +75,21 @@ class PcaScanContext:
         }
 
     def keys(self, described: Described) -> NDArray[np.float32]:
-        """CNZ: (n, rings) share of non-empty sectors of every ring, whatever the scan's heading."""
+        """CNZ keys, (n, rings): share of non-empty sectors of every ring, independent of the heading."""
         return (described["context"] > 0).mean(axis=-1, dtype=np.float32)
 
     def similarity(self, x: Described, y: Described) -> NDArray[np.float32]:
-        """Equation 4, directly: (n, m)."""
+        """Similarities (n, m) by equation 4, without shifts."""
         return similarity(Columns.of(x["context"]), Columns.of(y["context"]))
 
     def match(
         self, query: Described, templates: Described
     ) -> tuple[NDArray[np.floating], NDArray[np.float32]]:
-        """Equation 6: (n,) yaw of the query in each template's frame, radians, and (n,) similarity."""
+        """Compares the query with m templates by equation 6.
+
+        Returns:
+            (m,) yaw of the query in each template's frame, radians, and (m,) similarity.
+        """
         sectors = self.grid.sectors
         if query["ratio"][0] < self.max_ratio:
             shifts = np.arange(2 * self.trusted_shifts + 1) - self.trusted_shifts

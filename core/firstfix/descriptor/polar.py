@@ -1,4 +1,4 @@
-"""The polar grid that every descriptor bins a levelled scan into (paper III.A: 20 rings x 60 sectors)."""
+"""Polar grid into which descriptors bin a levelled scan (paper III.A: 20 rings x 60 sectors)."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ class PolarGrid:
     """Rings of equal width up to ``max_range_m``, sectors of equal angle from the x axis.
 
     Attributes:
-        rings, sectors: how many.
-        max_range_m: horizontal distance where the last ring ends; points beyond are in no cell.
+        rings, sectors: their numbers.
+        max_range_m: horizontal distance at which the last ring ends. Points beyond are in no cell.
     """
 
     rings: int = 20
@@ -25,16 +25,21 @@ class PolarGrid:
 
     def __post_init__(self) -> None:
         if not (1 <= self.rings <= 1000 and 1 <= self.sectors <= 3600 and self.max_range_m > 0):
-            raise ValueError(f"not a usable grid: {self}")
+            raise ValueError(f"polar grid out of range: {self}")
 
     @property
     def cells(self) -> int:
+        """Number of cells."""
         return self.rings * self.sectors
 
     def cells_of(
         self, x: NDArray[np.floating], y: NDArray[np.floating]
     ) -> tuple[NDArray[np.intp], NDArray[np.int32]]:
-        """(p,) coordinates to the (k,) rows inside the grid and their (k,) cells, ring * sectors + sector."""
+        """Cells of (p,) coordinates.
+
+        Returns:
+            (k,) rows of the coordinates inside the grid, and their (k,) cells: ring * sectors + sector.
+        """
         radius = np.sqrt(x * x + y * y)
         inside = np.flatnonzero(radius < self.max_range_m)
         if len(inside) < len(x):

@@ -1,4 +1,4 @@
-"""The horizontal principal axes of a scan: the frame of PCA-SC (paper III, overview)."""
+"""Horizontal principal axes of scans: the frame of PCA-SC (paper III, overview)."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ from .scan_batch import ScanBatch
 def principal_axes(scans: ScanBatch, max_range_m: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Angle of the first principal axis in the ground plane, and the eigenvalue ratio, of each scan.
 
-    The paper leaves the axis's sign open: ours points to the side where the points' mean lies, so
-    that turning the scan turns the axis with it. A scan without points has angle 0 and ratio 1.
+    The paper leaves the axis's sign open. Ours points to the side of the points' mean, so that it turns with
+    the scan. A scan without points has angle 0 and ratio 1.
 
     Returns:
-        (n,) radians in (-pi, pi], (n,) second over first eigenvalue: near 1 the axis means nothing.
+        (n,) angles, radians in (-pi, pi], and (n,) second over first eigenvalue: near 1 the axis means
+        nothing.
     """
     moments = np.array([_moments(scans.points[a:b], max_range_m) for a, b in _bounds(scans)])
     mean_x, mean_y, xx, xy, yy = moments.reshape(-1, 5).T
@@ -34,7 +35,7 @@ def _bounds(scans: ScanBatch) -> zip[tuple[int, int]]:
 
 
 def _moments(points: NDArray[np.float32], max_range_m: float) -> tuple[float, ...]:
-    """Means of x and y, and their covariances, of the points in range."""
+    """Means of x and y, and their covariances, over the points in range."""
     x, y = points[:, 0].astype(np.float64), points[:, 1].astype(np.float64)
     inside = x * x + y * y < max_range_m * max_range_m
     if not inside.all():

@@ -1,4 +1,4 @@
-"""Levelled scans, one after another: what every descriptor takes. One scan is a batch of one."""
+"""Batch of levelled scans, the input of every descriptor. One scan is a batch of one."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class ScanBatch:
-    """n scans in their levelled sensor frames (z up, origin at the sensor).
+    """Points of n scans in their levelled sensor frames (z up, origin at the sensor).
 
     Attributes:
         points: (p, 3) float32 metres, scan after scan.
         start: (n + 1,) scan i holds ``points[start[i]:start[i + 1]]``.
-        height_m: (n,) float32 of each sensor above its floor.
+        height_m: (n,) float32 height of each sensor above its floor.
     """
 
     points: NDArray[np.float32]
@@ -24,6 +24,7 @@ class ScanBatch:
 
     @classmethod
     def single(cls, points: NDArray[np.float32], height_m: float) -> ScanBatch:
+        """Batch of one scan."""
         return cls(points, np.array([0, len(points)], np.intp), np.array([height_m], np.float32))
 
     def __len__(self) -> int:
@@ -31,5 +32,5 @@ class ScanBatch:
 
     @property
     def scan_of_point(self) -> NDArray[np.intp]:
-        """(p,) the number of the scan that each point belongs to."""
+        """(p,) number of the scan that each point belongs to."""
         return np.repeat(np.arange(len(self)), np.diff(self.start))

@@ -1,4 +1,4 @@
-"""How alike two Scan Contexts are: column by column (paper III.B, equations 4 to 6)."""
+"""Similarity of Scan Contexts, column by column (paper III.B, equations 4 to 6)."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Columns:
-    """Contexts, their columns scaled to length one.
+    """Contexts with their columns scaled to length one.
 
     Attributes:
         unit: (n, rings * sectors) float32, 0 in empty columns.
-        filled: (n, sectors) float32, 1 where the column holds anything.
+        filled: (n, sectors) float32, 1 for a column that is not empty, else 0.
     """
 
     unit: NDArray[np.float32]
@@ -22,7 +22,7 @@ class Columns:
 
     @classmethod
     def of(cls, context: NDArray[np.floating]) -> Columns:
-        """(n, rings, sectors) heights."""
+        """Columns of contexts, (n, rings, sectors) heights."""
         heights = context.astype(np.float32)
         norm = np.sqrt(np.einsum("nrs,nrs->ns", heights, heights))
         filled = norm > 0
@@ -30,7 +30,7 @@ class Columns:
         return cls(heights.reshape(len(heights), -1), filled.astype(np.float32))
 
     def turned(self, shifts: NDArray[np.intp]) -> Columns:
-        """One context to the (k,) contexts whose column j + shift is its column j."""
+        """One context at each of (k,) shifts: its column j becomes column j + shift."""
         sectors = self.filled.shape[1]
         source = (np.arange(sectors) - shifts[:, None]) % sectors  # (k, sectors)
         unit = self.unit.reshape(-1, sectors)[:, source]  # (rings, k, sectors)
@@ -40,10 +40,10 @@ class Columns:
 
 
 def similarity(x: Columns, y: Columns) -> NDArray[np.float32]:
-    """Equation 4, read as a similarity: mean cosine of the columns; (n,) and (m,) to (n, m), 0..1.
+    """Similarities (n, m) in 0..1 of n and m contexts: mean cosine of their columns (equation 4).
 
-    The paper leaves open what an empty column's cosine is. Ours: a column that both lack is not
-    counted, one that only one lacks counts with cosine 0. So s(x, x) = 1, whatever is empty.
+    The paper does not say what an empty column's cosine is. Here a column that is empty in both is not
+    counted, and one that is empty in only one counts with cosine 0. So s(x, x) = 1, whatever is empty.
     """
     both = x.filled @ y.filled.T
     counted = x.filled.sum(axis=1)[:, None] + y.filled.sum(axis=1) - both
@@ -55,14 +55,14 @@ def similarity(x: Columns, y: Columns) -> NDArray[np.float32]:
 def best_shift(
     query: Columns, templates: Columns, shifts: NDArray[np.intp]
 ) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
-    """Equation 6: of the given column shifts the one at which each template is most alike.
+    """Column shift at which each template is most similar to the query (equation 6).
 
     Args:
         query: one context.
-        shifts: (k,) columns, in order of preference where they tie.
+        shifts: (k,) shifts to try; of equally good ones the first is taken.
 
     Returns:
-        (n,) shift s: column j of the query meets column j + s of the template; (n,) similarity.
+        (n,) shift s: column j of the query is compared with column j + s of the template; (n,) similarity.
     """
     scores = similarity(templates, query.turned(shifts))
     best = scores.argmax(axis=1)

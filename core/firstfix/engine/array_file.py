@@ -1,7 +1,7 @@
-"""Several arrays in one file, memory-mapped when read: processes that load it share its pages.
+"""Files of several arrays, memory-mapped when read: processes that load one share its pages.
 
-The format is safetensors, whose own reader and writer copy NumPy arrays: a large map's are gigabytes. Its
-header is simple enough to do without.
+The format is safetensors. Its own library copies NumPy arrays when it reads and writes, and those of a large
+map are gigabytes; its header is simple enough to handle here.
 """
 
 from __future__ import annotations
@@ -21,14 +21,15 @@ _MOST_HEADER_BYTES = 1 << 20
 
 
 def save_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """float32, float64, int32 or bool; the same arrays give the same bytes. Nothing is copied but what is not
-    contiguous.
+    """Writes float32, float64, int32 or bool arrays. The same arrays always give the same bytes.
+
+    Only arrays that are not contiguous are copied.
 
     Raises:
-        KeyError: another type.
+        KeyError: an array has another type.
     """
     inside, entries, end = [], {}, 0
-    for name in sorted(arrays, key=lambda name: (-arrays[name].itemsize, name)):  # so that each is aligned
+    for name in sorted(arrays, key=lambda name: (-arrays[name].itemsize, name)):  # widest first: aligned
         array = np.ascontiguousarray(arrays[name])
         begin, end = end, end + array.nbytes
         dtype = _NAMES[array.dtype]
@@ -43,11 +44,11 @@ def save_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
 
 
 def map_arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """Read-only, of what ``save_arrays`` wrote.
+    """Maps the arrays of a file that ``save_arrays`` wrote, read-only.
 
     Raises:
-        ValueError: it is no such file, or cut off.
-        OSError: it cannot be read.
+        ValueError: the file has another format or is cut off.
+        OSError: the file cannot be read.
     """
     data = np.memmap(path, np.uint8, "r")
     size = int.from_bytes(data[:8].tobytes(), "little")

@@ -60,7 +60,7 @@ class Calibration:
         return float(_logistic(self.weights[0] + features.vector @ self.weights[1:]))
 
     def accepts(self, features: MatchFeatures, min_probability: float | None = None) -> bool:
-        """Whether the verdict may be ``localized``.
+        """Returns whether the verdict may be ``localized``.
 
         Args:
             min_probability: threshold to use instead of the calibration's own.

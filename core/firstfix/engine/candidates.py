@@ -111,7 +111,7 @@ def _of_scan(
 
 
 def _is_same_spot(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
-    """Whether two (x, y, z, yaw) lead to one pose.
+    """Returns whether two (x, y, z, yaw) lead to one pose.
 
     Plain numbers are faster here: each of a hundred matches is compared with a few, and small arrays cost
     more to make than to compare.

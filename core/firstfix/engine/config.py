@@ -1,4 +1,4 @@
-"""What made an index, and how it is to be queried: stored with the version, read back from it."""
+"""Configuration of an index and of its queries: stored with the version and read back from it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Stage(BaseModel):
 
 
 class PolarConfig(Stage):
-    """The polar grid that a descriptor bins a scan into."""
+    """Polar grid into which a descriptor bins a scan."""
 
     rings: int = Field(20, ge=2, le=200)
     sectors: int = Field(60, ge=8, le=720)
@@ -25,22 +25,24 @@ class PolarConfig(Stage):
 
     @property
     def grid(self) -> PolarGrid:
+        """The grid."""
         return PolarGrid(self.rings, self.sectors, self.max_range_m)
 
 
 class OccupancyConfig(PolarConfig):
-    """``descriptor.LayeredOccupancy``: the default."""
+    """Parameters of ``descriptor.LayeredOccupancy``, the default."""
 
     kind: Literal["occupancy"] = "occupancy"
     layer_edges_m: tuple[float, ...] = Field((0.3, 1.0, 1.8, 3.0, 6.0, 25.0), min_length=2, max_length=17)
     coefficients: int = Field(8, ge=1, le=30)
 
     def make(self) -> Descriptor:
+        """Descriptor with these parameters."""
         return LayeredOccupancy(self.grid, self.layer_edges_m, self.coefficients)
 
 
 class PcaScConfig(PolarConfig):
-    """``descriptor.pca_sc.PcaScanContext``: the paper's."""
+    """Parameters of ``descriptor.pca_sc.PcaScanContext``, the paper's descriptor."""
 
     kind: Literal["pca_sc"] = "pca_sc"
     height_origin: Literal["floor", "sensor"] = "floor"
@@ -50,6 +52,7 @@ class PcaScConfig(PolarConfig):
     trusted_shifts: int = Field(1, ge=0, le=360)
 
     def make(self) -> Descriptor:
+        """Descriptor with these parameters."""
         return PcaScanContext(
             self.grid, self.height_origin, self.ground, self.ground_m, self.max_ratio, self.trusted_shifts
         )
@@ -59,12 +62,12 @@ DescriptorConfig: TypeAlias = Annotated[OccupancyConfig | PcaScConfig, Field(dis
 
 
 class ClusterConfig(Stage):
-    """How templates are grouped (paper III.B).
+    """Clustering of templates (paper III.B).
 
     Attributes:
-        threshold: largest distance that is merged, 1 - similarity.
-        neighbours: nearest by position that a template is compared with; all others count as wholly
-            unlike. None: all templates are compared.
+        threshold: largest distance, 1 - similarity, at which clusters are merged.
+        neighbours: number of templates, nearest by position, with which each is compared; its distance to all
+            others is 1. None: all templates are compared.
     """
 
     linkage: Literal["complete", "average", "single"] = "complete"
@@ -73,22 +76,23 @@ class ClusterConfig(Stage):
 
 
 class PreprocessConfig(Stage):
-    """What of a scan is used."""
+    """Preprocessing of scans."""
 
     min_range_m: float = Field(0.5, ge=0)
     max_range_m: float = Field(100.0, gt=1)
-    voxel_m: float = Field(0.25, gt=0.01, le=5, description="of the points that are registered")
-    min_points: int = Field(200, ge=10, description="fewer voxels than this cannot be localized")
-    default_height_m: float = Field(1.0, ge=0, description="of the sensor, where no floor is seen")
+    voxel_m: float = Field(0.25, gt=0.01, le=5, description="voxel size of the registered points")
+    min_points: int = Field(200, ge=10, description="a scan with fewer voxels cannot be localized")
+    default_height_m: float = Field(1.0, ge=0, description="sensor height if no floor is seen")
 
 
 class LshConfig(Stage):
     """Hash tables of ``key_search.LshKdTree`` (paper III.C).
 
     Attributes:
-        bits: of a hash.
-        random_tables: with random directions (RBP), beside the one with the principal ones (PCA-BP).
-        probes: buckets looked into in every table.
+        bits: length of a hash.
+        random_tables: number of tables with random directions (RBP), beside the one with principal directions
+            (PCA-BP).
+        probes: buckets to search in every table.
     """
 
     bits: int = Field(6, ge=1, le=24)
@@ -98,10 +102,11 @@ class LshConfig(Stage):
 
 
 class SearchConfig(Stage):
-    """The cascade: clusters nearest by their representatives' keys, then their templates compared.
+    """Parameters of the cascade: find the clusters nearest by key, then compare their templates.
 
     Attributes:
-        engine: "auto": "faiss_sq8", or "faiss_ivf_sq8" where there are too many keys to read them all.
+        engine: search engine of the keys. "auto": "faiss_sq8", or "faiss_ivf_sq8" if there are too many keys
+            to read them all.
     """
 
     engine: Literal[
@@ -117,39 +122,40 @@ class SearchConfig(Stage):
         "faiss_hnsw",
     ] = "auto"
     lsh: LshConfig = LshConfig()
-    shard_keys: int = Field(250_000, ge=100, description="about so many in an index of a FAISS engine")
-    clusters: int = Field(400, ge=1, le=100_000, description="whose templates are compared")
-    candidates: int = Field(20, ge=1, le=100, description="templates whose poses are registered")
+    shard_keys: int = Field(250_000, ge=100, description="about this many keys in each FAISS index")
+    clusters: int = Field(400, ge=1, le=100_000, description="clusters whose templates are compared")
+    candidates: int = Field(20, ge=1, le=100, description="candidates that are registered")
     widened: int = Field(
-        4, ge=1, le=100, description="times as many of both, where the first were not convincing; 1: never"
+        4, ge=1, le=100, description="factor on both if the first search is not convincing; 1: search once"
     )
 
 
 class RegistrationConfig(Stage):
-    """Point to plane, on a coarse grid of the map and then on its own points."""
+    """Point-to-plane registration, on a coarse grid of the map and then on its own points."""
 
     map_voxel_m: float = Field(0.1, gt=0.01, le=5)
     coarse_voxel_m: float = Field(0.6, gt=0.05, le=20)
     coarse_iterations: int = Field(10, ge=1, le=200)
-    align_iterations: int = Field(4, ge=1, le=200, description="on the map's own points, of every candidate")
+    align_iterations: int = Field(4, ge=1, le=200, description="on the map's own points, for every candidate")
     fine_distance_m: float = Field(0.5, gt=0.01, le=20)
     fine_iterations: int = Field(12, ge=1, le=200)
     inlier_distance_m: float = Field(0.15, gt=0.01, le=5)
 
 
 class VerificationConfig(Stage):
-    """What is looked at before a place is believed."""
+    """Verification of registered candidates."""
 
-    reach_m: float = Field(25.0, gt=1, le=200, description="to which free space is checked")
-    compared: int = Field(5, ge=1, le=100, description="places that the best is told apart from")
+    reach_m: float = Field(25.0, gt=1, le=200, description="distance to which free space is checked")
+    compared: int = Field(5, ge=1, le=100, description="candidates that compete")
 
 
 class EngineConfig(Stage):
-    """Everything that the query flow takes from the version.
+    """Configuration of a map version, for its build and its queries.
 
     Attributes:
-        cluster: None: every template stands for itself.
-        T_map_level: row-major (4, 4): the index lives in a frame whose z is up, whatever the map's.
+        cluster: None: every template is a cluster of its own.
+        spacing_m: distance between templates.
+        T_map_level: (4, 4), row-major, from the index's frame, whose z is up, to the map's.
     """
 
     descriptor: DescriptorConfig = OccupancyConfig()

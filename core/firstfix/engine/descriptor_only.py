@@ -97,7 +97,7 @@ def _probability(ranked: Sequence[UnregisteredCandidate], number: int) -> float:
 
 
 def _distinct(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """The candidates, best first, without those at a place that a better one has."""
+    """Candidates, best first, of which each place has only the best."""
     kept: list[Candidate] = []
     for candidate in candidates:
         errors = (pose_error(candidate.T_level_sensor, better.T_level_sensor) for better in kept)

@@ -1,4 +1,4 @@
-"""One published version, loaded: the cascade, the map's surface and the parameters that made them."""
+"""Index of one map version: its configuration, retrieval, surface and free space."""
 
 from __future__ import annotations
 
@@ -18,12 +18,20 @@ from .verification.free_space import MapView
 
 ENGINE_FILE = "engine.json"
 CALIBRATION_FILE = "calibration.json"
-MAP_FILE = "map_points.npy"  # for pictures; queries use what was made of them
+MAP_FILE = "map_points.npy"  # for pictures; no query reads it
 
 
 @dataclass(frozen=True)
 class MapIndex:
-    """Everything that the query flow needs of a version. Immutable and thread-safe."""
+    """Loaded map version, as queries use it. Immutable and thread-safe.
+
+    Attributes:
+        config: configuration of the build and of queries.
+        calibration: from match features to probabilities.
+        cascade: retrieval of templates.
+        surface: map to register against.
+        view: map to check free space against.
+    """
 
     config: EngineConfig
     calibration: Calibration
@@ -33,17 +41,19 @@ class MapIndex:
 
     @property
     def T_map_level(self) -> Matrix:
+        """(4, 4) from the index's frame, whose z is up, to the map's."""
         return np.asarray(self.config.T_map_level, np.float64).reshape(4, 4)
 
     @classmethod
     def load(cls, directory: Path, calibration: Calibration | None = None) -> MapIndex:
-        """Reads a version's files; arrays are memory-mapped.
+        """Reads a version's files. Arrays are memory-mapped.
 
         Args:
-            calibration: in place of the version's own, while a build has not measured it yet.
+            directory: of the files.
+            calibration: to use instead of the version's own, for a build that has not measured it yet.
 
         Raises:
-            CorruptVersion: a file is missing or cannot be read.
+            CorruptVersion: a file is missing or damaged.
         """
         try:
             config = EngineConfig.model_validate_json((directory / ENGINE_FILE).read_text())

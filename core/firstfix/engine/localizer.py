@@ -156,7 +156,7 @@ def localize_among(
 
 
 def _explain_scan(registered: Sequence[RegisteredCandidate]) -> bool:
-    """Whether the best candidate, without its rivals, is accepted and its fit shows that up is right.
+    """Returns whether the best candidate would be accepted without its rivals, with up surely right.
 
     With a wrong up direction, up to two thirds of a scan may lie on surfaces that nothing contradicts.
     """

@@ -11,7 +11,7 @@ from small_gicp import voxelgrid_sampling
 from ..descriptor import Described, Descriptor, ScanBatch
 from ..scan.compact import CompactScan, ScanDescriptor
 from ..scan.levelling import Level, estimate_up_near, floor_height, levelling_rotation, turned
-from ..scan.range_view import ScanView, directions
+from ..scan.range_view import RangeView, directions
 from ..scan.scan import Scan
 from ..scan.sequence import ScanSequence
 from ..scan.up_hypotheses import other_ups
@@ -45,7 +45,7 @@ class PreparedScan:
     batch: ScanBatch
     seen: NDArray[np.float32]
     described: ScanDescriptor | None
-    view: ScanView
+    view: RangeView
     thinned: Surface
 
     @property
@@ -136,7 +136,7 @@ class _Returns:
 
     seen: NDArray[np.float32]
     voxels: NDArray[np.float64]
-    view: ScanView
+    view: RangeView
 
     @classmethod
     def of(cls, scan: Scan | CompactScan, config: PreprocessConfig) -> _Returns:
@@ -145,7 +145,7 @@ class _Returns:
             return cls._of_compact(points, scan.nearest_m, config)
         some = at_most(points, _VOXELLED).astype(np.float64)
         voxels = voxelgrid_sampling(some, config.voxel_m).points()[:, :3]
-        return cls(points, at_most(voxels, _DENSE_POINTS), ScanView.of(at_most(points, _RETURNS)))
+        return cls(points, at_most(voxels, _DENSE_POINTS), RangeView.of(at_most(points, _RETURNS)))
 
     @classmethod
     def _of_compact(
@@ -156,7 +156,7 @@ class _Returns:
         # the nearest return of every direction fills cells of the descriptor that the voxels leave empty
         seen = np.concatenate([points, directions()[near] * nearest_m[near, None]])
         voxels = at_most(points, _DENSE_POINTS).astype(np.float64)
-        return cls(seen, voxels, ScanView.of_nearest(nearest_m))
+        return cls(seen, voxels, RangeView.of_nearest(nearest_m))
 
 
 def _prepare(

@@ -34,7 +34,7 @@ class RegisteredCandidate:
 
     @property
     def quality(self) -> AlignmentQuality:
-        """How well the scan fits the map at this pose."""
+        """Fit of the scan to the map at this pose."""
         return AlignmentQuality(
             self.registration.inlier_ratio, self.registration.alignment_score, self.free_space_violation
         )
@@ -45,7 +45,7 @@ class RegisteredCandidate:
         return self.index.T_map_level @ self.registration.T_level_sensor
 
     def has_pose_of(self, other: RegisteredCandidate) -> bool:
-        """Whether both are nearly the same pose of the same map."""
+        """Returns whether both are nearly the same pose. They must be of the same map."""
         distance_m, angle_deg = pose_error(
             self.registration.T_level_sensor, other.registration.T_level_sensor
         )

@@ -1,4 +1,4 @@
-"""Milliseconds a stage, in order, for the answer's timings."""
+"""Stopwatch for the stages of a query."""
 
 from __future__ import annotations
 
@@ -8,11 +8,18 @@ from contextlib import contextmanager
 
 
 class Stopwatch:
+    """Time of each stage.
+
+    Attributes:
+        ms: milliseconds by stage, in the order in which stages began.
+    """
+
     def __init__(self) -> None:
         self.ms: dict[str, float] = {}
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
+        """Adds the time of the block to a stage."""
         start = time.perf_counter()
         try:
             yield

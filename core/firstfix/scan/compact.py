@@ -1,7 +1,7 @@
-"""A scan in a few kilobytes: what a query needs of it, and no more.
+"""Compact scan: the few kilobytes of a scan that a query needs.
 
-A few thousand of its voxels are registered; how far it sees in each direction checks free space; its
-descriptor, where the robot knows the map's, finds candidates. ``condense`` makes these on the robot,
+Some thousand voxel means are registered, the nearest ranges by direction check free space, and the descriptor
+finds candidates if the robot knows the map's parameters. ``scan.condense`` makes them on the robot,
 ``wire.query`` encodes them.
 """
 
@@ -19,12 +19,12 @@ MAX_COMPACT_POINTS = 10_000
 
 @dataclass(frozen=True)
 class ScanDescriptor:
-    """A scan levelled and described on the robot. Alone it is a query too: for candidates only.
+    """Descriptor of a scan, computed on the robot. A query may consist of it alone: it gets only candidates.
 
     Attributes:
-        descriptor: the parameters, which must be the map's.
-        occupancy: (bytes,) uint8, one row of what ``descriptor.describe`` makes.
-        up: (3,) unit vector against gravity, sensor frame: how the scan was levelled.
+        descriptor: its parameters, which must be the map's.
+        occupancy: (bytes,) uint8, one row as ``descriptor.describe`` returns it.
+        up: (3,) unit vector against gravity in the sensor frame, by which the scan was levelled.
         height_m: of the sensor above its floor.
     """
 
@@ -35,21 +35,22 @@ class ScanDescriptor:
 
     @property
     def rows(self) -> Described:
-        """As a descriptor's own ``describe`` gives it."""
+        """Description in the form that ``Descriptor.describe`` returns."""
         return {"occupancy": self.occupancy[None]}
 
     def agrees_with(self, descriptor: Descriptor) -> bool:
-        """Whether that one would have described the scan in the same way; lengths as float32, as they
-        were sent."""
+        """Returns whether a descriptor describes scans in the same way, with lengths as float32, as sent."""
         return isinstance(descriptor, LayeredOccupancy) and _form(descriptor) == _form(self.descriptor)
 
 
 @dataclass(frozen=True)
 class CompactScan:
-    """Attributes:
-    points: (n, 3) float32 metres, sensor frame: an even part of the scan's voxel means.
-    nearest_m: (cells,) float32, ``range_view.nearest_by_direction`` of its returns.
-    described: None: the server describes the scan from these.
+    """Compact form of a scan.
+
+    Attributes:
+        points: (n, 3) float32 metres, sensor frame: an even part of the scan's voxel means.
+        nearest_m: (cells,) float32, ``range_view.nearest_by_direction`` of its returns.
+        described: its descriptor; None: the server computes one from the points and ranges.
     """
 
     points: NDArray[np.float32]
@@ -61,7 +62,7 @@ class CompactScan:
 
 
 def _form(descriptor: LayeredOccupancy) -> tuple[float, ...]:
-    """What the bits depend on: not how many coefficients the key has."""
+    """Parameters that the bits depend on: all but the number of the key's coefficients."""
     grid = descriptor.grid
     lengths_m = np.asarray([grid.max_range_m, *descriptor.edges_m], np.float32)
     return (grid.rings, grid.sectors, *lengths_m.tolist())

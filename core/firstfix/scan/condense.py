@@ -1,9 +1,9 @@
-"""On the robot: from a scan to the few kilobytes that a query needs. NumPy alone.
+"""Condensing a scan on the robot to the few kilobytes that a query needs. It needs NumPy only.
 
-The server's own preprocessing of a whole scan (``preprocess``) makes the same things of it: voxel means,
-nearest returns by direction, a levelled descriptor. An even part of the voxel means gives the same
-measures of fit in the mean as all of them, so probabilities stay comparable; larger voxels would not
-(benchmarks/BENCHMARK.md, encodings).
+The server's preprocessing of a whole scan (``engine.preprocess``) makes the same parts: voxel means, nearest
+returns by direction, a levelled descriptor. An even part of the voxel means has on average the same alignment
+quality as all of them, so probabilities stay comparable. Larger voxels would not (benchmarks/BENCHMARK.md,
+encodings).
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from .scan import Scan
 from .voxel_filter import at_most, voxel_means, within_range
 
 POINTS = 2500
-_RETURNS = 20_000  # looked at by direction
-_VOXELLED = 40_000  # points whose voxels are averaged: more find hardly another voxel
-_PATCH_VOXELS = 3.0  # a surface's normal is that of the voxel means in a cube of so many
-_PATCH_POINTS = 4
-_FLAT = 100.0  # variance along a patch over that across it: what is less flat has no one normal
+_RETURNS = 20_000  # points for the nearest ranges by direction
+_VOXELLED = 40_000  # points whose voxels are averaged: more points reach hardly any further voxel
+_PATCH_VOXELS = 3.0  # edge, in voxels, of the cubes in which a surface normal is computed
+_PATCH_POINTS = 4  # voxel means in a cube, at least
+_FLAT = 100.0  # variance along a patch over that across it, at least: less flat patches have no clear normal
 
 
 def condense(
@@ -38,12 +38,12 @@ def condense(
     *,
     points: int = POINTS,
 ) -> CompactScan:
-    """What a compact query holds of a scan.
+    """Returns the compact form of a scan.
 
     Args:
-        parameters: of the map that will be asked; None: any map, and the server describes the scan.
-        gravity: (3,) direction of gravity in the sensor frame; None: estimated, for the descriptor.
-        points: at most, of the voxel means.
+        parameters: of the map that will be asked; None: for any map, and the server describes the scan.
+        gravity: (3,) direction of gravity in the sensor frame, for the descriptor; None: it is estimated.
+        points: largest number of voxel means to keep.
 
     Raises:
         InvalidOption: ``points`` is out of range.
@@ -61,13 +61,13 @@ def condense(
 def describe(
     scan: Scan, parameters: DescriptorParameters, gravity: NDArray[np.float64] | None = None
 ) -> ScanDescriptor:
-    """The descriptor alone, for candidates without registration.
+    """Returns the descriptor of a scan alone, for candidates without registration.
 
     Raises:
         InvalidOption: the parameters have no descriptor.
     """
     if parameters.descriptor is None:
-        raise InvalidOption("a descriptor needs the map's parameters: DescriptorParameters.from_engine")
+        raise InvalidOption("a descriptor needs the map's parameters: see DescriptorParameters.from_engine")
     near = within_range(scan.points, parameters.min_range_m, parameters.max_range_m)
     means = voxel_means(at_most(near, _VOXELLED), parameters.voxel_m)
     return _describe(near, means, parameters, parameters.descriptor, gravity)
@@ -82,7 +82,7 @@ def _describe(
 ) -> ScanDescriptor:
     patches, normals = _patches(means, _PATCH_VOXELS * parameters.voxel_m)
     up = estimate_up(normals) if gravity is None else _against(gravity)
-    up = up.astype(np.float32).astype(np.float64)  # as it is sent: nothing depends on its last digits
+    up = up.astype(np.float32).astype(np.float64)  # as it is sent: no result depends on further digits
     R_level_sensor = levelling_rotation(up)
     height_m = floor_height(turned(patches, R_level_sensor), turned(normals, R_level_sensor))
     if height_m is None:
@@ -98,7 +98,7 @@ def _against(gravity: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _patches(means: NDArray[np.float64], side_m: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points of flat surfaces and the unit normals there, (n, 3) each."""
+    """Points on flat surfaces, and their unit normals, (n, 3) each."""
     if not len(means):
         return means, means
     patch = np.floor(means / side_m).astype(np.int64)

@@ -40,7 +40,7 @@ class DescriptorParameters:
         try:
             described, used = engine["descriptor"], engine["preprocess"]
             if described["kind"] != "occupancy":
-                raise UnsupportedFormat(f"robots cannot compute a map's {described['kind']!r} descriptor")
+                raise UnsupportedFormat(f"robots cannot compute this map's descriptor {described['kind']!r}")
             grid = PolarGrid(
                 int(described["rings"]), int(described["sectors"]), float(described["max_range_m"])
             )
@@ -53,4 +53,4 @@ class DescriptorParameters:
                 LayeredOccupancy(grid, edges_m),
             )
         except (KeyError, TypeError, ValueError) as error:
-            raise UnsupportedFormat(f"this is no map's engine: {error!r}") from None
+            raise UnsupportedFormat(f"malformed engine of a map: {error!r}") from None

@@ -1,9 +1,8 @@
-"""Which way is up, and how far down is the floor: from the scan alone, or from an IMU's gravity.
+"""Levelling: the up direction of a scan, and the height of the sensor above the floor.
 
-Handheld and legged robots tilt by 20 degrees; a descriptor binned in the tilted frame finds nothing.
-Man-made places are full of surfaces that are level (floors, ceilings) or upright (walls): up is the
-direction on which most surface normals agree in one of the two ways (docs/method.md). No floor need
-be seen.
+Handheld and legged robots tilt by 20 degrees, and a descriptor in a tilted frame finds nothing. Man-made
+places are full of level surfaces (floors, ceilings) and upright ones (walls). Up is the direction to which
+most surface normals are parallel or at right angles (docs/method.md section 6). No floor needs to be seen.
 """
 
 from __future__ import annotations
@@ -21,10 +20,10 @@ from .voxel_filter import at_most
 _Float = TypeVar("_Float", bound=np.floating)
 
 MAX_TILT_DEG = 35.0
-LEVEL_WEIGHT = 0.1  # of a level surface against an upright one: walls are plumb, floors and roads may slope
+LEVEL_WEIGHT = 0.1  # of a level surface against an upright one: walls are upright, floors and roads may slope
 _COARSE_STEP_DEG = 4.0
 _VOTE_WIDTH = np.radians(5.0)
-_VOTERS = 2000  # normals enough: all 10,000 of a scan give the same up to 0.1 degrees
+_VOTERS = 2000  # normals that vote: all 10,000 of a scan give the same up within 0.1 degrees
 _FLOOR_RADIUS_M = 12.0
 _FLOOR_BIN_M = 0.1
 _LEVEL_COSINE = 0.9659258262890683  # of 15 degrees
@@ -33,11 +32,11 @@ _UPSIDE_DOWN = -1 + 1e-12
 
 @dataclass(frozen=True)
 class Level:
-    """Up and floor of a scan.
+    """Up direction and floor of a scan.
 
     Attributes:
-        up: (3,) unit vector in the sensor frame, against gravity.
-        height_m: of the sensor above the floor, or None where no floor was seen.
+        up: (3,) unit vector against gravity in the sensor frame.
+        height_m: of the sensor above the floor; None: no floor was seen.
     """
 
     up: NDArray[np.float64]
@@ -45,10 +44,10 @@ class Level:
 
 
 def estimate_up(normals: NDArray[np.floating]) -> NDArray[np.float64]:
-    """(n, 3) unit surface normals (any sign) to the unit up vector, within MAX_TILT_DEG of sensor z.
+    """Unit up vector, within MAX_TILT_DEG of sensor z, from (n, 3) unit surface normals of any sign.
 
-    A vote over a grid of directions, then three rounds of reweighted least squares: the smallest
-    eigenvector of (upright - level) scatter is at right angles to the walls and along the floor's normal.
+    A vote over a grid of directions, then three rounds of reweighted least squares: the smallest eigenvector
+    of (upright - level) scatter is at right angles to the walls' normals and parallel to the floor's.
     """
     candidates = directions_about_z(MAX_TILT_DEG)
     normals = at_most(normals, _VOTERS)
@@ -57,13 +56,13 @@ def estimate_up(normals: NDArray[np.floating]) -> NDArray[np.float64]:
 
 
 def estimate_up_near(normals: NDArray[np.floating], expected: NDArray[np.float64]) -> NDArray[np.float64]:
-    """As ``estimate_up``, within MAX_TILT_DEG of where up is expected, (3,) in the sensor frame."""
+    """Unit up vector as ``estimate_up`` finds it, within MAX_TILT_DEG of an expected one, (3,)."""
     R_expected_sensor = levelling_rotation(expected)
     return R_expected_sensor.T @ estimate_up(np.ascontiguousarray(turned(normals, R_expected_sensor)))
 
 
 def refined_up(normals: NDArray[np.floating], up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A direction that (n, 3) normals voted for, to the unit up vector (docs/method.md 6.2)."""
+    """Unit up vector, refined from a direction that (n, 3) normals voted for (docs/method.md 6.2)."""
     for width_deg in (5.0, 2.5, 1.5):
         width = np.radians(width_deg)
         along = normals @ up
@@ -72,7 +71,7 @@ def refined_up(normals: NDArray[np.floating], up: NDArray[np.float64]) -> NDArra
         scatter = (normals * (upright - LEVEL_WEIGHT * level)[:, None]).T @ normals
         refined = np.linalg.eigh(scatter)[1][:, 0]
         refined = refined if refined @ up > 0 else -refined
-        if refined @ up < np.cos(np.radians(6.0)):  # nothing to hold on to in one direction: keep the vote
+        if refined @ up < np.cos(np.radians(6.0)):  # one direction is not constrained: keep the vote
             break
         up = refined
     return up
@@ -89,7 +88,7 @@ def votes(normals: NDArray[np.floating], directions: NDArray[np.float64]) -> NDA
 
 
 def levelling_rotation(up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """R_level_sensor (3, 3), the smallest turn that brings up to z, in a fixed order of steps.
+    """R_level_sensor (3, 3), the smallest rotation that brings up to z, computed in a fixed order of steps.
 
     Args:
         up: (3,) of any length but zero.
@@ -97,15 +96,17 @@ def levelling_rotation(up: NDArray[np.float64]) -> NDArray[np.float64]:
     x, y, z = (float(v) for v in up)
     length = math.sqrt(x * x + y * y + z * z)
     x, y, z = x / length, y / length, z / length
-    if z < _UPSIDE_DOWN:  # every axis at right angles serves
+    if z < _UPSIDE_DOWN:  # any axis at right angles will do
         return np.diag([-1.0, 1.0, -1.0])
     k = 1 + z
     return np.array([[1 - x * x / k, -(x * y) / k, -x], [-(x * y) / k, 1 - y * y / k, -y], [x, y, z]])
 
 
 def turned(points: NDArray[_Float], R: NDArray[np.float64]) -> NDArray[_Float]:
-    """(n, 3) points after the rotation R, in their own precision and a fixed order of steps, which a
-    matrix product has not."""
+    """Rotates (n, 3) points by R, in their own precision.
+
+    The order of steps is fixed, which a matrix product does not guarantee.
+    """
     x, y, z = np.ascontiguousarray(points.T)
     out = np.empty((3, len(points)), points.dtype)
     for row, (a, b, c) in zip(out, R.astype(points.dtype), strict=True):
@@ -118,9 +119,9 @@ def turned(points: NDArray[_Float], R: NDArray[np.float64]) -> NDArray[_Float]:
 def floor_height(
     points: NDArray[np.floating], normals: NDArray[np.floating], max_height_m: float = 4.0
 ) -> float | None:
-    """Height of the sensor above the floor around it, or None.
+    """Height of the sensor above the floor around it, or None if no floor is seen.
 
-    The floor is the lowest well-filled height among level surfaces below the sensor.
+    The floor is the lowest height with many points on level surfaces below the sensor.
 
     Args:
         points, normals: (n, 3) in the levelled sensor frame.
@@ -133,7 +134,7 @@ def floor_height(
         return None
     bins = np.floor(-z / _FLOOR_BIN_M).astype(int)
     counts = np.bincount(bins)
-    smooth = counts.copy()  # with the bins above and below
+    smooth = counts.copy()  # each bin with those above and below
     smooth[1:] += counts[:-1]
     smooth[:-1] += counts[1:]
     strong = np.flatnonzero(smooth >= 0.35 * smooth.max())
@@ -146,7 +147,7 @@ def floor_height(
 
 @cache
 def directions_about_z(within_deg: float) -> NDArray[np.float64]:
-    """(d, 3) unit vectors within an angle of z, _COARSE_STEP_DEG apart or nearly."""
+    """Unit vectors (d, 3) within an angle of z, about _COARSE_STEP_DEG apart."""
     directions = [(0.0, 0.0, 1.0)]
     for tilt_deg in np.arange(_COARSE_STEP_DEG, within_deg + 1e-9, _COARSE_STEP_DEG):
         tilt = np.radians(tilt_deg)
@@ -157,7 +158,7 @@ def directions_about_z(within_deg: float) -> NDArray[np.float64]:
 
 
 def _tilt_prior(directions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A mild preference for standing upright, which decides where the surfaces do not."""
+    """Weak preference for an upright sensor, which decides if the surfaces do not."""
     tilt_deg = np.degrees(np.arccos(np.clip(directions[:, 2], -1, 1)))
     prior: NDArray[np.float64] = 1 - 0.15 * tilt_deg / MAX_TILT_DEG
     return prior

@@ -1,4 +1,4 @@
-"""What a scan saw, direction by direction: NumPy alone, for builder, service and robot."""
+"""Range view: the ranges of a scan by direction. It needs NumPy only, for builder, service and robot."""
 
 from __future__ import annotations
 
@@ -18,34 +18,34 @@ _RADIANS_A_CELL = 2 * np.pi / COLUMNS
 
 
 @dataclass(frozen=True)
-class ScanView:
-    """A scan seen from its sensor, made once for all the poses it is looked at from.
+class RangeView:
+    """Ranges of one scan by direction, made once for all the poses at which it is checked.
 
     Attributes:
-        returned: (cells,) whether it has a return in that direction.
-        least: (cells,) its nearest return in and around the direction, metres.
+        returned: (cells,) whether there is a return in that direction.
+        least: (cells,) nearest range in and around the direction, metres.
     """
 
     returned: NDArray[np.bool_]
     least: NDArray[np.float32]
 
     @classmethod
-    def of(cls, points: NDArray[np.float32]) -> ScanView:
-        """
+    def of(cls, points: NDArray[np.float32]) -> RangeView:
+        """Range view of points.
+
         Args:
             points: (n, 3) some thousand returns, sensor frame.
         """
         return cls.of_nearest(nearest_by_direction(points))
 
     @classmethod
-    def of_nearest(cls, nearest: NDArray[np.float32]) -> ScanView:
-        """From (cells,) ranges, infinite where there is nothing."""
+    def of_nearest(cls, nearest: NDArray[np.float32]) -> RangeView:
+        """Range view of (cells,) nearest ranges, infinite in directions without a return."""
         return cls(np.isfinite(nearest), _least_of_neighbours(nearest.reshape(ROWS, COLUMNS)).ravel())
 
 
 def nearest_by_direction(points: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(n, 3) seen from the origin to the nearest range in each of (cells,) directions, inf where there is
-    nothing."""
+    """Nearest range of (n, 3) points in each of (cells,) directions from the origin, inf without a point."""
     x, y, z = np.ascontiguousarray(points.T)
     across2 = x * x + y * y
     distance = np.sqrt(across2 + z * z)
@@ -59,7 +59,7 @@ def nearest_by_direction(points: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def directions() -> NDArray[np.float32]:
-    """(cells, 3) unit vectors through the middles of the cells that ``nearest_by_direction`` numbers."""
+    """Unit vectors (cells, 3) through the middles of the cells of ``nearest_by_direction``."""
     azimuth = (np.arange(COLUMNS) + 0.5) * _RADIANS_A_CELL - np.pi
     elevation = ((np.arange(ROWS) + 0.5) * _RADIANS_A_CELL - np.pi / 2)[:, None]
     x, y = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth)
@@ -68,7 +68,7 @@ def directions() -> NDArray[np.float32]:
 
 
 def _least_of_neighbours(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Each cell's minimum with its eight neighbours; columns go round."""
+    """Minimum of each cell and its eight neighbours; columns wrap around."""
     across = np.minimum(np.minimum(np.roll(image, 1, axis=1), np.roll(image, -1, axis=1)), image)
     least = across.copy()
     np.minimum(least[1:], across[:-1], out=least[1:])

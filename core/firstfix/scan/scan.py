@@ -1,4 +1,4 @@
-"""One LiDAR scan as the rest of firstfix sees it: checked once, at the boundary."""
+"""One LiDAR scan, checked once when it enters."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InvalidScan, TooLarge
 
-MAX_POINTS = 2_000_000  # an OS1-128 at 2048 columns gives 262,144; merged scans stay below this
-MAX_ABS_COORDINATE_M = 1_000.0  # no scanner on a robot sees further
+MAX_POINTS = 2_000_000  # an OS1-128 at 2048 columns has 262,144; merged scans stay below this limit
+MAX_ABS_COORDINATE_M = 1_000.0  # beyond the range of any scanner on a robot
 
 
 @dataclass(frozen=True)
 class Scan:
-    """Points in the sensor frame (REP-103: x forward, y left, z up), metres.
+    """Points of one scan in the sensor frame (REP-103: x forward, y left, z up), metres.
 
     Attributes:
         points: (n, 3) float32, all finite.
         intensity: (n,) float32 or None.
-        stamp_s: time of the scan, seconds since the epoch, or None.
+        stamp_s: time of the scan in seconds since the epoch, or None.
     """
 
     points: NDArray[np.float32]
@@ -34,19 +34,19 @@ class Scan:
         intensity: ArrayLike | None = None,
         stamp_s: float | None = None,
     ) -> Scan:
-        """Checks and cleans what a driver delivers: drops NaN, infinite and absurdly far returns.
+        """Checks points from a driver and drops returns that are NaN, infinite or impossibly far.
 
         Args:
-            points: (n, 3) or (n, >=3) numbers, the first three columns x, y, z in metres.
+            points: (n, 3 or more) numbers; the first three columns are x, y, z in metres.
             intensity: (n,) or None.
 
         Raises:
-            InvalidScan: not (n, 3), not numeric, or the intensity has another length.
+            InvalidScan: points of another shape, no numbers, or an intensity of another length.
             TooLarge: over MAX_POINTS points.
         """
         array = np.asarray(points)
         if array.ndim != 2 or array.shape[1] < 3 or not np.issubdtype(array.dtype, np.number):
-            raise InvalidScan(f"a scan is an (n, 3) array of numbers, not {array.dtype} {array.shape}")
+            raise InvalidScan(f"a scan must be an (n, 3) array of numbers, not {array.dtype} {array.shape}")
         if len(array) > MAX_POINTS:
             raise TooLarge(f"the scan has {len(array)} points, the limit is {MAX_POINTS}")
         xyz = array[:, :3]

@@ -1,8 +1,8 @@
-"""Other directions that may be up in a scan: its sensor may hang head down, or sit on its side.
+"""Further hypotheses of up for a scan whose sensor may hang head down or sit on its side.
 
-``levelling`` looks within 35 degrees of where up is expected. Floors, ceilings and walls show the main axes
-of a place in any orientation of the sensor. They do not show which of the axes is up, nor which way along
-it: the map tells that (docs/method.md section 6).
+``levelling`` searches within 35 degrees of the expected up direction. Floors, ceilings and walls show the
+main axes of a place in any orientation of the sensor. They do not show which axis is up, nor in which sense:
+the map decides (docs/method.md section 6).
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ from numpy.typing import NDArray
 from .levelling import directions_about_z, estimate_up_near, refined_up, votes
 from .voxel_filter import at_most
 
-_MAIN_AXES = 3  # a floor and two directions of walls
-_LEAST_VOTES = 0.5  # of the best axis's: fewer are clutter's
+_MAIN_AXES = 3  # the floor's normal and those of two directions of walls
+_LEAST_VOTES = 0.5  # of the best axis's votes: an axis with fewer comes from clutter
 _AXIS_COSINE = np.cos(np.radians(25.0))  # nearer directions are one axis
-_NEW_DEG = 10.0  # nearer ups lead to the same places
-_NEW_BY_GRAVITY_DEG = 1.5  # of an IMU that is shaken, the surfaces may know better by less
+_NEW_DEG = 10.0  # nearer up directions lead to the same poses
+_NEW_BY_GRAVITY_DEG = 1.5  # the surfaces may correct a shaken IMU by little more than this
 _VOTERS = 1000
 
 
 def other_ups(
     normals: NDArray[np.floating], known: NDArray[np.float64], gravity: NDArray[np.float64] | None
 ) -> list[NDArray[np.float64]]:
-    """Unit up vectors that may be true where one that was tried is not.
+    """Unit up vectors to try after another one failed.
 
-    Without gravity: the opposite of the one that was tried, and both ways along the main axes. With it:
-    against gravity, and what the surfaces say near that.
+    Without gravity: the opposite of the failed one, and both senses of each main axis. With gravity: the
+    vector against it, and the one that the surfaces suggest near that.
 
     Args:
         normals: (n, 3) unit surface normals, any sign.
@@ -44,8 +44,10 @@ def other_ups(
 
 
 def main_axes(normals: NDArray[np.floating]) -> list[NDArray[np.float64]]:
-    """Up to three unit vectors, any sign, to which most of (n, 3) surface normals are parallel or at right
-    angles."""
+    """Main axes of (n, 3) surface normals: up to three unit vectors of any sign.
+
+    Most of the normals are parallel to an axis or at right angles to it.
+    """
     directions = directions_about_z(90.0)
     normals = at_most(normals, _VOTERS)
     won = votes(normals, directions)
@@ -61,7 +63,7 @@ def main_axes(normals: NDArray[np.floating]) -> list[NDArray[np.float64]]:
 def _new_among(
     ups: Iterable[NDArray[np.float64]], known: NDArray[np.float64], apart_deg: float
 ) -> list[NDArray[np.float64]]:
-    """The first of those that are nearly the same, without those that are nearly the known one."""
+    """The up vectors without those near the known one or near an earlier one."""
     new, nearly = [known], np.cos(np.radians(apart_deg))
     for up in ups:
         if all(up @ other < nearly for other in new):

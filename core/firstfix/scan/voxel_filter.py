@@ -1,6 +1,6 @@
-"""Thinning a cloud: by range, evenly, to one point a cell.
+"""Thinning of a cloud: by range, evenly, or to one point a voxel.
 
-All of it is defined to the last bit, so that a robot's client in another language keeps the same points
+Every result is defined to the last bit, so that a robot's client in another language keeps the same points
 (clients/protocol/on-the-robot.md).
 """
 
@@ -19,7 +19,7 @@ _STEPS_A_METRE = 2.0**20
 
 
 def within_range(points: NDArray[np.float32], min_range_m: float, max_range_m: float) -> NDArray[np.float32]:
-    """Those of (n, 3) points that lie between the two distances from the origin, in float32."""
+    """Returns the points, of (n, 3), whose distance from the origin lies between two limits, in float32."""
     x, y, z = points.T
     range2 = x * x + y * y + z * z  # not einsum, whose order of steps depends on the processor
     least, most = np.float32(min_range_m * min_range_m), np.float32(max_range_m * max_range_m)
@@ -27,17 +27,17 @@ def within_range(points: NDArray[np.float32], min_range_m: float, max_range_m: f
 
 
 def at_most(points: NDArray[_Float], count: int) -> NDArray[_Float]:
-    """As many of them, in their order; all where there are no more (``rows_by_chance``)."""
+    """Returns at most ``count`` of the points, in their order (``rows_by_chance``)."""
     return points if len(points) <= count else points[rows_by_chance(len(points), count)]
 
 
 def first_in_voxel(points: NDArray[np.floating], voxel_m: float) -> NDArray[np.int64]:
-    """Indices, ascending, of the first point in every occupied cube of side ``voxel_m``.
+    """Rows, ascending, of the first point in every occupied voxel.
 
-    Measured points are kept as they are: a centroid would round the edges that registration holds on to.
+    Measured points are kept as they are: a mean would round the edges that registration needs.
 
     Args:
-        points: (n, 3) finite metres; the extent over ``voxel_m`` must stay below 2**21 cells an axis.
+        points: (n, 3) finite metres; each axis may span at most 2**21 voxels.
     """
     if len(points) == 0:
         return np.empty(0, np.int64)
@@ -49,9 +49,9 @@ def first_in_voxel(points: NDArray[np.floating], voxel_m: float) -> NDArray[np.i
 
 
 def voxel_means(points: NDArray[np.floating], voxel_m: float) -> NDArray[np.float64]:
-    """(m, 3) the mean of the points in every occupied cube, ordered by the cubes' z, then y, then x.
+    """Mean (m, 3) of the points in every occupied voxel, ordered by the voxels' z, then y, then x.
 
-    Of coordinates in whole micrometres, nearly (2 ** -20 m): their sums are exact, in whatever order.
+    Coordinates are rounded to 2 ** -20 m, about a micrometre: their sums are then exact in any order.
     """
     if len(points) == 0:
         return np.empty((0, 3))

@@ -1,4 +1,4 @@
-"""PCA-SC and CNZ against a slow reading of the paper, cell by cell."""
+"""PCA-SC and CNZ, compared with slow code written after the paper, cell by cell."""
 
 import math
 
@@ -20,7 +20,7 @@ def a_scan(seed: int, points: int = 2000) -> np.ndarray:
 
 
 def slow_pca_sc(points, height_m, how):
-    """Paper III.A, written for reading."""
+    """Paper III.A in slow and readable code."""
     grid = how.grid
     near = [p for p in points.astype(float) if math.hypot(p[0], p[1]) < grid.max_range_m]
     xy = np.array([p[:2] for p in near])

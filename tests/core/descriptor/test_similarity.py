@@ -1,4 +1,4 @@
-"""Equations 4 and 6 against a slow reading of the paper, column by column."""
+"""Equations 4 and 6, compared with slow code written after the paper, column by column."""
 
 import math
 
@@ -35,7 +35,7 @@ def some_contexts(seed: int, count: int, rings: int = 5, sectors: int = 12) -> n
 
 
 def slow_similarity(x: np.ndarray, y: np.ndarray) -> float:
-    """Equation 4 of two (rings, sectors) contexts, written for reading."""
+    """Equation 4 of two (rings, sectors) contexts, in slow and readable code."""
     total, counted = 0.0, 0
     for a, b in zip(x.astype(float).T, y.astype(float).T, strict=True):
         length_a, length_b = math.hypot(*a), math.hypot(*b)
@@ -148,7 +148,7 @@ def test_turned_rolls_the_columns(seed):
     "shifts", [np.arange(12), np.array([0, -1, 1]), np.array([0]), np.array([5, 2, -3, 11])], ids=str
 )
 def test_best_shift_is_the_best_of_the_rolled_references(seed, shifts):
-    """Column j of the query on column j + s of the template, for every s that may be tried."""
+    """Similarity with column j of the query on column j + s of the template, for every shift s."""
     query, templates = some_contexts(seed, 1), some_contexts(50 + seed, 8)
     templates[3] = np.roll(query[0], 5, axis=1)
     templates[4] = np.roll(query[0], -1, axis=1)

@@ -6,7 +6,7 @@ from firstfix.engine.calibration import Calibration
 
 
 def cases(n: int, seed: int):
-    """MatchFeatures, and whether it was right: drawn from a model of the calibration's own kind."""
+    """Match features, and whether the pose was right, drawn from a model of the calibration's own kind."""
     rng = np.random.default_rng(seed)
     found = [
         MatchFeatures(AlignmentQuality(inlier_ratio, inlier_ratio * 0.8, through), margin)

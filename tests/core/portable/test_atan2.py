@@ -21,6 +21,6 @@ def test_the_axes_are_exact(y, x, wanted):
 
 
 def test_it_does_not_depend_on_the_processor():
-    """Bits of a few, as a client in another language finds them."""
+    """Bits of a few angles, as clients in other languages compute them."""
     y, x = np.float32([[1, -2, 3.5, 0.1], [2, -1, -0.25, 1]])
     assert atan2_turns(y, x).view(np.uint32).tolist() == [1033314345, 3198535690, 1048956807, 1015149214]

@@ -1,4 +1,4 @@
-"""Eigenvectors of small symmetric matrices, beside LAPACK's."""
+"""Eigenvectors of small symmetric matrices, compared with LAPACK's."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What the robot makes of a scan: the same things that the server would."""
+"""Condensed scans: the robot computes the same parts as the server."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from firstfix.engine.preprocess import preprocess
 from firstfix.errors import InvalidOption, UnsupportedFormat
 from firstfix.scan.condense import POINTS, condense, describe
 from firstfix.scan.descriptor_parameters import DescriptorParameters
-from firstfix.scan.range_view import ScanView, nearest_by_direction
+from firstfix.scan.range_view import RangeView, nearest_by_direction
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix.scan.voxel_filter import at_most
@@ -76,7 +76,7 @@ def test_the_view_is_that_of_the_scan():
     np.testing.assert_array_equal(compact.nearest_m, nearest_by_direction(at_most(scan.points, 20_000)))
     assert compact.described is None
     seen = preprocess(ScanSequence.single(compact), None, ENGINE.preprocess).scans[0].view
-    np.testing.assert_array_equal(seen.least, ScanView.of_nearest(compact.nearest_m).least)
+    np.testing.assert_array_equal(seen.least, RangeView.of_nearest(compact.nearest_m).least)
 
 
 def test_the_server_levels_and_describes_a_compact_scan_alike():

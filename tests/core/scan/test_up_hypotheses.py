@@ -52,7 +52,7 @@ def test_where_up_is_expected_along_z_nothing_changes_to_the_last_bit():
 
 
 def test_open_ground_leaves_its_normal_and_the_opposite():
-    """Hardly anything upright is seen: head down is tried, and no direction that nothing confirms."""
+    """With hardly any upright surface, head down is tried, and no direction without support."""
     normals = room(1, floor=900, ceiling=0, walls=0, clutter=60)
     tried = estimate_up(normals)
     ups = other_ups(normals, tried, None)

@@ -1,8 +1,9 @@
-"""Fine poses from coarse ones: the scan's points against the map's surface, all starts at once.
+"""Alignment of a scan with the map's surface, from many start poses at once.
 
-Point to plane, weighed by how well the two normals agree, as the covariances of GICP would (docs/method.md
-section 7). On a coarse grid of the map first, whose basin is a metre wide, then on its own points. All
-starts go through one set of NumPy calls: twenty of them cost what three would one by one.
+Point to plane, weighted by the agreement of the two normals, as the covariances of GICP would be
+(docs/method.md section 7). First on a coarse grid of the map, which attracts poses within a metre, then on
+the map's own points. All starts go through one set of NumPy calls: twenty together cost as much as three one
+by one.
 """
 
 from __future__ import annotations
@@ -21,22 +22,22 @@ from .surface_grid import SurfaceGrid
 
 _COARSE_POINTS = 200
 _COARSE_ANGLE, _FINE_ANGLE = 0.2, 0.06  # sine between normals at which a pair counts half
-_OTHER_FACE = -0.2  # cosine: normals further apart face opposite ways, whatever their noise
+_OTHER_FACE = -0.2  # cosine: normals further apart face opposite ways, even with noise
 _STILL_M, _STILL_RAD = 5e-4, 1e-4
-_DAMPING = 1e-4  # of a pair's weight: keeps a direction that nothing fixes where it is
+_DAMPING = 1e-4  # of a pair's weight: keeps the pose along directions that the scan does not constrain
 _FINE_FILE, _COARSE_FILE = "surface_fine.safetensors", "surface_coarse.safetensors"
-_NOISE_M = 0.01  # at least, of a scan point's distance from the map
+_NOISE_M = 0.01  # standard deviation of a scan point's distance from the map, at least
 
 
 @dataclass(frozen=True)
 class Registration:
-    """Where a scan settled.
+    """Aligned pose of a scan.
 
     Attributes:
         T_level_sensor: (4, 4) in the index's frame.
         inlier_ratio: 0..1, share of the scan's points within ``inlier_distance_m`` of the map's surface.
-        alignment_score: 0..1, the same but each point counts less the further off it lies: it tells the
-            true minimum from one beside it, where the inlier ratio alone does not.
+        alignment_score: 0..1, the same, but a point counts less the further it lies from the surface. It
+            tells the true minimum from one beside it, which the inlier ratio alone does not.
         information: (6, 6) over rotation then translation, about the sensor and along the level axes.
     """
 
@@ -48,7 +49,13 @@ class Registration:
 
 @dataclass(frozen=True)
 class MapSurface:
-    """The map, made ready to register against. Thread-safe."""
+    """Map surface to register against. Thread-safe.
+
+    Attributes:
+        config: parameters of the registration.
+        fine: grid of the map's own points.
+        coarse: grid of the map, thinned.
+    """
 
     config: RegistrationConfig
     fine: SurfaceGrid
@@ -56,7 +63,8 @@ class MapSurface:
 
     @classmethod
     def of(cls, surface: Surface, config: RegistrationConfig) -> MapSurface:
-        """
+        """Map surface from points with normals.
+
         Args:
             surface: thinned to about ``map_voxel_m``.
         """
@@ -65,27 +73,28 @@ class MapSurface:
         return cls(config, fine, SurfaceGrid.of(coarse, config.coarse_voxel_m))
 
     def save(self, directory: Path) -> None:
+        """Writes the grids to a version's files."""
         self.fine.save(directory / _FINE_FILE)
         self.coarse.save(directory / _COARSE_FILE)
 
     @classmethod
     def load(cls, directory: Path, config: RegistrationConfig) -> MapSurface:
-        """Of a version's files, memory-mapped."""
+        """Reads a version's files, memory-mapped."""
         fine, coarse = SurfaceGrid.load(directory / _FINE_FILE), SurfaceGrid.load(directory / _COARSE_FILE)
         return cls(config, fine, coarse)
 
     def align_coarse(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(k, 4, 4) from starts within a metre or so to a few decimetres."""
+        """Aligns on the coarse grid: (k, 4, 4) starts within about a metre end within a few decimetres."""
         reach_m, few = 1.5 * self.config.coarse_voxel_m, scan.at_most(_COARSE_POINTS)
         iterations = self.config.coarse_iterations
         return _align(self.coarse, few, T_level_sensor, iterations, reach_m, _COARSE_ANGLE).T_level_sensor
 
     def align(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> list[Registration]:
-        """From (k, 4, 4) starts within a few decimetres."""
+        """Aligns on the map's own points, from (k, 4, 4) starts within a few decimetres."""
         return self._align_on_points(scan, T_level_sensor, self.config.align_iterations)
 
     def align_fine(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> list[Registration]:
-        """From (k, 4, 4) settled poses to the end."""
+        """Aligns on the map's own points until convergence, from (k, 4, 4) aligned poses."""
         return self._align_on_points(scan, T_level_sensor, self.config.fine_iterations)
 
     def _align_on_points(
@@ -97,8 +106,8 @@ class MapSurface:
         inlier_ratio = (share <= 1).mean(axis=1)
         alignment_score = np.maximum(1 - share**2, 0).mean(axis=1)
         return [
-            Registration(T, float(o), float(c), information)
-            for T, o, c, information in zip(
+            Registration(T, float(ratio), float(score), information)
+            for T, ratio, score, information in zip(
                 found.T_level_sensor, inlier_ratio, alignment_score, found.information, strict=True
             )
         ]
@@ -106,7 +115,13 @@ class MapSurface:
 
 @dataclass(frozen=True)
 class _Placed:
-    """A scan at k poses: (k, n, 3) its points about the sensor, its points, its normals."""
+    """Scan at k poses, (k, n, 3) each.
+
+    Attributes:
+        arms: points relative to the sensor.
+        points: in the index's frame.
+        normals: in the index's frame.
+    """
 
     arms: NDArray[np.float32]
     points: NDArray[np.float32]
@@ -121,13 +136,13 @@ class _Placed:
 
 @dataclass(frozen=True)
 class _Pairs:
-    """What lies nearest to each point of a placed scan, (k, n, ...).
+    """Surface points nearest to the points of a placed scan, (k, n, ...).
 
     Attributes:
-        off_m: along the surface's normal to where the surface is; infinite where none is near, or only
-            the other face of it.
+        off_m: distance to the surface along its normal; infinite if no surface is near, or only its other
+            face.
         normals: of the surface.
-        cosine: between the two normals.
+        cosine: of the angle between the two normals.
     """
 
     off_m: NDArray[np.float32]
@@ -149,7 +164,7 @@ class _Pairs:
 
 @dataclass(frozen=True)
 class _Aligned:
-    """(k, 4, 4) and (k, 6, 6)."""
+    """Aligned poses, (k, 4, 4), and their information matrices, (k, 6, 6)."""
 
     T_level_sensor: NDArray[np.float64]
     information: NDArray[np.float64]
@@ -163,7 +178,7 @@ def _align(
     reach_m: float,
     half_angle: float,
 ) -> _Aligned:
-    """Gauss-Newton over left perturbations: turns about the sensor, moves along the level axes."""
+    """Gauss-Newton over left perturbations: rotation about the sensor, translation along the level axes."""
     T = T_start.copy()
     moving = np.arange(len(T))  # those that have not converged
     hessian = np.zeros((len(T), 6, 6))
@@ -172,7 +187,7 @@ def _align(
         placed = _Placed.at(scan, T[moving])
         found = _Pairs.of(grid, scan, placed)
         off_m = found.off_m
-        weight = np.maximum(1 - (off_m / np.float32(reach_m)) ** 2, 0) ** 2  # Tukey's; 0 where nothing is
+        weight = np.maximum(1 - (off_m / np.float32(reach_m)) ** 2, 0) ** 2  # Tukey's; 0 without a surface
         weight /= 1 + np.maximum(1 - found.cosine**2, 0) / np.float32(half_angle**2)
         jacobian = _jacobian(placed.arms, found.normals)  # (k, 6, n)
         weighted = jacobian * weight[:, None]
@@ -194,8 +209,10 @@ def _align(
 
 
 def _jacobian(arms: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(k, 6, n): of each pair's distance to a turn about the sensor (the arm's cross product with the
-    normal) and to a move (the normal)."""
+    """Jacobian (k, 6, n) of each pair's distance.
+
+    By the rotation about the sensor it is the cross product of arm and normal, by the translation the normal.
+    """
     jacobian = np.empty((len(arms), 6, arms.shape[1]), np.float32)
     a, n = arms.transpose(2, 0, 1), normals.transpose(2, 0, 1)
     for axis in range(3):

@@ -1,4 +1,4 @@
-"""Covariance of a fix, from the information matrix of its registration."""
+"""Covariance of a pose, from the information matrix of its registration."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from ...transform import Matrix
 from ..config import RegistrationConfig
 
-# Neighbouring pairs share the errors of the map and of the model of a surface: one in this many counts as
-# independent evidence. By this the errors on real maps are as large as the covariance says (docs/method.md);
-# in simulation, where the map has no error, they are smaller.
+# Neighbouring pairs share the errors of the map and of the surface model, so one pair in this many counts as
+# an independent observation. With this number the errors on real maps agree with the covariance
+# (docs/method.md section 7); in simulation, where the map has no error, they are smaller.
 _PAIRS_PER_OBSERVATION = 20.0
 _FLOOR_DEG = 0.02
 
@@ -18,16 +18,16 @@ _FLOOR_DEG = 0.02
 def pose_covariance(
     information: NDArray[np.float64], T_map_level: Matrix, config: RegistrationConfig
 ) -> NDArray[np.float64]:
-    """(6, 6) over x, y, z, rotX, rotY, rotZ about the map's axes, in m and rad.
+    """Covariance (6, 6) over x, y, z, rotX, rotY, rotZ about the map's axes, in m and rad.
+
+    A direction that the scan does not constrain (along a corridor) has almost no information, and so a large
+    variance. The variance never falls below a floor that the map's resolution sets.
 
     Args:
         information: (6, 6) over rotation then translation, along the level axes.
-
-    A direction that the scan does not fix (along a corridor) has almost no information, and so a
-    large variance. It never falls below what the map's own resolution allows.
     """
     values, vectors = np.linalg.eigh((information + information.T) / 2)
-    values = np.maximum(values / _PAIRS_PER_OBSERVATION, 1e-4)  # at most 100 m or rad: known to be unknown
+    values = np.maximum(values / _PAIRS_PER_OBSERVATION, 1e-4)  # a standard deviation of 100 m or rad at most
     in_level = (vectors / values) @ vectors.T
     R = T_map_level[:3, :3]
     to_map = np.zeros((6, 6))

@@ -1,4 +1,4 @@
-"""Points in slabs along x: what is done voxel by voxel then takes a slab's memory, not the map's."""
+"""Slabs of points along x: work that goes voxel by voxel then needs a slab's memory, not the map's."""
 
 from __future__ import annotations
 
@@ -11,14 +11,16 @@ MOST_POINTS = 4_000_000
 
 
 def slabs(points: NDArray[np.floating], voxel_m: float) -> Iterator[NDArray[np.intp] | slice]:
-    """Rows of (n, 3) points, ascending: of a slab of whole voxels each, in the order of their x. A slab has
-    more than MOST_POINTS only where one layer of voxels has."""
+    """Yields the rows, ascending, of (n, 3) points in each slab, in the order of x.
+
+    A slab consists of whole voxels. It holds more than MOST_POINTS only if one layer of voxels does.
+    """
     if len(points) <= MOST_POINTS:
         yield slice(None)
         return
     layer = np.floor(points[:, 0] / voxel_m).astype(np.int64)
     layer -= layer.min()
-    until = np.cumsum(np.bincount(layer))  # points of each layer and those before
+    until = np.cumsum(np.bincount(layer))  # points in each layer and all before it
     slab_of_layer = np.zeros(len(until), np.int64)
     done = number = 0
     for at, count in enumerate(until.tolist()):

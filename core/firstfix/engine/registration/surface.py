@@ -1,4 +1,4 @@
-"""Surfaces as points with normals."""
+"""Surface: points with normals."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from ...transform import Matrix
 from .slabs import slabs
 
 _NEIGHBOURS = 10
-
-
 _GRAZING = 0.1  # sine: a surface seen at a lower angle may be seen from either side
 
 
 @dataclass(frozen=True)
 class Surface:
-    """Attributes:
-    points: (n, 3) float32 metres.
-    normals: (n, 3) float32, unit.
-    oriented: (n,) whether the normal is known to point to where the surface was seen from. A wall has
-        two faces, and a scan of one must not be laid on the other.
+    """Points with normals.
+
+    Attributes:
+        points: (n, 3) float32 metres.
+        normals: (n, 3) float32, unit.
+        oriented: (n,) whether the normal is known to point towards the viewer. A wall has two faces, and a
+            scan of one must not be aligned with the other.
     """
 
     points: NDArray[np.float32]
@@ -39,10 +39,12 @@ class Surface:
     def around(
         cls, points: NDArray[np.floating], to_viewer: NDArray[np.floating] | None = None, threads: int = 1
     ) -> Surface:
-        """With the normals of each point's neighbourhood.
+        """Surface of points, with normals estimated from each point's neighbours.
 
         Args:
-            to_viewer: (n, 3) of any length, 0 where nothing is known.
+            points: (n, 3) metres.
+            to_viewer: (n, 3) directions of any length, 0 if unknown.
+            threads: number to use.
         """
         cloud = small_gicp.PointCloud(np.asarray(points, np.float64))
         tree = small_gicp.KdTree(cloud, num_threads=threads)
@@ -56,19 +58,20 @@ class Surface:
         return cls(np.asarray(points, np.float32), normals, oriented)
 
     def at(self, rows: NDArray[np.integer] | slice) -> Surface:
+        """Surface of the given rows."""
         return Surface(self.points[rows], self.normals[rows], self.oriented[rows])
 
     def at_most(self, count: int) -> Surface:
-        """As many of its points; all where there are no more (``rows_by_chance``)."""
+        """Surface of at most ``count`` of the points (``rows_by_chance``)."""
         return self if len(self) <= count else self.at(rows_by_chance(len(self), count))
 
     def moved(self, T: Matrix) -> Surface:
-        """In the left frame of T."""
+        """Surface brought from the right frame of T to its left frame."""
         R = T[:3, :3].astype(np.float32)
         return Surface(self.points @ R.T + T[:3, 3].astype(np.float32), self.normals @ R.T, self.oriented)
 
     def thinned(self, voxel_m: float) -> Surface:
-        """The mean in every voxel, one for each of the six ways that its normals mostly point."""
+        """Surface of the mean point of every voxel, one for each main direction of its normals."""
         parts = [self.at(rows)._thinned(voxel_m) for rows in slabs(self.points, voxel_m)]
         return parts[0] if len(parts) == 1 else Surface.together(parts)
 
@@ -94,6 +97,7 @@ class Surface:
 
     @classmethod
     def together(cls, parts: Sequence[Surface]) -> Surface:
+        """Surface of all points of several surfaces."""
         return cls(
             np.concatenate([part.points for part in parts]),
             np.concatenate([part.normals for part in parts]),

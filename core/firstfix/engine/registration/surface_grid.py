@@ -1,8 +1,8 @@
-"""The nearest surface point to any place near a surface, in constant time.
+"""Grid that finds the surface point near any position, in constant time.
 
-A KD tree over a million points costs a microsecond a look-up, all of it cache misses, and registration
-asks ten thousand times a query. Here every cell near the surface names the point nearest to its centre:
-a look-up is three array reads, and thousands are one NumPy call.
+A look-up in a KD tree over a million points takes a microsecond, mostly cache misses, and a query makes ten
+thousand of them. Here every cell near the surface stores the point nearest to its centre: a look-up is three
+array reads, and thousands of them are one NumPy call.
 """
 
 from __future__ import annotations
@@ -20,21 +20,20 @@ from .surface_grid_build import CellsOf, nearest_points, slot_of, tables_around
 
 @dataclass(frozen=True)
 class SurfaceGrid:
-    """Cells in blocks of s a side, these in groups of g a side, of both only those near the surface. A table
-    of the whole space is as small as its groups are large, so it may be kilometres wide. Thread-safe.
+    """Sparse grid in three levels: groups of g blocks a side, blocks of s cells a side. Thread-safe.
 
-    Every point is known in its own cell and the 26 around it: what lies within a cell's width of a
-    surface always finds it, what lies beyond two never does.
+    Only groups and blocks near the surface are kept, so the grid may be kilometres wide. Every point is
+    stored in its own cell and in the 26 around it: a position within one cell's width of a surface always
+    finds it, a position beyond two never does.
 
     Attributes:
-        cell: (1,) float32, its width in metres.
-        corner: (3,) float32, metres, below everything: from it float32 counts finely enough.
-        planes: (m, 4) float32, at each point of the surface its normal and how far along it the point
-            lies from the corner.
-        oriented: (m,) as the surface's.
-        group: (gx, gy, gz) int32, which of the kept groups stands there; the first is that of nothing.
-        block: (kept groups, g, g, g) int32, which of the kept blocks; the first is that of nothing.
-        point: (kept blocks, s, s, s) int32, the point nearest to each cell's centre, -1 where none is near.
+        cell: (1,) float32, width of a cell in metres.
+        corner: (3,) float32, metres, below all points. Relative to it float32 is fine enough.
+        planes: (m, 4) float32, for each surface point its normal and its distance along it from the corner.
+        oriented: (m,) as in the surface.
+        group: (gx, gy, gz) int32, number of the kept group at each position; 0: none.
+        block: (kept groups, g, g, g) int32, number of the kept block at each position; 0: none.
+        point: (kept blocks, s, s, s) int32, point nearest to each cell's centre; -1: none.
     """
 
     cell: NDArray[np.float32]
@@ -47,6 +46,7 @@ class SurfaceGrid:
 
     @classmethod
     def of(cls, surface: Surface, cell_m: float) -> SurfaceGrid:
+        """Grid of a surface."""
         cells = CellsOf.points(surface.points, cell_m)
         planes = np.empty((len(surface), 4), np.float32)
         planes[:, :3] = surface.normals
@@ -60,7 +60,7 @@ class SurfaceGrid:
         )
 
     def nearest(self, points: NDArray[np.float32]) -> NDArray[np.int32]:
-        """(n, 3) from the corner to (n,) rows of the surface, -1 where none is near."""
+        """Rows (n,) of the surface near (n, 3) positions relative to the corner; -1: none."""
         block_bits = self.point.shape[1].bit_length() - 1
         group_bits = block_bits + self.block.shape[1].bit_length() - 1
         last = np.array(self.group.shape, np.float32) * (1 << group_bits) - 1
@@ -68,13 +68,14 @@ class SurfaceGrid:
         return self.point.ravel()[slot_of(cell, self.group, self.block, block_bits)]
 
     def save(self, path: Path) -> None:
+        """Writes the grid to a file."""
         save_arrays(path, {field.name: getattr(self, field.name) for field in fields(self)})
 
     @classmethod
     def load(cls, path: Path) -> SurfaceGrid:
-        """Memory-mapped.
+        """Reads a file that ``save`` wrote, memory-mapped.
 
         Raises:
-            ValueError, TypeError, OSError: it is no such file.
+            ValueError, TypeError, OSError: the file has another format or cannot be read.
         """
         return cls(**map_arrays(path))

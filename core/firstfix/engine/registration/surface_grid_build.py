@@ -1,4 +1,4 @@
-"""How a surface grid is filled: in parts, so that the map of a district takes no more memory than itself."""
+"""Construction of a surface grid, in parts: it needs little memory beside the map's own."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-BLOCK_BITS = 2  # blocks of 4 cells a side: half of those that are kept are near the surface
+BLOCK_BITS = 2  # blocks of 4 cells a side: half of the cells in kept blocks are near the surface
 GROUP_BITS = 2  # groups of 4 blocks a side, or more
 MOST_GROUPS = 1 << 24  # entries of the table of all groups
 PART = 1 << 20  # points at once
@@ -19,11 +19,13 @@ _NOTHING = np.iinfo(np.int64).max
 
 @dataclass(frozen=True)
 class CellsOf:
-    """The cells that points lie in, counted from the grid's corner.
+    """Cells of points, counted from the grid's corner.
 
     Attributes:
-        low: (3,) int64, the first cell: two before any point's, where everything outside is sent.
-        last: (3,) int64, counted from there, two past any point's.
+        position_m: (m, 3) of the points.
+        cell_m: width of a cell.
+        low: (3,) int64, the first cell, two before that of any point. Positions outside the grid go there.
+        last: (3,) int64, the last cell counted from the first, two after that of any point.
     """
 
     position_m: NDArray[np.floating]
@@ -33,7 +35,7 @@ class CellsOf:
 
     @classmethod
     def points(cls, points: NDArray[np.floating], cell_m: float) -> CellsOf:
-        """(m, 3) metres."""
+        """Cells of (m, 3) points in metres."""
         lowest, highest = points.min(axis=0), points.max(axis=0)
         low = np.floor(np.asarray(lowest, np.float64) / cell_m).astype(np.int64) - 2
         high = np.floor(np.asarray(highest, np.float64) / cell_m).astype(np.int64) + 2
@@ -41,14 +43,16 @@ class CellsOf:
 
     @property
     def corner(self) -> NDArray[np.float32]:
+        """(3,) lower corner of the first cell, metres."""
         return (self.low * self.cell_m).astype(np.float32)
 
     def parts(self) -> Iterator[slice]:
+        """Slices of rows, small enough to work on one at a time."""
         for start in range(0, len(self.position_m), PART):
             yield slice(start, start + PART)
 
     def of(self, rows: slice | NDArray[np.integer]) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-        """(k, 3) cells, and (k, 3) where in them the points lie, 0..1."""
+        """Cells (k, 3) of some points, and the points' positions (k, 3) in them, 0..1."""
         scaled = np.asarray(self.position_m[rows], np.float64) / self.cell_m
         cell = np.floor(scaled).astype(np.int64) - self.low
         return cell.astype(np.int32), (scaled - self.low - cell).astype(np.float32)
@@ -57,7 +61,7 @@ class CellsOf:
 def slot_of(
     cell: NDArray[np.int32], group: NDArray[np.int32], block: NDArray[np.int32], block_bits: int
 ) -> NDArray[np.int64]:
-    """(n, 3) cells to their place among those of the kept blocks."""
+    """Positions (n,) of (n, 3) cells among the cells of the kept blocks."""
     side_bits = block.shape[1].bit_length() - 1
     _, columns, layers = group.shape
     outer = cell >> block_bits
@@ -68,14 +72,14 @@ def slot_of(
 
 
 def _within(cell: NDArray[np.int32], bits: int) -> NDArray[np.int32]:
-    """(n, 3) to their number in a cube of 2**bits a side."""
+    """Numbers of (n, 3) cells in a cube of 2**bits a side."""
     inner = cell & ((1 << bits) - 1)
     number: NDArray[np.int32] = ((inner[:, 0] << bits) + inner[:, 1] << bits) + inner[:, 2]
     return number
 
 
 def tables_around(cells: CellsOf) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """The tables of groups and of blocks that come within a cell of a point."""
+    """Tables of the groups and blocks within one cell of a point."""
     bits = GROUP_BITS
     while np.prod((cells.last >> BLOCK_BITS + bits) + 1) > MOST_GROUPS:
         bits += 1
@@ -98,16 +102,16 @@ def _blocks_around(cells: CellsOf) -> Iterator[NDArray[np.int32]]:
 
 
 def _numbered(kept: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """1, 2, ... where something is kept, 0 elsewhere."""
+    """Numbers 1, 2, ... of the kept entries, 0 for the others."""
     number = np.zeros(kept.shape, np.int32)
     number[kept] = np.arange(1, kept.sum() + 1)
     return number
 
 
 def nearest_points(cells: CellsOf, group: NDArray[np.int32], block: NDArray[np.int32]) -> NDArray[np.int32]:
-    """(kept blocks, s, s, s) the point nearest to each cell's centre.
+    """Points (kept blocks, s, s, s) nearest to each cell's centre.
 
-    Slab after slab along x: a slab's groups were numbered one after the other, and so their blocks.
+    Slab after slab along x: the groups of a slab have consecutive numbers, and so have their blocks.
     """
     side = 1 << BLOCK_BITS
     point = np.full((int(block.max()) + 1, side, side, side), -1, np.int32)
@@ -132,18 +136,18 @@ def nearest_points(cells: CellsOf, group: NDArray[np.int32], block: NDArray[np.i
 def _slabs(
     cells: CellsOf, group: NDArray[np.int32], block: NDArray[np.int32]
 ) -> Iterator[tuple[NDArray[np.integer], int, int]]:
-    """The rows of the points in and beside a slab, and its first block and that after its last.
+    """Yields for each slab the rows of points in and beside it, its first block, and the one after its last.
 
-    Slabs are a group thick at least, and as thick as MOST_SLOTS allows.
+    Slabs are at least one group thick, and as thick as MOST_SLOTS allows.
     """
     thick = block.shape[1] << BLOCK_BITS  # cells of a group
     x = np.concatenate([cells.of(rows)[0][:, 0] for rows in cells.parts()])
     order = np.argsort(x, kind="stable")
     x = x[order]
-    groups = group.reshape(len(group), -1).max(axis=1)  # the last of every x, 0 where there is none
+    groups = group.reshape(len(group), -1).max(axis=1)  # last group of every x, 0 if there is none
     last_group = np.maximum.accumulate(groups)
     blocks = np.maximum.accumulate(block.reshape(len(block), -1).max(axis=1))
-    ends = blocks[last_group] + 1  # of every x, the block after its last
+    ends = blocks[last_group] + 1  # for every x, the block after its last
     begin, first = 0, 1
     for gx in range(len(group)):
         full = gx + 1 == len(group) or ends[gx + 1] - first > MOST_SLOTS >> 3 * BLOCK_BITS

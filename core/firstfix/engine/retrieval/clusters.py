@@ -1,4 +1,4 @@
-"""Templates in groups, each with the one that stands for it (paper III.B)."""
+"""Clusters of templates, each with its representative (paper III.B)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Clusters:
     """c clusters of n templates.
 
     Attributes:
-        representative: (c,) int32, its template in each.
+        representative: (c,) int32, template that represents each cluster.
         start: (c + 1,) int32, cluster i holds ``member[start[i]:start[i + 1]]``.
         member: (n,) int32, templates, cluster after cluster, ascending in each.
     """
@@ -26,7 +26,7 @@ class Clusters:
 
     @classmethod
     def alone(cls, count: int) -> Clusters:
-        """Every template its own cluster."""
+        """Clusters of one template each."""
         every = np.arange(count + 1, dtype=np.int32)
         return cls(every[:-1], every, every[:-1])
 
@@ -34,10 +34,12 @@ class Clusters:
     def from_labels(
         cls, label: NDArray[np.intp], most_typical: Callable[[NDArray[np.int32]], int]
     ) -> Clusters:
-        """
+        """Clusters from labels.
+
         Args:
-            label: (n,) the cluster of each template, 0 to c - 1, none of them empty.
-            most_typical: which of the (k,) templates of a cluster, two or more, stands for it, 0 to k - 1.
+            label: (n,) cluster of each template, 0 to c - 1, none of them empty.
+            most_typical: returns which of the (k,) templates of a cluster, two or more, represents it, 0 to k
+                - 1.
         """
         member = np.argsort(label, kind="stable").astype(np.int32)
         start = np.concatenate([[0], np.cumsum(np.bincount(label))]).astype(np.int32)
@@ -49,18 +51,20 @@ class Clusters:
         return len(self.representative)
 
     def members(self, clusters: NDArray[np.integer]) -> NDArray[np.int32]:
-        """The templates of the given clusters, in their order."""
+        """Templates of the given clusters, in the order of the clusters."""
         begin, end = self.start[clusters], self.start[np.asarray(clusters) + 1]
         size = end - begin
-        before = np.cumsum(size) - size  # members of the clusters before
+        before = np.cumsum(size) - size  # members of all earlier clusters
         return self.member[np.repeat(begin - before, size) + np.arange(size.sum())]
 
     def save(self, directory: Path) -> None:
+        """Writes a version's files."""
         for field in fields(self):
             np.save(directory / f"cluster_{field.name}.npy", getattr(self, field.name))
 
     @classmethod
     def load(cls, directory: Path) -> Clusters:
+        """Reads a version's files, memory-mapped."""
         return cls(
             **{f.name: np.load(directory / f"cluster_{f.name}.npy", mmap_mode="r") for f in fields(cls)}
         )

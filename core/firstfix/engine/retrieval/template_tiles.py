@@ -1,4 +1,4 @@
-"""Which templates stand near a place, without looking at the others."""
+"""Templates in square tiles, to find those near a position."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FILE = "template_tiles.safetensors"
 
 @dataclass(frozen=True)
 class TemplateTiles:
-    """Rows of n templates in columns of tiles along y.
+    """Rows of n templates, sorted by tile in columns along y.
 
     Attributes:
         row: (n,) int32, tile after tile, ascending in each.
@@ -30,33 +30,42 @@ class TemplateTiles:
 
     @classmethod
     def of(cls, position_m: NDArray[np.floating]) -> TemplateTiles:
-        """(n, 3) metres."""
+        """Tiles of templates at (n, 3) positions in metres."""
         order, begin, low = tile_table(position_m)
         return cls(order.astype(np.int32), begin, low)
 
     def within(
         self, position_m: NDArray[np.floating], centre: NDArray[np.float64], radius_m: float
     ) -> NDArray[np.int32]:
-        """Rows, ascending, of those of the (n, 3) positions that lie within a sphere; (3,) metres."""
+        """Rows, ascending, of the templates inside a sphere.
+
+        Args:
+            position_m: (n, 3) of all templates.
+            centre: (3,) metres.
+            radius_m: of the sphere.
+        """
         runs = runs_around(self.begin, self.low, centre, radius_m)
         rows = np.sort(np.concatenate([self.row[:0], *(self.row[run] for run in runs)]))
         near: NDArray[np.int32] = rows[np.linalg.norm(position_m[rows] - centre, axis=1) <= radius_m]
         return near
 
     def save(self, directory: Path) -> None:
+        """Writes a version's file."""
         save_arrays(directory / FILE, {field.name: getattr(self, field.name) for field in fields(self)})
 
     @classmethod
     def load(cls, directory: Path, position_m: NDArray[np.floating]) -> TemplateTiles:
-        """Memory-mapped.
+        """Reads a version's file, memory-mapped.
 
         Args:
+            directory: of the version's files.
             position_m: (n, 3) of the version's templates.
 
         Raises:
-            ValueError, TypeError, OSError: it is no such file, or of other templates.
+            ValueError, TypeError, OSError: the file has another format, does not fit the templates, or cannot
+                be read.
         """
         tiles = cls(**map_arrays(directory / FILE))
         if len(tiles.row) != len(position_m):
-            raise ValueError(f"{FILE} is of another number of templates")
+            raise ValueError(f"{FILE} has {len(tiles.row)} templates, not {len(position_m)}")
         return tiles

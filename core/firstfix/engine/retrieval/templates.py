@@ -1,4 +1,4 @@
-"""The templates of a map: where each stands and what a scan there looks like (paper III.A)."""
+"""Templates of a map: positions, and descriptors of the scans simulated there (paper III.A)."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ PREFIX = "template_"
 
 @dataclass(frozen=True)
 class Templates:
-    """n templates, all in the index's levelled frame, sensor upright with x along the frame's x.
+    """Templates in the index's levelled frame, n of them. Each sensor has the orientation of the frame.
 
     Attributes:
         position_m: (n, 3) float32 of the sensor.
         height_m: (n,) float32 of the sensor above its floor.
-        described: n rows of the arrays that the version's descriptor makes.
+        described: their descriptions by the version's descriptor, n rows.
     """
 
     position_m: NDArray[np.float32]
@@ -32,15 +32,17 @@ class Templates:
         return len(self.position_m)
 
     def described_at(self, rows: NDArray[np.integer]) -> Described:
+        """Descriptions of the given templates."""
         return rows_of(self.described, rows)
 
     def save(self, directory: Path) -> None:
+        """Writes a version's files."""
         for name, array in self._arrays().items():
             np.save(directory / f"{PREFIX}{name}.npy", array)
 
     @classmethod
     def load(cls, directory: Path, descriptor: Descriptor) -> Templates:
-        """Memory-mapped: replicas of one machine share the pages."""
+        """Reads a version's files, memory-mapped: replicas on one machine share the pages."""
 
         def read(name: str) -> NDArray[Any]:
             array: NDArray[Any] = np.load(directory / f"{PREFIX}{name}.npy", mmap_mode="r")
@@ -50,6 +52,7 @@ class Templates:
 
     @classmethod
     def concatenate(cls, parts: list[Templates]) -> Templates:
+        """Templates of all parts, in order."""
         arrays = [part._arrays() for part in parts]
         whole = {name: np.concatenate([a[name] for a in arrays]) for name in arrays[0]}
         return cls(whole.pop("position_m"), whole.pop("height_m"), whole)

@@ -1,4 +1,4 @@
-"""Square tiles of the ground, and where in a sorted array what stands in each begins and ends."""
+"""Table of square ground tiles: where the rows of each tile begin and end in a sorted list."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ TILE_M = 5.0
 def tile_table(
     points: NDArray[np.floating],
 ) -> tuple[NDArray[np.intp], NDArray[np.int32], NDArray[np.int32]]:
-    """Of (n, 2 or more) coordinates in metres.
+    """Sorts points by tile.
+
+    Args:
+        points: (n, 2 or more) metres.
 
     Returns:
         order: (n,) rows, tile after tile in columns along y, ascending in each.
@@ -31,7 +34,14 @@ def tile_table(
 def runs_around(
     begin: NDArray[np.int32], low: NDArray[np.int32], centre: NDArray[np.floating], reach_m: float
 ) -> list[slice]:
-    """Of the order, the tiles that come within reach of (2 or more,) coordinates: a run for each column."""
+    """Slices of the sorted list that hold the tiles within reach of a centre, one for each column.
+
+    Args:
+        begin: as ``tile_table`` returns it.
+        low: as ``tile_table`` returns it.
+        centre: (2 or more,) metres.
+        reach_m: distance along x and y.
+    """
     size = np.array(begin.shape) - (0, 1)
     first = np.floor((centre[:2] - reach_m) / TILE_M) - low
     last = np.floor((centre[:2] + reach_m) / TILE_M) - low + 1

@@ -1,7 +1,7 @@
-"""Free space: does the scan see through what the map says is there?
+"""Free-space check: do rays of the scan pass through surfaces of the map?
 
-A wrong place that looks alike overlaps well, since overlap asks only where returns lie. It has walls,
-though, where the scan's rays went on: at right poses next to none do, at wrong ones some nearly always.
+A wrong pose in a place that looks alike may have a high inlier ratio, because that looks only at the ends of
+rays. But there some rays nearly always pass through walls of the map; at right poses almost none do.
 """
 
 from __future__ import annotations
@@ -12,52 +12,58 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...scan.range_view import ScanView, nearest_by_direction
+from ...scan.range_view import RangeView, nearest_by_direction
 from ...transform import Matrix
-from .point_tiles import Tiles
+from .point_tiles import PointTiles
 
 NEAR_M = 9.0
 NEAR_VOXEL_M, FAR_VOXEL_M = 0.2, 0.4  # of the map's points: at 6 and at 12 m a cell is as wide
-TOLERANCE_M, TOLERANCE = 0.3, 0.03  # a surface is further if by more than this and this share of its range
+TOLERANCE_M, TOLERANCE = 0.3, 0.03  # a return beyond a surface is further by this and this share of its range
 _NEAR_FILE, _FAR_FILE = "view_near.safetensors", "view_far.safetensors"
 
 
 @dataclass(frozen=True)
 class MapView:
-    """The map as it is seen from a pose: its nearest surface in every direction. Thread-safe.
+    """Map points to look at from a pose, direction by direction. Thread-safe.
 
     Attributes:
-        near, far: finely, and further away less so.
-        reach_m: how far surfaces are looked at.
+        near: fine points, for surfaces within NEAR_M.
+        far: coarser points, for all surfaces.
+        reach_m: distance up to which surfaces are checked.
     """
 
-    near: Tiles
-    far: Tiles
+    near: PointTiles
+    far: PointTiles
     reach_m: float
 
     @classmethod
     def of(cls, points: NDArray[np.floating], reach_m: float) -> MapView:
-        """
+        """View of a map.
+
         Args:
-            points: (m, 3) metres, the map's.
+            points: (m, 3) metres, of the map.
+            reach_m: distance up to which surfaces are checked.
         """
-        return cls(Tiles.of(points, NEAR_VOXEL_M), Tiles.of(points, FAR_VOXEL_M), reach_m)
+        return cls(PointTiles.of(points, NEAR_VOXEL_M), PointTiles.of(points, FAR_VOXEL_M), reach_m)
 
     def save(self, directory: Path) -> None:
+        """Writes a version's files."""
         self.near.save(directory / _NEAR_FILE)
         self.far.save(directory / _FAR_FILE)
 
     @classmethod
     def load(cls, directory: Path, reach_m: float) -> MapView:
-        """Of a version's files, memory-mapped."""
-        return cls(Tiles.load(directory / _NEAR_FILE), Tiles.load(directory / _FAR_FILE), reach_m)
+        """Reads a version's files, memory-mapped."""
+        return cls(PointTiles.load(directory / _NEAR_FILE), PointTiles.load(directory / _FAR_FILE), reach_m)
 
-    def free_space_violation(self, scan: ScanView, T_level_sensor: Matrix) -> float:
-        """Share of the directions, of those where both scan and map have something, in which every return
-        in and around it lies beyond the map's surface.
+    def free_space_violation(self, scan: RangeView, T_level_sensor: Matrix) -> float:
+        """Share of directions in which the scan sees through the map.
+
+        Directions count in which both scan and map have a surface. The scan sees through the map if its
+        nearest return in and around the direction lies beyond the map's surface.
 
         Returns:
-            0..1; 1 where scan and map share no direction.
+            0..1; 1 if scan and map have no direction in common.
         """
         R, centre = T_level_sensor[:3, :3].astype(np.float32), T_level_sensor[:3, 3]
         near = self.near.around(centre, min(NEAR_M, self.reach_m))

@@ -1,4 +1,4 @@
-"""Map points by square tiles: those around a place are at hand."""
+"""Map points in square tiles, to find those around a position."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from ..retrieval.tile_table import runs_around, tile_table
 
 
 @dataclass(frozen=True)
-class Tiles:
-    """Points in columns of tiles along y. Thread-safe.
+class PointTiles:
+    """Points, sorted by tile in columns along y. Thread-safe.
 
     Attributes:
         points: (n, 3) float32 metres, tile after tile.
@@ -29,8 +29,8 @@ class Tiles:
     low: NDArray[np.int32]
 
     @classmethod
-    def of(cls, points: NDArray[np.floating], voxel_m: float) -> Tiles:
-        """Thinned to a point in each voxel."""
+    def of(cls, points: NDArray[np.floating], voxel_m: float) -> PointTiles:
+        """Tiles of (n, 3) points, thinned to one point a voxel."""
         parts = [
             voxelgrid_sampling(np.asarray(points[rows], np.float64), voxel_m).points()[:, :3]
             for rows in slabs(points, voxel_m)
@@ -40,20 +40,21 @@ class Tiles:
         return cls(thinned[order].astype(np.float32), begin, low)
 
     def around(self, centre: NDArray[np.float64], reach_m: float) -> NDArray[np.float32]:
-        """(k, 3) from the centre, (3,), to every point within reach."""
+        """Vectors (k, 3) from a centre, (3,), to every point within reach."""
         columns = [self.points[run] for run in runs_around(self.begin, self.low, centre, reach_m)]
         away = np.concatenate(columns or [self.points[:0]]) - centre.astype(np.float32)
         near: NDArray[np.float32] = away[np.einsum("ij,ij->i", away, away) < reach_m**2]
         return near
 
     def save(self, path: Path) -> None:
+        """Writes the tiles to a file."""
         save_arrays(path, {field.name: getattr(self, field.name) for field in fields(self)})
 
     @classmethod
-    def load(cls, path: Path) -> Tiles:
-        """Memory-mapped.
+    def load(cls, path: Path) -> PointTiles:
+        """Reads a file that ``save`` wrote, memory-mapped.
 
         Raises:
-            ValueError, TypeError, OSError: it is no such file.
+            ValueError, TypeError, OSError: the file has another format or cannot be read.
         """
         return cls(**map_arrays(path))

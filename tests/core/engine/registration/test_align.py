@@ -1,4 +1,4 @@
-"""Registration in a room of known walls: where it ends, how it is measured, what it knows."""
+"""Alignment in a room of known walls: final pose, quality and information."""
 
 import numpy as np
 import pytest
@@ -125,7 +125,7 @@ def test_a_corridor_fixes_its_width_and_not_its_length():
 
 
 def test_a_scan_of_one_face_is_not_laid_on_the_other():
-    """A slab 0.3 m thick over a room: its ceiling must not settle on the floor above."""
+    """A slab 0.3 m thick over a room: its ceiling must not be aligned with the floor above."""
     ground, ceiling, above = (floor((0, 8), (0, 8)) + [0, 0, z] for z in (0.0, 2.4, 2.7))
     walls = [wall((0, 0), (8, 0), 2.4), wall((8, 0), (8, 8), 2.4)]
     below = np.concatenate([ground, ceiling, *walls])

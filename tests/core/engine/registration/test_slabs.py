@@ -1,4 +1,4 @@
-"""What is thinned slab by slab is as if it had been thinned at once."""
+"""Thinning slab by slab gives the same points as thinning at once."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from firstfix.engine.registration import slabs as slabs_module
 from firstfix.engine.registration.slabs import slabs
 from firstfix.engine.registration.surface import Surface
-from firstfix.engine.verification.point_tiles import Tiles
+from firstfix.engine.verification.point_tiles import PointTiles
 
 RNG = np.random.default_rng(3)
 POINTS = RNG.uniform([-40, -20, 0], [35, 20, 4], (20_000, 3)).astype(np.float32)
@@ -39,8 +39,8 @@ def test_a_surface_is_thinned_the_same(few, monkeypatch):
 
 
 def test_tiles_hold_the_same_points(few, monkeypatch):
-    found = Tiles.of(POINTS, 0.4)
+    found = PointTiles.of(POINTS, 0.4)
     monkeypatch.setattr(slabs_module, "MOST_POINTS", 1_000_000)
-    whole = Tiles.of(POINTS, 0.4)
+    whole = PointTiles.of(POINTS, 0.4)
     assert np.array_equal(found.begin, whole.begin)
     assert np.array_equal(*(one.points[np.lexsort(one.points.T)] for one in (found, whole)))

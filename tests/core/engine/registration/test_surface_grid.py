@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from firstfix.engine.array_file import save_arrays
 from firstfix.engine.registration import surface_grid_build
 from firstfix.engine.registration.surface import Surface
 from firstfix.engine.registration.surface_grid import SurfaceGrid
@@ -18,7 +17,7 @@ def surface_of(points: np.ndarray) -> Surface:
 
 
 class Known:
-    """A grid that is asked in the surface's own coordinates."""
+    """Grid that takes positions in the surface's own coordinates."""
 
     def __init__(self, surface: Surface) -> None:
         self.surface, self.grid = surface, SurfaceGrid.of(surface, CELL_M)
@@ -109,16 +108,3 @@ def test_a_kilometre_takes_little_more_than_its_surface():
     assert grid.grid.group.nbytes + grid.grid.block.nbytes < 70e6
     found = grid.nearest(grid.surface.points)
     assert np.linalg.norm(grid.surface.points[found] - grid.surface.points, axis=1).max() <= 0.4
-
-
-def test_a_grid_of_format_4_answers_the_same(tmp_path):
-    """There the table had an entry for every block."""
-    rng = np.random.default_rng(12)
-    now = SurfaceGrid.of(surface_of(rng.uniform([-7, 2, -1], [5, 9, 2], (3000, 3))), CELL_M)
-    side = now.block.shape[1]
-    gx, gy, gz = now.group.shape
-    dense = now.block[now.group].transpose(0, 3, 1, 4, 2, 5).reshape(gx * side, gy * side, gz * side)
-    then = {field.name: getattr(now, field.name) for field in fields(now) if field.name != "group"}
-    save_arrays(tmp_path / "then", {**then, "block": dense})
-    points = rng.uniform(-1, 14, (5000, 3)).astype(np.float32)
-    assert np.array_equal(SurfaceGrid.load(tmp_path / "then").nearest(points), now.nearest(points))

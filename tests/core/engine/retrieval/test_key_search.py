@@ -1,4 +1,4 @@
-"""Every engine against all distances, computed in double precision and sorted."""
+"""Every engine, compared with all distances in double precision, sorted."""
 
 from __future__ import annotations
 
@@ -190,7 +190,7 @@ def test_the_others_find_nearly_all_of_the_ten_nearest(engine, least):
 
 
 def test_ivf_leaves_most_lists_out_and_still_finds_most():
-    """Uniform keys, the worst case, in 39 lists: 16 of them are looked into. Measured: 0.956."""
+    """Uniform keys, the worst case, in 39 lists: 16 of them are searched. Measured: 0.956."""
     keys = np.random.default_rng(12).random((10_000, 20)).astype(np.float32)
     queries = near(keys, 50)
     search = build_key_search(keys, SearchConfig(engine="faiss_ivf"))
@@ -199,7 +199,7 @@ def test_ivf_leaves_most_lists_out_and_still_finds_most():
 
 
 def test_hnsw_finds_nearly_all_where_nothing_is_grouped():
-    """Uniform keys of 40 numbers, and queries that are near none. Measured: 1.0."""
+    """Uniform keys of 40 numbers, and queries far from all of them. Measured: 1.0."""
     keys, queries = (
         np.random.default_rng(seed).random((n, 40)).astype(np.float32) for seed, n in ((1, 2000), (2, 30))
     )
@@ -258,7 +258,7 @@ def test_another_seed_draws_other_tables():
 @settings(max_examples=150, deadline=None, derandomize=True)
 @given(st.lists(st.integers(0, 6), min_size=1, max_size=8), st.integers(1, 300))
 def test_nearest_flips_are_the_cheapest_masks(cost, count):
-    """Against all masks; whole numbers, so that equal costs are equal, and go by the mask."""
+    """Compared with all masks. Costs are whole numbers, so that equal sums are equal and sorted by mask."""
     sums = [(sum(c for bit, c in enumerate(cost) if mask >> bit & 1), mask) for mask in range(1 << len(cost))]
     expected = [mask for _, mask in sorted(sums)[:count]]
     assert _nearest_flips(np.array(cost, np.float32), count) == expected

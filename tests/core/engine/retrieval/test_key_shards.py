@@ -1,4 +1,4 @@
-"""Keys in shards by tile against the same in one index, and a search among some against all distances."""
+"""Keys in shards by tile, compared with one index; searches among some rows, compared with all distances."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SHARDED = ("faiss_flat", "faiss_sq8", "faiss_ivf", "faiss_ivf_sq8", "faiss_ivf_p
 
 
 def world(seed: int, count: int, extent_m: float = 600.0, numbers: int = 16) -> tuple[np.ndarray, np.ndarray]:
-    """(n, d) keys in groups, and (n, 3) places that have nothing to do with them."""
+    """Keys (n, d) in groups, and (n, 3) positions independent of them."""
     rng = np.random.default_rng(seed)
     centres = rng.random((40, numbers))
     keys = centres[rng.integers(0, 40, count)] + rng.normal(0, 0.05, (count, numbers))
@@ -58,7 +58,7 @@ def test_shards_find_what_one_flat_index_finds(seed, count, extent_m, shard_keys
 
 @pytest.mark.parametrize("engine", ["faiss_sq8", "faiss_ivf_sq8"])
 def test_shards_of_short_codes_are_trained_as_one(engine):
-    """Every list is looked into, so that the same is found but for the order of equals."""
+    """All lists are searched, so the same keys are found, up to the order of equal distances."""
     keys, position_m = world(1, 4000)
     whole = build_key_search(keys, SearchConfig(engine=engine))
     parted = build_key_search(keys, SearchConfig(engine=engine, shard_keys=500), position_m)
@@ -130,7 +130,7 @@ def test_in_shards_most_of_the_nearest_hundred_are_found(engine, least):
 
 @pytest.mark.parametrize("parted", [False, True])
 def test_more_lists_are_looked_into_where_more_rows_are_wanted(parted, monkeypatch):
-    """Keys in no groups, the worst case: with the same lists the last of many rows would be missed."""
+    """Keys without groups, the worst case: with the lists of few rows, the last of many would be missed."""
     monkeypatch.setattr(faiss_indexes, "WIDE_PROBES", 4)
     rng = np.random.default_rng(8)
     keys, position_m = rng.random((30_000, 24), np.float32), rng.uniform(0, 900, (30_000, 3))

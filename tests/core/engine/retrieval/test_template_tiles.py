@@ -1,4 +1,4 @@
-"""Templates near a place, against the distances of all."""
+"""Templates near a position, compared with the distances of all."""
 
 import numpy as np
 import pytest
@@ -39,9 +39,11 @@ def test_what_was_saved_answers_the_same(tmp_path):
     assert np.array_equal(again.within(POSITION_M, centre, 15.0), TILES.within(POSITION_M, centre, 15.0))
 
 
-def test_tiles_of_other_templates_and_no_tiles_are_told(tmp_path):
+def test_tiles_of_other_templates_other_arrays_and_no_file_are_refused(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        TemplateTiles.load(tmp_path, POSITION_M)
     TILES.save(tmp_path)
-    with pytest.raises(ValueError, match="another number"):
+    with pytest.raises(ValueError, match="4000 templates, not 3999"):
         TemplateTiles.load(tmp_path, POSITION_M[1:])
     save_arrays(tmp_path / FILE, {"row": TILES.row})
     with pytest.raises(TypeError):

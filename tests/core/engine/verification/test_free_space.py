@@ -1,10 +1,10 @@
-"""Free space in a room whose walls are known: what is seen through, and what only stands in the way."""
+"""Free space in a room of known walls: scans that see through them, and objects in the way."""
 
 import numpy as np
 import pytest
 
 from firstfix.engine.verification.free_space import MapView
-from firstfix.scan.range_view import ScanView
+from firstfix.scan.range_view import RangeView
 from firstfix.transform import make_transform, rotation_z
 
 
@@ -26,8 +26,8 @@ ROOM = np.array([10.0, 8.0, 3.0])
 WALLS = box_surface(ROOM)
 
 
-def scan_of(points: np.ndarray, T_map_sensor: np.ndarray) -> ScanView:
-    return ScanView.of(((points - T_map_sensor[:3, 3]) @ T_map_sensor[:3, :3]).astype(np.float32))
+def scan_of(points: np.ndarray, T_map_sensor: np.ndarray) -> RangeView:
+    return RangeView.of(((points - T_map_sensor[:3, 3]) @ T_map_sensor[:3, :3]).astype(np.float32))
 
 
 @pytest.mark.parametrize("yaw_deg", [0, 35, -120])
@@ -62,7 +62,7 @@ def test_far_from_the_map_all_is_contradiction():
     view = MapView.of(WALLS, 20.0)
     nowhere = make_transform(np.eye(3), [500.0, 0, 0])
     assert view.free_space_violation(scan_of(WALLS, np.eye(4)), nowhere) == 1.0
-    assert view.free_space_violation(ScanView.of(np.empty((0, 3), np.float32)), np.eye(4)) == 1.0
+    assert view.free_space_violation(RangeView.of(np.empty((0, 3), np.float32)), np.eye(4)) == 1.0
 
 
 def test_tiles_give_what_all_points_give():
@@ -71,7 +71,7 @@ def test_tiles_give_what_all_points_give():
     far, near = MapView.of(points, 500.0), MapView.of(points, 12.0)
     T = make_transform(np.eye(3), [17.0, -9.0, 1.0])
     scan = rng.normal(0, 3, (5000, 3)).astype(np.float32)
-    within = ScanView.of(scan[np.linalg.norm(scan, axis=1) < 11])
+    within = RangeView.of(scan[np.linalg.norm(scan, axis=1) < 11])
     assert near.free_space_violation(within, T) == pytest.approx(
         far.free_space_violation(within, T), abs=0.02
     )

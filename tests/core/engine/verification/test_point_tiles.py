@@ -1,9 +1,9 @@
 import numpy as np
 
-from firstfix.engine.verification.point_tiles import Tiles
+from firstfix.engine.verification.point_tiles import PointTiles
 
 POINTS = np.random.default_rng(2).uniform([-31, 12, -2], [44, 61, 5], (4000, 3))
-TILES = Tiles.of(POINTS, 0.01)  # so finely that every point stays
+TILES = PointTiles.of(POINTS, 0.01)  # so finely that every point stays
 
 
 def brute(centre: np.ndarray, reach_m: float) -> np.ndarray:
@@ -29,5 +29,5 @@ def test_far_outside_nothing_is_found():
 
 def test_what_was_saved_is_the_same(tmp_path):
     TILES.save(tmp_path / "tiles")
-    again, centre = Tiles.load(tmp_path / "tiles"), np.array([3.0, 33.0, 0.5])
+    again, centre = PointTiles.load(tmp_path / "tiles"), np.array([3.0, 33.0, 0.5])
     assert np.array_equal(again.around(centre, 15.0), TILES.around(centre, 15.0))

@@ -1,8 +1,4 @@
-"""Search engines for keys, chosen by name in the version's config (paper III.C, and FAISS).
-
-build_key_search  (n, d) keys to the engine that the config names
-load_key_search   the same, from a version's files
-"""
+"""Search engines for keys, chosen by name in the version's config (paper III.C, and FAISS)."""
 
 from __future__ import annotations
 
@@ -37,17 +33,20 @@ __all__ = ["ENGINES", "KeySearch", "build_key_search", "load_key_search"]
 def build_key_search(
     keys: NDArray[np.float32], config: SearchConfig, position_m: NDArray[np.floating] | None = None
 ) -> KeySearch:
-    """
+    """Builds the engine that the config names.
+
     Args:
         keys: (n, d).
-        position_m: (n, 3) of the places that they stand for; None: they are not parted by tile.
+        config: of the search.
+        position_m: (n, 3) positions of the keys, to split them by tile; None: they are not split.
     """
     return ENGINES[config.engine].build(keys, config, position_m)
 
 
 def load_key_search(directory: Path, config: SearchConfig) -> KeySearch:
-    """
+    """Loads the engine that the config names from a version's files.
+
     Raises:
-        ValueError, RuntimeError, OSError: a file is missing, damaged, or of another search.
+        ValueError, RuntimeError, OSError: a file is missing or damaged, or belongs to another search.
     """
     return ENGINES[config.engine].load(directory, config)

@@ -1,4 +1,4 @@
-"""What every key search does (paper III.C): nearest of n keys by L2 distance."""
+"""Interface of a key search (paper III.C): nearest of n keys by L2 distance."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from ...config import SearchConfig
 
 
 class KeySearch(Protocol):
-    """Built once, searched by many threads."""
+    """Search engine for keys. Built once, searched by many threads."""
 
     @classmethod
     def build(
         cls, keys: NDArray[np.float32], config: SearchConfig, position_m: NDArray[np.floating] | None = None
     ) -> KeySearch:
-        """Of (n, d) keys, one or more, at (n, 3) places."""
+        """Builds the search over (n, d) keys, one or more, at (n, 3) positions."""
         ...
 
     def __len__(self) -> int:
-        """How many keys there are."""
+        """Number of keys."""
         ...
 
     def search(self, key: NDArray[np.float32], count: int) -> NDArray[np.int64]:
-        """(d,) key to at most ``count`` rows, nearest first."""
+        """Rows of at most ``count`` keys near a (d,) key, nearest first."""
         ...
 
     def search_among(
         self, key: NDArray[np.float32], rows: NDArray[np.integer], count: int
     ) -> NDArray[np.int64]:
-        """The ``count`` nearest, or all, of (m,) ascending rows: none is missed, whatever the engine."""
+        """The ``count`` nearest of (m,) ascending rows, or all of them. Every engine finds all."""
         ...
 
     def save(self, directory: Path) -> None:
@@ -41,5 +41,5 @@ class KeySearch(Protocol):
 
     @classmethod
     def load(cls, directory: Path, config: SearchConfig) -> KeySearch:
-        """What ``save`` wrote."""
+        """Reads what ``save`` wrote."""
         ...

@@ -1,4 +1,4 @@
-"""All distances, and the least of them: exact, and the measure of the others."""
+"""Exhaustive search: all distances. It is exact, and the reference for the other engines."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .keys_file import load_keys, save_keys
 
 
 class Exhaustive:
-    """One matrix-vector product a query. Keys are shares, 0..1: far from the origin it would round."""
+    """One matrix-vector product a query. Keys lie in 0..1: far from the origin, rounding would matter."""
 
     def __init__(self, keys: NDArray[np.float32]) -> None:
         self._keys = keys
@@ -22,31 +22,36 @@ class Exhaustive:
     def build(
         cls, keys: NDArray[np.float32], config: SearchConfig, position_m: NDArray[np.floating] | None = None
     ) -> Exhaustive:
+        """Builds the search over (n, d) keys."""
         return cls(keys)
 
     def __len__(self) -> int:
         return len(self._keys)
 
     def search(self, key: NDArray[np.float32], count: int) -> NDArray[np.int64]:
+        """Rows of at most ``count`` keys near a (d,) key, nearest first."""
         return _least(self._half_norm2 - self._keys @ key, count)
 
     def search_among(
         self, key: NDArray[np.float32], rows: NDArray[np.integer], count: int
     ) -> NDArray[np.int64]:
+        """The ``count`` nearest of (m,) ascending rows, or all of them."""
         nearest = _least(self._half_norm2[rows] - self._keys[rows] @ key, count)
         return rows[nearest].astype(np.int64)
 
     def save(self, directory: Path) -> None:
+        """Writes the keys."""
         save_keys(self._keys, directory)
 
     @classmethod
     def load(cls, directory: Path, config: SearchConfig) -> Exhaustive:
+        """Reads the keys, memory-mapped."""
         return cls(load_keys(directory))
 
 
-def _least(further: NDArray[np.float32], count: int) -> NDArray[np.int64]:
-    """Where the least of half the squared distances, less a constant, stand; the least first."""
-    if count >= len(further):
-        return np.argsort(further, kind="stable")
-    nearest = np.argpartition(further, count)[:count]
-    return nearest[np.argsort(further[nearest], kind="stable")]
+def _least(distance: NDArray[np.float32], count: int) -> NDArray[np.int64]:
+    """Positions of the ``count`` smallest distances, smallest first."""
+    if count >= len(distance):
+        return np.argsort(distance, kind="stable")
+    nearest = np.argpartition(distance, count)[:count]
+    return nearest[np.argsort(distance[nearest], kind="stable")]

@@ -1,4 +1,4 @@
-"""Keys in FAISS indexes: one, or in a large map one for each group of tiles, whose answers are merged."""
+"""Search with FAISS: one index, or in a large map one for each group of tiles, with merged answers."""
 
 from __future__ import annotations
 
@@ -13,24 +13,26 @@ from ...config import SearchConfig
 from .faiss_indexes import chosen_engine, empty_index, probes_for
 from .tile_shards import TileShards
 
-FILE = "keys.faiss"  # where there is but one index
+FILE = "keys.faiss"  # of a search with one index
 SHARDS_FILE = "keys_shards.safetensors"
-# IO_FLAG_MMAP maps inverted lists alone, behind a lock each: a third of the speed
+# IO_FLAG_MMAP would map inverted lists only, with a lock for each, at a third of the speed
 _FLAGS = faiss.IO_FLAG_MMAP_IFC | faiss.IO_FLAG_READ_ONLY | faiss.IO_FLAG_SKIP_PRECOMPUTE_TABLE
 _Found = tuple[NDArray[np.float32], NDArray[np.int64]]  # distances and rows
 
 
 class FaissSearch:
-    """The index that the config's ``engine`` names, whole or in shards.
+    """Index of the config's ``engine``, whole or in shards.
 
-    All shards are trained as one. Where there are lists their centres are the same in every shard: the
-    nearest are found once, and looked into everywhere.
+    All shards are trained as one. If there are lists, their centres are the same in every shard: the nearest
+    lists are found once and searched in every shard.
     """
 
     def __init__(self, indexes: Sequence[faiss.Index], shards: TileShards | None = None) -> None:
-        """
+        """Search over indexes.
+
         Args:
-            shards: what rows each index holds; None: it is one, of all.
+            indexes: one for each shard.
+            shards: rows of each index; None: there is one index, of all rows.
         """
         self._indexes, self._shards = indexes, shards
         self._inverted = isinstance(indexes[0], faiss.IndexIVF)
@@ -39,9 +41,10 @@ class FaissSearch:
     def build(
         cls, keys: NDArray[np.float32], config: SearchConfig, position_m: NDArray[np.floating] | None = None
     ) -> FaissSearch:
+        """Builds the indexes over (n, d) keys at (n, 3) positions."""
         empty = empty_index(config.engine, keys)
         shards = None
-        graph = chosen_engine(config.engine, len(keys)) == "faiss_hnsw"  # its links would end at the borders
+        graph = chosen_engine(config.engine, len(keys)) == "faiss_hnsw"  # its links would end at borders
         if position_m is not None and len(keys) > config.shard_keys and not graph:
             shards = TileShards.of(position_m, config.shard_keys)
         if shards is None or len(shards) == 1:
@@ -57,8 +60,9 @@ class FaissSearch:
         return sum(index.ntotal for index in self._indexes)
 
     def search(self, key: NDArray[np.float32], count: int) -> NDArray[np.int64]:
-        # queries run side by side in threads of their own; a team of threads for each would only wait:
-        # 12 ms in place of 0.1 on busy cores. The setting is the calling thread's.
+        """Rows of at most ``count`` keys near a (d,) key, nearest first."""
+        # Queries run in parallel, each in its own thread. With a team of threads for each, they would wait:
+        # 12 ms instead of 0.1 on busy cores. The setting holds for the calling thread.
         faiss.omp_set_num_threads(1)
         if self._shards is None:
             index, few = self._indexes[0], min(count, len(self))
@@ -71,6 +75,7 @@ class FaissSearch:
     def search_among(
         self, key: NDArray[np.float32], rows: NDArray[np.integer], count: int
     ) -> NDArray[np.int64]:
+        """The ``count`` nearest of (m,) ascending rows, or all of them."""
         faiss.omp_set_num_threads(1)
         if self._shards is None:
             _, found = _among(self._indexes[0], key, rows, count)
@@ -82,6 +87,7 @@ class FaissSearch:
         return _merged(parts, count)
 
     def save(self, directory: Path) -> None:
+        """Writes the indexes, and the table of shards if there are several."""
         if self._shards is None:
             faiss.write_index(self._indexes[0], str(directory / FILE))
             return
@@ -91,10 +97,10 @@ class FaissSearch:
 
     @classmethod
     def load(cls, directory: Path, config: SearchConfig) -> FaissSearch:
-        """Memory-mapped: processes that load it share its pages.
+        """Reads the indexes, memory-mapped: processes that load them share their pages.
 
         Raises:
-            RuntimeError, ValueError, OSError: a file is missing, damaged, or of another search.
+            RuntimeError, ValueError, OSError: a file is missing or damaged, or belongs to another search.
         """
         if not (directory / SHARDS_FILE).exists():
             return cls([faiss.read_index(str(directory / FILE), _FLAGS)])
@@ -103,7 +109,7 @@ class FaissSearch:
         indexes = [faiss.read_index(str(path), _FLAGS) for path in files]
         for path, index, size in zip(files, indexes, np.diff(shards.begin), strict=True):
             if index.ntotal != size or type(index) is not type(indexes[0]):
-                raise ValueError(f"{path.name} is of another search")
+                raise ValueError(f"{path.name} belongs to another search")
         return cls(indexes, shards)
 
     def _of_every_shard(self, key: NDArray[np.float32], count: int, shards: TileShards) -> Iterable[_Found]:
@@ -128,7 +134,10 @@ def _in_lists(
     list_distance: NDArray[np.float32],
     lists: NDArray[np.int64],
 ) -> _Found:
-    """(1, count) each, of (1, m) lists. FAISS' own wrapper takes no other number of them than the index's."""
+    """Searches (1, m) given lists. Returns (1, count) distances and places.
+
+    FAISS' own wrapper accepts only the index's own number of lists.
+    """
     key = np.ascontiguousarray(key, np.float32)
     distance, place = np.empty((1, count), np.float32), np.empty((1, count), np.int64)
     how = faiss.SearchParametersIVF(nprobe=lists.shape[1])
@@ -138,7 +147,7 @@ def _in_lists(
 
 
 def _among(index: faiss.Index, key: NDArray[np.float32], rows: NDArray[np.integer], count: int) -> _Found:
-    """Nearest first. Inverted lists are all looked into."""
+    """Searches the given rows only, in all inverted lists. Returns the nearest first."""
     chosen = np.zeros(index.ntotal, np.bool_)
     chosen[rows] = True
     selector = faiss.IDSelectorBitmap(np.packbits(chosen, bitorder="little"))
@@ -155,7 +164,7 @@ def _among(index: faiss.Index, key: NDArray[np.float32], rows: NDArray[np.intege
 
 
 def _merged(parts: Iterable[_Found], count: int) -> NDArray[np.int64]:
-    """The nearest of all, nearest first; of equals the lower row."""
+    """Rows of the nearest of all parts, nearest first; of equal distances the lower row first."""
     distances, rows = zip(*parts, strict=True)
     distance, row = np.concatenate(distances), np.concatenate(rows)
     return row[np.lexsort((row, distance))[:count]]

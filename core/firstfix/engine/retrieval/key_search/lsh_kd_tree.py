@@ -1,4 +1,4 @@
-"""The paper's second search engine (III.C, Table V): hash tables, and a KD tree in every bucket."""
+"""Hash tables with a KD tree in every bucket, the paper's second search engine (III.C, Table V)."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from .keys_file import load_keys, nearest_of, save_keys
 
 
 class LshKdTree:
-    """A key's hash in a table is the signs of its projections on the table's directions.
+    """Hash tables: a key's hash is the signs of its projections on a table's directions.
 
-    The first table's directions are the principal components of the keys (PCA-BP), the others' are
-    random (RBP). A query looks into its own bucket of every table, and into those where the signs of
-    its smallest projections are the other way: a neighbour across a hyperplane is found there.
+    The directions of the first table are the principal components of the keys (PCA-BP), those of the others
+    are random (RBP). A query searches its own bucket of every table, and buckets that differ in the signs of
+    its smallest projections: they hold neighbours across a hyperplane.
     """
 
     def __init__(self, keys: NDArray[np.float32], config: LshConfig) -> None:
@@ -32,15 +32,16 @@ class LshKdTree:
     def build(
         cls, keys: NDArray[np.float32], config: SearchConfig, position_m: NDArray[np.floating] | None = None
     ) -> LshKdTree:
+        """Builds the tables over (n, d) keys."""
         return cls(keys, config.lsh)
 
     def __len__(self) -> int:
         return len(self._keys)
 
     def search(self, key: NDArray[np.float32], count: int) -> NDArray[np.int64]:
-        """At most ``count`` of the keys in the buckets: others, it may be, than the nearest of all.
+        """Rows of the ``count`` nearest keys in the searched buckets, which need not be the nearest of all.
 
-        Where the buckets hold too few keys, more of them are looked into.
+        If the buckets hold too few keys, more buckets are searched.
         """
         centred, count = key - self._mean, min(count, len(self._keys))
         probes = self._probes
@@ -51,6 +52,7 @@ class LshKdTree:
     def search_among(
         self, key: NDArray[np.float32], rows: NDArray[np.integer], count: int
     ) -> NDArray[np.int64]:
+        """The ``count`` nearest of (m,) ascending rows, or all of them."""
         return nearest_of(self._keys, key, rows, count)
 
     def _in_buckets(self, centred: NDArray[np.float32], count: int, probes: int) -> NDArray[np.int64]:
@@ -67,16 +69,17 @@ class LshKdTree:
         return rows[np.argsort(distance[first], kind="stable")[:count]]
 
     def save(self, directory: Path) -> None:
+        """Writes the keys, without the tables."""
         save_keys(self._keys, directory)
 
     @classmethod
     def load(cls, directory: Path, config: SearchConfig) -> LshKdTree:
-        """Makes the tables anew: the same every time."""
+        """Builds the tables again from the keys: the same tables every time."""
         return cls(load_keys(directory), config.lsh)
 
 
 class _Bucket:
-    """The keys of one hash, and their KD tree."""
+    """Keys of one hash, with their KD tree."""
 
     def __init__(self, keys: NDArray[np.float32], rows: NDArray[np.int64]) -> None:
         self._rows, self._tree = rows, cKDTree(keys[rows])
@@ -87,7 +90,7 @@ class _Bucket:
 
 
 class _Table:
-    """(b, d) directions, and the buckets of the (n, d) keys."""
+    """Directions (b, d) of one table, and the buckets of (n, d) keys."""
 
     def __init__(self, keys: NDArray[np.float32], directions: NDArray[np.float32]) -> None:
         self._directions = directions
@@ -98,7 +101,7 @@ class _Table:
         self._buckets = {int(h): _Bucket(keys, rows) for h, rows in zip(found, groups, strict=True)}
 
     def buckets(self, key: NDArray[np.float32], probes: int) -> Iterator[_Bucket]:
-        """The (d,) key's own bucket and those nearest to it, at most ``probes`` that hold anything."""
+        """Yields the bucket of a (d,) key and those nearest to it: at most ``probes``, without empty ones."""
         projection = self._directions @ key
         own = int(_pack(projection[None] > 0)[0])
         for flipped in _nearest_flips(projection**2, probes):
@@ -108,15 +111,15 @@ class _Table:
 
 
 def _pack(bits: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """(n, b) to (n,) integers, the first bit the lowest."""
+    """Packs (n, b) bits into (n,) integers, the first bit the lowest."""
     return bits @ (1 << np.arange(bits.shape[1], dtype=np.int64))
 
 
 def _nearest_flips(cost: NDArray[np.float32], count: int) -> list[int]:
-    """The ``count`` sets of bits, as masks, whose flipping costs least: none at all comes first.
+    """Masks of the ``count`` sets of bits that cost least to flip, cheapest first; the empty set comes first.
 
-    Bit by bit, from the cheapest on: a set that is not among the first ``count`` of some bits is not
-    among them with further bits either.
+    Bits are added one by one, cheapest first. A set that is not among the cheapest ``count`` then cannot
+    become one of them with more bits.
     """
     sets = [(0.0, 0)]
     for bit in np.argsort(cost, kind="stable").tolist():
@@ -126,7 +129,7 @@ def _nearest_flips(cost: NDArray[np.float32], count: int) -> list[int]:
 
 
 def _directions(centred: NDArray[np.float32], config: LshConfig) -> Iterator[NDArray[np.float32]]:
-    """(b, d) for every table: principal components, then random ones, all orthonormal."""
+    """Yields orthonormal directions (b, d) for every table: principal components first, then random ones."""
     dimensions = centred.shape[1]
     bits = min(config.bits, dimensions)
     covariance = centred.T.astype(np.float64) @ centred

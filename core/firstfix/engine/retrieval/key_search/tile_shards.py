@@ -1,4 +1,4 @@
-"""Which keys go into which shard: those of neighbouring map tiles together."""
+"""Assignment of keys to shards: keys of neighbouring map tiles are in one shard."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 from ...array_file import map_arrays, save_arrays
 
 TILE_M = 64.0
-MOST_SHARDS = 64  # each is searched by a call of its own
+MOST_SHARDS = 64  # each takes a search call of its own
 
 
 @dataclass(frozen=True)
 class TileShards:
-    """n rows in s shards.
+    """Rows, n of them, in s shards.
 
     Attributes:
         row: (n,) int32, shard after shard, ascending in each.
         begin: (s + 1,) int32, shard i holds ``row[begin[i]:begin[i + 1]]``.
-        place: (n,) int32, where in ``row`` each row stands.
+        place: (n,) int32, position of each row in ``row``.
     """
 
     row: NDArray[np.int32]
@@ -30,8 +30,11 @@ class TileShards:
 
     @classmethod
     def of(cls, position_m: NDArray[np.floating], most: int) -> TileShards:
-        """Of square tiles along a Z-order curve, as many as there is room for: a shard holds more than
-        ``most`` of (n, 3) places only where one tile does, or where there would be too many shards."""
+        """Shards of square tiles along a Z-order curve, each filled with as many tiles as it has room for.
+
+        A shard holds more than ``most`` of (n, 3) positions only if one tile does, or if there would be too
+        many shards.
+        """
         tile = np.floor(position_m[:, :2] / TILE_M).astype(np.int64)
         code = _z_order(tile - tile.min(axis=0))
         order = np.argsort(code, kind="stable")
@@ -46,7 +49,7 @@ class TileShards:
         return len(self.begin) - 1
 
     def split(self, rows: NDArray[np.integer]) -> list[tuple[int, NDArray[np.int32]]]:
-        """(m,) rows by shard, only of the shards that hold some: its number, and places within it."""
+        """Splits (m,) rows by shard. Returns the number of each shard with rows, and their places in it."""
         place = np.sort(self.place[rows])
         ends = np.searchsorted(place, self.begin)
         return [
@@ -55,26 +58,28 @@ class TileShards:
         ]
 
     def save(self, path: Path) -> None:
+        """Writes the shards to a file."""
         save_arrays(path, {field.name: getattr(self, field.name) for field in fields(self)})
 
     @classmethod
     def load(cls, path: Path) -> TileShards:
-        """Memory-mapped.
+        """Reads a file that ``save`` wrote, memory-mapped.
 
         Raises:
-            ValueError, TypeError, OSError: it is no such file.
+            ValueError, TypeError, OSError: the file has another format or cannot be read.
         """
         shards = cls(**map_arrays(path))
         if not len(shards.row) == len(shards.place) == shards.begin[-1]:
-            raise ValueError(f"{path.name}: shards of another number of rows")
+            raise ValueError(f"{path.name}: the shards do not hold every row once")
         return shards
 
 
 def _filled(first: NDArray[np.int64], most: int) -> NDArray[np.int32]:
-    """Where shards begin, and the end of the last.
+    """Begin of each shard, and the end of the last.
 
     Args:
-        first: of every tile, and the end of the last.
+        first: begin of each tile, and the end of the last.
+        most: rows in a shard.
     """
     begin = [0]
     for tile in range(1, len(first) - 1):
@@ -84,7 +89,7 @@ def _filled(first: NDArray[np.int64], most: int) -> NDArray[np.int32]:
 
 
 def _z_order(tile: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(n, 2) to (n,): the bits of x and y in turns, so that near tiles have near numbers."""
+    """Z-order codes (n,) of (n, 2) tiles: the bits of x and y alternate, so near tiles have near codes."""
     code = np.zeros(len(tile), np.int64)
     for bit in range(int(tile.max(initial=0)).bit_length()):
         for axis in range(2):
