@@ -72,7 +72,7 @@ class HypothesisSearch:
         return checked
 
     def _may_be_accepted(self, checked: Sequence[RegisteredCandidate]) -> bool:
-        """Returns whether fine alignment is worth its time: always while the calibration is only the prior."""
+        """Returns whether fine alignment is worth its time. Always so while the calibration is the prior."""
         calibration = self._index.calibration
         return not calibration.cases or calibration.probability(features_of(checked)) >= PROMISING
 
