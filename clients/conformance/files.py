@@ -1,4 +1,4 @@
-"""Files of the vectors. Damaged bodies share one file, ``damaged.json``: their names and hexadecimal digits."""
+"""Files of the vectors. ``damaged.json`` holds all damaged bodies: names and hexadecimal digits."""
 
 from __future__ import annotations
 
