@@ -1,4 +1,4 @@
-"""The vectors of the encodings: which scan goes through which function with which parameters."""
+"""Vectors of the encodings: scans, functions and parameters."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ ENGINE: Vector = {
         "default_height_m": 1.0,
     },
 }
-# No number divides another, and the bits end within a byte
+# No number divides another one, and the number of bits is not a multiple of 8.
 ODD_ENGINE: Vector = {
     "descriptor": {
         "kind": "occupancy",
@@ -50,7 +50,7 @@ ODD_ENGINE: Vector = {
 
 
 def inputs() -> dict[str, bytes]:
-    """Files of float32, little-endian."""
+    """Returns the files of points and intensities: float32, little-endian."""
     edges = scenes.edges()
     rng = np.random.default_rng(9)
     unusual = (rng.random(len(edges)) * 3 - 1).astype(np.float32)
@@ -75,7 +75,7 @@ def inputs() -> dict[str, bytes]:
 
 
 def scans() -> Iterator[Vector]:
-    """Of ``encode_scan``."""
+    """Vectors of ``encode_scan`` with points."""
     yield _scan("scan-room", "room", stamp_s=1_700_000_000.25)
     yield _scan("scan-street-coarse", "street", resolution_m=0.02)
     yield _scan("scan-street-thinned", "street", voxel_m=0.5)
@@ -97,7 +97,7 @@ def scans() -> Iterator[Vector]:
 
 
 def range_images() -> Iterator[Vector]:
-    """Of ``encode_scan`` too."""
+    """Vectors of ``encode_scan`` with range images."""
     yield _image("image-room", "room", stamp_s=1_700_000_000.25)
     yield _image("image-street", "street", resolution_m=0.02)
     yield _image("image-street-twice", "street", repeat=2)
@@ -116,7 +116,7 @@ def range_images() -> Iterator[Vector]:
 
 
 def sequences() -> Iterator[Vector]:
-    """Of ``encode_scans``. The quaternions are such that nobody's arithmetic rounds them."""
+    """Vectors of ``encode_scans``. No arithmetic rounds these quaternions."""
     poses = [
         {"position": [0.0, 0.0, 0.0], "quaternion": [0.0, 0.0, 0.0, 1.0]},
         {"position": [1.5, -0.25, 0.125], "quaternion": [0.5, 0.5, 0.5, 0.5]},
@@ -133,7 +133,7 @@ def sequences() -> Iterator[Vector]:
 
 
 def queries() -> Iterator[Vector]:
-    """Of ``compact_query`` and ``descriptor_query``."""
+    """Vectors of ``compact_query`` and ``descriptor_query``."""
     for scene in ("room", "street"):
         yield _query("compact_query", f"compact-{scene}", scene)
     yield _query("compact_query", "compact-few-points", "room", points=501, resolution_m=0.05)
@@ -163,7 +163,7 @@ def queries() -> Iterator[Vector]:
 
 
 def parameters() -> Iterator[Vector]:
-    """Of ``descriptor_parameters``: from a map's manifest."""
+    """Vectors of ``descriptor_parameters``, from a map's manifest."""
     for name, engine in (("usual", ENGINE), ("odd", ODD_ENGINE)):
         yield {"name": f"parameters-{name}", "function": "descriptor_parameters", "input": {"engine": engine}}
     other = {**ENGINE, "descriptor": {**ENGINE["descriptor"], "kind": "pca_sc"}}

@@ -1,4 +1,4 @@
-"""Whether what a client gives is what a vector expects."""
+"""Compares the result of a client with the expectation of a vector."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from firstfix.errors import FirstfixError
 from .plain_form import plain_form
 from .python_client import Vector, run
 
-TOLERANCE = 1e-9  # of numbers that went through a rotation matrix
+TOLERANCE = 1e-9  # of numbers computed through a rotation matrix
 _UNREADABLE = (ValueError, KeyError, TypeError, AttributeError)
 
 
 def difference(folder: Path, vector: Vector) -> str:
-    """Empty where the Python client passes, else what is wrong."""
+    """Returns the reason why the Python client fails the vector; empty if it passes."""
     expected = vector["expected"]
     try:
         got = run(folder, vector)
@@ -39,7 +39,10 @@ def _of_errors(expected: Mapping[str, Any], code: str) -> str:
 
 
 def alike(got: Any, wanted: Any) -> bool:
-    """Equal, numbers within TOLERANCE; texts of comma-separated numbers are compared as numbers."""
+    """Returns whether two values are equal.
+
+    Numbers may differ by TOLERANCE, also comma-separated numbers in a text.
+    """
     if isinstance(wanted, Mapping):
         return (
             isinstance(got, Mapping)

@@ -1,4 +1,4 @@
-"""Bodies that contradict their format, which every reader refuses before it takes memory for them."""
+"""Bodies that contradict their format. Every reader refuses them before it allocates memory."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from typing import Any
 
 import zstandard
+
+from .files import reference
 
 Vector = dict[str, Any]
 Damaged = tuple[str, str, bytes]  # name, code of the error, body
@@ -24,7 +26,7 @@ def _undeclared(content: bytes) -> bytes:
 
 
 def damaged_scans(good: bytes) -> Iterator[Damaged]:
-    """From a valid scan of over 2 points without intensity."""
+    """Damages a valid scan of more than 2 points without intensity."""
     count = struct.unpack_from("<I", good, 8)[0]
     content = zstandard.decompress(good[64:])
     yield "nothing", "malformed_data", b""
@@ -55,7 +57,7 @@ def damaged_scans(good: bytes) -> Iterator[Damaged]:
 
 
 def damaged_range_images(good: bytes) -> Iterator[Damaged]:
-    """From a valid range image with an odd number of returns, wide gaps and wide ranges."""
+    """Damages a valid range image with an odd number of returns, wide gaps and wide ranges."""
     count, length = (struct.unpack_from("<I", good, at)[0] for at in (8, 32))
     halves = (count + 1) // 2
     gaps, ranges = (zstandard.decompress(frame) for frame in (good[36 : 36 + length], good[36 + length :]))
@@ -98,12 +100,12 @@ def damaged_range_images(good: bytes) -> Iterator[Damaged]:
 
 
 def _widest(gaps: bytes, halves: int) -> bytes:
-    """The wide gaps as wide as three bytes are."""
+    """Gaps with all wide ones at their largest value."""
     return gaps[:halves] + bytes([255]) * (len(gaps) - halves)
 
 
 def damaged_queries(compact: bytes, described: bytes) -> Iterator[Damaged]:
-    """From a valid compact scan and a valid descriptor, each alone."""
+    """Damages a valid compact scan and a valid descriptor."""
     yield "nothing", "malformed_data", b""
     yield "another-magic", "malformed_data", b"FFQX" + compact[4:]
     yield "a-later-version", "unsupported_format", _with(compact, 4, "B", 2)
@@ -140,7 +142,7 @@ def damaged_queries(compact: bytes, described: bytes) -> Iterator[Damaged]:
 
 
 def _other_ranges(compact: bytes) -> bytes:
-    """The last range is missing."""
+    """Removes the last range."""
     first, second = struct.unpack_from("<HH", compact, 26)
     at = 30 + first
     frame = zstandard.compress(zstandard.decompress(compact[at : at + second])[:-1])
@@ -148,7 +150,7 @@ def _other_ranges(compact: bytes) -> bytes:
 
 
 def damaged_sequences(good: bytes, described: bytes) -> Iterator[Damaged]:
-    """From a valid sequence, and a valid descriptor alone."""
+    """Damages a valid sequence. Also puts a valid descriptor into it, which is not allowed."""
     yield "nothing", "malformed_data", b""
     yield "another-magic", "malformed_data", b"FFSX" + good[4:]
     yield "a-later-version", "unsupported_format", _with(good, 4, "B", 2)
@@ -166,18 +168,17 @@ def damaged_sequences(good: bytes, described: bytes) -> Iterator[Damaged]:
 
 
 def vectors(kind: str, damaged: Iterator[Damaged]) -> tuple[list[Vector], dict[str, bytes]]:
-    """Of ``decode_<kind>``, and their files."""
+    """Vectors of ``decode_<kind>``, and the bodies by name."""
     index: list[Vector] = []
-    files: dict[str, bytes] = {}
+    bodies: dict[str, bytes] = {}
     for name, code, body in damaged:
-        path = f"damaged/{kind}-{name}.bin"
-        files[path] = body
+        bodies[f"{kind}-{name}"] = body
         index.append(
             {
                 "name": f"damaged-{kind}-{name}",
                 "function": f"decode_{kind}",
-                "input": {"body": path},
+                "input": {"body": reference(f"{kind}-{name}")},
                 "expected": {"error": code},
             }
         )
-    return index, files
+    return index, bodies

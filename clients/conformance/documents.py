@@ -1,4 +1,4 @@
-"""The vectors of what is no encoding of points: options, answers, geographic poses and errors."""
+"""Vectors of options, answers, geographic poses and errors."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ _GEOREFERENCE = Georeference.with_heading(47.05, 8.3, 480.0, 30.0)
 
 
 def documents() -> dict[str, bytes]:
-    """Files: what a service sends."""
+    """Returns the files: documents that a service sends."""
     answers = {name: _rounded(answer.to_mapping()) for name, answer in _ANSWERS.items()}
     localized = json.dumps(answers["localized"])
     problem = {"type": "urn:firstfix:error:not_found", "title": "Not Found", "status": 404}
@@ -89,7 +89,7 @@ def documents() -> dict[str, bytes]:
 
 
 def vectors() -> Iterator[Vector]:
-    """Of ``options``, ``answer``, ``geopose`` and ``problem``."""
+    """Vectors of ``options``, ``answer``, ``geopose`` and ``problem``."""
     for name, given in {
         "none": {},
         "numbers": {"max_candidates": 20, "min_probability": 0.95, "deadline_ms": 1500.5},
@@ -126,7 +126,7 @@ def vectors() -> Iterator[Vector]:
 
 
 def _rounded(data: Any) -> Any:
-    """With numbers of twelve decimals: the same file wherever it is made."""
+    """Rounds numbers to twelve decimals, so that the file is the same on every machine."""
     if isinstance(data, dict):
         return {key: _rounded(value) for key, value in data.items()}
     if isinstance(data, list):

@@ -1,7 +1,7 @@
 """Writes ``vectors/``: run ``python -m clients.conformance.generate`` in the repository's root.
 
-The expected results are what the Python client gives; a change of theirs is a change of the protocol. What
-a client reads back (``decode_...``) is checked by encoding it again.
+The expected results are those of the Python client. If they change, the protocol has changed. Vectors of the
+decoders (``decode_...``) encode the decoded value again and compare the bytes.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 
 import zstandard
 
-from . import cases, damage, documents
+from . import cases, damage, documents, files
 from .python_client import run
 
 FOLDER = Path(__file__).resolve().parent / "vectors"
@@ -23,7 +23,7 @@ Vector = dict[str, Any]
 
 
 def write(folder: Path) -> None:
-    """All vectors and their index, into an empty or missing folder."""
+    """Writes all vectors and their index into an empty or missing folder."""
     _store(folder, {**cases.inputs(), **documents.documents()})
     encoded = [*cases.scans(), *cases.range_images(), *cases.sequences(), *cases.queries()]
     index = [_expecting_body(folder, vector) for vector in encoded]
@@ -47,7 +47,10 @@ def _expecting_body(folder: Path, vector: Vector) -> Vector:
 
 
 def _can_be_read_back(vector: Vector) -> bool:
-    """Without the last digits of a resolution or an intensity between."""
+    """Returns whether the decoded scan is encoded to the same bytes again.
+
+    Rounding changes the scale of real intensities, and the poses of sequences.
+    """
     given = vector["input"]
     if "body" not in vector["expected"] or given.get("intensity", "").endswith(("real.f32", "unusual.f32")):
         return False
@@ -72,26 +75,29 @@ def _damaged(folder: Path) -> list[Vector]:
         for name in ("scan-edges", "image-edges", "compact-edges", "descriptor-edges", "scans-three")
     )
     index: list[Vector] = []
-    for kind, bodies in (
+    bodies: dict[str, bytes] = {}
+    for kind, damaged in (
         ("scan", damage.damaged_scans(scan)),
         ("scan", damage.damaged_range_images(image)),
         ("query", damage.damaged_queries(compact, described)),
         ("scans", damage.damaged_sequences(sequence, described)),
     ):
-        vectors, files = damage.vectors(kind, bodies)
-        _store(folder, files)
+        vectors, more = damage.vectors(kind, damaged)
         index += vectors
+        bodies |= more
+    _store(folder, {files.DAMAGED: files.packed(bodies)})
     return index
 
 
-def _store(folder: Path, files: dict[str, bytes]) -> None:
-    for name, content in files.items():
+def _store(folder: Path, contents: dict[str, bytes]) -> None:
+    for name, content in contents.items():
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
 
 
 def main() -> None:
+    """Replaces ``vectors/``."""
     with TemporaryDirectory() as made:
         write(Path(made) / "vectors")
         shutil.rmtree(FOLDER, ignore_errors=True)

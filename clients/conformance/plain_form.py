@@ -1,7 +1,7 @@
-"""A body without its compression: two zstd libraries may pack the same content in other bytes.
+"""The plain form of a body: its content without compression.
 
-The plain form is the body in which every zstd frame is replaced by its content, and every field that says
-how long a frame is by 0 (README.md beside this file).
+Two versions of zstd may compress the same content to different bytes. In the plain form, every zstd frame is
+replaced by its content, and every field with the length of a frame is 0 (README.md in this folder).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import zstandard
 
 
 def plain_form(body: bytes) -> bytes:
-    """Of a valid ``FFSC``, ``FFQY`` or ``FFSS`` body."""
+    """Returns the plain form of a valid ``FFSC``, ``FFQY`` or ``FFSS`` body."""
     return {b"FFSC": _scan, b"FFQY": _query, b"FFSS": _scans}[body[:4]](body)
 
 

@@ -1,5 +1,7 @@
-"""The functions that vectors name, as the Python client has them. One of these is what a client in another
-language writes; README.md says what each takes and gives."""
+"""The functions of the vectors for the Python client.
+
+A client in another language needs such a file too. README.md specifies input and output of each function.
+"""
 
 from __future__ import annotations
 
@@ -22,14 +24,16 @@ from firstfix.wire import scan as wire
 from firstfix.wire import sequence as wire_sequence
 from firstfix_client.errors import error_of_problem
 
+from .files import read_body
+
 Vector = Mapping[str, Any]
 
 
 def run(folder: Path, vector: Vector) -> Any:
-    """What the vector's function gives: bytes, or what JSON can say.
+    """Returns the result of the vector's function: bytes, or a JSON value.
 
     Raises:
-        Exception: of the client; its ``code`` is compared where an error is expected.
+        Exception: raised by the client. If the vector expects an error, its ``code`` is compared.
     """
     return _FUNCTIONS[vector["function"]](folder, vector["input"], vector.get("parameters", {}))
 
@@ -46,7 +50,7 @@ def _encode_scan(folder: Path, given: Vector, parameters: Vector) -> bytes:
 
 
 def _decode_scan(folder: Path, given: Vector, parameters: Vector) -> bytes:
-    return wire.encode_scan(wire.decode_scan((folder / given["body"]).read_bytes()), **parameters)
+    return wire.encode_scan(wire.decode_scan(read_body(folder, given["body"])), **parameters)
 
 
 def _encode_scans(folder: Path, given: Vector, parameters: Vector) -> bytes:
@@ -59,7 +63,7 @@ def _encode_scans(folder: Path, given: Vector, parameters: Vector) -> bytes:
 
 
 def _decode_scans(folder: Path, given: Vector, parameters: Vector) -> int:
-    return len(wire_sequence.decode_scans((folder / given["body"]).read_bytes()).scans)
+    return len(wire_sequence.decode_scans(read_body(folder, given["body"])).scans)
 
 
 def _compact_query(folder: Path, given: Vector, parameters: Vector) -> bytes:
@@ -73,9 +77,7 @@ def _descriptor_query(folder: Path, given: Vector, parameters: Vector) -> bytes:
 
 
 def _decode_query(folder: Path, given: Vector, parameters: Vector) -> bytes:
-    return wire_query.encode_query(
-        wire_query.decode_query((folder / given["body"]).read_bytes()), **parameters
-    )
+    return wire_query.encode_query(wire_query.decode_query(read_body(folder, given["body"])), **parameters)
 
 
 def _levelling(parameters: Vector) -> tuple[DescriptorParameters | None, Any]:

@@ -1,6 +1,6 @@
-"""The scans of the vectors: small, seeded, and the same on every machine.
+"""Scans of the vectors: small, seeded, and the same on every machine.
 
-Coordinates are rounded to 1/1024 m, so that no library's last digit shows in the files.
+Coordinates are rounded to 1/1024 m, so that the files do not depend on the last digits of a library.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ Points = NDArray[np.float32]  # (n, 3) metres, sensor frame
 
 
 def room() -> Points:
-    """A room of 12 x 8 x 3 m with a pillar, in no order, from a sensor that leans by seven degrees."""
+    """A room of 12 x 8 x 3 m with a pillar, points in random order, sensor tilted by seven degrees."""
     rng = np.random.default_rng(6)
     rays = rng.random((4000, 3)) * 2 - 1
     low, high = np.array([-7.0, -3.0, -1.2]), np.array([5.0, 5.0, 1.8])
@@ -25,24 +25,24 @@ def room() -> Points:
 
 
 def street() -> Points:
-    """Sixteen beams round and round between two rows of houses, in the order of a spinning scanner."""
+    """A spinning sensor with sixteen beams between two rows of houses, in the sensor's order."""
     rng = np.random.default_rng(7)
     azimuth = np.repeat(np.arange(300) * (2 * np.pi / 300), 16)
     elevation = np.radians(np.tile(np.linspace(-15, 15, 16), 300))
     x, y = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth)
     z = np.sin(elevation)
     ground = np.where(z < 0, -1.8 / np.minimum(z, -1e-9), np.inf)
-    setbacks_m = np.floor(np.arange(4800) / 160) % 3  # of the houses to the right
+    setbacks_m = np.floor(np.arange(4800) / 160) % 3  # of the houses on the right
     houses = np.where(y >= 0, 9.0, -7.0 - 2.0 * setbacks_m) / np.where(y == 0, 1e-9, y)
     ranges = np.minimum(ground, houses)
-    ranges = np.where(ranges * z > 6.5, np.inf, ranges)  # over the roofs
+    ranges = np.where(ranges * z > 6.5, np.inf, ranges)  # above the roofs
     ranges = ranges + rng.random(4800) * 0.04 - 0.02
     seen = ranges < 120
     return _rounded(np.stack([x, y, z], axis=1)[seen] * ranges[seen, None])
 
 
 def edges() -> Points:
-    """Where definitions meet: cells' borders, the axes, halves of a step, the limits of the range."""
+    """Edge cases: borders of cells, the axes, half steps, the limits of the range."""
     axes = [[s * v for v in axis] for axis in np.eye(3).tolist() for s in (1.0, -1.0)]
     diagonals = [[x, y, z] for x in (-3, 3) for y in (-3, 3) for z in (-3, 0, 3)]
     halves = [[k * 0.005, -k * 0.005, 0.5 + k * 0.01] for k in (1, 3, 5, 101)]
@@ -54,23 +54,23 @@ def edges() -> Points:
 
 
 def near_edges() -> Points:
-    """Of ``edges`` those that lie in a compact query's range."""
+    """Points of ``edges`` within the range of a compact query."""
     points = edges()
     return points[np.abs(points).max(axis=1) <= 60]
 
 
 def far() -> Points:
-    """Further than two bytes reach at 1 cm, but not across."""
+    """Beyond the reach of two bytes at 1 cm, unless the origin moves."""
     return _rounded(np.random.default_rng(8).random((40, 3)) * [300, 200, 20] + [500, -900, 3])
 
 
 def across() -> Points:
-    """Further than two bytes reach in whichever frame."""
+    """Too wide for two bytes with any origin."""
     return np.array([[-999.5, 3, 1], [1000, -1000, 0.125], [0, 2, 700.25]], np.float32)
 
 
 def all_directions() -> Points:
-    """Two to a direction, one behind the other: straight up and down, along every axis, and all between."""
+    """Two points in each direction, one behind the other: along every axis, and random directions."""
     rng = np.random.default_rng(10)
     spread = rng.random((400, 3)) * 2 - 1
     axes = np.concatenate([np.eye(3), -np.eye(3)])
@@ -79,7 +79,7 @@ def all_directions() -> Points:
 
 
 def _lean(x: float, y: float) -> NDArray[np.float64]:
-    """(3, 3) to multiply rows with: a sensor whose up is (x, y, 1)."""
+    """(3, 3) rotation of a sensor whose up is (x, y, 1), to multiply rows with."""
     return levelling_rotation(np.array([x, y, 1.0]))
 
 

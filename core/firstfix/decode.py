@@ -1,4 +1,4 @@
-"""A request body or a file to scans: one table from media type to decoder."""
+"""Decoding of request bodies and files to scans: one table of media types and decoders."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ MAX_SCAN_FILE_BYTES = 1_000_000_000
 
 
 def _decode_wire(body: bytes) -> Scan:
-    from .wire import scan as wire  # the only decoder that needs zstandard
+    from .wire import scan as wire  # imported late: the other decoders do not need zstandard
 
     return wire.decode_scan(body)
 
@@ -66,7 +66,7 @@ def _by(decode: Callable[[bytes, Limits], PointCloud]) -> Callable[[bytes], Scan
 
 
 def _scan_of(cloud: PointCloud) -> Scan:
-    with np.errstate(invalid="ignore", over="ignore"):  # an intensity need not be a sane float32
+    with np.errstate(invalid="ignore", over="ignore"):  # an intensity may be any float32
         return Scan.from_points(cloud.xyz, cloud.intensity)
 
 
@@ -86,7 +86,7 @@ MEDIA_TYPES: dict[str, Callable[[bytes], AnyScan]] = {
     "application/vnd.firstfix.query": _decode_compact,
     "application/vnd.firstfix.scans": _decode_sequence,
 }
-# The file endings whose bytes can be sent as they are.
+# File endings of files that can be sent without change.
 SUFFIXES: dict[str, str] = {
     ".ffscan": "application/vnd.firstfix.scan",
     ".bin": "application/vnd.firstfix.xyzi",
@@ -119,7 +119,7 @@ def decoder_of(media_type: str) -> Callable[[bytes], AnyScan]:
     decoder = MEDIA_TYPES.get(name)
     if decoder is None:
         raise UnsupportedFormat(
-            f"no scan has the media type {name[:80]!r}; there are {', '.join(MEDIA_TYPES)}"
+            f"unknown media type {name[:80]!r} of a scan: use one of {', '.join(MEDIA_TYPES)}"
         )
     if decoder is _decode_cdr:
         check_cloud_type(media_type)
@@ -132,14 +132,14 @@ def is_point_cloud2(decoder: Callable[[bytes], AnyScan]) -> bool:
 
 
 def read_scan_file(path: Path) -> Scan:
-    """A file on this machine to a scan, by its ending.
+    """Reads a scan from a local file. The ending of the name selects the format.
 
-    Reads what SUFFIXES lists, NCLT's and HeLiPR's .bin, .npy, .xyz, .txt, .pts, .csv, and .las and .laz where
-    laspy is installed. For the command line: LAZ decoders are not safe with bytes from strangers.
+    It reads the endings of SUFFIXES, .bin of NCLT and HeLiPR, .npy, .xyz, .txt, .pts, .csv, and, with laspy,
+    .las and .laz. For local files only: LAZ decoders are not safe for untrusted input.
 
     Raises:
         NotFound: no such file.
-        InputError: one of its leaves, its message naming the file.
+        InputError: a subclass; the message names the file.
     """
     path = Path(path)
     try:
@@ -153,7 +153,7 @@ def read_scan_file(path: Path) -> Scan:
 def _read_scan_file(path: Path) -> Scan:
     suffix = path.suffix.lower()
     if suffix not in (*SUFFIXES, ".npy", ".xyz", ".txt", ".pts", ".csv", ".las", ".laz"):
-        raise UnsupportedFormat(f"no scan is read from a file that ends in {suffix!r}")
+        raise UnsupportedFormat(f"scans cannot be read from files that end in {suffix!r}")
     size = path.stat().st_size
     if size > MAX_SCAN_FILE_BYTES:
         raise TooLarge(f"{size} bytes, the limit is {MAX_SCAN_FILE_BYTES}")

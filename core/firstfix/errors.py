@@ -1,44 +1,44 @@
-"""The errors of firstfix: one tree, each leaf with a stable code that crosses the wire.
+"""The errors of firstfix: a tree of classes, each with a stable code that is sent to clients.
 
     FirstfixError
-    |- InputError                 the caller sent something that cannot be used
+    |- InputError                 the caller sent unusable input
     |  |- InvalidScan             wrong shape, too few or too many points
     |  |- InvalidOption           an option or a config value is out of its range
     |  |- UnsupportedFormat       no reader for this media type or file ending
     |  |- MalformedData           the bytes contradict their own format
     |  |- TooLarge                over a byte, point or expansion limit
-    |  |- ChecksumMismatch        the bytes are not those that their sender hashed
-    |  |- NotAcceptable           the answer has no form that the caller takes
+    |  |- ChecksumMismatch        the bytes differ from those that the sender hashed
+    |  |- NotAcceptable           no form of the answer is acceptable to the caller
     |  |- PreconditionFailed      the caller speaks another version of a protocol
-    |  `- DescriptorMismatch      the query was described otherwise than the map
+    |  `- DescriptorMismatch      the query has other descriptor parameters than the map
     |- NotFound                   no such map, version or build
-    |- Conflict                   it exists already, or its state forbids this
-    |- ReadOnly                   this service or store was told to change nothing
+    |- Conflict                   it already exists, or its state forbids this
     |  `- IdempotencyConflict     the key was used for another request
+    |- ReadOnly                   this service or store is read-only
     |- StoreError                 the object store failed
     |  |- StoreUnavailable        it does not answer
     |  |- StoreUnsafe             it lets a create-only put overwrite
-    |  |- UnreadableRecord        one record in it is damaged: all others are as they were
-    |  `- OutOfSpace              there is no room for it
+    |  |- UnreadableRecord        one record is damaged; the others are not affected
+    |  `- OutOfSpace              the store is full
     |- VersionError               a published version cannot be served
     |  |- CorruptVersion          a file is missing or its sha256 differs
     |  `- IncompatibleVersion     made by a format this reader does not know
     |- BuildError                 a build ended without a version
     |  |- BuildFailed             a stage could not do its work
-    |  |- BuildAttemptsExceeded   its worker died time after time
-    |  |- BuildTimedOut           it took longer than it may
+    |  |- BuildAttemptsExceeded   its worker died too often
+    |  |- BuildTimedOut           it took too long
     |  |- BuildStalled            it made no progress for too long
-    |  |- ClusterUnavailable      the machines that build are out of reach: try again
-    |  `- BuildCancelled          somebody asked for it
-    |- Unauthorized               no credential, or none that is worth anything
+    |  |- ClusterUnavailable      the build machines cannot be reached: try again
+    |  `- BuildCancelled          it was cancelled
+    |- Unauthorized               missing or invalid credential
     |- Forbidden                  the credential does not allow this
     |- RateLimited                too many requests of one caller: try again later
-    |- QuotaExceeded              one caller has as much as one caller may have
+    |- QuotaExceeded              the caller has reached a limit
     |- Overloaded                 the queue is full: try again later
     |- WorkerLost                 the process that worked on it died: try again
-    `- DeadlineExceeded           the answer would have come too late
+    `- DeadlineExceeded           the answer would be too late
 
-The code, not the class name, is the protocol: clients match on it, so it never changes.
+Clients match on the code, so it never changes. The name of a class may change.
 """
 
 from __future__ import annotations
@@ -51,78 +51,113 @@ class FirstfixError(Exception):
 
 
 class InputError(FirstfixError):
+    """The caller sent unusable input."""
+
     code = "invalid_input"
 
 
 class InvalidScan(InputError):
+    """Wrong shape, too few or too many points."""
+
     code = "invalid_scan"
 
 
 class InvalidOption(InputError):
+    """An option or a config value is out of its range."""
+
     code = "invalid_option"
 
 
 class UnsupportedFormat(InputError):
+    """No reader for this media type or file ending."""
+
     code = "unsupported_format"
 
 
 class MalformedData(InputError):
+    """The bytes contradict their own format."""
+
     code = "malformed_data"
 
 
 class TooLarge(InputError):
+    """Over a byte, point or expansion limit."""
+
     code = "too_large"
 
 
 class ChecksumMismatch(InputError):
+    """The bytes differ from those that the sender hashed."""
+
     code = "checksum_mismatch"
 
 
 class NotAcceptable(InputError):
+    """No form of the answer is acceptable to the caller."""
+
     code = "not_acceptable"
 
 
 class PreconditionFailed(InputError):
+    """The caller speaks another version of a protocol."""
+
     code = "precondition_failed"
 
 
 class DescriptorMismatch(InputError):
+    """The query has other descriptor parameters than the map."""
+
     code = "descriptor_mismatch"
 
 
 class NotFound(FirstfixError):
+    """No such map, version or build."""
+
     code = "not_found"
 
 
 class Conflict(FirstfixError):
+    """It already exists, or its state forbids this."""
+
     code = "conflict"
 
 
 class ReadOnly(FirstfixError):
+    """This service or store is read-only."""
+
     code = "read_only"
 
 
 class IdempotencyConflict(Conflict):
+    """The key was used for another request."""
+
     code = "idempotency_conflict"
 
 
 class StoreError(FirstfixError):
+    """The object store failed."""
+
     code = "store_error"
 
 
 class StoreUnavailable(StoreError):
+    """It does not answer."""
+
     code = "store_unavailable"
 
 
 class StoreUnsafe(StoreError):
+    """It lets a create-only put overwrite."""
+
     code = "store_unsafe"
 
 
 class UnreadableRecord(StoreError):
-    """
+    """One record is damaged; the others are not affected.
+
     Attributes:
-        kind: of the record (``firstfix.store.json_record.RecordKind``).
-        key: of the record in the store.
+        kind: kind of the record (``firstfix.store.json_record.RecordKind``).
+        key: key of the record in the store.
     """
 
     code = "unreadable_record"
@@ -133,61 +168,88 @@ class UnreadableRecord(StoreError):
 
 
 class OutOfSpace(StoreError):
+    """The store is full."""
+
     code = "out_of_space"
 
 
 class VersionError(FirstfixError):
+    """A published version cannot be served."""
+
     code = "version_error"
 
 
 class CorruptVersion(VersionError):
+    """A file is missing or its sha256 differs."""
+
     code = "corrupt_version"
 
 
 class IncompatibleVersion(VersionError):
+    """Made by a format this reader does not know."""
+
     code = "incompatible_version"
 
 
 class BuildError(FirstfixError):
+    """A build ended without a version."""
+
     code = "build_error"
 
 
 class BuildFailed(BuildError):
+    """A stage could not do its work."""
+
     code = "build_failed"
 
 
 class BuildAttemptsExceeded(BuildError):
+    """Its worker died too often."""
+
     code = "build_attempts_exceeded"
 
 
 class BuildTimedOut(BuildError):
+    """It took too long."""
+
     code = "build_timed_out"
 
 
 class BuildStalled(BuildError):
+    """It made no progress for too long."""
+
     code = "build_stalled"
 
 
 class ClusterUnavailable(BuildError):
+    """The build machines cannot be reached: try again."""
+
     code = "cluster_unavailable"
 
 
 class BuildCancelled(BuildError):
+    """It was cancelled."""
+
     code = "build_cancelled"
 
 
 class Unauthorized(FirstfixError):
+    """Missing or invalid credential."""
+
     code = "unauthorized"
 
 
 class Forbidden(FirstfixError):
+    """The credential does not allow this."""
+
     code = "forbidden"
 
 
 class RateLimited(FirstfixError):
-    """
+    """Too many requests of one caller: try again later.
+
     Attributes:
-        retry_after_s: seconds until another request is let through.
+        retry_after_s: seconds until another request is accepted.
     """
 
     code = "rate_limited"
@@ -198,9 +260,10 @@ class RateLimited(FirstfixError):
 
 
 class QuotaExceeded(FirstfixError):
-    """
+    """The caller has reached a limit.
+
     Attributes:
-        retry_after_s: when waiting should have helped; None: the caller has to give something up first.
+        retry_after_s: seconds until a retry may succeed; None: the caller has to free something first.
     """
 
     code = "quota_exceeded"
@@ -211,8 +274,10 @@ class QuotaExceeded(FirstfixError):
 
 
 class Overloaded(FirstfixError):
-    """Attributes:
-    retry_after_s: when there should be room, as far as that can be told.
+    """The queue is full: try again later.
+
+    Attributes:
+        retry_after_s: estimated seconds until the queue has room.
     """
 
     code = "overloaded"
@@ -223,15 +288,19 @@ class Overloaded(FirstfixError):
 
 
 class WorkerLost(FirstfixError):
+    """The process that worked on it died: try again."""
+
     code = "worker_lost"
 
 
 class DeadlineExceeded(FirstfixError):
+    """The answer would be too late."""
+
     code = "deadline_exceeded"
 
 
 def all_errors() -> list[type[FirstfixError]]:
-    """Every class of the tree, base first: what a table of statuses has to cover."""
+    """Returns every class of the tree, base classes first."""
     found: list[type[FirstfixError]] = [FirstfixError]
     for cls in found:
         found.extend(cls.__subclasses__())

@@ -1,4 +1,4 @@
-"""Where a request stands in a distributed trace: the W3C ``traceparent`` that callers hand over."""
+"""Position of a request in a distributed trace: the W3C ``traceparent`` of the caller."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ _SAMPLED = 0x01
 
 @dataclass(frozen=True)
 class TraceContext:
-    """One span of a trace, by name.
+    """Identity of a span.
 
     Attributes:
         trace_id: 32 hex characters, not all zero.
         span_id: 16 hex characters, not all zero.
-        sampled: the caller keeps its part of the trace.
+        sampled: the caller records its part of the trace.
     """
 
     trace_id: str
@@ -27,7 +27,7 @@ class TraceContext:
 
     @classmethod
     def parse(cls, traceparent: str | None) -> TraceContext | None:
-        """None where there is none, or it is not of the form: a bad one is as good as none (W3C 3.2)."""
+        """Parses a ``traceparent``. Returns None if missing or malformed (W3C 3.2)."""
         found = _TRACEPARENT.fullmatch(traceparent.strip()) if traceparent else None
         if found is None:
             return None
@@ -38,17 +38,18 @@ class TraceContext:
 
     @classmethod
     def of(cls, span: Any) -> TraceContext:
-        """An OpenTelemetry span by name, as those are told who work below it."""
+        """Returns the identity of an OpenTelemetry span, to hand it to other processes."""
         named = span.get_span_context()
         return cls(f"{named.trace_id:032x}", f"{named.span_id:016x}", bool(named.trace_flags.sampled))
 
     @property
     def traceparent(self) -> str:
+        """Value of the ``traceparent`` header."""
         return f"00-{self.trace_id}-{self.span_id}-{int(self.sampled):02x}"
 
 
 def is_tracing_wanted(environ: Mapping[str, str]) -> bool:
-    """Whether OpenTelemetry's own variables name a collector to send spans to."""
+    """Returns whether OpenTelemetry's variables name a collector for spans."""
     if environ.get("OTEL_SDK_DISABLED", "").strip().lower() == "true":
         return False
     if "otlp" not in (environ.get("OTEL_TRACES_EXPORTER") or "otlp"):

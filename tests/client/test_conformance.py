@@ -25,7 +25,7 @@ def files(folder: Path) -> dict[str, bytes]:
 
 
 def test_the_generator_makes_the_same_files(tmp_path):
-    """But for how zstd packs them, where its version is another one."""
+    """Another version of zstd may compress the same content to other bytes."""
     write(tmp_path)
     made, kept = files(tmp_path), files(FOLDER)
     assert set(made) == set(kept)

@@ -1,4 +1,4 @@
-"""The C++ client's programs, built once; they ask a service that runs as those of tests/service do."""
+"""Builds of the C++ client, and the service that they ask (as in tests/service)."""
 
 from __future__ import annotations
 
@@ -8,18 +8,22 @@ from pathlib import Path
 import pytest
 from cpp_build import SANITISED, Build, build, require_toolchain
 
+from once_a_run import OnceARun
+
 sys.path.append(str(Path(__file__).resolve().parents[1] / "service"))  # service_world
 
 
 @pytest.fixture(scope="session")
-def optimised(tmp_path_factory: pytest.TempPathFactory) -> Build:
-    """As a robot would have it, every warning an error."""
+def optimised(once_a_run: OnceARun) -> Build:
+    """The library, the example and the tests with optimisation, as on a robot. Every warning is an error."""
     require_toolchain()
-    return build(tmp_path_factory.mktemp("optimised"), "-O1", "firstfix_conformance", "firstfix_localize")
+    return Build(once_a_run.folder("cpp-optimised", lambda folder: build(folder, "-O1")))
 
 
 @pytest.fixture(scope="session")
-def sanitised(tmp_path_factory: pytest.TempPathFactory) -> Build:
-    """Every access and every operation checked as it runs."""
+def sanitised(once_a_run: OnceARun) -> Build:
+    """The tests with checks of every memory access and operation."""
     require_toolchain()
-    return build(tmp_path_factory.mktemp("sanitised"), SANITISED)
+    return Build(
+        once_a_run.folder("cpp-sanitised", lambda folder: build(folder, SANITISED, "firstfix_tests"))
+    )

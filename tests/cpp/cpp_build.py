@@ -1,4 +1,4 @@
-"""Building and running the C++ client's programs."""
+"""Builds and runs the programs of the C++ client."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Build:
     folder: Path
 
     def run(self, program: str, *arguments: object, **more: str) -> subprocess.CompletedProcess[str]:
-        """With the environment, but for credentials, and ``more``."""
+        """Runs a program with this environment without credentials, and with the variables of ``more``."""
         environment = {name: value for name, value in os.environ.items() if name != "FIRSTFIX_API_KEY"}
         command = [self.folder / program, *map(str, arguments)]
         return subprocess.run(
@@ -31,8 +31,8 @@ class Build:
         )
 
 
-def build(folder: Path, flags: str, *targets: str) -> Build:
-    """The programs, all of them if none is named."""
+def build(folder: Path, flags: str, *targets: str) -> None:
+    """Builds the named targets in the folder; all targets if none is named."""
     configure = ["cmake", "-S", REPO / "clients" / "cpp", "-B", folder, f"-DCMAKE_CXX_FLAGS={flags}"]
     commands = (
         [*configure, "-DFIRSTFIX_TESTS=ON", "-DFIRSTFIX_STRICT=ON"],
@@ -41,10 +41,10 @@ def build(folder: Path, flags: str, *targets: str) -> Build:
     for command in commands:
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=3000)
         assert done.returncode == 0, f"{done.stdout[-3000:]}\n{done.stderr[-3000:]}"
-    return Build(folder)
 
 
 def require_toolchain() -> None:
+    """Skips the test if a program or library for the build is missing."""
     for program in ("cmake", "c++", "make", "pkg-config"):
         if shutil.which(program) is None:
             pytest.skip(f"{program} is not here (scripts/test-servers.sh)")

@@ -1,4 +1,4 @@
-"""The C++ client: the golden vectors, hostile bytes, and a real service."""
+"""The C++ client: golden vectors, damaged input, and a real service."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.errors import DescriptorMismatch, Overloaded
 
 PLACE = {"latitude_deg": 47.05, "longitude_deg": 8.3, "height_m": 480.0, "x_axis_deg": 0.0}
-POINTS = 1000  # of the scan that firstfix_calls sends
+POINTS = 1000  # of the scan that the program sends
 
 
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
-    """A running service with a map "hall" whose version answers x = 1 and y = the points it got."""
+    """A service with the map "hall". It answers x = 1 and y = the number of points in the query."""
     with running_service(tmp_path_factory.mktemp("service"), zenoh=False) as running:
         publish(running.catalog, "hall", "1", running.scratch)
         yield running
@@ -35,7 +35,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
 
 @pytest.mark.parametrize("kind", ["optimised", "sanitised"])
 def test_the_golden_vectors(kind: str, request: pytest.FixtureRequest):
-    done = request.getfixturevalue(kind).run("firstfix_conformance", FOLDER)
+    done = request.getfixturevalue(kind).run("firstfix_tests", "conformance", FOLDER)
     assert done.returncode == 0, done.stdout + done.stderr
     count = len(json.loads((FOLDER / "index.json").read_text())["vectors"])
     assert f"{count} passed, 0 failed" in done.stdout
@@ -48,21 +48,21 @@ def test_a_wrong_vector_is_seen(sanitised: Build, tmp_path: Path):
     for name in ("inputs", "bodies"):
         (tmp_path / name).symlink_to(FOLDER / name)
     (tmp_path / "index.json").write_text(json.dumps({**index, "vectors": expected}))
-    done = sanitised.run("firstfix_conformance", tmp_path)
+    done = sanitised.run("firstfix_tests", "conformance", tmp_path)
     assert done.returncode == 1
     assert "0 passed, 2 failed" in done.stdout
 
 
 def test_damaged_bytes_and_senseless_calls_are_errors(sanitised: Build):
-    done = sanitised.run("firstfix_hostile", FOLDER)
+    done = sanitised.run("firstfix_tests", "hostile", FOLDER)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
 @pytest.mark.parametrize("name", ["scan.xyz", "scan.pcd", "text.pcd"])
-def test_the_example_localizes_a_file(sanitised: Build, service: Service, tmp_path: Path, name: str):
+def test_the_example_localizes_a_file(optimised: Build, service: Service, tmp_path: Path, name: str):
     points = np.random.default_rng(0).uniform(-9, 9, (70, 3)).astype("<f4")
     (tmp_path / name).write_bytes(points.tobytes() if name == "scan.xyz" else pcd(points, name == "text.pcd"))
-    done = sanitised.run("firstfix_localize", service.url, "hall", tmp_path / name)
+    done = optimised.run("firstfix_localize", service.url, "hall", tmp_path / name)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "position 1.0000 70.0000 0.0000" in done.stdout
 
@@ -77,7 +77,7 @@ def pcd(points: np.ndarray, text: bool) -> bytes:
     return head + b"".join(struct.pack("<H3f", 3, *point) for point in points.tolist())
 
 
-def test_files_of_no_use_are_errors(sanitised: Build, service: Service, tmp_path: Path):
+def test_files_of_no_use_are_errors(optimised: Build, service: Service, tmp_path: Path):
     for name, content in {
         "cut.pcd": pcd(np.ones((5, 3), np.float32), False)[:-1],
         "none.pcd": b"FIELDS x y\nDATA binary\n",
@@ -86,7 +86,7 @@ def test_files_of_no_use_are_errors(sanitised: Build, service: Service, tmp_path
         "odd.xyz": bytes(13),
     }.items():
         (tmp_path / name).write_bytes(content)
-        done = sanitised.run("firstfix_localize", service.url, "hall", tmp_path / name)
+        done = optimised.run("firstfix_localize", service.url, "hall", tmp_path / name)
         assert done.returncode == 1, name
         assert re.match(r"firstfix_localize: (malformed_data|unsupported_format|too_large):", done.stderr), (
             name
@@ -95,7 +95,7 @@ def test_files_of_no_use_are_errors(sanitised: Build, service: Service, tmp_path
 
 def test_every_form_of_a_query_is_answered(sanitised: Build, service: Service):
     def call(name: str, map_id: str = "hall") -> str:
-        return sanitised.run("firstfix_calls", service.url, name, map_id, 20).stdout.strip()
+        return sanitised.run("firstfix_tests", "calls", service.url, name, map_id, 20).stdout.strip()
 
     assert call("scan") == f"localized 1 {POINTS}"
     verdict, x, returns = call("range_image").split()
@@ -112,7 +112,7 @@ def test_every_form_of_a_query_is_answered(sanitised: Build, service: Service):
 
 def test_a_geographic_pose(sanitised: Build, service: Service):
     def call() -> str:
-        return sanitised.run("firstfix_calls", service.url, "geopose", "hall", 20).stdout
+        return sanitised.run("firstfix_tests", "calls", service.url, "geopose", "hall", 20).stdout
 
     assert call() == "error not_acceptable\n"
     assert service.http.put("/maps/hall/georeference", json=PLACE).status_code == 200
@@ -126,14 +126,14 @@ def test_errors_of_the_service_keep_their_code(sanitised: Build, tmp_path: Path)
     behaviour = Behaviour(raises=DescriptorMismatch("other parameters"))
     with running_service(tmp_path, zenoh=False, behaviour=behaviour) as running:
         publish(running.catalog, "hall", "1", running.scratch)
-        done = sanitised.run("firstfix_calls", running.url, "scan", "hall", 20)
+        done = sanitised.run("firstfix_tests", "calls", running.url, "scan", "hall", 20)
     assert done.stdout == "error descriptor_mismatch\n"
     assert done.returncode == 1
 
 
 @contextmanager
 def answering(*answers: tuple[int, dict[str, str], bytes]) -> Iterator[tuple[str, list[str]]]:
-    """A server that gives these answers, the last one again and again; its URL, and what it was asked."""
+    """A server that gives these answers and repeats the last one. Yields its URL and the list of requests."""
     asked: list[str] = []
 
     class Handler(BaseHTTPRequestHandler):
@@ -167,7 +167,9 @@ def test_a_busy_service_is_asked_again(sanitised: Build):
         url,
         asked,
     ):
-        done = sanitised.run("firstfix_calls", url, "scan", "hall", 20, FIRSTFIX_API_KEY="ffx_secret\n")
+        done = sanitised.run(
+            "firstfix_tests", "calls", url, "scan", "hall", 20, FIRSTFIX_API_KEY="ffx_secret\n"
+        )
     assert done.stdout == "rejected low_inlier_ratio\n", "not localized is no error"
     assert done.returncode == 0
     assert len(asked) == 3
@@ -190,19 +192,19 @@ def test_a_busy_service_is_asked_again(sanitised: Build):
 )
 def test_what_is_worth_no_other_try(sanitised: Build, answer, code: str, times: int):
     with answering(answer) as (url, asked):
-        assert sanitised.run("firstfix_calls", url, "scan", "hall", 10).stdout == f"error {code}\n"
+        assert sanitised.run("firstfix_tests", "calls", url, "scan", "hall", 10).stdout == f"error {code}\n"
     assert len(asked) == times
 
 
 def test_nobody_there_and_nobody_in_time(sanitised: Build, service: Service, tmp_path: Path):
     def call(url: str) -> str:
-        return sanitised.run("firstfix_calls", url, "scan", "hall", 5).stdout
+        return sanitised.run("firstfix_tests", "calls", url, "scan", "hall", 5).stdout
 
     assert call("http://127.0.0.1:1") == "error unreachable\n"
     gate = threading.Event()
     with running_service(tmp_path, zenoh=False, behaviour=Behaviour(gate=gate)) as running:
         publish(running.catalog, "hall", "1", running.scratch)
-        done = sanitised.run("firstfix_calls", running.url, "scan", "hall", 0.5)
+        done = sanitised.run("firstfix_tests", "calls", running.url, "scan", "hall", 0.5)
         gate.set()
     assert done.stdout == "error deadline_exceeded\n"
     for url in ("ftp://host", "http://", "http://a b", "host:8080"):

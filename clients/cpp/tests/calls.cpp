@@ -1,19 +1,18 @@
-// firstfix_calls URL CALL MAP TIMEOUT_S: one call of the client, and a line that says what came of it.
+// One call of the client, and a line with its result.
 #include <cstdio>
-#include <cstdlib>
 #include <string>
 
 #include "firstfix/client.hpp"
+#include "programs.hpp"
 
+namespace firstfix::test {
 namespace {
 
-using namespace firstfix;
-
-constexpr int kPoints = 1000;
+constexpr int kHelixPoints = 1000;
 
 Scan helix() {
   Scan scan;
-  for (int i = 0; i < kPoints; ++i) {
+  for (int i = 0; i < kHelixPoints; ++i) {
     const auto t = static_cast<float>(i) / 20;
     scan.points.push_back({10 * std::cos(t), 8 * std::sin(t), t / 10 - 1});
   }
@@ -58,19 +57,17 @@ void run(Client& client, const std::string& call, const std::string& map_id) {
 
 }  // namespace
 
-int main(int argc, char** argv) {
-  if (argc != 5) {
-    std::fputs("usage: firstfix_calls URL CALL MAP TIMEOUT_S\n", stderr);
-    return 2;
-  }
+int calls(const std::string& url, const std::string& call, const std::string& map_id, double timeout_s) {
   try {
     Settings settings;
-    settings.timeout_s = std::atof(argv[4]);
-    Client client(argv[1], settings);
-    run(client, argv[2], argv[3]);
+    settings.timeout_s = timeout_s;
+    Client client(url, settings);
+    run(client, call, map_id);
   } catch (const Error& error) {
     std::printf("error %s\n", error.code().c_str());
     return 1;
   }
   return 0;
 }
+
+}  // namespace firstfix::test

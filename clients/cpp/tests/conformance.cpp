@@ -1,5 +1,5 @@
-// firstfix_conformance FOLDER: this client against the golden vectors (clients/conformance). Prints what fails; the
-// last line counts the vectors, and the bodies whose very zstd frames are the golden ones.
+// Compares this client with the golden vectors (clients/conformance). Prints the vectors that fail. The last line counts
+// the vectors, and the bodies that are equal including their compression.
 #include <cmath>
 #include <cstdio>
 #include <exception>
@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
+#include "programs.hpp"
 #include "vectors.hpp"
 
 namespace firstfix::test {
@@ -33,7 +34,7 @@ Pose pose_of(const Json& data) {
 }
 
 struct Result {
-  std::optional<Bytes> body;  // else a value
+  std::optional<Bytes> body;  // absent: the result is a value
   Json value;
 };
 
@@ -66,7 +67,7 @@ Result encode_scan_vector(const std::string& folder, const Json& input, const Js
 }
 
 Result decode_scan_vector(const std::string& folder, const Json& input, const Json& parameters) {
-  const Scan scan = decode_scan(read_file(folder + input.at("body").get<std::string>()));
+  const Scan scan = decode_scan(read_body(folder, input.at("body").get<std::string>()));
   return {encode_scan(scan, optional_number(parameters, "resolution_m"), std::nullopt, form_of(parameters)), {}};
 }
 
@@ -87,7 +88,7 @@ Result encode_scans_vector(const std::string& folder, const Json& input, const J
 }
 
 Result decode_scans_vector(const std::string& folder, const Json& input, const Json&) {
-  const ScanSequence sequence = decode_scans(read_file(folder + input.at("body").get<std::string>()));
+  const ScanSequence sequence = decode_scans(read_body(folder, input.at("body").get<std::string>()));
   return {std::nullopt, sequence.scans.size()};
 }
 
@@ -102,7 +103,7 @@ Result descriptor_query_vector(const std::string& folder, const Json& input, con
 }
 
 Result decode_query_vector(const std::string& folder, const Json& input, const Json& parameters) {
-  const Query query = decode_query(read_file(folder + input.at("body").get<std::string>()));
+  const Query query = decode_query(read_body(folder, input.at("body").get<std::string>()));
   const auto* compact = std::get_if<CompactScan>(&query);
   if (compact == nullptr) return {encode_query(std::get<ScanDescriptor>(query)), {}};
   return {encode_query(*compact, parameters.value("resolution_m", 0.02)), {}};
@@ -212,7 +213,7 @@ std::optional<std::vector<double>> numbers_of(const std::string& text) {
   return numbers;
 }
 
-// Equal, numbers within 1e-9; texts of comma-separated numbers are compared as numbers.
+// Whether two values are equal. Numbers may differ by 1e-9, also comma-separated numbers in a text.
 bool alike(const Json& got, const Json& wanted) {
   if (got.is_number() && wanted.is_number()) return std::fabs(got.get<double>() - wanted.get<double>()) <= 1e-9;
   if (got.type() != wanted.type() || got.size() != wanted.size()) return false;
@@ -239,7 +240,7 @@ struct Counts {
   int failed = 0, passed = 0, bodies = 0, whole = 0;
 };
 
-// Empty where the vector passes, else what is wrong.
+// The reason why the vector fails; empty if it passes.
 std::string difference(const std::string& folder, const Json& vector, Counts& counts) {
   const Json& expected = vector.at("expected");
   const auto& function = functions().at(vector.at("function").get<std::string>());
@@ -252,14 +253,16 @@ std::string difference(const std::string& folder, const Json& vector, Counts& co
   if (expected.contains("error")) return "it is accepted, not refused as " + expected.at("error").get<std::string>();
   if (expected.contains("value")) return alike(got.value, expected.at("value")) ? "" : "it gives " + got.value.dump();
   if (!got.body) return "it gives no bytes";
-  const Bytes wanted = read_file(folder + expected.at("body").get<std::string>());
+  const Bytes wanted = read_body(folder, expected.at("body").get<std::string>());
   ++counts.bodies;
   if (*got.body == wanted) ++counts.whole;
   const bool same = plain_form({got.body->data(), got.body->size()}) == plain_form({wanted.data(), wanted.size()});
   return same ? "" : "it gives other bytes";
 }
 
-int run(const std::string& folder) {
+}  // namespace
+
+int conformance(const std::string& folder) {
   const Json index = Json::parse(read_text(folder + "index.json"));
   Counts counts;
   for (const Json& vector : index.at("vectors")) {
@@ -278,13 +281,4 @@ int run(const std::string& folder) {
   return counts.failed == 0 && counts.passed > 0 ? 0 : 1;
 }
 
-}  // namespace
 }  // namespace firstfix::test
-
-int main(int argc, char** argv) {
-  if (argc != 2) {
-    std::fputs("usage: firstfix_conformance FOLDER\n", stderr);
-    return 2;
-  }
-  return firstfix::test::run(std::string(argv[1]) + "/");
-}

@@ -1,11 +1,13 @@
-// firstfix_hostile FOLDER: damaged bodies and senseless calls end in an Error, nothing else. Meant to be built with
-// -fsanitize=address,undefined; the seed is fixed.
+// Damaged input and invalid calls must end in an Error, and in nothing else. Meant to be built with
+// -fsanitize=address,undefined. The seed is fixed.
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
 #include <limits>
 #include <random>
 
+#include "../examples/scan_file.hpp"
+#include "programs.hpp"
 #include "vectors.hpp"
 
 namespace firstfix::test {
@@ -21,7 +23,7 @@ Bytes damaged(Bytes body, std::mt19937& random) {
     default: break;
   }
   for (std::size_t k = below(6); k > 0 && !body.empty(); --k) {
-    // mostly in the headers: what follows is zstd's own to check
+    // Mostly in the headers: zstd itself checks the rest.
     const std::size_t at = below(random() % 3 == 0 ? body.size() : std::min<std::size_t>(body.size(), 64));
     static constexpr std::uint8_t kValues[] = {0, 1, 0x7f, 0x80, 0xff};
     body[at] = random() % 2 == 0 ? kValues[random() % 5] : static_cast<std::uint8_t>(random());
@@ -29,7 +31,7 @@ Bytes damaged(Bytes body, std::mt19937& random) {
   return body;
 }
 
-void read(const Bytes& body) {
+void decode(const Bytes& body) {
   if (body.size() < 4 || std::memcmp(body.data(), "FFQY", 4) == 0) {
     decode_query(body);
   } else if (std::memcmp(body.data(), "FFSS", 4) == 0) {
@@ -63,13 +65,15 @@ std::vector<Bytes> files(const std::string& folder, const std::string& ending) {
 bool bodies(const std::string& folder) {
   std::mt19937 random(1);
   int tried = 0, accepted = 0;
-  for (const Bytes& body : files(folder, ".bin")) {
+  std::vector<Bytes> all = files(folder, ".bin");
+  for (const auto& [name, body] : read_damaged(folder)) all.push_back(body);
+  for (const Bytes& body : all) {
     for (int k = 0; k < kRounds; ++k, ++tried) {
       const Bytes changed = damaged(body, random);
-      if (!refused([&changed] { read(changed); })) ++accepted;
+      if (!refused([&changed] { decode(changed); })) ++accepted;
     }
   }
-  std::printf("%d damaged bodies, %d of them still bodies\n", tried, accepted);
+  std::printf("%d damaged bodies, %d of them accepted\n", tried, accepted);
   return tried > accepted;
 }
 
@@ -143,18 +147,34 @@ void calls() {
   check(compact_body(condense(rich)).size() < 10'000, "a rich scan is thinned until it fits");
 }
 
-}  // namespace
-}  // namespace firstfix::test
-
-int main(int argc, char** argv) {
-  using namespace firstfix::test;
-  if (argc != 2) {
-    std::fputs("usage: firstfix_hostile FOLDER\n", stderr);
-    return 2;
+// Damaged files of the example's reader.
+bool point_files() {
+  const std::string head =
+      "# .PCD v0.7\nFIELDS ring x y z\nSIZE 2 4 4 4\nTYPE U F F F\nCOUNT 1 1 1 1\nPOINTS 3\nDATA ";
+  const std::string binary = head + "binary\n" + std::string(42, 'A'), text = head + "ascii\n1 2 3 4\n1 2 3 4\n1 2 3 4\n";
+  std::mt19937 random(4);
+  int tried = 0, accepted = 0;
+  for (const std::string& good : {binary, text}) {
+    std::istringstream whole(good);
+    check(example::read_pcd(whole).points.size() == 3, "the file is good before it is damaged");
+    for (int k = 0; k < kRounds; ++k, ++tried) {
+      Bytes changed = damaged({good.begin(), good.end()}, random);
+      std::istringstream in(std::string(changed.begin(), changed.end()));
+      if (!refused([&in] { example::read_pcd(in); })) ++accepted;
+    }
   }
-  const std::string folder = std::string(argv[1]) + "/";
+  std::printf("%d damaged files, %d of them accepted\n", tried, accepted);
+  return tried > accepted;
+}
+
+}  // namespace
+
+int hostile(const std::string& folder) {
   calls();
   check(bodies(folder), "damaged bodies are refused");
   check(documents(folder), "damaged documents are refused");
+  check(point_files(), "damaged files are refused");
   return failures == 0 ? 0 : 1;
 }
+
+}  // namespace firstfix::test

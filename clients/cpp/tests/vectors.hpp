@@ -1,10 +1,12 @@
-// Files of the golden vectors, and bodies without their compression (clients/conformance/README.md).
+// Files of the golden vectors, and the plain form of bodies (clients/conformance/README.md).
 #pragma once
 
 #include <cstdint>
 #include <cstring>
 #include <fstream>
 #include <iterator>
+#include <map>
+#include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -15,13 +17,38 @@ namespace firstfix::test {
 
 inline Bytes read_file(const std::string& path) {
   std::ifstream in(path, std::ios::binary);
-  if (!in) throw std::runtime_error("no file " + path);
+  if (!in) throw std::runtime_error("cannot read " + path);
   return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
 }
 
 inline std::string read_text(const std::string& path) {
   const Bytes bytes = read_file(path);
   return {bytes.begin(), bytes.end()};
+}
+
+inline std::uint8_t digit(char c) { return static_cast<std::uint8_t>(c <= '9' ? c - '0' : c - 'a' + 10); }
+
+inline Bytes from_hex(const std::string& text) {
+  Bytes bytes;
+  for (std::size_t i = 0; i + 1 < text.size(); i += 2) {
+    bytes.push_back(static_cast<std::uint8_t>(digit(text[i]) << 4 | digit(text[i + 1])));
+  }
+  return bytes;
+}
+
+// The damaged bodies by name.
+inline std::map<std::string, Bytes> read_damaged(const std::string& folder) {
+  std::map<std::string, Bytes> bodies;
+  const nlohmann::json digits = nlohmann::json::parse(read_text(folder + "damaged.json"));
+  for (const auto& [name, text] : digits.items()) bodies[name] = from_hex(text.get<std::string>());
+  return bodies;
+}
+
+// The body of a vector: a file, or "damaged.json#NAME".
+inline Bytes read_body(const std::string& folder, const std::string& path) {
+  static const std::map<std::string, Bytes> damaged = read_damaged(folder);
+  const std::size_t mark = path.find('#');
+  return mark == std::string::npos ? read_file(folder + path) : damaged.at(path.substr(mark + 1));
 }
 
 inline std::vector<float> read_floats(const std::string& path) {
@@ -32,7 +59,7 @@ inline std::vector<float> read_floats(const std::string& path) {
   return values;
 }
 
-// A valid body with every zstd frame replaced by its content and every frame's length by 0.
+// A valid body in which every zstd frame is replaced by its content, and every length of a frame by 0.
 inline Bytes plain_form(detail::Span body) {
   const auto length = [&body](std::size_t at, std::size_t bytes) {
     std::size_t value = 0;

@@ -1,7 +1,7 @@
-"""Decoders of point-cloud formats: bytes to columns, safe with bytes from strangers.
+"""Decoders of point-cloud formats: from bytes to columns. Safe for untrusted input.
 
-Every decoder checks what a header promises against the bytes that are there and against ``Limits`` before it
-takes memory. What goes wrong is MalformedData, TooLarge or UnsupportedFormat, never another exception.
+Before it allocates memory, every decoder compares the sizes in the header with the size of the body and with
+``Limits``. It raises MalformedData, TooLarge or UnsupportedFormat, and no other exception.
 """
 
 from __future__ import annotations

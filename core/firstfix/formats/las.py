@@ -1,4 +1,4 @@
-"""LAS, LAZ and COPC through laspy. Its LAZ backend is not safe with bytes from strangers: files only."""
+"""Reader of LAS, LAZ and COPC files. The LAZ backend is not safe for untrusted input: local files only."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ _POINTS_AT_ONCE = 2_000_000
 
 
 def read_las(path: Path, limits: Limits) -> PointCloud:
-    """A file to its columns x, y, z (float64, scaled and offset) and intensity.
+    """Reads the columns x, y, z (float64, with scale and offset applied) and intensity of a file.
 
     Raises:
-        MalformedData: damaged or cut off.
+        MalformedData: the file is damaged or cut off.
         TooLarge: over the limits.
         UnsupportedFormat: laspy is not installed.
     """
     try:
         import laspy
     except ImportError as error:
-        raise UnsupportedFormat("LAS: reading it needs the package laspy[lazrs]") from error
+        raise UnsupportedFormat("LAS: the package laspy[lazrs] is not installed") from error
     try:
         with laspy.open(path) as reader:
             points = int(reader.header.point_count)
@@ -41,8 +41,8 @@ def read_las(path: Path, limits: Limits) -> PointCloud:
         raise
     except (KeyboardInterrupt, SystemExit, MemoryError):
         raise
-    except BaseException as error:  # the Rust backend's panics are no Exception
+    except BaseException as error:  # a panic of the Rust backend is not an Exception
         raise MalformedData(f"LAS: {str(error) or type(error).__name__}") from error
     if done != points:
-        raise MalformedData(f"LAS: {points} points are promised, {done} are there: cut off")
+        raise MalformedData(f"LAS: the file is cut off: {done} of {points} points")
     return PointCloud({**columns, "intensity": intensity})

@@ -1,4 +1,4 @@
-"""NumPy's .npy files: (n, >= 3) numbers, or records with fields x, y, z. Never pickles."""
+"""Reader of NumPy's .npy files: (n, >= 3) numbers, or records with fields x, y, z. It never unpickles."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from .point_cloud import Limits, PointCloud, require_xyz
 
 
 def read_npy(path: Path, limits: Limits) -> PointCloud:
-    """A file, mapped into memory rather than read: a lying header costs nothing.
+    """Reads a file. The file is memory-mapped, so that a wrong size in the header takes no memory.
 
     Raises:
-        MalformedData: no .npy of points, or cut off.
+        MalformedData: not an .npy file of points, or cut off.
         TooLarge: over the limits.
     """
     try:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
     except OSError:
         raise
-    except Exception as error:  # a damaged header raises whatever Python's tokenizer and literals raise
+    except Exception as error:  # a damaged header makes Python's tokenizer raise various exceptions
         raise MalformedData(f"NPY: {error}") from error
     if not isinstance(array, np.ndarray):
-        raise MalformedData("NPY: an archive of arrays (.npz), not one array")
+        raise MalformedData("NPY: the file is an archive of arrays (.npz), not one array")
     if array.dtype.names is not None and array.ndim == 1:
         columns = {name: array[name] for name in array.dtype.names if array.dtype[name].kind in "fiu"}
         require_xyz("NPY", set(columns))
@@ -32,6 +32,6 @@ def read_npy(path: Path, limits: Limits) -> PointCloud:
         names = ("x", "y", "z", "intensity") if array.shape[1] >= 4 else ("x", "y", "z")
         columns = {name: array[:, column] for column, name in enumerate(names)}
     else:
-        raise MalformedData(f"NPY: {array.dtype} {array.shape} is no (n, 3) array of numbers")
+        raise MalformedData(f"NPY: {array.dtype} {array.shape} is not an (n, 3) array of numbers")
     limits.check("NPY", len(array), 8 * len(columns))
     return PointCloud(columns)

@@ -1,4 +1,4 @@
-"""PCD, the format of the Point Cloud Library: ascii, binary and binary_compressed.
+"""Decoder of PCD, the format of the Point Cloud Library: ascii, binary and binary_compressed.
 
 https://pointclouds.org/documentation/tutorials/pcd_file_format.html
 """
@@ -17,7 +17,7 @@ from .text_table import parse_rows
 _MAX_HEADER_BYTES = 65_536
 _MAX_FIELDS = 256
 _MAX_COUNT = 100_000  # a histogram feature (SHOT, VFH) has some hundreds of numbers
-# A run of LZF is at most 264 bytes out of 3: a larger claim is a lie.
+# LZF expands 3 bytes to at most 264 bytes.
 _MAX_LZF_RATIO = 88
 _NUMBER_TYPES = {
     (kind, size): np.dtype(f"<{code}{size}")
@@ -40,7 +40,7 @@ class _Field:
 @dataclass(frozen=True)
 class _Column:
     dtype: np.dtype[np.generic]
-    number: int  # place among the numbers of a point
+    number: int  # index among the numbers of a point
     offset: int  # bytes before it in a point
 
 
@@ -60,7 +60,7 @@ class _Header:
         return sum(field.count for field in self.fields)
 
     def columns(self) -> dict[str, _Column]:
-        """The fields of one number that are no padding; of two with one name the first."""
+        """Returns the fields of one number, without padding. Of equal names the first one counts."""
         columns: dict[str, _Column] = {}
         number = offset = 0
         for field in self.fields:
@@ -72,10 +72,10 @@ class _Header:
 
 
 def decode_pcd(body: Body, limits: Limits) -> PointCloud:
-    """A PCD file's bytes to its columns.
+    """Decodes the columns of a PCD file.
 
     Fields of several numbers (COUNT > 1) and padding (``_``) are skipped. Binary columns keep their type
-    and may be read-only views of the body; ascii ones are float64.
+    and may be read-only views of the body; ascii columns are float64.
 
     Raises:
         MalformedData: the header or the body contradicts the format, or the file is cut off.
@@ -103,7 +103,7 @@ def _parse_header(body: Body) -> _Header:
     while "DATA" not in entries:
         end = head.find(b"\n", start)
         if end < 0:
-            raise MalformedData("PCD: the header has no end: no DATA line, or the file is cut off")
+            raise MalformedData("PCD: the header has no DATA line, or the file is cut off")
         words = head[start:end].decode("latin-1").split()
         start = end + 1
         if words and not words[0].startswith("#"):
@@ -119,7 +119,7 @@ def _parse_header(body: Body) -> _Header:
 def _parse_fields(entries: dict[str, list[str]]) -> tuple[_Field, ...]:
     names = entries.get("FIELDS") or entries.get("COLUMNS")  # COLUMNS: version 0.5
     if not names or len(names) > _MAX_FIELDS:
-        raise MalformedData(f"PCD: 1 to {_MAX_FIELDS} FIELDS are expected")
+        raise MalformedData(f"PCD: FIELDS must have 1 to {_MAX_FIELDS} names")
     sizes = _integers(entries, "SIZE", len(names), "4")
     kinds = entries.get("TYPE", ["F"] * len(names))
     counts = _integers(entries, "COUNT", len(names), "1")
@@ -129,7 +129,7 @@ def _parse_fields(entries: dict[str, list[str]]) -> tuple[_Field, ...]:
     for name, size, kind, count in zip(names, sizes, kinds, counts, strict=True):
         dtype = _NUMBER_TYPES.get((kind.upper(), size))
         if dtype is None:
-            raise MalformedData(f"PCD: field {name[:40]!r} has no type {kind[:8]!r} of {size} bytes")
+            raise MalformedData(f"PCD: field {name[:40]!r} has the unknown type {kind[:8]!r} of {size} bytes")
         if not 0 < count <= _MAX_COUNT:
             raise MalformedData(f"PCD: field {name[:40]!r} has COUNT {count}")
         fields.append(_Field(name, dtype, count))
@@ -143,9 +143,9 @@ def _parse_points(entries: dict[str, list[str]]) -> int:
     )
     if points < 0:
         if "WIDTH" not in entries:
-            raise MalformedData("PCD: neither POINTS nor WIDTH says how many points there are")
+            raise MalformedData("PCD: neither POINTS nor WIDTH gives the number of points")
         return width * height
-    # Some writers leave WIDTH 0 and count in POINTS alone.
+    # Some writers write WIDTH 0 and give the number in POINTS only.
     if width * height not in (0, points):
         raise MalformedData(f"PCD: WIDTH {width} x HEIGHT {height} contradicts POINTS {points}")
     return points
@@ -154,36 +154,38 @@ def _parse_points(entries: dict[str, list[str]]) -> int:
 def _integers(entries: dict[str, list[str]], key: str, length: int, default: str) -> list[int]:
     words = entries.get(key, [default] * length)
     if len(words) != length:
-        raise MalformedData(f"PCD: {key} has {len(words)} values, {length} are expected")
-    # Digits alone, and few: int() takes quadratic time on a long number.
+        raise MalformedData(f"PCD: {key} has {len(words)} values, not {length}")
+    # Only few digits: int() takes quadratic time for a long number.
     if not all((word.isascii() and word.isdigit() and len(word) <= 18) or word == default for word in words):
-        raise MalformedData(f"PCD: {key} is not made of whole numbers")
+        raise MalformedData(f"PCD: {key} must consist of whole numbers")
     return [int(word) for word in words]
 
 
 def _ascii_columns(header: _Header, body: Body, limits: Limits) -> dict[str, Column]:
     limits.check("PCD", header.points, 8 * header.numbers)  # every number becomes a float64
     text = body[header.body_start :]
-    if len(text) + 1 < 2 * header.numbers * header.points:  # a digit and a separator each, the last without
-        raise MalformedData(f"PCD: {header.points} points are promised, {len(text)} bytes follow: cut off")
+    if (
+        len(text) + 1 < 2 * header.numbers * header.points
+    ):  # at least a digit and a separator each; no separator after the last
+        raise MalformedData(f"PCD: the file is cut off: {len(text)} bytes for {header.points} points")
     if header.points == 0:
         return {name: np.empty(0) for name in header.columns()}
     rows = parse_rows("PCD", text, max_rows=header.points)
     if rows.shape != (header.points, header.numbers):
         raise MalformedData(
-            f"PCD: {header.points} points of {header.numbers} numbers are promised, "
-            f"{rows.shape[0]} of {rows.shape[1]} are there"
+            f"PCD: the header declares {header.points} points of {header.numbers} numbers, "
+            f"the file has {rows.shape[0]} of {rows.shape[1]}"
         )
     return {name: rows[:, column.number] for name, column in header.columns().items()}
 
 
 def _record_columns(header: _Header, body: Body) -> dict[str, Column]:
-    """Point after point. Views of the body."""
+    """Returns views of a body that is ordered point by point."""
     need, have = header.points * header.record_bytes, len(body) - header.body_start
     if have < need:
         raise MalformedData(
-            f"PCD: {header.points} points of {header.record_bytes} bytes are promised, "
-            f"{have} of {need} bytes are there: cut off"
+            f"PCD: the file is cut off: {have} of {need} bytes for {header.points} points "
+            f"of {header.record_bytes} bytes"
         )
     columns = header.columns()
     record = np.dtype(
@@ -194,26 +196,26 @@ def _record_columns(header: _Header, body: Body) -> dict[str, Column]:
             "itemsize": header.record_bytes,
         }
     )
-    # np.frombuffer refuses an offset at the very end, where a cloud of no points has its body.
+    # np.frombuffer refuses an empty buffer, which is the body of a cloud without points.
     records = np.frombuffer(body[header.body_start :], record, header.points) if need else np.empty(0, record)
     return {name: records[name] for name in columns}
 
 
 def _compressed_columns(header: _Header, body: Body) -> dict[str, Column]:
-    """Field after field, the whole compressed by LZF behind its two sizes."""
+    """Returns the columns of a body that is ordered field by field and compressed by LZF, after two sizes."""
     start = header.body_start + 8
     if len(body) < start:
-        raise MalformedData("PCD: the sizes of the compressed data are missing: cut off")
+        raise MalformedData("PCD: the file is cut off: the sizes of the compressed data are missing")
     packed_bytes, plain_bytes = struct.unpack("<II", body[header.body_start : start])
     need = header.points * header.record_bytes
     if plain_bytes != need:
         raise MalformedData(
-            f"PCD: {header.points} points of {header.record_bytes} bytes are promised, "
-            f"the compressed data claims {plain_bytes} bytes"
+            f"PCD: {header.points} points of {header.record_bytes} bytes contradict the {plain_bytes} bytes "
+            "that the compressed data claims"
         )
     if len(body) - start < packed_bytes:
         raise MalformedData(
-            f"PCD: {packed_bytes} compressed bytes are promised, {len(body) - start} are there: cut off"
+            f"PCD: the file is cut off: {len(body) - start} of {packed_bytes} compressed bytes"
         )
     plain = _lzf_decompress(bytes(body[start : start + packed_bytes]), plain_bytes)
     return {
@@ -238,5 +240,5 @@ def _lzf_decompress(packed: bytes, plain_bytes: int) -> bytes:
     except ValueError as error:
         raise MalformedData(f"PCD: the compressed data is damaged: {error}") from error
     if plain is None or len(plain) != plain_bytes:
-        raise MalformedData("PCD: the compressed data is damaged: its size is not the promised one")
+        raise MalformedData("PCD: the compressed data is damaged: its size is not the declared one")
     return plain

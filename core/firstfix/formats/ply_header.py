@@ -1,4 +1,4 @@
-"""The header of PLY: which elements follow, of which properties, in which number format."""
+"""Parser of the PLY header: elements, their properties and number formats."""
 
 from __future__ import annotations
 
@@ -25,12 +25,14 @@ _NAMES_OF_TYPE = {
     "f8": ("double", "float64"),
 }
 _TYPES = {name: code for code, names in _NAMES_OF_TYPE.items() for name in names}
-# The byte order of numbers, None for text.
+# Byte order of numbers; None for text.
 _ENCODINGS = {"ascii": None, "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
 @dataclass(frozen=True)
 class PlyProperty:
+    """A property of an element: one number, or a list of numbers."""
+
     name: str
     dtype: np.dtype[np.generic]
     is_list: bool
@@ -38,17 +40,20 @@ class PlyProperty:
 
 @dataclass(frozen=True)
 class PlyElement:
+    """A kind of rows, such as vertices or faces."""
+
     name: str
     count: int
     properties: tuple[PlyProperty, ...]
 
     @property
     def has_list(self) -> bool:
+        """Whether a property is a list, so that rows have different lengths."""
         return any(prop.is_list for prop in self.properties)
 
     @property
     def record(self) -> np.dtype[np.void]:
-        """One row of an element without lists. Of two properties of one name the first is reachable."""
+        """Layout of a row without lists. Of two properties with one name, the first one counts."""
         names, formats, offsets, offset = [], [], [], 0
         for prop in self.properties:
             if prop.name not in names:
@@ -61,10 +66,12 @@ class PlyElement:
 
 @dataclass(frozen=True)
 class PlyHeader:
-    """Attributes:
-    is_ascii: text, or binary in the byte order that the dtypes carry.
-    elements: in the order in which they follow.
-    body_start: offset in bytes of the first row.
+    """The header of a PLY file.
+
+    Attributes:
+        is_ascii: text; otherwise binary in the byte order of the dtypes.
+        elements: in the order of the file.
+        body_start: offset in bytes of the first row.
     """
 
     is_ascii: bool
@@ -72,23 +79,28 @@ class PlyHeader:
     body_start: int
 
     def count_of(self, element_name: str) -> int:
+        """Returns the number of rows of an element; 0 if there is no such element."""
         return sum(element.count for element in self.elements if element.name == element_name)
 
 
 def parse_ply_header(body: Body) -> PlyHeader:
-    """Raises MalformedData when the bytes are no PLY header of at most 64 KiB."""
+    """Parses the header.
+
+    Raises:
+        MalformedData: not a PLY header of at most 64 KiB.
+    """
     head = bytes(body[:_MAX_HEADER_BYTES])
     if not head:
         raise MalformedData("PLY: the file is empty (0 bytes)")
     if head.split(b"\n", 1)[0].strip() != b"ply":
-        raise MalformedData("PLY: it does not start with 'ply'")
+        raise MalformedData("PLY: the file does not start with 'ply'")
     byte_order: str | None = ""
     elements: list[tuple[str, int, list[PlyProperty]]] = []
     start = head.find(b"\n") + 1
     while True:
         end = head.find(b"\n", start) if start else -1
         if end < 0:
-            raise MalformedData("PLY: the header has no end: no end_header, or the file is cut off")
+            raise MalformedData("PLY: the header has no end_header, or the file is cut off")
         words = head[start:end].decode("latin-1").split()
         start = end + 1
         if words[:1] == ["end_header"]:
@@ -100,7 +112,7 @@ def parse_ply_header(body: Body) -> PlyHeader:
         elif words[0] == "element" and len(words) == 3 and len(elements) < _MAX_ELEMENTS:
             elements.append((words[1], _count(words[2]), []))
         elif words[0] == "property" and byte_order == "":
-            raise MalformedData("PLY: a property stands before its format")
+            raise MalformedData("PLY: a property comes before its format")
         elif words[0] == "property" and elements and len(elements[-1][2]) < _MAX_PROPERTIES:
             elements[-1][2].append(_property(words, byte_order))
         else:
@@ -112,9 +124,9 @@ def parse_ply_header(body: Body) -> PlyHeader:
 
 
 def _count(word: str) -> int:
-    # Digits alone, and few: int() takes quadratic time on a long number.
+    # Only few digits: int() takes quadratic time for a long number.
     if not (word.isascii() and word.isdigit() and len(word) <= 18):
-        raise MalformedData(f"PLY: {word[:40]!r} is no element count")
+        raise MalformedData(f"PLY: {word[:40]!r} is not an element count")
     return int(word)
 
 

@@ -1,4 +1,4 @@
-"""What a format decoder returns, and the limits it works under."""
+"""The result of a format decoder, and its limits."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ INTENSITY_NAMES = ("intensity", "scalar_intensity", "reflectivity", "reflectance
 
 @dataclass(frozen=True)
 class Limits:
-    """What a decoder may produce. The input's own size is the caller's to limit.
+    """Limits of a decoder's result. The caller limits the size of the input.
 
     Attributes:
-        max_points: points of one cloud.
+        max_points: number of points in one cloud.
         max_decoded_bytes: memory of the decoded records.
     """
 
@@ -31,10 +31,10 @@ class Limits:
     max_decoded_bytes: int
 
     def check(self, format_name: str, points: int, record_bytes: int) -> None:
-        """Refuses a cloud by what its header promises.
+        """Checks the size that a header declares.
 
         Raises:
-            TooLarge: more points, or more bytes, than may be decoded.
+            TooLarge: more points or bytes than allowed.
         """
         if points > self.max_points:
             raise TooLarge(f"{format_name}: {points} points, the limit is {self.max_points}")
@@ -51,10 +51,10 @@ MAP_LIMITS = Limits(max_points=300_000_000, max_decoded_bytes=16_000_000_000)
 
 @dataclass(frozen=True)
 class PointCloud:
-    """Columns as the file names them, in its own number types where the format is binary.
+    """The columns of a file. A binary format keeps its number types.
 
     Attributes:
-        columns: name to (n,) array; x, y and z are always there. NaN rows are kept.
+        columns: (n,) array of each name. x, y and z are always present. Rows with NaN are kept.
     """
 
     columns: Mapping[str, Column]
@@ -64,22 +64,26 @@ class PointCloud:
 
     @property
     def xyz(self) -> NDArray[np.float64]:
-        """(n, 3) float64: UTM-sized coordinates keep the precision that the file has."""
+        """Returns (n, 3) float64, so that UTM coordinates keep the precision of the file."""
         xyz = np.empty((len(self), 3), np.float64)
-        with np.errstate(invalid="ignore"):  # a signalling NaN: damaged, or what a driver left there
+        with np.errstate(invalid="ignore"):  # signalling NaNs of damaged files and of some drivers
             for axis, name in enumerate("xyz"):
                 xyz[:, axis] = self.columns[name]
         return xyz
 
     @property
     def intensity(self) -> Column | None:
-        """(n,) under the names that drivers and CloudCompare give it, or None."""
+        """The (n,) intensity, under any name that drivers or CloudCompare use. None if absent."""
         by_name = {name.lower(): column for name, column in self.columns.items()}
         return next((by_name[name] for name in INTENSITY_NAMES if name in by_name), None)
 
 
 def require_xyz(format_name: str, names: set[str]) -> None:
-    """Raises MalformedData when a column of x, y, z is not among the names."""
+    """Checks that x, y and z are among the names.
+
+    Raises:
+        MalformedData: one of them is missing.
+    """
     missing = [axis for axis in "xyz" if axis not in names]
     if missing:
         raise MalformedData(f"{format_name}: no field {', '.join(missing)}")

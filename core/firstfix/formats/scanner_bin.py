@@ -1,4 +1,4 @@
-"""Scans that datasets keep in files called .bin, told apart by name, size and plausible numbers."""
+"""Decoder of .bin files of data sets. The name, the size and plausible numbers tell the layouts apart."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ _AVIA_RECORD = np.dtype(
     + [("offset", "<u4")]
 )
 _SAMPLED_ROWS = 1000
-_PLAUSIBLE_M = 1e5  # beyond any scan; random bytes read as float32 are mostly not within
+_PLAUSIBLE_M = 1e5  # larger than any range; most random bytes are not in it as float32
 
 
 def decode_scanner_bin(body: Body, file_name: str, limits: Limits) -> PointCloud:
-    """KITTI (float32 x y z intensity), NCLT's velodyne_sync, or HeLiPR's Avia.
+    """Decodes KITTI (float32 x y z intensity), NCLT's velodyne_sync, or HeLiPR's Avia.
 
-    NCLT's frame (x forward, y right, z down) is turned to REP-103.
+    NCLT's frame (x forward, y right, z down) is changed to REP-103.
 
     Raises:
-        MalformedData: empty, or no whole number of rows of the layout that its name tells.
-        UnsupportedFormat: none of the layouts fits.
+        MalformedData: empty, or not a whole number of rows of the layout that the name implies.
+        UnsupportedFormat: no layout fits.
         TooLarge: over the limits.
     """
     if not len(body):
@@ -47,7 +47,9 @@ def decode_scanner_bin(body: Body, file_name: str, limits: Limits) -> PointCloud
 
 def _decode_nclt(body: Body, limits: Limits) -> PointCloud:
     if len(body) % _NCLT_RECORD.itemsize:
-        raise MalformedData(f"NCLT: {len(body)} bytes are not records of {_NCLT_RECORD.itemsize}: cut off")
+        raise MalformedData(
+            f"NCLT: the file is cut off: {len(body)} bytes, records of {_NCLT_RECORD.itemsize}"
+        )
     records = np.frombuffer(body, _NCLT_RECORD)
     limits.check("NCLT", len(records), 8 * 3)
     x, y, z = (records[axis] * 0.005 - 100.0 for axis in "xyz")
@@ -55,7 +57,7 @@ def _decode_nclt(body: Body, limits: Limits) -> PointCloud:
 
 
 def _are_plausible(points: np.ndarray[tuple[int, ...], np.dtype[np.float32]]) -> bool:
-    """Most of the first (n, 3) points are NaN or within sight, and no crowd of denormals."""
+    """Returns whether most of the first (n, 3) points are NaN, 0 or of plausible size, and not denormal."""
     size = np.abs(points[:_SAMPLED_ROWS])
     with np.errstate(invalid="ignore"):
         good = np.isnan(size) | (size == 0) | ((size > 1e-6) & (size < _PLAUSIBLE_M))

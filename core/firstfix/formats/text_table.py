@@ -1,4 +1,4 @@
-"""Rows of numbers in text: the one parser behind ascii PCD, ascii PLY, XYZ, PTS and CSV."""
+"""Parser of rows of numbers for ascii PCD, ascii PLY, XYZ, PTS and CSV."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..errors import MalformedData
 from .point_cloud import Body
 
 _EMPTY_LINES = re.compile(rb"\n\s+")
-MAX_LINE_BYTES = 65_536  # a line with thousands of columns costs the parser far more than its bytes
+MAX_LINE_BYTES = 65_536  # the parser is slow for lines with thousands of columns
 
 
 def parse_rows(
@@ -25,24 +25,24 @@ def parse_rows(
     comments: str | None = None,
     max_rows: int | None = None,
 ) -> NDArray[np.float64]:
-    """Numbers in rows, all rows of one length, empty lines skipped.
+    """Parses rows of numbers. All rows have the same length. Empty lines are skipped.
 
     Args:
-        columns: which to keep, in this order; None: all.
-        delimiter: one character, or None for any run of spaces and tabs.
-        comments: what starts a comment.
-        max_rows: later rows are not looked at.
+        columns: columns to keep, in this order; None: all.
+        delimiter: one character, or None for spaces and tabs.
+        comments: prefix of comments.
+        max_rows: later rows are ignored.
 
     Returns:
-        (rows, columns) float64; (0, 0) when there is no row.
+        (rows, columns) float64; (0, 0) if there is no row.
 
     Raises:
-        MalformedData: not text, not numbers, rows of different length, a line of over 64 KiB.
+        MalformedData: not text, not numbers, rows of different lengths, or a line over 64 KiB.
     """
     raw = bytes(text)
     if not raw.isascii() or b"\0" in raw:
-        raise MalformedData(f"{format_name}: bytes that are not text stand among the numbers")
-    raw = _EMPTY_LINES.sub(b"\n", raw.lstrip())  # NumPy warns of every empty line when it counts rows
+        raise MalformedData(f"{format_name}: the numbers contain bytes that are not text")
+    raw = _EMPTY_LINES.sub(b"\n", raw.lstrip())  # NumPy warns about empty lines
     if not raw:
         return np.empty((0, 0))
     _check_lines(format_name, raw)
@@ -57,7 +57,7 @@ def parse_rows(
             ndmin=2,
         )
     except (ValueError, IndexError, OverflowError) as error:
-        reason = str(error).split(";")[0]  # behind it NumPy advises its own caller
+        reason = str(error).split(";")[0]  # the rest is advice for callers of NumPy
         raise MalformedData(f"{format_name}: {reason}") from error
 
 
@@ -65,4 +65,4 @@ def _check_lines(format_name: str, raw: bytes) -> None:
     ends = np.flatnonzero(np.frombuffer(raw, np.uint8) == ord("\n"))
     longest = int(np.max(np.diff(ends, prepend=-1, append=len(raw))))
     if longest > MAX_LINE_BYTES:
-        raise MalformedData(f"{format_name}: a line of {longest} bytes")
+        raise MalformedData(f"{format_name}: a line of {longest} bytes, the limit is {MAX_LINE_BYTES}")

@@ -1,4 +1,4 @@
-"""ROS messages, bags and topic keys without ROS: small strict readers and writers of the few that are needed.
+"""Strict readers and writers of a few ROS messages, of bags and of topic keys, without ROS.
 
-They need NumPy alone, so they are part of what a robot installs; only ``bag`` needs rosbags.
+They need NumPy only, so they are part of the robot's installation. ``bag`` needs rosbags.
 """

@@ -1,6 +1,6 @@
-"""Bags without ROS: ROS 1 files, ROS 2 folders, sqlite3 and mcap files, one message in memory at a time.
+"""Reader of bags without ROS: ROS 1 files, ROS 2 folders, sqlite3 and mcap files.
 
-For the command line: rosbags believes the sizes that a bag declares, so bags from strangers are not opened.
+One message is in memory at a time. For local files only: rosbags trusts the sizes that a bag declares.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ from . import point_cloud2
 
 @dataclass(frozen=True)
 class RawMessage:
-    """
+    """A serialised message of a bag.
+
     Attributes:
-        time_ns: when it was recorded.
-        body: serialised, as ROS 1 or CDR: the bag's ``ros1`` says which.
+        time_ns: time of recording.
+        body: ROS 1 or CDR, see ``Bag.ros1``.
     """
 
     topic: str
@@ -29,7 +30,11 @@ class RawMessage:
 
 
 class Bag:
-    """An open bag; ``open_bag`` makes it."""
+    """An open bag, see ``open_bag``.
+
+    Attributes:
+        ros1: messages are serialised as in ROS 1, otherwise as CDR.
+    """
 
     def __init__(self, path: Path, reader: Any, *, ros1: bool) -> None:
         self.path = path
@@ -38,46 +43,47 @@ class Bag:
 
     @property
     def start_ns(self) -> int:
-        """When its first message was recorded."""
+        """Time of the first message."""
         return int(self._reader.start_time)
 
     def topics(self, message_type: str) -> list[str]:
-        """Names of the topics of one type that hold messages, sorted."""
+        """Returns the sorted names of the topics of one type that have messages."""
         return sorted({c.topic for c in self._reader.connections if c.msgtype == message_type and c.msgcount})
 
     def cloud_topic(self, wanted: str | None) -> str:
-        """The topic to replay: the one that is wanted, or the only one with clouds.
+        """Returns the topic to replay: the wanted one, or the only one with clouds.
 
         Raises:
-            NotFound: the wanted one holds no clouds, or there are none at all.
-            InvalidOption: there are several and none is wanted.
+            NotFound: the wanted topic, or every topic, has no clouds.
+            InvalidOption: several topics have clouds, and no topic is wanted.
         """
         topics = self.topics(point_cloud2.TYPE)
         if wanted is not None:
             self.check_topic(wanted, point_cloud2.TYPE)
             return wanted
         if not topics:
-            raise NotFound(f"{self.path}: no topic holds {point_cloud2.TYPE}")
+            raise NotFound(f"{self.path}: no topic has messages of the type {point_cloud2.TYPE}")
         if len(topics) > 1:
-            raise InvalidOption(f"{self.path}: several topics hold clouds, name one: {', '.join(topics)}")
+            raise InvalidOption(f"{self.path}: several topics have clouds, choose one: {', '.join(topics)}")
         return topics[0]
 
     def check_topic(self, topic: str, message_type: str) -> None:
-        """
+        """Checks that a topic has messages of a type.
+
         Raises:
-            NotFound: it holds no such messages; the message says which topics do.
+            NotFound: it has none; the error names the topics that have.
         """
         topics = self.topics(message_type)
         if topic not in topics:
             raise NotFound(
-                f"{self.path}: {topic} holds no {message_type}; those that do: {', '.join(topics) or 'none'}"
+                f"{self.path}: {topic} has no {message_type}; topics that have: {', '.join(topics) or 'none'}"
             )
 
     def messages(self, topics: list[str], start_ns: int | None = None) -> Iterator[RawMessage]:
-        """In the order in which they were recorded.
+        """Yields the messages in the order of recording.
 
         Raises:
-            MalformedData: the bag is damaged there.
+            MalformedData: the bag is damaged.
         """
         connections = [c for c in self._reader.connections if c.topic in topics]
         if not connections:
@@ -94,14 +100,15 @@ class Bag:
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
-    """
+    """Opens a bag.
+
     Args:
         path: a ROS 1 ``.bag``, a ROS 2 ``.db3`` or ``.mcap``, or a ROS 2 bag's folder.
 
     Raises:
         NotFound: no such file.
-        UnsupportedFormat: no bag by its ending, or its messages are no CDR.
-        MalformedData: it cannot be read.
+        UnsupportedFormat: the ending is not that of a bag, or the messages are not CDR.
+        MalformedData: the bag cannot be read.
         ModuleNotFoundError: rosbags is not installed.
     """
     from rosbags.rosbag1 import Reader as Reader1
@@ -131,10 +138,10 @@ def _check_cdr(path: Path, reader: Any) -> None:
 
 @contextmanager
 def _damage_named(path: Path) -> Iterator[None]:
-    """A damaged bag makes rosbags raise whatever its parser stumbles over: all of it means one thing."""
+    """Turns every exception of rosbags, which a damaged bag may raise, into MalformedData."""
     try:
         yield
     except FirstfixError:
         raise
-    except Exception as error:  # MemoryError among them: a damaged size may ask for exabytes
+    except Exception as error:  # including MemoryError: a damaged size may be exabytes
         raise MalformedData(f"{path}: the bag cannot be read: {error or type(error).__name__}") from error

@@ -1,6 +1,6 @@
-"""The bytes of a ROS message, field by field: CDR (ROS 2) with its alignment, or ROS 1's packed form.
+"""Reader and writer of ROS messages, field by field: CDR (ROS 2) with its alignment, or ROS 1's packed form.
 
-Strict, for bytes from strangers: nothing is read or allocated beyond what is there.
+The reader is safe for untrusted input: it reads and allocates nothing beyond the end of the body.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from typing import NoReturn
 from ..errors import MalformedData, UnsupportedFormat
 
 _ENCAPSULATION_BYTES = 4
-_BYTE_ORDERS = {b"\x00\x00": ">", b"\x00\x01": "<"}  # plain CDR, which is all that ROS 2 sends
-_MAX_TRAILING_BYTES = 3  # some middlewares fill the message up to a multiple of four
+_BYTE_ORDERS = {b"\x00\x00": ">", b"\x00\x01": "<"}  # plain CDR: ROS 2 sends nothing else
+_MAX_TRAILING_BYTES = 3  # some middlewares pad the message to a multiple of four
 MAX_TEXT_BYTES = 1024  # of a frame or field name
 
 
@@ -21,12 +21,12 @@ class MessageReader:
     """Reads one serialised message from its beginning.
 
     Args:
-        name: of the message's type, for errors.
-        body: all of its bytes.
-        ros1: packed little-endian, as in a ROS 1 bag, in place of CDR with its encapsulation.
+        name: type of the message, for errors.
+        body: the whole message.
+        ros1: packed little-endian as in a ROS 1 bag, instead of CDR with its encapsulation.
 
     Raises:
-        MalformedData: shorter than its encapsulation.
+        MalformedData: shorter than the encapsulation.
         UnsupportedFormat: an encapsulation other than plain CDR.
     """
 
@@ -40,11 +40,11 @@ class MessageReader:
 
     def _byte_order(self) -> str:
         if len(self._body) < _ENCAPSULATION_BYTES:
-            self.fail(f"{len(self._body)} bytes are no message")
+            self.fail(f"{len(self._body)} bytes are too few for a message")
         order = _BYTE_ORDERS.get(bytes(self._body[:2]))
         if order is None:
             raise UnsupportedFormat(
-                f"{self.name}: the encapsulation 0x{bytes(self._body[:2]).hex()} is no plain CDR"
+                f"{self.name}: the encapsulation 0x{bytes(self._body[:2]).hex()} is not plain CDR"
             )
         return order
 
@@ -53,29 +53,30 @@ class MessageReader:
         raise MalformedData(f"{self.name}: {why}")
 
     def number(self, code: str) -> int:
-        """One integer by its struct code (``B``, ``i``, ``I``)."""
+        """Reads one integer, given by its struct code (``B``, ``i``, ``I``)."""
         (value,) = self._unpack(code, 1)
         return int(value)
 
     def floats(self, count: int) -> tuple[float, ...]:
-        """Fixed-length float64 values."""
+        """Reads float64 values of a fixed number."""
         return self._unpack("d", count)
 
     def flag(self) -> bool:
+        """Reads a boolean."""
         value = self.number("B")
         if value > 1:
-            self.fail(f"a boolean is 0 or 1, not {value}")
+            self.fail(f"a boolean must be 0 or 1, not {value}")
         return bool(value)
 
     def text(self) -> str:
-        """A string of up to MAX_TEXT_BYTES."""
+        """Reads a string of up to MAX_TEXT_BYTES."""
         length = self.number("I")
         if length > MAX_TEXT_BYTES:
             self.fail(f"a text of {length} bytes, the limit is {MAX_TEXT_BYTES}")
         raw = bytes(self._take(length))
         if not self.ros1 and raw:
             if raw[-1]:
-                self.fail("a text does not end with its zero byte")
+                self.fail("a text does not end with a zero byte")
             raw = raw[:-1]
         try:
             return raw.decode()
@@ -83,18 +84,23 @@ class MessageReader:
             self.fail("a text is not UTF-8")
 
     def count(self, most: int, what: str) -> int:
-        """The length of a sequence that stands next."""
+        """Reads the length of a sequence.
+
+        Args:
+            most: its limit.
+            what: name of the elements, for errors.
+        """
         count = self.number("I")
         if count > most:
             self.fail(f"{count} {what}, the limit is {most}")
         return count
 
     def octets(self) -> memoryview:
-        """A sequence of bytes, as a view: its length is checked against what is there."""
+        """Reads a sequence of bytes as a view. Its length is compared with the rest of the body."""
         return self._take(self.number("I"))
 
     def end(self) -> None:
-        """Checks that nothing follows but filling."""
+        """Checks that only padding follows."""
         left = len(self._body) - self._place
         if left > (0 if self.ros1 else _MAX_TRAILING_BYTES):
             self.fail(f"{left} bytes follow the message")
@@ -108,9 +114,7 @@ class MessageReader:
     def _take(self, size: int) -> memoryview:
         end = self._place + size
         if end > len(self._body):
-            self.fail(
-                f"{size} bytes are promised, {max(0, len(self._body) - self._place)} are there: cut off"
-            )
+            self.fail(f"the message is cut off: {max(0, len(self._body) - self._place)} of {size} bytes")
         taken = self._body[self._place : end]
         self._place = end
         return taken
@@ -123,15 +127,17 @@ class CdrWriter:
         self._parts = bytearray(b"\x00\x01\x00\x00")
 
     def numbers(self, code: str, values: Sequence[float]) -> None:
-        """Fixed-length values of one struct code, aligned."""
+        """Writes values of one struct code, aligned."""
         size = struct.calcsize("=" + code)
         self._parts += bytes(-(len(self._parts) - _ENCAPSULATION_BYTES) % size)
         self._parts += struct.pack(f"<{len(values)}{code}", *values)
 
     def text(self, text: str) -> None:
+        """Writes a string."""
         raw = text.encode() + b"\0"
         self.numbers("I", [len(raw)])
         self._parts += raw
 
     def bytes(self) -> bytes:
+        """Returns the message."""
         return bytes(self._parts)

@@ -1,4 +1,4 @@
-"""sensor_msgs/Imu, of which the direction of gravity is wanted."""
+"""The direction of gravity from sensor_msgs/Imu."""
 
 from __future__ import annotations
 
@@ -14,15 +14,16 @@ from .header import Header, Stamp, read_header
 
 TYPE = "sensor_msgs/msg/Imu"
 WINDOW_S = 0.5
-_UNITS = (9.80665, 1.0)  # m/s2 as REP-145 asks; some drivers (Livox) publish in g
-_AT_REST = 0.1  # the mean may differ from gravity by this share: more, and the robot accelerates
+_UNITS = (9.80665, 1.0)  # m/s2 as in REP-145; some drivers (Livox) publish in g
+_AT_REST = 0.1  # relative difference between the mean and gravity; beyond it, the robot accelerates
 
 
 @dataclass(frozen=True)
 class ImuSample:
-    """
+    """One measurement of an IMU.
+
     Attributes:
-        acceleration: (3,) specific force in the IMU's frame: at rest it points up.
+        acceleration: (3,) specific force in the IMU's frame. At rest it points up.
     """
 
     header: Header
@@ -30,14 +31,15 @@ class ImuSample:
 
 
 def decode_imu(body: bytes | memoryview, *, ros1: bool = False) -> ImuSample:
-    """
+    """Decodes an Imu message.
+
     Raises:
-        MalformedData: not an Imu's bytes.
-        UnsupportedFormat: no plain CDR.
+        MalformedData: not an Imu message.
+        UnsupportedFormat: not plain CDR.
     """
     reader = MessageReader("Imu", body, ros1=ros1)
     header = read_header(reader)
-    reader.floats(4 + 9)  # orientation: many drivers fill it with what is no orientation
+    reader.floats(4 + 9)  # the orientation, which many drivers do not fill correctly
     reader.floats(3 + 9)
     acceleration = np.array(reader.floats(3))
     reader.floats(9)
@@ -46,35 +48,39 @@ def decode_imu(body: bytes | memoryview, *, ros1: bool = False) -> ImuSample:
 
 
 class GravityWindow:
-    """The IMU's last half second. One instance for one IMU."""
+    """Measurements of one IMU in the last half second."""
 
     def __init__(self) -> None:
         self._samples: deque[ImuSample] = deque()
 
     @property
     def frame_id(self) -> str:
-        """Of the last sample; empty before there is one."""
+        """Frame of the last sample; empty if there is none."""
         return self._samples[-1].header.frame_id if self._samples else ""
 
     def add(self, sample: ImuSample) -> None:
+        """Adds a sample and forgets old ones."""
         if self._samples and sample.header.stamp < self._samples[-1].header.stamp:
-            self._samples.clear()  # the clock was set back, or a bag begins again
+            self._samples.clear()  # the clock was set back, or a bag was restarted
         self._samples.append(sample)
         self._forget_before(sample.header.stamp)
 
     def down(self, at: Stamp) -> NDArray[np.float64] | None:
-        """(3,) unit direction of gravity in the IMU's frame, or None: no recent samples, or it moves."""
+        """Returns the (3,) unit direction of gravity in the IMU's frame.
+
+        None if there are no samples near this time, or if the IMU accelerates.
+        """
         near = [s for s in self._samples if abs(s.header.stamp.ns - at.ns) <= WINDOW_S * 1e9]
         return down_of(sample.acceleration for sample in near)
 
     def _forget_before(self, newest: Stamp) -> None:
-        # twice the window: a scan may arrive later than the samples of its time
+        # Twice the window: a scan may arrive after the samples of its time.
         while newest.ns - self._samples[0].header.stamp.ns > 2 * WINDOW_S * 1e9:
             self._samples.popleft()
 
 
 def down_of(accelerations: Iterable[NDArray[np.float64]]) -> NDArray[np.float64] | None:
-    """(3,) unit direction of gravity, or None where the mean is not that of an IMU at rest."""
+    """Returns the (3,) unit direction of gravity. None if the mean is not that of an IMU at rest."""
     values = np.array(list(accelerations))
     if not len(values) or not np.isfinite(values).all():
         return None

@@ -1,4 +1,4 @@
-"""How ROS messages are named in Content-Type, Accept and a zenoh encoding."""
+"""Names of ROS messages in Content-Type, Accept and zenoh encodings."""
 
 from __future__ import annotations
 
@@ -8,24 +8,25 @@ from ..errors import UnsupportedFormat
 from . import point_cloud2, pose_message
 
 CDR = "application/vnd.ros2.cdr"
-ZENOH_CDR = "application/cdr"  # zenoh's own name, with the type as its schema: application/cdr;pkg/msg/Type
+ZENOH_CDR = "application/cdr"  # zenoh's own name; the schema is the type: application/cdr;pkg/msg/Type
 NAMES = (CDR, ZENOH_CDR)
 POINT_CLOUD2 = f'{CDR}; type="{point_cloud2.TYPE}"'
 POSE = f'{CDR}; type="{pose_message.TYPE}"'
 
 
 def check_cloud_type(media_type: str) -> None:
-    """
+    """Checks the message type in a media type. It may be absent.
+
     Raises:
-        UnsupportedFormat: the media type names another message than PointCloud2. None is as good as it.
+        UnsupportedFormat: a message other than PointCloud2.
     """
     named = _message_type(media_type.partition(";")[2])
     if named not in (None, point_cloud2.TYPE):
-        raise UnsupportedFormat(f"no scan is read from a {named[:80]}; there is {point_cloud2.TYPE}")
+        raise UnsupportedFormat(f"a scan cannot be read from a {named[:80]}, only from a {point_cloud2.TYPE}")
 
 
 def wants_pose(accept: str) -> bool:
-    """Whether an Accept header prefers the pose message to JSON; nothing that it says is an error."""
+    """Returns whether an Accept header prefers the pose message to JSON. It may be malformed."""
     pose = json = 0.0
     for media_range in accept.split(","):
         name, _, parameters = media_range.partition(";")
@@ -38,7 +39,7 @@ def wants_pose(accept: str) -> bool:
 
 
 def _message_type(parameters: str) -> str | None:
-    """Of ``type=pkg/msg/Type``, quoted or not, or zenoh's bare schema."""
+    """Returns the value of ``type=pkg/msg/Type``, quoted or not, or zenoh's schema without a name."""
     for parameter in parameters.split(";"):
         key, equals, value = parameter.strip().partition("=")
         if equals and key.strip().lower() == "type":

@@ -1,4 +1,4 @@
-"""sensor_msgs/PointCloud2 to columns, by NumPy views into the message."""
+"""Decoder of sensor_msgs/PointCloud2: columns are NumPy views of the message."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ _CODES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", **_FLOAT_CODES}
 
 @dataclass(frozen=True)
 class StampedCloud:
-    """A message's points, with when and in which frame they were seen."""
+    """The points of a message with their time and frame."""
 
     header: Header
     cloud: PointCloud
 
     def scan(self) -> Scan:
-        """Returns that are not finite are dropped, whatever ``is_dense`` says.
+        """Makes a scan. Points that are not finite are dropped, whatever ``is_dense`` says.
 
         Raises:
             InvalidScan, TooLarge: as ``Scan.from_points``.
         """
-        with np.errstate(invalid="ignore", over="ignore"):  # an intensity need not be a sane float32
+        with np.errstate(invalid="ignore", over="ignore"):  # an intensity may be any float32
             return Scan.from_points(self.cloud.xyz, self.cloud.intensity, self.header.stamp.seconds)
 
 
@@ -46,18 +46,18 @@ class _Field:
 
 
 def decode_point_cloud2(body: Body, limits: Limits, *, ros1: bool = False) -> StampedCloud:
-    """A serialised message to its x, y, z and intensity, in the message's own number types.
+    """Decodes x, y, z and intensity of a message in the message's number types.
 
-    Fields may stand in any order, with gaps; rows may have padding (``row_step``); the numbers may be
-    big-endian (``is_bigendian``, which has nothing to do with the byte order of the CDR around them).
+    Fields may be in any order, with gaps. Rows may be padded (``row_step``). The numbers may be big-endian
+    (``is_bigendian``), independent of the byte order of the CDR.
 
     Args:
-        ros1: the packed form of a ROS 1 bag in place of CDR.
+        ros1: the packed form of a ROS 1 bag instead of CDR.
 
     Raises:
-        MalformedData: the sizes contradict each other or the body, or it is cut off.
+        MalformedData: the sizes contradict each other or the body, or the body is cut off.
         TooLarge: over the limits.
-        UnsupportedFormat: no plain CDR, or x, y, z are no FLOAT32 or FLOAT64.
+        UnsupportedFormat: not plain CDR, or x, y, z are not FLOAT32 or FLOAT64.
     """
     reader = MessageReader(_NAME, body, ros1=ros1)
     header = read_header(reader)
@@ -67,12 +67,12 @@ def decode_point_cloud2(body: Body, limits: Limits, *, ros1: bool = False) -> St
     point_step, row_step = reader.number("I"), reader.number("I")
     limits.check(_NAME, width * height, point_step)
     data = reader.octets()
-    reader.flag()  # is_dense: points that are not finite are looked for anyway
+    reader.flag()  # is_dense is ignored: points that are not finite are always searched
     reader.end()
     if len(data) != height * row_step or row_step < width * point_step or point_step > _MAX_POINT_STEP:
         reader.fail(
-            f"{height} rows of {row_step} bytes with {width} points of {point_step} bytes do not make up "
-            f"{len(data)} bytes"
+            f"{height} rows of {row_step} bytes with {width} points of {point_step} bytes contradict "
+            f"{len(data)} bytes of data"
         )
     record = _record(reader, fields, point_step, ">" if big_endian else "<")
     rows = np.ndarray((height, width), record, data, strides=(row_step, point_step))
@@ -84,7 +84,7 @@ def _read_field(reader: MessageReader) -> _Field:
 
 
 def _record(reader: MessageReader, fields: list[_Field], point_step: int, order: str) -> np.dtype[np.void]:
-    """Where the columns lie in a point; of two fields with one name the first counts."""
+    """Returns the layout of a point. Of two fields with one name, the first one counts."""
     single: dict[str, _Field] = {}
     for field in fields:
         wanted = field.name in ("x", "y", "z") or field.name.lower() in INTENSITY_NAMES
@@ -93,10 +93,10 @@ def _record(reader: MessageReader, fields: list[_Field], point_step: int, order:
     require_xyz(_NAME, set(single))
     for axis in "xyz":
         if single[axis].datatype not in _FLOAT_CODES:
-            raise UnsupportedFormat(f"{_NAME}: {axis} is no FLOAT32 or FLOAT64")
+            raise UnsupportedFormat(f"{_NAME}: {axis} is not FLOAT32 or FLOAT64")
     for field in single.values():
         if field.offset + np.dtype(_CODES[field.datatype]).itemsize > point_step:
-            reader.fail(f"the field {field.name!r} lies outside a point's {point_step} bytes")
+            reader.fail(f"the field {field.name!r} is outside the {point_step} bytes of a point")
     return np.dtype(
         {
             "names": list(single),
@@ -108,6 +108,6 @@ def _record(reader: MessageReader, fields: list[_Field], point_step: int, order:
 
 
 def _column(rows: np.ndarray[tuple[int, int], np.dtype[np.void]], name: str) -> Column:
-    """(n,): a view where the rows have no padding."""
+    """Returns (n,) values: a view if the rows have no padding."""
     column: Column = rows[name].reshape(-1)
     return column

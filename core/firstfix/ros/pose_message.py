@@ -1,4 +1,4 @@
-"""geometry_msgs/PoseWithCovarianceStamped of an answer, as nav2, AMCL and robot_localization take it."""
+"""Encoder of an answer as geometry_msgs/PoseWithCovarianceStamped, for nav2, AMCL and robot_localization."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ MAP_FRAME = "map"  # REP-105
 
 
 def to_pose_cdr(answer: Localization, stamp: Stamp, frame_id: str = MAP_FRAME) -> bytes:
-    """The message, little-endian CDR.
+    """Encodes a localized answer as little-endian CDR.
 
-    The pose is the robot's (``T_map_base``) where the query said how the sensor is mounted, else the
-    sensor's; the covariance belongs to that same pose, row-major over x, y, z and rotations about the
-    frame's x, y, z axes, in ROS's order.
+    The pose is the robot's (``T_map_base``) if the query had the mounting of the sensor, otherwise the
+    sensor's. The covariance belongs to the same pose: row-major over x, y, z and rotations about the frame's
+    x, y, z axes, in ROS's order.
 
     Raises:
-        ValueError: the answer is not localized: there is no message for it.
+        ValueError: the answer is not localized, so there is no message for it.
     """
     if answer.T_map_sensor is None or answer.covariance is None:
         raise ValueError("only a localized answer has a pose")
@@ -38,9 +38,12 @@ def to_pose_cdr(answer: Localization, stamp: Stamp, frame_id: str = MAP_FRAME) -
 def covariance_of_base(
     T_map_sensor: Matrix, T_map_base: Matrix, covariance: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(6, 6) of the robot's pose from the sensor's: a turn about the sensor moves the robot's origin."""
+    """Returns the (6, 6) covariance of the robot's pose.
+
+    A rotation about the sensor moves the origin of the robot.
+    """
     x, y, z = T_map_base[:3, 3] - T_map_sensor[:3, 3]
     J = np.eye(6)
-    J[:3, 3:] = [[0, z, -y], [-z, 0, x], [y, -x, 0]]  # turn x arm = -[arm]x turn
+    J[:3, 3:] = [[0, z, -y], [-z, 0, x], [y, -x, 0]]  # rotation x arm = -[arm]x rotation
     moved: NDArray[np.float64] = J @ covariance @ J.T
     return (moved + moved.T) / 2

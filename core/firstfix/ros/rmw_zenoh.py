@@ -1,7 +1,7 @@
-"""How rmw_zenoh_cpp lays ROS 2 out on zenoh: keys, liveliness tokens and attachments. No zenoh in here.
+"""Keys, liveliness tokens and attachments of rmw_zenoh_cpp (ROS 2 on zenoh). This module does not need zenoh.
 
-After docs/design.md, liveliness_utils.cpp and attachment_helpers.cpp of ros2/rmw_zenoh. Jazzy's releases
-up to 0.2.3 wrote other attachments and are not spoken to.
+Source: docs/design.md, liveliness_utils.cpp and attachment_helpers.cpp of ros2/rmw_zenoh. Jazzy's releases up
+to 0.2.3 use other attachments and are not supported.
 
     topic  <domain>/<name without its first slash>/<DDS type>/<type hash>
     token  @ros2_lv/<domain>/<session>/<node id>/<id>/<kind>/<enclave>/<namespace>/<node>
@@ -18,14 +18,14 @@ from . import point_cloud2, pose_message
 
 TRIGGER = "std_srvs/srv/Trigger"
 NO_HASH = "TypeHashNotSupported"  # Humble
-# RIHS01, REP-2016: the same in every distribution, as these messages have not changed
+# RIHS01, REP-2016: equal in every distribution, since these messages have not changed
 _HASHES = {
     point_cloud2.TYPE: "RIHS01_9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5",
     pose_message.TYPE: "RIHS01_26432f9803e43727d3c8f668d1fdb3c630f548af631e2f4e31382371bfea3b6e",
     TRIGGER: "RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f",
 }
 NODE, PUBLISHER, SUBSCRIPTION, SERVICE = "NN", "MP", "MS", "SS"
-# What differs from rmw_zenoh's defaults (reliable, volatile, the last 42): here the depth
+# Differences from rmw_zenoh's defaults (reliable, volatile, depth 42): here the depth
 RELIABLE_QOS = "::,10:,:,:,,"
 SENSOR_QOS = "2::,5:,:,:,,"  # best effort
 _ADMIN = "@ros2_lv"
@@ -35,7 +35,7 @@ _GID_BYTES = 16
 
 @dataclass(frozen=True)
 class Endpoint:
-    """A publisher, subscription or service as its token describes it."""
+    """A publisher, subscription or service, as described by its token."""
 
     domain: int
     kind: str
@@ -45,37 +45,41 @@ class Endpoint:
 
     @property
     def key(self) -> str:
-        """Where its messages are put."""
+        """Key of its messages."""
         return f"{self.domain}/{self.topic.strip('/')}/{self.dds_type}/{self.type_hash}"
 
     @property
     def is_humble(self) -> bool:
+        """Whether it runs on ROS 2 Humble, which has no type hashes."""
         return self.type_hash == NO_HASH
 
 
 def endpoint(domain: int, kind: str, topic: str, ros_type: str, *, humble: bool = False) -> Endpoint:
-    """One of ours.
+    """Makes an endpoint of this process.
 
     Args:
-        topic: fully qualified, with its first slash.
-        ros_type: of the types that have a hash here.
+        topic: fully qualified, with the first slash.
+        ros_type: one of the types with a hash in this module.
     """
     return Endpoint(domain, kind, topic, dds_type(ros_type), NO_HASH if humble else _HASHES[ros_type])
 
 
 def dds_type(ros_type: str) -> str:
-    """``pkg/msg/Type`` as DDS names it."""
+    """Returns the DDS name of ``pkg/msg/Type``."""
     package, kind, name = ros_type.split("/")
     return f"{package}::{kind}::dds_::{name}_"
 
 
 def publishers_pattern(domain: int, ros_type: str) -> str:
-    """Matches the tokens of every publisher of a type. The last part: QoS, and what rolling puts after it."""
+    """Returns a key expression for the tokens of all publishers of a type.
+
+    Its last part matches the QoS, and the parts that Rolling adds.
+    """
     return f"{_ADMIN}/{domain}/*/*/*/{PUBLISHER}/*/*/*/*/{dds_type(ros_type)}/**"
 
 
 def parse_token(key: str) -> Endpoint | None:
-    """None where the key is no endpoint's token."""
+    """Parses the token of an endpoint. Returns None for any other key."""
     parts = key.split("/")
     if len(parts) < 13 or parts[0] != _ADMIN or not parts[1].isdigit() or not parts[9].startswith("%"):
         return None
@@ -92,12 +96,14 @@ class Node:
 
     @property
     def token(self) -> str:
+        """Liveliness token of the node."""
         return self._token(0, NODE)
 
     def endpoint_token(self, number: int, of: Endpoint, qos: str) -> str:
-        """
+        """Returns the liveliness token of an endpoint.
+
         Args:
-            number: of the endpoint in its session, from 1.
+            number: number of the endpoint in its session, from 1.
         """
         mangled = of.topic.replace("/", "%")
         return f"{self._token(number, of.kind)}/{mangled}/{of.dds_type}/{of.type_hash}/{qos}"
@@ -108,12 +114,12 @@ class Node:
 
 @dataclass(frozen=True)
 class Attachment:
-    """Goes with every message; rmw_zenoh drops those without one.
+    """Attachment of a message. rmw_zenoh drops messages without one.
 
     Attributes:
-        sequence: of the publisher, from 1; of a reply: the request's.
-        stamp_ns: when it was sent, since the epoch.
-        gid: 16 bytes that tell the sender from others; of a reply: the asker's.
+        sequence: number of the message, from 1. In a reply: of the request.
+        stamp_ns: time of sending, since the epoch.
+        gid: 16 bytes that identify the sender. In a reply: the sender of the request.
     """
 
     sequence: int
@@ -121,15 +127,17 @@ class Attachment:
     gid: bytes
 
     def to_bytes(self) -> bytes:
+        """Encodes the attachment."""
         return _ATTACHMENT.pack(self.sequence, self.stamp_ns, _GID_BYTES, self.gid)
 
     @classmethod
     def from_bytes(cls, raw: bytes) -> Attachment:
-        """
+        """Decodes an attachment.
+
         Raises:
             MalformedData: another layout.
         """
         if len(raw) != _ATTACHMENT.size or raw[16] != _GID_BYTES:
-            raise MalformedData(f"{len(raw)} bytes are no attachment of rmw_zenoh")
+            raise MalformedData(f"{len(raw)} bytes are not an attachment of rmw_zenoh")
         sequence, stamp_ns, _, gid = _ATTACHMENT.unpack(raw)
         return cls(sequence, stamp_ns, gid)

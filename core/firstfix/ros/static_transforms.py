@@ -1,4 +1,4 @@
-"""tf2_msgs/TFMessage of /tf_static: where the sensors sit on the robot."""
+"""Mountings of the sensors from tf2_msgs/TFMessage of /tf_static."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ _MAX_TRANSFORMS = 1000
 
 
 def decode_transforms(body: bytes | memoryview, *, ros1: bool = False) -> dict[str, tuple[str, Matrix]]:
-    """Child frame to its parent and ``T_parent_child``.
+    """Decodes a TFMessage to the parent and ``T_parent_child`` of each child frame.
 
     Raises:
-        MalformedData: not a TFMessage's bytes, or a rotation without direction.
-        UnsupportedFormat: no plain CDR.
+        MalformedData: not a TFMessage, or a quaternion of length 0.
+        UnsupportedFormat: not plain CDR.
     """
     reader = MessageReader("TFMessage", body, ros1=ros1)
     found: dict[str, tuple[str, Matrix]] = {}
@@ -37,35 +37,36 @@ def decode_transforms(body: bytes | memoryview, *, ros1: bool = False) -> dict[s
 
 
 class StaticTransforms:
-    """The tree of fixed frames, as far as it is known."""
+    """The known tree of fixed frames."""
 
     def __init__(self) -> None:
         self._parents: dict[str, tuple[str, Matrix]] = {}
 
     def add(self, transforms: dict[str, tuple[str, Matrix]]) -> None:
+        """Adds or replaces transforms."""
         self._parents.update(transforms)
 
     def between(self, target: str, source: str) -> Matrix:
-        """``T_target_source``.
+        """Returns ``T_target_source``.
 
         Raises:
-            NotFound: no chain of fixed frames joins them.
+            NotFound: no chain of fixed frames connects them.
         """
         target, source = _plain(target), _plain(source)
         from_target, from_source = self._ancestors(target), self._ancestors(source)
         for common, T_common_source in from_source.items():
             if common in from_target:
                 return inverse(from_target[common]) @ T_common_source
-        raise NotFound(f"no chain of static transforms joins the frames {target!r} and {source!r}")
+        raise NotFound(f"no chain of static transforms connects the frames {target!r} and {source!r}")
 
     def _ancestors(self, frame: str) -> dict[str, Matrix]:
-        """The frame and those above it, each with ``T_ancestor_frame``."""
+        """Returns ``T_ancestor_frame`` of the frame and its ancestors."""
         found = {frame: np.eye(4)}
         T = np.eye(4)
         while frame in self._parents:
             frame, T_parent_child = self._parents[frame]
             if frame in found:
-                break  # a loop, which tf does not allow but a file may hold
+                break  # a loop: tf does not allow it, but a file may have one
             T = T_parent_child @ T
             found[frame] = T
         return found

@@ -1,1 +1,1 @@
-"""Binary encodings of scans and queries."""
+"""Binary encodings of scans and queries: clients/PROTOCOL.md."""

@@ -1,4 +1,4 @@
-"""Undoing the Content-Encoding of a request body, with the expansion bounded."""
+"""Decompression of request bodies (Content-Encoding) with a bounded size."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import zstandard
 
 from ..errors import MalformedData, TooLarge, UnsupportedFormat
 
-# What one step can add is bounded by small slices: a zstd block of 4 bytes can become 128 KiB, so to 32 MiB;
-# deflate gives at most 1032 bytes for one, so to 8 MiB.
+# Small slices bound the output of one step. A zstd block of 4 bytes can expand to 128 KiB, so a slice to
+# 32 MiB. Deflate expands one byte to at most 1032 bytes, so a slice to 8 MiB.
 _ZSTD_SLICE_BYTES = 1024
 _GZIP_SLICE_BYTES = 8192
-_ZSTD_MAX_WINDOW_BYTES = 1 << 23  # what RFC 8878 asks every decoder to support
+_ZSTD_MAX_WINDOW_BYTES = 1 << 23  # RFC 8878 requires every decoder to support it
 
 
 def undo_content_encoding(body: bytes, encoding: str, max_bytes: int) -> bytes:
@@ -45,11 +45,11 @@ def decompressor_of(encoding: str) -> Callable[[bytes, int], bytes]:
         return _gunzip
     if name == "zstd":
         return _unzstd
-    raise UnsupportedFormat(f"no Content-Encoding {encoding[:40]!r}; there are gzip, zstd and identity")
+    raise UnsupportedFormat(f"unknown Content-Encoding {encoding[:40]!r}: use gzip, zstd or identity")
 
 
 def first_bytes(body: bytes, encoding: str, count: int) -> bytes:
-    """The first bytes of a body that ``undo_content_encoding`` has accepted, without undoing all of it."""
+    """Returns the first bytes of the decompressed body, which ``undo_content_encoding`` accepted before."""
     name = encoding.strip().lower()
     if name in ("gzip", "x-gzip"):
         return zlib.decompressobj(wbits=zlib.MAX_WBITS | 16).decompress(body, count)
@@ -85,7 +85,7 @@ def _unzstd(body: bytes, max_bytes: int) -> bytes:
 
 
 def _expanded(name: str, stream: Any, body: bytes, slice_bytes: int, max_bytes: int) -> bytes:
-    """All that a decompressor of zlib's form gives, checked slice after slice."""
+    """Decompresses slice after slice and checks the size after each."""
     parts, size = [], 0
     for start in range(0, len(body), slice_bytes):
         parts.append(stream.decompress(body[start : start + slice_bytes]))

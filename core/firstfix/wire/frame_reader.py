@@ -1,4 +1,4 @@
-"""Reading a binary body piece by piece: headers, runs of bytes, and zstd frames of a bounded size."""
+"""Reader of a binary body: headers, bytes, and zstd frames of a bounded size."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ _MAX_WINDOW_BYTES = 1 << 20
 
 
 class FrameReader:
-    """The bytes of one body that are not read yet.
+    """Reads one body from its beginning.
+
+    Every method raises MalformedData if the body ends too early or contradicts itself.
 
     Args:
-        name: of the format, for errors.
-
-    Every method raises MalformedData where the bytes end too early or contradict themselves.
+        name: name of the format, for error messages.
     """
 
     def __init__(self, body: bytes | memoryview, name: str) -> None:
@@ -26,20 +26,22 @@ class FrameReader:
 
     @property
     def left(self) -> int:
-        """How many bytes are not read yet."""
+        """Number of bytes that are not read yet."""
         return len(self._rest)
 
     def take(self, count: int) -> memoryview:
+        """Returns the next bytes."""
         if len(self._rest) < count:
-            raise MalformedData(f"the {self._name} is cut off: {len(self._rest)} bytes where {count} belong")
+            raise MalformedData(f"the {self._name} is cut off: {len(self._rest)} of {count} bytes")
         taken, self._rest = self._rest[:count], self._rest[count:]
         return taken
 
     def header(self, form: struct.Struct) -> tuple[Any, ...]:
+        """Returns the fields of a header."""
         return form.unpack(self.take(form.size))
 
     def frame(self, length: int, least: int, most: int) -> bytes:
-        """The content of a zstd frame, whose declared size must lie in a range."""
+        """Returns the content of a zstd frame. Its declared size must be in [least, most]."""
         frame = self.take(length)
         try:
             declared = zstandard.get_frame_parameters(frame).content_size
@@ -51,15 +53,20 @@ class FrameReader:
         except zstandard.ZstdError as error:
             raise MalformedData(f"a zstd frame of the {self._name} is damaged: {error}") from None
         if len(content) != declared:
-            raise MalformedData(f"a zstd frame holds {len(content)} bytes and declares {declared}")
+            raise MalformedData(f"a zstd frame has {len(content)} bytes but declares {declared}")
         return content
 
     def check(self, fields: dict[str, bool]) -> None:
-        """Of a header: by a field's name whether it is as it may be."""
-        for field, sound in fields.items():
-            if not sound:
+        """Checks fields of a header.
+
+        Args:
+            fields: name of each field, and whether its value is allowed.
+        """
+        for field, allowed in fields.items():
+            if not allowed:
                 raise MalformedData(f"the {field} of the {self._name} header is out of range")
 
     def end(self) -> None:
+        """Checks that no bytes are left."""
         if self._rest:
             raise MalformedData(f"{len(self._rest)} bytes follow the {self._name}")

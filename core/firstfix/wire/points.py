@@ -1,10 +1,10 @@
 """Kind 1 of ``application/vnd.firstfix.scan``: every point of a scan, in the sensor's order.
 
-Coordinates are rounded to a resolution (1 cm unless told), each point is written as its difference from
-the one before it, and the bytes of equal weight are put side by side, so that zstd finds the runs: a
-124k-point scan of a spinning LiDAR becomes about 205 KiB, in about 2 ms each way.
+Coordinates are rounded to a resolution (default 1 cm). Each point is written as its difference from the
+point before it. Bytes of equal weight are put side by side, so that zstd finds runs of equal bytes. A scan of
+124,000 points of a spinning LiDAR takes about 205 KiB, and about 2 ms to encode or decode.
 
-Layout, little-endian, behind the six bytes that every scan begins with::
+Layout, little-endian, after the six bytes that every scan begins with::
 
     offset  type   field
          6  u8     bytes per coordinate c: 2 or 4
@@ -16,7 +16,7 @@ Layout, little-endian, behind the six bytes that every scan begins with::
         48  f64    stamp in seconds since the epoch; NaN: none
         56  f32    intensity scale
         60  f32    intensity offset
-        64  bytes  one zstd frame with its content size declared: n * (3 c + i) bytes
+        64  bytes  one zstd frame that declares its content size: n * (3 c + i) bytes
 
 The frame's content is 3 c planes of n bytes: for x, then y, then z, the least significant byte of every
 point's difference, then the next byte, up to the most significant. Then i planes for the intensity.
@@ -24,8 +24,8 @@ A difference is q[k] - q[k - 1] modulo 2 ** (8 c), with q[-1] = 0, and q is a si
 
     coordinate = origin + resolution * q          intensity = offset + scale * (unsigned value)
 
-Two bytes reach 327 m to each side of the origin at 1 cm; the encoder moves the origin to the middle of
-the scan, and then takes four bytes, when the scan reaches further. Nothing is dropped.
+Two bytes reach 327 m to each side of the origin at 1 cm. For a scan that reaches further, the encoder moves
+the origin to the middle of the scan. If that is not enough, it takes four bytes. No point is dropped.
 """
 
 from __future__ import annotations
@@ -45,16 +45,16 @@ from .packing import joined, planes_of
 MIN_RESOLUTION_M, MAX_RESOLUTION_M = 1e-4, 1.0
 
 _HEADER = struct.Struct("<BBIId3ddff")
-# Level 1 is within 1 % of level 4's size in two thirds of the time: the planes hold noise, not patterns.
+# Level 4 takes half as much time again and saves 1 %: the planes hold noise, not patterns.
 _ZSTD_LEVEL = 1
-_MAX_INTENSITY = 1e30  # its range in 65536 steps still fits float32
+_MAX_INTENSITY = 1e30  # 65,536 steps of its range still fit float32
 
 
 def encode(scan: Scan, resolution_m: float) -> bytes:
-    """Coordinates come back within half the resolution.
+    """Encodes a scan after its first six bytes. Coordinates are accurate to half the resolution.
 
     Args:
-        scan: coordinates within MAX_ABS_COORDINATE_M.
+        scan: its coordinates are within MAX_ABS_COORDINATE_M.
 
     Raises:
         InvalidOption: a resolution outside 0.0001..1 m.
@@ -80,10 +80,10 @@ def encode(scan: Scan, resolution_m: float) -> bytes:
 
 
 def decode(rest: memoryview) -> Scan:
-    """What ``encode`` gave. Every size is checked before memory is taken for it.
+    """Decodes a scan after its first six bytes. Every size is checked before memory is allocated.
 
     Raises:
-        MalformedData: bytes that contradict themselves.
+        MalformedData: the bytes contradict their header.
         TooLarge: over MAX_POINTS points.
     """
     reader = FrameReader(rest, "scan")
@@ -108,7 +108,7 @@ def decode(rest: memoryview) -> Scan:
     integer = np.dtype(f"<i{c}")
     for axis in range(3):
         differences = joined(planes[axis * c : (axis + 1) * c], integer)
-        # the sum wraps on purpose: differences are modulo 2 ** (8 c)
+        # the sum overflows on purpose: differences are modulo 2 ** (8 c)
         points[:, axis] = np.cumsum(differences, dtype=integer) * resolution_m + origin[axis]
     intensity = None
     if i:
@@ -118,7 +118,7 @@ def decode(rest: memoryview) -> Scan:
 
 
 def _frame_of(points: NDArray[np.float32], resolution_m: float) -> tuple[NDArray[np.float64], int]:
-    """Origin (3,) and bytes per coordinate that hold every point."""
+    """Returns the origin (3,) and the bytes per coordinate that hold every point."""
     reach_m = 32_767 * resolution_m
     origin = np.zeros(3)
     if float(np.abs(points).max(initial=0)) <= reach_m:
@@ -136,13 +136,13 @@ def _finite(intensity: NDArray[np.float32] | None) -> NDArray[np.float64] | None
 
 
 def _intensity_form(intensity: NDArray[np.float64] | None) -> tuple[int, float, float]:
-    """Bytes, scale and offset: exact for whole numbers of 8 or 16 bits, else 65536 steps of the range."""
+    """Returns bytes, scale and offset: exact for integers of 8 or 16 bits, else 65,536 steps of the range."""
     if intensity is None:
         return 0, 1.0, 0.0
     low, high = (float(intensity.min()), float(intensity.max())) if len(intensity) else (0.0, 0.0)
     if low >= 0 and high <= 65_535 and bool((intensity == np.rint(intensity)).all()):
         return (1 if high <= 255 else 2), 1.0, 0.0
-    # As float32, since the header says them so; a step above, so that the last level cannot overflow
+    # As float32, like the header. One step larger, so that the last level cannot overflow.
     offset = float(np.nextafter(np.float32(low), np.float32(-np.inf)))
     scale = float(np.nextafter(np.float32((high - offset) / 65_535), np.float32(np.inf)))
     return 2, scale, offset

@@ -1,7 +1,7 @@
-"""The encoding ``application/vnd.firstfix.query``: what a robot sends over the thinnest link.
+"""The encoding ``application/vnd.firstfix.query`` for slow links.
 
-A compact scan, a descriptor, or both, as ``compact_scan`` has them. Under 10 KB with 2,500 points, under
-1.5 KB with the descriptor alone. clients/PROTOCOL.md has every byte.
+It holds a compact scan, a descriptor, or both (``scan.compact``). It takes under 10 KB with 2,500 points, and
+under 1.5 KB for the descriptor alone. clients/protocol/query.md specifies every byte.
 
 Layout, little-endian::
 
@@ -11,8 +11,9 @@ Layout, little-endian::
          5  u8     parts: 1 = compact scan, 2 = descriptor, 3 = both, in this order
          6  u16    0
 
-The compact scan: coordinates are rounded to a resolution, q = rint(metres / resolution), and split into a
-cell of 16 steps and the place in it, q = 16 * cell + low. Points are sorted by cell: z, then y, then x::
+Coordinates of the compact scan are rounded to a resolution, q = rint(metres / resolution). q is split into a
+cell of 16 steps and the position in the cell: q = 16 * cell + low. Points are sorted by cell: z, then y,
+then x::
 
          0  f32    resolution in metres, 0.005 to 0.1
          4  u16    point count n
@@ -22,12 +23,13 @@ cell of 16 steps and the place in it, q = 16 * cell + low. Points are sorted by 
         20  u16    length of the second frame
         22  bytes  one zstd frame of 4 n bytes: planes, least significant first, of the u32 differences of
                    the cells' numbers, ((z * cells_y) + y) * cells_x + x counted from the lowest cell
-            bytes  one zstd frame: a bit for each of 16,200 directions (2025 bytes, most significant
-                   first), whether there is a return; then for each of these the level's difference from
+            bytes  one zstd frame: a bit for each of 16,200 directions, 1 if it has a return (2025 bytes,
+                   most significant bit first); then for each return the difference of its level from
                    the one before, modulo 256
-            bytes  3 * ceil(n / 2), not compressed: 12 bits a point, x y z of its low, four each
+            bytes  3 * ceil(n / 2), not compressed: 12 bits per point, its low x, y, z, four bits each
 
-A level is a range: 5 m * (exp(0.012 * level) - 1), 1 to 255, steps of 6 cm near by and 0.6 m at 45 m.
+A level of 1 to 255 stands for the range 5 m * (exp(0.012 * level) - 1): steps of 6 cm near the sensor, and of
+0.6 m at 45 m.
 
 The descriptor::
 
@@ -74,7 +76,8 @@ _COMPACT = struct.Struct("<fH3h3HHH")
 _DESCRIPTOR = struct.Struct("<BBHHHf3ff")
 _OCCUPANCY = 1
 _CELL = 16  # steps
-# A range by its level, and where a level ends: rounded to float32, so that no library's last digit shows.
+# The range of each level, and the range at which a level ends. Rounded to float32, so that the last digits of
+# a library do not matter.
 _LEVELS_M = np.array([5 * math.expm1(0.012 * level) for level in range(256)], np.float32)
 _LEVEL_EDGES_M = np.array([5 * math.expm1(0.012 * (level + 0.5)) for level in range(1, 255)], np.float32)
 _DIRECTIONS = ROWS * COLUMNS
@@ -84,11 +87,11 @@ _ZSTD_LEVEL = 12
 
 
 def encode_query(query: CompactScan | ScanDescriptor, *, resolution_m: float = 0.02) -> bytes:
-    """The query's bytes. Points come back within half the resolution, sorted by cell.
+    """Encodes a query. Decoded points are accurate to half the resolution, and sorted by cell.
 
     Raises:
         InvalidOption: a resolution outside 0.005..0.1 m.
-        InvalidScan: points or ranges that are none, or reach too far for the resolution.
+        InvalidScan: a point or range is not valid, or the points are too far apart for the resolution.
         TooLarge: over MAX_COMPACT_POINTS points.
     """
     if not MIN_RESOLUTION_M <= resolution_m <= MAX_RESOLUTION_M:
@@ -102,10 +105,10 @@ def encode_query(query: CompactScan | ScanDescriptor, *, resolution_m: float = 0
 
 
 def decode_query(body: bytes) -> CompactScan | ScanDescriptor:
-    """What ``encode_query`` was given. Every size is checked before memory is taken for it.
+    """Decodes a query. Every size is checked before memory is allocated.
 
     Raises:
-        MalformedData: not this format, or bytes that contradict their headers.
+        MalformedData: not this format, or the bytes contradict their headers.
         UnsupportedFormat: a later version, or another descriptor.
         TooLarge: over MAX_COMPACT_POINTS points.
     """
@@ -114,7 +117,9 @@ def decode_query(body: bytes) -> CompactScan | ScanDescriptor:
     if magic != MAGIC or zero:
         raise MalformedData(f"not {MEDIA_TYPE}: it begins with {body[: _HEADER.size]!r}")
     if version != VERSION or not 1 <= parts <= COMPACT | DESCRIPTOR:
-        raise UnsupportedFormat(f"{MEDIA_TYPE} version {version} parts {parts}; this reads {VERSION} and 1-3")
+        raise UnsupportedFormat(
+            f"{MEDIA_TYPE} version {version} parts {parts}: only version {VERSION} and 1 to 3 are supported"
+        )
     compact = _read_compact(rest) if parts & COMPACT else None
     described = _read_descriptor(rest) if parts & DESCRIPTOR else None
     rest.end()
@@ -129,20 +134,20 @@ def _compact_bytes(query: CompactScan, resolution_m: float) -> bytes:
     if n > MAX_COMPACT_POINTS:
         raise TooLarge(f"the query has {n} points, the limit is {MAX_COMPACT_POINTS}")
     if n and not float(np.abs(query.points).max()) <= MAX_ABS_COORDINATE_M:
-        raise InvalidScan(f"a coordinate beyond {MAX_ABS_COORDINATE_M:g} m cannot be sent")
-    resolution_m = float(np.float32(resolution_m))  # as the header says it
+        raise InvalidScan(f"a coordinate beyond {MAX_ABS_COORDINATE_M:g} m cannot be encoded")
+    resolution_m = float(np.float32(resolution_m))  # the value in the header
     steps = np.rint(np.asarray(query.points, np.float64) / resolution_m).astype(np.int64)
     cell = steps // _CELL
     lowest = cell.min(axis=0) if n else np.zeros(3, np.int64)
     size = cell.max(axis=0) - lowest + 1 if n else np.ones(3, np.int64)
     if np.abs(lowest).max() > 32_767 or size.max() > 65_535 or math.prod(size.tolist()) > 1 << 32:
-        raise InvalidScan(f"the points reach too far for steps of {resolution_m:g} m")
+        raise InvalidScan(f"the points are too far apart for steps of {resolution_m:g} m")
     x, y, z = (cell - lowest).T
     number = (z * size[1] + y) * size[0] + x
     order = np.argsort(number, kind="stable")
     apart = np.diff(number[order], prepend=0).astype("<u4")
     low = (steps[order] % _CELL).astype(np.uint8).ravel()  # (3 n,)
-    low = np.append(low, np.zeros(3 * n % 2 * 3, np.uint8))  # an odd count: as if a point at 0 followed
+    low = np.append(low, np.zeros(3 * n % 2 * 3, np.uint8))  # an odd count: pad with a point at 0
     planes = _compressed(planes_of(apart).tobytes())
     ranges = _compressed(_range_bytes(query.nearest_m))
     head = _COMPACT.pack(resolution_m, n, *lowest, *size, len(planes), len(ranges))
@@ -152,7 +157,7 @@ def _compact_bytes(query: CompactScan, resolution_m: float) -> bytes:
 def _range_bytes(nearest_m: NDArray[np.float32]) -> bytes:
     returned = np.isfinite(nearest_m)
     if nearest_m.shape != (_DIRECTIONS,) or bool((nearest_m < 0).any()) or bool(np.isnan(nearest_m).any()):
-        raise InvalidScan(f"a compact scan has {_DIRECTIONS} ranges, not {nearest_m.shape}, and none below 0")
+        raise InvalidScan(f"a compact scan needs {_DIRECTIONS} ranges of at least 0, not {nearest_m.shape}")
     levels = (1 + np.searchsorted(_LEVEL_EDGES_M, nearest_m[returned], side="right")).astype(np.uint8)
     return np.packbits(returned).tobytes() + np.diff(levels, prepend=np.uint8(0)).tobytes()
 
@@ -190,7 +195,7 @@ def _read_compact(rest: FrameReader) -> tuple[NDArray[np.float32], NDArray[np.fl
     packed = np.frombuffer(rest.take(3 * -(-n // 2)), np.uint8)
     number = np.cumsum(joined(planes, np.dtype("<u4")), dtype=np.int64)
     if n and number[-1] >= cells:
-        raise MalformedData("a point of the query lies beyond its cells")
+        raise MalformedData("a point of the query is outside its cells")
     low = halves_of(packed).reshape(-1, 3)[:n]
     cell = np.stack([number % size[0], number // size[0] % size[1], number // (size[0] * size[1])], axis=1)
     points = ((cell + lowest) * _CELL + low) * resolution_m
@@ -205,7 +210,7 @@ def _read_ranges(content: bytes) -> NDArray[np.float32]:
     differences = np.frombuffer(content, np.uint8, offset=_MASK_BYTES)
     if len(differences) != returned.sum():
         raise MalformedData(f"{len(differences)} ranges for {returned.sum()} directions")
-    levels = np.cumsum(differences, dtype=np.uint8)  # the sum wraps on purpose
+    levels = np.cumsum(differences, dtype=np.uint8)  # the sum overflows on purpose
     nearest_m = np.full(_DIRECTIONS, np.inf, np.float32)
     nearest_m[returned] = _LEVELS_M[levels]
     return nearest_m
@@ -214,7 +219,7 @@ def _read_ranges(content: bytes) -> NDArray[np.float32]:
 def _read_descriptor(rest: FrameReader) -> ScanDescriptor:
     kind, layers, rings, sectors, frame_bytes, radius_m, *up, height_m = rest.header(_DESCRIPTOR)
     if kind != _OCCUPANCY:
-        raise UnsupportedFormat(f"descriptor kind {kind} of {MEDIA_TYPE}; this reads {_OCCUPANCY}")
+        raise UnsupportedFormat(f"descriptor kind {kind} of {MEDIA_TYPE}: only {_OCCUPANCY} is supported")
     fields = {
         "layer count": 1 <= layers <= _MAX_LAYERS,
         "ring count": 1 <= rings <= _MAX_RINGS,
@@ -226,7 +231,7 @@ def _read_descriptor(rest: FrameReader) -> ScanDescriptor:
     rest.check(fields)
     edges_m = rest.header(struct.Struct(f"<{layers + 1}f"))
     if not all(a < b for a, b in pairwise(edges_m)) or not math.isfinite(sum(edges_m)):
-        raise MalformedData("the layers of the descriptor do not ascend")
+        raise MalformedData("the layer edges of the descriptor do not ascend")
     content_bytes = -(-layers * rings * sectors // 8)
     occupancy = np.frombuffer(rest.frame(frame_bytes, content_bytes, content_bytes), np.uint8)
     descriptor = LayeredOccupancy(PolarGrid(rings, sectors, radius_m), edges_m)

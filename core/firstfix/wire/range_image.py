@@ -1,17 +1,17 @@
-"""Kind 2 of ``application/vnd.firstfix.scan``: a range image, which is how a spinning LiDAR sees.
+"""Kind 2 of ``application/vnd.firstfix.scan``: a range image.
 
-Directions are cells of an angular grid, 4096 around and 1024 from nadir to zenith (0.088 by 0.176 degrees,
-in the order of a LiDAR's own accuracy). Each cell keeps its nearest return, whose range is rounded to a
-resolution (2.5 cm unless told). The cells with a return are numbered row by row; the gap from one to the next
-is mostly 0, and the difference of their ranges mostly a step or two, so that both make small bytes. Of a
-sensor that sweeps lines the cells lose 0 to 2 % of the points. Any other sensor may use it too, but a
-pattern without lines compresses less, and what falls into the same cell is lost.
+Directions are cells of an angular grid: 4096 around and 1024 from nadir to zenith. A cell has 0.088 by
+0.176 degrees, about the accuracy of a LiDAR. Each cell keeps its nearest return. The range is rounded to a
+resolution (default 2.5 cm). The cells with a return are numbered row by row. The gap between two is usually
+0, and their ranges usually differ by a step or two, so that both compress well. For a sensor that sweeps
+lines, 0 to 2 % of the points fall into a cell that has a nearer return, and are lost. Other sensors may use
+this form too, but a pattern without lines compresses less.
 
-A point comes back within half the resolution of its range and half a cell of its direction: at 10 m 0.8 cm
-to the side and 1.5 cm up or down. Left out: ranges below half a step, and above 65,535 steps (1638 m at
-2.5 cm). Points come back row by row, the lowest first.
+The range of a decoded point is accurate to half the resolution, its direction to half a cell: at 10 m 0.8 cm
+to the side and 1.5 cm up or down. Ranges below half a step or above 65,535 steps (1638 m at 2.5 cm) are left
+out. Decoded points are ordered row by row, the lowest row first.
 
-Layout, little-endian, behind the six bytes that every scan begins with::
+Layout, little-endian, after the six bytes that every scan begins with::
 
     offset  type   field
          6  u16    columns, 4 to 65535
@@ -24,13 +24,16 @@ Layout, little-endian, behind the six bytes that every scan begins with::
         36  bytes  one zstd frame: the gaps
             bytes  one zstd frame: the ranges
 
-A cell's number is row * columns + column. Gaps: the number of cells without a return between one and the
-next (before the first: from cell 0). In four bits each, two a byte, the first in the high bits: 0 to 14 is
-the gap, 15 the next of the wide ones, which follow in three planes of a byte each, least significant first.
+A cell's number is row * columns + column.
 
-Ranges: the difference d from the one before (the first from 0), in steps, modulo 2 ** 16 as a signed integer,
-zigzagged, z = (d << 1) ^ (d >> 15). A byte each: 0 to 254 is z, 255 the next of the wide ones, which follow
-in two planes. Ranges are whole steps, 1 to 65535. The middle of a cell is the direction of its return:
+A gap is the number of cells without a return between a return and the one before it (the first: from cell 0).
+Each gap takes four bits, two gaps per byte, the first one in the high bits. 0 to 14 is the gap itself. 15
+stands for the next wide gap. The wide gaps follow in three planes of one byte each, least significant first.
+
+A range is the difference d from the range before (the first from 0), in steps, modulo 2 ** 16 as a signed
+integer. It is zigzag-coded, z = (d << 1) ^ (d >> 15), in one byte: 0 to 254 is z itself, 255 stands for the
+next wide value. The wide values follow in two planes. Ranges are integers, 1 to 65535 steps. The direction of
+a return is the middle of its cell:
 
     azimuth   = (column + 0.5) / columns turns - half a turn
     elevation = (row + 0.5) / rows half turns - a quarter turn
@@ -58,15 +61,16 @@ _HEADER = struct.Struct("<HIHHddI")
 _MAX_CELLS = 1 << 24  # a gap takes three bytes
 _MAX_STEPS = 65_535
 _WIDE_GAP, _WIDE_RANGE = 15, 255
-_ZSTD_LEVEL = 1  # as small as level 3: what is left is noise
+_ZSTD_LEVEL = 1  # level 3 is not smaller: the rest is noise
 
 Integers = NDArray[np.int64]
 
 
 def encode(scan: Scan, resolution_m: float) -> bytes:
-    """
+    """Encodes a scan after its first six bytes.
+
     Args:
-        scan: coordinates within MAX_ABS_COORDINATE_M.
+        scan: its coordinates are within MAX_ABS_COORDINATE_M.
 
     Raises:
         InvalidOption: a resolution outside 0.005..1 m.
@@ -84,10 +88,10 @@ def encode(scan: Scan, resolution_m: float) -> bytes:
 
 
 def decode(rest: memoryview) -> Scan:
-    """What ``encode`` gave. Every size is checked before memory is taken for it.
+    """Decodes a scan after its first six bytes. Every size is checked before memory is allocated.
 
     Raises:
-        MalformedData: bytes that contradict themselves.
+        MalformedData: the bytes contradict their header.
         TooLarge: over MAX_POINTS points.
     """
     reader = FrameReader(rest, "range image")
@@ -119,7 +123,7 @@ def _nearest_by_cell(points: NDArray[np.float32], resolution_m: float) -> tuple[
     column = ((atan2_turns(y, x) + np.float32(0.5)) * np.float32(COLUMNS)).astype(np.int64) % COLUMNS
     row = ((atan2_turns(z, np.sqrt(across2)) + np.float32(0.25)) * np.float32(2 * ROWS)).astype(np.int64)
     cell = np.minimum(row, ROWS - 1) * COLUMNS + column
-    # one number a return, so that a plain sort puts a cell's nearest first, whatever the points' order
+    # One number per return: sorting puts the nearest return of a cell first.
     keys = np.sort(((cell << 16) | steps)[(steps > 0) & (steps <= _MAX_STEPS)])
     first = np.flatnonzero(np.diff(keys >> 16, prepend=-1))
     return keys[first] >> 16, keys[first] & _MAX_STEPS
@@ -137,19 +141,19 @@ def _unpacked_gaps(content: bytes, count: int) -> NDArray[np.uint32]:
     packed = data[: -(-count // 2)]
     halves = halves_of(packed)
     if halves[count:].any():
-        raise MalformedData("half a byte behind the last gap of the range image is not 0")
+        raise MalformedData("the four bits after the last gap of the range image are not 0")
     return _with_wide(halves[:count], _WIDE_GAP, data[len(packed) :], 3)
 
 
 def _cells_behind(gaps: NDArray[np.uint32], cells: int) -> NDArray[np.int32]:
-    """Numbers of the cells with a return, of so many cells."""
+    """Returns the numbers of the cells with a return."""
     if int(gaps.sum(dtype=np.int64)) + len(gaps) > cells:
-        raise MalformedData("the range image has returns outside of its grid")
+        raise MalformedData("a return of the range image is outside its grid")
     return np.cumsum(gaps + 1, dtype=np.int32) - 1
 
 
 def _packed_ranges(steps: Integers) -> bytes:
-    differences = np.diff(steps, prepend=0).astype("<i2")  # modulo 2 ** 16 on purpose
+    differences = np.diff(steps, prepend=0).astype("<i2")  # overflows on purpose: modulo 2 ** 16
     zigzag = ((differences << 1) ^ (differences >> 15)).view("<u2")
     small = np.minimum(zigzag, _WIDE_RANGE).astype(np.uint8)
     return small.tobytes() + planes_of(zigzag[zigzag >= _WIDE_RANGE]).tobytes()
@@ -161,17 +165,17 @@ def _unpacked_ranges(content: bytes, count: int) -> NDArray[np.uint16]:
     differences = (zigzag >> 1) ^ (0 - (zigzag & 1))
     steps = np.cumsum(differences, dtype=np.uint16)
     if not steps.all():
-        raise MalformedData("the range image has a return without a range")
+        raise MalformedData("a return of the range image has the range 0")
     return steps
 
 
 def _with_wide(
     small: NDArray[np.uint8], escape: int, rest: NDArray[np.uint8], planes: int
 ) -> NDArray[np.uint32]:
-    """(n,) numbers, those that are the escape taken from the planes in turn."""
+    """Returns (n,) numbers. Each escape value is replaced by the next number of the planes."""
     wide = np.flatnonzero(small == escape)
     if len(rest) != planes * len(wide):
-        raise MalformedData(f"{len(wide)} wide numbers of the range image, and {len(rest)} bytes of them")
+        raise MalformedData(f"{len(wide)} wide numbers of the range image do not fit {len(rest)} bytes")
     numbers = small.astype(np.uint32)
     numbers[wide] = joined(rest.reshape(planes, -1), np.dtype("<u4"))
     return numbers
@@ -180,7 +184,7 @@ def _with_wide(
 def _points(
     distances_m: NDArray[np.float64], cells: NDArray[np.int32], columns: int, rows: int
 ) -> NDArray[np.float32]:
-    """(m, 3) at these distances through the middles of the cells."""
+    """Returns (m, 3) points at these distances, in the directions of the middles of the cells."""
     row, column = np.divmod(cells, np.int32(columns))
     azimuth = (np.arange(columns) + 0.5) * (2 * np.pi / columns) - np.pi
     elevation = (np.arange(rows) + 0.5) * (np.pi / rows) - np.pi / 2

@@ -1,9 +1,9 @@
-"""The scan encoding ``application/vnd.firstfix.scan``: what the SDK sends over a radio link.
+"""The encoding ``application/vnd.firstfix.scan`` of one scan.
 
-It has two forms. ``points`` keeps every point, in the sensor's order, and the intensity: 1.7 to 4.4 bytes a
+It has two forms. ``points`` keeps every point, in the sensor's order, and the intensity: 1.7 to 4.4 bytes per
 point at 1 cm. ``range_image`` keeps the nearest return in each of 4 million directions, without intensity:
-0.4 to 0.7 bytes a point at 2.5 cm, which localizes as well. ``wire_points`` and ``wire_range_image`` have
-the layout of each; both begin with
+0.4 to 0.7 bytes per point at 2.5 cm, with the same accuracy of localization. The modules ``points`` and
+``range_image`` document the layouts. Both begin with
 
     offset  type   field
          0  4 s    magic "FFSC"
@@ -41,27 +41,27 @@ def encode_scan(
     resolution_m: float | None = None,
     voxel_m: float | None = None,
 ) -> bytes:
-    """The scan's bytes. Points come back as the form's module says.
+    """Encodes a scan. The module of the form documents the accuracy of the decoded points.
 
     Args:
-        resolution_m: step of coordinates or of ranges; None: 0.01 of points, 0.025 of a range image.
-        voxel_m: when given, only the first point of each cube of this side is sent.
+        resolution_m: step of coordinates or of ranges; None: 0.01 for points, 0.025 for a range image.
+        voxel_m: edge of a voxel. If given, only the first point of each voxel is sent.
 
     Raises:
-        InvalidOption: no such form; a resolution outside 0.0001..1 m (points) or 0.005..1 m (a range image),
-            or a voxel outside 0.01..10 m.
-        InvalidScan: a coordinate that is not finite or beyond MAX_ABS_COORDINATE_M.
+        InvalidOption: an unknown form; a resolution outside 0.0001..1 m (points) or 0.005..1 m (range image);
+            a voxel outside 0.01..10 m.
+        InvalidScan: a coordinate is not finite or beyond MAX_ABS_COORDINATE_M.
         TooLarge: over MAX_POINTS points.
     """
     if form not in ("points", "range_image"):
-        raise InvalidOption(f"a scan has the form points or range_image, not {form!r}")
+        raise InvalidOption(f"form must be points or range_image, not {form!r}")
     if voxel_m is not None and not 0.01 <= voxel_m <= 10:
         raise InvalidOption("voxel_m must lie in [0.01, 10]")
     if len(scan) > MAX_POINTS:
         raise TooLarge(f"the scan has {len(scan)} points, the limit is {MAX_POINTS}")
     furthest_m = float(np.abs(scan.points).max(initial=0))
     if not furthest_m <= MAX_ABS_COORDINATE_M:
-        raise InvalidScan(f"a coordinate of {furthest_m} m cannot be sent; see Scan.from_points")
+        raise InvalidScan(f"a coordinate of {furthest_m} m cannot be encoded; see Scan.from_points")
     if voxel_m is not None:
         kept = first_in_voxel(scan.points, voxel_m)
         intensity = None if scan.intensity is None else scan.intensity[kept]
@@ -74,10 +74,10 @@ def encode_scan(
 
 
 def decode_scan(body: bytes) -> Scan:
-    """The scan of ``encode_scan``'s bytes. Every size is checked before memory is taken for it.
+    """Decodes a scan. Every size is checked before memory is allocated.
 
     Raises:
-        MalformedData: not this format, or bytes that contradict their header.
+        MalformedData: not this format, or the bytes contradict their header.
         UnsupportedFormat: a later version or another kind of this format.
         TooLarge: over MAX_POINTS points.
     """
@@ -87,7 +87,9 @@ def decode_scan(body: bytes) -> Scan:
     if magic != MAGIC:
         raise MalformedData(f"not {MEDIA_TYPE}: it begins with {magic!r}, not {MAGIC!r}")
     if version != VERSION or kind not in (KIND_POINTS, KIND_RANGE_IMAGE):
-        raise UnsupportedFormat(f"{MEDIA_TYPE} version {version} kind {kind}; this reads 1 and 1 or 2")
+        raise UnsupportedFormat(
+            f"{MEDIA_TYPE} version {version} kind {kind}: only version 1, kinds 1 and 2 are supported"
+        )
     decode = wire_points.decode if kind == KIND_POINTS else wire_range_image.decode
     scan = decode(memoryview(body)[_PREFIX.size :])
     if not float(np.abs(scan.points).max(initial=0)) <= MAX_ABS_COORDINATE_M * 1.001:

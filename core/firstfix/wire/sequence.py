@@ -1,4 +1,4 @@
-"""The encoding ``application/vnd.firstfix.scans``: several scans and the way between them.
+"""The encoding ``application/vnd.firstfix.scans``: several scans with the sensor's poses.
 
 Layout, little-endian::
 
@@ -12,8 +12,8 @@ then n times, in the order in which the scans were taken::
 
          0  7 f64  T_odom_sensor: position x, y, z in metres, quaternion x, y, z, w
         56  u32    length of the scan
-        60  bytes  the scan, as application/vnd.firstfix.scan, or as application/vnd.firstfix.query
-                   with points: its magic tells
+        60  bytes  the scan: application/vnd.firstfix.scan, or application/vnd.firstfix.query with
+                   points; its first four bytes tell which
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ def encode_scans(
     resolution_m: float | None = None,
     voxel_m: float | None = None,
 ) -> bytes:
-    """The bytes of scans in the order in which they were taken, with their sensor's poses by odometry.
+    """Encodes scans in the order in which they were taken, with the sensor's poses from odometry.
 
     Raises:
         InvalidScan, TooLarge: as ``ScanSequence.along`` and the encoders of one scan.
-        InvalidOption: as ``wire.encode_scan``, of the scans that are not compact.
+        InvalidOption: as ``wire.scan.encode_scan``, for scans that are not compact.
     """
     poses = [np.asarray(T, np.float64) for T in T_odom_sensor]
     ScanSequence.along(scans, poses)
@@ -67,13 +67,13 @@ def encode_scans(
 
 
 def decode_scans(body: bytes) -> ScanSequence:
-    """What ``encode_scans`` gave. Every size is checked before memory is taken for it.
+    """Decodes a sequence. Every size is checked before memory is allocated.
 
     Raises:
-        MalformedData: not this format, or bytes that contradict their headers.
+        MalformedData: not this format, or the bytes contradict their headers.
         UnsupportedFormat: a later version.
         TooLarge: too many scans or points.
-        InvalidScan: poses that are none.
+        InvalidScan: a pose is not valid.
     """
     if len(body) < _HEADER.size:
         raise MalformedData(f"{len(body)} bytes are too few for a {MEDIA_TYPE} header of {_HEADER.size}")
@@ -81,9 +81,9 @@ def decode_scans(body: bytes) -> ScanSequence:
     if magic != MAGIC or zero:
         raise MalformedData(f"not {MEDIA_TYPE}: it begins with {body[: _HEADER.size]!r}")
     if version != VERSION:
-        raise UnsupportedFormat(f"{MEDIA_TYPE} version {version}; this reads {VERSION}")
+        raise UnsupportedFormat(f"{MEDIA_TYPE} version {version}: only version {VERSION} is supported")
     if count > MAX_SCANS:
-        raise TooLarge(f"a sequence holds up to {MAX_SCANS} scans, not {count}")
+        raise TooLarge(f"a sequence has at most {MAX_SCANS} scans, not {count}")
     scans, poses, points, at = [], [], 0, _HEADER.size
     for number in range(count):
         if len(body) - at < _ENTRY.size:
@@ -95,7 +95,7 @@ def decode_scans(body: bytes) -> ScanSequence:
         scan = _decode_one(body[at : at + length], number)
         points += len(scan)
         if points > MAX_POINTS:
-            raise TooLarge(f"the scans have over {MAX_POINTS} points together")
+            raise TooLarge(f"the scans together have over {MAX_POINTS} points")
         scans.append(scan)
         poses.append(_pose(seven, number))
         at += length

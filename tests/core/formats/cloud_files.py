@@ -1,4 +1,4 @@
-"""Writers of the formats that the readers are tested against, from the formats' own descriptions."""
+"""Writers of point-cloud formats for tests, written from the specifications."""
 
 from __future__ import annotations
 

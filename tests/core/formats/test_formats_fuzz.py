@@ -1,4 +1,4 @@
-"""Bytes from strangers: whatever happens to a body, the answer is a scan or an InputError, cheaply."""
+"""Damaged bodies: the result is a scan or an InputError, in little memory."""
 
 from __future__ import annotations
 

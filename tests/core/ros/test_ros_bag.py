@@ -50,7 +50,7 @@ def test_topics_are_told_apart_by_type(tmp_path: Path, kind: str):
     path = write_bag(tmp_path, kind, [("/imu", 99 * S, imu), *clouds(kind, "/b"), *clouds(kind, "/a")])
     with open_bag(path) as bag:
         assert bag.topics(IMU) == ["/imu"]
-        with pytest.raises(InvalidOption, match="name one: /a, /b"):
+        with pytest.raises(InvalidOption, match="choose one: /a, /b"):
             bag.cloud_topic(None)
         with pytest.raises(NotFound, match="those that do: /a, /b"):
             bag.cloud_topic("/imu")
@@ -60,7 +60,7 @@ def test_topics_are_told_apart_by_type(tmp_path: Path, kind: str):
 
 def test_a_bag_without_clouds(tmp_path: Path):
     path = write_bag(tmp_path, "sqlite3", [("/imu", S, ros_samples.imu([0, 0, 9.81]))])
-    with open_bag(path) as bag, pytest.raises(NotFound, match="no topic holds"):
+    with open_bag(path) as bag, pytest.raises(NotFound, match="no topic has"):
         bag.cloud_topic(None)
 
 

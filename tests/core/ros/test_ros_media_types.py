@@ -1,4 +1,4 @@
-"""How messages are named, and when a pose message is wanted."""
+"""Names of messages, and the choice of the pose message."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_a_cloud_by_any_of_its_names(media_type):
     ["application/vnd.ros2.cdr; type=sensor_msgs/msg/Imu", "application/cdr;std_msgs/msg/String"],
 )
 def test_another_message_is_refused_by_name(media_type):
-    with pytest.raises(UnsupportedFormat, match=r"no scan is read from a (sensor|std)_msgs/msg/"):
+    with pytest.raises(UnsupportedFormat, match=r"a scan cannot be read from a (sensor|std)_msgs/msg/"):
         decode_query(cdr(cloud_of_points(np.ones((3, 3)))), media_type)
 
 

@@ -1,4 +1,4 @@
-"""Range images for tests: a sweep, and bytes written from the layout alone."""
+"""Range images for tests: a sweep, and a writer that is independent of the encoder."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def image_of(scan: Scan, resolution_m: float | None = None) -> bytes:
 
 
 def spinning(columns: int = 300, seed: int = 0) -> Scan:
-    """Sixteen beams round and round: neighbours apart by metres here and there, and gaps of all sizes."""
+    """A sweep of sixteen beams, with jumps of metres between neighbours and gaps of all sizes."""
     rng = np.random.default_rng(seed)
     azimuth, elevation = np.meshgrid(
         np.linspace(-np.pi, np.pi, columns, endpoint=False), np.radians(np.linspace(-15, 15, 16))

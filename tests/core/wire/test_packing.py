@@ -1,4 +1,4 @@
-"""Planes of bytes and halves of bytes come back as they went."""
+"""Unpacking inverts packing, of planes of bytes and of half bytes."""
 
 import numpy as np
 from hypothesis import given

@@ -1,4 +1,4 @@
-"""application/vnd.firstfix.scan: what goes in comes out, and nothing hostile gets further than an error."""
+"""application/vnd.firstfix.scan: decoding inverts encoding, and damaged bodies are refused."""
 
 from __future__ import annotations
 

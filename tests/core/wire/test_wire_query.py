@@ -1,4 +1,4 @@
-"""application/vnd.firstfix.query: what goes in comes out, and nothing hostile gets further than an error."""
+"""application/vnd.firstfix.query: decoding inverts encoding, and damaged bodies are refused."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def described(
 
 
 def compact(n: int = 400, seed: int = 0) -> CompactScan:
-    """Whole numbers in, so that the same bytes come out on every machine."""
+    """A compact scan of whole numbers, so that the bytes are the same on every machine."""
     rng = np.random.default_rng(seed)
     points = rng.integers(-2000, 2000, (n, 3)) * 0.02
     nearest_m = NOWHERE.copy()
@@ -97,7 +97,7 @@ def test_what_is_decoded_is_encoded_alike():
 
 
 def contents(body: bytes) -> bytes:
-    """The bytes with every frame undone: how zstd packs them may change with its version."""
+    """The body with every frame decompressed: versions of zstd compress differently."""
     plain, at = [body[:HEADER]], HEADER
     if body[5] & 1:
         *_, first, second = struct.unpack_from("<fH3h3HHH", body, at)

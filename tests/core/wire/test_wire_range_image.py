@@ -1,4 +1,4 @@
-"""A scan as a range image: what goes in comes out, nearly."""
+"""A scan as a range image: decoded points are close to the encoded ones."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def cells_of(points: np.ndarray) -> np.ndarray:
 
 
 def away_from_edges(points: np.ndarray) -> np.ndarray:
-    """Whether double arithmetic is sure to find the same cell as float's."""
+    """Returns whether double and float arithmetic certainly give the same cell."""
     azimuth, elevation, _ = directions(points)
     places = np.stack([azimuth * (COLUMNS / (2 * np.pi)), elevation * (ROWS / np.pi)])
     return (np.abs(places - np.rint(places)) > 0.01).all(axis=0)
@@ -46,7 +46,7 @@ def away_from_edges(points: np.ndarray) -> np.ndarray:
 @given(clouds, st.sampled_from([0.025, 0.05, 0.3, 1.0]))
 @settings(max_examples=200, deadline=None)
 def test_every_return_is_the_nearest_of_a_direction(cloud, resolution_m):
-    """Each that comes back has a point within the bound, and each point one in its cell, no further off."""
+    """Every return is near a point. Every point has a return in its cell that is not further away."""
     scan = Scan.from_points(cloud)
     back = decode_scan(image_of(scan, resolution_m)).points
     _, _, ranges = directions(back)

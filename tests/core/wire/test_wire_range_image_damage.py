@@ -1,4 +1,4 @@
-"""Range images that contradict themselves: nothing hostile gets further than an error."""
+"""Damaged range images are refused with an error."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def test_every_bit_flip_of_the_frames_is_found():
 @given(st.data())
 @settings(max_examples=400, deadline=None)
 def test_damage_gives_an_error_or_a_sane_scan(data):
-    """Of the header, and of what is in the frames."""
+    """Damages the header and the content of the frames."""
     body = image_of(spinning(20))
     length = struct.unpack_from("<I", body, 32)[0]
     contents = [zstandard.decompress(frame) for frame in (body[36 : 36 + length], body[36 + length :])]
