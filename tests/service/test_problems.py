@@ -53,8 +53,10 @@ def test_a_class_made_later_takes_its_parents_status():
         ("POST", "/maps", 415, "unsupported_format"),
     ],
 )
-def test_what_routes_and_framework_refuse(service: Service, method: str, path: str, status: int, code: str):
-    response: httpx.Response = service.http.request(method, path)
+def test_what_routes_and_framework_refuse(
+    shared_service: Service, method: str, path: str, status: int, code: str
+):
+    response: httpx.Response = shared_service.http.request(method, path)
     assert response.headers["content-type"] == "application/problem+json"
     assert (response.status_code, response.json()["code"]) == (status, code)
     assert response.json()["status"] == status

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import uuid
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 import schemathesis
@@ -53,21 +53,28 @@ CALLS = [
 schemathesis.serializer.alias([*MEDIA_TYPES, "application/offset+octet-stream"], "application/octet-stream")
 
 
-@pytest.fixture
-def service(tmp_path: Path) -> Iterator[Service]:
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    """One for all calls. It must survive each of them. Each has its own map, build and upload."""
     changes = {"max_upload_bytes": 1 << 20, "source_urls": ("s3://maps/",), "zenoh": False}
-    with running_service(tmp_path, **changes) as running:
+    with running_service(tmp_path_factory.mktemp("service"), **changes) as running:
         yield running
 
 
 @pytest.fixture
 def known(service: Service) -> dict[str, str]:
     """Path parameters that name what is there."""
-    version = publish(service.catalog, "hall", "1", service.scratch)
-    service.catalog.put_build("b1", {"map_id": "hall"})
+    names = {kind: f"{kind}-{uuid.uuid4().hex[:12]}" for kind in ("map", "build", "upload")}
+    version = publish(service.catalog, names["map"], "1", service.scratch)
+    service.catalog.put_build(names["build"], {"map_id": names["map"]})
     uploads = Uploads(service.catalog.store)
-    uploads.create("u1", size_bytes=1000, file_name="hall.ply")
-    return {"map_id": "hall", "version": version, "build_id": "b1", "upload_id": "u1"}
+    uploads.create(names["upload"], size_bytes=1000, file_name="hall.ply")
+    return {
+        "map_id": names["map"],
+        "version": version,
+        "build_id": names["build"],
+        "upload_id": names["upload"],
+    }
 
 
 @pytest.mark.parametrize("call", CALLS, ids=lambda call: call.label)

@@ -25,9 +25,9 @@ both = pytest.mark.parametrize("transport", ["http", "zenoh"])
 
 
 @both
-def test_a_scan_is_answered(service: Service, transport: str):
-    version = service.catalog.active_version("hall")
-    reply = service.ask(transport)
+def test_a_scan_is_answered(shared_service: Service, transport: str):
+    version = shared_service.catalog.active_version("hall")
+    reply = shared_service.ask(transport)
     answer = Localization.from_mapping(reply.json)
     assert reply.ok
     assert reply.media_type == "application/json"
@@ -39,25 +39,25 @@ def test_a_scan_is_answered(service: Service, transport: str):
 
 
 @both
-def test_several_scans_are_one_query(service: Service, transport: str):
+def test_several_scans_are_one_query(shared_service: Service, transport: str):
     scan = Scan(np.arange(30, dtype=np.float32).reshape(10, 3))
     body = wire_sequence.encode_scans([scan] * 3, [np.eye(4)] * 3)
-    reply = service.ask(transport, body=body, media_type=wire_sequence.MEDIA_TYPE)
+    reply = shared_service.ask(transport, body=body, media_type=wire_sequence.MEDIA_TYPE)
     assert reply.json["T_map_sensor"]["position"][1] == 3  # the fake's y is the sequence's length
 
 
 @both
-def test_a_compact_query_is_one(service: Service, transport: str):
+def test_a_compact_query_is_one(shared_service: Service, transport: str):
     nearest_m = np.full(ROWS * COLUMNS, np.inf, np.float32)
     body = wire_query.encode_query(CompactScan(np.ones((7, 3), np.float32), nearest_m))
-    reply = service.ask(transport, body=body, media_type=wire_query.MEDIA_TYPE)
+    reply = shared_service.ask(transport, body=body, media_type=wire_query.MEDIA_TYPE)
     assert reply.json["T_map_sensor"]["position"][1] == 7  # the fake's y is the query's points
-    refused = service.ask(transport, body=body[:-1], media_type=wire_query.MEDIA_TYPE)
+    refused = shared_service.ask(transport, body=body[:-1], media_type=wire_query.MEDIA_TYPE)
     assert refused.json["code"] == "malformed_data"
 
 
-def test_the_transports_give_the_same_answer(service: Service):
-    http, zenoh = service.ask("http").json, service.ask("zenoh").json
+def test_the_transports_give_the_same_answer(shared_service: Service):
+    http, zenoh = shared_service.ask("http").json, shared_service.ask("zenoh").json
     del http["timings_ms"], zenoh["timings_ms"]
     assert http == zenoh
 
@@ -67,8 +67,8 @@ def test_the_transports_give_the_same_answer(service: Service):
     ("encoding", "compress"),
     [("gzip", gzip.compress), ("zstd", zstandard.ZstdCompressor().compress), ("identity", bytes)],
 )
-def test_content_encodings_are_undone(service: Service, transport: str, encoding: str, compress):
-    reply = service.ask(transport, body=compress(SCAN_BODY), content_encoding=encoding)
+def test_content_encodings_are_undone(shared_service: Service, transport: str, encoding: str, compress):
+    reply = shared_service.ask(transport, body=compress(SCAN_BODY), content_encoding=encoding)
     assert reply.json["T_map_sensor"]["position"][1] == 100
 
 
@@ -88,9 +88,9 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_both_refuse_with_the_same_bytes(service: Service, case: str):
+def test_both_refuse_with_the_same_bytes(shared_service: Service, case: str):
     query, code, status = BAD[case]
-    http, zenoh = service.ask("http", **query), service.ask("zenoh", **query)
+    http, zenoh = shared_service.ask("http", **query), shared_service.ask("zenoh", **query)
     assert (http.json["code"], http.json["status"]) == (code, status)
     assert http.body == zenoh.body
     assert not http.ok
@@ -99,21 +99,25 @@ def test_both_refuse_with_the_same_bytes(service: Service, case: str):
 
 
 @pytest.mark.parametrize("error", all_errors(), ids=lambda cls: cls.__name__)
-def test_every_error_crosses_both_alike(service: Service, error: type[FirstfixError]):
-    service.behaviour.raises = error("the very reason")
-    http, zenoh = service.ask("http"), service.ask("zenoh")
+def test_every_error_crosses_both_alike(
+    shared_service: Service, error: type[FirstfixError], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(shared_service.behaviour, "raises", error("the very reason"))
+    http, zenoh = shared_service.ask("http"), shared_service.ask("zenoh")
     assert http.body == zenoh.body
     assert (http.json["code"], http.json["detail"]) == (error.code, "the very reason")
 
 
 @both
-def test_an_unexpected_error_tells_nothing(service: Service, transport: str):
-    service.behaviour.raises = RuntimeError("secret path /etc/firstfix")
-    reply = service.ask(transport)
+def test_an_unexpected_error_tells_nothing(
+    shared_service: Service, transport: str, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(shared_service.behaviour, "raises", RuntimeError("secret path /etc/firstfix"))
+    reply = shared_service.ask(transport)
     assert (reply.json["code"], reply.json["status"]) == ("internal", 500)
     assert b"secret" not in reply.body
-    service.behaviour.raises = None
-    assert service.ask(transport).ok, "it goes on serving"
+    monkeypatch.undo()
+    assert shared_service.ask(transport).ok, "it goes on serving"
 
 
 @both
@@ -157,13 +161,14 @@ def test_a_deadline_is_kept(tmp_path: Path, transport: str):
 
 
 @both
-def test_another_version_can_be_named(service: Service, transport: str):
-    first = service.catalog.active_version("hall")
-    assert service.ask(transport).x == 1
-    publish(service.catalog, "hall", "2", service.scratch)
-    wait_until(lambda: service.ask(transport).x == 2)
-    assert service.ask(transport, options={"version": str(first)}).x == 1
+def test_another_version_can_be_named(shared_service: Service, transport: str):
+    yard = f"yard-{transport}"
+    first = publish(shared_service.catalog, yard, "1", shared_service.scratch)
+    wait_until(lambda: shared_service.ask(transport, map_id=yard).x == 1)
+    publish(shared_service.catalog, yard, "2", shared_service.scratch)
+    wait_until(lambda: shared_service.ask(transport, map_id=yard).x == 2)
+    assert shared_service.ask(transport, map_id=yard, options={"version": first}).x == 1
 
 
-def test_media_type_parameters_are_ignored(service: Service):
-    assert service.ask("http", media_type=f"{XYZ.upper()}; charset=binary").ok
+def test_media_type_parameters_are_ignored(shared_service: Service):
+    assert shared_service.ask("http", media_type=f"{XYZ.upper()}; charset=binary").ok

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import zenoh
 import zstandard
-from service_world import SCAN_BODY, XYZ, Reply, Service, publish, running_service
+from service_world import SCAN_BODY, XYZ, Reply, Service
 
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
@@ -46,15 +46,15 @@ def pose_of(reply: Reply) -> Any:
 
 
 @both
-def test_a_cloud_is_a_scan(service: Service, transport: str):
-    answer = service.ask(transport, body=BODY, media_type=POINT_CLOUD2)
+def test_a_cloud_is_a_scan(shared_service: Service, transport: str):
+    answer = shared_service.ask(transport, body=BODY, media_type=POINT_CLOUD2)
     assert answer.media_type == "application/json"
     assert answer.json["T_map_sensor"]["position"] == [1, 40, 0]
 
 
 @both
-def test_the_pose_message_has_the_clouds_stamp_and_the_maps_frame(service: Service, transport: str):
-    message = pose_of(ask(service, transport, POSE))
+def test_the_pose_message_has_the_clouds_stamp_and_the_maps_frame(shared_service: Service, transport: str):
+    message = pose_of(ask(shared_service, transport, POSE))
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (1_700_000_000, 123_456_789)
     assert message.header.frame_id == "map"
     position = message.pose.pose.position
@@ -67,39 +67,39 @@ def test_the_pose_message_has_the_clouds_stamp_and_the_maps_frame(service: Servi
     ("encoding", "compress"), [("gzip", gzip.compress), ("zstd", zstandard.ZstdCompressor().compress)]
 )
 def test_the_stamp_is_found_under_a_content_encoding(
-    service: Service, transport: str, encoding: str, compress
+    shared_service: Service, transport: str, encoding: str, compress
 ):
-    message = pose_of(ask(service, transport, POSE, compress(BODY), content_encoding=encoding))
+    message = pose_of(ask(shared_service, transport, POSE, compress(BODY), content_encoding=encoding))
     assert message.header.stamp.nanosec == 123_456_789
 
 
 @both
-def test_frame_and_stamp_can_be_said(service: Service, transport: str):
-    message = pose_of(ask(service, transport, POSE, options={"frame": "hall/map", "stamp": "7.000000001"}))
+def test_frame_and_stamp_can_be_said(shared_service: Service, transport: str):
+    message = pose_of(
+        ask(shared_service, transport, POSE, options={"frame": "hall/map", "stamp": "7.000000001"})
+    )
     assert message.header.frame_id == "hall/map"
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (7, 1)
 
 
 @both
-def test_any_scan_can_be_answered_so(service: Service, transport: str):
-    message = pose_of(ask(service, transport, POSE, SCAN_BODY, XYZ))
+def test_any_scan_can_be_answered_so(shared_service: Service, transport: str):
+    message = pose_of(ask(shared_service, transport, POSE, SCAN_BODY, XYZ))
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (0, 0)
 
 
 @both
 @pytest.mark.parametrize("accept", ["application/json", "*/*", ""])
-def test_who_does_not_ask_for_it_gets_json(service: Service, transport: str, accept: str):
-    assert ask(service, transport, accept).media_type == "application/json"
+def test_who_does_not_ask_for_it_gets_json(shared_service: Service, transport: str, accept: str):
+    assert ask(shared_service, transport, accept).media_type == "application/json"
 
 
 @both
 @pytest.mark.parametrize("verdict", [Verdict.REJECTED, Verdict.AMBIGUOUS])
-def test_an_answer_without_a_pose_is_json(tmp_path, transport: str, verdict: Verdict, monkeypatch):
+def test_an_answer_without_a_pose_is_json(shared_service: Service, transport: str, verdict, monkeypatch):
     answer = Localization(verdict, (Reason.SEVERAL_PLACES,), map_id="hall")
     monkeypatch.setattr("service_world.FakeLocalizer.localize", lambda *_: answer)
-    with running_service(tmp_path) as service:
-        publish(service.catalog, "hall", "1", service.scratch)
-        reply = ask(service, transport, POSE)
+    reply = ask(shared_service, transport, POSE)
     assert (reply.ok, reply.media_type) == (True, "application/json")
     assert (reply.json["verdict"], reply.json["T_map_sensor"]) == (verdict.value, None)
 
@@ -114,28 +114,29 @@ BAD = {
 
 @both
 @pytest.mark.parametrize("case", BAD)
-def test_what_cannot_be_used_is_an_error(service: Service, transport: str, case: str):
+def test_what_cannot_be_used_is_an_error(shared_service: Service, transport: str, case: str):
     accept, options, code = BAD[case]
-    reply = ask(service, transport, accept, options=options)
+    reply = ask(shared_service, transport, accept, options=options)
     assert (reply.ok, reply.media_type) == (False, "application/problem+json")
     assert reply.json["code"] == code
 
 
 @both
-def test_another_message_or_a_damaged_one_is_refused(service: Service, transport: str):
+def test_another_message_or_a_damaged_one_is_refused(shared_service: Service, transport: str):
     imu = "application/vnd.ros2.cdr; type=sensor_msgs/msg/Imu"
-    assert service.ask(transport, body=BODY, media_type=imu).json["code"] == "unsupported_format"
-    assert service.ask(transport, body=BODY[:-9], media_type=POINT_CLOUD2).json["code"] == "malformed_data"
+    assert shared_service.ask(transport, body=BODY, media_type=imu).json["code"] == "unsupported_format"
+    damaged = shared_service.ask(transport, body=BODY[:-9], media_type=POINT_CLOUD2)
+    assert damaged.json["code"] == "malformed_data"
 
 
-def test_zenohs_own_name_for_cdr(service: Service):
+def test_zenohs_own_name_for_cdr(shared_service: Service):
     encoding = zenoh.Encoding.APPLICATION_CDR.with_schema("sensor_msgs/msg/PointCloud2")
-    reply = service.ask("zenoh", body=BODY, media_type=encoding, options={"accept": "application/cdr"})
+    reply = shared_service.ask("zenoh", body=BODY, media_type=encoding, options={"accept": "application/cdr"})
     assert pose_of(reply).header.stamp.nanosec == 123_456_789
 
 
-def test_the_openapi_document_tells_of_it(service: Service):
-    call = service.http.get("/openapi.json").json()["paths"]["/localize"]["post"]
+def test_the_openapi_document_tells_of_it(shared_service: Service):
+    call = shared_service.http.get("/openapi.json").json()["paths"]["/localize"]["post"]
     assert {"frame", "stamp", *LocalizeOptions.__dataclass_fields__} < {p["name"] for p in call["parameters"]}
     assert "application/vnd.ros2.cdr" in call["requestBody"]["content"]
     assert POSE in call["responses"]["200"]["content"]
