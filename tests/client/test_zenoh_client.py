@@ -245,7 +245,7 @@ def test_nobody_there_is_said_so(client):
 
 def test_nonsense_is_a_clear_error(replica, client):
     replica("r1", lambda query: query.reply(query.key_expr, b"<html>"))
-    with pytest.raises(FirstfixError, match="nothing this client can read"):
+    with pytest.raises(FirstfixError, match="this client cannot read"):
         client.localize(SCAN, map_id="hall")
 
 

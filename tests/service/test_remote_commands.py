@@ -79,7 +79,7 @@ def test_a_build_need_not_be_waited_for(service: Service, tmp_path: Path, capsys
     ("extra", "says"),
     [
         (["--store", "/tmp/x"], "one of --url and --store"),
-        (["--work", "/tmp/x"], "--work is for builds with --store"),
+        (["--work", "/tmp/x"], "--work needs --store"),
         (["--config", "nothere.yaml"], "nothere.yaml: no such file"),
         (["--sensor", "no-such-lidar"], "no-such-lidar"),
     ],
