@@ -1,4 +1,4 @@
-"""The command line from outside: what it prints, where, and its exit codes."""
+"""Output and exit codes of the command line."""
 
 from __future__ import annotations
 
@@ -293,7 +293,7 @@ def test_the_shell_completes(words, offers):
 
 
 def test_the_completion_can_be_installed(tmp_path):
-    """As ``firstfix --install-completion bash`` does it: the shell's file names a script that asks us."""
+    """The installed shell script calls ``firstfix`` for completions."""
     command = [sys.executable, "-c", AS_INSTALLED]
     done = subprocess.run(
         [*command, "--install-completion", "bash"],

@@ -1,4 +1,4 @@
-"""POSES.csv: what is read, and what a damaged one says."""
+"""Reading of POSES.csv, and errors for damaged files."""
 
 from __future__ import annotations
 

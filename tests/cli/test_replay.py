@@ -1,4 +1,4 @@
-"""``firstfix localize --bag``: what is asked of the service, what is printed, and the exit codes."""
+"""``firstfix localize --bag``: queries, output and exit codes."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def service() -> Iterator[FakeService]:
 
 
 def drive(kind: str, counts: list[int]) -> list[tuple[str, int, object]]:
-    """A cloud a second from 100 s on, stamped 10 ms before; an IMU at rest; how both are mounted."""
+    """Writes a bag: one cloud per second from 100 s, stamped 10 ms earlier; an IMU at rest; static frames."""
     stores, rng = stores_of(kind), np.random.default_rng(1)
     tree = [("base_link", "lidar", BASE_LIDAR), ("lidar", "imu_link", LIDAR_IMU)]
     up = -9.81 * (inverse(LIDAR_IMU)[:3, :3] @ DOWN)

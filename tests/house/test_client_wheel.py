@@ -194,7 +194,7 @@ TYPING = {"__future__", "collections.abc", "numpy.typing", "types", "typing"}
 
 
 def is_text(node: ast.stmt) -> bool:
-    """Whether the statement is a docstring, or the ellipsis that took its place."""
+    """Returns True for a docstring, or the ellipsis in its place."""
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
 
 

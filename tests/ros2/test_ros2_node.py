@@ -1,4 +1,4 @@
-"""The node over stand-ins for rclpy, against a real service on loopback."""
+"""The ROS node with stand-ins for rclpy, against a real service on loopback."""
 
 from __future__ import annotations
 
