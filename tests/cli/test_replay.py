@@ -137,9 +137,9 @@ WRONG = {
     "no such topic": (["--topic", "/camera"], "/camera holds no sensor_msgs/msg/PointCloud2"),
     "an IMU topic that is none": (["--imu-topic", "/points"], "/points holds no sensor_msgs/msg/Imu"),
     "a frame that nothing joins": (["--base-frame", "arm"], "no chain of static transforms"),
-    "gravity twice": (["--imu-topic", "/imu", "--gravity", "0,0,-1"], "not both"),
-    "the mounting twice": (["--base-frame", "base_link", "--T-base-sensor", "0,0,0,0,0,0,1"], "not both"),
-    "nothing left": (["--start", "1000"], "no cloud 1000 s after"),
+    "gravity twice": (["--imu-topic", "/imu", "--gravity", "0,0,-1"], "only one of --gravity"),
+    "the mounting twice": (["--base-frame", "base_link", "--T-base-sensor", "0,0,0,0,0,0,1"], "only one of --T-base-sensor"),
+    "nothing left": (["--start", "1000"], "no cloud after 1000 s"),
 }
 
 
@@ -167,7 +167,7 @@ def test_a_scan_or_a_bag(service, tmp_path, capsys):
     scan = tmp_path / "scan.npy"
     np.save(scan, np.ones((LOCALIZED, 3)))
     assert replayed(service, bag, scan) == 2
-    assert "one of them" in capsys.readouterr().err
+    assert "one of SCAN, --odometry and --bag" in capsys.readouterr().err
     service_of_it = ["--map", "hall", "--url", service.url]
     assert ended("localize", *service_of_it) == 2
     assert ended("localize", scan, *service_of_it, "--topic", "/points") == 2

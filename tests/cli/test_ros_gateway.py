@@ -160,7 +160,7 @@ def test_the_service_asks_for_another(router: str):
         for number in (1, 2):
             success, message, attachment = robot.call()
             assert success
-            assert "looking" in message
+            assert "searching" in message
             assert (attachment.sequence, attachment.gid) == (41, GID)
             wait_until(lambda: robot.is_heard)
             robot.publish(100)
