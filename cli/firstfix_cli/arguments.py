@@ -28,6 +28,13 @@ Store = Annotated[
     str | None,
     typer.Option(help="Use this object store without a service: a directory, s3://..., gs://... or az://..."),
 ]
+ServiceStore = Annotated[
+    str | None,
+    typer.Option(
+        help="Object store of the service: a directory, s3://..., gs://... or az://... "
+        "[default: the environment variable FIRSTFIX_STORE]."
+    ),
+]
 MapId = Annotated[str, typer.Option("--map", help="Id of the map.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
 SentAs = Annotated[

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from ..arguments import Store, examples
+from ..arguments import ServiceStore, examples
 
 EXAMPLES = examples(
     "firstfix serve --store store",
@@ -17,7 +17,7 @@ EXAMPLES = examples(
 
 
 def serve(
-    store: Store = None,
+    store: ServiceStore = None,
     host: Annotated[str | None, typer.Option(help="Address to listen on [default: 127.0.0.1].")] = None,
     port: Annotated[int | None, typer.Option(help="Port; 0: any free one [default: 8080].")] = None,
     zenoh: Annotated[

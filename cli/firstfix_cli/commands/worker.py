@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ..arguments import Store, examples
+from ..arguments import ServiceStore, examples
 from .serve import settings_of
 
 EXAMPLES = examples(
@@ -16,7 +16,7 @@ EXAMPLES = examples(
 
 
 def worker(
-    store: Store = None,
+    store: ServiceStore = None,
     nats: Annotated[
         str | None, typer.Option(metavar="URL", help="NATS server with JetStream, such as nats://host:4222.")
     ] = None,
