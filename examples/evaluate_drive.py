@@ -1,9 +1,10 @@
-"""How good is it on my robot? Asks every scan of a recorded drive whose poses are known.
+"""Measures accuracy on your robot: localizes every scan of a recorded drive with known poses.
 
     python evaluate_drive.py --url http://service:8080 --map hall POSES.csv
 
-A scan without a pose is one from outside the map: it must not be localized. Ends with 1 if a confident answer
-was wrong. ``firstfix evaluate`` does more, with pictures; ``firstfix localize --bag`` reads ROS bags.
+A scan without a pose was taken outside the map and must not be localized. The exit code is 1 if a scan was
+localized at a wrong pose. ``firstfix evaluate`` does more, with pictures. ``firstfix localize --bag`` reads
+ROS bags.
 """
 
 import argparse
@@ -21,7 +22,7 @@ NEAR_M, WRONG_M = 0.2, 1.0
 parser = argparse.ArgumentParser()
 parser.add_argument("--url", required=True)
 parser.add_argument("--map", required=True)
-parser.add_argument("poses", help="CSV of scans and true poses in the map's frame")
+parser.add_argument("poses", help="CSV of scans and true poses in the map frame")
 given = parser.parse_args()
 
 errors_m, claimed, right, took_s = [], [], [], []
@@ -32,7 +33,8 @@ with Client(given.url) as client:
         fix = client.localize(scan, map_id=given.map)
         took_s.append(time.monotonic() - begun)
         inside += T_true is not None
-        # The best place counts here whatever the verdict: is it as likely right as its probability says?
+        # Calibration: is the first hypothesis right as often as its probability says? The verdict does not
+        # matter.
         best = fix.hypotheses[0].T_map_sensor if fix.hypotheses else None
         off_m = np.inf if best is None or T_true is None else pose_error(T_true, best)[0]
         claimed.append(fix.probability)

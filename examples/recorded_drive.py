@@ -1,7 +1,7 @@
-"""What a robot's LiDAR and odometry deliver, here from a CSV file: a line a scan, in the order of the drive.
+"""Reader for a recorded drive: a CSV file with one line for each scan. It replaces LiDAR driver and odometry.
 
-Columns: scan (a file, from the CSV's folder), tx, ty, tz, qx, qy, qz, qw: the sensor's pose when it was
-taken, in the odometry's frame or, where the truth is known, in the map's.
+Columns: scan (file, relative to the CSV), tx, ty, tz, qx, qy, qz, qw. The pose is that of the sensor at the
+time of the scan, in the odometry frame or, for a true pose, in the map frame.
 """
 
 import csv
@@ -12,9 +12,9 @@ from firstfix.transform import from_quaternion
 
 
 def read_drive(path):
-    """Scan, and (4, 4) pose of the sensor or None where there is none, of each line.
+    """Returns scan and (4, 4) sensor pose of each line; the pose is None if the line has none.
 
-    A driver's points become a scan by ``firstfix_client.Scan.from_points``, (n, 3) in metres.
+    ``firstfix_client.Scan.from_points`` makes a scan from a driver's points, (n, 3) in metres.
     """
     drive = []
     with Path(path).open(newline="") as file:
@@ -26,7 +26,7 @@ def read_drive(path):
     return drive
 
 
-def told(T_map_sensor):
-    """A pose in words."""
+def pose_text(T_map_sensor):
+    """Returns the position as text."""
     x, y, z = T_map_sensor[:3, 3]
     return f"x {x:.2f} y {y:.2f} z {z:.2f}"

@@ -1,14 +1,15 @@
-"""Rooms that look alike: one scan fits them all, a few scans with the way between them fit one.
+"""Localizes several scans together: in rooms that look alike, one scan fits all of them, several fit one.
 
     python several_scans.py --url http://service:8080 --map hall DRIVE.csv
 
-DRIVE.csv has the poses by odometry, in any frame. Ends with 0 and the pose of the last scan, else with 3.
+DRIVE.csv has poses by odometry, in any frame. Exit codes: 0 prints the pose of the last scan, 3 not
+localized.
 """
 
 import argparse
 import sys
 
-from recorded_drive import read_drive, told
+from recorded_drive import pose_text, read_drive
 
 from firstfix_client import Client, ScanSequence, Verdict
 
@@ -25,11 +26,11 @@ with Client(given.url) as client:
         alone = client.localize(scan, map_id=given.map, encoding="compact")
         print(f"scan {number} alone: {alone.verdict.value}")
         for place in alone.hypotheses if alone.verdict is Verdict.AMBIGUOUS else ():
-            print(f"    maybe {told(place.T_map_sensor)}, probability {place.probability:.2f}")
+            print(f"    maybe {pose_text(place.T_map_sensor)}, probability {place.probability:.2f}")
 
-    # Odometry may start anywhere: only the way from scan to scan is sent.
+    # Odometry may start anywhere: only the motion between the scans is sent.
     together = client.localize(ScanSequence.along(scans, T_odom_sensor), map_id=given.map, encoding="compact")
 
 if together.verdict is not Verdict.LOCALIZED:
     sys.exit(3)
-print(f"together: localized, {told(together.T_map_sensor)}, probability {together.probability:.3f}")
+print(f"together: localized, {pose_text(together.T_map_sensor)}, probability {together.probability:.3f}")

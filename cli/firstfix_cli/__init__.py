@@ -1,7 +1,7 @@
-"""The one entry point: ``firstfix``."""
+"""The command line of firstfix."""
 
 import os
 
-# Queries run side by side in threads of their own; a team of BLAS threads for each would only wait for
-# one another: 120 ms in place of 85 over HTTP. Read when NumPy is first imported, so it stands here.
+# Each query runs in its own thread. With several BLAS threads for each, they would wait for one another:
+# 120 ms over HTTP instead of 85. NumPy reads the variable when it is first imported, so it is set here.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

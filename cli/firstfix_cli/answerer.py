@@ -1,4 +1,4 @@
-"""Who answers a query: a service over HTTP or zenoh, or the engine in this process."""
+"""Answers to queries: from a service over HTTP or zenoh, or from the engine in this process."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ def answerer(
     timeout_s: float,
     encoding: Encoding = "scan",
 ) -> Iterator[Answerer]:
-    """A function from scan and options to the answer, by whichever of the three is given.
+    """Gives a function that localizes a scan, with the URL, the zenoh endpoint or the store.
 
     Args:
-        encoding: how scans are sent; in this process too they become those bytes, and come back.
+        encoding: form in which scans are sent; in this process they are encoded and decoded too.
 
     Raises:
-        InvalidOption: more than one is given.
-        NotFound: there is no such map.
+        InvalidOption: more than one of the three is given.
+        NotFound: no such map.
     """
     if sum(way is not None for way in (url, zenoh, store)) > 1:
-        raise InvalidOption("give one of --url, --zenoh and --store")
+        raise InvalidOption("give only one of --url, --zenoh and --store")
     if store is not None:
         yield _in_process(map_id, store, encoding)
     elif zenoh is not None:
@@ -61,7 +61,7 @@ def answerer(
 
 
 def fetch_active_version(store: str, map_id: str, version: str | None = None) -> tuple[str, Path]:
-    """Digest and local folder of a map's version, or of the one that is active.
+    """Returns digest and local folder of a map's version, by default the active one.
 
     Raises:
         NotFound: no such map or version.
@@ -72,7 +72,7 @@ def fetch_active_version(store: str, map_id: str, version: str | None = None) ->
     catalog = Catalog(Store.open(store))
     chosen = version or catalog.active_version(map_id)
     if chosen is None:
-        raise NotFound(f"the store has no map {map_id}, or none of its versions is active")
+        raise NotFound(f"the store has no map {map_id}, or it has no active version")
     return chosen, catalog.fetch_version(map_id, chosen, cache_directory("versions"))
 
 

@@ -1,4 +1,4 @@
-"""Options that several commands share, and what they stand for."""
+"""Options that several commands share."""
 
 from __future__ import annotations
 
@@ -13,20 +13,27 @@ if TYPE_CHECKING:
 
 DEFAULT_URL = "http://127.0.0.1:8080"
 
-PATIENCE_S = 5.0  # a person is told soon that nobody is there
+PATIENCE_S = 5.0  # a person wants to know soon that there is no service
 Url = Annotated[
     str | None,
     typer.Option(
-        help="Address of the service over HTTP, or of several replicas with commas between "
-        f"[default: FIRSTFIX_URL of the environment, else {DEFAULT_URL}]."
+        help="URL of the service, or of several replicas, separated by commas "
+        f"[default: the environment variable FIRSTFIX_URL, else {DEFAULT_URL}]."
     ),
 ]
 Zenoh = Annotated[
-    str | None, typer.Option(metavar="ENDPOINT", help="zenoh endpoint, such as tcp/localhost:7447.")
+    str | None, typer.Option(metavar="ENDPOINT", help="Use zenoh: endpoint such as tcp/localhost:7447.")
 ]
 Store = Annotated[
     str | None,
-    typer.Option(help="Object store: a directory, s3://..., gs://..., az://... No service is needed then."),
+    typer.Option(help="Use this object store without a service: a directory, s3://..., gs://... or az://..."),
+]
+ServiceStore = Annotated[
+    str | None,
+    typer.Option(
+        help="Object store of the service: a directory, s3://..., gs://... or az://... "
+        "[default: the environment variable FIRSTFIX_STORE]."
+    ),
 ]
 MapId = Annotated[str, typer.Option("--map", help="Id of the map.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
@@ -34,20 +41,26 @@ SentAs = Annotated[
     Literal["scan", "range_image", "compact", "descriptor"],
     typer.Option(
         "--encoding",
-        help="What is sent: the scan; the scan as a range image, under 90 KB of 120,000 points; a compact "
-        "query, under 10 KB; or its descriptor, under 1.5 KB, which gives candidates only.",
+        help="Form in which the scan is sent. scan: all points; range_image: all points, under 90 KB for "
+        "120,000; compact: under 10 KB, as accurate; descriptor: under 1.5 KB, gives candidates only.",
     ),
 ]
-TimeoutS = Annotated[float, typer.Option("--timeout", help="Seconds that one answer may take.", min=0.1)]
+TimeoutS = Annotated[float, typer.Option("--timeout", help="Time limit for one answer, in seconds.", min=0.1)]
 
 
 def cache_directory(name: str) -> Path:
-    """Where this user's fetched versions and build stages are kept."""
+    """Returns the user's folder for cached versions or build stages."""
     root = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
     return Path(root) / "firstfix" / name
 
 
+def examples(*commands: str) -> str:
+    """Returns example commands as the end of a help text."""
+    return "\n".join(["\b", "Examples:", *(f"  {command}" for command in commands)])
+
+
 def client_of(url: str | None, timeout_s: float = 10.0) -> Client:
+    """Returns a client of the service at ``url``, or at the default one."""
     from firstfix_client import Client, RetryPolicy
 
     asked = url or os.environ.get("FIRSTFIX_URL") or DEFAULT_URL

@@ -1,4 +1,4 @@
-"""A bag's clouds, one after the other, to a service."""
+"""Replay of a bag: each of its clouds is localized."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from .answerer import Answerer
 
 @dataclass(frozen=True)
 class Replay:
-    """What of a bag is asked, and how.
+    """Part of a bag that is replayed.
 
     Attributes:
-        topic: of the clouds; None: the bag's only one.
-        every: one cloud in so many is asked.
-        start_s: seconds after the bag's beginning.
-        count: clouds that are asked at most; None: all.
-        imu_topic: gravity is taken from it; None: from the scan, or the options.
-        base_frame: the robot's, to which /tf_static leads from the sensor's; None: as the options say.
+        topic: topic of the clouds; None: the bag's only one.
+        every: use every n-th cloud.
+        start_s: seconds to skip at the start.
+        count: limit on the number of clouds; None: all.
+        imu_topic: topic that gives gravity; None: from the scan, or the options.
+        base_frame: the robot's base frame, linked to the sensor's by /tf_static; None: from the options.
     """
 
     path: Path
@@ -53,29 +53,29 @@ class Replayed:
 
 
 def replay(wanted: Replay, ask: Answerer, options: LocalizeOptions) -> Iterator[Replayed]:
-    """Asks cloud by cloud, holding one in memory.
+    """Localizes the clouds one after the other, with one in memory.
 
     Raises:
-        InvalidOption: gravity or the mounting is asked from the bag and given in the options too; or several
-            topics hold clouds and none is named.
-        NotFound: no such file, topic or static transform, or no cloud is left to ask.
+        InvalidOption: gravity or the mounting is given by both the bag and the options; or several topics
+            have clouds and none is chosen.
+        NotFound: no such file, topic or static transform, or no cloud is left.
         MalformedData: the bag or a message in it is damaged.
     """
     if wanted.imu_topic is not None and options.gravity is not None:
-        raise InvalidOption("give gravity or an IMU's topic, not both")
+        raise InvalidOption("give only one of --gravity and --imu-topic")
     if wanted.base_frame is not None and options.T_base_sensor is not None:
-        raise InvalidOption("give T_base_sensor or a base frame, not both")
+        raise InvalidOption("give only one of --T-base-sensor and --base-frame")
     with open_bag(wanted.path) as bag:
         topic = bag.cloud_topic(wanted.topic)
         if wanted.imu_topic is not None:
             bag.check_topic(wanted.imu_topic, imu.TYPE)
         if wanted.every < 1 or wanted.start_s < 0:
-            raise InvalidOption("one scan in 1 or more is asked, from 0 s or later")
+            raise InvalidOption("--every must be 1 or more, and --start 0 or more")
         number = -1
         for number, replayed in enumerate(_answers(bag, topic, wanted, ask, options)):  # noqa: B007
             yield replayed
         if number < 0:
-            raise NotFound(f"{wanted.path}: {topic} holds no cloud {wanted.start_s:g} s after the beginning")
+            raise NotFound(f"{wanted.path}: {topic} has no cloud after {wanted.start_s:g} s")
 
 
 def _answers(
@@ -93,7 +93,7 @@ def _answers(
         if (seen - 1) % wanted.every:
             continue
         stamped = _decoded(bag, message)
-        asked = _with_what_is_known(options, stamped.header, window, frames, wanted.base_frame)
+        asked = _with_gravity_and_mounting(options, stamped.header, window, frames, wanted.base_frame)
         yield Replayed(stamped.header, ask(stamped.scan(), asked))
         if wanted.count is not None and (seen - 1) // wanted.every + 1 >= wanted.count:
             return
@@ -106,7 +106,7 @@ def _decoded(bag: Bag, message: RawMessage) -> StampedCloud:
         raise MalformedData(f"{bag.path}: the message recorded at {message.time_ns} ns: {error}") from error
 
 
-def _with_what_is_known(
+def _with_gravity_and_mounting(
     options: LocalizeOptions,
     header: Header,
     window: GravityWindow,
@@ -132,7 +132,7 @@ def _static_transforms(bag: Bag) -> StaticTransforms:
 
 
 def write_tum(file: TextIO, replayed: Replayed) -> None:
-    """One line ``stamp x y z qx qy qz qw``: the robot's pose where it is known, else the sensor's."""
+    """Writes one line ``stamp x y z qx qy qz qw``: the robot's pose if it is known, else the sensor's."""
     answer = replayed.answer
     T = answer.T_map_sensor if answer.T_map_base is None else answer.T_map_base
     if T is not None:

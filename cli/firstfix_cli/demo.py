@@ -1,9 +1,9 @@
-"""``make demo``: a sample world, its map built by a service of our own, its scans localized.
+"""``make demo``: makes a sample world, builds its map in a local service, and localizes its scans.
 
-Everything is real and on its default: file store, build in the service, HTTP and zenoh. Where the
-world's racks look alike an honest answer is ``ambiguous``: then its best place is shown. Ends with an
-error if a best place is off by more than 0.1 m, if too few are sure, or if a scan from another place is
-given a pose.
+Everything is real and has its default: file store, build in the service, HTTP and zenoh. Where racks of the
+world look alike, the right answer is ``ambiguous``; the demo then shows its first hypothesis. The demo fails
+if a first hypothesis is off by more than 0.1 m, if too few scans are localized, or if a scan from another
+place gets a pose.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ LEAST_LOCALIZED = 7  # of the ten
 
 
 def main() -> int:
+    """Runs the demo and returns its exit code."""
     console = Console(width=110)
     world, store = DIRECTORY / WORLD, DIRECTORY / "store"
     console.rule(f"firstfix: a first fix in the sample world [bold]{WORLD}[/bold]")
@@ -57,13 +58,13 @@ def main() -> int:
     directory = fetch_active_version(str(store), WORLD, version)[1]
     draw(picture, WORLD, MapPicture.load(directory), http, loaded, report_of(http))
     console.print(f"Picture: [bold]{picture}[/bold]")
-    wrong = [o for o in [*http, *zenoh] if not _as_it_should(o)]
+    wrong = [o for o in [*http, *zenoh] if not _is_right(o)]
     for outcome in wrong:
         said = f"{outcome.answer.verdict.value}, {_best_error_m(outcome):.3f} m"
-        console.print(f"[red]not as it should be:[/red] {outcome.name}: {said}")
+        console.print(f"[red]wrong:[/red] {outcome.name}: {said}")
     localized = sum(o.is_accepted for o in http)
     if localized < LEAST_LOCALIZED:
-        console.print(f"[red]not as it should be:[/red] {localized} scans localized")
+        console.print(f"[red]wrong:[/red] {localized} scans localized")
         return 1
     if not wrong:
         console.print(
@@ -80,7 +81,7 @@ def _make_world(directory: Path) -> None:
 
 
 def _build(console: Console, service: LocalService, world: Path) -> str:
-    """The version that the service's own build worker publishes."""
+    """Builds the map in the service and returns its version."""
     import yaml
 
     sensor = SensorModel.from_mapping(yaml.safe_load((world / "sensor.yaml").read_text()))
@@ -124,14 +125,14 @@ def _localize(scans: list[PosedScan], service: LocalService, over: str) -> list[
     return outcomes
 
 
-def _as_it_should(outcome: Outcome) -> bool:
+def _is_right(outcome: Outcome) -> bool:
     if outcome.T_map_sensor is None:
         return not outcome.is_accepted
     return _best_error_m(outcome) <= WORST_M
 
 
 def _best_error_m(outcome: Outcome) -> float:
-    """Of the best place, sure or not; infinite where there is none."""
+    """Returns the error of the first hypothesis, infinite without one."""
     places = outcome.answer.hypotheses
     if outcome.T_map_sensor is None or not places:
         return math.inf
@@ -151,7 +152,7 @@ def _table(scans: list[PosedScan], http: list[Outcome], zenoh: list[Outcome]) ->
 
 
 def _said(outcome: Outcome) -> tuple[str, str]:
-    """The pose, with a question mark if it is only the best of several, and its error."""
+    """Returns the first hypothesis, with a question mark if it is not localized, and its error."""
     if outcome.T_map_sensor is None:
         return outcome.answer.verdict.value, ""
     error_m = _best_error_m(outcome)

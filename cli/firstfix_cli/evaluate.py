@@ -1,4 +1,4 @@
-"""How good the answers are: pure functions from answers and truth to the figures of an evaluation."""
+"""Metrics of an evaluation: pure functions of answers and true poses."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from firstfix.transform import (
 
 SUCCESS_M = (0.05, 0.2, 0.5, 1.0)
 SUCCESS_YAW_DEG = 5.0
-RANKED_M = 0.2  # a hypothesis so near is the true place
+RANKED_M = 0.2  # a hypothesis this close counts as the true place
 ANGLES_DEG = (1.0, 2.0, 5.0)
 FALSE_M, FALSE_DEG = 1.0, 10.0  # an accepted pose further off than this is a false accept
 
@@ -32,16 +32,16 @@ class Outcome:
     """One query of an evaluation.
 
     Attributes:
-        name: of the scan.
-        T_map_sensor: (4, 4) truth, or None: the scan is not of this map.
-        answer: what came back.
-        ms: from having the scan to having the answer, as the asker sees it.
-        error_m: distance of the answered pose from the truth; inf without either.
-        error_deg: angle of the whole rotation between them; inf without either.
-        yaw_error_deg: its part about the map's vertical.
-        first_error_m: distance of the best hypothesis from the truth, whatever the verdict; inf where there
-            is none, or its yaw is off by over SUCCESS_YAW_DEG.
-        among_error_m: the same, of the nearest of all hypotheses.
+        name: name of the scan.
+        T_map_sensor: (4, 4) true pose, or None: the scan was not taken in this map.
+        answer: the answer.
+        ms: time from the query to the answer, measured by the caller.
+        error_m: distance of the answered pose from the true one; inf if there is none.
+        error_deg: angle of the rotation between them; inf if there is none.
+        yaw_error_deg: its part about the map's vertical axis.
+        first_error_m: distance of the first hypothesis from the true pose, whatever the verdict; inf if
+            there is none, or its yaw is off by more than SUCCESS_YAW_DEG.
+        among_error_m: the same for the nearest of all hypotheses.
     """
 
     name: str
@@ -56,19 +56,21 @@ class Outcome:
 
     @property
     def is_accepted(self) -> bool:
+        """True if the verdict is ``localized``."""
         return self.answer.verdict is Verdict.LOCALIZED
 
     @property
     def is_false_accept(self) -> bool:
-        """A confident wrong answer: the enemy."""
+        """True if the scan was localized at a wrong pose."""
         return self.is_accepted and not (self.error_m <= FALSE_M and self.error_deg <= FALSE_DEG)
 
     def is_within(self, limit_m: float, yaw_deg: float = SUCCESS_YAW_DEG) -> bool:
+        """Returns True if the answered pose is this close to the true one."""
         return self.error_m <= limit_m and self.yaw_error_deg <= yaw_deg
 
 
 def outcome_of(name: str, T_map_sensor: Matrix | None, answer: Localization, ms: float) -> Outcome:
-    """Compares an answer with the truth."""
+    """Compares an answer with the true pose."""
     if T_map_sensor is None:
         return Outcome(name, None, answer, ms, np.inf, np.inf, np.inf)
     errors_m = [_error_m(T_map_sensor, hypothesis.T_map_sensor) for hypothesis in answer.hypotheses]
@@ -81,13 +83,13 @@ def outcome_of(name: str, T_map_sensor: Matrix | None, answer: Localization, ms:
 
 
 def report_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """The figures that ``--json`` writes.
+    """Returns the metrics that ``--json`` writes.
 
-    success_*: share of the scans with a true pose that were localized within the distance, and within
-    5 degrees of yaw. first_0.2m, among_0.2m: share whose best hypothesis, or any, is that near, whatever the
-    verdict: a true place that is among them and not first was found and ranked wrongly. median_*: over
-    localized scans with a true pose, None without one. false_accept_rate: among ``localized``, those off by
-    over 1 m or 10 degrees or not of this map.
+    ``success_*``: share of the scans with a true pose that were localized within this distance, and within
+    5 degrees of yaw. ``first_0.2m`` and ``among_0.2m``: share of them whose first hypothesis, or any, is this
+    close, whatever the verdict. If another than the first is close, the place was found but ranked wrongly.
+    ``median_*``: over the localized scans with a true pose, None if there are none. ``false_accept_rate``:
+    share of the localized scans that are off by more than 1 m or 10 degrees, or were not taken in this map.
     """
     posed = [o for o in outcomes if o.T_map_sensor is not None]
     accepted = [o for o in outcomes if o.is_accepted]
@@ -107,13 +109,13 @@ def report_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 
 def angle_shares(outcomes: Sequence[Outcome]) -> dict[str, float]:
-    """Share of the scans with a true pose within 1 m and within 1, 2 and 5 degrees of yaw."""
+    """Returns the share of scans with a true pose within 1 m and 1, 2 and 5 degrees of yaw."""
     posed = [o for o in outcomes if o.T_map_sensor is not None]
     return {f"{limit:g}deg": _share([o.is_within(1.0, limit) for o in posed]) for limit in ANGLES_DEG}
 
 
 def turned(scan: Scan, T_map_sensor: Matrix | None, yaw_rad: float) -> tuple[Scan, Matrix | None]:
-    """The scan as a sensor mounted at another heading would have taken it, and that sensor's pose."""
+    """Returns scan and pose of the same sensor mounted at another heading."""
     T_turned_sensor = make_transform(rotation_z(yaw_rad), np.zeros(3))
     points = (scan.points @ T_turned_sensor[:3, :3].T).astype(np.float32)
     pose = None if T_map_sensor is None else T_map_sensor @ inverse(T_turned_sensor)
@@ -121,21 +123,21 @@ def turned(scan: Scan, T_map_sensor: Matrix | None, yaw_rad: float) -> tuple[Sca
 
 
 def random_yaws(count: int, seed: int | None) -> NDArray[np.float64]:
-    """(count,) radians, the same for the same seed; zeros without one."""
+    """Returns (count,) radians that depend only on the seed; zeros without a seed."""
     if seed is None:
         return np.zeros(count)
     return np.random.default_rng(seed).uniform(-np.pi, np.pi, count)
 
 
 def _error_m(T_map_sensor: Matrix, T_map_found: Matrix) -> float:
-    """Distance of a hypothesis from the truth; infinite where it is turned away."""
+    """Returns the distance of a hypothesis from the true pose; infinite if its yaw is wrong."""
     if _yaw_error_deg(T_map_sensor, T_map_found) > SUCCESS_YAW_DEG:
         return float(np.inf)
     return pose_error(T_map_sensor, T_map_found)[0]
 
 
 def _yaw_error_deg(T_map_sensor: Matrix, T_map_found: Matrix) -> float:
-    """The twist about z of the rotation between them: free of the tilt's share."""
+    """Returns the twist about z of the rotation between them, without the tilt."""
     _, _, z, w = quaternion_of(T_map_found @ inverse(T_map_sensor))
     return abs(float(np.degrees(2 * np.arctan2(z, w))))
 

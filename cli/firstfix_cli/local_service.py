@@ -1,4 +1,4 @@
-"""A service of one's own for as long as a block lasts: what the demo and the benchmarks ask."""
+"""A local service for the demo and the benchmarks."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ import httpx
 
 from firstfix.errors import FirstfixError
 
-START_S = 300.0  # on a busy machine; most need five
+START_S = 300.0  # on a busy machine; usually five
 
 
 @dataclass(frozen=True)
 class LocalService:
-    """Where it listens.
+    """Addresses of a running service.
 
     Attributes:
-        url: HTTP.
-        zenoh: endpoint for a zenoh client.
-        log: what it prints.
+        url: URL for HTTP clients.
+        zenoh: endpoint for zenoh clients.
+        log: file with its output.
     """
 
     url: str
@@ -36,13 +36,13 @@ class LocalService:
 
 @contextmanager
 def local_service(directory: Path, store: Path) -> Iterator[LocalService]:
-    """``firstfix serve`` in a process of its own, on free ports of the loopback interface.
+    """Runs ``firstfix serve`` in its own process, on free ports of the loopback interface.
 
     Args:
-        directory: for its zenoh configuration, log and build cache.
+        directory: folder for its zenoh configuration, log and build cache.
 
     Raises:
-        FirstfixError: it does not come up; its log says why.
+        FirstfixError: it does not start; the log says why.
     """
     directory.mkdir(parents=True, exist_ok=True)
     service = LocalService(

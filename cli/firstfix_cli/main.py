@@ -1,8 +1,4 @@
-"""The entry point ``firstfix``: one table of commands, one place where errors become a line and a code.
-
-Exit codes: 0 done (``localize``: localized), 1 no answer, which may be better later, 2 bad usage, bad input
-or an error that stays, 3 ambiguous, 4 rejected.
-"""
+"""Entry point of the command ``firstfix``: the table of commands, and exit codes for errors."""
 
 from __future__ import annotations
 
@@ -20,6 +16,7 @@ from firstfix.errors import (
 )
 from firstfix.redact import redact
 
+from .arguments import examples
 from .commands import (
     build,
     copy_store,
@@ -36,38 +33,54 @@ from .commands import (
 
 NO_ANSWER_EXIT_CODE = 1
 ERROR_EXIT_CODE = 2
-# Nobody there, nobody free, nobody in time: the same command may succeed later.
+# No service, no free one, or none in time: the same command may succeed later.
 NO_ANSWER = (ConnectionError, DeadlineExceeded, Overloaded, RateLimited, StoreUnavailable, WorkerLost)
+
+EXIT_CODES = """\b
+Exit codes:
+  0  done; localize: localized
+  1  no answer; the same command may succeed later
+  2  wrong usage, wrong input, or another error
+  3  localize: ambiguous
+  4  localize: rejected
+"""
+FIRST_STEPS = examples(
+    "firstfix world office -o world",
+    "firstfix build world/map.ply --map-id office --store store --sensor world/sensor.yaml",
+    "firstfix serve --store store",
+    "firstfix evaluate world/poses.csv --map office",
+)
 
 app = typer.Typer(
     name="firstfix",
-    help="The first fix for LiDAR robots: one scan in, the pose in the map out, over the network.",
+    help="Localize LiDAR robots: send one scan, get the robot's pose in the map.",
+    epilog=f"{FIRST_STEPS}\n\n{EXIT_CODES}",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-app.command()(world.world)
-app.command()(build.build)
-app.command()(serve.serve)
-app.command()(worker.worker)
-app.command()(localize.localize)
-app.command()(evaluate.evaluate)
-app.command("ros-gateway")(ros_gateway.ros_gateway)
-app.command("copy-store")(copy_store.copy_store)
+app.command(epilog=world.EXAMPLES)(world.world)
+app.command(epilog=build.EXAMPLES)(build.build)
+app.command(epilog=serve.EXAMPLES)(serve.serve)
+app.command(epilog=worker.EXAMPLES)(worker.worker)
+app.command(epilog=localize.EXAMPLES)(localize.localize)
+app.command(epilog=evaluate.EXAMPLES)(evaluate.evaluate)
+app.command("ros-gateway", epilog=ros_gateway.EXAMPLES)(ros_gateway.ros_gateway)
+app.command("copy-store", epilog=copy_store.EXAMPLES)(copy_store.copy_store)
 app.add_typer(maps.app, name="maps")
 app.add_typer(samples.app, name="samples")
 app.add_typer(keys.app, name="keys")
 
 
 def run(arguments: list[str] | None = None) -> None:
-    """Runs the command line. What went wrong is one line on standard error, never a traceback.
+    """Runs the command line. Errors are printed as one line on standard error, without a traceback.
 
     Raises:
         SystemExit: always, with the exit code.
     """
     try:
         app(arguments)
-    # ConnectionError: no service; ModuleNotFoundError: an extra that is not installed
+    # ConnectionError: no service. ModuleNotFoundError: an extra is not installed.
     except (FirstfixError, ConnectionError, ModuleNotFoundError) as error:
         print(f"firstfix: {redact(str(error))}", file=sys.stderr)
         raise SystemExit(NO_ANSWER_EXIT_CODE if isinstance(error, NO_ANSWER) else ERROR_EXIT_CODE) from None

@@ -1,4 +1,4 @@
-"""Maps and versions behind one face, whether a service or the store itself is asked."""
+"""Administration of maps and versions, with a service or with the store itself."""
 
 from __future__ import annotations
 
@@ -19,32 +19,39 @@ Record = dict[str, Any]
 
 
 class MapAdmin(Protocol):
-    """What ``firstfix maps`` needs. Records are JSON-ready, and the same from both."""
+    """Operations of ``firstfix maps``. Both implementations return the same JSON-ready records."""
 
-    def maps(self) -> list[Record]: ...
+    def maps(self) -> list[Record]:
+        """Returns all maps."""
 
-    def show(self, map_id: str) -> Record: ...
+    def show(self, map_id: str) -> Record:
+        """Returns one map with the manifest of its active version."""
 
-    def versions(self, map_id: str) -> list[Record]: ...
+    def versions(self, map_id: str) -> list[Record]:
+        """Returns the versions of a map, newest first."""
 
-    def activate(self, map_id: str, version: str) -> None: ...
+    def activate(self, map_id: str, version: str) -> None:
+        """Makes a version the active one."""
 
-    def roll_back(self, map_id: str) -> str: ...
+    def roll_back(self, map_id: str) -> str:
+        """Makes the previously active version active again, and returns it."""
 
-    def retire(self, map_id: str, version: str, *, force: bool) -> None: ...
+    def retire(self, map_id: str, version: str, *, force: bool) -> None:
+        """Takes a version out of service."""
 
-    def collect_garbage(self, map_id: str | None, *, dry_run: bool) -> Record: ...
+    def collect_garbage(self, map_id: str | None, *, dry_run: bool) -> Record:
+        """Removes unreferenced objects. Returns counts by kind."""
 
 
 @contextmanager
 def map_admin(url: str | None, store: str | None) -> Iterator[MapAdmin]:
-    """The service's maps, or with ``store`` the store's.
+    """Gives the administration of the service, or with ``store`` that of the store.
 
     Raises:
         InvalidOption: both are given.
     """
     if url is not None and store is not None:
-        raise InvalidOption("give one of --url and --store")
+        raise InvalidOption("give only one of --url and --store")
     if store is None:
         with client_of(url) as client:
             yield _ServiceMaps(client)

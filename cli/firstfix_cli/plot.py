@@ -1,4 +1,4 @@
-"""The picture of an evaluation: the map from above, truth and answers, and scans laid over the map."""
+"""Picture of an evaluation: the map from above with true poses and answers, and scans over the map."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from .evaluate import Outcome
 MAX_MAP_POINTS = 400_000
 MAX_SCAN_POINTS = 20_000
 CLOSE_UPS, WRONG_CLOSE_UPS = 3, 2
-ABOVE_SENSOR_M = 0.7  # higher points are ceilings, roofs and crowns: they would hide what lies below
-_PALE_TO_DARK = "YlGnBu"  # the floor stays behind what is drawn on it
+ABOVE_SENSOR_M = 0.7  # higher points are ceilings, roofs and tree crowns, which would hide the rest
+_PALE_TO_DARK = "YlGnBu"  # a pale floor, so that poses stand out
 RIGHT, OFF, WRONG, NONE = "#1a9850", "#f28e2b", "#d73027", "#7f7f7f"
 
 
 @dataclass(frozen=True)
 class MapPicture:
-    """What is drawn of a map version, in the map's frame.
+    """Points and templates of a map version, in the map frame.
 
     Attributes:
         points: (n, 3) metres.
@@ -39,7 +39,7 @@ class MapPicture:
 
     @classmethod
     def load(cls, directory: Path) -> MapPicture:
-        """From a version's folder: only the files that a picture needs."""
+        """Reads them from a version's folder."""
         from firstfix.engine.index import ENGINE_FILE, MAP_FILE
 
         flat = json.loads((directory / ENGINE_FILE).read_text())["T_map_level"]
@@ -52,7 +52,7 @@ class MapPicture:
         )
 
     def below_ceilings(self) -> NDArray[np.float64]:
-        """(k, 3) points up to a little over the sensor's height at the nearest template, lowest first."""
+        """Returns (k, 3) points up to just above the sensor's height, lowest first."""
         from scipy.spatial import cKDTree
 
         _, nearest = cKDTree(self.templates[:, :2]).query(self.points[:, :2])
@@ -71,9 +71,9 @@ def draw(
     """Writes the PNG.
 
     Args:
-        picture: of the map; None draws truth and answers alone.
-        scans: by an outcome's name; the best to judge by are laid over the map.
-        report: of ``evaluate.report_of``, for the title.
+        picture: the map; None: draw only true poses and answers.
+        scans: scans by the name of their outcome; a few of them are drawn over the map.
+        report: result of ``evaluate.report_of``, for the title.
 
     Raises:
         ModuleNotFoundError: matplotlib is not installed.
@@ -83,7 +83,7 @@ def draw(
         from matplotlib.figure import Figure
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
-            "--plot needs the extra: pip install 'firstfix[builder]'", name=error.name
+            "--plot needs matplotlib: pip install 'firstfix[builder]'", name=error.name
         ) from None
     chosen = _close_ups([o for o in outcomes if o.name in scans])
     left, right = 10.0, 5.0 if chosen else 0.0  # inches
@@ -140,7 +140,7 @@ def _draw_overview(axes: Any, picture: MapPicture | None, outcomes: Sequence[Out
 
 
 def _draw_close_up(axes: Any, picture: MapPicture | None, outcome: Outcome, scan: Scan) -> None:
-    """The scan at the answered pose, in a slice of the map around the sensor's height."""
+    """Draws the scan at the answered pose, over a slice of the map at the sensor's height."""
     T_map_sensor = outcome.answer.T_map_sensor
     assert T_map_sensor is not None
     points = transform_points(T_map_sensor, scan.points[rows_by_chance(len(scan), MAX_SCAN_POINTS)])
@@ -167,7 +167,7 @@ def _draw_close_up(axes: Any, picture: MapPicture | None, outcome: Outcome, scan
 
 
 def _close_ups(outcomes: Sequence[Outcome]) -> list[Outcome]:
-    """Localized ones to judge by: two false accepts at most, and from the best right one to the worst."""
+    """Returns up to two false accepts, and right answers from the best to the worst."""
     accepted = sorted((o for o in outcomes if o.is_accepted), key=lambda o: o.error_m)
     wrong = [o for o in accepted if o.is_false_accept][-WRONG_CLOSE_UPS:]
     right = [o for o in accepted if not o.is_false_accept]
@@ -191,18 +191,18 @@ def _heading(axes: Any, T: Matrix, length_m: float, colour: str, width: float) -
 
 
 def _arrow_m(picture: MapPicture | None, outcomes: Sequence[Outcome]) -> float:
-    """A length that can be seen at the picture's scale."""
+    """Returns an arrow length that is visible at this scale."""
     return max(1.0, float(_extent(picture, outcomes).max()) / 30)
 
 
 def _aspect(picture: MapPicture | None, outcomes: Sequence[Outcome]) -> float:
-    """Height over width of what is shown."""
+    """Returns height divided by width."""
     width, height = _extent(picture, outcomes)
     return float((height + 1) / (width + 1))
 
 
 def _extent(picture: MapPicture | None, outcomes: Sequence[Outcome]) -> NDArray[np.float64]:
-    """(2,) metres along x and y; zeros when nothing is shown."""
+    """Returns (2,) metres along x and y; zeros if nothing is shown."""
     if picture is not None:
         shown = picture.points[:, :2]
     else:

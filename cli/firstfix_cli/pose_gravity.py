@@ -1,4 +1,4 @@
-"""The gravity that an IMU beside the sensor would measure at a known pose."""
+"""Gravity as an IMU at the sensor would measure it at a known pose."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ SEED = 0
 
 
 def imu_errors(count: int, noise_deg: float | None) -> Sequence[NDArray[np.float64] | None]:
-    """The errors of ``count`` measurements, of roll and pitch, (2,) radians: the same in every run.
+    """Returns ``count`` errors of roll and pitch, each (2,) radians, the same in every run.
 
     Args:
-        noise_deg: standard deviation of each; None: there is no IMU.
+        noise_deg: standard deviation; None: there is no IMU.
 
     Raises:
         InvalidOption: the noise is out of range.
@@ -27,17 +27,17 @@ def imu_errors(count: int, noise_deg: float | None) -> Sequence[NDArray[np.float
         return [None] * count
     if not 0 <= noise_deg <= MOST_NOISE_DEG:
         raise InvalidOption(
-            f"the noise of gravity must lie in [0, {MOST_NOISE_DEG:g}] degrees, not {noise_deg}"
+            f"the noise of gravity must be in [0, {MOST_NOISE_DEG:g}] degrees, not {noise_deg}"
         )
     return list(np.radians(noise_deg) * np.random.default_rng(SEED).normal(size=(count, 2)))
 
 
 def gravity_at(T_map_sensor: Matrix | None, error_rad: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """(3,) unit vector in the sensor frame, pointing down; None without a pose.
+    """Returns the (3,) unit vector of gravity in the sensor frame, pointing down; None without a pose.
 
     Args:
-        T_map_sensor: in a map whose z is up.
-        error_rad: (2,) by which roll and pitch are off.
+        T_map_sensor: pose in a map whose z axis points up.
+        error_rad: (2,) errors of roll and pitch.
     """
     if T_map_sensor is None:
         return None

@@ -1,4 +1,4 @@
-"""POSES.csv: scans and where they were taken."""
+"""Reader for POSES.csv: scans and their poses."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ POSE_COLUMNS = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
 
 @dataclass(frozen=True)
 class PosedScan:
-    """One row.
+    """One scan and its pose.
 
     Attributes:
-        path: of the scan file.
+        path: path of the scan file.
         T_map_sensor: (4, 4), or None: the scan was not taken in this map.
     """
 
@@ -29,22 +29,22 @@ class PosedScan:
 
 
 def read_poses_csv(path: Path) -> list[PosedScan]:
-    """Reads columns ``scan`` (path from the CSV) and ``tx,ty,tz,qx,qy,qz,qw``; others are ignored.
+    """Reads the columns ``scan`` (path relative to the CSV) and ``tx,ty,tz,qx,qy,qz,qw``.
 
     Raises:
         NotFound: no such file.
-        MalformedData: a column is missing, a pose is half empty or no pose, or there is no row.
+        MalformedData: a column is missing, a pose is incomplete or invalid, or there is no row.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (FileNotFoundError, IsADirectoryError):
         raise NotFound(f"{path}: no such file") from None
     except UnicodeDecodeError:
-        raise MalformedData(f"{path}: no CSV text") from None
+        raise MalformedData(f"{path}: not a CSV text file") from None
     reader = csv.DictReader(text.splitlines(), skipinitialspace=True)
     missing = [name for name in ("scan", *POSE_COLUMNS) if name not in (reader.fieldnames or ())]
     if missing:
-        raise MalformedData(f"{path}: the first line names no column {', '.join(missing)}")
+        raise MalformedData(f"{path}: the first line has no column {', '.join(missing)}")
     rows = []
     for row in reader:
         try:
@@ -52,7 +52,7 @@ def read_poses_csv(path: Path) -> list[PosedScan]:
         except ValueError as error:
             raise MalformedData(f"{path}, line {reader.line_num}: {error}") from None
     if not rows:
-        raise MalformedData(f"{path}: no scans")
+        raise MalformedData(f"{path}: the file has no scans")
     return rows
 
 
@@ -70,7 +70,7 @@ def _pose_of(row: dict[str, str]) -> NDArray[np.float64] | None:
     try:
         numbers = [float(text) for text in texts]
     except ValueError:
-        raise ValueError(f"a pose is seven numbers or nothing, not {','.join(texts)}") from None
+        raise ValueError(f"a pose must be seven numbers or empty, not {','.join(texts)}") from None
     if not np.isfinite(numbers).all():
         raise ValueError(f"the pose {','.join(texts)} is not finite")
     return from_quaternion(numbers[:3], numbers[3:])

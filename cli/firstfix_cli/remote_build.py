@@ -1,4 +1,4 @@
-"""A map built by a service: handed in, followed, told like one that was built here."""
+"""Builds that a service runs."""
 
 from __future__ import annotations
 
@@ -27,18 +27,20 @@ def remote_build(
     *,
     wait: bool,
 ) -> dict[str, Any]:
-    """What there is to say of the version, or, if it is not waited for, of the build.
+    """Builds a map in the service. Returns facts about its version, or about the build if not waited for.
 
     Args:
-        config: as far as it is given; the rest is the service's.
-        progress: opens what is told of stages and their shares.
+        config: the given values; the service has defaults for the others.
+        progress: opens a display of the stages' progress.
 
     Raises:
-        InvalidOption: a folder: a service takes one file.
-        BuildFailed, BuildCancelled: it ended without a version.
+        InvalidOption: the source is a folder, but a service takes one file.
+        BuildFailed, BuildCancelled: the build ended without a version.
     """
     if source.is_dir():
-        raise InvalidOption(f"{source} is a folder: a service takes one file; --store builds folders here")
+        raise InvalidOption(
+            f"{source} is a folder, but a service takes one file; use --store to build it on this machine"
+        )
     with client_of(url) as client:
         started = client.build_map(source, map_id, config=config or None, trajectory=trajectory)
         said = {"map_id": map_id, "build_id": started.build_id}

@@ -1,4 +1,4 @@
-"""Kept queries asked again: what was answered then, and what is answered now."""
+"""Replay of kept queries: the old answers beside the new ones."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from .answerer import fetch_active_version
 from .arguments import client_of
 
 BodyAnswerer = Callable[[QuerySample, bytes, LocalizeOptions], Localization]
-MAX_DECODED_BYTES = 1 << 30  # of a kept query in this process
+MAX_DECODED_BYTES = 1 << 30  # limit for a kept query, decoded in this process
 
 
 @dataclass(frozen=True)
 class Replayed:
-    """One kept query.
+    """One kept query with its old and its new answer.
 
     Attributes:
-        now: None when it could not be asked again; ``error`` says why.
-        moved_m, moved_deg: from the best place then to the best now; None where there was none, or its
-            frame is another map's.
+        now: None if the query failed; ``error`` says why.
+        moved_m, moved_deg: from the old first hypothesis to the new one; None without one, or if it is in
+            another map.
     """
 
     sample: QuerySample
@@ -44,10 +44,10 @@ class Replayed:
 def replay(
     samples: QuerySamples, map_id: str, ask: BodyAnswerer, version: str | None = None
 ) -> Iterator[Replayed]:
-    """Asks every kept query about the map again, oldest first.
+    """Sends every kept query about the map again, oldest first.
 
     Args:
-        version: to ask; None: the active one, whichever was asked then.
+        version: version to ask; None: the active one.
     """
     for sample in samples.each():
         if not sample.is_about(map_id):
@@ -67,10 +67,10 @@ def replay(
 def body_answerer(
     map_id: str, *, url: str | None, store: str | None, timeout_s: float
 ) -> Iterator[BodyAnswerer]:
-    """Who answers: the service at ``url``, or with ``store`` the engine in this process.
+    """Gives a function that answers a kept query, with the service or with the store.
 
     Raises:
-        NotFound: there is no such map.
+        NotFound: no such map.
     """
     if store is not None:
         yield _in_process(map_id, store)
@@ -120,7 +120,7 @@ def _moved(map_id: str, then: Localization, now: Localization | None) -> tuple[f
 
 
 def report_of(replayed: Sequence[Replayed]) -> dict[str, Any]:
-    """The figures that ``--json`` writes."""
+    """Returns the figures that ``--json`` writes."""
     changes = Counter((one.then.verdict.value, _verdict(one)) for one in replayed)
     return {
         "n": len(replayed),
@@ -140,14 +140,14 @@ def report_of(replayed: Sequence[Replayed]) -> dict[str, Any]:
 
 
 def lines_of(replayed: Sequence[Replayed]) -> list[str]:
-    """One line a query, then what changed altogether."""
+    """Returns one line for each query, then the counts of changes."""
     lines = [f"{'sample':31} {'then':>17} {'now':>17}  best place"]
     for one in replayed:
         now = one.error or _short(one.now)
         moved = "" if one.moved_m is None else f"moved {one.moved_m:.2f} m, {one.moved_deg:.1f} deg"
         lines.append(f"{one.sample.sample_id:31} {_short(one.then):>17} {now:>17}  {moved}".rstrip())
     changes = Counter((one.then.verdict.value, _verdict(one)) for one in replayed)
-    lines.append(f"{len(replayed)} kept queries asked again")
+    lines.append(f"{len(replayed)} kept queries sent again")
     lines += [f"  {then} -> {now}: {count}" for (then, now), count in sorted(changes.items())]
     return lines
 

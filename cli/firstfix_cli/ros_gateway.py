@@ -1,7 +1,7 @@
-"""One process that finds the first fix of every robot of a fleet that speaks rmw_zenoh.
+"""Gateway for robots on rmw_zenoh: finds the first fix of every robot of a fleet.
 
-A robot is a namespace in which somebody publishes clouds: it shows by the publisher's liveliness token. Its
-clouds are subscribed to only while a fix is wanted, so a robot that has one costs no traffic.
+A robot is a namespace with a publisher of clouds, which the gateway finds by its liveliness token. It
+subscribes to the clouds only while a fix is wanted, so a robot with a fix costs no traffic.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ Tell = Callable[[str, str], None]  # a robot's namespace and a line about it
 
 
 class Graph:
-    """Our node in the ROS graph: declares endpoints with their tokens."""
+    """The gateway's node in the ROS graph: declares endpoints with their tokens."""
 
     def __init__(self, session: Any, domain: int) -> None:
         self.session = session
@@ -57,16 +57,18 @@ class Graph:
         self._node_token = session.liveliness().declare_token(self._node.token)
 
     def close(self) -> None:
+        """Removes the node from the graph."""
         self._node_token.undeclare()
 
     def token(self, of: Endpoint, qos: str) -> Any:
+        """Declares the token of an endpoint."""
         return self.session.liveliness().declare_token(
             self._node.endpoint_token(next(self._numbers), of, qos)
         )
 
 
 class Robot:
-    """One robot: listens to its clouds while a fix is wanted, publishes the pose, answers its service."""
+    """One robot: takes its clouds while a fix is wanted, publishes the pose, and answers the service."""
 
     def __init__(
         self,
@@ -86,7 +88,7 @@ class Robot:
         locate = endpoint(graph.domain, SERVICE, f"{namespace}/{LOCATE}", TRIGGER, humble=clouds.is_humble)
         self._sequence, self._gid = itertools.count(1), os.urandom(16)
         self._listening: tuple[Any, Any] | None = None
-        self._said: tuple[State, str] | None = None
+        self._reported: tuple[State, str] | None = None
         self.fix = FirstFix(ask, self._publish, config)
         self._declared = [
             graph.token(self._pose, RELIABLE_QOS),
@@ -95,7 +97,7 @@ class Robot:
         ]
 
     def look(self) -> None:
-        """Subscribes, or no longer, as the wish is; tells what has changed."""
+        """Subscribes to the clouds while a fix is wanted, and reports changes of the state."""
         wanted = self.fix.wanted
         if wanted and self._listening is None:
             of = replace(self._clouds, kind=SUBSCRIPTION)
@@ -106,11 +108,12 @@ class Robot:
         elif not wanted:
             self._rest()
         status = self.fix.status
-        if (status.state, status.error) != self._said and status.state is not State.ASKING:
-            self._said = status.state, status.error
+        if (status.state, status.error) != self._reported and status.state is not State.ASKING:
+            self._reported = status.state, status.error
             self._tell(self._namespace, status.state.value + (f": {status.error}" if status.error else ""))
 
     def close(self) -> None:
+        """Ends the search and removes the robot's endpoints."""
         self._rest()
         for declared in self._declared:
             declared.undeclare()
@@ -128,7 +131,7 @@ class Robot:
             self._pose.key,
             pose,
             attachment=attachment.to_bytes(),
-            congestion_control=zenoh.CongestionControl.BLOCK,  # there is only this one
+            congestion_control=zenoh.CongestionControl.BLOCK,  # a pose must not be dropped
         )
 
     def _on_locate(self, query: Any) -> None:
@@ -137,22 +140,22 @@ class Robot:
             try:
                 asked = Attachment.from_bytes(b"" if raw is None else raw.to_bytes())
             except FirstfixError:
-                return  # nobody that waits for an answer of ours
+                return  # not a ROS 2 service call
             self.fix.want()
             writer = CdrWriter()
             writer.numbers("B", [True])
-            writer.text("looking for a fix; it is published when there is one")
+            writer.text("searching for a fix; its pose is published when it is found")
             attachment = Attachment(asked.sequence, time.time_ns(), asked.gid)
             query.reply(query.key_expr, writer.bytes(), attachment=attachment.to_bytes())
 
 
 class RosGateway:
-    """Follows robots as they come and go, until it is told to stop.
+    """Gateway of a fleet: follows robots as they appear and disappear.
 
     Args:
-        session: where the robots are.
-        points, pose_topic: names below a robot's namespace, without a first slash.
-        at_start: every robot that shows gets a first fix without asking.
+        session: zenoh session at the robots' router.
+        points, pose_topic: topics relative to a robot's namespace, without a leading slash.
+        at_start: search for a fix when a robot appears.
     """
 
     def __init__(
@@ -175,7 +178,7 @@ class RosGateway:
         self._tokens: queue.SimpleQueue[tuple[bool, str]] = queue.SimpleQueue()
 
     def run(self, stop: threading.Event) -> None:
-        """Blocks until ``stop`` is set. All that is declared is taken back."""
+        """Blocks until ``stop`` is set, then removes all endpoints."""
         subscriber = self._graph.session.liveliness().declare_subscriber(
             publishers_pattern(self._graph.domain, point_cloud2.TYPE), self._on_token, history=True
         )
@@ -219,10 +222,10 @@ class RosGateway:
 
 
 def open_session(endpoint_address: str) -> Any:
-    """A client of the robots' router.
+    """Opens a session at the robots' router.
 
     Raises:
-        InvalidOption: no such form of an endpoint.
+        InvalidOption: not a valid endpoint.
         ServiceUnreachable: nothing listens there.
     """
     config = zenoh.Config()
@@ -231,8 +234,8 @@ def open_session(endpoint_address: str) -> Any:
         config.insert_json5("connect/endpoints", json.dumps([endpoint_address]))
         config.insert_json5("scouting/multicast/enabled", "false")
     except zenoh.ZError as error:
-        raise InvalidOption(f"no zenoh endpoint {endpoint_address!r}: {error}") from None
+        raise InvalidOption(f"not a zenoh endpoint: {endpoint_address!r}: {error}") from None
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        raise ServiceUnreachable(f"no zenoh at {endpoint_address}: {error}") from None
+        raise ServiceUnreachable(f"no zenoh peer at {endpoint_address}: {error}") from None

@@ -1,4 +1,4 @@
-"""A version's self-test for people."""
+"""The self-test of a version as text."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 
 def self_test_lines(tested: Mapping[str, Any]) -> list[str]:
-    """What the version can do, as its builder measured it on perturbed scans."""
+    """Returns the results that the build measured on perturbed scans."""
     if not tested.get("queries"):
         return ["self-test: none"]
     success = ", ".join(f"{share:.0%} within {limit}" for limit, share in tested["success"].items())

@@ -1,4 +1,4 @@
-"""Versions by the first characters of their name, as people type them."""
+"""Versions given by their first characters."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ VERSION_CHARS = 64
 
 
 def full_version(prefix: str, versions: Iterable[str]) -> str:
-    """The one version that begins so.
+    """Returns the only version with this prefix.
 
     Raises:
-        InvalidOption: fewer than 8 characters, or several versions begin so.
-        NotFound: none does.
+        InvalidOption: fewer than 8 characters, or several versions have the prefix.
+        NotFound: no version has the prefix.
     """
     if len(prefix) < MIN_PREFIX_CHARS:
-        raise InvalidOption(f"a version needs at least {MIN_PREFIX_CHARS} characters, not {prefix!r}")
+        raise InvalidOption(f"give at least {MIN_PREFIX_CHARS} characters of a version, not {prefix!r}")
     found = [version for version in versions if version.startswith(prefix.lower())]
     if not found:
         raise NotFound(f"no version begins with {prefix!r}")

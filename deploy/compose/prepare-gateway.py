@@ -1,7 +1,7 @@
-"""Runs once the S3 gateway answers: makes its users, and the bucket's policy. Once more does no harm.
+"""Makes the users of the S3 gateway and the policy of its bucket. It may run again.
 
-The gateway's root keys are here and in the gateway itself. Services may read and write the objects of the
-bucket, workers the parts of it that a build needs: no API keys, no kept queries, no uploads.
+Only this program and the gateway have the root keys. Services may read and write all objects of the bucket.
+Workers may only use the folders that a build needs, without API keys, kept queries and uploads.
 
     ROOT_ACCESS_KEY=... ROOT_SECRET_KEY=... SERVICE_SECRET_KEY=... WORKER_SECRET_KEY=... prepare-gateway.py
 """
@@ -27,8 +27,8 @@ SERVICE, WORKER = "firstfix-service", "firstfix-worker"
 WAIT_S = 120.0
 READ = ["s3:GetObject"]
 CHANGE = [*READ, "s3:PutObject", "s3:DeleteObject", "s3:AbortMultipartUpload", "s3:ListMultipartUploadParts"]
-# What a build reads and writes: sources and versions, records, finished stages, what its caller has used, and
-# the notes by which replicas learn of a new version. probe: what a store is tried with when a worker starts.
+# Folders that a build reads and writes: sources and versions, records, finished stages, usage of callers, and
+# notices of new versions for the replicas. probe: test objects of a worker that starts.
 WORKERS_FOLDERS = ("maps", "builds", "stages", "changes", "callers", "probe")
 
 
@@ -41,7 +41,7 @@ def main() -> None:
 
 
 def policy() -> dict[str, object]:
-    """Of the bucket. The gateway knows no conditions, so names of all objects can be listed by both."""
+    """Returns the bucket's policy. The gateway has no conditions, so both users can list all object names."""
     bucket = f"arn:aws:s3:::{BUCKET}"
 
     def allow(user: str, actions: list[str], resources: list[str]) -> dict[str, object]:
@@ -60,7 +60,7 @@ def policy() -> dict[str, object]:
 
 
 def make_user(access: str, secret: str) -> None:
-    """Or gives one that is there this secret."""
+    """Makes a user, or sets the secret of an existing one."""
     named = f"<Access>{escape(access)}</Access><Secret>{escape(secret)}</Secret><Role>user</Role>"
     try:
         send("PATCH", "/create-user", "", f"<Account>{named}</Account>".encode())
@@ -86,7 +86,7 @@ def wait_for_the_gateway() -> None:
 
 
 def send(method: str, path: str, query: str = "", body: bytes = b"") -> None:
-    """A request of the root user, signed as AWS's version 4 has it.
+    """Sends a request as the root user, signed with AWS signature version 4.
 
     Raises:
         HTTPError: the gateway refuses.

@@ -1,8 +1,8 @@
-"""Writes a software bill of materials of this image: CycloneDX 1.5 JSON of Debian's and Python's packages.
+"""Writes a software bill of materials of this image, as CycloneDX 1.5 JSON.
 
     sbom.py VENV NAME VERSION >FILE
 
-The Python packages are what is installed in VENV with their licences, the Debian packages what dpkg knows.
+It lists the Python packages in VENV with their licences, and the Debian packages that dpkg lists.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def python_packages(folder: Path) -> list[Component]:
 
 
 def licence_of(metadata: Message) -> dict[str, Any] | None:
-    """An SPDX expression where the package gives one, else what it says in words."""
+    """Returns the SPDX expression of the package, else its licence as text."""
     if metadata["License-Expression"]:
         return {"expression": metadata["License-Expression"]}
     classifiers = [c for c in metadata.get_all("Classifier", []) if c.startswith("License ::")]

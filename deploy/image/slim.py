@@ -1,10 +1,10 @@
-"""Takes out of an image's packages what no running program needs, and proves that the rest still loads.
+"""Removes files from an image that no running program needs, and checks that all modules still load.
 
-    slim.py VENV service    also drops the parts of SciPy that only builds could want
+    slim.py VENV service    also removes the parts of SciPy that only builds use
     slim.py VENV builder
 
-Run with the system's Python while an image is made; needs binutils' strip. What was installed stays told by
-the packages' own metadata, so the bill of materials is not touched.
+Run it with the system's Python while an image is made; it needs strip from binutils. It keeps the metadata
+of the packages, so the bill of materials stays complete.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-# Of SciPy the service has k-d trees, rotations and a minimizer; these parts are behind none of them.
+# The service uses k-d trees, rotations and a minimizer of SciPy. These parts are not needed for them.
 UNUSED_BY_SERVICE = [
     f"scipy/{part}"
     for part in ("cluster", "datasets", "differentiate", "fftpack", "integrate", "interpolate", "io", "misc")
@@ -22,8 +22,8 @@ UNUSED_BY_SERVICE = [
 ]
 STRIPPED_FROM_BYTES = 500_000
 
-# Every module of ours, and what it loads only when asked to. It leaves the bytecode of what it loads behind:
-# in the service's image there is no other.
+# Imports every module of firstfix, and libraries that are imported late. This also writes their bytecode: the
+# service's image has no other.
 LOAD_ALL = """
 import importlib, pkgutil, sys
 for root in sys.argv[1:]:
@@ -41,7 +41,7 @@ def main(venv: Path, kind: str) -> None:
     packages = next(venv.glob("lib/python3.*/site-packages"))
     remove(packages, UNUSED_BY_SERVICE if kind == "service" else [])
     for library in packages.rglob("*.so"):
-        # Those in *.libs were patched by auditwheel: strip would break them, and they have no debug symbols.
+        # auditwheel patched those in *.libs: strip would break them, and they have no debug symbols.
         if not library.parent.name.endswith(".libs") and library.stat().st_size >= STRIPPED_FROM_BYTES:
             subprocess.run(["strip", "--strip-unneeded", library], check=True)
     roots = SERVICE_PACKAGES if kind == "service" else [*SERVICE_PACKAGES, "firstfix_builder"]

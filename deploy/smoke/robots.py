@@ -1,10 +1,10 @@
-"""Robots of the smoke test: they localize a world's scans over HTTP and zenoh, and tell how it went.
+"""Robots of the smoke test: they localize the scans of a world over HTTP and zenoh, and report.
 
     robots.py WORLD MAP --url http://proxy:8080 [--zenoh robot.json5] --json FILE [--rounds N] [--least SHARE]
 
-Without ``--rounds`` they go on until SIGTERM. Ends with an error if a query failed, if an answer was wrong,
-or if too few scans were localized. A query counts as failed after the retries that every client of the SDK
-makes; ``--no-retry`` takes these away from the HTTP robots.
+Without ``--rounds`` they run until SIGTERM. The exit code is 1 if a query failed, an answer was wrong, or
+too few scans were localized. A query fails after the retries of the client; ``--no-retry`` turns them off
+for the HTTP robots.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ TIMEOUT_S = 20.0
 
 
 class Log:
-    """What all robots of one transport saw. Thread-safe."""
+    """Results of all robots of one transport. Thread-safe."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -83,7 +83,7 @@ class Log:
 def drive(
     client: Client | ZenohClient, scans: list[Any], given: argparse.Namespace, log: Log, stop: threading.Event
 ) -> None:
-    """One robot: asks for one scan after the other."""
+    """Runs one robot: localizes one scan after the other."""
     rounds = given.rounds
     asked = 0
     while not stop.is_set() and (rounds is None or asked < rounds * len(scans)):
@@ -105,7 +105,7 @@ def main() -> int:
     parser.add_argument("--zenoh")
     parser.add_argument("--json", type=Path, required=True)
     parser.add_argument("--rounds", type=int)
-    parser.add_argument("--least", type=float, default=0.0, help="share of the map's scans to be localized")
+    parser.add_argument("--least", type=float, default=0.0, help="required share of localized scans")
     parser.add_argument("--pause", type=float, default=0.2, help="seconds between a robot's queries")
     parser.add_argument("--no-retry", action="store_true")
     given = parser.parse_args()
@@ -126,7 +126,7 @@ def main() -> int:
             way = {"config": given.zenoh} if is_file else {"endpoint": given.zenoh}
             clients.append(("zenoh", stack.enter_context(ZenohClient(**way, timeout_s=TIMEOUT_S))))
         robots = [
-            # Each begins elsewhere, so that they do not ask the same at the same time.
+            # Each starts at another scan, so that their queries differ.
             threading.Thread(
                 target=drive, args=(client, scans[start:] + scans[:start], given, logs[way], stop)
             )
@@ -140,11 +140,11 @@ def main() -> int:
     reports = {way: log.report() for way, log in logs.items()}
     given.json.write_text(json.dumps(reports, indent=1) + "\n")
     print(json.dumps(reports), flush=True)
-    return 0 if all(content(report, given.least) for report in reports.values()) else 1
+    return 0 if all(is_good(report, given.least) for report in reports.values()) else 1
 
 
-def content(report: dict[str, Any], least: float) -> bool:
-    """Whether a transport's robots got what they came for."""
+def is_good(report: dict[str, Any], least: float) -> bool:
+    """Returns True if the robots of a transport had no failure and enough fixes."""
     nothing_bad = not report["failed"] and not report["wrong"]
     return nothing_bad and report["queries"] > 0 and report["localized_share"] >= least
 

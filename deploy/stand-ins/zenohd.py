@@ -1,4 +1,4 @@
-"""A zenoh router in a Python session, in place of zenohd where that cannot be had: ``zenohd.py -c FILE``."""
+"""Zenoh router in a Python session, for machines without zenohd: ``zenohd.py -c FILE``."""
 
 from __future__ import annotations
 

@@ -20,6 +20,7 @@ def _add(parts: list[str], command: Any, path: str, depth: int) -> None:
     if depth > 1:
         parts += [f"{'#' * depth} `{path}`", _text(command.help)]
     if hasattr(command, "commands"):
+        _add_examples(parts, command)
         for name, child in command.commands.items():
             _add(parts, child, f"{path} {name}", depth + 1)
         return
@@ -31,6 +32,12 @@ def _add(parts: list[str], command: Any, path: str, depth: int) -> None:
     rows += [f"| {_names(option)} | {_help(option)} |" for option in options]
     if rows:
         parts.append("\n".join(["| argument or option | meaning |", "| --- | --- |", *rows]))
+    _add_examples(parts, command)
+
+
+def _add_examples(parts: list[str], command: Any) -> None:
+    if command.epilog:
+        parts.append(f"```text\n{_text(command.epilog)}\n```")
 
 
 def _metavar(parameter: Any) -> str:
@@ -60,4 +67,4 @@ def _help(parameter: Any) -> str:
 
 
 def _text(help_text: str | None) -> str:
-    return (help_text or "").replace("\b", "").strip()
+    return (help_text or "").replace("\b\n", "").strip()

@@ -1,4 +1,4 @@
-"""The command line from outside: what it prints, where, and its exit codes."""
+"""Output and exit codes of the command line."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def test_json_is_the_answer(service, scan, capsys):
     [
         (["--map", "yard"], "no map yard"),
         (["--map", "hall", "--gravity", "down"], "gravity is 2 or 3 numbers"),
-        (["--map", "hall", "--store", "/tmp/x"], "give one of --url, --zenoh and --store"),
+        (["--map", "hall", "--store", "/tmp/x"], "give only one of --url, --zenoh and --store"),
     ],
 )
 def test_an_error_is_one_line_and_code_2(service, scan, capsys, extra, says):
@@ -293,7 +293,7 @@ def test_the_shell_completes(words, offers):
 
 
 def test_the_completion_can_be_installed(tmp_path):
-    """As ``firstfix --install-completion bash`` does it: the shell's file names a script that asks us."""
+    """The installed shell script calls ``firstfix`` for completions."""
     command = [sys.executable, "-c", AS_INSTALLED]
     done = subprocess.run(
         [*command, "--install-completion", "bash"],
@@ -329,7 +329,7 @@ def test_help_needs_nothing_heavy():
         (["--store", "store", "--executor", "dask://nowhere"], "names no scheduler"),
         (["--store", "store", "--executor", "slurm"], "no executor 'slurm'"),
         (["--store", "memory://", "--executor", "dask://127.0.0.1:8786"], "store in memory"),
-        (["--executor", "dask://127.0.0.1:8786"], "--executor is for builds with --store"),
+        (["--executor", "dask://127.0.0.1:8786"], "--executor needs --store"),
     ],
 )
 def test_a_build_says_what_is_wrong_with_its_executor(arguments, says, tmp_path, monkeypatch, capsys):

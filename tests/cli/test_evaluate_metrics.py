@@ -1,4 +1,4 @@
-"""The figures of an evaluation, from answers whose errors are known."""
+"""Metrics of an evaluation, for answers with known errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The picture: the right things in the right colours at the right places."""
+"""The picture shows the right things in the right colours and places."""
 
 from __future__ import annotations
 

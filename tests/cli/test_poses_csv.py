@@ -1,4 +1,4 @@
-"""POSES.csv: what is read, and what a damaged one says."""
+"""Reading of POSES.csv, and errors for damaged files."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ def test_poses_and_places_that_are_not_in_the_map(tmp_path):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", "names no column scan"),
-        ("scan,tx,ty,tz,qx,qy,qz\na,1,2,3,0,0,0\n", "names no column qw"),
-        (HEADER, "no scans"),
+        ("", "has no column scan"),
+        ("scan,tx,ty,tz,qx,qy,qz\na,1,2,3,0,0,0\n", "has no column qw"),
+        (HEADER, "has no scans"),
         (HEADER + "a,1,2,3,0,0,0,1\nb,1,2,,0,0,0,1\n", "line 3"),
         (HEADER + "a,1,2,3,0,0,0,0\n", "line 2.*quaternion"),
         (HEADER + "a,1,2,nan,0,0,0,1\n", "not finite"),

@@ -1,4 +1,4 @@
-"""``firstfix localize --bag``: what is asked of the service, what is printed, and the exit codes."""
+"""``firstfix localize --bag``: queries, output and exit codes."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def service() -> Iterator[FakeService]:
 
 
 def drive(kind: str, counts: list[int]) -> list[tuple[str, int, object]]:
-    """A cloud a second from 100 s on, stamped 10 ms before; an IMU at rest; how both are mounted."""
+    """Writes a bag: one cloud per second from 100 s, stamped 10 ms earlier; an IMU at rest; static frames."""
     stores, rng = stores_of(kind), np.random.default_rng(1)
     tree = [("base_link", "lidar", BASE_LIDAR), ("lidar", "imu_link", LIDAR_IMU)]
     up = -9.81 * (inverse(LIDAR_IMU)[:3, :3] @ DOWN)
@@ -137,9 +137,9 @@ WRONG = {
     "no such topic": (["--topic", "/camera"], "/camera holds no sensor_msgs/msg/PointCloud2"),
     "an IMU topic that is none": (["--imu-topic", "/points"], "/points holds no sensor_msgs/msg/Imu"),
     "a frame that nothing joins": (["--base-frame", "arm"], "no chain of static transforms"),
-    "gravity twice": (["--imu-topic", "/imu", "--gravity", "0,0,-1"], "not both"),
-    "the mounting twice": (["--base-frame", "base_link", "--T-base-sensor", "0,0,0,0,0,0,1"], "not both"),
-    "nothing left": (["--start", "1000"], "no cloud 1000 s after"),
+    "gravity twice": (["--imu-topic", "/imu", "--gravity", "0,0,-1"], "only one of --gravity"),
+    "the mounting twice": (["--base-frame", "base_link", "--T-base-sensor", "0,0,0,0,0,0,1"], "only one of --T-base-sensor"),
+    "nothing left": (["--start", "1000"], "no cloud after 1000 s"),
 }
 
 
@@ -167,7 +167,7 @@ def test_a_scan_or_a_bag(service, tmp_path, capsys):
     scan = tmp_path / "scan.npy"
     np.save(scan, np.ones((LOCALIZED, 3)))
     assert replayed(service, bag, scan) == 2
-    assert "one of them" in capsys.readouterr().err
+    assert "one of SCAN, --odometry and --bag" in capsys.readouterr().err
     service_of_it = ["--map", "hall", "--url", service.url]
     assert ended("localize", *service_of_it) == 2
     assert ended("localize", scan, *service_of_it, "--topic", "/points") == 2

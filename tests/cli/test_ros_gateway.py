@@ -1,4 +1,4 @@
-"""The gateway among plain zenoh sessions that speak rmw_zenoh's layout as robots do."""
+"""The gateway with zenoh sessions that act as rmw_zenoh robots."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def router() -> Iterator[str]:
 
 
 class Robot:
-    """Publishes clouds when told, keeps the poses, calls the service: as a node of rmw_zenoh would."""
+    """A robot as rmw_zenoh shows it: publishes clouds, records poses, calls the service."""
 
     def __init__(self, router: str, namespace: str, *, domain: int = 0, humble: bool = False) -> None:
         self.session = open_session(router)
@@ -101,7 +101,7 @@ class Robot:
 
 
 class Gateway:
-    """One that runs, over answers by point count."""
+    """A running gateway with answers by point count."""
 
     def __init__(self, router: str, **options: Any) -> None:
         self.asked: list[int] = []
@@ -160,7 +160,7 @@ def test_the_service_asks_for_another(router: str):
         for number in (1, 2):
             success, message, attachment = robot.call()
             assert success
-            assert "looking" in message
+            assert "searching" in message
             assert (attachment.sequence, attachment.gid) == (41, GID)
             wait_until(lambda: robot.is_heard)
             robot.publish(100)

@@ -1,4 +1,4 @@
-"""Version prefixes: long enough, and of one version."""
+"""Version prefixes must be long enough and match one version."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A real server on loopback that behaves and misbehaves as a test says."""
+"""A real server on loopback with behaviour that the test sets."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from waiting import LIMIT_S
 
 
 class AnswerServer:
-    """One route for everything: answers with what the test queued, the last one again and again."""
+    """A server with one route that gives the queued answers and repeats the last one."""
 
     def __init__(self) -> None:
         self.requests: list[tuple[str, str, dict[str, str], dict[str, str], bytes]] = []

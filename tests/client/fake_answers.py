@@ -1,4 +1,4 @@
-"""Answers of a pretended service, shared by the client's tests."""
+"""Prepared answers for the client's tests."""
 
 from __future__ import annotations
 

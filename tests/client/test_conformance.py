@@ -25,7 +25,7 @@ def files(folder: Path) -> dict[str, bytes]:
 
 
 def test_the_generator_makes_the_same_files(tmp_path):
-    """Another version of zstd may compress the same content to other bytes."""
+    """The files are equal, except for the compression of another zstd version."""
     write(tmp_path)
     made, kept = files(tmp_path), files(FOLDER)
     assert set(made) == set(kept)
@@ -47,7 +47,7 @@ def test_the_folder_is_small_and_holds_nothing_else():
 
 
 def test_a_wrong_answer_is_seen(tmp_path):
-    """The comparison itself: every function's vectors fail with another vector's expectation."""
+    """The comparison fails when vectors are compared with those of another case."""
     by_function: dict[str, list[dict]] = {}
     for vector in VECTORS:
         by_function.setdefault(vector["function"], []).append(vector)

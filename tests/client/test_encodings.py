@@ -1,4 +1,4 @@
-"""The client's three ways to send a scan, to a real server; for a descriptor it asks how the map is made."""
+"""The client's encodings against a real server; for a descriptor it asks for the map's parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Several addresses of one service: failover, hedged queries, what is never sent twice; both HTTP clients."""
+"""Failover and hedging over several URLs, and calls that are never sent twice, for both HTTP clients."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def client(request: pytest.FixtureRequest) -> Iterator[Make]:
     made: list[Any] = []
 
     def make(urls: list[str], **how: Any) -> Any:
-        """A client that asks the addresses in this order."""
+        """Makes a client that asks the URLs in this order."""
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("random.shuffle", lambda addresses: None)
             made.append(request.param(urls, **{"retry": QUICK, **how}))
@@ -56,7 +56,7 @@ def nobody() -> str:
 
 
 class Silent:
-    """Takes requests and says nothing; tells when the caller of the first one hangs up."""
+    """Takes requests without answering. Reports when the first caller closes its connection."""
 
     def __init__(self) -> None:
         self._listener = socket.create_server(("127.0.0.1", 0))
@@ -188,7 +188,7 @@ def test_two_that_hang_end_at_the_deadline(client: Make, silent: Silent):
 
 @pytest.mark.parametrize("hedge", [False, SOON])
 def test_an_answer_that_trickles_ends_at_the_deadline(client: Make, hedge: Any):
-    """Each byte comes in time, and the whole never does."""
+    """Sends bytes one by one, so slowly that the whole answer is late."""
     listener = socket.create_server(("127.0.0.1", 0))
     stopped = threading.Event()
 

@@ -1,4 +1,4 @@
-"""The first fix of a running robot: which clouds are asked for, what is published, what is told."""
+"""The first fix of a running robot: queries, published poses and status."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def cloud(points: int = 5, stamp_ns: int = 7 * S) -> bytes:
 
 
 class Asked:
-    """Answers as it is told, in order; the last for ever."""
+    """Gives the set answers in order, and repeats the last one."""
 
     def __init__(self, *answers: Any) -> None:
         self.answers = list(answers)

@@ -93,7 +93,7 @@ def test_a_code_of_the_future_is_still_an_error(server):
 @pytest.mark.parametrize("body", [b"<html>", b"[]", b'{"verdict": "maybe"}', b'{"verdict": "localized"}'])
 def test_nonsense_is_a_clear_error(server, body):
     server.answers = [ok(body)]
-    with pytest.raises(FirstfixError, match="nothing this client can read"):
+    with pytest.raises(FirstfixError, match="this client cannot read"):
         Client(server.url).localize(SCAN, map_id="hall")
 
 

@@ -1,4 +1,4 @@
-"""The watch of versions against real zenoh sessions that tell late, twice, out of order, or nonsense."""
+"""The version watch with zenoh sessions that send notices late, twice, out of order, or damaged."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ zenoh = pytest.importorskip("zenoh")
 
 
 class Teller:
-    """A router that is a replica as well, as far as versions go."""
+    """A router that also answers questions about versions, as a replica does."""
 
     def __init__(self) -> None:
         with socket.create_server(("127.0.0.1", 0)) as free:

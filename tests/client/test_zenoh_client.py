@@ -29,7 +29,7 @@ QUICK = RetryPolicy(attempts=6, first_wait_s=0.01, max_wait_s=0.05)
 
 
 class Replica:
-    """A session with the queryables and the token that the protocol wants of a replica."""
+    """A session with the queryables and the token of a replica."""
 
     def __init__(
         self, endpoint: str, name: str, answer: Callable[[Any], None], looker: Any, *, token: bool = True
@@ -44,7 +44,7 @@ class Replica:
 
     @property
     def is_known(self) -> bool:
-        """Whether what it declared has come to others, over the router."""
+        """Returns True once other sessions see its declarations over the router."""
         return bool(self._looker.matching_status.matching)
 
     def _asked(self, query: Any) -> None:
@@ -72,7 +72,7 @@ def answers(query: Any) -> None:
 
 
 def is_silent(query: Any) -> None:
-    """Finishes without a reply: what is seen of a replica that dies at work."""
+    """Ends a query without a reply, like a replica that dies."""
 
 
 def complains(code: str) -> Callable[[Any], None]:
@@ -245,7 +245,7 @@ def test_nobody_there_is_said_so(client):
 
 def test_nonsense_is_a_clear_error(replica, client):
     replica("r1", lambda query: query.reply(query.key_expr, b"<html>"))
-    with pytest.raises(FirstfixError, match="nothing this client can read"):
+    with pytest.raises(FirstfixError, match="this client cannot read"):
         client.localize(SCAN, map_id="hall")
 
 

@@ -1,4 +1,4 @@
-"""A sensor may hang head down, sit on its side or lie in any orientation: the map shows which way is up."""
+"""Scans in any orientation are localized: the map shows which way is up."""
 
 from dataclasses import replace
 
@@ -37,13 +37,13 @@ def localizer(small_version):
 
 
 def remounted(scan, T_map_sensor, R_base_sensor):
-    """The same returns in the frame of a sensor that is mounted otherwise, and its pose."""
+    """Returns scan and pose of a sensor with another mounting."""
     T_base_sensor = make_transform(R_base_sensor, np.zeros(3))
     return Scan.from_points(scan.points @ R_base_sensor), T_map_sensor @ T_base_sensor
 
 
 def is_right(answer: Localization, T_map_sensor) -> bool:
-    """Returns whether the first hypothesis is right: some scans are ambiguous in every orientation."""
+    """Returns True if the first hypothesis is right; some scans are ambiguous in any orientation."""
     if not answer.hypotheses:
         return False
     off_m, off_deg = pose_error(T_map_sensor, answer.hypotheses[0].T_map_sensor)
@@ -51,7 +51,7 @@ def is_right(answer: Localization, T_map_sensor) -> bool:
 
 
 def assert_answered_as_upright(localizer, scans, turns):
-    """The place is the same, and about as many are sure of it."""
+    """Checks that the poses are equal and that about as many scans are localized."""
     localized = {"upright": 0, "turned": 0}
     for number, ((scan, T), R) in enumerate(zip(scans, turns, strict=True)):
         turned, T_turned = remounted(scan, T, R)
@@ -75,7 +75,7 @@ def test_a_sensor_in_any_orientation_is_answered_as_an_upright_one(localizer, sm
 
 @pytest.fixture
 def looked_otherwise(monkeypatch):
-    """One entry for each time that other up directions were tried."""
+    """Counts the searches in other orientations."""
     calls = []
     look = PreparedQuery.with_other_ups
     monkeypatch.setattr(PreparedQuery, "with_other_ups", lambda *given: calls.append(1) or look(*given))
@@ -178,7 +178,7 @@ def test_scans_of_another_place_gain_no_pose_by_more_ways_up(localizer):
 
 
 def test_a_map_is_built_for_a_sensor_that_hangs_head_down(small_world, small_map, tmp_path):
-    """The sensor sees up to 52 degrees down and hardly up, and so do the templates and the self-test."""
+    """The sensor looks up to 52 degrees down and hardly up; templates and self-test use its mounting."""
     hanging = replace(
         SensorModel.from_mapping(SENSOR),
         elevations_deg=tuple(np.linspace(-7, 52, 16)),

@@ -1,4 +1,4 @@
-"""Bags in, fixes out, by the real engine: recorded in the small world, and the real hall's if it is there."""
+"""Bags are localized by the real engine: one of the small world, and that of the real hall if present."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ def test_more_effort_proposes_more_and_loses_none(index, small_scans):
 
 
 def searched(index) -> tuple[Localizer, list[int]]:
-    """A localizer, and the clusters that its searches asked for."""
+    """Returns a localizer, and a list of the clusters that its searches ask for."""
     asked: list[int] = []
 
     class Telling(type(index.cascade)):

@@ -1,4 +1,4 @@
-"""A map file to a fix with nothing but the command line: build, serve, localize, evaluate, maps."""
+"""From a map file to a fix by the command line alone: build, serve, localize, evaluate, maps."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Shop:
 
 
 def firstfix(*arguments: object, code: int = 0) -> str:
-    """Standard output of a command that ends with this exit code."""
+    """Runs a command, checks its exit code and returns its output."""
     command = [sys.executable, "-m", "firstfix_cli.main", *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=3 * LIMIT_S, check=False)
     assert done.returncode == code, done.stderr

@@ -1,4 +1,4 @@
-"""Compact queries and descriptors against a real version: as good as the scan, or honest candidates."""
+"""Compact queries on a real version are as good as scans; descriptors give candidates."""
 
 from __future__ import annotations
 

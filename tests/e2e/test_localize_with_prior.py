@@ -1,4 +1,4 @@
-"""A prior against a real version: it restricts what is compared and what may be answered."""
+"""A prior on a real version restricts what is compared and what is answered."""
 
 from dataclasses import fields, replace
 

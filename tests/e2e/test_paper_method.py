@@ -1,4 +1,4 @@
-"""The paper's method, and every search engine, chosen by name in the build's config."""
+"""The paper's method and every search engine, chosen in the build config."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def build(small_map, small_work, engine):
 
 
 def found(version, scans) -> float:
-    """Share of the scans whose best hypothesis, whatever the verdict, is right."""
+    """Returns the share of scans whose first hypothesis is right, whatever the verdict."""
     localizer = Localizer(MapIndex.load(version.directory))
     right = 0
     for scan, T_map_sensor in scans:

@@ -1,4 +1,4 @@
-"""Range images against a real version: answered as the scan is."""
+"""Range images on a real version get the same answers as scans."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A real Mid-360 turning on the spot, as recorded and as if it hung head down or sat on its side."""
+"""A real Mid-360 that turns on the spot: as recorded, upside down, and on its side."""
 
 from pathlib import Path
 
@@ -36,7 +36,7 @@ def poses():
 
 @pytest.fixture(scope="module")
 def localizer(poses, tmp_path_factory):
-    """A map of every second scan."""
+    """Builds a map from every second scan."""
     folder = tmp_path_factory.mktemp("rotation")
     seen = [transform_points(poses[n], read_scan_file(FOLDER / f"{n}.pcd").points) for n in MAPPED]
     cloud = np.concatenate(seen)

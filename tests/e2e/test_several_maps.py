@@ -1,4 +1,4 @@
-"""One scan, several maps: the right one answers, and two that look alike make it ambiguous."""
+"""One scan in several maps: the right map answers; two maps that look alike are ambiguous."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def yard(small_version):
 
 @pytest.fixture(scope="module")
 def mirrored(small_world, tmp_path_factory):
-    """The same yard as in a mirror: every overlap is high, and every turn is the wrong way round."""
+    """Localizer in the mirrored yard: it looks alike, but no rotation fits."""
     folder = tmp_path_factory.mktemp("mirrored")
     world = SmallWorld(small_world.vertices * [1, -1, 1], small_world.triangles[:, ::-1])
     version = build_version(world.write(folder / "m.ply"), BuildConfig.parse(CONFIG), folder / "work")

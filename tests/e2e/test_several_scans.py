@@ -1,4 +1,4 @@
-"""Scans along a way: together they are as good as the best of them, and resolve what one leaves open."""
+"""Several scans together are as good as the best of them, and resolve ambiguous ones."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def localizer(small_version):
 
 
 def way_of(scans):
-    """The true poses as an odometry would tell them: in a frame of its own."""
+    """Returns the true poses in the frame of an odometry."""
     start = make_transform(rotation_z(0.7), [40.0, -3.0, 1.0])
     return [start @ inverse(scans[0][1]) @ T for _, T in scans]
 

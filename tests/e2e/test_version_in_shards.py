@@ -1,4 +1,4 @@
-"""A version whose keys lie in shards by tile answers as one with a single index, and says what it lacks."""
+"""A version with sharded keys answers like one with a single index, and names missing files."""
 
 import shutil
 
@@ -21,7 +21,7 @@ FEW = {"clusters": 20, "candidates": 5}  # of the small world's two hundred
 
 @pytest.fixture
 def versions(small_version, tmp_path, monkeypatch):
-    """Folders of one version, its keys whole and in shards."""
+    """Folders of one version, with a single index and with shards."""
     monkeypatch.setattr(tile_shards, "TILE_M", 3.0)
     folders = []
     for name, search in (("whole", FEW), ("parted", FEW | {"shard_keys": 100})):
@@ -52,7 +52,7 @@ def test_both_answer_the_same_with_a_prior_and_without(versions, small_scans):
 
 
 def test_with_a_prior_the_search_is_that_of_all_distances(versions, small_scans):
-    """Against the templates within the sphere, all of their keys compared."""
+    """All keys of the templates within the sphere are compared."""
     for folder in versions:
         cascade = MapIndex.load(folder).cascade
         templates = cascade.templates

@@ -1,4 +1,4 @@
-"""A storey whose three rooms are furnished alike: only the way from one to the next tells them apart."""
+"""A storey with three rooms that look alike. Only the motion from room to room tells them apart."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Box = tuple[tuple[float, float, float], tuple[float, float, float]]  # middle, s
 
 
 def storey() -> SmallWorld:
-    """Rooms of 6 x 5 m with a door in the north, to a corridor with a wall round it."""
+    """Returns rooms of 6 x 5 m with a door in the north to a walled corridor."""
     boxes: list[Box] = [((11, 3.6, -0.1), (32, 2.2, 0.2))]
     boxes += [
         ((11, 4.8, 1.4), (32, 0.2, 2.8)),
@@ -36,7 +36,7 @@ def storey() -> SmallWorld:
 
 
 def _room() -> list[Box]:
-    """Floor, walls with a door 1 m wide, and what stands there, about the room's middle."""
+    """Returns floor, walls with a door 1 m wide, and furniture, around the room's centre."""
     return [
         ((0, 0, -0.1), (6.2, 5.2, 0.2)),
         ((0, -2.6, 1.4), (6.2, 0.2, 2.8)),
@@ -64,7 +64,7 @@ def pose(x: float, y: float, yaw_deg: float) -> NDArray[np.float64]:
 
 
 def scan_at(world: SmallWorld, T_map_sensor: NDArray[np.float64], seed: int) -> Scan:
-    """What the small world's sensor sees there, with noise and dropout."""
+    """Returns a scan of the small world's sensor, with noise and dropout."""
     sensor, rng = SensorModel.from_mapping(SENSOR), np.random.default_rng(seed)
     noise = PerturbConfig()
     simulator = Simulator(world.vertices, world.triangles)

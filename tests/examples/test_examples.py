@@ -1,4 +1,4 @@
-"""Every program of examples/, as its user runs it: a process that asks a real service about real maps."""
+"""Every program of examples/ runs in a process against a real service with real maps."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ PosedScan = tuple[Scan, NDArray[np.float64]]
 
 @pytest.fixture(scope="module")
 def service(small_version, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalService]:
-    """It serves the yard as ``ground`` and, as if built alike, as ``mezzanine``, and a storey of offices."""
+    """A service with the yard as ``ground`` and as ``mezzanine``, and a storey of offices."""
     root = tmp_path_factory.mktemp("examples")
     offices = build_version(storey().write(root / "offices.ply"), BuildConfig.parse(CONFIG), root / "build")
     catalog = Catalog(Store.open(str(root / "store")))
@@ -47,7 +47,7 @@ def service(small_version, tmp_path_factory: pytest.TempPathFactory) -> Iterator
 
 @pytest.fixture(scope="module")
 def by_verdict(service: LocalService, small_scans: list[PosedScan]) -> dict[Verdict, list[PosedScan]]:
-    """The yard's scans by how a compact query of each is answered."""
+    """Scans of the yard by the verdict on their compact query."""
     found: dict[Verdict, list[PosedScan]] = {verdict: [] for verdict in Verdict}
     with Client(service.url) as client:
         for scan, T_map_sensor in small_scans:
@@ -220,7 +220,7 @@ def test_an_evaluation_finds_confident_wrong_answers(service, by_verdict, tmp_pa
 
 
 def test_they_need_the_client_alone():
-    """A robot has numpy, httpx and zstandard."""
+    """The examples need only numpy, httpx and zstandard."""
     blocked = [
         "scipy",
         "faiss",

@@ -11,6 +11,7 @@ import sys
 import traceback
 import zipfile
 from collections.abc import Iterator
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,7 @@ from strip_text import strip_text  # noqa: E402
 from strip_types import strip_types  # noqa: E402
 
 
+@cache
 def closure() -> dict[str, Path]:
     core = REPO / "core" / "firstfix"
     return import_closure({"firstfix": core, "firstfix_client": CLIENT / "firstfix_client"})
@@ -50,6 +52,15 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     subprocess.run(command, cwd=CLIENT, check=True, capture_output=True)
     (built,) = folder.glob("*.whl")
     return built
+
+
+@pytest.fixture(scope="module")
+def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel's modules in a folder, as pip would install them."""
+    folder = tmp_path_factory.mktemp("installed")
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(folder)
+    return folder
 
 
 def test_it_needs_three_packages():
@@ -194,27 +205,27 @@ TYPING = {"__future__", "collections.abc", "numpy.typing", "types", "typing"}
 
 
 def is_text(node: ast.stmt) -> bool:
-    """Whether the statement is a docstring, or the ellipsis that took its place."""
+    """Returns True for a docstring, or the ellipsis in its place."""
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
 
 
-def statements(source: str) -> list[tuple[int, str]]:
+def bare(source: str) -> tuple[str, list[int]]:
+    """Returns the bare syntax tree as text, and the lines of its statements."""
     tree = Bare().visit(ast.parse(source))
-    return [(node.lineno, ast.dump(node)) for node in ast.walk(tree) if isinstance(node, ast.stmt)]
+    return ast.dump(tree), [node.lineno for node in ast.walk(tree) if isinstance(node, ast.stmt)]
 
 
-def test_the_modules_of_the_wheel_do_what_their_sources_do(wheel: Path):
+def test_the_modules_of_the_wheel_do_what_their_sources_do(installed: Path):
     """Apart from docstrings and annotations their syntax trees are equal, line numbers included."""
-    with zipfile.ZipFile(wheel) as archive:
-        for name, path in closure().items():
-            if path.suffix == ".py":
-                assert statements(archive.read(name).decode()) == statements(path.read_text()), name
+    for name, path in closure().items():
+        if path.suffix == ".py":
+            assert bare((installed / name).read_text()) == bare(path.read_text()), name
 
 
-def test_public_names_of_the_wheel_keep_their_types(wheel: Path):
-    program = """
+def test_public_names_of_the_wheel_keep_their_types(installed: Path):
+    program = f"""
 import firstfix_client, inspect
-assert ".whl" in firstfix_client.__file__
+assert firstfix_client.__file__.startswith({str(installed)!r})
 for name in firstfix_client.__all__:
     kind = getattr(firstfix_client, name)
     for label, value in inspect.getmembers(kind, inspect.isroutine):
@@ -222,11 +233,11 @@ for name in firstfix_client.__all__:
             continue
         signature = inspect.signature(value)
         given = [one for one in signature.parameters.values() if one.name != "self"]
-        bare = [one for one in given if one.annotation is one.empty]
-        assert not bare, (name, label, bare)
+        untyped = [one for one in given if one.annotation is one.empty]
+        assert not untyped, (name, label, untyped)
         assert signature.return_annotation is not signature.empty, (name, label)
 """
-    modules_after(program, [str(wheel)])
+    modules_after(program, str(installed))
 
 
 def test_the_wheel_is_small_and_whole(wheel: Path):
@@ -236,7 +247,8 @@ def test_the_wheel_is_small_and_whole(wheel: Path):
     assert held == set(closure())
 
 
-def modules_after(statement: str, path: list[str]) -> set[str]:
+@cache
+def modules_after(statement: str, *path: str) -> set[str]:
     """Returns the modules of a fresh interpreter after the statement."""
     program = f"{statement}\nimport json, sys\nprint(json.dumps(sorted(sys.modules)))"
     done = subprocess.run(
@@ -249,19 +261,19 @@ def modules_after(statement: str, path: list[str]) -> set[str]:
     return set(json.loads(done.stdout.splitlines()[-1]))
 
 
-def test_every_module_of_the_wheel_imports_without_the_rest(wheel: Path):
-    """From the wheel itself, which comes before what else is installed here."""
+def test_every_module_of_the_wheel_imports_without_the_rest(installed: Path):
+    """The modules come from the wheel, not from this checkout."""
     names = [name.removesuffix(".py").removesuffix("/__init__").replace("/", ".") for name in closure()]
     modules = [name for name in names if not name.endswith("py.typed")]
     blocked = ["scipy", "faiss", "pydantic", "zenoh", "yaml"]
     statement = f"import sys\nfor name in {blocked}: sys.modules[name] = None\n"
-    statement += "import firstfix\nassert '.whl' in firstfix.__file__\n"
+    statement += f"import firstfix\nassert firstfix.__file__.startswith({str(installed)!r})\n"
     statement += "\n".join(f"import {name}" for name in modules)
-    assert set(modules) <= modules_after(statement, [str(wheel)])
+    assert set(modules) <= modules_after(statement, str(installed))
 
 
 PLAIN = "import numpy, httpx, zstandard"
-HERE = [str(REPO / "core"), str(CLIENT)]
+HERE = str(REPO / "core"), str(CLIENT)
 
 
 def third_party(modules: set[str]) -> set[str]:
@@ -272,14 +284,14 @@ def third_party(modules: set[str]) -> set[str]:
 
 
 def test_the_package_alone_loads_nothing():
-    assert not third_party(modules_after("import firstfix_client", HERE) - modules_after("pass", HERE))
+    assert not third_party(modules_after("import firstfix_client", *HERE) - modules_after("pass", *HERE))
 
 
 def test_a_client_loads_less_than_its_dependencies():
     """Start-up: no network and no event loop before a client is made, nothing but the three after it."""
-    before = modules_after("pass", HERE)
-    named = modules_after("from firstfix_client import Client, AsyncClient", HERE) - before
+    before = modules_after("pass", *HERE)
+    named = modules_after("from firstfix_client import Client, AsyncClient", *HERE) - before
     assert not {"httpx", "asyncio", "ssl", "zenoh"} & named
-    made = modules_after("from firstfix_client import Client\nClient('http://localhost:1')", HERE) - before
-    assert not {"asyncio", "zenoh"} & (made - modules_after(PLAIN, HERE))
-    assert third_party(made) <= third_party(modules_after(PLAIN, HERE)) | KNOWN
+    made = modules_after("from firstfix_client import Client\nClient('http://localhost:1')", *HERE) - before
+    assert not {"asyncio", "zenoh"} & (made - modules_after(PLAIN, *HERE))
+    assert third_party(made) <= third_party(modules_after(PLAIN, *HERE)) | KNOWN

@@ -11,7 +11,7 @@ KINDS += ["Imu", "PointCloud2", "Trigger"]
 
 
 class Message:
-    """Any message: what it is built with becomes its attributes."""
+    """A message with the given attributes."""
 
     def __init__(self, **values: Any) -> None:
         self.header = SimpleNamespace(stamp=None)
@@ -23,7 +23,7 @@ class TransformException(Exception):
 
 
 class Graph:
-    """All that nodes declare, in place of a middleware."""
+    """Records what nodes declare. It replaces the middleware."""
 
     def __init__(self) -> None:
         self.parameters: dict[str, Any] = {}
@@ -36,7 +36,7 @@ class Graph:
 
 
 def install(monkeypatch: Any, graph: Graph) -> None:
-    """Puts the stand-ins where ``import rclpy`` and the rest find them."""
+    """Installs the stand-ins as ``rclpy`` and the other ROS modules."""
 
     class Node:
         def __init__(self, name: str) -> None:

@@ -1,4 +1,4 @@
-"""The node over stand-ins for rclpy, against a real service on loopback."""
+"""The ROS node with stand-ins for rclpy, against a real service on loopback."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def test_without_the_mounting_nothing_is_asked(node: Any, graph: Graph, service:
     graph.frames.clear()
     graph.subscriptions["points"][1](cloud(LOCALIZED))
     wait_until(lambda: diagnosis(graph)[0] == b"\x02")
-    assert "no transform joins the frames 'base_link' and 'os_sensor'" in diagnosis(graph)[1]
+    assert "no transform between the frames 'base_link' and 'os_sensor'" in diagnosis(graph)[1]
     assert not service.scans
 
 

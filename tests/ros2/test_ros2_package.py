@@ -1,4 +1,4 @@
-"""The ament package: what its files name is there, and its parameters agree with each other."""
+"""The files of the ament package agree with one another."""
 
 from __future__ import annotations
 

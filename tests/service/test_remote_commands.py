@@ -78,8 +78,8 @@ def test_a_build_need_not_be_waited_for(service: Service, tmp_path: Path, capsys
 @pytest.mark.parametrize(
     ("extra", "says"),
     [
-        (["--store", "/tmp/x"], "one of --url and --store"),
-        (["--work", "/tmp/x"], "--work is for builds with --store"),
+        (["--store", "/tmp/x"], "cannot be used with --store"),
+        (["--work", "/tmp/x"], "--work needs --store"),
         (["--config", "nothere.yaml"], "nothere.yaml: no such file"),
         (["--sensor", "no-such-lidar"], "no-such-lidar"),
     ],
@@ -116,7 +116,7 @@ def test_several_scans_are_one_query(service: Service, tmp_path: Path, capsys, t
 def test_odometry_has_a_pose_for_each_of_few_scans(service: Service, tmp_path: Path, capsys):
     arguments = ["--map", "hall", "--url", service.url]
     assert ended("localize", "--odometry", odometry(tmp_path, ["0,0,0,0,0,0,1", ",,,,,,"]), *arguments) == 2
-    assert "every scan needs its pose" in capsys.readouterr().err
+    assert "every scan needs its odometry pose" in capsys.readouterr().err
     many = odometry(tmp_path, ["0,0,0,0,0,0,1"] * 17)
     assert ended("localize", "--odometry", many, *arguments) == 2
     assert "up to 16 scans" in capsys.readouterr().err

@@ -1,1 +1,1 @@
-"""One file a command or group. They import what they need when they run, so that ``--help`` is quick."""
+"""One file for each command or group. Imports are inside the functions, so that ``--help`` is quick."""

@@ -1,4 +1,4 @@
-"""``firstfix build``: a map becomes a published version."""
+"""``firstfix build``: build a map version and publish it."""
 
 from __future__ import annotations
 
@@ -11,65 +11,79 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..arguments import AsJson, Url, cache_directory
+from ..arguments import AsJson, Url, cache_directory, examples
 from ..self_test_lines import self_test_lines
 
 if TYPE_CHECKING:
     from firstfix.catalog.manifest import Manifest
 
 
-CLUSTER_STAGES_S = 7 * 86400.0  # that what a cluster's workers read stays in the store
+CLUSTER_STAGES_S = 7 * 86400.0  # how long the inputs of a cluster's workers stay in the store
+
+
+EXAMPLES = examples(
+    "firstfix build hall.ply --map-id hall --store store",
+    "firstfix build hall.ply --map-id hall --store store --sensor vlp-16 --trajectory poses.txt",
+    "firstfix build hall.ply --map-id hall --url http://localhost:8080",
+)
 
 
 class Axis(str, Enum):
+    """Axis of the map file that points up."""
+
     z_up = "z-up"
     y_up = "y-up"
 
 
 def build(
-    source: Annotated[Path, typer.Argument(metavar="MAP", help="Cloud, mesh or SLAM folder.")],
-    map_id: Annotated[str, typer.Option(help="Id that the map gets: a-z, 0-9, _ and -.")],
+    source: Annotated[Path, typer.Argument(metavar="MAP", help="Point cloud, mesh or SLAM folder.")],
+    map_id: Annotated[str, typer.Option(help="Id of the map: a-z, 0-9, _ and -.")],
     store: Annotated[
         str | None,
         typer.Option(
-            help="Object store: a directory, s3://..., gs://..., az://... It is built here then; "
-            "without it a service builds it."
+            help="Build on this machine and publish to this object store: a directory, s3://..., gs://... or "
+            "az://... Without it, a service builds the map."
         ),
     ] = None,
     url: Url = None,
     sensor: Annotated[
-        str | None, typer.Option(help="LiDAR preset, or the path of a sensor YAML [default: os1-64].")
+        str | None, typer.Option(help="LiDAR model, or the path of a sensor YAML [default: os1-64].")
     ] = None,
     trajectory: Annotated[
-        Path | None, typer.Option(help="Poses of the mapping run: TUM, KITTI rows or CSV.")
+        Path | None, typer.Option(help="Poses of the mapping run: TUM, KITTI or CSV file.")
     ] = None,
     config: Annotated[Path | None, typer.Option(help="Build config, YAML or JSON.")] = None,
-    axis: Annotated[Axis | None, typer.Option(help="Which axis of the file points up.")] = None,
+    axis: Annotated[Axis | None, typer.Option(help="Axis of the map file that points up.")] = None,
     work: Annotated[
-        Path | None, typer.Option(help="Where finished stages are kept, so that a build resumes.")
+        Path | None,
+        typer.Option(help="With --store: folder for finished stages, so that a build can resume."),
     ] = None,
     executor: Annotated[
         str,
         typer.Option(
             metavar="threads|dask://HOST:PORT",
-            help="With --store: who does the work, this machine or a cluster.",
+            help="With --store: run on this machine, or on a Dask cluster.",
         ),
     ] = "threads",
     no_wait: Annotated[
-        bool, typer.Option("--no-wait", help="Hand the map to the service and print the build's id.")
+        bool, typer.Option("--no-wait", help="Do not wait for the service's build; print its id.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Build a map's index, test it, and publish it as the active version: here, or by a service."""
+    """Build a map version, test it and publish it.
+
+    The new version becomes the active one. With --store the build runs on this machine; otherwise a service
+    does it, at --url.
+    """
     from firstfix.errors import InvalidOption
     from firstfix.ids import check_map_id
 
     check_map_id(map_id)
     if store is None:
         if work is not None:
-            raise InvalidOption("--work is for builds with --store, in this process")
+            raise InvalidOption("--work needs --store")
         if executor != "threads":
-            raise InvalidOption("--executor is for builds with --store, in this process")
+            raise InvalidOption("--executor needs --store")
         from ..remote_build import remote_build
 
         given = _given(config, sensor, axis)
@@ -77,7 +91,7 @@ def build(
         typer.echo(json.dumps(said) if as_json else "\n".join(_lines(said)))
         return
     if url is not None or no_wait:
-        raise InvalidOption("give one of --url and --store; --no-wait goes with --url")
+        raise InvalidOption("--url and --no-wait cannot be used with --store")
     given = _given(config, sensor, axis)
     _build_here(source, map_id, store, given, trajectory, work, executor, as_json)
 
@@ -116,13 +130,13 @@ def _build_here(
         progress("publish", 0.0)
         version = Catalog(opened).publish(map_id, built.directory, built.manifest)
         progress("publish", 1.0)
-    if cluster is not None:  # where no service does it
+    if cluster is not None:  # there is no service that does it
         collect_stages(opened, CLUSTER_STAGES_S)
     _print(map_id, version, built.manifest, as_json)
 
 
 def _given(path: Path | None, sensor: str | None, axis: Axis | None) -> dict[str, Any]:
-    """The build's config as far as it is given: the file, with what the command line says put over it."""
+    """Returns the given config: the file, with the options of the command line put over it."""
     import yaml
 
     from firstfix.builds.config import BuildConfig
@@ -150,7 +164,7 @@ def _given(path: Path | None, sensor: str | None, axis: Axis | None) -> dict[str
 
 @contextmanager
 def _progress() -> Iterator[Callable[[str, float], None]]:
-    """A bar a stage, on standard error."""
+    """Shows a progress bar for each stage, on standard error."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
@@ -183,11 +197,11 @@ def _print(map_id: str, version: str, manifest: Manifest, as_json: bool) -> None
 
 
 def _lines(said: dict[str, Any]) -> list[str]:
-    """What ``--json`` says, for people."""
+    """Returns the content of ``--json`` as text."""
     if "version" not in said:
         return [f"build {said['build_id']} of {said['map_id']} is {said['state']}"]
     counts = ", ".join(f"{count:,} {name.replace('_', ' ')}" for name, count in said["counts"].items())
-    size = f", {said['bytes'] / 1e6:,.0f} MB" if "bytes" in said else ""  # a service does not say it
+    size = f", {said['bytes'] / 1e6:,.0f} MB" if "bytes" in said else ""  # a service does not report it
     return [
         f"published {said['map_id']}, version {said['version']}",
         f"  {counts}{size}",

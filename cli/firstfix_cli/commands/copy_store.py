@@ -1,4 +1,4 @@
-"""``firstfix copy-store``: a backup, and its restoration."""
+"""``firstfix copy-store``: back up a store, or restore it."""
 
 from __future__ import annotations
 
@@ -7,19 +7,25 @@ from typing import Annotated
 
 import typer
 
-from ..arguments import AsJson
+from ..arguments import AsJson, examples
 
-From = Annotated[str, typer.Argument(metavar="FROM", help="Store: a directory, s3://..., gs://..., az://...")]
-To = Annotated[
-    str, typer.Argument(metavar="TO", help="Store that is empty, or an earlier copy of the first.")
+From = Annotated[
+    str, typer.Argument(metavar="FROM", help="Store to read: a directory, s3://..., gs://... or az://...")
 ]
+To = Annotated[str, typer.Argument(metavar="TO", help="Store to write: empty, or an earlier copy of FROM.")]
+
+
+EXAMPLES = examples(
+    "firstfix copy-store s3://maps/firstfix /backup/firstfix",
+    "firstfix copy-store /backup/firstfix s3://maps/firstfix",
+)
 
 
 def copy_store(source: From, target: To, as_json: AsJson = False) -> None:
-    """Copy maps, builds and API keys from one store to another: to back up, to restore, to move.
+    """Copy a store: to back up, restore or move it.
 
-    Both may be in use. Files are checked on the way; those that are damaged are named, left out, and the
-    exit code is 2.
+    Maps, builds and API keys are copied. Both stores may be in use. Every file is checked. Damaged files are
+    reported and not copied, and the exit code is then 2.
     """
     from firstfix.errors import CorruptVersion
     from firstfix.store.store import Store

@@ -1,4 +1,4 @@
-"""``firstfix evaluate``: how good the answers are, against scans with known poses."""
+"""``firstfix evaluate``: measure accuracy on scans with known poses."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..arguments import MapId, SentAs, TimeoutS, Url, Zenoh
+from ..arguments import MapId, SentAs, TimeoutS, Url, Zenoh, examples
 
 if TYPE_CHECKING:
     from firstfix.scan.scan import Scan
@@ -19,50 +19,69 @@ if TYPE_CHECKING:
     from ..evaluate import Outcome
     from ..poses_csv import PosedScan
 
-PICTURED_SCANS = 60  # kept for the picture: a few of them are laid over the map
+PICTURED_SCANS = 60  # kept for the picture, which shows a few of them
+
+
+EXAMPLES = examples(
+    "firstfix evaluate world/poses.csv --map office",
+    "firstfix evaluate world/poses.csv --map office --store store --plot office.png",
+    "firstfix evaluate --samples s3://maps/firstfix --map office --json -",
+)
 
 
 def evaluate(
     map_id: MapId,
     poses: Annotated[
-        Path | None, typer.Argument(metavar="POSES.csv", help="scan,tx,ty,tz,qx,qy,qz,qw.")
+        Path | None,
+        typer.Argument(
+            metavar="POSES.csv", help="CSV with columns scan,tx,ty,tz,qx,qy,qz,qw: scan file and true pose."
+        ),
     ] = None,
     samples: Annotated[
         str | None,
         typer.Option(
-            metavar="STORE", help="Instead of POSES.csv: ask queries again that a service kept in this store."
+            metavar="STORE",
+            help="Instead of POSES.csv: send the queries again that a service kept in this store.",
         ),
     ] = None,
     url: Url = None,
     zenoh: Zenoh = None,
     store: Annotated[
-        str | None, typer.Option(help="Object store; with --url or --zenoh only for the picture's map.")
+        str | None,
+        typer.Option(
+            help="Localize on this machine, with this object store; with --url or --zenoh: only for --plot."
+        ),
     ] = None,
     random_yaw: Annotated[
-        int | None, typer.Option(metavar="SEED", help="Turn every scan by a random yaw.")
+        int | None, typer.Option(metavar="SEED", help="Rotate every scan by a random yaw.")
     ] = None,
     gravity_from_poses: Annotated[
         float | None,
         typer.Option(
             metavar="NOISE_DEG",
-            help="Each query carries the gravity of its pose, as from an IMU whose roll and pitch are off by"
-            " this much (standard deviation).",
+            help="Send the gravity of the true pose with each query, as an IMU would measure it. This is the "
+            "standard deviation of its roll and pitch errors.",
         ),
     ] = None,
     json_file: Annotated[
-        Path | None, typer.Option("--json", help="Write the figures here; -: print them and nothing else.")
+        Path | None, typer.Option("--json", help="Write the figures to this file; -: print only the figures.")
     ] = None,
-    details: Annotated[Path | None, typer.Option(help="Write one CSV row a scan here.")] = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw map, truth and answers into this PNG.")] = None,
+    details: Annotated[
+        Path | None, typer.Option(help="Write one CSV row for each scan to this file.")
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="Draw the map, true poses and answers to this PNG file.")
+    ] = None,
     version: Annotated[
         str | None, typer.Option(help="Map version, 64 characters [default: the active one].")
     ] = None,
     encoding: SentAs = "scan",
     timeout_s: TimeoutS = 30.0,
 ) -> None:
-    """Measure success, false accepts and time over scans with known poses.
+    """Measure accuracy on scans with known poses.
 
-    With --samples: what has changed since a service answered the queries that it kept.
+    Prints success rates, the false accept rate and times. With --samples it shows how the answers have
+    changed since a service kept the queries.
     """
     from firstfix.errors import InvalidOption
 
@@ -75,7 +94,7 @@ def evaluate(
     if samples is not None:
         altered = random_yaw is not None or gravity_from_poses is not None
         if zenoh or details or plot or altered or encoding != "scan":
-            raise InvalidOption("--samples goes with --url or --store, --version and --json alone")
+            raise InvalidOption("--samples can only be used with --url or --store, --version and --json")
         _replay(samples, map_id, url, store, version, timeout_s, json_file)
         return
     assert poses is not None
@@ -107,7 +126,7 @@ def _replay(
     from ..replay import body_answerer, lines_of, replay, report_of
 
     if url and store:
-        raise InvalidOption("give one of --url and --store")
+        raise InvalidOption("give only one of --url and --store")
     with body_answerer(map_id, url=url, store=store, timeout_s=timeout_s) as ask:
         replayed = list(replay(QuerySamples(Store.open(samples)), map_id, ask, version))
     _tell(lines_of(replayed), report_of(replayed), json_file)
@@ -130,7 +149,7 @@ def _outcomes(
     gravity_noise_deg: float | None,
     version: str | None,
 ) -> tuple[list[Outcome], dict[str, Scan]]:
-    """Every query's outcome, and the scans that a picture may need."""
+    """Returns the outcome of every query, and scans for the picture."""
     from rich.console import Console
     from rich.progress import track
 

@@ -1,4 +1,4 @@
-"""``firstfix keys``: who may use a service."""
+"""``firstfix keys``: manage API keys."""
 
 from __future__ import annotations
 
@@ -12,17 +12,25 @@ import typer
 
 from firstfix.errors import InvalidOption
 
-from ..arguments import AsJson
+from ..arguments import AsJson, examples
 
 if TYPE_CHECKING:
     from firstfix.access.api_keys import ApiKey, ApiKeys
 
-app = typer.Typer(help="Give out, list and take back the API keys of a store.", no_args_is_help=True)
+app = typer.Typer(
+    help="Create, list and revoke API keys.",
+    epilog=examples(
+        "firstfix keys create --store s3://maps/firstfix --name robot-7 --scope localize --expires 90d",
+        "firstfix keys ls --store s3://maps/firstfix",
+    ),
+    no_args_is_help=True,
+)
 
 Store = Annotated[
     str,
     typer.Option(
-        envvar="FIRSTFIX_STORE", help="Object store of the service: a directory, s3://..., gs://..."
+        envvar="FIRSTFIX_STORE",
+        help="Object store of the service: a directory, s3://..., gs://... or az://...",
     ),
 ]
 _DURATION = re.compile(r"(\d{1,5})([hd])")
@@ -31,48 +39,49 @@ _DURATION = re.compile(r"(\d{1,5})([hd])")
 @app.command()
 def create(
     store: Store,
-    name: Annotated[str, typer.Option(help="Whose it is, for people.")],
+    name: Annotated[str, typer.Option(help="Name of its owner.")],
     scope: Annotated[
-        list[str], typer.Option(help="localize, build (includes localize), metrics or admin; repeatable.")
+        list[str],
+        typer.Option(help="localize, build (includes localize), metrics or admin; can be repeated."),
     ],
     map_pattern: Annotated[
         list[str] | None,
         typer.Option(
-            "--map", metavar="PATTERN", help="Maps it is good for, such as 'hall-*' [default: all]."
+            "--map", metavar="PATTERN", help="Maps that it may use, such as 'hall-*' [default: all]."
         ),
     ] = None,
     expires: Annotated[
         str | None,
-        typer.Option(help="After such a time (90d, 12h) or at a date (2030-01-31) [default: never]."),
+        typer.Option(help="Lifetime (90d, 12h) or date of expiry (2030-01-31) [default: never]."),
     ] = None,
     token_env: Annotated[
         str | None,
         typer.Option(
             metavar="VARIABLE",
-            help="Take the key from this environment variable, not a random one. Once more does nothing.",
+            help="Take the key from this environment variable. If the key exists, nothing changes.",
         ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Make a key and print it: it is never shown again."""
+    """Create a key and print it. It cannot be shown again."""
     from firstfix.access.permissions import ALL_MAPS, Grant
 
     grant = Grant.parse(scope, map_pattern or ALL_MAPS)
     given = None if token_env is None else os.environ.get(token_env, "")
     key, token = _keys(store).create(name, grant, None if expires is None else _time(expires), given)
-    if given is not None and not as_json:  # whoever has it needs no copy in a log
+    if given is not None and not as_json:  # the caller has it: do not print it into a log
         typer.echo(_line(key))
         return
     if as_json:
         typer.echo(json.dumps({**key.to_mapping(), "key": token}))
         return
     typer.echo(token)
-    typer.echo(f"{_line(key)}\nKeep it: the store has only its hash.", err=True)
+    typer.echo(f"{_line(key)}\nKeep the key: the store has only its hash.", err=True)
 
 
 @app.command("ls")
 def list_keys(store: Store, as_json: AsJson = False) -> None:
-    """List the keys, oldest first. Their secrets are not known here."""
+    """List the keys, oldest first. The keys themselves are not stored."""
     found, bad = _keys(store).all()
     if as_json:
         typer.echo(json.dumps({"keys": [key.to_mapping() for key in found], "unreadable": bad}))
@@ -80,15 +89,15 @@ def list_keys(store: Store, as_json: AsJson = False) -> None:
     for key in found:
         typer.echo(_line(key))
     for key_id in bad:
-        typer.echo(f"{key_id}  cannot be read: it lets nobody in")
+        typer.echo(f"{key_id}  cannot be read, so it is not accepted")
 
 
 @app.command()
 def revoke(
-    key_id: Annotated[str, typer.Argument(metavar="KEY_ID", help="As 'firstfix keys ls' shows it.")],
+    key_id: Annotated[str, typer.Argument(metavar="KEY_ID", help="Id of the key, see 'firstfix keys ls'.")],
     store: Store,
 ) -> None:
-    """Take a key back, for good. Services follow within FIRSTFIX_KEYS_REFRESH_S (5 s)."""
+    """Revoke a key for good. Services follow within FIRSTFIX_KEYS_REFRESH_S (5 s)."""
     _keys(store).revoke(key_id)
     typer.echo(f"key {key_id} is revoked")
 
@@ -112,9 +121,10 @@ def _line(key: ApiKey) -> str:
 
 
 def _time(text: str) -> datetime:
-    """
+    """Returns the time of expiry.
+
     Raises:
-        InvalidOption: neither a duration nor a date.
+        InvalidOption: the text is neither a duration nor a date.
     """
     if (match := _DURATION.fullmatch(text)) is not None:
         count = int(match[1])
@@ -124,6 +134,6 @@ def _time(text: str) -> datetime:
         time = datetime.fromisoformat(text)
     except ValueError:
         raise InvalidOption(
-            f"a key expires after a time (90d, 12h) or at a date, not {text[:40]!r}"
+            f"--expires must be a duration (90d, 12h) or a date (2030-01-31), not {text[:40]!r}"
         ) from None
     return time if time.tzinfo is not None else time.replace(tzinfo=timezone.utc)

@@ -1,4 +1,4 @@
-"""``firstfix localize``: one fix, or one for every cloud of a bag."""
+"""``firstfix localize``: find the pose of a scan, or of every cloud in a bag."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..arguments import AsJson, MapId, SentAs, Store, TimeoutS, Url, Zenoh
+from ..arguments import AsJson, MapId, SentAs, Store, TimeoutS, Url, Zenoh, examples
 
 if TYPE_CHECKING:
     from firstfix.answer.localization import Localization
@@ -22,6 +22,13 @@ if TYPE_CHECKING:
 EXIT_CODES = {"localized": 0, "ambiguous": 3, "rejected": 4}
 
 
+EXAMPLES = examples(
+    "firstfix localize scan.pcd --map hall",
+    "firstfix localize scan.pcd --map hall --gravity 0,0,-1 --json",
+    "firstfix localize --bag drive.mcap --map hall --every 10 --tum fixes.txt",
+)
+
+
 def localize(
     map_id: MapId,
     scan: Annotated[
@@ -31,17 +38,23 @@ def localize(
     zenoh: Zenoh = None,
     store: Store = None,
     gravity: Annotated[
-        str | None, typer.Option(help="In the sensor frame: x,y,z (down), or roll_deg,pitch_deg.")
+        str | None,
+        typer.Option(help="Direction of gravity in the sensor frame: x,y,z (down) or roll_deg,pitch_deg."),
     ] = None,
     base_sensor: Annotated[
         str | None,
-        typer.Option("--T-base-sensor", metavar="X,Y,Z,QX,QY,QZ,QW", help="Where the sensor is mounted."),
+        typer.Option("--T-base-sensor", metavar="X,Y,Z,QX,QY,QZ,QW", help="Pose of the sensor on the robot."),
     ] = None,
     prior: Annotated[
-        str | None, typer.Option(help="Where it is known to be: x,y,z,radius_m[,yaw_deg,yaw_range_deg].")
+        str | None,
+        typer.Option(help="Where the robot is known to be: x,y,z,radius_m[,yaw_deg,yaw_range_deg]."),
     ] = None,
-    max_candidates: Annotated[int | None, typer.Option(help="Places to try at most.")] = None,
-    min_probability: Annotated[float | None, typer.Option(help="Below it: not localized.")] = None,
+    max_candidates: Annotated[
+        int | None, typer.Option(help="Limit on the candidate poses that are tried.")
+    ] = None,
+    min_probability: Annotated[
+        float | None, typer.Option(help="Probability below which the scan is not localized.")
+    ] = None,
     version: Annotated[
         str | None, typer.Option(help="Map version, 64 characters [default: the active one].")
     ] = None,
@@ -52,31 +65,43 @@ def localize(
         Path | None,
         typer.Option(
             metavar="POSES.csv",
-            help="In place of SCAN: up to 16 scans with their poses by odometry, in evaluate's form. "
-            "The answer is the pose of the last.",
+            help="Instead of SCAN: up to 16 scans with their odometry poses, in a CSV file as for evaluate. "
+            "The answer is the pose of the last scan.",
         ),
     ] = None,
     bag: Annotated[
         Path | None,
-        typer.Option(help="In place of SCAN: a ROS 1 .bag, a ROS 2 .mcap or .db3, or a ROS 2 bag's folder."),
+        typer.Option(
+            help="Instead of SCAN: a ROS 1 .bag, a ROS 2 .mcap or .db3, or the folder of a ROS 2 bag."
+        ),
     ] = None,
     topic: Annotated[
-        str | None, typer.Option(help="Of the bag's PointCloud2 [default: the only one].")
+        str | None,
+        typer.Option(help="With --bag: topic of the PointCloud2 messages [default: the only one]."),
     ] = None,
-    every: Annotated[int, typer.Option(help="Ask for one cloud in so many.", min=1)] = 1,
-    start: Annotated[float, typer.Option(help="Seconds after the bag's beginning.", min=0)] = 0.0,
-    count: Annotated[int | None, typer.Option(help="Clouds to ask for at most.", min=1)] = None,
-    imu_topic: Annotated[str | None, typer.Option(help="Of the bag's Imu: gravity is taken from it.")] = None,
+    every: Annotated[int, typer.Option(help="With --bag: use every n-th cloud.", min=1)] = 1,
+    start: Annotated[float, typer.Option(help="With --bag: seconds to skip at the start.", min=0)] = 0.0,
+    count: Annotated[
+        int | None, typer.Option(help="With --bag: limit on the number of clouds.", min=1)
+    ] = None,
+    imu_topic: Annotated[
+        str | None, typer.Option(help="With --bag: topic of the Imu messages that give gravity.")
+    ] = None,
     base_frame: Annotated[
         str | None,
-        typer.Option(help="The robot's frame: the bag's /tf_static says how the sensor is mounted."),
+        typer.Option(
+            help="With --bag: the robot's base frame. The sensor's mounting is read from /tf_static."
+        ),
     ] = None,
-    tum: Annotated[Path | None, typer.Option(help="Write the bag's fixes there as a TUM trajectory.")] = None,
+    tum: Annotated[
+        Path | None, typer.Option(help="With --bag: write the poses to this file as a TUM trajectory.")
+    ] = None,
 ) -> None:
-    """Find the pose of a scan, of several with odometry, or of every cloud of a bag, in a map.
+    """Find the pose of a scan in a map.
 
-    Exit code 0: localized, 3: ambiguous, 4: rejected, for a bag the best of its clouds; 1: no answer, 2: an
-    error.
+    Instead of one scan it takes several with odometry (--odometry), or every cloud of a ROS bag (--bag).
+
+    Exit codes: 0 localized, 1 no answer, 2 error, 3 ambiguous, 4 rejected; for a bag, by the best verdict.
     """
     from firstfix.answer.options import LocalizeOptions
     from firstfix.decode import read_scan_file
@@ -86,7 +111,7 @@ def localize(
     from ..bag_replay import Replay, replay
 
     if sum(one is not None for one in (scan, odometry, bag)) != 1:
-        raise InvalidOption("give a scan file, --odometry or --bag, one of them")
+        raise InvalidOption("give one of SCAN, --odometry and --bag")
     of_a_bag = Replay(bag or Path(), topic, every, start, count, imu_topic, base_frame)
     if bag is None and (of_a_bag != Replay(Path()) or tum is not None):
         raise InvalidOption(
@@ -125,14 +150,14 @@ def _sequence(path: Path | None) -> ScanSequence:
     rows = read_poses_csv(path)
     poses = [row.T_map_sensor for row in rows if row.T_map_sensor is not None]
     if len(poses) < len(rows):
-        raise MalformedData(f"{path}: every scan needs its pose by odometry")
+        raise MalformedData(f"{path}: every scan needs its odometry pose")
     if len(rows) > MAX_SCANS:  # before they are read
-        raise MalformedData(f"{path}: a query holds up to {MAX_SCANS} scans, not {len(rows)}")
+        raise MalformedData(f"{path}: a query can hold up to {MAX_SCANS} scans, not {len(rows)}")
     return ScanSequence.along([read_scan_file(row.path) for row in rows], poses)
 
 
 def _print_replay(answers: Iterable[Replayed], tum: Path | None, as_json: bool) -> set[str]:
-    """A line for every cloud as soon as it is answered; the verdicts that there were."""
+    """Prints one line for each answer as it comes. Returns the verdicts."""
     from ..bag_replay import write_tum
 
     verdicts = set()
@@ -157,7 +182,7 @@ def _print_replay(answers: Iterable[Replayed], tum: Path | None, as_json: bool) 
 
 
 def lines_of(answer: Localization) -> list[str]:
-    """The answer for people."""
+    """Returns the answer as text."""
     import numpy as np
 
     lines = [_verdict_of(answer)]

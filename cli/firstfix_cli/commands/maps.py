@@ -1,4 +1,4 @@
-"""``firstfix maps``: what there is, and which version answers."""
+"""``firstfix maps``: list, inspect and switch maps."""
 
 from __future__ import annotations
 
@@ -9,13 +9,22 @@ from typing import Annotated, Any
 
 import typer
 
-from ..arguments import AsJson, Store, Url
+from ..arguments import AsJson, Store, Url, examples
 from ..self_test_lines import self_test_lines
 
-app = typer.Typer(help="List, inspect and switch maps, of a service or of a store.", no_args_is_help=True)
+app = typer.Typer(
+    help="List, inspect and switch maps.",
+    epilog=examples(
+        "firstfix maps ls",
+        "firstfix maps show hall --url http://localhost:8080",
+        "firstfix maps activate hall 3f2a91c0 --store s3://maps/firstfix",
+        "firstfix maps verify --store s3://maps/firstfix",
+    ),
+    no_args_is_help=True,
+)
 
 MapArgument = Annotated[str, typer.Argument(metavar="MAP", help="Id of the map.")]
-VersionArgument = Annotated[str, typer.Argument(help="Version, or at least its first 8 characters.")]
+VersionArgument = Annotated[str, typer.Argument(help="Version, or its first 8 or more characters.")]
 
 
 @app.command("ls")
@@ -47,7 +56,7 @@ def show(map_id: MapArgument, url: Url = None, store: Store = None, as_json: AsJ
 
 @app.command()
 def versions(map_id: MapArgument, url: Url = None, store: Store = None, as_json: AsJson = False) -> None:
-    """List a map's versions, newest first; the active one is marked."""
+    """List a map's versions, newest first. The active one is marked."""
     from ..map_admin import map_admin
 
     with map_admin(url, store) as admin:
@@ -68,7 +77,7 @@ def activate(
     store: Store = None,
     as_json: AsJson = False,
 ) -> None:
-    """Let another version answer from now on: back or forward."""
+    """Make a version the active one, older or newer."""
     from ..map_admin import map_admin
     from ..versions import full_version
 
@@ -80,7 +89,7 @@ def activate(
 
 @app.command()
 def rollback(map_id: MapArgument, url: Url = None, store: Store = None, as_json: AsJson = False) -> None:
-    """Let the version answer that was active before; twice comes back."""
+    """Make the previously active version active again."""
     from ..map_admin import map_admin
 
     with map_admin(url, store) as admin:
@@ -92,12 +101,15 @@ def rollback(map_id: MapArgument, url: Url = None, store: Store = None, as_json:
 def retire(
     map_id: MapArgument,
     version: VersionArgument,
-    force: Annotated[bool, typer.Option("--force", help="Also if it is the active one.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Also if it is the active version.")] = False,
     url: Url = None,
     store: Store = None,
     as_json: AsJson = False,
 ) -> None:
-    """Take a version out of service; gc removes its files a day later."""
+    """Take a version out of service.
+
+    After a day, gc removes its files.
+    """
     from ..map_admin import map_admin
     from ..versions import full_version
 
@@ -112,25 +124,33 @@ def rebuild(
     map_ids: Annotated[list[str], typer.Argument(metavar="MAP...", help="Ids of the maps.")],
     store: Annotated[str, typer.Option(envvar="FIRSTFIX_STORE", help="The service's object store.")],
 ) -> None:
-    """Build maps again from the files and the config that their active versions were made of."""
+    """Build maps again from their sources.
+
+    The builds use the files and the config of the active versions. A service or a worker runs them.
+    """
     from firstfix.catalog.catalog import Catalog
     from firstfix.store.store import Store as ObjectStore
-    from firstfix.upkeep.rebuild import rebuild as put_on_record
+    from firstfix.upkeep.rebuild import rebuild as request_rebuild
 
     catalog = Catalog(ObjectStore.open(store))
     for map_id in map_ids:
-        typer.echo(f"{map_id}: build {put_on_record(catalog, map_id)} is on record")
+        typer.echo(f"{map_id}: build {request_rebuild(catalog, map_id)} is queued")
 
 
 @app.command("gc")
 def collect_garbage(
-    map_id: Annotated[str | None, typer.Argument(metavar="[MAP]", help="One map; default: all.")] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be removed.")] = False,
+    map_id: Annotated[
+        str | None, typer.Argument(metavar="[MAP]", help="Id of one map [default: all].")
+    ] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only report what would be removed.")] = False,
     url: Url = None,
     store: Store = None,
     as_json: AsJson = False,
 ) -> None:
-    """Remove what nothing references: retired versions, unused sources, abandoned uploads, old records."""
+    """Remove unreferenced objects from the store.
+
+    These are retired versions, unused sources, abandoned uploads and old records.
+    """
     from ..map_admin import map_admin
 
     with map_admin(url, store) as admin:
@@ -147,16 +167,17 @@ def verify(
     store: Annotated[str, typer.Option(envvar="FIRSTFIX_STORE", help="The service's object store.")],
     repair: Annotated[
         bool,
-        typer.Option("--repair", help="Mend what can be mended, and move aside records that cannot be read."),
+        typer.Option("--repair", help="Repair what can be repaired, and set unreadable records aside."),
     ] = False,
     cache: Annotated[
-        Path | None, typer.Option(help="Folder of fetched versions on this machine, to mend from.")
+        Path | None,
+        typer.Option(help="Folder with fetched versions on this machine, as a source for repairs."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Read everything in a store, and say what is damaged: records, logs, versions, sources.
+    """Check all objects of a store for damage.
 
-    The exit code is 2 where something is damaged and was not mended.
+    It reads records, logs, versions and sources. The exit code is 2 if damage remains.
     """
     from firstfix.store.store import Store as ObjectStore
     from firstfix.upkeep.repair import Repair
@@ -183,7 +204,7 @@ def _print_state(map_id: str, version: str, state: str, as_json: bool) -> None:
 
 
 def _lines(details: dict[str, Any]) -> list[str]:
-    """What a person asks of a map; ``--json`` has the rest."""
+    """Returns a summary of a map as text; ``--json`` has all details."""
     lines = [f"{details['map_id']}: {details['versions']} versions, active {details['active_version']}"]
     manifest = details.get("manifest")
     if manifest is None:

@@ -8,36 +8,46 @@ from typing import Annotated
 
 import typer
 
-from ..arguments import MapId, TimeoutS, Url, Zenoh
+from ..arguments import MapId, TimeoutS, Url, Zenoh, examples
+
+EXAMPLES = examples(
+    "firstfix ros-gateway --map hall",
+    "firstfix ros-gateway --map hall --connect tcp/router:7447 --domain 7 --points os/points",
+)
 
 
 def ros_gateway(
     map_id: MapId,
     connect: Annotated[
-        str, typer.Option(metavar="ENDPOINT", help="zenoh router of the robots (rmw_zenohd).")
+        str, typer.Option(metavar="ENDPOINT", help="Endpoint of the robots' zenoh router (rmw_zenohd).")
     ] = "tcp/localhost:7447",
     url: Url = None,
     zenoh: Zenoh = None,
     domain: Annotated[int, typer.Option(envvar="ROS_DOMAIN_ID", help="ROS domain.", min=0)] = 0,
-    points: Annotated[str, typer.Option(help="Topic of the clouds, below a robot's namespace.")] = "points",
-    pose: Annotated[str, typer.Option(help="Topic of the pose, below it.")] = "initialpose",
-    map_frame: Annotated[str, typer.Option(help="Frame of the pose.")] = "map",
+    points: Annotated[
+        str, typer.Option(help="Topic of the clouds, relative to a robot's namespace.")
+    ] = "points",
+    pose: Annotated[
+        str, typer.Option(help="Topic of the pose, relative to a robot's namespace.")
+    ] = "initialpose",
+    map_frame: Annotated[str, typer.Option(help="Frame of the published pose.")] = "map",
     base_sensor: Annotated[
         str | None,
         typer.Option(
             "--T-base-sensor",
             metavar="X,Y,Z,QX,QY,QZ,QW",
-            help="How the sensor is mounted, on every robot.",
+            help="Pose of the sensor on every robot.",
         ),
     ] = None,
-    at_start: Annotated[bool, typer.Option(help="A first fix for every robot that shows.")] = True,
-    retry_s: Annotated[float, typer.Option("--retry", help="Seconds from try to try.", min=0)] = 1.0,
+    at_start: Annotated[bool, typer.Option(help="Search for a fix when a robot appears.")] = True,
+    retry_s: Annotated[float, typer.Option("--retry", help="Seconds between two tries.", min=0)] = 1.0,
     timeout_s: TimeoutS = 10.0,
 ) -> None:
-    """Give every robot on rmw_zenoh its first fix: one process beside their router, until it is interrupted.
+    """Give every robot on rmw_zenoh its first fix.
 
-    A robot is a namespace with a PointCloud2 topic; it gets a PoseWithCovarianceStamped and a service
-    first_fix/locate (std_srvs/srv/Trigger).
+    Run one process beside the robots' router. A robot is a namespace with a PointCloud2 topic. It gets its
+    pose as a PoseWithCovarianceStamped, and a service first_fix/locate (std_srvs/srv/Trigger) that starts a
+    new search. The command runs until it is interrupted.
     """
     from firstfix.answer.options import LocalizeOptions
     from firstfix.ros.header import check_frame

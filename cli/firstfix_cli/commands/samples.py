@@ -1,4 +1,4 @@
-"""``firstfix samples``: queries that a service has kept, to look at and to ask again."""
+"""``firstfix samples``: look at queries that a service has kept."""
 
 from __future__ import annotations
 
@@ -9,18 +9,22 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..arguments import AsJson
+from ..arguments import AsJson, examples
 
 if TYPE_CHECKING:
     from firstfix.catalog.query_samples import QuerySample, QuerySamples
 
 app = typer.Typer(
-    help="List, show, fetch and remove queries that a service has kept (FIRSTFIX_SAMPLES_SHARE).",
+    help="List, show, fetch and remove kept queries. FIRSTFIX_SAMPLES_SHARE makes a service keep some.",
+    epilog=examples(
+        "firstfix samples ls --store s3://maps/firstfix --map hall",
+        "firstfix samples fetch --store s3://maps/firstfix -o samples",
+    ),
     no_args_is_help=True,
 )
 
 SamplesStore = Annotated[
-    str, typer.Option("--store", help="Where they are kept: the service's object store, or a directory.")
+    str, typer.Option("--store", help="Store that holds them: the service's object store, or a directory.")
 ]
 SampleArgument = Annotated[str, typer.Argument(metavar="SAMPLE", help="Id of the kept query.")]
 
@@ -28,7 +32,7 @@ SampleArgument = Annotated[str, typer.Argument(metavar="SAMPLE", help="Id of the
 @app.command("ls")
 def list_samples(
     store: SamplesStore,
-    map_id: Annotated[str | None, typer.Option("--map", help="Only those about this map.")] = None,
+    map_id: Annotated[str | None, typer.Option("--map", help="Only queries about this map.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """List the kept queries, oldest first."""
@@ -43,17 +47,20 @@ def list_samples(
 
 @app.command()
 def show(sample_id: SampleArgument, store: SamplesStore) -> None:
-    """Show what was asked and answered, as JSON."""
+    """Show a query and its answer, as JSON."""
     typer.echo(json.dumps(asdict(_samples(store).get(sample_id)), indent=1))
 
 
 @app.command()
 def fetch(
     store: SamplesStore,
-    sample_id: Annotated[str | None, typer.Argument(metavar="SAMPLE", help="Id [default: all].")] = None,
+    sample_id: Annotated[str | None, typer.Argument(metavar="SAMPLE", help="Id of one kept query [default: all].")] = None,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder to write to.")] = Path(),
 ) -> None:
-    """Write kept queries as files: SAMPLE.json beside the body, which ``firstfix localize`` reads."""
+    """Write kept queries as files.
+
+    Each becomes SAMPLE.json and its scan, which 'firstfix localize' can read.
+    """
     kept = _samples(store)
     out.mkdir(parents=True, exist_ok=True)
     for sample in kept.each() if sample_id is None else [kept.get(sample_id)]:
@@ -67,14 +74,16 @@ def fetch(
 @app.command("rm")
 def remove(
     store: SamplesStore,
-    sample_ids: Annotated[list[str] | None, typer.Argument(metavar="SAMPLE...", help="Ids.")] = None,
-    everything: Annotated[bool, typer.Option("--all", help="Remove all of them.")] = False,
+    sample_ids: Annotated[
+        list[str] | None, typer.Argument(metavar="SAMPLE...", help="Ids of kept queries.")
+    ] = None,
+    everything: Annotated[bool, typer.Option("--all", help="Remove all kept queries.")] = False,
 ) -> None:
     """Remove kept queries for good."""
     from firstfix.errors import InvalidOption
 
     if everything == bool(sample_ids):
-        raise InvalidOption("name kept queries, or say --all")
+        raise InvalidOption("give ids of kept queries, or --all")
     kept = _samples(store)
     doomed = kept.ids() if everything else [kept.get(one).sample_id for one in sample_ids or ()]
     for one in doomed:
@@ -98,7 +107,7 @@ def _plain_body(kept: QuerySamples, sample: QuerySample) -> bytes:
 
 
 def _suffix(media_type: str) -> str:
-    """Of a file with such a body; ``.body`` where no reader goes by an ending."""
+    """Returns the file suffix for such a body, ``.body`` for an unknown one."""
     from firstfix.decode import SUFFIXES
 
     name = media_type.split(";", 1)[0].strip().lower()

@@ -1,4 +1,4 @@
-"""``firstfix serve``: the query service."""
+"""``firstfix serve``: run the query service."""
 
 from __future__ import annotations
 
@@ -8,25 +8,34 @@ from typing import Annotated, Any
 
 import typer
 
-from ..arguments import Store
+from ..arguments import ServiceStore, examples
+
+EXAMPLES = examples(
+    "firstfix serve --store store",
+    "firstfix serve --store s3://maps/firstfix --host 0.0.0.0 --zenoh-listen tcp/0.0.0.0:7447",
+)
 
 
 def serve(
-    store: Store = None,
+    store: ServiceStore = None,
     host: Annotated[str | None, typer.Option(help="Address to listen on [default: 127.0.0.1].")] = None,
     port: Annotated[int | None, typer.Option(help="Port; 0: any free one [default: 8080].")] = None,
     zenoh: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Answer over zenoh too, as this config file says.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Also answer over zenoh, with this configuration file."),
     ] = None,
     zenoh_listen: Annotated[
         list[str] | None,
-        typer.Option(metavar="ENDPOINT", help="Answer over zenoh too, here, such as tcp/0.0.0.0:7447."),
+        typer.Option(
+            metavar="ENDPOINT", help="Also answer over zenoh, at this endpoint, such as tcp/0.0.0.0:7447."
+        ),
     ] = None,
-    work: Annotated[Path | None, typer.Option(help="For uploads and the stages of builds.")] = None,
+    work: Annotated[Path | None, typer.Option(help="Folder for uploads and for stages of builds.")] = None,
 ) -> None:
-    """Answer queries over HTTP, and zenoh if asked to, and build maps that are posted.
+    """Run the query service.
 
-    What is not given comes from the environment: FIRSTFIX_STORE, FIRSTFIX_PORT and the other settings.
+    It answers queries over HTTP, and over zenoh if configured, and builds maps that are uploaded. Other
+    settings come from environment variables: FIRSTFIX_STORE, FIRSTFIX_PORT and so on.
     """
     from firstfix_service.server import serve as run_service
 
@@ -46,10 +55,10 @@ def settings_of(
     build_queue: str | None = None,
     share_stages: bool | None = None,
 ) -> Any:
-    """The service's settings: the command line over the environment.
+    """Returns the service's settings. The command line has precedence over the environment.
 
     Raises:
-        InvalidOption: one is missing or out of range.
+        InvalidOption: a setting is missing or out of range.
     """
     from pydantic import ValidationError
 

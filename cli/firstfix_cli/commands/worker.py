@@ -1,4 +1,4 @@
-"""``firstfix worker``: runs builds that services hand to NATS."""
+"""``firstfix worker``: run a build worker."""
 
 from __future__ import annotations
 
@@ -7,19 +7,25 @@ from typing import Annotated
 
 import typer
 
-from ..arguments import Store
+from ..arguments import ServiceStore, examples
 from .serve import settings_of
+
+EXAMPLES = examples(
+    "firstfix worker --store s3://maps/firstfix --nats nats://queue:4222",
+)
 
 
 def worker(
-    store: Store = None,
+    store: ServiceStore = None,
     nats: Annotated[
         str | None, typer.Option(metavar="URL", help="NATS server with JetStream, such as nats://host:4222.")
     ] = None,
-    work: Annotated[Path | None, typer.Option(help="For sources and finished stages.")] = None,
-    concurrency: Annotated[int, typer.Option(min=1, max=64, help="Builds at the same time.")] = 1,
+    work: Annotated[Path | None, typer.Option(help="Folder for sources and finished stages.")] = None,
+    concurrency: Annotated[
+        int, typer.Option(min=1, max=64, help="Number of builds that run at the same time.")
+    ] = 1,
     health_port: Annotated[
-        int | None, typer.Option(min=1, max=65535, help="Answer /healthz, /readyz and /metrics there.")
+        int | None, typer.Option(min=1, max=65535, help="Port for /healthz, /readyz and /metrics.")
     ] = None,
     share_stages: Annotated[
         bool | None,
@@ -28,9 +34,10 @@ def worker(
         ),
     ] = None,
 ) -> None:
-    """Build maps that services take and hand to NATS, until it is stopped.
+    """Run a build worker.
 
-    What is not given comes from the environment: FIRSTFIX_STORE, FIRSTFIX_BUILD_QUEUE and the others.
+    It takes builds from the NATS queue of the services, until it is stopped. Other settings come from
+    environment variables: FIRSTFIX_STORE, FIRSTFIX_BUILD_QUEUE and so on.
     """
     from firstfix_service.builds.worker import run_worker
 

@@ -1,4 +1,4 @@
-"""``firstfix world``: a place to try it in."""
+"""``firstfix world``: make a sample world."""
 
 from __future__ import annotations
 
@@ -7,13 +7,24 @@ from typing import Annotated
 
 import typer
 
+from ..arguments import examples
+
+EXAMPLES = examples(
+    "firstfix world office -o world",
+    "firstfix world factory -o world --seed 3",
+)
+
 
 def world(
-    name: Annotated[str, typer.Argument(help="factory, office or campus.")],
-    out: Annotated[Path, typer.Option("-o", "--out", help="Directory to write, made if missing.")],
-    seed: Annotated[int, typer.Option(help="Another seed, another place of the same kind.", min=0)] = 0,
+    name: Annotated[str, typer.Argument(help="Kind of world: factory, office or campus.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder to write; made if missing.")],
+    seed: Annotated[int, typer.Option(help="Each seed gives another place of the same kind.", min=0)] = 0,
 ) -> None:
-    """Make a sample world: true mesh, the cloud a SLAM would leave, trajectory, query scans, poses.csv."""
+    """Make a sample world to try firstfix in.
+
+    It consists of the true mesh, a point cloud as SLAM would build it, the trajectory of the mapping drive,
+    query scans, and their true poses in poses.csv.
+    """
     from firstfix_builder.worlds import make_world, write_world
 
     made = make_world(name, seed=seed)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class RetryPolicy:
-    """When a failed request is sent again.
+    """Policy for sending a failed request again.
 
     Attributes:
         attempts: limit on tries, the first one included; 1 turns retries off; None: no limit but the time.
@@ -36,7 +36,7 @@ class RetryPolicy:
 
 @dataclass(frozen=True)
 class HedgePolicy:
-    """When a second replica is asked because the first one is slow.
+    """Policy for asking a second replica because the first one is slow.
 
     Attributes:
         after_s: seconds until the second replica is asked; None: the time within which 95 % of the last

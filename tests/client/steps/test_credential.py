@@ -1,4 +1,4 @@
-"""The key that a client shows: to its service, and to nobody else."""
+"""A client sends its API key to its service only."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ KEY = "ffx_0123456789ab_" + "5e" * 32
 
 
 class Listener:
-    """Keeps the Authorization of every request; answers as it is told."""
+    """Records the Authorization of every request, and gives the set answers."""
 
     def __init__(self, status: int = 200, body: bytes = b'{"maps": []}', **headers: str) -> None:
         self.seen: list[str | None] = []

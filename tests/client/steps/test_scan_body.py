@@ -1,4 +1,4 @@
-"""What the clients put on the wire for one scan and for several."""
+"""Bytes that the clients send for one scan and for several."""
 
 import numpy as np
 import pytest
@@ -59,7 +59,7 @@ def test_several_go_with_the_way_between_them():
 
 
 def test_a_compact_query_stays_under_its_limit():
-    """A band of directions, every range at random: hardly anything compresses."""
+    """Returns a scan with random ranges, which hardly compresses."""
     rng = np.random.default_rng(2)
     azimuth, elevation = rng.uniform(-np.pi, np.pi, 100_000), rng.uniform(-0.35, 0.35, 100_000)
     across = rng.uniform(1, 50, 100_000) * np.cos(elevation)

@@ -20,7 +20,5 @@ def credential(given: str | None) -> str | None:
         return None
     key = found.strip()  # a key read from a file ends with a newline
     if not key.isascii() or not key.isprintable() or " " in key:
-        raise InvalidOption(
-            "the API key has characters that are not allowed: only printable ASCII without spaces is"
-        )
+        raise InvalidOption("an API key can only have printable ASCII characters, without spaces")
     return key
