@@ -36,7 +36,7 @@ class Worker:
     health_port: int
 
     def kill(self) -> None:
-        """As a power cut does: itself, and what it runs with it by and by."""
+        """Kills the build worker, as a power cut does; its builds then end by themselves."""
         self.process.kill()
         self.process.wait()
 

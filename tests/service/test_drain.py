@@ -45,7 +45,7 @@ def test_it_is_not_ready_any_more_before_it_stops(tmp_path: Path):
 
 
 def is_ready(calls: httpx.Client, url: str) -> bool | None:
-    """None: it does not listen yet."""
+    """Returns None while it does not listen yet."""
     try:
         return calls.get(f"{url}/readyz").is_success
     except httpx.TransportError:

@@ -53,7 +53,7 @@ class Yards:
         return service.catalog.publish(map_id, directory, Manifest.for_directory(directory))
 
     def shift_of(self, answer: Localization, query: int) -> int:
-        """Which version answered, by where it puts the scan."""
+        """Number of the version that answered, found by its pose."""
         _, T = self.asked[query % len(self.asked)]
         found = answer.hypotheses[0].T_map_sensor
         k = round((found[0, 3] - T[0, 3]) / SHIFT_M)

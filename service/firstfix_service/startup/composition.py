@@ -222,7 +222,9 @@ async def _start_zenoh(
     from ..zenoh_api.replicas import ZenohReplicas
 
     settings, loop = parts.settings, asyncio.get_running_loop()
-    endpoint = await START.run(ZenohEndpoint, settings, replica, parts.use_case, parts.authenticator, loop, requests)
+    endpoint = await START.run(
+        ZenohEndpoint, settings, replica, parts.use_case, parts.authenticator, loop, requests
+    )
     stack.push_async_callback(START.run, endpoint.close)
     parts.metrics.zenoh_connections.set_function(lambda: endpoint.connections)
     parts.metrics.zenoh_maps.set_function(lambda: endpoint.maps_shown)

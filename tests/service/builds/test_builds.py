@@ -77,7 +77,9 @@ def test_a_worker_that_was_killed_once_is_run_again(tmp_path: Path):
 
 def test_a_missing_worker_fails_the_build(tmp_path: Path):
     with building_service(tmp_path, build_command=("/nowhere/worker",)) as service:
-        assert "no worker" in wait_until_ended(service, upload(service))["error"]["detail"]
+        assert (
+            "the build command cannot be run" in wait_until_ended(service, upload(service))["error"]["detail"]
+        )
 
 
 def test_a_worker_that_asks_for_it_is_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -91,7 +91,7 @@ def test_a_flood_of_builds_leaves_room_in_the_stream(tmp_path: Path):
 
 
 def take_one(url: str) -> str:
-    """What a worker does with a build that was cancelled."""
+    """Takes and acknowledges a message, as a build worker does with a cancelled build."""
 
     async def take() -> str:
         import nats

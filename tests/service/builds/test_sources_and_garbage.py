@@ -53,7 +53,7 @@ def fetched(store: Store, build_id: str, folder: Path) -> bytes:
 
 @pytest.fixture(params=["file", "upload"])
 def submission(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Submission, Callable[[Store], None]]:
-    """What is handed in, and what has to be in the store for it."""
+    """A submission, and a function that puts what it needs into the store."""
     path = tmp_path / "a.xyz"
     path.write_bytes(CONTENT)
 

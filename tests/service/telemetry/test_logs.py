@@ -27,7 +27,7 @@ TRACEPARENT = f"00-{TRACE}-{CALLER}-01"
 
 
 class Log:
-    """What was logged as JSON."""
+    """Reads log lines written as JSON."""
 
     def __init__(self) -> None:
         self.stream = io.StringIO()

@@ -1,4 +1,4 @@
-"""What the metrics count, that their labels stay few, and that dashboard and alerts ask for what there is."""
+"""Metrics: their counts, their few labels, and their use in the dashboard and the alerts."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ def world(tmp_path: Path) -> Iterator[NatsWorld]:
 
 
 def hanging(world: NatsWorld, stage: str = "cluster") -> dict[str, Any]:
-    """What to tell a build that is to wait in a stage until ``let_go``."""
+    """Build options that make a build wait in a stage until ``let_go``."""
     return {"hang_in": stage, "until": str(world.folder / "go")}
 
 
