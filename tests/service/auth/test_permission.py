@@ -1,4 +1,4 @@
-"""Keys and tokens that end while their requests go on."""
+"""Keys and tokens that expire or are revoked during a request."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def revoke(service: Service, key: str) -> None:
 
 
 def seen_of_events(service: Service, credential: str, ending: bool) -> list[str]:
-    """The lines of a stream of events until it ends by itself.
+    """Reads the lines of an event stream until it ends.
 
     Args:
         ending: revoke the key once the stream is open.
@@ -83,7 +83,7 @@ def test_an_event_stream_with_a_key_for_its_map_goes_on(guarded: Service):
     ) as response:
         lines = response.iter_lines()
         assert next(lines) == "event: progress"
-        let_pass(3.0)  # it looks at the key
+        let_pass(3.0)  # it checks the key
         guarded.catalog.store.delete(f"builds/{BUILD}/request.json")
         assert "event: end" not in list(lines)
 

@@ -1,4 +1,4 @@
-"""The embedded queue beside others of its kind, and under a service that is killed."""
+"""Embedded queue: several on one store, and in a service that is killed."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def test_a_service_that_is_killed_with_its_build_fails_it_in_the_end(tmp_path: P
 def test_restarts_in_good_order_are_not_held_against_a_build(tmp_path: Path):
     response, hung = None, tmp_path / "work" / "hung"
     for _ in range(3):
-        hung.unlink(missing_ok=True)  # before a service is there that could run the build
+        hung.unlink(missing_ok=True)  # before a service exists that could run the build
         with building_service(tmp_path, build_attempts=1) as service:
             response = response or upload(service, do="hang_once")
             wait_until(hung.exists)

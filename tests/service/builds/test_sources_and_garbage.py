@@ -1,4 +1,4 @@
-"""A map is handed in whose file is being collected: in every order, its build finds the file."""
+"""Submission of a map whose source file is being collected: in every order, the build finds the file."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def parts_of(store: Store) -> Any:
 
 
 def collect(store: Store) -> None:
-    # of one map: builds and uploads, which are as old as all here, are not looked at
+    # of one map: builds and uploads are not collected
     collect_garbage(Catalog(store), map_id="hall", ages=ANY_AGE)
 
 
@@ -76,7 +76,7 @@ def test_a_build_that_was_taken_finds_its_source(
     def run(switches: tuple[int, ...]) -> int:
         store = Store.open("memory://")
         prepare(store)
-        Catalog(store).put_source("hall", tmp_path / "a.xyz")  # of a build long ago
+        Catalog(store).put_source("hall", tmp_path / "a.xyz")  # of an old build
         works: list[Callable[[], Any]] = [
             lambda: _record(parts_of(store), "b1", handed_in, False),
             lambda: collect(store),
@@ -166,7 +166,7 @@ def test_a_map_that_is_built_once_more_finds_its_source(
         def build_again() -> None:
             try:
                 made.append(rebuild(Catalog(store), "hall"))
-            except NotFound:  # said to whoever asked
+            except NotFound:  # reported to the caller
                 return
 
         calls = run_interleaved([build_again, collect_all], switches, monkeypatch=monkeypatch)

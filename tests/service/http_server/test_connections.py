@@ -1,4 +1,4 @@
-"""Connections held by callers that are slow, silent, deaf or many: each ends, and others find a place."""
+"""Connections of callers that are slow, silent or many, or do not read: they end, and others find a place."""
 
 from __future__ import annotations
 
