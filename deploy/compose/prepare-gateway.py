@@ -1,7 +1,7 @@
-"""Runs once the S3 gateway answers: makes its users, and the bucket's policy. Once more does no harm.
+"""Makes the users of the S3 gateway and the policy of the bucket, when the gateway answers. It can be run again.
 
-The gateway's root keys are here and in the gateway itself. Services may read and write the objects of the
-bucket, workers the parts of it that a build needs: no API keys, no kept queries, no uploads.
+Only this script and the gateway have the root keys. Services may read and write all objects of the bucket.
+Build workers may read and write what a build needs: no API keys, no kept queries, no uploads.
 
     ROOT_ACCESS_KEY=... ROOT_SECRET_KEY=... SERVICE_SECRET_KEY=... WORKER_SECRET_KEY=... prepare-gateway.py
 """
@@ -28,7 +28,7 @@ WAIT_S = 120.0
 READ = ["s3:GetObject"]
 CHANGE = [*READ, "s3:PutObject", "s3:DeleteObject", "s3:AbortMultipartUpload", "s3:ListMultipartUploadParts"]
 # What a build reads and writes: sources and versions, records, finished stages, what its caller has used, and
-# the notes by which replicas learn of a new version. probe: what a store is tried with when a worker starts.
+# the notices by which replicas learn of a new version. probe: objects that test the store at a start.
 WORKERS_FOLDERS = ("maps", "builds", "stages", "changes", "callers", "probe")
 
 

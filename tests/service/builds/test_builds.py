@@ -46,7 +46,8 @@ def test_the_worker_runs_at_low_priority_and_says_how_it_ended(tmp_path: Path):
         assert (ended["state"], ended["version"], ended["progress"]) == ("succeeded", "a" * 64, 1.0)
         niceness = int((tmp_path / "work/order.txt").read_text().split()[1])
         assert niceness >= service.settings.build_niceness
-        line = 'firstfix_builds_total{state="succeeded"} 1.0'  # counted just after the build process reports its end
+        line = 'firstfix_builds_total{state="succeeded"} 1.0'
+        # counted just after the build process reports its end
         wait_until(lambda: line in service.http.get("/metrics").text)
 
 
