@@ -60,7 +60,7 @@ def is_loopback(host: str) -> bool:
 
 
 def _is_local_endpoint(endpoint: str) -> bool:
-    """Whether an endpoint ``protocol/address?metadata#config`` is on this machine only."""
+    """Returns whether an endpoint ``protocol/address?metadata#config`` is on this machine only."""
     protocol, _, rest = endpoint.partition("/")
     if protocol in _LOCAL_PROTOCOLS:
         return True

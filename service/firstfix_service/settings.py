@@ -357,17 +357,17 @@ class Settings(BaseSettings):
 
     @property
     def nats_enabled(self) -> bool:
-        """Whether builds are given to build workers over NATS."""
+        """True if builds are given to build workers over NATS."""
         return self.build_queue != "embedded"
 
     @property
     def stages_are_shared(self) -> bool:
-        """Whether build stages are kept in the store."""
+        """True if build stages are kept in the store."""
         if self.build_executor != "threads":  # the workers of the cluster read them in the store
             return True
         return self.nats_enabled if self.share_stages is None else self.share_stages
 
     @property
     def zenoh_enabled(self) -> bool:
-        """Whether the service answers over zenoh."""
+        """True if the service answers over zenoh."""
         return self.zenoh or self.zenoh_config is not None

@@ -1,4 +1,4 @@
-"""Builds by the fake worker, over HTTP."""
+"""Builds by the fake build process, over HTTP."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def building_service(directory: Path, **changes: Any):
 
 
 def upload(service: Service, map_id: str = "hall", do: str = "succeed", **config: Any) -> httpx.Response:
-    """Hands in a map whose build, by the fake worker, does what its sensor is called."""
+    """Submits a map. Its sensor name tells the fake build process what to do."""
     config = {"sensor": {"preset": "vlp-16", "name": do}, **config}
     return service.http.post(
         "/maps",

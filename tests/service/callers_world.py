@@ -24,7 +24,7 @@ CLOUD = b"0 0 0\n1 1 1\n"
 
 @dataclass
 class Caller:
-    """One of them."""
+    """A caller with its own key."""
 
     service: Service
     key: str
@@ -43,7 +43,7 @@ class Caller:
         return self.call("POST", "/uploads", headers=headers)
 
     def begin(self, size_bytes: int = 1000) -> str:
-        """The address of a new upload."""
+        """Begins an upload and returns its path."""
         answer = self.announce(size_bytes)
         assert answer.status_code == 201, answer.text
         return answer.headers["location"]
@@ -60,7 +60,7 @@ class Caller:
 
     @contextmanager
     def sending(self, url: str, size_bytes: int, sent: bytes = b"x") -> Iterator[socket.socket]:
-        """A PATCH whose body does not come to its end."""
+        """A PATCH request whose body never ends."""
         address = urlsplit(self.service.url)
         head = (
             f"PATCH {url} HTTP/1.1\r\nHost: x\r\nContent-Type: {PART}\r\nUpload-Offset: 0\r\n"

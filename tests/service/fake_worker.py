@@ -1,4 +1,4 @@
-"""Stands in for firstfix_builder.worker: does what its config's sensor is called, over the real store."""
+"""Fake of firstfix_builder.worker on the real store: the sensor name in its config says what it does."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from firstfix.store.store import Store
 
 
 def hang(tied_to_stdin: bool) -> None:
-    """Until it is killed, or whoever holds its stdin is."""
+    """Waits until it is killed, or until its stdin is closed."""
     if tied_to_stdin:
         sys.stdin.read()
         os._exit(75)
@@ -59,7 +59,7 @@ def main() -> int:
     if do == "hang_with_a_child":
         child = subprocess.Popen(["sleep", "600"])
         (work / "child.txt").write_text(str(child.pid))
-        os.kill(os.getpid(), signal.SIGSTOP)  # deaf to everything but SIGKILL
+        os.kill(os.getpid(), signal.SIGSTOP)  # ignores every signal but SIGKILL
     if do == "work_for_ever":
         for number in range(10**9):
             progress = 0.5 + number % 1000 / 2000

@@ -1,4 +1,4 @@
-"""Builds over a real NATS server: workers as processes, a store, and the service's side of the queue."""
+"""Builds over a real NATS server: build worker processes, a store, and the queue of a service."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Worker:
     health_port: int
 
     def kill(self) -> None:
-        """As a power cut does: itself, and what it runs with it by and by."""
+        """Kills the build worker, as a power cut does; its builds then end by themselves."""
         self.process.kill()
         self.process.wait()
 
@@ -46,7 +46,7 @@ class Worker:
         return self.process.wait(LIMIT_S)
 
     def made(self) -> list[str]:
-        """Stages that were made here, in order."""
+        """Stages that this build worker made, in order."""
         path = self.work / "slot-0" / "made.txt"
         return path.read_text().split() if path.exists() else []
 
@@ -65,7 +65,7 @@ class NatsWorld:
         return f"file://{self.folder / 'store'}"
 
     def record(self, map_id: str = "hall", *, config: dict[str, Any] | None = None, **told: Any) -> str:
-        """A build on record, as POST /maps leaves it: with the config, or one telling the tiny worker so."""
+        """Records a build like POST /maps, with the given config or options of the tiny worker."""
         self.count += 1
         (self.folder / "upload").write_bytes(b"a cloud")
         key = f"maps/{map_id}/sources/{put_source(self.catalog.store, map_id, self.folder / 'upload')}"

@@ -1,6 +1,6 @@
-"""A firstfix service in a process of its own that may be killed; its localizers are the tests' fakes.
+"""A service in a process of its own, which tests can kill; its localizers are fakes.
 
-Settings come from the environment. ``FAKE_SECONDS``: how long a query takes.
+Settings come from the environment. ``FAKE_SECONDS``: time that a query takes.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import os
 import sys
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).parents[1]))  # pytest has it there, this process of its own has not
+sys.path.append(str(Path(__file__).parents[1]))  # pytest has this path, a process of its own does not
 
 from service_world import Behaviour
 
@@ -20,7 +20,7 @@ from waiting import let_pass
 
 
 class Gate:
-    """Opens by itself."""
+    """An event that sets itself."""
 
     def wait(self, timeout: float) -> bool:
         let_pass(float(os.environ.get("FAKE_SECONDS", "0")))

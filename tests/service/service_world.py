@@ -1,4 +1,4 @@
-"""A running service over a real file store and loopback sockets; only the localizer is a fake one."""
+"""A running service with a real file store and loopback sockets; only its localizer is a fake."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ SCAN_BODY = np.arange(300, dtype="<f4").reshape(100, 3).tobytes()
 
 @dataclass
 class Behaviour:
-    """What the fake localizers do; shared by all of a test."""
+    """Behaviour of the fake localizers, shared by all of a test."""
 
     raises: Exception | None = None
     gate: threading.Event | None = None  # wait for it before answering
@@ -70,7 +70,7 @@ class FakeLocalizer:
 
 
 def publish(catalog: Catalog, map_id: str, label: str, scratch: Path) -> str:
-    """A version whose fake localizer answers x = label; returns its digest."""
+    """Publishes a version whose fake localizer answers x = label, and returns its digest."""
     directory = scratch / f"{map_id}-{label}"
     directory.mkdir(parents=True, exist_ok=True)
     (directory / "label.txt").write_text(label)
@@ -85,7 +85,7 @@ def free_port() -> int:
 
 @dataclass
 class Service:
-    """A running one."""
+    """A running service."""
 
     url: str
     endpoint: str

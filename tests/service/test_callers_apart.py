@@ -1,4 +1,4 @@
-"""Callers of one service: none reads, stops or holds up another."""
+"""Callers of one service: none reads, stops or delays another."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_an_upload_is_its_callers_alone(tmp_path: Path):
 
 
 def test_an_upload_of_an_earlier_release_is_gone_on_with(tmp_path: Path):
-    """Its record names no owner; within a day there are none left."""
+    """Its record names no owner."""
     with callers(tmp_path) as these:
         record = b'{"size_bytes": 12, "file_name": "a.xyz", "sha256": null}'
         these.service.catalog.store.put_new("uploads/u1/upload.json", record)
@@ -131,7 +131,7 @@ def test_builds_of_one_caller_are_limited_alone(tmp_path: Path):
 
 
 def test_a_key_that_was_refused_is_no_way_round_the_limit(tmp_path: Path):
-    """Claimed while the upload was not complete: a build comes of it only later."""
+    """Claims the key while the upload is incomplete: the build begins only later."""
     with callers(tmp_path, max_builds_per_caller=1) as these:
         url = these.a.begin(len(CLOUD))
 
@@ -163,7 +163,7 @@ def test_minutes_of_one_callers_builds_are_limited_alone(tmp_path: Path):
     ("method", "path"), [("GET", ""), ("GET", "/events"), ("DELETE", "")], ids=["status", "events", "cancel"]
 )
 def test_builds_are_everybodys_who_has_their_map(tmp_path: Path, method: str, path: str):
-    """Colleagues who share a map share its builds, whoever handed them in."""
+    """Callers who share a map share its builds."""
     with callers(tmp_path) as these:
         location = these.a.post_map().headers["location"]
         these.a.call("DELETE", location)

@@ -1,4 +1,4 @@
-"""The client's newer calls against the real service; only its localizer is a fake one."""
+"""Client calls against the real service; only its localizer is a fake."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def service(tmp_path: Path) -> Iterator[Service]:
 
 
 class Breaks(httpx.HTTPTransport):
-    """A network that loses what the test says: a request before it is sent, or its answer after."""
+    """A network that loses requests or answers, as the test says."""
 
     def __init__(self, loses: Callable[[int, httpx.Request], str | None]) -> None:
         super().__init__()

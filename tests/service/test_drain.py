@@ -1,4 +1,4 @@
-"""A service that is told to stop says so first, and goes on until a proxy has seen it."""
+"""Drain: a service that stops is first not ready, and answers until proxies have seen it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_it_is_not_ready_any_more_before_it_stops(tmp_path: Path):
             wait_until(lambda: is_ready(calls, url) is True)
             service.send_signal(signal.SIGTERM)
             wait_until(lambda: is_ready(calls, url) is False)
-        # Requests are answered, of new callers too.
+        # Requests are still answered, also those of new callers.
         assert "about to stop" in httpx.get(f"{url}/readyz").json()["detail"]
         assert httpx.get(f"{url}/maps").status_code == 200
         assert httpx.get(f"{url}/healthz").status_code == 200
@@ -45,7 +45,7 @@ def test_it_is_not_ready_any_more_before_it_stops(tmp_path: Path):
 
 
 def is_ready(calls: httpx.Client, url: str) -> bool | None:
-    """None: it does not listen yet."""
+    """Returns None while it does not listen yet."""
     try:
         return calls.get(f"{url}/readyz").is_success
     except httpx.TransportError:

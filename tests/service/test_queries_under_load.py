@@ -1,4 +1,4 @@
-"""The service with real worker processes and real versions, while things happen to it."""
+"""Queries to real query workers and real versions, during changes and failures."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from firstfix.transform import pose_error
 from firstfix.wire.scan import MEDIA_TYPE, encode_scan
 from waiting import LIMIT_S, let_pass, wait_until
 
-SHIFT_M = 100.0  # by which the versions of different maps, and of different age, lie apart
+SHIFT_M = 100.0  # shift between versions, by which they are recognised
 pytestmark = pytest.mark.slow
 
 
 class Yards:
-    """Real versions that differ by where they say the yard lies."""
+    """Real versions with different positions of the yard."""
 
     def __init__(self, small_version, small_scans, folder: Path) -> None:
         self._source = small_version.directory
@@ -53,7 +53,7 @@ class Yards:
         return service.catalog.publish(map_id, directory, Manifest.for_directory(directory))
 
     def shift_of(self, answer: Localization, query: int) -> int:
-        """Which version answered, by where it puts the scan."""
+        """Number of the version that answered, found by its pose."""
         _, T = self.asked[query % len(self.asked)]
         found = answer.hypotheses[0].T_map_sensor
         k = round((found[0, 3] - T[0, 3]) / SHIFT_M)
@@ -94,12 +94,12 @@ def worker_pids() -> list[int]:
 
 
 def mapped_versions(pid: int) -> set[str]:
-    """Digests of the versions whose files a process has mapped."""
+    """Returns the digests of the versions whose files a process has mapped."""
 
     def seen() -> set[str]:
         return set(re.findall(r"/versions/([0-9a-f]{64})/", Path(f"/proc/{pid}/maps").read_text()))
 
-    return seen() & seen()  # one look is no snapshot: a version may go and another come while it is read
+    return seen() & seen()  # one read is not a snapshot: versions may change meanwhile
 
 
 def rss_mib(pid: int) -> float:
@@ -153,7 +153,7 @@ def test_a_version_is_swapped_under_queries_without_an_error(service: Service, y
             wait_until(lambda: service.http.get("/readyz").is_success)
             wanted = 0
             for wanted in (1, 2):
-                let_pass(1)  # queries go on with the version before
+                let_pass(1)  # queries use the version before
                 version = yards.publish(service, "yard", wanted)
                 wait_until(lambda v=version: _serves(service, yards, v))
         finally:

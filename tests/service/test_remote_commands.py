@@ -1,4 +1,4 @@
-"""The command line against a running service: builds, several scans, and what scripts see of trouble."""
+"""Command line against a running service: builds, several scans, and exit codes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def ended(*arguments: object) -> int:
 
 
 def printed(capsys: pytest.CaptureFixture[str]) -> list[str]:
-    """Lines of the command line; the service of the tests logs to the same place."""
+    """Returns the lines of the command line; the service of the tests logs to the same stream."""
     return [line for line in capsys.readouterr().out.splitlines() if "[info" not in line]
 
 
@@ -35,7 +35,7 @@ def the_map(folder: Path) -> Path:
 
 
 def ends_as(service: Service, state: str, **more: Any) -> threading.Thread:
-    """A builder's part: the first build that comes ends so."""
+    """Plays the builder: ends the first build with this state."""
 
     def build() -> None:
         wait_until(service.catalog.build_ids)

@@ -1,4 +1,4 @@
-"""A service whose object store is cut off, slow or half broken: a real S3 server behind toxiproxy."""
+"""Outages of the object store: a real S3 server behind toxiproxy is cut off, slow or broken."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from firstfix.store.store import Store
 from toxiproxy import Link
 from waiting import let_pass, wait_until
 
-SOON = {"deadline_ms": "10000"}  # no query of these may wait for the store
+SOON = {"deadline_ms": "10000"}  # these queries must not wait for the store
 FAULTS: dict[str, Callable[[Link], None]] = {
     "cut": Link.cut,
     "hangs": lambda link: link.poison("timeout", timeout=0),
@@ -27,7 +27,7 @@ FAULTS: dict[str, Callable[[Link], None]] = {
 
 
 def publish(catalog: Catalog, label: str, scratch: Path, blob_bytes: int = 300_000) -> str:
-    """A version with a file that takes its time."""
+    """A version with a large file."""
     folder = scratch / label
     folder.mkdir(parents=True)
     (folder / "label.txt").write_text(label)
@@ -40,7 +40,7 @@ def test_what_is_loaded_goes_on_and_what_is_new_comes_after(
     broken_s3: tuple[str, Link], s3_url: str, tmp_path: Path, fault: str
 ):
     url, link = broken_s3
-    direct = Catalog(Store.open(s3_url))  # others reach the store
+    direct = Catalog(Store.open(s3_url))  # other processes reach the store
     publish(direct, "1", tmp_path / "made")
     with running_service(tmp_path, store=url) as service:
         wait_until(lambda: service.http.get("/readyz").is_success)

@@ -1,4 +1,4 @@
-"""One body of tests over Client, AsyncClient and ZenohClient, against a running service: they agree."""
+"""The same tests over Client, AsyncClient and ZenohClient, against a running service."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ NOWHERE = 7.0
 
 
 class Told(FakeLocalizer):
-    """Says in its answer what it was asked, and rejects what is asked of the map with the label NOWHERE."""
+    """Repeats the query in its answer, and rejects queries to the map with the label NOWHERE."""
 
     def localize(self, scan: Any, options: LocalizeOptions | None = None) -> Localization:
         if self.label == NOWHERE:
@@ -117,7 +117,7 @@ QUERIES: dict[str, Callable[[Any, Path], Localization]] = {
 
 
 def said(ask: Callable[[Any, Path], Localization], client: Any, folder: Path) -> Any:
-    """An answer but for its times, or an error by its class."""
+    """An answer without its times, or the class of an error."""
     try:
         answer = ask(client, folder).to_mapping()
     except FirstfixError as error:

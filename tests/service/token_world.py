@@ -1,4 +1,4 @@
-"""An issuer of tokens on loopback, and what it signs."""
+"""A token issuer on loopback, and its tokens."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The example files of deploy/zenoh at work: a router process, replicas and clients on loopback, over TLS."""
+"""The example files of deploy/zenoh in use: a router, replicas and clients on loopback, over TLS."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class ZenohWorld:
             yield process
 
     def config_of(self, user: str, password: str | None = None) -> Path:
-        """The robots' file for another user."""
+        """Configuration file of the robots, for another user."""
         text = (self.folder / "robot.json5").read_text()
         text = text.replace('"robot"', f'"{user}"').replace(
             "change-me-robot", password or f"change-me-{user}"
@@ -71,7 +71,7 @@ class ZenohWorld:
     def replica(
         self, name: str, store: str, *, has_router: bool = True, **settings: str
     ) -> Iterator[subprocess.Popen[bytes]]:
-        """A service process behind the router; yields when it shows a token there."""
+        """Runs a service process behind the router; yields when its token is there."""
         environment = {
             "FIRSTFIX_STORE": store,
             "FIRSTFIX_PORT": "0",
@@ -103,13 +103,13 @@ class ZenohWorld:
             process.wait()
 
     def replicas(self, session: zenoh.Session, map_id: str = "@any") -> set[str]:
-        """Names of the replicas that show a token for a map."""
+        """Returns the names of the replicas with a token for a map."""
         replies = session.liveliness().get(f"firstfix/{map_id}/localize/*", timeout=5)
         return {str(reply.ok.key_expr).rsplit("/", 1)[1] for reply in replies if reply.ok is not None}
 
 
 def make_certificates(folder: Path) -> None:
-    """An authority (ca.pem) and, signed by it, the router's certificate and key for 127.0.0.1."""
+    """Makes an authority (ca.pem) and, signed by it, a certificate and key for the router on 127.0.0.1."""
     authority_key, router_key = (
         ec.generate_private_key(ec.SECP256R1()),
         ec.generate_private_key(ec.SECP256R1()),

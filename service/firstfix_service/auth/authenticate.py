@@ -56,7 +56,7 @@ class Authenticator:
 
     @property
     def is_on(self) -> bool:
-        """Whether callers need a credential."""
+        """True if callers need a credential."""
         return self._keys is not None
 
     async def authenticate(self, credential: str | None, address: str) -> Principal:

@@ -67,7 +67,7 @@ class Principal:
 
     @property
     def sees_every_map(self) -> bool:
-        """Whether no map is hidden from the caller."""
+        """True if no map is hidden from the caller."""
         return "*" in self.grant.maps
 
     def sees(self, map_id: str) -> bool:

@@ -54,7 +54,7 @@ class Connection(Protocol):
 
     @property
     def waits_for_caller(self) -> bool:
-        """Whether no work is done for the caller now, so that no work is lost if the connection ends."""
+        """True if no work is done for the caller now, so that no work is lost if the connection ends."""
 
     def overdue(self, now: float) -> EndReason | None:
         """Returns the reason to end the connection now, if there is one.

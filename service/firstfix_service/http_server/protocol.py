@@ -66,7 +66,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
 
     @property
     def waits_for_caller(self) -> bool:
-        """Whether no work is done for the caller now."""
+        """True if no work is done for the caller now."""
         ending = self.is_lingering or self.transport.is_closing()
         return ending or (self._reading is not Reading.BODY and not self._answering)
 
@@ -223,7 +223,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
 
     @property
     def is_lingering(self) -> bool:
-        """Whether received data is dropped until the caller closes."""
+        """True if received data is dropped until the caller closes."""
         return self._reading is Reading.LINGER
 
     @property

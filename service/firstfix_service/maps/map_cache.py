@@ -247,7 +247,7 @@ class MapCache:
         self._follow_and_prefetch(states, is_superseded)
 
     def _is_due(self, map_id: str, state: MapState, this_round: PrefetchRound) -> bool:
-        """Whether to load a map: its active version has changed, or it was never loaded and there is room.
+        """Decides whether to load a map: its active version has changed, or it was never loaded and there is room.
 
         A map that was evicted comes back with its next query.
         """
@@ -275,12 +275,12 @@ class MapCache:
             self.placement.remove_map(map_id)
 
     def _is_loaded(self, map_id: str) -> bool:
-        """Whether the serving version is in memory."""
+        """Returns whether the serving version is in memory."""
         version = self.served.version(map_id)
         return version is not None and (map_id, version) in self._loaded
 
     def _must_stay(self, candidate: Key, coming: Key) -> bool:
-        """Whether a version is serving a pinned map, or the map whose next version is coming."""
+        """Returns whether a version serves a pinned map, or the map whose next version is coming."""
         map_id, version = candidate
         serves = self.served.version(map_id) == version
         return serves and (map_id in self._pinned or map_id == coming[0])

@@ -1,4 +1,4 @@
-"""API keys in front of a running service: what each may do, on both transports."""
+"""API keys of a running service: the permissions of each, on both transports."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from waiting import wait_until
 
 @pytest.fixture
 def keys(tmp_path: Path) -> dict[str, str]:
-    """Made before the service starts, so that it knows them at once."""
+    """Keys made before the service starts, so that it knows them at once."""
     made = ApiKeys(Store.open(str(tmp_path / "store")))
     patterns = {"hall-localize": ("hall", "hall-*")}
     return {

@@ -1,4 +1,4 @@
-"""Callers that come too often."""
+"""Rate limits of callers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The keys of a real issuer on loopback: fetched, changed, gone, and answered with nonsense."""
+"""Keys of a real issuer on loopback: fetched, changed, missing, and malformed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""JSON Web Tokens: what they allow, and every way to forge one."""
+"""JSON Web Tokens: their permissions, and attempts to forge them."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_an_unsigned_token_is_refused(key_file: Path, name: Any):
 
 @pytest.mark.parametrize("kind", ["RS256", "ES256"])
 def test_a_public_key_is_no_secret_to_sign_with(key_file: Path, kind: str):
-    """The old trick: HMAC with the bytes of the public key."""
+    """A known attack: HMAC with the bytes of the public key."""
     public = KEYS[kind].public_key()
     for encoding in (serialization.Encoding.PEM, serialization.Encoding.DER):
         secret = public.public_bytes(encoding, serialization.PublicFormat.SubjectPublicKeyInfo)
@@ -184,7 +184,7 @@ def test_tokens_need_an_issuer_and_an_audience(key_file: Path):
 
 
 def test_long_subjects_are_told_apart(key_file: Path):
-    """A name is an owner: two callers must not have one."""
+    """Names are owners: two callers must not share one."""
     names = {caller_of(key_file, signed(sub="x" * 300 + end)).name for end in "ab"}
     assert len(names) == 2
     assert max(map(len, names)) < 300

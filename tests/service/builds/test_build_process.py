@@ -1,4 +1,4 @@
-"""The process of a build, when its service stops."""
+"""Process of a build when the service stops."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ def test_who_waits_for_it_can_be_stopped_just_when_it_ends(tmp_path: Path, turns
         waiting = asyncio.create_task(process.wait(60.0))
         await asyncio.sleep(0.1)
         ending.code.set_result(0)
-        for _ in range(turns):  # of the loop, in which the end comes through
+        for _ in range(turns):  # of the event loop, in which the end arrives
             await asyncio.sleep(0)
-        if waiting.cancel():  # else it had got the end already
+        if waiting.cancel():  # otherwise the end had arrived before
             with pytest.raises(asyncio.CancelledError):
                 await waiting
 

@@ -1,4 +1,4 @@
-"""Builds that hang: ended, said to be, and followed by the next one."""
+"""Builds that hang: they are killed, reported, and the next build runs."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from waiting import wait_until
 
 @pytest.fixture
 def recorder(tmp_path: Path) -> Iterator[Service]:
-    """A service that records builds and leaves them to others."""
+    """A service that records builds and does not run them."""
     with running_service(tmp_path, zenoh=False) as service:
         yield service
 
@@ -46,7 +46,8 @@ def test_the_worker_runs_at_low_priority_and_says_how_it_ended(tmp_path: Path):
         assert (ended["state"], ended["version"], ended["progress"]) == ("succeeded", "a" * 64, 1.0)
         niceness = int((tmp_path / "work/order.txt").read_text().split()[1])
         assert niceness >= service.settings.build_niceness
-        line = 'firstfix_builds_total{state="succeeded"} 1.0'  # counted just after the worker says so
+        line = 'firstfix_builds_total{state="succeeded"} 1.0'
+        # counted just after the build process reports its end
         wait_until(lambda: line in service.http.get("/metrics").text)
 
 
@@ -77,7 +78,9 @@ def test_a_worker_that_was_killed_once_is_run_again(tmp_path: Path):
 
 def test_a_missing_worker_fails_the_build(tmp_path: Path):
     with building_service(tmp_path, build_command=("/nowhere/worker",)) as service:
-        assert "no worker" in wait_until_ended(service, upload(service))["error"]["detail"]
+        assert (
+            "the build command cannot be run" in wait_until_ended(service, upload(service))["error"]["detail"]
+        )
 
 
 def test_a_worker_that_asks_for_it_is_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -1,4 +1,4 @@
-"""The embedded queue beside others of its kind, and under a service that is killed."""
+"""Embedded queue: several on one store, and in a service that is killed."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_a_build_of_a_dead_service_is_taken_over_when_its_lease_is_out(tmp_path:
 
 
 def test_a_service_that_is_killed_with_its_build_fails_it_in_the_end(tmp_path: Path):
-    """As when the kernel ends a whole container that ran out of memory, time after time."""
+    """Kills the service with its build again and again, as the kernel does in a container without memory."""
     environment = {
         **os.environ,
         "FIRSTFIX_STORE": str(tmp_path / "store"),
@@ -86,7 +86,7 @@ def test_a_service_that_is_killed_with_its_build_fails_it_in_the_end(tmp_path: P
 def test_restarts_in_good_order_are_not_held_against_a_build(tmp_path: Path):
     response, hung = None, tmp_path / "work" / "hung"
     for _ in range(3):
-        hung.unlink(missing_ok=True)  # before a service is there that could run the build
+        hung.unlink(missing_ok=True)  # before a service exists that could run the build
         with building_service(tmp_path, build_attempts=1) as service:
             response = response or upload(service, do="hang_once")
             wait_until(hung.exists)
@@ -115,7 +115,7 @@ def test_a_build_that_takes_too_much_memory_fails_at_once(tmp_path: Path):
         modest, greedy = upload(service, "modest"), upload(service, "greedy", do="allocate_600_mib")
         ended = wait_until_ended(service, greedy)
         assert (ended["state"], ended["error"]["code"]) == ("failed", "build_failed")
-        assert f"more than the {300 << 20} bytes of memory" in ended["error"]["detail"]
+        assert f"more memory than the limit of {300 << 20} bytes" in ended["error"]["detail"]
         assert status_of(service, modest)["state"] == "succeeded"
         assert order(tmp_path / "work") == ["modest", "greedy"]
 

@@ -1,4 +1,4 @@
-"""Callers take turns at the builds."""
+"""Fair order of builds: owners take turns."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_who_had_a_turn_is_last_of_the_round():
 
 @given(st.text("abcd", min_size=1, max_size=40))
 def test_a_caller_waits_for_one_build_of_each_other_at_most(owners: str):
-    """However many the others handed in, between two turns of one caller each of them has one."""
+    """Between two turns of one owner, every other owner has a turn."""
     waiting, order = builds(owners), FairOrder()
     ran = []
     while waiting:
@@ -82,7 +82,7 @@ def test_a_flood_of_builds_leaves_room_in_the_stream(tmp_path: Path):
         wait_until(lambda: len(world.in_stream()) == MAX_AHEAD)
         other = post(these.b, "b")
         assert world.in_stream() == flood[:MAX_AHEAD]
-        # one is done with: the other caller's comes next, however many came before it
+        # one is done: the build of the other caller comes next
         these.a.call("DELETE", f"/builds/{flood[0]}")
         taken = take_one(world.server.url)
         assert taken == flood[0]
@@ -91,7 +91,7 @@ def test_a_flood_of_builds_leaves_room_in_the_stream(tmp_path: Path):
 
 
 def take_one(url: str) -> str:
-    """What a worker does with a build that was cancelled."""
+    """Takes and acknowledges a message, as a build worker does with a cancelled build."""
 
     async def take() -> str:
         import nats

@@ -1,4 +1,4 @@
-"""POST /maps with an Idempotency-Key: however often it is sent, one build."""
+"""POST /maps with an Idempotency-Key: repeated requests make one build."""
 
 from __future__ import annotations
 

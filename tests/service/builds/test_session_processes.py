@@ -1,4 +1,4 @@
-"""A build's processes: its sandbox is a group of its own, and is measured and ended with the rest."""
+"""Processes of a build session: the sandbox is another process group, measured and killed with the rest."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def alive_in(session: int) -> list[str]:
     for path in Path("/proc").glob("[0-9]*/stat"):
         try:
             fields = path.read_text().rpartition(")")[2].split()
-        except OSError:  # ended meanwhile
+        except OSError:  # it has ended
             continue
         if int(fields[3]) == session and fields[0] != "Z":
             found.append(path.parent.name)

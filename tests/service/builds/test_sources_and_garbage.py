@@ -1,4 +1,4 @@
-"""A map is handed in whose file is being collected: in every order, its build finds the file."""
+"""Submission of a map whose source file is being collected: in every order, the build finds the file."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def parts_of(store: Store) -> Any:
 
 
 def collect(store: Store) -> None:
-    # of one map: builds and uploads, which are as old as all here, are not looked at
+    # of one map: builds and uploads are not collected
     collect_garbage(Catalog(store), map_id="hall", ages=ANY_AGE)
 
 
@@ -54,7 +54,7 @@ def fetched(store: Store, build_id: str, folder: Path) -> bytes:
 
 @pytest.fixture(params=["file", "upload"])
 def submission(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Submission, Callable[[Store], None]]:
-    """What is handed in, and what has to be in the store for it."""
+    """A submission, and a function that puts what it needs into the store."""
     path = tmp_path / "a.xyz"
     path.write_bytes(CONTENT)
 
@@ -166,7 +166,7 @@ def test_a_map_that_is_built_once_more_finds_its_source(
         def build_again() -> None:
             try:
                 made.append(rebuild(Catalog(store), "hall"))
-            except NotFound:  # said to whoever asked
+            except NotFound:  # reported to the caller
                 return
 
         steps = run_interleaved([build_again, collect_all], switches, monkeypatch=monkeypatch)

@@ -1,4 +1,4 @@
-"""How builds are started, as the settings say."""
+"""Start of builds, as the settings say."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One build's record that cannot be read: all other builds are listed, run, counted and collected."""
+"""A damaged record of one build: all other builds are still listed, run, counted and collected."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Connections held by callers that are slow, silent, deaf or many: each ends, and others find a place."""
+"""Connections of callers that are slow, silent or many, or do not read: they end, and others find a place."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def connect(service: Service, source: str = "127.0.0.1") -> socket.socket:
 
 
 def is_closed_while_dripping(connection: socket.socket, drop: bytes) -> bool:
-    """Whether the service closes a connection in both directions, although data drips in."""
+    """Returns whether the service closes a connection in both directions, although data drips in."""
     for _ in range(round(LIMIT_S / DRIP_S)):
         try:
             connection.sendall(drop)

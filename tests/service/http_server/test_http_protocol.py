@@ -1,4 +1,4 @@
-"""The service's socket as a stranger sees it: raw bytes, not a client that behaves."""
+"""HTTP protocol of the service: raw bytes of a hostile caller."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ def connect(service: Service) -> socket.socket:
 
 
 def all_of(connection: socket.socket) -> bytes:
-    """Until the service closes."""
+    """Reads until the service closes."""
     found = b""
     try:
         while piece := connection.recv(1 << 16):
             found += piece
-    except ConnectionError:  # closed while there was more of ours on the way
+    except ConnectionError:  # closed while we were still sending
         pass
     return found
 
@@ -48,7 +48,7 @@ def exchange(service: Service, *pieces: bytes) -> bytes:
 
 
 def flood(service: Service, start: bytes, piece: bytes) -> tuple[int, bytes]:
-    """Bytes that were taken of a flood, and what came back."""
+    """Returns the number of bytes of a flood that were accepted, and the answer."""
     sent = 0
     with connect(service) as connection:
         try:

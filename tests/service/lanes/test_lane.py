@@ -1,4 +1,4 @@
-"""Work that takes long has threads of its own: nobody's request, key or build waits for it."""
+"""Lanes: slow work has threads of its own, so that no request, key or build waits for it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from waiting import LIMIT_S, wait_until
 
 SOURCES = sorted(Path(firstfix_service.__file__).parent.rglob("*.py"))
 SHARED = {"to_thread", "run_in_threadpool", "run_sync", "set_default_executor"}
-SLOW_POSTS = 40  # more than any shared pool has threads
+SLOW_POSTS = 40  # more than the threads of any shared pool
 
 
 def test_nothing_runs_in_an_executor_that_everybody_shares():

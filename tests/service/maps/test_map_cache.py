@@ -52,7 +52,7 @@ def test_many_askers_cause_one_load(world: World):
     world.publish("hall", "1")
 
     def slow(directory: Path) -> FakeLocalizer:
-        let_pass(0.2)  # the others ask meanwhile
+        let_pass(0.2)  # the other queries arrive meanwhile
         return world.behaviour.load(directory)
 
     cache = world.cache(load=slow)
@@ -117,7 +117,7 @@ def test_a_mended_version_is_taken_after_a_while(world: World, monkeypatch: pyte
     cache = world.cache()
     assert cache.get("hall").version == good
     monkeypatch.setattr(world.behaviour, "load", lambda directory: FakeLocalizer(9, world.behaviour))
-    mended = world.cache()  # its loader understands it
+    mended = world.cache()  # its loader can read it
     assert mended.get("hall").version == bad
     monkeypatch.setattr(cache._loader._loaded, "_workers", world.workers)
     cache.poll()

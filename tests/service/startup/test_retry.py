@@ -1,4 +1,4 @@
-"""Starting over a store that does not answer, or that must not be written."""
+"""Start on a store that does not answer, or that must not be written."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A service at its most talkative: keys, passwords and tokens come in by every door, and none goes out."""
+"""Debug logs of a service that receives keys, passwords and tokens in every way: none is in the log."""
 
 from __future__ import annotations
 

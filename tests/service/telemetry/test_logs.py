@@ -1,4 +1,4 @@
-"""The log as JSON lines: one a request, with the same fields on both transports, and no secrets."""
+"""Log as JSON lines: one per request, with the same fields on both transports, and no secrets."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ TRACEPARENT = f"00-{TRACE}-{CALLER}-01"
 
 
 class Log:
-    """What was logged as JSON."""
+    """Reads log lines written as JSON."""
 
     def __init__(self) -> None:
         self.stream = io.StringIO()
@@ -42,14 +42,14 @@ class Log:
 
 @pytest.fixture
 def log(monkeypatch: pytest.MonkeyPatch) -> Iterator[Log]:
-    """The process logs JSON as ``serve`` sets it up, for as long as the test runs."""
+    """Sets up JSON logs like ``serve``, during the test."""
     root = logging.getLogger()
     handlers, level = root.handlers[:], root.level
     kept = Log()
     monkeypatch.setattr(sys, "stderr", kept.stream)
     set_up_logging("info", as_json=True)
     monkeypatch.undo()
-    # loggers that were used before keep the form that they began with
+    # loggers that were used before keep their old format
     for module in [m for name, m in sys.modules.items() if name.startswith("firstfix_service.")]:
         if hasattr(module, "_log"):
             monkeypatch.setattr(module, "_log", structlog.get_logger(module.__name__))
@@ -108,7 +108,7 @@ def test_both_transports_log_the_same_fields(service: Service, log: Log):
 def test_every_line_of_a_request_has_its_ids(tmp_path: Path, log: Log, transport: str):
     with running_service(tmp_path, poll_interval_s=60) as service:
         publish(service.catalog, "hall", "1", service.scratch)
-        ask(service, transport, "cold")  # this one loads the version, in a thread of the pool
+        ask(service, transport, "cold")  # this query loads the version, in another thread
         line_of(log, "cold")
     (loaded,) = log.of(event="version loaded")
     assert loaded["request_id"] == "cold"

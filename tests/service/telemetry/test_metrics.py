@@ -1,4 +1,4 @@
-"""What the metrics count, that their labels stay few, and that dashboard and alerts ask for what there is."""
+"""Metrics: their counts, their few labels, and their use in the dashboard and the alerts."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ DEPLOY = Path(__file__).resolve().parents[3] / "deploy"
 
 @pytest.fixture
 def rejecting(service: Service, monkeypatch: pytest.MonkeyPatch) -> Service:
-    """The service, whose localizers reject every scan."""
+    """A service whose localizers reject every scan."""
 
     def reject(self: FakeLocalizer, scan: object, options: object = None) -> Localization:
         places = (Hypothesis(np.eye(4), AlignmentQuality(0.2, 0.3, 0.1), 0.07, 3, "hall"),)
@@ -170,7 +170,7 @@ CODES = {cls.code for cls in all_errors()}
 
 
 def test_no_label_takes_what_callers_make_up(tmp_path: Path):
-    """Every label's values come from a set that this test knows; a new label has to be added here."""
+    """The values of every label come from a fixed set. A new label must be added here."""
     with running_service(tmp_path, samples_share=1.0, behaviour=Behaviour()) as service:
         publish(service.catalog, "hall", "1", service.scratch)
         publish(service.catalog, "attic-of-the-museum", "unreadable", service.scratch)
@@ -232,7 +232,7 @@ _PROMETHEUS_OWN = {"up"}
 
 
 def names_in(expression: str) -> set[tuple[str, frozenset[str]]]:
-    """Metrics that a PromQL expression asks for, each with the labels that it selects by."""
+    """Finds the metrics of a PromQL expression, each with its selected labels."""
     plain = re.sub(r'"[^"]*"', '""', expression)
     plain = re.sub(r"\[[^\]]*\]", "", plain)
     plain = re.sub(r"\b(by|without|on|ignoring)\s*\([^)]*\)", "", plain)
@@ -277,7 +277,7 @@ def alert_rules() -> list[dict[str, object]]:
 
 
 def shown(registry: CollectorRegistry) -> dict[str, set[str]]:
-    """Sample names that an app's registry can show -> their labels."""
+    """Names of the samples in an app's registry, with their labels."""
     found: dict[str, set[str]] = {}
     for collector in list(registry._collector_to_names):
         for name in registry._collector_to_names[collector]:

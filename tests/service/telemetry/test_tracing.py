@@ -1,4 +1,4 @@
-"""Spans of queries and requests as a real collector gets them."""
+"""Spans of queries and requests, received by a real collector."""
 
 from __future__ import annotations
 
@@ -80,7 +80,9 @@ def test_a_query_is_one_span_with_its_stages_below(service: Service, collector: 
     assert {stage.trace_id for stage in stages} == {TRACE}
     for one, following in pairwise(stages):
         assert one.end_ns == following.start_ns
-    assert stages[-1].end_ns - stages[-1].start_ns == 1_500_000  # the fake's search takes 1.5 ms, it says
+    assert (
+        stages[-1].end_ns - stages[-1].start_ns == 1_500_000
+    )  # the fake localizer reports a search of 1.5 ms
     assert before <= span.start_ns <= stages[0].start_ns <= span.end_ns <= after
 
 

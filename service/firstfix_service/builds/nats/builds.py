@@ -62,7 +62,7 @@ class NatsBuilds:
 
     @property
     def connected(self) -> bool:
-        """Whether the connection is open now."""
+        """True if the connection is open now."""
         return self._client is not None and bool(self._client.is_connected)
 
     async def connect(self) -> None:

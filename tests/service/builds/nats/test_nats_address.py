@@ -1,4 +1,4 @@
-"""Where NATS is: no secret in the URL, none from anywhere but a file."""
+"""Address of NATS: the URL has no secret, and secrets come from files only."""
 
 from __future__ import annotations
 

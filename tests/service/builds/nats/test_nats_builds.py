@@ -1,4 +1,4 @@
-"""Builds over NATS: what is on record is built once, whoever dies or is out of reach on the way."""
+"""Builds over NATS: a recorded build runs once, whichever part dies or does not answer."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def world(tmp_path: Path) -> Iterator[NatsWorld]:
 
 
 def hanging(world: NatsWorld, stage: str = "cluster") -> dict[str, Any]:
-    """What to tell a build that is to wait in a stage until ``let_go``."""
+    """Build options that make a build wait in a stage until ``let_go``."""
     return {"hang_in": stage, "until": str(world.folder / "go")}
 
 
@@ -131,7 +131,7 @@ def test_a_real_build_goes_on_at_another_worker(world: NatsWorld, small_map: Pat
     world.catalog.put_build("b1", request)
     wait_until(lambda: stages_shared(world) >= 3)
     first.kill()
-    log = world.folder / "w2" / "slot-0" / "b1.log"  # goes when the build has succeeded
+    log = world.folder / "w2" / "slot-0" / "b1.log"  # removed when the build has succeeded
     world.start_worker("w2", command=command)
     wait_until(lambda: log.exists() and log.read_text().count(" fetched: ") >= 3)
     status = world.wait_until_ended("b1")
@@ -298,7 +298,7 @@ def test_the_user_comes_from_a_file_and_no_build_gets_it(tmp_path: Path):
     (tmp_path / "login").write_text("builder:s3cret\n")
     config = "authorization { user: builder, password: s3cret }"
     with nats_world(tmp_path / "world", config=config) as world:
-        command = ("sh", "-c", "env")  # shows what a build sees
+        command = ("sh", "-c", "env")  # shows the environment of a build
         world.start_worker("w1", command=command, FIRSTFIX_NATS_CREDENTIALS=str(tmp_path / "login"))
         assert world.wait_until_ended(world.record())["state"] == "failed"
         (log,) = (world.folder / "w1").rglob("*.log")
