@@ -29,8 +29,8 @@ from ..catalog.log.log_garbage import change_garbage, leave_snapshot, log_garbag
 from ..errors import NotFound, UnreadableRecord
 from ..ids import check_map_id, is_name
 from ..store.store import StoredObject
-from .doomed_keys import FOLDER as DOOMED
-from .doomed_keys import announced
+from .pending_deletions import FOLDER as PENDING_DELETIONS
+from .pending_deletions import announce_deletion
 
 DAY_S = 86400.0
 USAGE_DAYS = 7  # entries of builds that wait for longer stop counting for their callers
@@ -96,7 +96,7 @@ def collect_garbage(
         if not dry_run:
             for kind in ("builds", "uploads", IDEMPOTENCY, CALLERS, "changes"):
                 _remove(catalog, found.keys[kind])
-        lists = [item.key for item in _older(catalog, DOOMED, cutoff)]
+        lists = [item.key for item in _older(catalog, PENDING_DELETIONS, cutoff)]
         if not dry_run:
             _remove(catalog, lists)
         found.keys["leftovers"] = lists + catalog.store.remove_leftovers(
@@ -108,7 +108,7 @@ def collect_garbage(
     if unnamed and not dry_run:
         # Announced, then looked at again: of a build that names one meanwhile either we see the record,
         # or it sees the announcement.
-        with announced(catalog.store, [item.key for item in unnamed]):
+        with announce_deletion(catalog.store, [item.key for item in unnamed]):
             unnamed = _unnamed(catalog, unnamed, gone)
             _remove(catalog, [item.key for item in unnamed])
     found.keys["sources"] = [item.key for item in unnamed]

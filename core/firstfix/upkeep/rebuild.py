@@ -10,7 +10,7 @@ from ..catalog.log.map_state import Event
 from ..errors import NotFound
 from ..ids import new_build_id
 from ..store.store import CHUNK_BYTES, Store
-from .doomed_keys import is_doomed
+from .pending_deletions import is_deletion_pending
 
 
 def rebuild(catalog: Catalog, map_id: str) -> str:
@@ -64,7 +64,7 @@ def _check_files(store: Store, map_id: str, request: Mapping[str, Any], *, own_c
             continue
         key = str(named["key"])
         try:
-            doomed = bool(own_copy_for) and is_doomed(store, key)  # before the size: it may go in between
+            doomed = bool(own_copy_for) and is_deletion_pending(store, key)  # before the size: it may go in between
             size = store.size(key)
             if doomed:
                 pieces = (store.get_range(key, start, CHUNK_BYTES) for start in range(0, size, CHUNK_BYTES))

@@ -16,7 +16,6 @@ A file store's version is not copied: its files are verified and mapped where th
 from __future__ import annotations
 
 import errno
-import fcntl
 import functools
 import json
 import os
@@ -30,6 +29,7 @@ from typing import Any
 from ...errors import CorruptVersion, NotFound, OutOfSpace
 from ...store.store import Store
 from ..manifest import Manifest, verify_file
+from .folder_lock import exclusive_lock
 
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
@@ -49,7 +49,7 @@ def fetch_version_files(store: Store, folder: str, version: str, manifest: Manif
     """
     directory.mkdir(parents=True, exist_ok=True)
     marker = directory / f".{version}.verified"
-    with _full_disk_told(), locked(directory / f".{version}.lock"):
+    with _full_disk_told(), exclusive_lock(directory / f".{version}.lock"):
         in_place = _folder_in_place(store, folder, manifest)
         if in_place is not None:
             if not _is_verified(marker, manifest, in_place):
@@ -143,54 +143,3 @@ def _boot_id() -> str:
 def _touch(marker: Path) -> None:
     with suppress(OSError):  # somebody else's, or a disk that cannot be written to
         os.utime(marker)
-
-
-@contextmanager
-def locked(path: Path, *, wait: bool = True) -> Iterator[None]:
-    """An exclusive lock that dies with its process, so that a kill leaves nothing to clean up.
-
-    Raises:
-        BlockingIOError: somebody has it, and not ``wait``.
-    """
-    while True:
-        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-            if not _is_at(handle, path):  # it was removed while we waited: others lock a newer one
-                continue
-            yield
-            return
-        finally:
-            os.close(handle)
-
-
-class FolderLock:
-    """A version's folder that no process takes off the disk until it is closed, or its holder dies."""
-
-    def __init__(self, path: Path) -> None:
-        """
-        Raises:
-            FileNotFoundError: it was taken off just now: fetch it again.
-        """
-        self.path = path
-        self._handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            fcntl.flock(self._handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
-            if not _is_at(self._handle, path):
-                raise FileNotFoundError(path)
-        except OSError as error:
-            os.close(self._handle)
-            if isinstance(error, BlockingIOError):  # whoever prunes has it
-                raise FileNotFoundError(path) from None
-            raise
-
-    def close(self) -> None:
-        os.close(self._handle)
-
-
-def _is_at(handle: int, path: Path) -> bool:
-    """Whether an open file is still the one at its path."""
-    try:
-        return os.path.samestat(os.fstat(handle), path.stat())
-    except FileNotFoundError:
-        return False

@@ -12,7 +12,7 @@ import uuid
 from contextlib import suppress
 from pathlib import Path
 
-from .cache import locked
+from .folder_lock import exclusive_lock
 
 ABANDONED_S = 86400.0  # a download that nobody has gone on with for so long
 _OWN = re.compile(r"\.?([0-9a-f]{64})(\.part|\.verified|\.lock|\.[0-9a-f]{32}\.old)?")
@@ -53,7 +53,7 @@ def _remove(directory: Path, version: str) -> bool:
     """False: it is in use."""
     lock = directory / f".{version}.lock"
     try:
-        with locked(lock, wait=False):
+        with exclusive_lock(lock, wait=False):
             folder = directory / version
             handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
             try:
@@ -74,7 +74,7 @@ def _remove(directory: Path, version: str) -> bool:
 def _remove_leftovers(directory: Path, version: str, removed: list[str]) -> None:
     """Folders of killed downloads and removals; the marker and lock of a version that is nowhere."""
     lock, marker, part = (directory / f".{version}{end}" for end in (".lock", ".verified", ".part"))
-    with suppress(OSError), locked(lock, wait=False):
+    with suppress(OSError), exclusive_lock(lock, wait=False):
         for end in removed:
             shutil.rmtree(directory / f".{version}{end}", ignore_errors=True)
         if part.is_dir() and time.time() - part.stat().st_mtime > ABANDONED_S:
