@@ -29,7 +29,10 @@ def exclusive_lock(path: Path, *, wait: bool = True) -> Iterator[None]:
 
 
 class FolderLock:
-    """Shared lock on a version's folder: nobody removes the folder until it is closed or this process dies."""
+    """Shared lock on a version's folder.
+
+    No process removes the folder until the lock is closed or its process dies.
+    """
 
     def __init__(self, path: Path) -> None:
         """Lock the folder.
