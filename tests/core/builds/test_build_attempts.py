@@ -1,4 +1,4 @@
-"""Attempts at a build: one holder at a time, deaths counted by stage, nothing lost by a kill."""
+"""Attempts at a build: one claimant at a time, failures counted by stage, nothing lost by a kill."""
 
 from __future__ import annotations
 

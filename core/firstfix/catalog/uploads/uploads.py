@@ -62,7 +62,7 @@ class Upload:
 
     @property
     def complete(self) -> bool:
-        """Whether all bytes are there."""
+        """True once all bytes are there."""
         return self.offset == self.size_bytes
 
 

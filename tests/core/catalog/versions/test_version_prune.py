@@ -1,4 +1,4 @@
-"""Room on the disk: the oldest unused version goes, never one that any process uses."""
+"""Pruning: the least recently used version is removed, never one that a process uses."""
 
 from __future__ import annotations
 
