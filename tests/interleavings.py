@@ -40,7 +40,7 @@ class Step:
         kinds[call].add(key)
 
     def conflicts(self, other: Step) -> bool:
-        """Returns whether the order of the two steps can make a difference: one writes what the other sees."""
+        """Returns whether the order of two steps can matter: one writes an object that the other touches."""
         return self._changes_what_is_seen_by(other) or other._changes_what_is_seen_by(self)
 
     def _changes_what_is_seen_by(self, other: Step) -> bool:

@@ -183,7 +183,7 @@ def test_maps_are_built_again_and_stores_copied(versions, tmp_path, capsys):
     store = Store.open(str(tmp_path / "store"))
     catalog = Catalog(store)
     assert ended(["maps", "rebuild", "hall", "--store", tmp_path / "store"]) == 2
-    assert "hand the map in again" in capsys.readouterr().err
+    assert "submit the map again" in capsys.readouterr().err
     (tmp_path / "cloud.xyz").write_text("0 0 0")
     key = f"maps/hall/sources/{put_source(catalog.store, 'hall', tmp_path / 'cloud.xyz')}"
     catalog.put_build("b1", {"map_id": "hall", "source": {"key": key}, "trajectory": None, "config": {}})

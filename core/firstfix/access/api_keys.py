@@ -1,12 +1,12 @@
-"""API keys in an object store: who may do what, each secret only as its hash.
+"""API keys in an object store, with the hash of each secret instead of the secret.
 
     keys/<key id>.json      created once: name, grant, sha256 of the secret, times
-    keys/<key id>.revoked   there: the key is worth nothing any more
+    keys/<key id>.revoked   if it exists, the key is invalid
 
-A key is ``ffx_<key id>_<secret>``, 12 and 64 lower-case hex characters, so that scanners of repositories and
-logs can tell one. The secret is 256 random bits: nobody guesses it from its SHA-256, so the slow, salted hash
-that a password needs (bcrypt, argon2) would only slow every request down. Whoever can write the store can
-make keys, as they could put false maps there.
+A token is ``ffx_<key id>_<secret>``, with 12 and 64 lower-case hex characters, so that scanners of
+repositories and logs recognise it. The secret is 256 random bits, which nobody can guess from its SHA-256.
+The slow, salted hash that a password needs (bcrypt, argon2) would only make every request slower. Anybody who
+can write to the store can make keys, just as they could put false maps there.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ MAX_NAME_CHARS = 100
 
 @dataclass(frozen=True)
 class ApiKey:
-    """One key, without its secret.
+    """API key without its secret.
 
     Attributes:
         name: for people.
-        sha256: of the secret, hex.
-        created_time, expires_time: UTC, ISO 8601; no expiry: None.
-        revoked: it is worth nothing any more.
+        sha256: of the secret, as hex.
+        created_time, expires_time: UTC, ISO 8601; ``expires_time`` is None if the key does not expire.
+        revoked: the key is invalid.
     """
 
     key_id: str
@@ -53,14 +53,15 @@ class ApiKey:
     revoked: bool = False
 
     def matches(self, secret: str) -> bool:
-        """Whether that is its secret, in a time that tells nothing."""
+        """Returns whether the secret is this key's. Compares in constant time."""
         return hmac.compare_digest(self.sha256, _hash(secret))
 
     def is_expired(self, now: datetime) -> bool:
+        """Returns whether the key has expired."""
         return self.expires_time is not None and now >= datetime.fromisoformat(self.expires_time)
 
     def to_mapping(self) -> dict[str, Any]:
-        """What people and programs are shown: no hash."""
+        """JSON-ready form for people and programs, without the hash."""
         return {
             "key_id": self.key_id,
             "name": self.name,
@@ -73,31 +74,31 @@ class ApiKey:
 
 
 class ApiKeys:
-    """The keys of a store. Thread-safe. Every method raises StoreError as the store does."""
+    """API keys of a store. Thread-safe. Every method raises StoreError if the store fails."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
-        self._read: dict[str, ApiKey] = {}  # records never change; those that cannot be read are tried again
+        self._read: dict[str, ApiKey] = {}  # records never change; damaged ones are read again
 
     def create(
         self, name: str, grant: Grant, expires: datetime | None = None, token: str | None = None
     ) -> tuple[ApiKey, str]:
-        """A new key, and its token: the one time that the secret is seen.
+        """Create a key. Returns it with its token: only now is the secret visible.
 
         Args:
             expires: with a time zone.
-            token: that was made elsewhere, of 256 random bits; to create the same key once more does nothing.
+            token: made elsewhere, from 256 random bits; creating the same key again does nothing.
 
         Raises:
-            InvalidOption: the name is empty, long or not printable, it would expire in the past, or the token
-                does not have the form of one.
-            Conflict: there is another key of that id.
+            InvalidOption: the name is empty, too long or not printable, the expiry is in the past, or the
+                token has not the form of one.
+            Conflict: another key has this id.
         """
         if not 0 < len(name) <= MAX_NAME_CHARS or not name.isprintable():
             raise InvalidOption(f"a key's name is 1 to {MAX_NAME_CHARS} printable characters")
         now = datetime.now(timezone.utc)
         if expires is not None and expires <= now:
-            raise InvalidOption("the key would have expired already")
+            raise InvalidOption("the key would be expired from the start")
         parts = (secrets.token_hex(6), secrets.token_hex(32)) if token is None else parse_token(token)
         if parts is None:
             raise InvalidOption("a token is ffx_, 12 characters of 0-9 and a-f, _ and 64 more of them")
@@ -105,16 +106,19 @@ class ApiKeys:
         until = None if expires is None else _text(expires)
         key = ApiKey(key_id, name, grant, _hash(secret), _text(now), until)
         record = {**key.to_mapping(), "sha256": key.sha256}
-        del record["key_id"], record["revoked"]  # the object's name, and an object of its own
+        del (
+            record["key_id"],
+            record["revoked"],
+        )  # the first is the object's name, the second an object of its own
         if not self._store.put_new(_key(key_id, _RECORD), json.dumps(record, sort_keys=True).encode()):
             there = None if token is None else self._record(key_id)
             if there is None or (there.name, there.grant, there.sha256) != (name, grant, key.sha256):
-                raise Conflict(f"there is a key {key_id} already: try again")
+                raise Conflict(f"a key {key_id} exists already: try again")
             key = there
         return key, f"ffx_{key_id}_{secret}"
 
     def revoke(self, key_id: str) -> None:
-        """Takes a key back, for good. Once more does nothing.
+        """Revoke a key for good. Revoking it again does nothing.
 
         Raises:
             NotFound: no such key.
@@ -124,9 +128,9 @@ class ApiKeys:
         self._store.put_new(_key(key_id, _REVOKED), b"")
 
     def all(self) -> tuple[list[ApiKey], list[str]]:
-        """Every key, oldest first, and the ids of those whose record cannot be read.
+        """All keys, oldest first, and the ids of keys with damaged records.
 
-        One listing, and a read for each key that was not read before.
+        One listing, and one read for each key that was not read before.
         """
         names = {key.rsplit("/", 1)[-1] for key in self._store.list(_FOLDER)}
         ids = sorted(
@@ -147,7 +151,7 @@ class ApiKeys:
         return sorted(found, key=lambda key: (key.created_time, key.key_id)), bad
 
     def _record(self, key_id: str) -> ApiKey | None:
-        """None when it was removed since, or is no record."""
+        """Read a key's record. Returns None if it was removed meanwhile or is damaged."""
         try:
             return read_record(
                 self._store, _key(key_id, _RECORD), RecordKind.API_KEY, lambda found: parse_key(key_id, found)
@@ -157,22 +161,23 @@ class ApiKeys:
 
 
 def parse_token(token: str) -> tuple[str, str] | None:
-    """Key id and secret of a token; None when it does not have the form of one."""
+    """Key id and secret of a token, or None if it has not the form of one."""
     match = _TOKEN.fullmatch(token)
     return None if match is None else (match[1], match[2])
 
 
 def parse_key(key_id: str, record: Mapping[str, Any]) -> ApiKey:
-    """
+    """Parse the record of a key.
+
     Raises:
-        ValueError, KeyError, TypeError, InvalidOption: not a key's record.
+        ValueError, KeyError, TypeError, InvalidOption: it is not the record of a key.
     """
     created, expires = text_of(record, "created_time"), record["expires_time"]
     if any(datetime.fromisoformat(time).tzinfo is None for time in (created, expires) if time is not None):
         raise ValueError("a time has no zone")
     sha256 = text_of(record, "sha256")
     if not sha256.isascii():
-        raise ValueError("the hash is none")
+        raise ValueError("the hash is not hex")
     grant = Grant.parse(texts_of(record, "scopes"), texts_of(record, "maps"))
     return ApiKey(key_id, text_of(record, "name"), grant, sha256, created, expires)
 

@@ -1,4 +1,4 @@
-"""What a caller is allowed: some scopes, on the maps whose ids match some patterns."""
+"""Permissions of a caller: scopes, on maps whose ids match patterns."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from fnmatch import fnmatchcase
 
 from ..errors import InvalidOption
 
-_PATTERN = re.compile(r"[a-z0-9_*?-]{1,63}")  # a map id's letters and the two wildcards; no [] of fnmatch's
+_PATTERN = re.compile(r"[a-z0-9_*?-]{1,63}")  # characters of map ids and two wildcards, without fnmatch's []
 MAX_PATTERNS = 100
 ALL_MAPS = ("*",)
 
 
 class Scope(str, Enum):
-    """
+    """Kind of requests that a caller may make.
+
     Attributes:
-        LOCALIZE: ask for poses, see which maps and versions there are.
-        BUILD: hand in maps, follow and cancel builds, choose the version that answers. Includes LOCALIZE:
-            who decides what robots are answered may as well ask.
-        METRICS: read /metrics, for a monitor that needs nothing else.
+        LOCALIZE: ask for poses, list maps and versions.
+        BUILD: submit maps, follow and cancel builds, choose the active version. Includes LOCALIZE.
+        METRICS: read /metrics and nothing else, for a monitor.
         ADMIN: everything.
     """
 
@@ -41,9 +41,9 @@ _INCLUDED: dict[Scope, frozenset[Scope]] = {
 
 @dataclass(frozen=True)
 class Grant:
-    """Scopes as they were given (what they include is not spelled out), and patterns of map ids.
+    """Granted scopes, without those that they include, and patterns of map ids.
 
-    In a pattern ``*`` stands for any characters and ``?`` for one; the rest for itself.
+    In a pattern ``*`` matches any characters and ``?`` one character.
     """
 
     scopes: frozenset[Scope]
@@ -51,9 +51,10 @@ class Grant:
 
     @classmethod
     def parse(cls, scopes: Iterable[str], maps: Iterable[str]) -> Grant:
-        """
+        """Parse scopes and patterns.
+
         Raises:
-            InvalidOption: no or an unknown scope; no, too many or an impossible pattern.
+            InvalidOption: there is no scope or an unknown one; or no, too many or an invalid pattern.
         """
         named, patterns = list(scopes), tuple(dict.fromkeys(maps))
         known = {scope.value for scope in Scope}
@@ -64,15 +65,16 @@ class Grant:
         for pattern in patterns:
             if not _PATTERN.fullmatch(pattern):
                 raise InvalidOption(
-                    f"a pattern of map ids is of a-z, 0-9, _, -, * and ?, not {pattern[:80]!r}"
+                    f"a pattern of map ids has only a-z, 0-9, _, -, * and ?, unlike {pattern[:80]!r}"
                 )
         if not 0 < len(patterns) <= MAX_PATTERNS:
             raise InvalidOption(f"1 to {MAX_PATTERNS} patterns of map ids are expected")
         return cls(frozenset(Scope(name) for name in named), patterns)
 
     def allows(self, scope: Scope) -> bool:
+        """Returns whether a granted scope is or includes this one."""
         return any(scope in _INCLUDED[given] for given in self.scopes)
 
     def covers(self, map_id: str) -> bool:
-        """Whether the map is one of those that the patterns name. Never asks whether it exists."""
+        """Returns whether a pattern matches the map's id. The map need not exist."""
         return any(fnmatchcase(map_id, pattern) for pattern in self.maps)

@@ -1,16 +1,16 @@
-"""Who runs a build, for how long it is theirs, and how often that went wrong.
+"""Attempts at a build: leases, which claimants keep alive by heartbeats, and a count of failures.
 
-    builds/<build_id>/attempts/000001.json       created once: whoever creates it has the build
-    builds/<build_id>/attempts/000001.beat       replaced by its holder: still there
-    builds/<build_id>/attempts/000001.look       replaced by whoever else wants the build
-    builds/<build_id>/attempts/000001.end.json   created once: how it ended, as its holder says, or
-                                                 somebody who found its beat too old
+    builds/<build_id>/attempts/000001.json       created once: its creator, the claimant, runs the build
+    builds/<build_id>/attempts/000001.beat       heartbeat, replaced by the claimant
+    builds/<build_id>/attempts/000001.look       replaced by other processes that want the build
+    builds/<build_id>/attempts/000001.end.json   created once: how the attempt ended, written by the claimant,
+                                                 or by a process that found the heartbeat too old
 
-Attempt n + 1 is created only when n has ended: of many who want a build one gets it. The age of a beat is
-its ``last_modified`` against that of a look put just now: both times are the store's, so no two clocks
-are compared. A clock that is set forward under a holder, or a holder that was frozen and comes back, can
-let two run the same build for a while; that costs work and nothing else, as everything that a build
-publishes is created once and named by its content.
+Attempt n + 1 is created only after n has ended: of many processes that want a build, one gets it. The age of
+a heartbeat is the difference between its ``last_modified`` and that of a look put just now. Both times are
+the store's, so no two clocks are compared. If the store's clock jumps forward, or a frozen claimant
+continues, two processes can run the same build for a while. This only costs work, because everything that a
+build publishes is created once and named by its content.
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ from ..store.json_record import RecordKind, read_record, text_of
 from ..store.store import Store
 
 _NAME = re.compile(r"(\d{6,})\.(json|beat|look|end\.json)")
-_MAX_REASON_CHARS = 300  # of the last death, in the error
+_MAX_REASON_CHARS = 300  # of the last failure, in the error
 
 
 class AttemptEnd(str, Enum):
-    """How an attempt ended: ``died`` and ``lost`` count against the build, the others do not."""
+    """End of an attempt. ``died`` and ``lost`` count as failures of the build, the others do not."""
 
     ENDED = "ended"  # the build reached a final state
-    STOPPED = "stopped"  # in good order: a deployment, or a store out of reach
+    STOPPED = "stopped"  # on purpose: a deployment, or the store is out of reach
     DIED = "died"  # its process was killed
-    LOST = "lost"  # its holder fell silent
+    LOST = "lost"  # its heartbeat stopped
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """One holder's turn at a build.
+    """Lease of a build.
 
     Attributes:
         number: 1, 2, ...
@@ -56,15 +56,16 @@ class Attempt:
 
 
 class BuildAttempts:
-    """Attempts as one holder makes them. Thread-safe. Every method raises StoreUnavailable or StoreError
-    as the store does.
+    """Attempts of one claimant at builds. Thread-safe.
+
+    Every method raises StoreUnavailable or StoreError if the store fails.
 
     Args:
-        claimant: unique to whoever may run one build at a time; an open attempt of the same claimant is one
-            that it did not live to end.
-        lease_s: an attempt without a beat for so long is over.
-        max_attempts: that may die or be lost in one and the same stage of a build. One that got further
-            before it died may have been killed by anything, and is not held against the build.
+        claimant: unique name of a process that runs one build at a time. An open attempt of the same name is
+            left from a claimant that was killed.
+        lease_s: an attempt without a heartbeat for this long is lost.
+        max_attempts: number of failures in one stage after which a build fails. Failures in different stages
+            are counted apart: if the build got further, its inputs are not the likely cause.
     """
 
     def __init__(self, store: Store, claimant: str, *, lease_s: float, max_attempts: int) -> None:
@@ -74,18 +75,18 @@ class BuildAttempts:
         self._max_attempts = max_attempts
 
     def claim(self, build_id: str, stage: str) -> Attempt | None:
-        """A new attempt; None while somebody else has the build.
+        """Begin a new attempt. Returns None while another claimant runs the build.
 
         Args:
-            stage: that the build is in by its status: where an attempt was lost.
+            stage: current stage in the build's status, where a lost attempt failed.
 
         Raises:
-            BuildAttemptsExceeded: it has had its attempts.
+            BuildAttemptsExceeded: too many attempts have failed.
         """
         found = _scan(self._store, build_id)
         last = max(found, default=0)
         if last and "end.json" not in found[last]:
-            why = self._gone(build_id, last)
+            why = self._why_lost(build_id, last)
             if why is None:
                 return None
             self.end(Attempt(build_id, last), AttemptEnd.LOST, stage=stage, why=why)
@@ -98,7 +99,7 @@ class BuildAttempts:
         return attempt
 
     def beat(self, attempt: Attempt) -> bool:
-        """Says that the holder is there. False when somebody has ended the attempt: to be dropped at once."""
+        """Put a heartbeat. Returns False if the attempt was ended by others: then stop the build at once."""
         key = _key(attempt)
         if self._store.exists(f"{key}.end.json"):
             return False
@@ -108,10 +109,10 @@ class BuildAttempts:
     def end(
         self, attempt: Attempt, how: AttemptEnd, *, stage: str = "", why: str = "", ran_s: float = 0.0
     ) -> None:
-        """Says how it ended; of several who say it the first is right.
+        """Record the end of an attempt. If several processes do, the first counts.
 
         Args:
-            ran_s: for how long its process ran; of a lost attempt nobody knows.
+            ran_s: run time of its process; unknown for a lost attempt.
         """
         key = _key(attempt)
         record = {
@@ -126,7 +127,7 @@ class BuildAttempts:
             self._store.delete(f"{key}.{name}")
 
     def ran_s(self, build_id: str) -> float:
-        """For how long the attempts that have ended ran, together."""
+        """Total run time of the ended attempts at a build."""
         total_s = 0.0
         for number, kinds in _scan(self._store, build_id).items():
             if "end.json" in kinds:
@@ -135,11 +136,11 @@ class BuildAttempts:
                     total_s += max(ran_s, 0.0)
         return total_s
 
-    def _gone(self, build_id: str, number: int) -> str | None:
-        """Why the holder of an open attempt is taken for dead; None when it is not."""
+    def _why_lost(self, build_id: str, number: int) -> str | None:
+        """Reason to take an open attempt for lost, or None."""
         key = f"{_folder(build_id)}/{number:06d}"
         if self._is_own(f"{key}.json"):
-            return "the process that ran the build's worker ended"
+            return "the process that ran the build worker ended"
         self._store.put(f"{key}.look", uuid.uuid4().bytes)
         seen = {
             item.key: item.last_modified.timestamp()
@@ -147,15 +148,15 @@ class BuildAttempts:
             if item.key.startswith(f"{key}.")
         }
         look_s = seen.get(f"{key}.look")
-        if look_s is None or f"{key}.end.json" in seen:  # it ended this moment: look again later
+        if look_s is None or f"{key}.end.json" in seen:  # it has just ended: look again later
             return None
         beat_s = seen.get(f"{key}.beat", seen[f"{key}.json"])
         if look_s - beat_s <= self._lease_s:
             return None
-        return f"its worker was not heard of for {look_s - beat_s:.0f} s"
+        return f"its build worker sent no heartbeat for {look_s - beat_s:.0f} s"
 
     def _is_own(self, key: str) -> bool:
-        """Whether this holder made the attempt. Of one that cannot be read its beat says how it stands."""
+        """Returns whether this claimant made the attempt. False if its record is damaged."""
         try:
             return _read(self._store, key)["holder"] == self._claimant
         except UnreadableRecord:
@@ -166,7 +167,7 @@ class BuildAttempts:
         for number in range(1, last + 1):
             try:
                 ended = _read(self._store, f"{_folder(build_id)}/{number:06d}.end.json")
-            except (NotFound, UnreadableRecord):  # it has ended; how, nobody can tell
+            except (NotFound, UnreadableRecord):  # ended, but nobody can tell how
                 continue
             if ended.get("end") in (AttemptEnd.DIED, AttemptEnd.LOST):
                 stage, why = str(ended.get("stage", "")), str(ended.get("why", ""))
@@ -174,36 +175,37 @@ class BuildAttempts:
                 if died[stage] >= self._max_attempts:
                     where = f"in the stage {stage}" if stage else "before the first stage"
                     raise BuildAttemptsExceeded(
-                        f"{died[stage]} attempts died {where}; the last one: {why[:_MAX_REASON_CHARS]}"
+                        f"{died[stage]} attempts failed {where}; the last one: {why[:_MAX_REASON_CHARS]}"
                     )
 
     def _create(self, key: str, record: dict[str, Any]) -> bool:
         data = json.dumps(record, sort_keys=True).encode()
-        # A lost reply makes a retry meet its own object.
+        # After a lost reply the retry meets its own object.
         return self._store.put_new(key, data) or self._store.get(key) == data
 
 
 def has_open_attempt(store: Store, build_id: str) -> bool:
-    """Whether somebody runs the build, or did not live to say that it ended."""
+    """Returns whether the last attempt at a build is open: it is running, or its claimant was killed."""
     found = _scan(store, build_id)
     return bool(found) and "end.json" not in found[max(found)]
 
 
 def _scan(store: Store, build_id: str) -> dict[int, set[str]]:
-    """The attempts on record: number to what there is of it."""
+    """Attempts on record: number to the kinds of its objects."""
     found: dict[int, set[str]] = {}
     for key in store.list(_folder(build_id)):
         match = _NAME.fullmatch(key.rsplit("/", 1)[-1])
         if match is not None:
             found.setdefault(int(match[1]), set()).add(match[2])
-    # A beat or a look that came after the end was recorded is nothing by itself.
+    # A heartbeat or look put after the end was recorded means nothing by itself.
     return {number: kinds for number, kinds in found.items() if "json" in kinds}
 
 
 def parse_attempt(record: dict[str, Any]) -> dict[str, Any]:
-    """
+    """Parse the record of an attempt, or of its end.
+
     Raises:
-        ValueError, TypeError, KeyError: neither an attempt nor the end of one.
+        ValueError, TypeError, KeyError: it is neither.
     """
     text_of(record, "end" if "end" in record else "holder")
     for name in ("stage", "why", "time"):

@@ -1,10 +1,10 @@
-"""Builds and build minutes of each caller, counted in the store, so that one cannot have them all.
+"""Builds and build minutes of each caller, counted in the store, so that no caller takes them all.
 
-    callers/<sha256 of the caller>/builds/<build_id>                            before the build is on record
-    callers/<sha256 of the caller>/minutes/<day>/<build_id>.<attempt>.<seconds> once an attempt has ended
+    callers/<sha256 of the caller>/builds/<build_id>                            put before the build's record
+    callers/<sha256 of the caller>/minutes/<day>/<build_id>.<attempt>.<seconds> put when an attempt has ended
 
-Both are found with one listing, however many builds others have. An entry of a build goes when the build is
-seen to have ended; the seconds of a day (UTC) are told by the names alone.
+One listing finds either, however many builds other callers have. The entry of a build is removed once the
+build has ended. The names alone tell the seconds of a day (UTC).
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ _RUN = re.compile(r"[a-z0-9_-]{1,63}\.\d{1,9}\.(\d{1,9})")
 
 
 class CallerUsage:
-    """Builds by the caller who handed them in. Thread-safe.
+    """Builds by the caller who submitted them. Thread-safe.
 
-    Every method raises StoreUnavailable or StoreError as the store does.
+    Every method raises StoreUnavailable or StoreError if the store fails.
     """
 
     def __init__(self, records: BuildRecords) -> None:
@@ -32,11 +32,11 @@ class CallerUsage:
         self._store = records.store
 
     def begin(self, owner: str, build_id: str) -> None:
-        """Enters a build that is about to be put on record. Again does no harm."""
+        """Enter a build that is about to be recorded. Safe to repeat."""
         self._store.put_new(f"{_folder(owner)}/builds/{check_build_id(build_id)}", b"")
 
     def unfinished(self, owner: str) -> set[str]:
-        """The caller's builds on record that have not ended; entries of others are removed."""
+        """Ids of the caller's recorded builds that have not ended. Removes the entries of ended ones."""
         prefix = f"{_folder(owner)}/builds"
         found = set()
         for key in self._store.list(prefix):
@@ -45,9 +45,9 @@ class CallerUsage:
                 continue
             try:
                 state = self._records.build_status(build_id)["state"]
-            except UnreadableRecord:  # it is not run
+            except UnreadableRecord:  # such a build is not run
                 continue
-            except NotFound:  # about to be put on record, or nobody lived to do so: that one expires
+            except NotFound:  # about to be recorded; or its process was killed, and the entry expires
                 continue
             if state in FINAL_STATES:
                 self._store.delete(key)
@@ -56,12 +56,12 @@ class CallerUsage:
         return found
 
     def charge(self, owner: str, build_id: str, attempt: int, ran_s: float) -> None:
-        """Counts an attempt that has ended to the caller's day."""
+        """Add an ended attempt to the caller's minutes of today."""
         name = f"{check_build_id(build_id)}.{attempt}.{max(round(ran_s), 0)}"
         self._store.put_new(f"{_folder(owner)}/minutes/{_today()}/{name}", b"")
 
     def minutes_today(self, owner: str) -> float:
-        """Of the attempts that ended since midnight, UTC."""
+        """Minutes of the attempts that ended since midnight, UTC."""
         names = (key.rsplit("/", 1)[-1] for key in self._store.list(f"{_folder(owner)}/minutes/{_today()}"))
         return sum(int(run[1]) for name in names if (run := _RUN.fullmatch(name))) / 60
 

@@ -1,6 +1,6 @@
-"""What a build can be told: one small model a stage, all with working defaults.
+"""Config of a build: one small model for each stage, with working defaults.
 
-It stands in the core so that a service checks a config before anything is built, without the builder.
+It is part of the core so that the service can check a config without the builder.
 """
 
 from __future__ import annotations
@@ -26,11 +26,13 @@ from ..sensor import SensorModel, preset
 
 
 class CleanConfig(Stage):
-    """Attributes:
-    voxel_m: points of one voxel become their mean; None keeps every point.
-    max_points: the voxel grows until the cloud is below this: what bounds the time of a build.
-    radius_spacings: the neighbourhood of a point, in point spacings.
-    min_neighbours: a point with fewer neighbours there is a stray; 0 keeps all.
+    """Thinning of the cloud and removal of stray points.
+
+    Attributes:
+        voxel_m: points of one voxel are replaced by their mean; None keeps every point.
+        max_points: the voxel grows until the cloud has fewer points. Bounds the time of a build.
+        radius_spacings: radius of a point's neighbourhood, in point spacings.
+        min_neighbours: a point with fewer neighbours is removed; 0 keeps all.
     """
 
     voxel_m: float | None = Field(0.08, gt=0, le=10)
@@ -40,16 +42,16 @@ class CleanConfig(Stage):
 
 
 class ReconstructConfig(Stage):
-    """Lengths follow the spacing of the points on the surface, unless given.
+    """Poisson reconstruction of the surface. Lengths follow the point spacing unless given.
 
     Attributes:
-        cell_m: edge of the finest Poisson cell; None: cell_spacings point spacings.
-        cell_spacings: see cell_m.
+        cell_m: edge of the finest Poisson cell; None: ``cell_spacings`` point spacings.
+        cell_spacings: see ``cell_m``.
         trim_spacings: surface further than this from every point is cut away.
-        normal_spacings, normal_neighbours: a normal is taken from at most so many points so near.
-        point_weight: how hard the surface is pulled to the points; the less, the smoother.
+        normal_spacings, normal_neighbours: radius and largest number of points for estimating a normal.
+        point_weight: weight of the points against smoothness.
         tile_cells: edge of a tile in cells; its square bounds memory.
-        margin_cells: what a tile looks at around its square, so that neighbours agree where they meet.
+        margin_cells: margin that a tile reads around itself, so that neighbours agree at their border.
     """
 
     cell_m: float | None = Field(None, gt=0, le=10)
@@ -63,16 +65,19 @@ class ReconstructConfig(Stage):
 
 
 class ViewpointConfig(Stage):
-    """Attributes:
-    spacing_m: one viewpoint a square of this edge; None: a metre, or what ``fit_spacing`` finds better.
-    mount_height_m: of the sensor over the floor; "auto": the trajectory's where there is one, else
-        the sensor model's.
-    max_slope_deg, step_height_m: what the robot climbs. Reconstructed floors are bumpy: be generous.
-    robot_height_m: free height that it needs; at least the sensor has to fit below.
-    footprint_radius_m: free width to every side of it.
-    bridge_gap_m: holes in the floor up to this wide do not stop it.
-    max_distance_to_trajectory_m: no viewpoint further from the trajectory; None: no limit.
-    tile_m: edge of the square tiles that templates are made and stored in, one after the other.
+    """Sampling of viewpoints on the traversable floor.
+
+    Attributes:
+        spacing_m: edge of the squares with one viewpoint each; None: 1 m, or what ``fit_spacing`` finds
+            better.
+        mount_height_m: height of the sensor over the floor; "auto": from the trajectory if there is one,
+            otherwise from the sensor model.
+        max_slope_deg, step_height_m: limits of the robot. Reconstructed floors are bumpy: be generous.
+        robot_height_m: free height that the robot needs; at least the sensor has to fit below.
+        footprint_radius_m: free distance that the robot needs on every side.
+        bridge_gap_m: holes in the floor up to this width do not stop the robot.
+        max_distance_to_trajectory_m: largest distance of a viewpoint from the trajectory; None: no limit.
+        tile_m: edge of the square tiles in which templates are made and stored, one after the other.
     """
 
     spacing_m: float | None = Field(None, ge=0.1, le=100)
@@ -87,28 +92,32 @@ class ViewpointConfig(Stage):
 
 
 class SimulateConfig(Stage):
-    """How finely templates are cast: the descriptor's cells are coarser than most sensors' rays."""
+    """Ray casting of templates. The descriptor's cells are coarser than most sensors' rays."""
 
     max_rays: int = Field(16_384, ge=500, le=1_000_000)
 
 
 class PerturbConfig(Stage):
-    """Standard deviations and means of what goes wrong in a scan."""
+    """Standard deviations and means of perturbations of a scan."""
 
     noise_m: float = Field(0.02, ge=0, le=1)
     dropout: float = Field(0.1, ge=0, lt=1)
     occluders: float = Field(6.0, ge=0, le=100, description="passers-by, on average")
-    strangers: float = Field(3.0, ge=0, le=100, description="car-sized things that the map lacks, on average")
+    strangers: float = Field(
+        3.0, ge=0, le=100, description="car-sized objects that the map lacks, on average"
+    )
     height_m: float = Field(0.05, ge=0, le=1)
     tilt_deg: float = Field(2.0, ge=0, le=45)
 
 
 class LearnKeysConfig(Stage):
-    """Attributes:
-    scans: simulated to learn from; 0: keys stay as the descriptor makes them.
-    numbers: of a projected key.
-    shrinkage: how little the directions of the perturbations are believed. With little of it a key
-        finds more of the scans it was taught, and less of another scanner's or of a half hidden one's.
+    """Learned projection of keys.
+
+    Attributes:
+        scans: number of simulated scans to learn from; 0: keys are not projected.
+        numbers: dimension of a projected key.
+        shrinkage: regularisation of the perturbations' covariance. With a small value keys find more scans
+            like the simulated ones, and fewer of other sensors or with large occlusions.
     """
 
     scans: int = Field(1500, ge=0, le=100_000)
@@ -119,7 +128,7 @@ class LearnKeysConfig(Stage):
 
 
 class SelfTestConfig(Stage):
-    """How much is tested."""
+    """Numbers of simulated queries of the self-test, inside and outside the map."""
 
     queries: int = Field(160, ge=0, le=100_000)
     outside: int = Field(40, ge=0, le=100_000)
@@ -128,11 +137,11 @@ class SelfTestConfig(Stage):
 
 
 class EngineOverrides(Stage):
-    """Parts of the engine's config to set by hand; what is None follows from the map and the sensor.
+    """Parts of the engine's config that are set by hand. None: derived from the map and the sensor.
 
     Attributes:
-        method: "default", or the paper's: PCA-SC, clusters, CNZ keys in hash tables and KD trees.
-        cluster: None with the default method: every template stands for itself.
+        method: "default"; or "paper": PCA-SC, clusters, CNZ keys in hash tables and KD trees.
+        cluster: None with the default method: templates are not clustered.
     """
 
     method: Literal["default", "paper"] = "default"
@@ -145,11 +154,11 @@ class EngineOverrides(Stage):
 
 
 class BuildConfig(Stage):
-    """The whole of a build's config: with the source, all that decides the version's digest.
+    """Config of a whole build. Together with the source it determines the version's digest.
 
     Attributes:
-        sensor: a preset's name, or a mapping as in a sensor YAML.
-        level: turn the index so that z is up, where the map leans.
+        sensor: name of a preset, or a mapping as in a sensor YAML.
+        level: rotate a tilted map so that z points up in the index.
     """
 
     sensor: str | dict[str, Any] = "os1-64"
@@ -171,14 +180,15 @@ class BuildConfig(Stage):
 
     @property
     def sensor_model(self) -> SensorModel:
+        """Model of the sensor."""
         return _sensor(self.sensor)
 
     @classmethod
     def parse(cls, data: Any) -> BuildConfig:
-        """From JSON-like data.
+        """Parse JSON-like data.
 
         Raises:
-            InvalidOption: an unknown key or a value out of range; says which and why.
+            InvalidOption: a key is unknown or a value is out of range; the message names it.
         """
         try:
             return cls.model_validate(data)
@@ -191,13 +201,18 @@ class BuildConfig(Stage):
 
     @classmethod
     def from_file(cls, path: Path) -> BuildConfig:
-        """From a YAML or JSON file."""
+        """Read a YAML or JSON file.
+
+        Raises:
+            InvalidOption: the file is malformed; or see ``parse``.
+        """
         try:
             return cls.parse(yaml.safe_load(path.read_text()) or {})
         except (yaml.YAMLError, UnicodeDecodeError) as error:
             raise InvalidOption(f"{path}: {error}") from None
 
     def to_mapping(self) -> dict[str, Any]:
+        """JSON-ready form."""
         return json.loads(self.model_dump_json())
 
 

@@ -1,17 +1,16 @@
-"""Builds in an object store: what was asked for, how far it is, whether somebody wants it stopped.
+"""Records of builds in an object store: request, status, cancellation, and durations of stages.
 
     builds/<build_id>/request.json   created once
-    builds/<build_id>/status.json    replaced by whoever runs the build
-    builds/<build_id>/cancel         there: stop
-    builds/<build_id>/stages.json    how long each stage of the last run took, once it has ended
+    builds/<build_id>/status.json    replaced by the process that runs the build
+    builds/<build_id>/cancel         if it exists, the build is to stop
+    builds/<build_id>/stages.json    duration of each stage of the last run, once that has ended
     builds/<build_id>/attempts/...   see ``firstfix.builds.attempts``
 
-One process at a time runs a build (its attempts see to that), so the status needs no precondition: what
-the last run wrote is true.
+One process at a time runs a build (see ``firstfix.builds.attempts``), so the status needs no precondition:
+the last run wrote the truth.
 
-A build of which the request or the status cannot be read (``UnreadableRecord``) is ``unreadable`` where
-builds are listed, and is not run; all other builds go on. ``firstfix.upkeep.repair`` mends it or moves it
-aside.
+A build with a damaged request or status (``UnreadableRecord``) is listed as ``unreadable`` and is not run.
+All other builds go on. ``firstfix.upkeep.repair`` repairs it or moves it aside.
 """
 
 from __future__ import annotations
@@ -28,30 +27,31 @@ from ..store.store import Store
 
 STATES = ("queued", "running", "succeeded", "failed", "cancelled")
 FINAL_STATES = frozenset({"succeeded", "failed", "cancelled"})
-UNREADABLE = "unreadable"  # shown in place of a state; never recorded
+UNREADABLE = "unreadable"  # shown instead of a state, never recorded
 
 
 class BuildRecords:
-    """Records of builds. Thread-safe. Every method raises InvalidOption for an id that is none."""
+    """Records of builds. Thread-safe. Every method raises InvalidOption for an invalid id."""
 
     def __init__(self, store: Store) -> None:
         self.store = store
 
     def put_build(self, build_id: str, request: Mapping[str, Any]) -> None:
-        """Records a request; its status is ``queued`` from here on.
+        """Record the request of a build, which is ``queued`` from now on.
 
         Raises:
-            Conflict: there is a build of that id.
+            Conflict: a build has this id already.
         """
         if not self.store.put_new(_key(build_id, "request.json"), _to_json(request)):
-            raise Conflict(f"there is a build {build_id} already")
+            raise Conflict(f"a build {build_id} exists already")
 
     def build_ids(self) -> list[str]:
-        """Every build on record, sorted."""
+        """Ids of all recorded builds, sorted."""
         return [name for name in self.store.folders("builds") if is_name(name)]
 
     def build_request(self, build_id: str) -> dict[str, Any]:
-        """
+        """Request of a build.
+
         Raises:
             NotFound: no such build.
             UnreadableRecord: the request is damaged.
@@ -63,8 +63,11 @@ class BuildRecords:
             raise NotFound(f"no build {build_id}") from None
 
     def build_status(self, build_id: str) -> dict[str, Any]:
-        """``state``, ``stage``, ``progress`` (0..1), ``error`` ({code, detail} or None), ``version``
-        (digest or None), ``map_id``.
+        """Status of a build.
+
+        Returns:
+            ``state``, ``stage``, ``progress`` (0..1), ``error`` ({code, detail} or None), ``version`` (digest
+            or None) and ``map_id``.
 
         Raises:
             NotFound: no such build.
@@ -78,8 +81,9 @@ class BuildRecords:
             return new_status("queued", map_id=request.get("map_id", ""))
 
     def shown_status(self, build_id: str) -> dict[str, Any]:
-        """As ``build_status``; of a build with a damaged record a status that says so: its state is
-        ``unreadable``, its map the one of the record that can be read, if any.
+        """Status of a build for display. A build with a damaged record has the state ``unreadable``.
+
+        Its map is then the one in the other record, if that can be read.
 
         Raises:
             NotFound: no such build.
@@ -94,8 +98,7 @@ class BuildRecords:
             }
 
     def status_or_queued(self, build_id: str) -> dict[str, Any]:
-        """As ``build_status``, for whoever has the build and is to write its status: a damaged one is as if
-        there were none yet."""
+        """Status of a build, or ``queued`` if the status is damaged. For the process that will replace it."""
         try:
             return self.build_status(build_id)
         except UnreadableRecord:
@@ -108,13 +111,14 @@ class BuildRecords:
             return ""
 
     def set_build_status(self, build_id: str, status: Mapping[str, Any]) -> None:
+        """Replace the status of a build (``new_status``)."""
         self.store.put(_key(build_id, "status.json"), _to_json(status))
 
     def build_stages(self, build_id: str) -> list[dict[str, Any]]:
-        """``stage``, ``seconds`` and ``cached`` of each stage of the last run that ended, if any.
+        """Stages of the last run that ended: ``stage``, ``seconds`` and ``cached`` of each.
 
         Raises:
-            UnreadableRecord: they are damaged.
+            UnreadableRecord: their record is damaged.
         """
         try:
             return read_record(
@@ -124,15 +128,16 @@ class BuildRecords:
             return []
 
     def set_build_stages(self, build_id: str, stages: Sequence[Mapping[str, Any]]) -> None:
+        """Record the stages of a run that has ended."""
         self.store.put(_key(build_id, "stages.json"), _to_json({"stages": [dict(stage) for stage in stages]}))
 
     def request_cancel(self, build_id: str) -> None:
-        """Asks the build to stop; the worker looks for it once a second.
+        """Ask a build to stop. The build worker checks for this once a second.
 
         Raises:
             NotFound: no such build.
-            Conflict: it has ended.
-            UnreadableRecord: whether it has ended cannot be told.
+            Conflict: the build has ended.
+            UnreadableRecord: the status is damaged, so the build may have ended.
         """
         state = self.build_status(build_id)["state"]
         if state in FINAL_STATES:
@@ -140,6 +145,7 @@ class BuildRecords:
         self.store.put_new(_key(build_id, "cancel"), b"")
 
     def is_cancel_requested(self, build_id: str) -> bool:
+        """Returns whether the build is to stop."""
         return self.store.exists(_key(build_id, "cancel"))
 
 
@@ -152,7 +158,7 @@ def new_status(
     error: Mapping[str, str] | None = None,
     version: str | None = None,
 ) -> dict[str, Any]:
-    """The form of status.json."""
+    """Content of ``status.json``."""
     if state not in STATES:
         raise ValueError(f"no build state {state!r}")
     return {
@@ -174,9 +180,10 @@ def _to_json(record: Mapping[str, Any]) -> bytes:
 
 
 def parse_request(record: dict[str, Any]) -> dict[str, Any]:
-    """
+    """Parse the request of a build.
+
     Raises:
-        ValueError, TypeError, KeyError: not a build's request.
+        ValueError, TypeError, KeyError: it is not the request of a build.
     """
     map_id = text_of(record, "map_id", "")
     if map_id and not is_name(map_id):
@@ -187,7 +194,7 @@ def parse_request(record: dict[str, Any]) -> dict[str, Any]:
             for field in named:
                 text_of(named, field)
     if not isinstance(record.get("config") or {}, dict):
-        raise TypeError("config is no object")
+        raise TypeError("config is not an object")
     for name in ("file_name", "owner"):
         if record.get(name) is not None:
             text_of(record, name)
@@ -195,13 +202,14 @@ def parse_request(record: dict[str, Any]) -> dict[str, Any]:
 
 
 def parse_status(record: dict[str, Any]) -> dict[str, Any]:
-    """
+    """Parse the status of a build.
+
     Raises:
-        ValueError, TypeError, KeyError, InvalidOption: not a build's status.
+        ValueError, TypeError, KeyError, InvalidOption: it is not the status of a build.
     """
     error, version = record.get("error"), record.get("version")
     if not isinstance(progress := record.get("progress", 0.0), int | float):
-        raise TypeError("progress is no number")
+        raise TypeError("progress is not a number")
     if error is not None:
         error = {"code": text_of(error, "code"), "detail": text_of(error, "detail")}
     if (map_id := text_of(record, "map_id")) and not is_name(map_id):
@@ -215,9 +223,10 @@ def parse_status(record: dict[str, Any]) -> dict[str, Any]:
 
 
 def parse_stages(record: dict[str, Any]) -> list[dict[str, Any]]:
-    """
+    """Parse the record of a build's stages.
+
     Raises:
-        ValueError, TypeError, KeyError: not what ``set_build_stages`` records.
+        ValueError, TypeError, KeyError: it is not what ``set_build_stages`` records.
     """
     stages = [dict(stage) for stage in record["stages"]]
     for stage in stages:

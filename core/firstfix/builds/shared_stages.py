@@ -1,12 +1,12 @@
-"""Finished build stages in the object store: what one worker made, another one goes on from.
+"""Shared stages: finished stages of builds in the object store, from which any build worker can continue.
 
     stages/<key>/<sha256>      the stage's files, by content
     stages/<key>/stage.json    name, and {sha256, bytes} of every file; written last
-    stages/<key>/chunks/...    parts of one that is being made (``firstfix_builder.execution.chunks``)
+    stages/<key>/chunks/...    parts of an unfinished stage (``firstfix_builder.execution.chunks``)
 
-The key names all that went into the stage (``firstfix_builder.execution.stage_cache``), so a stage never
-changes. What is put once more is compared by its checksums, and mended where it differs.
-One without its ``stage.json`` does not exist. All of it is a cache: it can be deleted at any time.
+The key is a hash of all inputs of the stage (``firstfix_builder.execution.stage_cache``), so a stage never
+changes. A stage that is put again is compared by its checksums, and repaired if it differs. A stage without
+``stage.json`` does not exist. All of it is a cache that may be deleted at any time.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ class _File:
 
 
 class SharedStages:
-    """The stages of one store. Thread-safe.
+    """Shared stages of one store. Thread-safe.
 
-    Trouble never reaches the build: a stage that cannot be fetched is made, one that cannot be put is
-    not shared, and the log says so.
+    Errors do not fail a build: a stage that cannot be fetched is made, and a stage that cannot be put is not
+    shared. The log reports both.
 
     Args:
-        max_bytes: of one stage; larger ones are not shared.
+        max_bytes: size of the largest stage that is shared.
     """
 
     def __init__(self, store: Store, *, max_bytes: int = DEFAULT_MAX_BYTES) -> None:
@@ -53,8 +53,10 @@ class SharedStages:
         self._max_bytes = max_bytes
 
     def fetch(self, key: str, folder: Path) -> bool:
-        """Puts the stage's files into an empty folder, each verified by its sha256. False, with the
-        folder empty again, when there is no such stage or it cannot be had.
+        """Download a stage's files into an empty folder, each verified by its sha256.
+
+        Returns:
+            False if there is no such stage, or it cannot be used. The folder is then empty again.
         """
         try:
             files = self._files(key)
@@ -71,7 +73,7 @@ class SharedStages:
         return True
 
     def put(self, key: str, name: str, folder: Path) -> int:
-        """Shares a finished stage, if that can be done; the bytes of it that were sent."""
+        """Share a finished stage if possible. Returns the bytes that were sent."""
         try:
             return self.put_surely(key, name, folder)
         except (FirstfixError, OSError) as error:
@@ -79,11 +81,11 @@ class SharedStages:
             return 0
 
     def put_surely(self, key: str, name: str, folder: Path) -> int:
-        """As ``put``, where others cannot go on without it.
+        """Share a finished stage that other processes wait for. Returns the bytes that were sent.
 
         Raises:
-            StoreError: the store does not take it.
-            TooLarge: it has more than max_bytes.
+            StoreError: the store failed.
+            TooLarge: the stage has more than ``max_bytes``.
         """
         sent = 0
         paths = sorted(path for path in folder.rglob("*") if path.is_file())
@@ -105,7 +107,7 @@ class SharedStages:
         return sent
 
     def _put_record(self, key: str, record: bytes) -> None:
-        """Once every file is there. A record that cannot be read is replaced."""
+        """Put the record of a stage after its files. Replaces a damaged record."""
         if not self._store.put_new(_key(key, RECORD), record):
             try:
                 self._files(key)
@@ -113,12 +115,12 @@ class SharedStages:
                 self._store.put(_key(key, RECORD), record)
 
     def _files(self, key: str) -> list[_File]:
-        """What the stage's record names.
+        """Files in a stage's record.
 
         Raises:
-            NotFound: there is none.
-            UnreadableRecord: it is damaged, or names a place outside the stage.
-            CorruptVersion: it names more than may be fetched.
+            NotFound: no such stage.
+            UnreadableRecord: the record is damaged, or names a path outside the stage.
+            CorruptVersion: the files have more than ``max_bytes`` together.
         """
         where = _key(key, RECORD)
         files = [
@@ -126,13 +128,14 @@ class SharedStages:
             for name, entry in read_record(self._store, where, RecordKind.SHARED_STAGE, parse_stage).items()
         ]
         if sum(file.bytes for file in files) > self._max_bytes:
-            raise CorruptVersion(f"{where} names more than {self._max_bytes} bytes")
+            raise CorruptVersion(f"the files of {where} have more than {self._max_bytes} bytes")
         return files
 
     def _download(self, stage: str, file: _File, path: Path) -> None:
-        """
+        """Download one file of a stage and verify it.
+
         Raises:
-            CorruptVersion: it is missing or damaged; then the stage is forgotten, so that it is shared
+            CorruptVersion: the file is missing or damaged. The stage is then removed, so that it is shared
                 again once it is made again.
         """
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -148,24 +151,24 @@ class SharedStages:
 
 
 def parse_stage(record: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """The files that a stage's record names, with their sha256 and bytes.
+    """Files in a stage's record, with their ``sha256`` and ``bytes``.
 
     Raises:
-        ValueError, KeyError, TypeError, AttributeError, InvalidOption: not a stage's record, or it names a
-            place outside the stage.
+        ValueError, KeyError, TypeError, AttributeError, InvalidOption: it is not the record of a stage, or it
+            names a path outside the stage.
     """
     files: dict[str, dict[str, Any]] = {}
     text_of(record, "stage", "")
     for name, entry in record["files"].items():
         if PurePosixPath(name).is_absolute() or ".." in name.split("/"):
-            raise ValueError("it names a place outside the stage")
+            raise ValueError("it names a path outside the stage")
         files[name] = {"sha256": check_version(entry["sha256"]), "bytes": whole_number_of(entry, "bytes")}
     return files
 
 
 @dataclass(frozen=True)
 class CollectedStages:
-    """What ``collect_stages`` did.
+    """Result of ``collect_stages``.
 
     Attributes:
         removed: keys of the stages.
@@ -178,10 +181,10 @@ class CollectedStages:
 
 
 def collect_stages(store: Store, older_than_s: float, *, max_bytes: int | None = None) -> CollectedStages:
-    """Removes shared stages that nothing was put into for so long, and of the others the oldest until
-    the rest is within ``max_bytes``.
+    """Remove shared stages of this age, then the oldest of the rest until it has at most ``max_bytes``.
 
-    A build that wanted one of them makes it again. Several may collect at the same time.
+    The age is the time since the last put. A build that needs a removed stage makes it again. Several
+    processes may collect at the same time.
     """
     cutoff = store.now() - timedelta(seconds=older_than_s)
     sizes: dict[str, int] = {}
@@ -195,7 +198,10 @@ def collect_stages(store: Store, older_than_s: float, *, max_bytes: int | None =
         if times[key] > cutoff and (max_bytes is None or total <= max_bytes):
             break
         folder = f"{ROOT}/{key}"
-        for name in (f"{folder}/{RECORD}", *store.list(folder)):  # without its record it does not exist
+        for name in (
+            f"{folder}/{RECORD}",
+            *store.list(folder),
+        ):  # the record first: without it the stage does not exist
             store.delete(name)
         total -= sizes[key]
         removed.append(key)

@@ -1,8 +1,9 @@
-"""Which URLs a caller may have fetched. None by default: a service that fetches anything is a way into
-the network behind it.
+r"""Policy for URLs of sources that callers may name.
 
-Servers differ in how they read an odd path: one decodes ``%2e%2e`` before it looks for the file, the next
-takes ``..;`` or ``\\`` for a step up. So a URL is allowed only when there is one way to read it.
+By default no URL is allowed: a service that fetches any URL gives access to the network behind it.
+
+Servers read unusual paths in different ways. One decodes ``%2e%2e`` before it looks for the file, another
+takes ``..;`` or ``\`` for a step up. So a URL is allowed only if there is just one way to read it.
 """
 
 from __future__ import annotations
@@ -21,16 +22,16 @@ _NEVER_ENCODED = _UNRESERVED | frozenset(b"/\\%;") | frozenset(range(0x20)) | {0
 
 
 def check_source_url(url: str, allowed: Iterable[str]) -> str:
-    """The URL itself, when it lies below an allowed prefix: same scheme, same host, path within.
+    """Returns the URL if it is below an allowed prefix: same scheme, same host, path within.
 
     Raises:
-        InvalidOption: it does not, or it can be read in more than one way.
+        InvalidOption: it is not, or it can be read in more than one way.
     """
     parts = _split(url)
     if parts.username is not None or parts.password is not None:
-        raise InvalidOption("a source URL holds no secrets")
+        raise InvalidOption("a source URL must not contain secrets")
     if parts.fragment or (parts.query and parts.scheme not in ("http", "https")):
-        # a store URL's query names its endpoint: that is the operator's to choose
+        # the query of a store URL names its endpoint, which only the operator may choose
         raise InvalidOption("a source URL of an object store has no query")
     path = _plain_path(parts.path)
     for prefix in allowed:
@@ -57,22 +58,22 @@ def _split(url: str) -> SplitResult:
 
 
 def _plain_path(path: str) -> str:
-    """The path decoded once. Every reader comes to the same: nothing is left to decode, to fold or to climb.
+    """Decode a path that every server reads in the same way.
 
     Raises:
-        InvalidOption: readers could differ about it.
+        InvalidOption: servers could read the path differently.
     """
     for escape in _ESCAPE.finditer(path):
         if escape[1] is None or int(escape[1], 16) in _NEVER_ENCODED:
-            raise InvalidOption(f"the path of a source URL does not encode {escape[0]!r}")
+            raise InvalidOption(f"the path of a source URL must not encode {escape[0]!r}")
     try:
         plain = unquote_to_bytes(path).decode("utf-8")
     except UnicodeDecodeError:
-        raise InvalidOption("the path of a source URL is UTF-8") from None
+        raise InvalidOption("the path of a source URL must be UTF-8") from None
     folded = unicodedata.normalize("NFKC", plain)  # a full-width dot or slash becomes a plain one
     if len(re.findall(r"[./\\;%]", folded)) != len(re.findall(r"[./\\;%]", plain)) or ";" in plain:
         raise InvalidOption("the path of a source URL has a character that some servers read as another")
     segments = plain.split("/")[1:]
     if any(segment in (".", "..") for segment in segments) or "" in segments[:-1]:
-        raise InvalidOption("a source URL does not climb, and has no empty part")
+        raise InvalidOption("a source URL must not have '.', '..' or empty parts in its path")
     return plain

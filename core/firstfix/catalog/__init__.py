@@ -1,1 +1,1 @@
-"""Maps and their versions in a store: publish, read, cache, uploads, georeferences."""
+"""Maps and their versions in a store: publication, reading, cache, sources, uploads, georeferences."""

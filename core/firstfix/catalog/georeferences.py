@@ -1,6 +1,6 @@
-"""The georeferences of the maps in an object store: numbered records of which the last one counts.
+"""Georeferences of the maps in a store: numbered records, of which the last one is valid.
 
-    maps/<map_id>/georeference/000001.json    create-only: a georeference, or null: there is none any more
+    maps/<map_id>/georeference/000001.json    created once: a georeference, or null if it was removed
 
 A georeference belongs to the map, not to a version: all versions of a map are in one frame.
 """
@@ -22,17 +22,17 @@ _MAX_RACES = 50
 
 
 class Georeferences:
-    """Georeferences by map. Thread-safe. Every method raises InvalidOption for an id that is none."""
+    """Georeferences by map. Thread-safe. Every method raises InvalidOption for an invalid id."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
 
     def get(self, map_id: str) -> Georeference | None:
-        """The one that counts, or None.
+        """Valid georeference of a map, or None.
 
         Raises:
-            UnreadableRecord: it is damaged: a pose at a wrong place is worse than none, so the one before
-                does not count again.
+            UnreadableRecord: the last record is damaged. The one before does not become valid again, because
+                a pose at a wrong place is worse than none.
         """
         last = self._last(map_id)
         if not last:
@@ -40,8 +40,10 @@ class Georeferences:
         return read_record(self._store, _key(map_id, last), RecordKind.GEOREFERENCE, parse_georeference)
 
     def set(self, map_id: str, georeference: Georeference | None) -> None:
-        """Lets this one count from now on; None takes the last one back. Of two at once both are kept,
-        and the one with the higher number counts."""
+        """Set the georeference of a map; None removes it.
+
+        If two are set at the same time, the one with the higher number is valid.
+        """
         content = None if georeference is None else georeference.to_mapping()
         data = json.dumps(content, sort_keys=True, allow_nan=False).encode("ascii")
         for _ in range(_MAX_RACES):
@@ -50,15 +52,16 @@ class Georeferences:
         raise StoreUnavailable(f"map {map_id}: {_MAX_RACES} races for a georeference lost in a row")
 
     def _last(self, map_id: str) -> int:
-        """Number of the last record; 0: there is none."""
+        """Number of the last record; 0 if there is none."""
         names = [key.rsplit("/", 1)[-1] for key in self._store.list(_folder(map_id))]
         return max((int(match[1]) for name in names if (match := _RECORD_NAME.fullmatch(name))), default=0)
 
 
 def parse_georeference(record: dict[str, Any] | None) -> Georeference | None:
-    """
+    """Parse a record.
+
     Raises:
-        InvalidOption: no georeference.
+        InvalidOption: it is not a georeference.
     """
     return None if record is None else Georeference.from_mapping(record)
 

@@ -1,8 +1,7 @@
-"""The manifest of a map version: what it is made of, and so its name.
+"""Manifest of a version: its files, configs and measurements. Its sha256 names the version.
 
-A version is named by the sha256 of its manifest's canonical JSON. The manifest covers content and
-config only: no time, no host, no path, so that the same map and config give the same version
-wherever and however often they are built.
+The digest is that of the manifest's canonical JSON. The manifest covers content and config only, no time,
+host or path. So the same map and config give the same version, wherever and however often they are built.
 """
 
 from __future__ import annotations
@@ -35,21 +34,21 @@ class FileEntry:
 
 @dataclass(frozen=True)
 class Manifest:
-    """What a version is made of.
+    """Manifest of a version.
 
-    Values may be given with numpy numbers, arrays and tuples inside: they are kept as plain JSON.
+    Values may contain numpy numbers, arrays and tuples: they are stored as plain JSON.
 
     Attributes:
-        files: name relative to the version's folder, ``/`` between segments.
-        engine: config of the search, read back by whoever loads the version.
-        config: the build's config.
-        sensor: the sensor model of the templates.
-        origin: (3,) metres, added to local coordinates gives those of the source file.
-        source: ``sha256`` of what it was built from.
-        counts: for people: templates, map points.
-        self_test: what the builder measured, calibration and localizability included.
+        files: by name relative to the version's folder, with ``/`` between segments.
+        engine: config of the search, read by the process that loads the version.
+        config: config of the build.
+        sensor: sensor model of the templates.
+        origin: (3,) metres; local coordinates plus this are coordinates of the source file.
+        source: ``sha256`` of each source.
+        counts: numbers of templates and map points, for people.
+        self_test: measurements of the builder, with calibration and localizability.
         bounds: ((3,), (3,)) lowest and highest local coordinates, metres.
-        format: of the files and of this record.
+        format: format of the files and of this record.
     """
 
     files: Mapping[str, FileEntry]
@@ -64,14 +63,15 @@ class Manifest:
     format: int = FORMAT
 
     def __post_init__(self) -> None:
-        """
+        """Check and normalise the values.
+
         Raises:
-            InvalidOption: a file's name is no object key, or a value is no JSON (NaN among them).
+            InvalidOption: a file name is not an object key, or a value is not JSON (NaN is not).
         """
         for name in self.files:
             check_key(name)
             if name == FILE_NAME:
-                raise InvalidOption("a manifest does not list itself")
+                raise InvalidOption("a manifest must not list itself")
         for name in ("engine", "config", "sensor", "source", "counts", "self_test"):
             object.__setattr__(self, name, json.loads(_canonical(getattr(self, name))))
         object.__setattr__(self, "origin", tuple(float(v) for v in self.origin))
@@ -79,10 +79,10 @@ class Manifest:
 
     @classmethod
     def for_directory(cls, directory: Path, **values: Any) -> Manifest:
-        """The manifest of every file below a directory; ``values`` are the other fields.
+        """Manifest of all files below a directory. ``values`` are the other fields.
 
         Raises:
-            InvalidOption: as the constructor.
+            InvalidOption: a file name or value is invalid.
         """
         entries = {
             path.relative_to(directory).as_posix(): FileEntry(path.stat().st_size, sha256_of(path))
@@ -93,28 +93,30 @@ class Manifest:
 
     @property
     def digest(self) -> str:
-        """The version's name: 64 hex characters."""
+        """SHA-256 that names the version, 64 hex characters."""
         return hashlib.sha256(self.to_json()).hexdigest()
 
     @property
     def total_bytes(self) -> int:
+        """Size of all files together."""
         return sum(entry.bytes for entry in self.files.values())
 
     def to_mapping(self) -> dict[str, Any]:
+        """JSON-ready form."""
         files = {name: {"bytes": entry.bytes, "sha256": entry.sha256} for name, entry in self.files.items()}
         return {**{f.name: getattr(self, f.name) for f in fields(self)}, "files": files}
 
     def to_json(self) -> bytes:
-        """Canonical: sorted keys, no spaces, ASCII, floats as their shortest repr."""
+        """Canonical JSON: sorted keys, no spaces, ASCII, floats in their shortest form."""
         return _canonical(self.to_mapping())
 
     @classmethod
     def from_json(cls, data: bytes) -> Manifest:
-        """What ``to_json`` gave.
+        """Parse the result of ``to_json``.
 
         Raises:
-            IncompatibleVersion: another format, or fields that this reader does not know.
-            CorruptVersion: not a manifest, or not in canonical form.
+            IncompatibleVersion: the manifest has another format, or unknown fields.
+            CorruptVersion: the data is not a manifest, or not in canonical form.
         """
         if len(data) > MAX_BYTES:
             raise CorruptVersion(f"a manifest of {len(data)} bytes")
@@ -122,11 +124,11 @@ class Manifest:
             mapping = json.loads(data)
             found = mapping["format"]
         except (ValueError, KeyError, TypeError, RecursionError):
-            raise CorruptVersion("the manifest is no JSON object with a format") from None
+            raise CorruptVersion("the manifest is not a JSON object with a format") from None
         if found != FORMAT or type(found) is not int:
             raise IncompatibleVersion(
-                f"the version has format {found!r}, this release reads format {FORMAT}: build the map again with "
-                "`firstfix maps rebuild MAP`, or hand it in again (POST /maps)"
+                f"the version has format {found!r}, this release reads format {FORMAT}: build the map again "
+                "with `firstfix maps rebuild MAP`, or submit it again (POST /maps)"
             )
         unknown = set(mapping) - {f.name for f in fields(cls)}
         if unknown:
@@ -141,19 +143,20 @@ class Manifest:
         return manifest
 
     def verify_directory(self, directory: Path) -> None:
-        """Reads every file of the version and compares size and sha256. Others are not looked at.
+        """Read every file of the version and compare size and sha256. Ignores other files.
 
         Raises:
-            CorruptVersion: names the file that is missing or differs.
+            CorruptVersion: a file is missing or differs; the message names it.
         """
         for name, entry in self.files.items():
             verify_file(directory / name, name, entry)
 
 
 def verify_file(path: Path, name: str, entry: FileEntry) -> None:
-    """
+    """Compare size and sha256 of a file with its entry.
+
     Raises:
-        CorruptVersion: the file is missing, or its size or sha256 is not the entry's.
+        CorruptVersion: the file is missing or differs.
     """
     try:
         size = path.stat().st_size
@@ -168,7 +171,7 @@ def verify_file(path: Path, name: str, entry: FileEntry) -> None:
 def _entry(item: Mapping[str, Any]) -> FileEntry:
     entry = FileEntry(**item)
     if type(entry.bytes) is not int or entry.bytes < 0 or not _SHA256.fullmatch(entry.sha256):
-        raise ValueError(f"no size and sha256: {item}")
+        raise ValueError(f"not a size and a sha256: {item}")
     return entry
 
 
@@ -176,7 +179,7 @@ def _canonical(value: Any) -> bytes:
     try:
         text = json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False, default=_plain)
     except (TypeError, ValueError) as error:
-        raise InvalidOption(f"no JSON: {error}") from None
+        raise InvalidOption(f"not JSON: {error}") from None
     return text.encode("ascii")
 
 

@@ -1,7 +1,7 @@
-"""Queries that were kept as they came, to be looked at and asked again.
+"""Samples of queries, stored as they were received, for inspection and replay.
 
-    samples/<sample_id>.body    the bytes of the query, in its own encoding
-    samples/<sample_id>.json    what was asked and answered; written last: without it there is no sample
+    samples/<sample_id>.body    body of the query, in its own encoding
+    samples/<sample_id>.json    request and answer; written last: without it there is no sample
 
 Ids begin with the time, so that they sort by age.
 """
@@ -21,20 +21,20 @@ from ..store.json_record import RecordKind, read_record, text_of, texts_of, whol
 from ..store.store import Store
 
 FOLDER = "samples"
-REPLAY = "replay-"  # begins the request id of a query that is asked again: it is not kept a second time
+REPLAY = "replay-"  # prefix of the request id of a replayed query, which is not sampled again
 _ID = re.compile(r"(\d{8}t\d{12})-[0-9a-f]{8}")
 _TIME_FORM = "%Y%m%dt%H%M%S%f"
 
 
 @dataclass(frozen=True)
 class QuerySample:
-    """One kept query, without its body.
+    """Sampled query without its body.
 
     Attributes:
-        sample_id: of the time and 8 random hex characters.
-        time: when it was answered, UTC, ISO 8601.
-        map_id: as asked: one, several separated by commas, or none.
-        options: as asked, in the form of ``LocalizeOptions.from_strings``.
+        sample_id: time and 8 random hex characters.
+        time: time of the answer, UTC, ISO 8601.
+        map_id: as in the request: one, several separated by commas, or empty.
+        options: as in the request, in the form of ``LocalizeOptions.from_strings``.
         answer: ``Localization.to_mapping``.
     """
 
@@ -52,30 +52,35 @@ class QuerySample:
     service_version: str = field(default="")
 
     def is_about(self, map_id: str) -> bool:
-        """Whether the map was asked for, or answered."""
+        """Returns whether the map is in the request or the answer."""
         return map_id in (*self.map_id.split(","), self.answer.get("map_id"))
 
 
 class QuerySamples:
-    """The samples in a store. Thread-safe. Every method raises StoreUnavailable or StoreError as the store
-    does, InvalidOption for an id that is none."""
+    """Samples in a store. Thread-safe.
+
+    Every method raises StoreUnavailable or StoreError if the store fails, and InvalidOption for an invalid
+    id.
+    """
 
     def __init__(self, store: Store) -> None:
         self._store = store
 
     def put(self, sample: QuerySample, body: bytes) -> None:
+        """Store a sample."""
         self._store.put(_key(sample.sample_id, "body"), body)
         self._store.put(_key(sample.sample_id, "json"), json.dumps(asdict(sample), sort_keys=True).encode())
 
     def ids(self) -> list[str]:
-        """Oldest first."""
+        """Ids of all samples, oldest first."""
         names = [key.rpartition("/")[2] for key in self._store.list(FOLDER)]
         return [name[: -len(".json")] for name in names if name.endswith(".json") and _ID.match(name)]
 
     def get(self, sample_id: str) -> QuerySample:
-        """
+        """Read a sample.
+
         Raises:
-            NotFound: no such sample, or no longer.
+            NotFound: no such sample, or it was removed.
             UnreadableRecord: its record is damaged.
         """
         try:
@@ -84,27 +89,29 @@ class QuerySamples:
             raise NotFound(f"no sample {sample_id}") from None
 
     def each(self) -> Iterator[QuerySample]:
-        """Oldest first, but those that were removed meanwhile or cannot be read."""
+        """Read all samples, oldest first. Skips damaged ones and those removed meanwhile."""
         for sample_id in self.ids():
             with suppress(NotFound, UnreadableRecord):
                 yield self.get(sample_id)
 
     def body(self, sample_id: str) -> bytes:
-        """
+        """Body of a sample's query.
+
         Raises:
-            NotFound: no such sample, or no longer.
+            NotFound: no such sample, or it was removed.
         """
         return self._store.get(_key(sample_id, "body"))
 
     def delete(self, sample_id: str) -> None:
+        """Remove a sample. A missing sample is no error."""
         for ending in ("json", "body"):  # the record first: without it there is no sample
             self._store.delete(_key(sample_id, ending))
 
     def prune(self, *, older_than_s: float, max_bytes: int) -> int:
-        """Removes what is too old by the store's times, then the oldest until the rest is within max_bytes.
+        """Remove samples of this age by the store's clock, then the oldest until ``max_bytes`` are left.
 
         Returns:
-            the bytes that are left.
+            Size of the rest in bytes.
         """
         cutoff = self._store.now() - timedelta(seconds=older_than_s)
         sizes: dict[str, int] = {}
@@ -124,9 +131,10 @@ class QuerySamples:
 
 
 def parse_sample(record: dict[str, Any]) -> QuerySample:
-    """
+    """Parse the record of a sample.
+
     Raises:
-        ValueError, KeyError, TypeError: not a sample's record.
+        ValueError, KeyError, TypeError: it is not the record of a sample.
     """
     sample = QuerySample(**record)
     for one in fields(QuerySample):
@@ -134,7 +142,7 @@ def parse_sample(record: dict[str, Any]) -> QuerySample:
             text_of(record, one.name, "")
     whole_number_of(record, "body_bytes")
     if not isinstance(sample.options, dict):
-        raise TypeError("options is no object")
+        raise TypeError("options is not an object")
     text_of(record["answer"], "verdict")
     texts_of(record["answer"], "reasons")
     float(record["answer"]["probability"])
@@ -142,7 +150,7 @@ def parse_sample(record: dict[str, Any]) -> QuerySample:
 
 
 def new_sample_id(random_hex: str, now: datetime) -> str:
-    """Of 8 hex characters and a UTC time."""
+    """Make an id from 8 hex characters and a UTC time."""
     return f"{now.strftime(_TIME_FORM)}-{random_hex}"
 
 

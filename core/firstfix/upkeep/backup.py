@@ -1,16 +1,16 @@
-"""A store into another one: a backup, its restoration, a move to another cloud.
+"""Copy of a store to another one: a backup, its restoration, or a move to another cloud.
 
-What lasts is copied: maps, with their logs, sources and georeferences; builds; API keys. Not copied are
-``stages/``, ``uploads/``, ``idempotency/``, ``callers/``, ``changes/`` and ``checked/``, which make
-themselves anew, and ``samples/``.
+It copies maps with their logs, sources and georeferences, builds, and API keys. It does not copy ``stages/``,
+``uploads/``, ``idempotency/``, ``callers/``, ``changes/`` and ``checked/``, which are made again when needed,
+nor ``samples/``.
 
-Both stores may be in use. The logs are read first and written last: so every version that the copy's logs
-name was whole when it was read, and nobody who reads the copy sees a version before its files. Nothing is
-removed or, but for the state of a build and what is damaged in the copy, replaced: a copy that was broken off
-is gone on with, and one of yesterday is brought up to date.
+Both stores may be in use. The logs are read first and written last. So every version in the copy's logs was
+whole when it was read, and readers of the copy never see a version before its files. Nothing is removed, and
+nothing is replaced except the status of builds and damaged objects. So an interrupted copy can be continued,
+and an older one can be updated.
 
-A file that the copy has is compared by its sha256, not by its size alone: it is read there once in
-``CHECKED_FOR`` (``firstfix.upkeep.checked_objects``), and copied again where it differs.
+A file that the copy already has is compared by its sha256, not only by its size. For this it is read once in
+``CHECKED_FOR`` (``firstfix.upkeep.checked_objects``), and copied again if it differs.
 """
 
 from __future__ import annotations
@@ -35,21 +35,20 @@ from .checked_objects import CheckedObjects
 from .record_kinds import why_unreadable
 
 _AT_ONCE = 4
-_REPLACED = ("/status.json", "/stages.json")  # of a build; everything else is created once
+_REPLACED = ("/status.json", "/stages.json")  # of a build; all other objects are created once
 _FOLDERS = ("maps", "builds", "keys")
 CHECKED_FOR = timedelta(days=30)
 
 
 @dataclass
 class CopyReport:
-    """What a copy did.
+    """Result of a copy.
 
     Attributes:
-        objects: that were copied.
-        bytes: of them.
-        mended: keys that the target had, but not as their name or manifest says: they were copied again.
-        damaged: keys in the source that are missing, cannot be read, or are not what their name or manifest
-            says. Not copied.
+        objects: number of copied objects.
+        bytes: size of the copied objects.
+        mended: keys that were damaged in the target and were copied again.
+        damaged: keys that are missing or damaged in the source. They are not copied.
     """
 
     objects: int = 0
@@ -59,12 +58,12 @@ class CopyReport:
 
 
 def copy_store(source: Store, target: Store) -> CopyReport:
-    """Copies what lasts, and checks every file by its sha256 on the way.
+    """Copy a store, and verify every file by its sha256 on the way.
 
     Raises:
-        Conflict: the target has something else under a key: it is no copy of the source. If it is a map's
-            log, nothing was written.
-        StoreError, ReadOnly: as the stores; to repeat it is to go on.
+        Conflict: the target has other content under a key, so it is not a copy of the source. If the key is
+            in a map's log, nothing was written.
+        StoreError, ReadOnly: a store failed. A repeated call continues.
     """
     return _Copy(source, target).run()
 
@@ -73,8 +72,8 @@ class _Copy:
     def __init__(self, source: Store, target: Store) -> None:
         self._source = source
         self._target = target
-        self._there: dict[str, StoredObject] = {}  # what the target has, by key
-        self._copied: set[str] = set()  # files of the map under way that are right there now
+        self._there: dict[str, StoredObject] = {}  # objects of the target, by key
+        self._copied: set[str] = set()  # verified files of the current map in the target
         self._report = CopyReport()
 
     def run(self) -> CopyReport:
@@ -83,7 +82,7 @@ class _Copy:
         logs = {map_id: self._read_log(map_id) for map_id in map_ids}
         for log in logs.values():
             for key in log.keys() & self._there.keys():
-                self._is_to_mend(key, log[key])
+                self._needs_repair(key, log[key])
         builds = self._source.list("builds")  # before the sources, which are put before the builds
         for map_id in logs:
             self._copy_files_of(map_id)
@@ -98,15 +97,15 @@ class _Copy:
         return self._report
 
     def _read(self, folder: str) -> dict[str, bytes]:
-        """The small objects of a folder, in their order."""
+        """Read the small objects of a folder, in order."""
         return {key: self._source.get(key) for key in self._source.list(folder)}
 
     def _read_log(self, map_id: str) -> dict[str, bytes]:
-        """Entries, then the snapshots, which may have summed up some that were collected by now."""
+        """Read entries, then snapshots, which may contain entries that were collected meanwhile."""
         return {**self._read(f"maps/{map_id}/log"), **self._read(f"maps/{map_id}/snapshots")}
 
     def _copy_files_of(self, map_id: str) -> None:
-        """Sources, and what its log lets be served."""
+        """Copy the sources of a map, and the versions that can be served."""
         checked = CheckedObjects(self._target, map_id)
         self._copy_sources(map_id, checked)
         state = MapLog(self._source, f"maps/{map_id}/log").state()
@@ -120,7 +119,7 @@ class _Copy:
         checked.save(set(there))
 
     def _write(self, objects: Mapping[str, bytes]) -> bool:
-        """Whether there was anything new."""
+        """Put records that the target lacks. Returns whether there were any."""
         before = self._report.objects
         for key, data in objects.items():
             if why_unreadable(key, data) is not None:
@@ -131,7 +130,7 @@ class _Copy:
                     continue
                 self._target.put(key, data)
             elif key in self._there or not self._target.put_new(key, data):
-                if not self._is_to_mend(key, data):
+                if not self._needs_repair(key, data):
                     continue
                 self._mend(key, data)
             self._count(len(data))
@@ -141,18 +140,18 @@ class _Copy:
         self._target.put(key, data)
         self._report.mended.append(key)
 
-    def _is_to_mend(self, key: str, data: bytes) -> bool:
-        """Whether the record there is damaged, and this one is not.
+    def _needs_repair(self, key: str, data: bytes) -> bool:
+        """Returns whether the target's record is damaged and the source's is not.
 
         Raises:
-            Conflict: it is another one. A snapshot is made of entries, of which it skips what its writer
-                could not read: so two of the same entries can differ.
+            Conflict: the records differ and neither is damaged. Snapshots of the same entries may differ in
+                the entries that their writers could not read.
         """
         there = self._target.get(key)
         if there == data or why_unreadable(key, data) is not None:
             return False
         if why_unreadable(key, there) is None and not _are_alike(key, there, data):
-            raise Conflict(f"{key} is another one there: the target is no copy of this store")
+            raise Conflict(f"{key} has other content in the target: it is not a copy of this store")
         return why_unreadable(key, there) is not None
 
     def _count(self, size: int) -> None:
@@ -165,7 +164,7 @@ class _Copy:
         self._report.damaged += filter(self._source.exists, damaged)  # others were collected meanwhile
 
     def _copy_version(self, folder: str, version: str, checked: CheckedObjects) -> None:
-        """Its files, then its manifest. Of any format: what this program cannot serve another one can."""
+        """Copy a version's files, then its manifest. Of any format: another release can serve it."""
         key = f"{folder}/{FILE_NAME}"
         try:
             manifest = self._source.get(key)
@@ -187,7 +186,11 @@ class _Copy:
             self._mend(key, manifest)
 
     def _copy_files(self, wanted: Mapping[str, str], checked: CheckedObjects) -> list[str]:
-        """The keys that are damaged. Args: wanted: keys, with the sha256 that they must have."""
+        """Copy files. Returns the keys of damaged ones.
+
+        Args:
+            wanted: keys with their sha256.
+        """
         damaged = []
         with ThreadPoolExecutor(_AT_ONCE, thread_name_prefix="copy") as pool:
             todo = [
@@ -207,7 +210,7 @@ class _Copy:
         return damaged
 
     def _copy_file(self, wanted: tuple[str, str]) -> int | None:
-        """Bytes that were copied, 0: it was there; None: it is damaged."""
+        """Copy a file. Returns its size; 0 if the target has it; None if it is damaged."""
         key, sha256 = wanted
         try:
             if key in self._there and self._target.sha256(key) == sha256:
@@ -220,11 +223,11 @@ class _Copy:
 
 
 def pieces_of(store: Store, key: str, sha256: str) -> Iterator[bytes]:
-    """An object's pieces, checked as they pass.
+    """Read an object piece by piece, and verify its sha256.
 
     Raises:
         NotFound: no such key.
-        CorruptVersion: after the last piece: it has another sha256.
+        CorruptVersion: the object has another sha256; raised after the last piece.
     """
     digest = hashlib.sha256()
     for piece in store.pieces(key):

@@ -1,9 +1,9 @@
-"""Which files of a map were read and found right, and when: so that they are not read again every day.
+"""Record of the files of a map that were verified lately, so that they are not read again every day.
 
-    checked/<map_id>.json    for each key: which put it was of, and when it was read
+    checked/<map_id>.json    for each key: time and ETag of its put, and the time of the check
 
-It is a hint: of two writers the last one counts, and where it is lost everything is read once more. A file
-that was put again since has another time or ETag, and is read again.
+It is only a hint: of two writers the last one wins, and if it is lost all files are read again. A file that
+was put again since has another time or ETag, and is read again.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ FOLDER = "checked"
 
 
 class CheckedObjects:
-    """Of one map. For one thread.
+    """Verified files of one map. Not thread-safe.
 
     Raises:
-        StoreUnavailable, StoreError: as the store.
+        StoreUnavailable, StoreError: the store failed.
     """
 
     def __init__(self, store: Store, map_id: str) -> None:
         self._store = store
         self._key = f"{FOLDER}/{check_map_id(map_id)}.json"
         self._changed = False
-        self._now = store.now()  # of the round: what counts are days
+        self._now = store.now()  # for the whole round: only days matter
         try:
             self._checked = read_record(store, self._key, RecordKind.CHECKED_OBJECTS, parse_checked)
         except (NotFound, UnreadableRecord):
             self._checked = {}
 
     def is_fresh(self, item: StoredObject, max_age: timedelta) -> bool:
-        """Whether it was found right so lately, and not put again since."""
+        """Returns whether the object was verified within ``max_age`` and not put again since."""
         put, checked = self._checked.get(item.key, ("", ""))
         if put != _put_of(item):
             return False
@@ -46,16 +46,16 @@ class CheckedObjects:
         return timedelta() <= age < max_age
 
     def note(self, item: StoredObject) -> None:
-        """It was read now and found right."""
+        """Note that the object is verified now."""
         self._checked[item.key] = (_put_of(item), self._now.isoformat())
         self._changed = True
 
     def drop(self, key: str) -> None:
-        """It was found damaged, or is gone."""
+        """Forget an object that is damaged or gone."""
         self._changed |= self._checked.pop(key, None) is not None
 
     def save(self, kept: set[str]) -> None:
-        """Puts what is known, if it changed, of those keys alone."""
+        """Put the record if it changed, with these keys only."""
         for key in self._checked.keys() - kept:
             self.drop(key)
         if self._changed:
@@ -64,9 +64,10 @@ class CheckedObjects:
 
 
 def parse_checked(record: dict[str, Any]) -> dict[str, tuple[str, str]]:
-    """
+    """Parse the record.
+
     Raises:
-        ValueError, KeyError, TypeError, AttributeError: not what ``save`` puts.
+        ValueError, KeyError, TypeError, AttributeError: it is not what ``save`` puts.
     """
     checked = {str(key): (str(put), str(time)) for key, (put, time) in record["checked"].items()}
     for _, time in checked.values():

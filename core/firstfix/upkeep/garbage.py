@@ -1,18 +1,18 @@
-"""What nobody can see or ask for any more, over a whole store.
+"""Garbage collection of a whole store: objects that nothing refers to any more.
 
-    versions      files of retired versions, and of publishes that never ended
-    builds        records of builds that ended long ago and made no version that is still there
-    sources       uploaded files that no build on record names
-    uploads       files that were begun and abandoned
+    versions      files of retired versions, and of publications that never ended
+    builds        records of builds that ended long ago and whose version is not served
+    sources       sources that no recorded build refers to
+    uploads       uploads that were abandoned
     idempotency   keys of requests that nobody repeats any more
-    logs          entries of maps' logs that snapshots have summed up
-    changes       notices of changes that everybody has read
-    callers       what was counted to callers on days that are over, and builds that nobody put on record
-    leftovers     what processes that were killed left of a look at the store, of a put, or of a collection
+    logs          entries of maps' logs that are summed up in snapshots
+    changes       notices of changes that all readers have read
+    callers       usage of callers on past days, and builds that were never recorded
+    leftovers     probes, part files and announcements of killed processes
 
-A source is kept as long as the record of a build names it, and the record as long as the version that
-came out can be served: so what is served can always be built again. A build's record that cannot be read
-stays, and so do the sources that were there before it: which of them it names nobody can tell.
+A source is kept as long as the record of a build refers to it, and the record as long as the build's version
+can be served: so what is served can always be built again. A damaged record of a build stays, and so do all
+sources that are older than it, because nobody can tell which of them it refers to.
 """
 
 from __future__ import annotations
@@ -29,21 +29,21 @@ from ..catalog.log.log_garbage import change_garbage, leave_snapshot, log_garbag
 from ..errors import NotFound, UnreadableRecord
 from ..ids import check_map_id, is_name
 from ..store.store import StoredObject
-from .doomed_keys import FOLDER as DOOMED
-from .doomed_keys import announced
+from .pending_deletions import FOLDER as PENDING_DELETIONS
+from .pending_deletions import announce_deletion
 
 DAY_S = 86400.0
-USAGE_DAYS = 7  # entries of builds that wait for longer stop counting for their callers
+USAGE_DAYS = 7  # after this a waiting build no longer counts for its caller
 
 
 @dataclass(frozen=True)
 class Ages:
-    """How old a thing has to be, in seconds, before it can be garbage.
+    """Least ages of garbage in seconds.
 
     Attributes:
-        things_s: of any kind: a publish, an upload or a repeated request may be under way.
-        builds_s: since a build's last word.
-        logs_s: of entries of maps' logs that are in snapshots: a release that knows no snapshots needs them.
+        things_s: of any object: a publication, an upload or a repeated request may be in progress.
+        builds_s: since the last put of a build.
+        logs_s: of log entries that are in snapshots: readers that were stopped for long may still need them.
     """
 
     things_s: float = DAY_S
@@ -53,23 +53,24 @@ class Ages:
 
 @dataclass
 class Garbage:
-    """What was removed, or would be: kind to keys."""
+    """Removed keys by kind, or with a dry run those that would be removed."""
 
     keys: dict[str, list[str]] = field(default_factory=dict)
 
     @property
     def count(self) -> int:
+        """Number of the keys."""
         return sum(map(len, self.keys.values()))
 
 
 def collect_garbage(
     catalog: Catalog, *, map_id: str | None = None, ages: Ages | None = None, dry_run: bool = False
 ) -> Garbage:
-    """Removes what is garbage, of the whole store or of one map.
+    """Remove the garbage of the whole store or of one map.
 
     Raises:
-        InvalidOption: the map id is none.
-        StoreError: the store failed; what was removed by then stays removed.
+        InvalidOption: the map id is invalid.
+        StoreError: the store failed. What was removed before stays removed.
     """
     ages = ages or Ages()
     now = catalog.store.now()
@@ -96,27 +97,27 @@ def collect_garbage(
         if not dry_run:
             for kind in ("builds", "uploads", IDEMPOTENCY, CALLERS, "changes"):
                 _remove(catalog, found.keys[kind])
-        lists = [item.key for item in _older(catalog, DOOMED, cutoff)]
+        announcements = [item.key for item in _older(catalog, PENDING_DELETIONS, cutoff)]
         if not dry_run:
-            _remove(catalog, lists)
-        found.keys["leftovers"] = lists + catalog.store.remove_leftovers(
+            _remove(catalog, announcements)
+        found.keys["leftovers"] = announcements + catalog.store.remove_leftovers(
             older_than_s=ages.things_s, dry_run=dry_run
         )
     old = [item for name in map_ids for item in _older(catalog, f"maps/{name}/sources", cutoff)]
     gone = {key.split("/")[1] for key in found.keys.get("builds", ())}
-    unnamed = _unnamed(catalog, old, gone)
-    if unnamed and not dry_run:
-        # Announced, then looked at again: of a build that names one meanwhile either we see the record,
-        # or it sees the announcement.
-        with announced(catalog.store, [item.key for item in unnamed]):
-            unnamed = _unnamed(catalog, unnamed, gone)
-            _remove(catalog, [item.key for item in unnamed])
-    found.keys["sources"] = [item.key for item in unnamed]
+    unused = _unused_sources(catalog, old, gone)
+    if unused and not dry_run:
+        # Announced, then checked again: if a build refers to one meanwhile, either we see its record, or it
+        # sees the announcement.
+        with announce_deletion(catalog.store, [item.key for item in unused]):
+            unused = _unused_sources(catalog, unused, gone)
+            _remove(catalog, [item.key for item in unused])
+    found.keys["sources"] = [item.key for item in unused]
     return found
 
 
 def remove_abandoned(catalog: Catalog, *, older_than_s: float = DAY_S) -> Garbage:
-    """The part that a service does by itself: uploads and keys that nobody came back to.
+    """Remove abandoned uploads and old idempotency keys and usage: the part that a service does by itself.
 
     Raises:
         StoreError: the store failed.
@@ -133,15 +134,15 @@ def remove_abandoned(catalog: Catalog, *, older_than_s: float = DAY_S) -> Garbag
 
 
 def _logs(catalog: Catalog, map_ids: list[str], cutoff: datetime, *, dry_run: bool) -> list[str]:
-    doomed = []
+    garbage = []
     for map_id in map_ids:
         folder = log_folder(map_id)
         if not dry_run:
             leave_snapshot(catalog.store, folder)
-        doomed += log_garbage(catalog.store, folder, cutoff)
+        garbage += log_garbage(catalog.store, folder, cutoff)
     if not dry_run:
-        _remove(catalog, doomed)
-    return doomed
+        _remove(catalog, garbage)
+    return garbage
 
 
 def _older(catalog: Catalog, folder: str, cutoff: datetime) -> list[StoredObject]:
@@ -156,17 +157,17 @@ def _by_folder(
     catalog: Catalog,
     folder: str,
     cutoff: datetime,
-    doomed: Callable[[str], bool] = lambda name: True,
+    is_garbage: Callable[[str], bool] = lambda name: True,
 ) -> list[str]:
-    """Keys of the folder's own folders in which nothing happened since, and which are doomed."""
+    """Keys in those subfolders of a folder that have no newer object and are garbage."""
     items: dict[str, list[StoredObject]] = {}
     for item in catalog.store.scan(folder):
         items.setdefault(item.key.split("/")[1], []).append(item)
     return [
         item.key
         for name, inside in items.items()
-        if max(item.last_modified for item in inside) < cutoff and doomed(name)
-        # what makes the thing exist goes first: a kill half-way leaves nothing that seems whole
+        if max(item.last_modified for item in inside) < cutoff and is_garbage(name)
+        # the object that makes the thing exist goes first: a kill half-way leaves nothing that seems whole
         for item in sorted(inside, key=lambda item: not item.key.endswith(("/upload.json", "/request.json")))
     ]
 
@@ -174,14 +175,14 @@ def _by_folder(
 def _builds(catalog: Catalog, cutoff: datetime) -> list[str]:
     published: dict[str, tuple[str, ...]] = {}
 
-    def doomed(build_id: str) -> bool:
+    def is_garbage(build_id: str) -> bool:
         if not is_name(build_id):
             return False
         try:
             status = catalog.build_status(build_id)
-        except NotFound:  # what a removal that was killed left behind
+        except NotFound:  # left by a removal that was killed
             return True
-        except UnreadableRecord:  # it may have ended or not
+        except UnreadableRecord:  # nobody can tell whether it has ended
             return False
         if status["state"] not in FINAL_STATES:
             return False
@@ -192,22 +193,22 @@ def _builds(catalog: Catalog, cutoff: datetime) -> list[str]:
             published[map_id] = catalog.state(map_id).published
         return status["version"] not in published[map_id]
 
-    return _by_folder(catalog, "builds", cutoff, doomed)
+    return _by_folder(catalog, "builds", cutoff, is_garbage)
 
 
-def _unnamed(catalog: Catalog, found: list[StoredObject], gone: set[str]) -> list[StoredObject]:
-    """Those of the sources that no build names but the ones that are gone."""
+def _unused_sources(catalog: Catalog, found: list[StoredObject], gone: set[str]) -> list[StoredObject]:
+    """Sources that no build refers to, apart from builds that are gone."""
     if not found:
         return []
-    named: set[str] = set()
+    used: set[str] = set()
     unread: list[StoredObject] = []
     for build_id in catalog.build_ids():
         if build_id not in gone:
             try:
-                named.update(_sources_of(catalog, build_id))
+                used.update(_sources_of(catalog, build_id))
             except UnreadableRecord:
                 unread += catalog.store.scan(f"builds/{build_id}")
-    return [item for item in found if item.key not in named and not _may_be_named(item, unread)]
+    return [item for item in found if item.key not in used and not _may_be_used(item, unread)]
 
 
 def _sources_of(catalog: Catalog, build_id: str) -> list[str]:
@@ -220,8 +221,8 @@ def _sources_of(catalog: Catalog, build_id: str) -> list[str]:
     return [*keys, *(f"{key}.{build_id}" for key in keys)]
 
 
-def _may_be_named(source: StoredObject, unread: list[StoredObject]) -> bool:
-    """Whether a request that cannot be read may be about the source: a source is put before the request."""
+def _may_be_used(source: StoredObject, unread: list[StoredObject]) -> bool:
+    """Returns whether a damaged request may refer to the source: a source is put before the request."""
     requests = (item for item in unread if item.key.endswith("/request.json"))
     return any(source.last_modified <= request.last_modified for request in requests)
 

@@ -1,4 +1,4 @@
-"""A map built once more, from the files that were handed in: when a release has another format."""
+"""Rebuild of a map from its sources, for a release with another format of versions."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from ..catalog.log.map_state import Event
 from ..errors import NotFound
 from ..ids import new_build_id
 from ..store.store import CHUNK_BYTES, Store
-from .doomed_keys import is_doomed
+from .pending_deletions import is_deletion_pending
 
 
 def rebuild(catalog: Catalog, map_id: str) -> str:
-    """Puts a build on record that does again what made the map's active version, whatever its format.
+    """Record a build that repeats the one of the map's active version, whatever its format.
 
-    Whoever runs the builds of the store finds it there.
+    The build workers of the store find it there.
 
     Returns:
-        the new build's id.
+        Id of the new build.
 
     Raises:
-        NotFound: no such map; or it has to be handed in again, as its active version was made without a
-            record or its files are gone.
-        InvalidOption: the id is none.
-        StoreError: as the store.
+        NotFound: no such map; or it must be submitted again, because its active version was built without a
+            record, or its sources are gone.
+        InvalidOption: the map id is invalid.
+        StoreError: the store failed.
     """
     state = catalog.state(map_id)
     if state.active is None:
@@ -36,27 +36,26 @@ def rebuild(catalog: Catalog, map_id: str) -> str:
         if (entry.event, entry.version) == (Event.PUBLISHED, state.active)
     )
     if not made_by:
-        raise NotFound(
-            f"the active version of map {map_id} was built without a record: hand the map in again"
-        )
+        raise NotFound(f"the active version of map {map_id} was built without a record: submit the map again")
     request = catalog.build_request(made_by)
     _check_files(catalog.store, map_id, request)
-    for name in ("traceparent", "owner"):  # of a request long ago, and of who made that
+    for name in ("traceparent", "owner"):  # of the old request and its caller
         request.pop(name, None)
     build_id = new_build_id()
     catalog.put_build(build_id, request)
-    # As for a map that is handed in; where a file has just gone, the build fails and this says why.
+    # As for a submitted map. If a source has just been removed, the build fails and this error says why.
     _check_files(catalog.store, map_id, request, own_copy_for=build_id)
     return build_id
 
 
 def _check_files(store: Store, map_id: str, request: Mapping[str, Any], *, own_copy_for: str = "") -> None:
-    """
+    """Check that the sources of a request are there.
+
     Args:
-        own_copy_for: a build that is on record, and gets a copy of what somebody is about to remove.
+        own_copy_for: recorded build that gets its own copy of a source if its deletion is pending.
 
     Raises:
-        NotFound: a file that the request names is gone.
+        NotFound: a source is gone.
     """
     for role in ("source", "trajectory"):
         named = request.get(role)
@@ -64,10 +63,11 @@ def _check_files(store: Store, map_id: str, request: Mapping[str, Any], *, own_c
             continue
         key = str(named["key"])
         try:
-            doomed = bool(own_copy_for) and is_doomed(store, key)  # before the size: it may go in between
+            # before the size, because the source may be deleted in between
+            needs_copy = bool(own_copy_for) and is_deletion_pending(store, key)
             size = store.size(key)
-            if doomed:
+            if needs_copy:
                 pieces = (store.get_range(key, start, CHUNK_BYTES) for start in range(0, size, CHUNK_BYTES))
                 store.put_pieces(f"{key}.{own_copy_for}", pieces)
         except NotFound:
-            raise NotFound(f"the {role} of map {map_id} is gone: hand the map in again") from None
+            raise NotFound(f"the {role} of map {map_id} is gone: submit the map again") from None

@@ -1,4 +1,4 @@
-"""Every kind of record that a store has: by which key it is known, and how it is read."""
+"""Kinds of records in a store: the keys of each kind, and its parser."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ FOLDERS = ("builds", "changes", "checked", "idempotency", "keys", "maps", "sampl
 
 @dataclass(frozen=True)
 class RecordForm:
-    """One kind of record.
+    """Keys and parser of one kind of record.
 
     Attributes:
-        pattern: of its keys; a group is given to the parser.
-        parse: the group, then the JSON object.
+        pattern: pattern of its keys; the parser gets its group.
+        parse: takes the group and the JSON object.
     """
 
     kind: RecordKind
@@ -37,14 +37,15 @@ class RecordForm:
     parse: Callable[[str, Any], object]
 
     def check(self, key: str, data: bytes) -> None:
-        """
+        """Parse a record.
+
         Raises:
-            ValueError: the record cannot be read.
+            ValueError: the record is damaged.
         """
         match = self.pattern.fullmatch(key)
         group = match[1] if match is not None and match.lastindex else ""
         if len(data) > max_bytes(self.kind):
-            raise ValueError(f"{len(data)} bytes are too many")
+            raise ValueError(f"it has {len(data)} bytes, too many for its kind")
         parse_record(
             data,
             lambda record: self.parse(group, record),
@@ -88,12 +89,12 @@ FORMS = (
 
 
 def form_of(key: str) -> RecordForm | None:
-    """The reader of the record under a key; None if it is no record."""
+    """Form of the record under a key; None if the key is not that of a record."""
     return next((form for form in FORMS if form.pattern.fullmatch(key)), None)
 
 
 def why_unreadable(key: str, data: bytes) -> str | None:
-    """Says what is wrong with a record; None if nothing is, or it is no record."""
+    """Reason why a record cannot be read; None if it can, or if the key is not that of a record."""
     form = form_of(key)
     try:
         if form is not None:

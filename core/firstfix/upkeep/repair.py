@@ -1,13 +1,14 @@
 """Repair of a store's damaged objects from other copies of their content.
 
-    a file of a version, a source   from any object or local copy of the same sha256
-    a build's status                from the map's log; else the build is queued again
-    an entry of a map's log         from a snapshot that keeps it
-    a notice of a change            a void one takes its number
-    every other record              is moved below ``quarantine/``: as if it were not there
+    file of a version, source    copied from any object or local file with the same sha256
+    status of a build            made from the map's log; otherwise the build is queued again
+    entry of a map's log         made from a snapshot that contains it
+    notice of a change           replaced by a void one
+    any other record             moved below ``quarantine/``, as if it did not exist
 
-Left as it is, for people: an entry of a log that no snapshot keeps, as its number must not be given twice;
-the georeference that counts, as the one before would give wrong positions; a version's manifest.
+Three kinds are left for people: an entry of a log that no snapshot contains, because its number must not be
+used twice; the valid georeference, because the one before would give wrong positions; and a version's
+manifest.
 """
 
 from __future__ import annotations
@@ -38,17 +39,17 @@ QUARANTINE = "quarantine"
 
 
 class Repair:
-    """For one round through a store, by one thread.
+    """Repair during one round through a store. Not thread-safe.
 
     Args:
-        cache: folder of fetched versions on this machine (``firstfix.catalog.versions.cache``).
+        cache: directory of the cache of versions on this machine (``firstfix.catalog.versions.cache``).
     """
 
     def __init__(self, store: Store, cache: Path | None = None) -> None:
         self._store = store
         self._catalog = Catalog(store)
         self._cache = cache
-        self._copies: dict[str, list[str]] | None = None  # sha256 to keys that should have it
+        self._copies: dict[str, list[str]] | None = None  # sha256 to the keys that should have it
         self._special: dict[RecordKind, Callable[[str], str]] = {
             RecordKind.BUILD_REQUEST: self._build_request,
             RecordKind.BUILD_STATUS: self._build_status,
@@ -58,7 +59,7 @@ class Repair:
         }
 
     def file(self, key: str, sha256: str) -> str:
-        """Puts the right content under a key; says from where. Empty: there is no other copy."""
+        """Put the right content under a key. Returns where it was copied from; empty if there is no copy."""
         for other in self._found_copies().get(sha256, ()):
             if other != key:
                 with suppress(NotFound, CorruptVersion):
@@ -71,7 +72,7 @@ class Repair:
         return ""
 
     def record(self, key: str, kind: RecordKind) -> str:
-        """Mends a record that cannot be read, or moves it aside; says which. Empty: it is left as it is."""
+        """Repair a damaged record or move it aside. Returns what was done; empty if nothing was."""
         return self._special.get(kind, self._aside)(key)
 
     def _aside(self, key: str) -> str:
@@ -84,7 +85,7 @@ class Repair:
             self._store.put_pieces(f"{QUARANTINE}/{key}", self._store.pieces(key))
 
     def _build_request(self, key: str) -> str:
-        """Without its request a build can neither run nor be looked at: all of it goes."""
+        """Move all records of a build aside: without its request it can neither run nor be shown."""
         build_id = key.split("/")[1]
         if has_open_attempt(self._store, build_id):
             return ""
@@ -109,7 +110,7 @@ class Repair:
         self._keep(key)
         status = new_status("succeeded", map_id=map_id, stage="publish", progress=1.0, version=published[-1])
         self._catalog.set_build_status(build_id, status)
-        return "written again: the map's log says that the build has succeeded"
+        return "written again: the map's log shows that the build has succeeded"
 
     def _log_entry(self, key: str) -> str:
         seq = number_of(key)
@@ -134,7 +135,7 @@ class Repair:
         return "" if number_of(key) == last else self._aside(key)
 
     def _found_copies(self) -> dict[str, list[str]]:
-        """Every object that should have a sha256, by what names it. Looked for once."""
+        """All objects by the sha256 that they should have. Listed once."""
         if self._copies is None:
             self._copies = {}
             for map_id in self._catalog.folder_names():
@@ -149,7 +150,7 @@ class Repair:
 
     def _copies_of(self, folder: VersionFolder) -> None:
         assert self._copies is not None
-        with suppress(FirstfixError):  # a version that cannot be read has nothing to give
+        with suppress(FirstfixError):  # a damaged version has no files to copy
             for name, entry in self._catalog.manifest(folder.map_id, folder.version).files.items():
                 self._copies.setdefault(entry.sha256, []).append(f"{folder.key}/{name}")
 

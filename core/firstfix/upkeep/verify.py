@@ -1,12 +1,12 @@
-"""Whether everything in a store is what its name, its manifest or its kind says, one object after another.
+"""Verification of all objects in a store against their names, manifests and kinds, one after another.
 
-    records      every kind can be read (``firstfix.upkeep.record_kinds``)
-    logs         no number is missing; what they publish has a manifest
-    versions     the manifest is the one that the version is named by, each file has its sha256
-    sources      each has the sha256 that it is named by
+    records      can be parsed (``firstfix.upkeep.record_kinds``)
+    logs         have no missing number; each published version has a manifest
+    versions     the manifest has the digest that names the version, each file the sha256 in the manifest
+    sources      have the sha256 in their name
 
 ``Verification.steps`` checks a little at a time, so that a service can do it in the background. With a
-``Repair`` what is damaged is mended where it can be. Nothing that is right is touched.
+``Repair`` damaged objects are repaired if possible. Intact objects are never changed.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ from .repair import Repair
 
 @dataclass(frozen=True)
 class Finding:
-    """One object that is not as it has to be.
+    """Damaged object.
 
     Attributes:
-        mended: what was done about it; empty: nothing could be.
+        mended: what was done about it; empty if nothing could be.
     """
 
     key: str
@@ -51,9 +51,9 @@ class VerifyReport:
     """Report of the objects checked so far.
 
     Attributes:
-        objects: that were read, or found missing.
-        bytes: that were read.
-        fresh: files that were not read, as they were found right lately.
+        objects: number of objects that were read or found missing.
+        bytes: number of bytes that were read.
+        fresh: number of files that were not read, because they were verified lately.
     """
 
     objects: int = 0
@@ -68,12 +68,12 @@ class VerifyReport:
 
 
 class Verification:
-    """One round through a store. For one thread.
+    """One round through a store. Not thread-safe.
 
     Args:
-        repair: mends what it can; None: nothing is written but what ``max_age`` needs.
-        max_age: files that were found right so lately, and not put again since, are passed over; and what is
-            found right is noted in the store. None: every file is read, and nothing is noted.
+        repair: repairs damaged objects; None: nothing is written except the notes of ``max_age``.
+        max_age: files that were verified within this time, and not put again since, are skipped; verified
+            files are noted in the store. None: every file is read, and nothing is noted.
     """
 
     def __init__(
@@ -85,22 +85,23 @@ class Verification:
         self.report = VerifyReport()
 
     def run(self) -> VerifyReport:
-        """All of it.
+        """Verify the whole store.
 
         Raises:
-            StoreUnavailable, StoreError: as the store.
+            StoreUnavailable, StoreError: the store failed.
         """
         for _ in self.steps():
             pass
         return self.report
 
     def steps(self) -> Iterator[int]:
-        """Checks, and gives the bytes that were read after each little step, an object or a part of one. The
-        maps come in another order every time: so one round of several that are broken off, or made at the
-        same time, reaches what another one does not.
+        """Verify the store in small steps, each an object or a part of one. Yields the bytes that each read.
+
+        The order of the maps is random. So several rounds that are interrupted, or run at the same time,
+        cover different maps.
 
         Raises:
-            StoreUnavailable, StoreError: as the store.
+            StoreUnavailable, StoreError: the store failed.
         """
         for folder in FOLDERS:
             if folder != "maps":
@@ -116,7 +117,7 @@ class Verification:
         for number in state.skipped:
             key = f"{log_folder(map_id)}/{number:06d}.json"
             if key not in items:
-                self._found(key, "an entry of the log is missing: what it said is not known")
+                self._found(key, "an entry of the log is missing")
         checked = None if self._max_age is None else CheckedObjects(self._store, map_id)
         for version in state.published:
             folder = VersionFolder(map_id, version, state.generation(version))
@@ -135,8 +136,10 @@ class Verification:
             data = self._store.get(key, max_bytes=MAX_MANIFEST_BYTES)
         except NotFound:
             state = MapLog(self._store, log_folder(folder.map_id)).state()
-            if state.generations.get(folder.version) == folder.generation:  # else it was retired meanwhile
-                self._found(key, "the log says that this version can be served, and it has no manifest")
+            if (
+                state.generations.get(folder.version) == folder.generation
+            ):  # otherwise it was retired meanwhile
+                self._found(key, "the log has this version as published, but it has no manifest")
             return
         except TooLarge as error:
             self._found(key, str(error))
@@ -144,7 +147,7 @@ class Verification:
         self._count(len(data))
         yield len(data)
         if hashlib.sha256(data).hexdigest() != folder.version:
-            self._found(key, "the manifest is not the one that the version is named by")
+            self._found(key, "the manifest has another digest than the version")
             return
         files: dict[str, Any] = json.loads(data)["files"]
         for name, entry in files.items():
@@ -169,7 +172,7 @@ class Verification:
             return
         if checked is not None:
             checked.drop(item.key)
-        self._found(item.key, "it has another sha256 than it is known by", sha256)
+        self._found(item.key, "it has another sha256 than its name or manifest says", sha256)
 
     def _sha256(self, key: str) -> Generator[int, None, str]:
         digest = hashlib.sha256()
@@ -192,7 +195,7 @@ class Verification:
             yield item.size_bytes
 
     def _why_unreadable(self, key: str, form: RecordForm) -> str:
-        """Empty: it can be read, or was removed meanwhile."""
+        """Reason why a record cannot be read; empty if it can, or was removed meanwhile."""
         try:
             form.check(key, self._store.get(key, max_bytes=max_bytes(form.kind)))
         except NotFound:

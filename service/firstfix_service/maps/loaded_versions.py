@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import structlog
 
-from firstfix.catalog.versions.cache import FolderLock
+from firstfix.catalog.versions.folder_lock import FolderLock
 
 from ..query_workers.base import QueryWorkers
 from ..query_workers.query import ServedVersion

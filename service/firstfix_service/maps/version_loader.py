@@ -11,7 +11,7 @@ from pathlib import Path
 import structlog
 
 from firstfix.catalog.catalog import Catalog
-from firstfix.catalog.versions.cache import FolderLock
+from firstfix.catalog.versions.folder_lock import FolderLock
 from firstfix.catalog.versions.prune import prune
 from firstfix.errors import VersionError
 

@@ -1,4 +1,4 @@
-"""Attempts at a build: one holder at a time, deaths counted by stage, nothing lost by a kill."""
+"""Attempts at a build: one claimant at a time, failures counted by stage, nothing lost by a kill."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_a_silent_holder_loses_the_build(store: Store) -> None:
     assert taken[-1].number == 2
     assert not one.beat(first), "it hears of it"
     one.end(first, AttemptEnd.ENDED)  # too late
-    with pytest.raises(BuildAttemptsExceeded, match=r"1 attempts died in the stage cluster.*not heard of"):
+    with pytest.raises(BuildAttemptsExceeded, match=r"1 attempts failed in the stage cluster.*no heartbeat"):
         attempts(store, "two", max_attempts=1).claim("b1", "cluster")
 
 
@@ -96,7 +96,7 @@ def test_three_deaths_in_one_stage_are_enough(store: Store) -> None:
     for how in (AttemptEnd.STOPPED, AttemptEnd.ENDED):
         died(store, "cluster", how)  # not held against it
     died(store, "cluster")
-    with pytest.raises(BuildAttemptsExceeded, match="3 attempts died in the stage cluster; the last"):
+    with pytest.raises(BuildAttemptsExceeded, match="3 attempts failed in the stage cluster; the last"):
         attempts(store, "two").claim("b1", "cluster")
     assert attempts(store, "two").claim("b2", "") is not None, "another build is another build"
 
@@ -104,7 +104,7 @@ def test_three_deaths_in_one_stage_are_enough(store: Store) -> None:
 def test_a_kill_of_the_holder_counts(store: Store) -> None:
     for _ in range(3):
         assert attempts(store, "one").claim("b1", "cluster") is not None
-    with pytest.raises(BuildAttemptsExceeded, match="the process that ran the build's worker ended"):
+    with pytest.raises(BuildAttemptsExceeded, match="the process that ran the build worker ended"):
         attempts(store, "one").claim("b1", "cluster")
     assert not has_open_attempt(store, "b1")
 

@@ -1,4 +1,4 @@
-"""Records of builds: made once, their status replaced, a wish to stop kept."""
+"""Records of builds: requests are created once, statuses replaced, cancellations kept."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stages in the store: whole or not there, checked when they are fetched, and gone when they are old."""
+"""Shared stages: whole or missing, verified when they are fetched, removed when they are old."""
 
 from __future__ import annotations
 

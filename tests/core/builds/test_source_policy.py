@@ -145,7 +145,7 @@ PIECES = st.sampled_from(
 
 
 def decodings(path: str) -> set[str]:
-    """The path as readers of all kinds may take it."""
+    """Paths that different servers may read from a URL."""
     found = {path}
     for _ in range(4):
         found |= {unquote(one) for one in found}

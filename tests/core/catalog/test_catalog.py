@@ -30,11 +30,11 @@ from firstfix.store.store import Store
 
 
 class Killed(BaseException):
-    """Like a kill, it is caught by nobody."""
+    """Exception that, like a kill, no code catches."""
 
 
 class DiesAfter(Store):
-    """A store whose user is killed after so many puts: right before the next, or just after it."""
+    """Store that kills its user after some puts: right before the next one, or just after it."""
 
     left = 10**9
     put_first = False
@@ -226,7 +226,7 @@ def test_every_damaged_file_is_refused_by_name(
 def test_after_a_start_of_the_machine_everything_is_verified_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A power cut may have taken bytes of a fetched file whose size and time are right."""
+    """A power cut may have destroyed bytes of a fetched file without changing its size and time."""
     catalog = Catalog(Store.open("memory://"))
     version = catalog.publish("hall", tmp_path / "made", make_version(tmp_path / "made"))
     path = catalog.fetch_version("hall", version, tmp_path / "cache") / "a.npy"

@@ -1,4 +1,4 @@
-"""The geographic pose against formulas of another origin: the parametric ellipse, numeric derivatives."""
+"""Geographic poses against independent formulas: the parametric ellipse and numeric derivatives."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ METRES = st.floats(-5000, 5000)
 
 
 def parametric_ecef(lat_deg: float, lon_deg: float, h_m: float) -> np.ndarray:
-    """By the reduced latitude and the normal of the ellipse: no radius of curvature, no eccentricity."""
+    """Position from the reduced latitude and the normal of the ellipse, without radius of curvature."""
     phi, lam = math.radians(lat_deg), math.radians(lon_deg)
     beta = math.atan2(B_M * math.sin(phi), A_M * math.cos(phi))
     across = A_M * math.cos(beta) + h_m * math.cos(phi)
@@ -33,7 +33,7 @@ def parametric_ecef(lat_deg: float, lon_deg: float, h_m: float) -> np.ndarray:
 
 
 def numeric_enu(lat_deg: float, lon_deg: float, h_m: float) -> np.ndarray:
-    """(3, 3) columns east, north, up: which way one moves when a coordinate grows."""
+    """(3, 3) columns east, north, up: derivatives of the position by each coordinate."""
     axes = []
     for step in ((0.0, 1e-4, 0.0), (1e-4, 0.0, 0.0), (0.0, 0.0, 1.0)):
         ahead, behind = (

@@ -1,4 +1,4 @@
-"""The order of replicas for a map: the same everywhere, even, and moved by as little as can be."""
+"""Order of replicas for a map: the same everywhere, balanced, and with few moves when a replica leaves."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ def source(tmp_path: Path) -> Path:
 
 
 class HeldSyncs:
-    """Every fsync of a thread waits until it is let go."""
+    """Makes every fsync of a thread wait until it is released."""
 
     def __init__(self, write: Callable[[], None], monkeypatch: pytest.MonkeyPatch) -> None:
         self.fsync = os.fsync
@@ -67,7 +67,7 @@ class HeldSyncs:
         monkeypatch.setattr(os, "fsync", self._held)
 
     def __iter__(self) -> Iterator[None]:
-        """Once while each of the syncs is held, and once at the end."""
+        """Yields once while each sync waits, and once at the end."""
         self._thread.start()
         while not self.done:
             assert self._reached.acquire(timeout=WAIT_S)
@@ -125,7 +125,7 @@ def test_what_was_deleted_does_not_come_back(images: None, tmp_path: Path) -> No
 
 
 class Calls:
-    """The calls to the file system that decide what is on disk, in order, with file names."""
+    """File system calls that determine what is on disk, in order, with file names."""
 
     def __init__(self, root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         self.made: list[tuple[str, str]] = []

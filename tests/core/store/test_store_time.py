@@ -1,4 +1,4 @@
-"""The age of what is in a store is told by the store's clock: this machine's may be wrong."""
+"""Ages of objects are measured by the store's clock, because this machine's may be wrong."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ HOURS_WRONG = [25, -25]
 
 
 class WrongClock(datetime):
-    """``datetime`` where now is off."""
+    """``datetime`` with a wrong ``now``."""
 
     hours = 0
 
@@ -118,7 +118,7 @@ def test_a_retirement_is_as_old_as_the_store_says(tmp_path: Path, monkeypatch: p
 
 
 def _aged(found: list[Any], old: dict[str, datetime]) -> list[Any]:
-    """The objects, those among them that are old two days older."""
+    """Objects of a listing, with some of them made two days older."""
     two_days = timedelta(days=2)
     return [
         type(item)(item.key, item.size_bytes, item.last_modified - two_days * (item.key in old))

@@ -26,7 +26,7 @@ def publish(catalog: Catalog, tmp_path: Path, content: str, map_id: str = "hall"
 
 
 def build(catalog: Catalog, tmp_path: Path, build_id: str, state: str, version: str | None = None) -> str:
-    """A build on record and its uploaded source, whose key is returned."""
+    """Records a build and puts its source. Returns the key of the source."""
     path = tmp_path / f"{build_id}.ply"
     path.write_text(build_id)
     key = source_key("hall", put_source(catalog.store, "hall", path))

@@ -1,4 +1,4 @@
-"""A version is published again while garbage is collected: in every order, what is published is whole."""
+"""Publication during a garbage collection: in every order, the published version is whole."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def retired(store: Store, made: tuple[Path, Manifest]) -> None:
 
 
 def never_ended(store: Store, made: tuple[Path, Manifest]) -> None:
-    """Files of a publish that was killed before its log entry."""
+    """Files of a publication that was killed before its log entry."""
     folder, manifest = made
     at = f"maps/hall/versions/{manifest.digest}"
     for name in FILES:
@@ -40,7 +40,7 @@ def never_ended(store: Store, made: tuple[Path, Manifest]) -> None:
 
 
 def one_file(store: Store, made: tuple[Path, Manifest]) -> None:
-    """First file of a publish that was killed then."""
+    """First file of a publication that was killed then."""
     store.put_file(f"maps/hall/versions/{made[1].digest}/a.npy", made[0] / "a.npy")
 
 

@@ -1,4 +1,4 @@
-"""A build that is asked for again."""
+"""Rebuilds of maps from their sources."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def catalog() -> Catalog:
 
 
 def built(catalog: Catalog, tmp_path: Path, content: bytes, **manifest: int) -> str:
-    """A version, made by a build on record from a source that was kept. Returns the build's id."""
+    """Publishes a version of a recorded build with a source. Returns the build's id."""
     cloud = tmp_path / content.decode()
     cloud.write_bytes(content)
     build_id = f"b{content.decode()}"

@@ -1,4 +1,4 @@
-"""One store into another: what goes along, what is left out, what is refused."""
+"""Copies of stores: copied objects, omitted ones, and refusals."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def publish(catalog: Catalog, map_id: str, content: bytes, scratch: Path) -> str
 
 @pytest.fixture
 def source(tmp_path: Path) -> Catalog:
-    """Two maps, one of them with two versions and a retired one; a build, a key, and what is not copied."""
+    """Two maps, one of them with two versions and a retired one; a build, a key, and objects not to copy."""
     catalog = Catalog(Store.open(str(tmp_path / "source")))
     for content in (b"1", b"2", b"3"):
         publish(catalog, "hall", content, tmp_path)

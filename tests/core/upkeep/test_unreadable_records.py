@@ -1,4 +1,4 @@
-"""A record that cannot be read is that record's matter: whatever its kind and damage, all else goes on."""
+"""A damaged record of any kind affects nothing else: all other work goes on."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ IDEMPOTENCY = (CallersKey("robot", "key-1"), CallersKey("robot", "key-2"))
 
 
 def wrong_types(record: bytes) -> bytes:
-    """Every field has a value of another type."""
+    """Record whose fields have values of another type."""
     values = json.loads(record)
     odd: Any = [[None]]
     return json.dumps(dict.fromkeys(values or {"x": 1}, odd)).encode()
@@ -137,7 +137,7 @@ def _fill(store: Store, tmp_path: Path) -> None:
 
 
 def everything(store: Store, scratch: Path) -> dict[str, Any]:
-    """All that a store shows, by readers that know nothing yet. A thing that cannot be read says so."""
+    """Everything that fresh readers see in a store; error codes for what cannot be read."""
     catalog, uploads = Catalog(store), Uploads(store)
     keys, _ = ApiKeys(store).all()
     notices, end = catalog.changes.since(0)

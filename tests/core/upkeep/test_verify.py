@@ -1,4 +1,4 @@
-"""Damage of every kind is found, mended where something else says what is right, and named where not."""
+"""Verification: damage of every kind is found, and repaired if another object has the right content."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from frequent_snapshots import EVERY
 
 
 class Reads(Store):
-    """Notes what is read in pieces."""
+    """Records the keys that are read in pieces."""
 
     read: list[str]
 
@@ -63,14 +63,14 @@ def publish(catalog: Catalog, map_id: str, content: bytes, scratch: Path, *, bui
 
 
 def verified(catalog: Catalog, *, repair: bool = False, cache: Path | None = None) -> dict[str, str]:
-    """Damaged keys, and what was done about them."""
+    """Damaged keys, each with the repair that was made."""
     store = catalog.store
     report = Verification(store, repair=Repair(store, cache) if repair else None).run()
     return {finding.key: finding.mended for finding in report.findings}
 
 
 def spoil(store: Store, key: str) -> None:
-    """The same size, other bytes."""
+    """Other bytes of the same size."""
     store.put(key, bytes(byte ^ 1 for byte in store.get(key)))
 
 

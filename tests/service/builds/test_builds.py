@@ -55,7 +55,7 @@ def test_the_worker_runs_at_low_priority_and_says_how_it_ended(tmp_path: Path):
     ("do", "code", "detail"),
     [
         ("die", "build_failed", "the reason it died"),
-        ("killed", "build_attempts_exceeded", "3 attempts died in the stage describe; the last one: the"),
+        ("killed", "build_attempts_exceeded", "3 attempts failed in the stage describe; the last one: the"),
         ("killed", "build_attempts_exceeded", "SIGKILL (out of memory?)"),
     ],
 )

@@ -80,7 +80,7 @@ def test_a_service_that_is_killed_with_its_build_fails_it_in_the_end(tmp_path: P
         with building_service(tmp_path, build_attempts=2):
             ended = wait_until_ended(recorder, response)
     assert (ended["state"], ended["error"]["code"]) == ("failed", "build_attempts_exceeded")
-    assert "the process that ran the build's worker ended" in ended["error"]["detail"]
+    assert "the process that ran the build worker ended" in ended["error"]["detail"]
 
 
 def test_restarts_in_good_order_are_not_held_against_a_build(tmp_path: Path):

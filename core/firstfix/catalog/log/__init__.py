@@ -1,1 +1,1 @@
-"""Append-only logs of a store: the log of each map and the notices of all changes."""
+"""Append-only logs of a store: the log of each map, and notices of all changes."""

@@ -1,12 +1,12 @@
-"""Which maps changed, for the whole store: so that a reader of thousands of maps asks for one object.
+"""Notices of changed maps for the whole store, so that a reader of thousands of maps polls one object.
 
-    changes/00000001.json, ...           a map's id; create-only and without gaps, as a map's log is
-    changes/marks/00000500.json, ...     empty objects: there are notices up to that number
+    changes/00000001.json, ...           id of a map; created once and without gaps, like a map's log
+    changes/marks/00000500.json, ...     empty objects: there are notices up to this number
 
-A notice is only a hint of where to look: what holds is the map's own log. One that was never written,
-as its writer was killed just before or the store failed, delays a reader until its next look at every map;
-so does one that a writer, stopped for a day, put under a number that was collected. The marks say where to
-begin, so that old notices can be collected (``firstfix.catalog.log.log_garbage``).
+A notice is only a hint where to look; the map's own log is the truth. A notice can be missing, because its
+writer was killed or the store failed, or have a number that was collected, because its writer was stopped for
+a day. Then a reader sees the change when it next looks at every map. The marks tell where to begin, so that
+old notices can be collected (``firstfix.catalog.log.log_garbage``).
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ FOLDER = "changes"
 MARKS = f"{FOLDER}/marks"
 DIGITS = 8
 MARK_EVERY = 500  # notices
-_MAX_AT_ONCE = 1000  # notices that one look reads
+_MAX_AT_ONCE = 1000  # notices that one call reads
 
 
 class ChangeLog:
-    """Thread-safe."""
+    """Notices of changes in a store. Thread-safe."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
@@ -37,24 +37,26 @@ class ChangeLog:
         self._lock = threading.Lock()
 
     def note(self, map_id: str) -> None:
-        """Says that the map's log has a new entry.
+        """Put a notice that the map's log has a new entry.
 
         Raises:
-            StoreUnavailable, StoreError: as the store.
+            StoreUnavailable, StoreError: the store failed.
         """
         content = json.dumps({"map_id": check_map_id(map_id)}).encode("ascii")
         number = self.end() + 1
         while not self._store.put_new(_key(number), content):
-            number += 1  # somebody else's
+            number += 1  # another writer has this number
         if number % MARK_EVERY == 0:
             self._store.put_new(f"{MARKS}/{number:0{DIGITS}d}.json", b"")
 
     def end(self) -> int:
-        """Number of the last notice; 0 where there is none. It is looked for by doubling and halving from
-        the last mark: a few calls, however many notices there are."""
+        """Number of the last notice; 0 if there is none.
+
+        A search by doubling and halving from the last mark: few calls, however many notices there are.
+        """
         with self._lock:
             low = self._last
-        if not low or not self._store.exists(_key(low)):  # the first look, or somebody removed them
+        if not low or not self._store.exists(_key(low)):  # first call, or the notices were removed
             low = max(scan_after(self._store, MARKS, 0, digits=DIGITS), default=0)
         step = 1
         while self._store.exists(_key(low + step)):
@@ -68,8 +70,10 @@ class ChangeLog:
         return low
 
     def since(self, number: int) -> tuple[list[str], int]:
-        """The maps of the notices after that number, each once in their order, and the last number read.
-        One call to the store where there is nothing new."""
+        """Maps with notices after a number, each once, in order; and the last number read.
+
+        One call to the store if there is nothing new.
+        """
         map_ids: dict[str, None] = {}
         begin, at_once = number, 1
         while number - begin < _MAX_AT_ONCE:
@@ -83,13 +87,15 @@ class ChangeLog:
         return list(map_ids), number
 
     def go_on_from(self, number: int) -> int:
-        """The number from which a reader goes on, once it looks at every map anyway: its own, or that of
-        the end, where the notices in between were collected or all were removed."""
+        """Number from which a reader continues after it looked at every map.
+
+        Its own number; or the last one, if notices in between were collected or all were removed.
+        """
         end = self.end()
         return number if number < end and self._store.exists(_key(number + 1)) else end
 
     def _read(self, number: int) -> str | None:
-        """The map of a notice; empty: it cannot be read or names none; None: there is no such notice."""
+        """Map id in a notice; empty if it is damaged or void; None if there is no such notice."""
         try:
             return read_record(self._store, _key(number), RecordKind.CHANGE_NOTICE, parse_notice)
         except UnreadableRecord:
@@ -99,10 +105,10 @@ class ChangeLog:
 
 
 def parse_notice(record: dict[str, Any]) -> str:
-    """The map's id; empty: the notice is void.
+    """Map id in a notice's record; empty if the notice is void.
 
     Raises:
-        KeyError, TypeError, InvalidOption: not a notice.
+        KeyError, TypeError, InvalidOption: it is not a notice.
     """
     return "" if record["map_id"] is None else check_map_id(text_of(record, "map_id"))
 

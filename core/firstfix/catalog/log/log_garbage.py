@@ -1,8 +1,8 @@
-"""Garbage of logs: entries that snapshots have summed up, notices that everybody has read.
+"""Garbage of logs: entries that are summed up in snapshots, and notices that all readers have read.
 
-What is left is enough to read a log although one snapshot is damaged: the newest ``KEPT`` snapshots that can
-be read, and all entries after the second newest of them. The newest entry is always left, so that a reader
-that was stopped for long sees that the log went on.
+Enough stays to read a log even if one snapshot is damaged: the newest ``KEPT`` readable snapshots, and all
+entries after the second newest of them. The newest entry always stays, so that a reader that was stopped for
+long sees that the log has grown.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ KEPT = 3  # snapshots
 
 
 def log_garbage(store: Store, folder: str, cutoff: datetime) -> list[str]:
-    """Keys of one map's log that are garbage and older than a time: entries and snapshots.
+    """Keys of garbage in one map's log, older than a time: entries and snapshots.
 
     Args:
-        folder: of the log's entries.
+        folder: folder of the log's entries.
     """
     snapshots = scan_after(store, snapshots_of(folder), 0)
     kept: list[int] = []
@@ -32,29 +32,29 @@ def log_garbage(store: Store, folder: str, cutoff: datetime) -> list[str]:
             skipped.update(state.skipped)
     if len(kept) < KEPT:
         return []
-    doomed = [item for number, item in snapshots.items() if number < kept[-1]]
-    doomed += [
+    garbage = [item for number, item in snapshots.items() if number < kept[-1]]
+    garbage += [
         item
         for number, item in scan_after(store, folder, 0).items()
-        if number <= kept[1] and number not in skipped  # what could not be read is left for people
+        if number <= kept[1] and number not in skipped  # people may want to look at damaged entries
     ]
-    return _older(doomed, cutoff)
+    return _older(garbage, cutoff)
 
 
 def leave_snapshot(store: Store, folder: str) -> None:
-    """A snapshot of a log that has many entries and none, or none of late."""
+    """Put a snapshot of a log that has many entries after its newest snapshot."""
     MapLog(store, folder).leave_snapshot()
 
 
 def change_garbage(store: Store, cutoff: datetime) -> list[str]:
-    """Keys of notices and marks that are garbage and older than a time."""
+    """Keys of garbage among notices and marks, older than a time."""
     marks = scan_after(store, MARKS, 0, digits=DIGITS)
     if len(marks) < 2:
         return []
     floor = list(marks)[-2]
-    doomed = [item for number, item in marks.items() if number < floor]
+    garbage = [item for number, item in marks.items() if number < floor]
     notices = scan_after(store, FOLDER, 0, digits=DIGITS)
-    return _older([*doomed, *(item for number, item in notices.items() if number <= floor)], cutoff)
+    return _older([*garbage, *(item for number, item in notices.items() if number <= floor)], cutoff)
 
 
 def _older(items: list[StoredObject], cutoff: datetime) -> list[str]:

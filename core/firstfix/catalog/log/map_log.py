@@ -1,23 +1,24 @@
-"""The log of a map: what was published, activated, retired and collected, and by that what is served.
+"""Log of a map: publications, activations, retirements and collections, which determine what is served.
 
     <map>/log/000001.json, ...         entries
-    <map>/snapshots/000050.json, ...   what all entries up to that number add up to
+    <map>/snapshots/000050.json, ...   sum of all entries up to this number
 
-Entries are numbered objects that are only ever created, never replaced. Two writers that want the
-same number race in one create-only put; the loser reads the winner's entry, checks its own
-precondition against it, and takes the next number. So an entry always holds for exactly the state
-before it, on every store and without a lock.
+Entries are numbered objects that are only ever created, never replaced. Two writers that want the same number
+race in one create-only put. The loser reads the winner's entry, checks its own precondition against it, and
+takes the next number. So the precondition of an entry is true for exactly the state before it, on every store
+and without a lock.
 
-The files of a version stand in a folder of a generation, which ``retired`` or ``collected`` ends: from then
-on a remover may take the files whenever it gets to it, and a publish that began before is not recorded any
-more. Whoever publishes the version again puts its files into the next generation, which no remover knows.
+The files of a version are in a folder of a generation. An entry ``retired`` or ``collected`` ends the
+generation: from then on its files may be removed at any time, and a publication that began before is no
+longer recorded. A process that publishes the version again puts its files into the next generation, which no
+collection knows.
 
-Every ``ENTRIES_PER_SNAPSHOT`` entries a writer leaves a snapshot. A reader begins with the newest one that it can read and
-asks for the entries after it alone: its calls are bounded, however long the log is. ``log_garbage``
-removes entries long after they are in snapshots. A writer that was stopped for so long between its look and
-its put could create a removed number again: so it looks at the snapshots after its put, and an entry that a
-snapshot of the same or a higher number does not know was not part of the log: it is taken back, and the
-writer begins again.
+Every ``ENTRIES_PER_SNAPSHOT`` entries a writer puts a snapshot. A reader begins with the newest readable
+snapshot and reads only the entries after it, so its calls are bounded, however long the log is.
+``log_garbage`` removes entries long after they are in snapshots. A writer that was stopped for so long
+between its read and its put could create a removed number again. So after its put it looks at the snapshots:
+if a snapshot of the same or a higher number does not contain its entry, the entry is not part of the log. The
+writer removes it and begins again.
 """
 
 from __future__ import annotations
@@ -44,18 +45,18 @@ from .map_state import MAX_SKIPPED, Event, LogEntry, MapState
 _log = logging.getLogger(__name__)
 ENTRIES_PER_SNAPSHOT = 50
 _MAX_RACES = 200
-_MAX_LOOKS = 5  # of one reader, while what it was about to read is collected
+_MAX_LOOKS = 5  # of one reader, while entries that it is about to read are collected
 
 
 @dataclass(frozen=True)
 class _Seen:
-    """One reader's copy of a log.
+    """Copy of a log in memory.
 
     Attributes:
-        base: a state, by which to begin the next look.
-        entries: those after it by their numbers; None: it cannot be read.
-        state: what both add up to.
-        has_foreign: an entry is of a later firstfix: this one is not to sum it up for others.
+        base: state from which the next read begins.
+        entries: entries after it by number; None for a damaged one.
+        state: sum of both.
+        has_foreign: there is an entry of a later release, so this release must not put a snapshot.
     """
 
     base: MapState
@@ -65,18 +66,18 @@ class _Seen:
 
     @classmethod
     def of(cls, base: MapState, entries: dict[int, LogEntry | None], has_foreign: bool) -> _Seen:
-        """With a later base, once many entries follow: so that a reader that lives long lists few."""
+        """Make a copy. Moves the base forward after many entries, so that a long-lived reader lists few."""
         if len(entries) > 2 * ENTRIES_PER_SNAPSHOT:
             listed = list(entries.items())
             base, entries = (
-                _added_up(base, dict(listed[:-ENTRIES_PER_SNAPSHOT])),
+                _sum_up(base, dict(listed[:-ENTRIES_PER_SNAPSHOT])),
                 dict(listed[-ENTRIES_PER_SNAPSHOT:]),
             )
-        return cls(base, entries, _added_up(base, entries), has_foreign)
+        return cls(base, entries, _sum_up(base, entries), has_foreign)
 
 
 class MapLog:
-    """The log at one folder of a store. Thread-safe; remembers what it read, as entries never change."""
+    """Log in one folder of a store. Thread-safe. Remembers what it read, because entries never change."""
 
     def __init__(self, store: Store, folder: str) -> None:
         self._store = store
@@ -86,21 +87,23 @@ class MapLog:
         self._lock = threading.Lock()
 
     def state(self) -> MapState:
-        """What the log adds up to now.
+        """Current state of the map.
 
-        An entry that cannot be read, or of an event of a later firstfix, is skipped with a warning:
-        the others still say what to serve.
+        A damaged entry, or one of a later release, is skipped with a warning: the others still tell what to
+        serve.
         """
         return self._look().state
 
     def known_state(self) -> MapState:
-        """What it added up to when it was last read: the store is not asked."""
+        """State of the map when it was last read. Sends no request to the store."""
         with self._lock:
             return MapState() if self._seen is None else self._seen.state
 
     def changed_since(self, time: datetime) -> set[str]:
-        """The versions of the entries that were written after that time, by the store's clock: those in the
-        entries are their writers'."""
+        """Versions in the entries that were written after a time by the store's clock.
+
+        The times in the entries are from the clocks of their writers.
+        """
         changed = set()
         for seq, item in scan_after(self._store, self._folder, 0).items():
             if item.last_modified > time:
@@ -118,13 +121,14 @@ class MapLog:
         generation: int = 0,
         needed: Callable[[MapState], bool],
     ) -> LogEntry | None:
-        """Adds an entry, if it is still needed in the state that it follows.
+        """Append an entry if it is needed in the state before it.
 
         Args:
-            needed: False: somebody did it already, nothing is written; it raises to refuse.
+            needed: takes the state before the entry. Returns False if nothing has to be written. Raises to
+                refuse the entry.
 
         Returns:
-            the entry, or None when it was not needed.
+            The entry, or None if it was not needed.
         """
         writer = uuid.uuid4().hex
         for race in range(_MAX_RACES):
@@ -148,26 +152,27 @@ class MapLog:
         raise StoreUnavailable(f"{self._folder}: {_MAX_RACES} races lost in a row")
 
     def leave_snapshot(self) -> None:
-        """Puts a snapshot, where there are many entries after the newest one: of a log that was written by
-        a release that left none, or whose writer was killed."""
+        """Put a snapshot if there are many entries after the newest one, because a writer was killed."""
         seen = self._look()
         last = seen.state.last_seq
         if last - max(scan_after(self._store, self._snapshots, 0), default=0) >= ENTRIES_PER_SNAPSHOT:
             self._put_snapshot(seen)
 
     def _create(self, entry: LogEntry) -> bool:
-        """False: lost the race. One that was won, with the reply lost, left this writer's entry there."""
+        """Put an entry. Returns False if another writer has its number."""
         if self._store.put_new(self._key(entry.seq), entry.to_json()):
             return True
-        try:
+        try:  # it is ours if the reply to our put was lost
             there, _ = self._read(entry.seq)
-        except NotFound:  # collected: this writer is far behind
+        except NotFound:  # collected: this writer was stopped for long
             return False
         return there is not None and there.writer == entry.writer
 
     def _is_part(self, entry: LogEntry, snapshots: Sequence[int]) -> bool:
-        """Whether readers take the entry: no snapshot has its number or a higher one, or the next one that
-        can be read knows it."""
+        """Returns whether the entry is part of the log.
+
+        It is if no snapshot has its number or a higher one, or if the next readable one contains it.
+        """
         for number in snapshots:
             if number >= entry.seq and (state := self._read_snapshot(number)) is not None:
                 return any((e.seq, e.writer) == (entry.seq, entry.writer) for e in state.entries)
@@ -180,14 +185,14 @@ class MapLog:
         known = {} if seen is None else seen.entries
         for _ in range(_MAX_LOOKS):
             found = list(scan_after(self._store, self._folder, base.last_seq))
-            if found and len(found) < found[-1] - base.last_seq:  # some are missing: a snapshot has them
+            if found and len(found) < found[-1] - base.last_seq:  # some are missing: they are in a snapshot
                 newer = self._newest_snapshot(base.last_seq)
                 if newer.last_seq > base.last_seq:
                     base, known = newer, {}
                     continue
             try:
                 return self._remember(seen, base, known, found)
-            except NotFound:  # collected just now
+            except NotFound:  # they have just been collected
                 base, known = self._newest_snapshot(), {}
         raise StoreUnavailable(f"{self._folder}: its entries were collected while they were read")
 
@@ -213,10 +218,10 @@ class MapLog:
             self._seen = None
 
     def _read(self, seq: int) -> tuple[LogEntry | None, bool]:
-        """The entry, None where it cannot be used; and whether it is of a later firstfix.
+        """Read an entry. Returns None if it cannot be used, and whether it is of a later release.
 
         Raises:
-            NotFound: it is not there.
+            NotFound: no such entry.
         """
 
         def parse(record: dict[str, Any]) -> LogEntry | None:
@@ -227,11 +232,11 @@ class MapLog:
         except UnreadableRecord:
             return None, False
         if entry is None:
-            _log.warning("skipping %s: an event of a later firstfix", self._key(seq))
+            _log.warning("skipping %s: an event of a later release", self._key(seq))
         return entry, entry is None
 
     def _newest_snapshot(self, after: int = 0) -> MapState:
-        """The newest one that can be read; where there is none the state of an empty log."""
+        """Newest readable snapshot, or the state of an empty log."""
         for number in reversed(scan_after(self._store, self._snapshots, after)):
             if (state := self._read_snapshot(number)) is not None:
                 return state
@@ -241,7 +246,7 @@ class MapLog:
         return read_snapshot(self._store, self._snapshots, number)
 
     def _put_snapshot(self, seen: _Seen) -> None:
-        """A reader's help and no more: where it cannot be put the next writer puts one."""
+        """Put a snapshot. It only saves calls: if it fails, the next writer puts one."""
         if seen.has_foreign:
             return
         state = seen.state
@@ -255,12 +260,12 @@ class MapLog:
 
 
 def snapshots_of(folder: str) -> str:
-    """The folder of the snapshots, beside that of the log."""
+    """Folder of the snapshots of a log."""
     return "/".join((*folder.split("/")[:-1], "snapshots"))
 
 
 def read_snapshot(store: Store, folder: str, number: int) -> MapState | None:
-    """A snapshot by its number; None: it cannot be read, or was collected."""
+    """Read a snapshot by its number. Returns None if it is damaged or was collected."""
 
     def parse(record: dict[str, Any]) -> MapState:
         return MapState.parse(number, record)
@@ -271,7 +276,7 @@ def read_snapshot(store: Store, folder: str, number: int) -> MapState | None:
         return None
 
 
-def _added_up(base: MapState, entries: dict[int, LogEntry | None]) -> MapState:
+def _sum_up(base: MapState, entries: dict[int, LogEntry | None]) -> MapState:
     if not entries:
         return base
     last = max(entries)

@@ -1,4 +1,4 @@
-"""State of a map: its log summed up entry by entry, without keeping every entry."""
+"""State of a map: the sum of its log's entries, without keeping every entry."""
 
 from __future__ import annotations
 
@@ -13,29 +13,31 @@ from ...ids import check_version
 from ...store.json_record import text_of, whole_number_of
 
 HISTORY = 200  # newest entries that a state keeps
-MARKS = 1000  # newest entries that are the last of their kind: of one event, version and build
+MARKS = 1000  # entries that a state keeps because they are the last of their event, version and build
 MAX_SKIPPED = 1000
 MAX_ENDED = 10_000
 SNAPSHOT_FORMAT = 1
 
 
 class Event(str, Enum):
+    """Event in a map's log."""
+
     PUBLISHED = "published"
     ACTIVATED = "activated"
     RETIRED = "retired"
-    COLLECTED = "collected"  # files of a publish that never ended; readers that do not know it skip it
+    COLLECTED = "collected"  # a publication that never ended was given up
 
 
 @dataclass(frozen=True)
 class LogEntry:
-    """One event.
+    """Entry of a map's log.
 
     Attributes:
-        seq: 1, 2, ...
-        time: of writing, UTC, ISO 8601; for people: the order is seq's.
-        build_id: of the build that caused it; empty when a person did.
-        writer: unique to one append, so that a writer whose reply was lost knows its own entry.
-        generation: of ``published``: of the folder with the files.
+        seq: number of the entry: 1, 2, ...
+        time: time of writing, UTC, ISO 8601, for people; ``seq`` gives the order.
+        build_id: build that caused the event; empty if a person did.
+        writer: unique to one append, so that a writer whose reply was lost recognises its own entry.
+        generation: generation of the version's files, for ``published``.
     """
 
     seq: int
@@ -47,16 +49,17 @@ class LogEntry:
     generation: int = 0
 
     def to_json(self) -> bytes:
+        """Content of the entry's object."""
         values = {**asdict(self), "event": self.event.value}
         del values["seq"]  # it is the object's name
         return json.dumps(values, sort_keys=True).encode("ascii")
 
     @classmethod
     def parse(cls, seq: int, record: dict[str, Any]) -> LogEntry | None:
-        """None: it tells of an event of a later release.
+        """Parse an entry's record. Returns None for an event of a later release.
 
         Raises:
-            ValueError, KeyError, TypeError, InvalidOption: not an entry.
+            ValueError, KeyError, TypeError, InvalidOption: it is not an entry.
         """
         time = text_of(record, "time")
         if datetime.fromisoformat(time).tzinfo is None:
@@ -75,16 +78,16 @@ class MapState:
     """Sum of a log's entries.
 
     Attributes:
-        entries: in order: the newest, and of the older ones those that still matter: by which a version that
-            can be served was published, and the last of each event, version and build.
-        published: versions that can be served, in the order they were first published.
-        activated: those of them that were ever active, the latest activation first: the active one,
-            then what to fall back to.
-        last_seq: of the last entry, readable or not; 0 for an empty log.
-        skipped: numbers of entries that are missing or could not be read: what they said is not known.
-        generations: of the published versions: which folder their files stand in.
-        ended: version to the ``seq`` of the entry that ended its last generation; the newest of them.
-        exists: the map ever had a version to serve.
+        entries: in order: the newest, and older ones that still matter. These are the publications of
+            versions that can be served, and the last entry of each event, version and build.
+        published: versions that can be served, in the order of their first publication.
+        activated: those of them that were ever active, latest activation first: the active version, then
+            those to fall back to.
+        last_seq: number of the last entry, damaged or not; 0 for an empty log.
+        skipped: numbers of missing or damaged entries.
+        generations: generation of each published version.
+        ended: version to ``seq`` of the entry that ended its last generation, newest ones only.
+        exists: the map has or had a version to serve.
     """
 
     entries: tuple[LogEntry, ...] = ()
@@ -97,21 +100,24 @@ class MapState:
     exists: bool = False
 
     def generation(self, version: str) -> int:
-        """Of the folder that the version's files stand in, or are put into to publish it: 0, or the ``seq``
-        of the entry that ended the generation before it."""
+        """Generation of a version's files, or for an unpublished version the one to put them into.
+
+        It is 0, or the ``seq`` of the entry that ended the generation before.
+        """
         return self.generations.get(version, self.ended.get(version, 0))
 
     @property
     def active(self) -> str | None:
+        """Version that the map serves."""
         return self.activated[0] if self.activated else None
 
     @classmethod
     def of(cls, entries: Sequence[LogEntry], last_seq: int) -> MapState:
-        """Of a whole log."""
+        """State after all entries of a log."""
         return cls().after(entries, last_seq)
 
     def after(self, entries: Sequence[LogEntry], last_seq: int, skipped: Iterable[int] = ()) -> MapState:
-        """The state once these entries followed."""
+        """State after further entries."""
         published, activated = list(self.published), list(self.activated)
         generations, ended, exists = dict(self.generations), dict(self.ended), self.exists
         for entry in entries:
@@ -131,14 +137,14 @@ class MapState:
                 activated = [v for v in activated if v != version]
                 generations.pop(version, None)
         ended = dict(sorted(ended.items(), key=lambda item: item[1])[-MAX_ENDED:])
-        kept = _that_matter((*self.entries, *entries), published)
+        kept = _relevant((*self.entries, *entries), published)
         all_skipped = tuple(sorted({*self.skipped, *skipped}))[-MAX_SKIPPED:]
         return MapState(
             kept, tuple(published), tuple(activated), last_seq, all_skipped, generations, ended, exists
         )
 
     def to_json(self) -> bytes:
-        """As a snapshot."""
+        """Content of a snapshot."""
         values = {**asdict(self), "format": SNAPSHOT_FORMAT}
         for entry in values["entries"]:
             entry["event"] = entry["event"].value
@@ -146,13 +152,14 @@ class MapState:
 
     @classmethod
     def parse(cls, last_seq: int, record: dict[str, Any]) -> MapState:
-        """
+        """Parse a snapshot.
+
         Args:
-            last_seq: that the snapshot is named by.
+            last_seq: number in the snapshot's name.
 
         Raises:
-            ValueError, KeyError, TypeError, InvalidOption: not a snapshot, of another number, or of a later
-                release.
+            ValueError, KeyError, TypeError, InvalidOption: it is not a snapshot, has another number, or is of
+                a later release.
         """
         if record["format"] != SNAPSHOT_FORMAT or record["last_seq"] != last_seq:
             raise ValueError(f"it is not snapshot {last_seq} of format {SNAPSHOT_FORMAT}")
@@ -168,7 +175,7 @@ class MapState:
             raise ValueError("a version is active that is not published")
         skipped = tuple(record["skipped"])
         if not all(type(number) is int for number in skipped):
-            raise TypeError("the numbers of skipped entries are none")
+            raise TypeError("the numbers of skipped entries are not integers")
         generations, ended = (
             {check_version(version): whole_number_of(numbers, version) for version in numbers}
             for numbers in (record["generations"], record["ended"])
@@ -179,8 +186,8 @@ class MapState:
         return cls(tuple(entries), published, activated, last_seq, skipped, generations, ended, exists)
 
 
-def _that_matter(entries: Sequence[LogEntry], published: Iterable[str]) -> tuple[LogEntry, ...]:
-    """Applied again after more entries it keeps what it would keep of all of them at once."""
+def _relevant(entries: Sequence[LogEntry], published: Iterable[str]) -> tuple[LogEntry, ...]:
+    """Entries to keep. Applied step by step it keeps the same as applied to all entries at once."""
     last_of_kind = {(entry.event, entry.version, entry.build_id): entry.seq for entry in entries}
     last_publication = {entry.version: entry.seq for entry in entries if entry.event is Event.PUBLISHED}
     kept = {entry.seq for entry in entries[-HISTORY:]}

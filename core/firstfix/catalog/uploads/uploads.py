@@ -5,7 +5,8 @@
     uploads/<upload_id>/whole.json          every part is there and was checked
 
 Parts are only ever created. Two writers that continue from one offset race in one create-only put, and the
-loser sees that it lost. So any process that reaches the store can continue an upload that another replica began.
+loser sees that it lost. So any process that reaches the store can continue an upload that another replica
+began.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ class Upload:
 
     @property
     def complete(self) -> bool:
-        """Whether all bytes are there."""
+        """True once all bytes are there."""
         return self.offset == self.size_bytes
 
 

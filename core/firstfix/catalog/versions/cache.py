@@ -1,22 +1,22 @@
-"""Versions on the local disk: fetched whole, checked by sha256, and only then visible.
+"""Cache of versions on the local disk. A version is visible only after all its files are verified.
 
-    <directory>/<version>/             the files, once every one of them is verified
-    <directory>/.<version>.part/       a download under way, or the rest of one that was killed
-    <directory>/.<version>.lock        held while fetching: one download, however many ask
-    <directory>/.<version>.verified    size and time of change of every file when it was verified, and since
-                                       which start of the machine; its own time is that of the last use
+    <directory>/<version>/             files of a verified version
+    <directory>/.<version>.part/       a download in progress, or left by a killed process
+    <directory>/.<version>.lock        locked while fetching: one download for all processes that ask
+    <directory>/.<version>.verified    boot id, and size and change time of every file when it was verified;
+    its
+                                       own time is that of the last use
 
-What was verified is on the way to the disk: after a power cut, or any other start of the machine, it is
-verified again.
+Verified files may not have reached the disk yet: so after a power cut, or any other boot, they are verified
+again.
 
-A file store's version is not copied: its files are verified and mapped where they are. What makes room:
+A version in a file store is not copied: its files are verified and mapped in place. The cache is pruned by
 ``firstfix.catalog.versions.prune``.
 """
 
 from __future__ import annotations
 
 import errno
-import fcntl
 import functools
 import json
 import os
@@ -30,26 +30,30 @@ from typing import Any
 from ...errors import CorruptVersion, NotFound, OutOfSpace
 from ...store.store import Store
 from ..manifest import Manifest, verify_file
+from .folder_lock import exclusive_lock
 
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 
 def fetch_version_files(store: Store, folder: str, version: str, manifest: Manifest, directory: Path) -> Path:
-    """The local folder of a version, every file verified. Safe to call from many threads and processes.
+    """Fetch a version and verify every file. Safe to call from many threads and processes.
 
-    What was verified since the machine started is read again only if a file's size or time of change differs.
+    A version that was verified since boot is read again only if a file's size or change time differs.
 
     Args:
         folder: key of the version's folder in the store.
-        directory: of the cache; made if missing.
+        directory: directory of the cache; made if missing.
+
+    Returns:
+        The local folder with the files.
 
     Raises:
-        CorruptVersion: a file is missing or differs from the manifest, in the store itself.
+        CorruptVersion: a file in the store is missing, or differs from the manifest.
         OutOfSpace: this disk is full.
     """
     directory.mkdir(parents=True, exist_ok=True)
     marker = directory / f".{version}.verified"
-    with _full_disk_told(), locked(directory / f".{version}.lock"):
+    with _full_disk_reported(), exclusive_lock(directory / f".{version}.lock"):
         in_place = _folder_in_place(store, folder, manifest)
         if in_place is not None:
             if not _is_verified(marker, manifest, in_place):
@@ -65,7 +69,7 @@ def fetch_version_files(store: Store, folder: str, version: str, manifest: Manif
         part.mkdir(exist_ok=True)
         for name, entry in manifest.files.items():
             path = part / name
-            with suppress(CorruptVersion):  # what a killed download left is kept if it is right
+            with suppress(CorruptVersion):  # keep what a killed download left if it is right
                 verify_file(path, name, entry)
                 continue
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -76,17 +80,17 @@ def fetch_version_files(store: Store, folder: str, version: str, manifest: Manif
             if sha256 != entry.sha256 or path.stat().st_size != entry.bytes:
                 path.unlink()
                 raise CorruptVersion(f"{name} in the store differs from its sha256 in the manifest")
-        if target.exists():  # it was damaged; whoever has mapped it keeps its files until they are closed
-            doomed = directory / f".{version}.{uuid.uuid4().hex}.old"
-            target.rename(doomed)
-            shutil.rmtree(doomed, ignore_errors=True)
+        if target.exists():  # damaged; processes that have mapped it keep its files until they close them
+            old = directory / f".{version}.{uuid.uuid4().hex}.old"
+            target.rename(old)
+            shutil.rmtree(old, ignore_errors=True)
         part.rename(target)
         _mark_verified(marker, manifest, target)
         return target
 
 
 @contextmanager
-def _full_disk_told() -> Iterator[None]:
+def _full_disk_reported() -> Iterator[None]:
     try:
         yield
     except OSError as error:
@@ -96,7 +100,7 @@ def _full_disk_told() -> Iterator[None]:
 
 
 def _folder_in_place(store: Store, folder: str, manifest: Manifest) -> Path | None:
-    """The version's folder in a file store; None for other stores."""
+    """Folder of a version in a file store; None for other stores."""
     path: Path | None = None
     for name in manifest.files:
         try:
@@ -133,7 +137,7 @@ def _marker_of(manifest: Manifest, folder: Path) -> dict[str, Any]:
 
 @functools.cache
 def _boot_id() -> str:
-    """Of this start of the machine; empty where it is not told."""
+    """Id of this boot of the machine; empty if the system does not provide one."""
     try:
         return _BOOT_ID.read_text().strip()
     except OSError:
@@ -141,56 +145,5 @@ def _boot_id() -> str:
 
 
 def _touch(marker: Path) -> None:
-    with suppress(OSError):  # somebody else's, or a disk that cannot be written to
+    with suppress(OSError):  # another user's file, or a read-only disk
         os.utime(marker)
-
-
-@contextmanager
-def locked(path: Path, *, wait: bool = True) -> Iterator[None]:
-    """An exclusive lock that dies with its process, so that a kill leaves nothing to clean up.
-
-    Raises:
-        BlockingIOError: somebody has it, and not ``wait``.
-    """
-    while True:
-        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-            if not _is_at(handle, path):  # it was removed while we waited: others lock a newer one
-                continue
-            yield
-            return
-        finally:
-            os.close(handle)
-
-
-class FolderLock:
-    """A version's folder that no process takes off the disk until it is closed, or its holder dies."""
-
-    def __init__(self, path: Path) -> None:
-        """
-        Raises:
-            FileNotFoundError: it was taken off just now: fetch it again.
-        """
-        self.path = path
-        self._handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            fcntl.flock(self._handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
-            if not _is_at(self._handle, path):
-                raise FileNotFoundError(path)
-        except OSError as error:
-            os.close(self._handle)
-            if isinstance(error, BlockingIOError):  # whoever prunes has it
-                raise FileNotFoundError(path) from None
-            raise
-
-    def close(self) -> None:
-        os.close(self._handle)
-
-
-def _is_at(handle: int, path: Path) -> bool:
-    """Whether an open file is still the one at its path."""
-    try:
-        return os.path.samestat(os.fstat(handle), path.stat())
-    except FileNotFoundError:
-        return False

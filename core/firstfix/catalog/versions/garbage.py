@@ -1,9 +1,9 @@
-"""Files of versions that nobody can see: of retired ones, and of publishes that never ended.
+"""Garbage of versions: files of retired versions, and of publications that never ended.
 
-They are removed by generation (``log.map_log``). One that a retirement has ended no publish can name any
-more. One that a publish left which never ended may be gone on with at any moment: so the log says first that
-it is over. Either that entry comes before the publish's, which then puts its files into the next generation,
-or after it, and nothing is removed.
+Files are removed by generation (``firstfix.catalog.log.map_log``). No publication can use a generation that a
+retirement has ended. A publication that never ended could continue at any moment, so the collection first
+ends its generation by an entry in the log. If that entry comes before the publication's, the publication puts
+its files again, in the next generation. If it would come after it, nothing is removed.
 """
 
 from __future__ import annotations
@@ -18,11 +18,14 @@ from .objects import VersionFolder, VersionObjects, manifest_first
 def collect_versions(
     map_id: str, seen: MapState, log: MapLog, objects: VersionObjects, cutoff: datetime, *, dry_run: bool
 ) -> list[str]:
-    """The keys that were removed, or with ``dry_run`` would be.
+    """Remove the garbage of a map's versions.
 
     Args:
-        seen: what the log added up to before.
-        cutoff: of the store's clock; what was put since stays, and versions that the log speaks of since.
+        seen: state of the map before the files are listed.
+        cutoff: time by the store's clock. Versions with newer files or log entries stay.
+
+    Returns:
+        The removed keys, or with ``dry_run`` those that would be removed.
     """
     recent = log.changed_since(cutoff)
     removed: list[str] = []
@@ -32,9 +35,9 @@ def collect_versions(
             continue
         if version in seen.published and not has_ended:
             continue
-        if seen.skipped and not has_ended:  # an entry that is lost may have published it
+        if seen.skipped and not has_ended:  # a lost entry may have published it
             continue
-        if dry_run or has_ended or _give_up(log, folder, seen):
+        if dry_run or has_ended or _end_generation(log, folder, seen):
             keys = manifest_first([item.key for item in items])
             if not dry_run:
                 objects.remove(folder, keys)
@@ -42,8 +45,8 @@ def collect_versions(
     return removed
 
 
-def _give_up(log: MapLog, folder: VersionFolder, seen: MapState) -> bool:
-    """Ends the generation, unless the log speaks of the version since. False: it is not to be removed."""
+def _end_generation(log: MapLog, folder: VersionFolder, seen: MapState) -> bool:
+    """End a generation. Returns False if the log has a newer entry of the version: then keep the files."""
 
     def needed(state: MapState) -> bool:
         return not any(e.version == folder.version and e.seq > seen.last_seq for e in state.entries)

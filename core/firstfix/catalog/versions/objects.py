@@ -1,8 +1,9 @@
-"""Files of versions in an object store, below their manifest, which is written last and read first.
+"""Files of versions in an object store. The manifest is written last and read first.
 
-maps/<map_id>/versions/<digest>/...           the first generation of a version's files
-maps/<map_id>/versions/<digest>.<seq>/...     those that were put after entry <seq> of the map's log had
-                                              given up the generation before (``log.map_log``)
+maps/<map_id>/versions/<digest>/...           first generation of a version's files
+maps/<map_id>/versions/<digest>.<seq>/...     generation that began after entry <seq> of the map's log ended
+the
+                                              one before (``firstfix.catalog.log.map_log``)
 """
 
 from __future__ import annotations
@@ -25,13 +26,17 @@ from .cache import fetch_version_files
 
 _log = logging.getLogger(__name__)
 _MANIFESTS_KEPT = 256  # each may be some 100 kB
-_MAX_ROUNDS = 5  # of putting what is not there
+_MAX_ROUNDS = 5  # of putting missing files
 _FOLDER_NAME = re.compile(r"([0-9a-f]{64})(?:\.(\d{6,}))?")
 
 
 @dataclass(frozen=True)
 class VersionFolder:
-    """Folder with files of a version. Attributes: generation: see ``firstfix.catalog.log.map_log``."""
+    """Folder with the files of a version.
+
+    Attributes:
+        generation: see ``firstfix.catalog.log.map_log``.
+    """
 
     map_id: str
     version: str
@@ -39,17 +44,22 @@ class VersionFolder:
 
     @property
     def key(self) -> str:
-        """Raises: InvalidOption: the map's id or the version is none."""
+        """Key of the folder.
+
+        Raises:
+            InvalidOption: the map id or the version is invalid.
+        """
         generation = f".{self.generation:06d}" if self.generation else ""
         return f"maps/{check_map_id(self.map_id)}/versions/{check_version(self.version)}{generation}"
 
     @property
     def manifest_key(self) -> str:
+        """Key of the manifest."""
         return f"{self.key}/{FILE_NAME}"
 
 
 class VersionObjects:
-    """What a version consists of, whether or not a map's log speaks of it. Thread-safe."""
+    """Files of versions, whether or not they are published in a map's log. Thread-safe."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
@@ -57,13 +67,15 @@ class VersionObjects:
         self._lock = threading.Lock()
 
     def exists(self, folder: VersionFolder) -> bool:
+        """Returns whether the version has a manifest."""
         return self._store.exists(folder.manifest_key)
 
     def manifest(self, folder: VersionFolder) -> Manifest:
-        """
+        """Read the manifest of a version.
+
         Raises:
-            CorruptVersion: the manifest is missing or is not the one that the version is named by.
-            IncompatibleVersion: its format is not this reader's.
+            CorruptVersion: the manifest is missing, or its digest is not the version.
+            IncompatibleVersion: this release does not read its format.
         """
         map_id, version = folder.map_id, folder.version
         with self._lock:
@@ -88,17 +100,17 @@ class VersionObjects:
         return manifest
 
     def fetch(self, folder: VersionFolder, directory: Path) -> Path:
-        """The local folder with the version's files; see ``fetch_version_files``."""
+        """Fetch the version's files to a local folder; see ``fetch_version_files``."""
         manifest = self.manifest(folder)
         return fetch_version_files(self._store, folder.key, folder.version, manifest, directory)
 
     def read_file(self, folder: VersionFolder, name: str, *, max_bytes: int) -> bytes:
-        """One file, checked by its sha256.
+        """Read one file and verify its sha256.
 
         Raises:
             NotFound: the version has no such file.
-            TooLarge: it is over the limit.
-            CorruptVersion: as ``manifest``, or the file is missing or differs.
+            TooLarge: the file has more than ``max_bytes``.
+            CorruptVersion: see ``manifest``; or the file is missing or differs.
         """
         map_id, version = folder.map_id, folder.version
         entry = self.manifest(folder).files.get(name)
@@ -121,16 +133,17 @@ class VersionObjects:
         manifest: Manifest,
         on_progress: Callable[[float], None] = lambda done: None,
     ) -> None:
-        """Every file, then the manifest; then it looks whether all of it is there. Repeating it after a kill
-        at any point completes it, and mends what a fault altered since: the version is named by what it has
-        to be.
+        """Put every file, then the manifest, and check that all of them are there.
+
+        Repeating it after a kill at any point completes it. It also repairs damaged objects, because the
+        manifest tells their right content.
 
         Args:
-            on_progress: called after each file with the share of the bytes that is there, 0..1.
+            on_progress: called after each file with the share of the bytes that are put, 0..1.
 
         Raises:
-            CorruptVersion: a file in the directory is not what the manifest says.
-            StoreUnavailable: what was put is gone again, time after time.
+            CorruptVersion: a file in the directory differs from the manifest.
+            StoreUnavailable: another process removes the files again and again.
         """
         manifest.verify_directory(directory)
         all_bytes = sum(entry.bytes for entry in manifest.files.values())
@@ -141,22 +154,22 @@ class VersionObjects:
                 put_bytes += manifest.files[name].bytes
                 on_progress(put_bytes / all_bytes if all_bytes else 1.0)
             content, key = manifest.to_json(), folder.manifest_key
-            with suppress(NotFound):  # somebody removes it this moment: again
+            with suppress(NotFound):  # another process has just removed it: try again
                 if not self._store.put_new(key, content) and self._store.get(key) != content:
-                    _log.warning("%s was altered: it is mended", key)
+                    _log.warning("%s is damaged and is written again", key)
                     self._store.put(key, content)
                 if self._is_whole(folder, manifest):
                     return
-        raise StoreUnavailable(f"{folder.key}: somebody removes what is put")
+        raise StoreUnavailable(f"{folder.key}: another process removes the files that are put")
 
     def _is_whole(self, folder: VersionFolder, manifest: Manifest) -> bool:
-        """Whether every file is there with its size. One listing."""
+        """Returns whether every file is there with its size. One listing."""
         sizes = {item.key: item.size_bytes for item in self._store.scan(folder.key)}
         files = {f"{folder.key}/{name}": entry.bytes for name, entry in manifest.files.items()}
         return folder.manifest_key in sizes and files.items() <= sizes.items()
 
     def scan(self, map_id: str) -> dict[VersionFolder, list[StoredObject]]:
-        """Every object of every version of the map, by folder."""
+        """All objects of all versions of a map, by folder."""
         found: dict[VersionFolder, list[StoredObject]] = {}
         for item in self._store.scan(f"maps/{check_map_id(map_id)}/versions"):
             if match := _FOLDER_NAME.fullmatch(item.key.split("/")[3]):
@@ -165,7 +178,7 @@ class VersionObjects:
         return found
 
     def remove(self, folder: VersionFolder, keys: list[str]) -> None:
-        """The manifest first: without it the version does not exist, whatever happens next."""
+        """Remove objects, the manifest first: without it the version does not exist."""
         for key in manifest_first(keys):
             self._store.delete(key)
         with self._lock:
@@ -173,4 +186,5 @@ class VersionObjects:
 
 
 def manifest_first(keys: list[str]) -> list[str]:
+    """Sort keys so that the manifest is the first."""
     return sorted(keys, key=lambda key: not key.endswith(f"/{FILE_NAME}"))

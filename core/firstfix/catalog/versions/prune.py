@@ -1,4 +1,4 @@
-"""Room in the folder of ``firstfix.catalog.versions.cache``: what was used last longest ago goes first."""
+"""Pruning of the cache of versions: the least recently used are removed first."""
 
 from __future__ import annotations
 
@@ -12,21 +12,20 @@ import uuid
 from contextlib import suppress
 from pathlib import Path
 
-from .cache import locked
+from .folder_lock import exclusive_lock
 
-ABANDONED_S = 86400.0  # a download that nobody has gone on with for so long
+ABANDONED_S = 86400.0  # age of a download that nobody continues
 _OWN = re.compile(r"\.?([0-9a-f]{64})(\.part|\.verified|\.lock|\.[0-9a-f]{32}\.old)?")
-_USUAL = {"", ".verified", ".lock"}  # of a version that stands here
+_USUAL = {"", ".verified", ".lock"}  # of a version in the cache
 
 
 def prune(directory: Path, max_bytes: int) -> list[str]:
-    """Removes versions until the folder's files are within the limit, and what killed processes left.
+    """Remove versions until the cache is within its limit, and what killed processes left.
 
-    One that is being fetched, or that some process holds (``FolderLock``), stays: so the limit may be
-    passed by what is in use.
+    Versions that are being fetched or are locked (``FolderLock``) stay, so these can exceed the limit.
 
     Returns:
-        the versions that were removed.
+        The removed versions.
     """
     if not directory.is_dir():
         return []
@@ -50,31 +49,31 @@ def prune(directory: Path, max_bytes: int) -> list[str]:
 
 
 def _remove(directory: Path, version: str) -> bool:
-    """False: it is in use."""
+    """Remove a version. Returns False if it is in use."""
     lock = directory / f".{version}.lock"
     try:
-        with locked(lock, wait=False):
+        with exclusive_lock(lock, wait=False):
             folder = directory / version
             handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                doomed = directory / f".{version}.{uuid.uuid4().hex}.old"
-                folder.rename(doomed)
+                old = directory / f".{version}.{uuid.uuid4().hex}.old"
+                folder.rename(old)
             finally:
                 os.close(handle)
-            shutil.rmtree(doomed, ignore_errors=True)
+            shutil.rmtree(old, ignore_errors=True)
             (directory / f".{version}.verified").unlink(missing_ok=True)
             if not (directory / f".{version}.part").exists():
                 lock.unlink(missing_ok=True)
-    except OSError:  # somebody holds it, or removes it too
+    except OSError:  # locked, or another process removes it too
         return False
     return True
 
 
 def _remove_leftovers(directory: Path, version: str, removed: list[str]) -> None:
-    """Folders of killed downloads and removals; the marker and lock of a version that is nowhere."""
+    """Remove folders of killed downloads and removals, and the marker and lock of a missing version."""
     lock, marker, part = (directory / f".{version}{end}" for end in (".lock", ".verified", ".part"))
-    with suppress(OSError), locked(lock, wait=False):
+    with suppress(OSError), exclusive_lock(lock, wait=False):
         for end in removed:
             shutil.rmtree(directory / f".{version}{end}", ignore_errors=True)
         if part.is_dir() and time.time() - part.stat().st_mtime > ABANDONED_S:
@@ -85,7 +84,7 @@ def _remove_leftovers(directory: Path, version: str, removed: list[str]) -> None
 
 
 def _stands_elsewhere(marker: Path) -> bool:
-    """Whether a file of a version that was verified in a file store is still there."""
+    """Returns whether a version that was verified in a file store still has a file there."""
     try:
         marked = json.loads(marker.read_bytes())
         return any((Path(marked["folder"]) / name).exists() for name in marked["files"])

@@ -17,7 +17,7 @@ from firstfix.catalog.sources import put_source, source_key
 from firstfix.errors import InvalidOption
 from firstfix.ids import check_map_id, check_upload_id
 from firstfix.store.sha256 import sha256_of
-from firstfix.upkeep.doomed_keys import is_doomed
+from firstfix.upkeep.pending_deletions import is_deletion_pending
 
 from ...auth.principal import Principal
 from ..dependencies import Parts
@@ -128,7 +128,7 @@ def keep_for_good(parts: Parts, build_id: str, record: Mapping[str, Any], submis
     """
     store = parts.catalog.store
     keys = [one["key"] for role in ("source", "trajectory") if (one := record.get(role)) and "key" in one]
-    if any(is_doomed(store, key) for key in keys):
+    if any(is_deletion_pending(store, key) for key in keys):
         submission.keep(parts, build_id=build_id)
     elif not all(map(store.exists, keys)):
         submission.keep(parts)

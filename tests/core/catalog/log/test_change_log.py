@@ -1,4 +1,4 @@
-"""Notices of changes: numbered without gaps, found with few calls, hints and no more."""
+"""Notices of changes: numbered without gaps, found with few calls, and only hints."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def test_notices_that_somebody_removed_do_not_lead_astray() -> None:
 
 
 def collect(store: Store) -> list[str]:
-    """As a garbage collection does a day later."""
+    """Collect garbage as if a day had passed."""
     found = change_garbage(store, datetime.now(timezone.utc) + timedelta(days=1))
     for key in found:
         store.delete(key)

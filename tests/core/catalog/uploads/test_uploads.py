@@ -50,7 +50,7 @@ def test_parts_become_a_source(any_store_url: str):
     replicas=st.lists(st.integers(0, 2), min_size=1, max_size=10),
 )
 def test_any_replica_goes_on_wherever_it_stopped(data: bytes, cuts: list[int], replicas: list[int]):
-    """However the file is cut, and whichever replica takes each part, it is the same file."""
+    """The file is the same, however it is cut and whichever replica takes each part."""
     store = Store.open("memory://")
     several = [Uploads(store) for _ in range(3)]
     begun(several[0], data=data)

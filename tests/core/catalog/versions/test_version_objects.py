@@ -1,4 +1,4 @@
-"""A version's files and its manifest in a store, apart from what the map's log says of it."""
+"""Files and manifest of a version in a store, without the map's log."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Room on the disk: the oldest unused version goes, never one that any process uses."""
+"""Pruning: the least recently used version is removed, never one that a process uses."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pytest
 
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.manifest import Manifest
-from firstfix.catalog.versions.cache import FolderLock, locked
+from firstfix.catalog.versions.folder_lock import FolderLock, exclusive_lock
 from firstfix.catalog.versions.prune import ABANDONED_S, prune
 from firstfix.store.store import Store
 
@@ -75,7 +75,7 @@ def test_what_another_process_holds_stays_until_it_is_killed(place: Place) -> No
     folder = place.fetch(1)
     code = (
         "import signal, sys; from pathlib import Path\n"
-        "from firstfix.catalog.versions.cache import FolderLock\n"
+        "from firstfix.catalog.versions.folder_lock import FolderLock\n"
         "held = FolderLock(Path(sys.argv[1])); print('held', flush=True); signal.pause()"
     )
     holder = subprocess.Popen([sys.executable, "-c", code, str(folder)], stdout=subprocess.PIPE)
@@ -91,7 +91,7 @@ def test_what_another_process_holds_stays_until_it_is_killed(place: Place) -> No
 
 def test_what_is_being_fetched_stays(place: Place) -> None:
     folder = place.fetch(1)
-    with locked(place.cache / f".{folder.name}.lock"):
+    with exclusive_lock(place.cache / f".{folder.name}.lock"):
         assert prune(place.cache, 0) == []
     assert folder.is_dir()
 

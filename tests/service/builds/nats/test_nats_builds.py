@@ -169,7 +169,7 @@ def test_a_build_that_kills_its_worker_time_after_time_is_buried(world: NatsWorl
     build_id, after = world.record(die_in="describe", stage_s=0.7), world.record()
     status = world.wait_until_ended(build_id)
     assert (status["state"], status["error"]["code"]) == ("failed", "build_attempts_exceeded")
-    assert "3 attempts died in the stage describe" in status["error"]["detail"]
+    assert "3 attempts failed in the stage describe" in status["error"]["detail"]
     assert world.wait_until_ended(after)["state"] == "succeeded"
     wait_until(lambda: world.in_stream() == [])
     assert world.in_stream("FIRSTFIX_DEAD_BUILDS") == [build_id]
