@@ -10,6 +10,7 @@ from latex2mathml.converter import convert
 # What pymdownx.arithmatex leaves in the page (generic mode).
 _EQUATION = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.S)
 _TAG = re.compile(r"\\tag\{([^}]*)\}")
+_NAME = re.compile(r"\\operatorname\{([^}]*)\}|\\(arg)\b")  # upright, as one word
 
 
 def with_mathml(page: str) -> str:
@@ -20,6 +21,7 @@ def with_mathml(page: str) -> str:
 def _mathml(match: re.Match[str]) -> str:
     element, block, latex = match[1], match[2] == "[", html.unescape(match[3])
     number = _TAG.search(latex)
-    mathml = convert(_TAG.sub("", latex).strip(), display="block" if block else "inline")
+    latex = _NAME.sub(r"\\text{\1\2}", _TAG.sub("", latex)).strip()
+    mathml = convert(latex, display="block" if block else "inline")
     label = f'<span class="equation-number">({number[1]})</span>' if number else ""
     return f'<{element} class="equation">{mathml}{label}</{element}>'

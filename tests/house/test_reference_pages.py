@@ -1,10 +1,11 @@
-"""The reference pages name every setting and every metric, and none that do not exist."""
+"""The reference pages name every setting, metric and public name, and none that do not exist."""
 
 import re
 from pathlib import Path
 
 from fastapi.testclient import TestClient
 
+import firstfix_client
 from firstfix_service.app import create_app
 from firstfix_service.settings import Settings
 
@@ -36,3 +37,9 @@ def test_every_metric_is_documented(tmp_path: Path):
         shown = client.get("/metrics").text
     names = set(re.findall(r"^# TYPE (firstfix_\w+) ", shown, re.M))
     assert set(rows("metrics.md")) == {name for name in names if not name.endswith("_created")}
+
+
+def test_every_public_name_of_the_client_is_documented():
+    page = (REFERENCE / "python-api.md").read_text()
+    documented = re.findall(r"^::: firstfix_client\.(\w+)$", page, re.M)
+    assert sorted(documented) == sorted(firstfix_client.__all__)
