@@ -10,6 +10,7 @@ from pathlib import Path
 from fastapi import Depends, FastAPI
 
 import firstfix
+from firstfix.engine.localizer import Localizer
 
 from . import problems
 from .auth.permission import WhilePermitted
@@ -27,7 +28,6 @@ from .http_api.routes import (
     uploads,
     versions,
 )
-from .query_workers.query import LocalizesScans
 from .settings import Settings
 from .startup.composition import compose
 from .startup.retry import PlainStartError, RetryingStart
@@ -55,7 +55,7 @@ _PROBLEM = {
 }
 
 
-def create_app(settings: Settings, *, load: Callable[[Path], LocalizesScans] | None = None) -> FastAPI:
+def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None = None) -> FastAPI:
     """Returns the app for these settings.
 
     Args:

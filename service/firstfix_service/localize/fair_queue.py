@@ -72,9 +72,8 @@ class FairQueue:
 
     def __init__(self, workers: int) -> None:
         self._workers = workers
-        self._groups: OrderedDict[str, _Group] = (
-            OrderedDict()
-        )  # a ring: a group that had its turn goes to the end
+        # A ring: a group that had its turn goes to the end.
+        self._groups: OrderedDict[str, _Group] = OrderedDict()
         self._running = 0
         self.size = 0  # waiting and running
         self.mean_s = 1.0  # moving average over all queries

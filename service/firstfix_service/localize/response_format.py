@@ -74,7 +74,7 @@ def to_json(answer: Localization) -> bytes:
 
 
 def _stamp_of(admission: Admission, body: bytes) -> Stamp:
-    """Of a PointCloud2, exact to the nanosecond; of other scans zero, which means "not known" in ROS."""
+    """The stamp of a PointCloud2, exact to the nanosecond; of other scans zero: "not known" in ROS."""
     if not admission.body_format.is_point_cloud2:
         return Stamp()
     head = first_bytes(body, admission.head.content_encoding or "", _STAMP_END)

@@ -35,7 +35,7 @@ _MINUTE_S = 60.0
 
 @dataclass(frozen=True)
 class SamplePolicy:
-    """Which queries are stored, and for how long.
+    """Rules for storing queries.
 
     Attributes:
         share: 0..1 of the answers that are not localized.
@@ -68,7 +68,7 @@ class SamplePolicy:
 
     @property
     def is_on(self) -> bool:
-        """Whether any query can be stored."""
+        """True if any query can be stored."""
         return self.share > 0 or self.share_localized > 0
 
     def share_of(self, answer: Localization) -> float:

@@ -107,8 +107,8 @@ class MapCache:
             map_ids: well-formed (``firstfix.ids``), and so is the version.
             version: None means the active version of each map.
 
-        The future raises NotFound if there is no such map or version, VersionError if neither it nor an earlier
-        active version can be served, and StoreError.
+        The future raises NotFound if there is no such map or version, VersionError if neither it nor an
+        earlier active version can be served, and StoreError.
         """
         if len(map_ids) == 1:
             return gather_leases([self._lease(map_ids[0], version)])

@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Protocol
 
 from firstfix.answer.localization import Localization
+from firstfix.engine.localizer import Localizer
 from firstfix.errors import FirstfixError, VersionError
 
 from .private_bytes import private_bytes
-from .query import LocalizesScans, Query, ServedVersion, answer_query
+from .query import Query, ServedVersion, answer_query
 
 
 class QueryWorkers(Protocol):
@@ -54,9 +55,9 @@ class QueryWorkers(Protocol):
 class QueryWorkerThreads:
     """Workers without processes: the calling thread answers."""
 
-    def __init__(self, load: Callable[[Path], LocalizesScans]) -> None:
+    def __init__(self, load: Callable[[Path], Localizer]) -> None:
         self._load_files = load
-        self._localizers: dict[ServedVersion, LocalizesScans] = {}
+        self._localizers: dict[ServedVersion, Localizer] = {}
         self._lock = threading.Lock()
         self._loads: dict[ServedVersion, threading.Lock] = {}
 
@@ -82,7 +83,7 @@ class QueryWorkerThreads:
         with self._lock:
             self._localizers.clear()
 
-    def _localizer(self, version: ServedVersion) -> LocalizesScans:
+    def _localizer(self, version: ServedVersion) -> Localizer:
         with self._lock:
             if version in self._localizers:
                 return self._localizers[version]

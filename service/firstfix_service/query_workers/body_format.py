@@ -1,4 +1,4 @@
-"""How the bytes of a query body become a scan."""
+"""Format of a query body: the way from its bytes to a scan."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class BodyFormat:
 
     @property
     def is_point_cloud2(self) -> bool:
-        """Whether the body is a ROS message, which has a stamp."""
+        """True for a ROS PointCloud2, which has a stamp."""
         return is_point_cloud2(self.decode)
 
     def scan_of(self, body: bytes, max_decoded_bytes: int) -> AnyScan:

@@ -5,24 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
 
 from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
 from firstfix.engine.index import MapIndex
-from firstfix.engine.localizer import Localizer, SearchesMap, localize_among
+from firstfix.engine.localizer import Localizer, localize_among
 from firstfix.engine.stopwatch import Stopwatch
-from firstfix.scan.sequence import AnyScan
 
 from .body_format import BodyFormat
-
-
-class LocalizesScans(SearchesMap, Protocol):
-    """A loaded map version that answers scans."""
-
-    def localize(self, scan: AnyScan, options: LocalizeOptions | None = None) -> Localization:
-        """Returns the answer to one scan."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -50,12 +40,12 @@ class Query:
     max_decoded_bytes: int
 
 
-def load_localizer(directory: Path) -> LocalizesScans:
+def load_localizer(directory: Path) -> Localizer:
     """Returns the localizer of a version's folder."""
     return Localizer(MapIndex.load(directory))
 
 
-def answer_query(query: Query, localizers: Sequence[LocalizesScans]) -> Localization:
+def answer_query(query: Query, localizers: Sequence[Localizer]) -> Localization:
     """Returns the answer with its map version and the time of decoding.
 
     Args:

@@ -19,6 +19,7 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.georeferences import Georeferences
 from firstfix.catalog.query_samples import QuerySamples
 from firstfix.catalog.uploads.uploads import Uploads
+from firstfix.engine.localizer import Localizer
 from firstfix.errors import InvalidOption, StoreUnavailable
 from firstfix.store.store import Store
 
@@ -45,7 +46,7 @@ from ..maps.map_poller import MapPoller
 from ..maps.placement import open_placement
 from ..query_workers.base import QueryWorkers, QueryWorkerThreads
 from ..query_workers.pool import QueryWorkerProcesses
-from ..query_workers.query import LocalizesScans, load_localizer
+from ..query_workers.query import load_localizer
 from ..settings import Settings
 from ..telemetry.metered_store import metered
 from ..telemetry.metrics import Metrics
@@ -63,7 +64,7 @@ async def compose(
     settings: Settings,
     metrics: Metrics,
     requests: Requests,
-    load: Callable[[Path], LocalizesScans] | None,
+    load: Callable[[Path], Localizer] | None,
     closing: asyncio.Event,
     draining: asyncio.Event,
     stack: AsyncExitStack,
@@ -173,9 +174,7 @@ async def compose(
     return parts
 
 
-def _workers(
-    settings: Settings, metrics: Metrics, load: Callable[[Path], LocalizesScans] | None
-) -> QueryWorkers:
+def _workers(settings: Settings, metrics: Metrics, load: Callable[[Path], Localizer] | None) -> QueryWorkers:
     if load is None and settings.worker_processes:
         return QueryWorkerProcesses(
             settings.workers,

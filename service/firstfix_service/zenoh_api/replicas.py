@@ -142,6 +142,5 @@ class ZenohReplicas:
                     self._changed(names, self._event.is_set)
                 except Exception:  # a defect must not end the watch: nobody would take over
                     _log.exception("the maps of other replicas were not taken over")
-                self._told = (
-                    None if self._event.is_set() else names
-                )  # it may have ended early, after another change
+                # After another change the call may have ended early.
+                self._told = None if self._event.is_set() else names

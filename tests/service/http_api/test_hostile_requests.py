@@ -1,4 +1,4 @@
-"""Requests that are meant to hurt: every one is answered, none by a defect, and the memory stays."""
+"""Hostile requests: each is answered, none with 5xx by a defect, and memory stays bounded."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ HEADERS = {"Content-Type": XYZ}
 
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
-    """One for all: what hurts a request must not hurt the next one either."""
+    """One service for all: a hostile request must not harm the next one."""
     with running_service(tmp_path_factory.mktemp("service")) as running:
         publish(running.catalog, "hall", "1", running.scratch)
         yield running
@@ -36,7 +36,7 @@ def asker(service: Service, transport: str) -> Ask:
 
 
 def memory_bytes(name: str) -> int:
-    """VmRSS or VmHWM, its peak."""
+    """Returns VmRSS, or its peak VmHWM."""
     lines = Path("/proc/self/status").read_text().splitlines()
     return next(int(line.split()[1]) * 1024 for line in lines if line.startswith(f"{name}:"))
 

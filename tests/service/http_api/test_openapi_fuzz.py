@@ -1,4 +1,4 @@
-"""What the OpenAPI document promises holds for whatever is sent, made up by schemathesis."""
+"""Random requests, made by schemathesis, against the promises of the OpenAPI document."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
 
 @pytest.fixture
 def known(service: Service) -> dict[str, str]:
-    """Path parameters that name what is there."""
+    """Path parameters of existing objects."""
     names = {kind: f"{kind}-{uuid.uuid4().hex[:12]}" for kind in ("map", "build", "upload")}
     version = publish(service.catalog, names["map"], "1", service.scratch)
     service.catalog.put_build(names["build"], {"map_id": names["map"]})

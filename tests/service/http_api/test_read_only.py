@@ -1,4 +1,4 @@
-"""A replica without the right to write: it answers, and refuses what would change something."""
+"""A read-only replica: it answers queries and refuses changes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Each check of a query is made once, by the service; a worker process only decodes the body."""
+"""Each check of a query is made once, by the service. A worker process only decodes the body."""
 
 from __future__ import annotations
 

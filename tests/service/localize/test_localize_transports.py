@@ -1,4 +1,4 @@
-"""One body of tests over both transports, which must agree to the byte in what they refuse."""
+"""The same tests over both transports, which must refuse with the same bytes."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from waiting import LIMIT_S, let_pass, wait_until_async
 
 
 class Held:
-    """What a query needs; counts how often it was given back."""
+    """Resources of a query; counts how often they were given back."""
 
     def __init__(self) -> None:
         self.closed = 0
@@ -49,7 +49,7 @@ def with_pool(
 
 
 class Tasks:
-    """Queries that note when they begin and wait for a gate."""
+    """Queries that record their start and wait for a gate."""
 
     def __init__(self, pool: QueryPool) -> None:
         self.pool = pool

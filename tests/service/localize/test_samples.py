@@ -1,4 +1,4 @@
-"""Queries that were not localized are kept as the settings say, and can be looked at and asked again."""
+"""Samples of queries that were not localized: stored by the settings, listed and replayed."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ HEAD = QueryHead(("hall",), XYZ, None, {})
 
 
 class Kept:
-    """A keeper over a file store; counts by what became of the offers."""
+    """A sampler over a file store, with its counters."""
 
     def __init__(self, directory: Path, **changes: Any) -> None:
         self.samples = QuerySamples(Store.open(str(directory)))

@@ -1,4 +1,4 @@
-"""The map list, version changes and replicas as zenoh keys, over a real service and two of them."""
+"""The map list, version changes and replicas as zenoh keys, with one real service and with two."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a zenoh replica does with too much: payloads, queries, and askers who do not take their answers."""
+"""Limits of a zenoh replica: large payloads, many queries, and callers who do not read their answers."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ time.sleep(600)
 
 
 class Talkative(Behaviour):
-    """Its answers have megabytes: more than the buffers between two processes hold."""
+    """Answers with megabytes: more than the buffers between two processes hold."""
 
     def load(self, directory: Path) -> FakeLocalizer:
         return TalkativeLocalizer(1.0, self)
@@ -56,7 +56,7 @@ class TalkativeLocalizer(FakeLocalizer):
 
 
 def other_client(service: Service) -> Service:
-    """The service as a session of its own sees it, which has seen the service's keys."""
+    """The service through another session, which knows the service's keys already."""
     session = client_session(service.endpoint)
     wait_until(lambda: list(session.liveliness().get("firstfix/@any/localize/*", timeout=5)))
     return dataclasses.replace(service, session=session)

@@ -41,7 +41,7 @@ def holders(names: list[str]) -> dict[str, set[str]]:
 
 
 class Fleet:
-    """Robots that ask for one map after the other until they are told to stop."""
+    """Robots that query one map after the other until they are stopped."""
 
     def __init__(self, config: Path, robots: int) -> None:
         self.failures: list[str] = []
@@ -131,7 +131,7 @@ def router() -> Iterator[str]:
 
 
 class Seen:
-    """What a watch was told. It can be held up."""
+    """Records the calls of a watch, and can hold them up."""
 
     def __init__(self) -> None:
         self.views: list[frozenset[str]] = []

@@ -123,7 +123,7 @@ def test_a_router_of_another_authority_is_not_trusted(world: ZenohWorld, tmp_pat
 
 @pytest.fixture
 def own_world(tmp_path: Path) -> Iterator[ZenohWorld]:
-    """Files and a store for a test that breaks things."""
+    """Files and a store for one test that damages them."""
     publish(Catalog(Store.open(str(tmp_path / "store"))), "hall", "1", tmp_path / "made")
     return ZenohWorld(tmp_path / "zenoh")
 

@@ -67,7 +67,7 @@ class Submission:
 
     @property
     def copies_uploads(self) -> bool:
-        """Whether the store must copy uploads, which can take as long as sending them."""
+        """True if the store must copy uploads, which can take as long as sending them."""
         return any(isinstance(source, NamedUpload) for source in (self.source, self.trajectory))
 
     def fingerprint(self) -> str:

@@ -1,4 +1,4 @@
-"""Room on the disk: promised once, however many ask for it at the same time."""
+"""Disk space: reserved once, however many requests ask for it at the same time."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def size_of(folder: Path) -> int:
 
 
 class Disk:
-    """A disk of a known size, as ``shutil.disk_usage`` tells of it: what the folder has is used."""
+    """A disk of known size for ``shutil.disk_usage``. The folder's files are its used space."""
 
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         self._folder = folder
@@ -70,7 +70,7 @@ def test_the_same_bytes_are_promised_once(tmp_path: Path, disk: Disk):
 
 
 def test_what_was_written_is_not_promised_any_more(tmp_path: Path, disk: Disk):
-    """The disk itself counts it."""
+    """The disk itself counts the bytes as used."""
     disks = DiskSpace(0)
     disk.size_bytes = 100
     with disks.reserve("d", tmp_path) as first, disks.reserve("d", tmp_path) as second:
@@ -108,7 +108,7 @@ def service(tmp_path: Path) -> Iterator[Service]:
 
 
 def form(*files: bytes) -> Iterator[bytes]:
-    """A form in pieces, whose length is not told."""
+    """A form in pieces, without a Content-Length."""
     yield b'--b\r\nContent-Disposition: form-data; name="map_id"\r\n\r\nhall\r\n'
     yield b'--b\r\nContent-Disposition: form-data; name="source"; filename="a.xyz"\r\n\r\n'
     yield from files
@@ -147,7 +147,7 @@ def test_a_form_needs_room_for_its_copy_in_the_store_as_well(service: Service, d
 
 
 def test_of_several_uploads_at_once_those_fit_that_have_room_together(service: Service, disk: Disk):
-    """Each of them has, alone."""
+    """Each of them has room alone."""
     caller = Caller(service, "nobody-asks")
     size = 3 * MIB
     urls = [caller.begin(size) for _ in range(4)]

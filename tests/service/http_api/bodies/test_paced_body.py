@@ -1,4 +1,4 @@
-"""Bodies of files: they may be long, but have to keep coming."""
+"""Bodies of files: long, but with a minimum pace."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PACE = Pace(stall_s=30.0, min_bytes_per_s=1000, timeout_s=3600.0)
 
 
 class Sender:
-    """A request whose body comes as told, by a clock that it sets itself."""
+    """A request whose body arrives at given times of a clock that it sets itself."""
 
     def __init__(self, *pieces: tuple[float, int]) -> None:
         self._pieces = pieces

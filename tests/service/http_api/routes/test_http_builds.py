@@ -1,4 +1,4 @@
-"""Lists of builds, and their events as they come."""
+"""Lists of builds, and streams of their events."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Resumable uploads over HTTP, interrupted wherever a connection can be."""
+"""Resumable uploads over HTTP, interrupted at every place where a connection can break."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ DATA = bytes(range(256)) * 100
 
 @pytest.fixture(scope="module")
 def shared() -> Iterator[Service]:
-    """One service for the tests that leave nothing behind which another would trip over."""
+    """One service for the tests that leave nothing behind."""
     with (
         tempfile.TemporaryDirectory() as directory,
         running_service(

@@ -123,7 +123,7 @@ def test_garbage_is_collected_over_http(service: Service, tmp_path: Path):
 
 
 def _age(directory: Path, days: float) -> None:
-    """Makes all objects older but the logs' entries, which say when something was done."""
+    """Makes all objects older, except log entries, which carry their own times."""
     import os
 
     then = time.time() - days * 86400

@@ -1,4 +1,4 @@
-"""Callers who hang up, and maps that are slow, over real sockets."""
+"""Callers who disconnect, and slow maps, over real sockets."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def admitted(service: Service) -> float:
 
 
 def send_query(service: Service) -> socket.socket:
-    """A query whose answer nobody has read yet."""
+    """Sends a query and does not read the answer."""
     host, port = service.url.removeprefix("http://").split(":")
     connection = socket.create_connection((host, int(port)))
     head = f"POST /localize?map=hall HTTP/1.1\r\nHost: {host}\r\nContent-Type: {XYZ}\r\n"
@@ -69,7 +69,7 @@ def test_a_query_that_runs_keeps_its_place_when_its_caller_has_gone(gated: Servi
 
 
 def test_a_map_that_is_being_loaded_keeps_nobody_elses_queries_out(tmp_path: Path):
-    """Its queries fill the queue; those of a loaded map are answered all the same."""
+    """Queries of a slow map fill the queue; those of a loaded map are still answered."""
     behaviour, gate = Behaviour(), threading.Event()
 
     def load(directory: Path) -> FakeLocalizer:

@@ -1,4 +1,4 @@
-"""A PointCloud2 in and a pose message out, over both transports; JSON where there is no pose."""
+"""PointCloud2 queries and pose messages over both transports; JSON for answers without a pose."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def ask(
     options: dict[str, str] | None = None,
     content_encoding: str = "identity",
 ) -> Reply:
-    """One query with what is said of its answer: an Accept header, or zenoh's parameter."""
+    """Sends one query with an Accept header, or zenoh's parameter for it."""
     options = options or {}
     if transport == "zenoh":
         options = {"accept": accept.partition(";")[0], **options}  # a semicolon separates parameters

@@ -1,4 +1,4 @@
-"""Worker processes, real ones with a real version: killed, stopped, orphaned, and given bad versions."""
+"""Real worker processes with a real version: killed, stopped, orphaned, and with bad versions."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def test_a_version_that_cannot_be_loaded_is_refused_and_forgotten(
 
 
 def test_queries_survive_kills(workers: QueryWorkerProcesses, query: Query):
-    """Kills come again and again, idle or at work: a query is answered or says that its worker was lost."""
+    """Repeated kills of idle and busy workers: a query is answered, or fails as lost with its worker."""
     end = threading.Event()
 
     def ask() -> tuple[int, int]:
