@@ -80,10 +80,18 @@ def ask_over_zenoh(session: Any, map_id: str, timeout_s: float = 30.0) -> Iterat
 
 
 class Crowd:
-    """Clients at work until they are told to stop."""
+    """Clients that ask one query after the other until the block ends.
 
-    def __init__(self, connect: Callable[[], Iterator[Ask]], bodies: list[Body], clients: int) -> None:
+    Args:
+        connect: opens the connection of one client.
+        pause_s: of a client between two queries.
+    """
+
+    def __init__(
+        self, connect: Callable[[], Iterator[Ask]], bodies: list[Body], clients: int, pause_s: float = 0.0
+    ) -> None:
         self._connect = connect
+        self._pause_s = pause_s
         self._bodies = bodies
         self._lock = threading.Lock()
         self._stop = threading.Event()
@@ -104,6 +112,17 @@ class Crowd:
             thread.join()
         self.asked.elapsed_s = time.perf_counter() - self._begin
 
+    def go_on(self, seconds: float, queries: int = 10) -> None:
+        """Waits for the given time, and until the clients have had so many answers meanwhile."""
+        before = self._answered()
+        time.sleep(seconds)
+        while self._answered() < before + queries:
+            time.sleep(0.05)
+
+    def _answered(self) -> int:
+        with self._lock:
+            return sum(self.asked.outcomes.values())
+
     def _run(self, number: int) -> None:
         with contextmanager(self._connect)() as ask:
             turn = number
@@ -117,6 +136,7 @@ class Crowd:
                     self.asked.outcomes[outcome] += 1
                     if outcome == "ok":
                         self.asked.seconds.append(seconds)
+                self._stop.wait(self._pause_s)
 
 
 def asked_for(

@@ -6,6 +6,7 @@ import sys
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firstfix.builds.config import EngineOverrides
 from firstfix.engine.calibration import Calibration
@@ -13,12 +14,14 @@ from firstfix.engine.config import SearchConfig
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.engine.registration.align import MapSurface
+from firstfix.engine.registration.surface import Surface
 from firstfix.engine.retrieval.cascade import Cascade
 from firstfix.engine.retrieval.clusters import Clusters
 from firstfix.engine.retrieval.key_search import ENGINES
 from firstfix.engine.verification.free_space import MapView
+from firstfix.portable.sample import rows_by_place
 from firstfix.transform import pose_error
-from firstfix_builder.index.visible_points import map_surface
+from firstfix_builder.index.visible_points import VIEWPOINT_M, map_surface
 from firstfix_builder.templates.fit_engine import fit_engine
 
 from .matching import make_cascade, run_cascade, success
@@ -53,11 +56,14 @@ def compare_engines(scene: Scene, clusters: Clusters, own: Taken, perturbed: Per
     return rows
 
 
-def compare_methods(scene: Scene, clusters: Clusters, perturbed: Perturbed, registered: int) -> list[Row]:
-    """The paper's method and the default one: search alone, and through the whole localizer.
+def compare_methods(
+    scene: Scene, clusters: Clusters, perturbed: Perturbed, registered: int, viewpoints: int
+) -> list[Row]:
+    """Compares the paper's method with the default one: search alone, and the whole localizer.
 
     Args:
         registered: how many of the scans the localizers are asked.
+        viewpoints: how many templates the localizers' map is seen from.
     """
     paper = make_cascade(scene.templates, clusters, SearchConfig(engine="kdtree"), PAPER)
     default = make_cascade(scene.templates, Clusters.alone(len(scene.templates)), DEFAULT_SEARCH, "occupancy")
@@ -77,20 +83,35 @@ def compare_methods(scene: Scene, clusters: Clusters, perturbed: Perturbed, regi
         }
         rows.append(row)
         _tell("method", row)
+    positions = scene.templates.position_m.astype(np.float64)
+    surfaces = _Surfaces(scene, positions[rows_by_place(positions, viewpoints, VIEWPOINT_M)])
     for method, cascade in (("paper", paper), ("default", default)):
-        row = _localized(scene, method, cascade, perturbed, registered)
+        row = _localized(surfaces, method, cascade, perturbed, registered)
         rows.append(row)
         _tell("method", row)
     return rows
 
 
-def _localized(scene: Scene, method: str, cascade: Cascade, perturbed: Perturbed, count: int) -> Row:
+class _Surfaces:
+    """The map's surface for each voxel size. It takes long to make, and both methods use the same."""
+
+    def __init__(self, scene: Scene, positions: NDArray[np.float64]) -> None:
+        self._scene = scene
+        self._positions = positions
+        self._made: dict[float, Surface] = {}
+
+    def of(self, voxel_m: float) -> Surface:
+        if voxel_m not in self._made:
+            simulator = self._scene.simulator
+            self._made[voxel_m] = map_surface(None, simulator, self._positions, SENSOR, MAP_STEP_M, voxel_m)
+        return self._made[voxel_m]
+
+
+def _localized(surfaces: _Surfaces, method: str, cascade: Cascade, perturbed: Perturbed, count: int) -> Row:
     """The best hypothesis after registration, whatever the verdict: there is no calibration here."""
     overrides = EngineOverrides.model_validate({"method": method})
     engine = fit_engine(overrides, SENSOR, MAP_STEP_M, MAX_RANGE_M, SPACING_M, np.eye(4))
-    positions = scene.templates.position_m.astype(np.float64)
-    voxel_m = engine.registration.map_voxel_m
-    surface = map_surface(None, scene.simulator, positions, SENSOR, MAP_STEP_M, voxel_m)
+    surface = surfaces.of(engine.registration.map_voxel_m)
     view = MapView.of(surface.points, engine.verification.reach_m)
     localizer = Localizer(
         MapIndex(engine, Calibration(), cascade, MapSurface.of(surface, engine.registration), view)

@@ -1,8 +1,7 @@
 """A simulated world of the paper's kind: templates 0.2 m apart on both sides of a drive, and queries.
 
-The campus world, a 16-beam scanner, every spot within 8 m of the track where the robot can stand, as
-many as are asked for from the track's beginning on. Kept under ``build/bench``: simulating 100k scans
-takes minutes.
+The campus world, a 16-beam scanner, every spot beside the track where the robot can stand, as many as are
+asked for from the track's beginning on. Kept under ``build/bench``: simulating 100k scans takes minutes.
 """
 
 from __future__ import annotations
@@ -43,7 +42,6 @@ from firstfix_builder.worlds.make_world import NAMES
 
 SEED = 0
 SPACING_M = 0.2
-BESIDE_TRACK_M = 8.0
 MAX_RANGE_M = 60.0
 MAX_RAYS = 16_384
 AT_ONCE = 128
@@ -114,12 +112,12 @@ class Scene:
         return perturbed_scans(self.simulator, SENSOR, around, SPACING_M, count, PERTURBED, rng)
 
 
-def make_scene(count: int, work: Path) -> Scene:
-    """With ``count`` templates."""
+def make_scene(count: int, beside_track_m: float, work: Path) -> Scene:
+    """Makes a scene with ``count`` templates, no further from the track than ``beside_track_m``."""
     place = campus(np.random.default_rng([SEED, NAMES.index("campus"), 0]))
     mesh, path = place.mesh(), drive(place)
     simulator = Simulator(mesh.vertices, mesh.triangles)
-    near = ViewpointConfig(spacing_m=SPACING_M, max_distance_to_trajectory_m=BESIDE_TRACK_M)
+    near = ViewpointConfig(spacing_m=SPACING_M, max_distance_to_trajectory_m=beside_track_m)
     viewpoints = sample_viewpoints(simulator, near, SENSOR.mount_height_m, path)
     track = _every(path[:, :3, 3], TRACK_STEP_M)
     along = cKDTree(track[:, :2]).query(viewpoints.positions[:, :2])[1]

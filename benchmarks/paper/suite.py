@@ -37,23 +37,29 @@ THRESHOLDS_45 = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
 
 @dataclass(frozen=True)
 class Sizes:
-    """Attributes:
-    own: templates that are asked in Tables IV and V; ``own_exhaustive``: in Tables II and III.
-    perturbed: held-out scans.
-    registered: of these, that go through the whole localizer.
-    naive: templates that the naive reference clusters.
+    """How much of everything is measured.
+
+    Attributes:
+        beside_track_m: templates stand so near to the track.
+        own: templates that are asked in Tables IV and V; ``own_exhaustive``: in Tables II and III.
+        perturbed: held-out scans.
+        registered: of these, the number that go through the whole localizer.
+        viewpoints: templates from which the localizer's map is seen.
+        naive: templates that the naive reference clusters.
     """
 
     templates: int
+    beside_track_m: float
     own: int
     own_exhaustive: int
     perturbed: int
     registered: int
+    viewpoints: int
     naive: int
 
 
-FULL = Sizes(100_000, 20_000, 10_000, 1_000, 200, 800)
-QUICK = Sizes(5_000, 1_000, 1_000, 100, 10, 150)
+FULL = Sizes(100_000, 8.0, 20_000, 10_000, 1_000, 200, 100_000, 800)
+QUICK = Sizes(2_000, 4.5, 300, 300, 100, 10, 150, 120)
 
 
 def run(quick: bool) -> dict[str, Any]:
@@ -69,7 +75,7 @@ def measure(sizes: Sizes, work: Path) -> dict[str, Any]:
     """Every table and picture, on one scene."""
     folder = work / "paper"
     folder.mkdir(parents=True, exist_ok=True)
-    scene = make_scene(sizes.templates, work)
+    scene = make_scene(sizes.templates, sizes.beside_track_m, work)
     own, some = templates_themselves(scene, sizes.own), templates_themselves(scene, sizes.own_exhaustive)
     held_out = perturbed(scene, sizes.perturbed)
     raw = held_out.as_they_come
@@ -89,7 +95,7 @@ def measure(sizes: Sizes, work: Path) -> dict[str, Any]:
         "table_4": cascade_table("table 4", scene, clusterings, SearchConfig(engine="kdtree"), own, raw),
         "table_5": cascade_table("table 5", scene, clusterings, SearchConfig(engine="lsh_kdtree"), own, raw),
         "engines": compare_engines(scene, finest, some, held_out),
-        "methods": compare_methods(scene, finest, held_out, sizes.registered),
+        "methods": compare_methods(scene, finest, held_out, sizes.registered, sizes.viewpoints),
         "ablation": ablate(scene, some, held_out.levelled),
         "figures_4_to_6": draw_clusters(scene.templates, folder),
         "figures_7_and_8": measure_search_time(scene.templates, folder),

@@ -40,10 +40,17 @@ def cold_load(queried: QueriedVersion, body: Body, directory: Path) -> dict[str,
 
 
 def hot_swap(
-    queried: QueriedVersion, bodies: list[Body], directory: Path, clients: int = 2, swaps: int = SWAPS
+    queried: QueriedVersion,
+    bodies: list[Body],
+    directory: Path,
+    clients: int = 2,
+    swaps: int = SWAPS,
+    calm_s: float = 2.0,
+    pause_s: float = 0.0,
 ) -> dict[str, Any]:
-    """Two versions activated in turn while clients ask: how long until the other one answers, and what
-    the clients saw.
+    """Activates two versions in turn while clients ask.
+
+    Returns how long it took until the other version answered, and what the clients saw.
     """
     store = str(directory / "store")
     versions = [queried.publish(store, MAP, directory, mark) for mark in ("one", "two")]
@@ -51,10 +58,10 @@ def hot_swap(
     with (
         replica(directory / "replica", store=store, poll_interval_s=POLL_S, run_builds=False) as one,
         httpx.Client(base_url=one.url, timeout=60) as http,
-        Crowd(partial(ask_over_http, one.url, MAP), bodies, clients) as crowd,
+        Crowd(partial(ask_over_http, one.url, MAP), bodies, clients, pause_s) as crowd,
     ):
         for turn in range(swaps):
-            time.sleep(2.0)
+            crowd.go_on(calm_s)
             wanted = versions[turn % 2]
             begin = time.perf_counter()
             http.post(f"/maps/{MAP}/versions/{wanted}/activate").raise_for_status()

@@ -1,5 +1,7 @@
-"""Four replicas behind a balancer, over an object store on a cable: queries go on while a version is
-activated, a replica is killed and comes back, and the cable is cut.
+"""Queries to replicas behind a balancer while a replica or the store fails.
+
+A version is activated, a replica is killed and started again, the cable to the object store is cut, and the replicas
+are restarted one after the other.
 """
 
 from __future__ import annotations
@@ -8,6 +10,7 @@ import os
 import signal
 import time
 from contextlib import ExitStack
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,13 +22,29 @@ from ..common.programs import BUCKET, Replica, balancer, cable_to, missing, s3_s
 from .queried_version import QueriedVersion
 
 MAP = "bench"
-CLIENTS = 4
+
+
+@dataclass(frozen=True)
+class Course:
+    """How many replicas and clients there are, and how long each part takes.
+
+    Attributes:
+        calm_s: before and after each fault.
+        cut_s: without the store.
+        pause_s: of a client between two queries.
+    """
+
+    replicas: int = 4
+    clients: int = 4
+    calm_s: float = 2.0
+    cut_s: float = 60.0
+    pause_s: float = 0.0
 
 
 def replicas_suite(
-    queried: QueriedVersion, bodies: list[Body], directory: Path, count: int = 4, cut_s: float = 60.0
+    queried: QueriedVersion, bodies: list[Body], directory: Path, course: Course
 ) -> dict[str, Any]:
-    """What the clients saw in each part. They speak plain HTTP and try nothing again by themselves."""
+    """Returns what the clients saw in each part. They speak plain HTTP and repeat no query."""
     reason = missing("versitygw", "toxiproxy-server", "haproxy")
     if reason is not None:
         return {"skipped": reason}
@@ -42,7 +61,7 @@ def replicas_suite(
                 directory / f"r{i}",
                 {"store": store, "poll_interval_s": 1.0, "run_builds": False, "workers": 1},
             )
-            for i in range(count)
+            for i in range(course.replicas)
         ]
         for one in replicas:
             stack.callback(one.end)
@@ -52,10 +71,11 @@ def replicas_suite(
         proxy = stack.enter_context(balancer(replicas, directory))
         proxy.wait_until_all_up()
         connect = partial(ask_over_http, proxy.url, MAP)
-        figures: dict[str, Any] = {"replicas": count}
+        crowd_of = partial(Crowd, connect, bodies, course.clients, course.pause_s)
+        figures: dict[str, Any] = {"replicas": course.replicas}
         assert _serving(replicas) == {second}
 
-        with Crowd(connect, bodies, CLIENTS) as crowd:
+        with crowd_of() as crowd:
             begin = time.perf_counter()
             httpx.post(
                 f"{replicas[0].url}/maps/{MAP}/versions/{first}/activate", timeout=60
@@ -63,24 +83,24 @@ def replicas_suite(
             while _serving(replicas) != {first}:
                 time.sleep(0.2)
             took_s = time.perf_counter() - begin
-            time.sleep(2.0)
+            crowd.go_on(course.calm_s)
         figures["activation"] = {"everywhere_after_s": round(took_s, 2), **_seen(crowd.asked)}
 
-        with Crowd(connect, bodies, CLIENTS) as crowd:
-            time.sleep(2.0)
+        with crowd_of() as crowd:
+            crowd.go_on(course.calm_s)
             replicas[1].end(signal.SIGKILL)
-            time.sleep(5.0)
+            crowd.go_on(2.5 * course.calm_s)
             replicas[1].start().wait_until_ready()
             proxy.wait_until_all_up()
-            time.sleep(2.0)
+            crowd.go_on(course.calm_s)
         figures["killed_and_restarted"] = _seen(crowd.asked)
 
-        with Crowd(connect, bodies, CLIENTS) as crowd:
+        with crowd_of() as crowd:
             cable.cut()
-            time.sleep(cut_s)
+            crowd.go_on(course.cut_s)
             cable.mend()
-            time.sleep(3.0)
-        figures["store_cut"] = {"seconds": cut_s, **_seen(crowd.asked)}
+            crowd.go_on(1.5 * course.calm_s)
+        figures["store_cut"] = {"seconds": course.cut_s, **_seen(crowd.asked)}
 
         begin = time.perf_counter()
         _activate(replicas[0], second)
@@ -88,11 +108,12 @@ def replicas_suite(
             time.sleep(0.2)
         figures["after_the_cut"] = {"activation_everywhere_after_s": round(time.perf_counter() - begin, 2)}
 
-        with Crowd(connect, bodies, CLIENTS) as crowd:
+        with crowd_of() as crowd:
             for one in replicas:
                 one.end(signal.SIGTERM)
                 one.start().wait_until_ready()
                 proxy.wait_until_all_up()
+            crowd.go_on(0.0)
         figures["rolling_restart"] = _seen(crowd.asked)
     return figures
 

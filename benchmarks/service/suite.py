@@ -18,7 +18,7 @@ from .loading import cold_load, hot_swap
 from .many_maps import many_maps
 from .queried_version import QueriedVersion, make_queried_version
 from .replica_memory import replica_memory
-from .replicas import replicas_suite
+from .replicas import Course, replicas_suite
 from .throughput import body_of, overhead, throughput
 
 WORK = Path(__file__).parents[2] / "build" / "bench" / "service"
@@ -53,7 +53,9 @@ def measure(queried: QueriedVersion, parts: Iterable[str], *, quick: bool = Fals
             elif part == "hot_swap":
                 figures[part] = hot_swap(queried, bodies, directory)
             elif part == "replicas":
-                figures[part] = replicas_suite(queried, bodies, directory, cut_s=5.0 if quick else 60.0)
+                figures[part] = replicas_suite(
+                    queried, bodies, directory, Course(cut_s=5.0) if quick else Course()
+                )
             elif part == "many_maps":
                 figures[part] = many_maps(queried, bodies, directory, rounds=1 if quick else 3)
             elif part == "replica_memory":
