@@ -86,7 +86,7 @@ class Localization:
 
     def __post_init__(self) -> None:
         if (self.verdict is Verdict.LOCALIZED) != (self.T_map_sensor is not None):
-            raise ValueError("a localized answer must have a pose, and no other answer may have one")
+            raise ValueError("a localized answer has a pose, and no other answer has a pose")
 
     def to_mapping(self) -> dict[str, Any]:
         """Values ready for JSON, as both transports send them."""
