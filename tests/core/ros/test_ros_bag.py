@@ -54,7 +54,7 @@ def test_topics_are_told_apart_by_type(tmp_path: Path, kind: str):
             bag.cloud_topic(None)
         with pytest.raises(NotFound, match="topics that have: /a, /b"):
             bag.cloud_topic("/imu")
-        with pytest.raises(NotFound, match="those that do: /imu"):
+        with pytest.raises(NotFound, match="topics that have: /imu"):
             bag.check_topic("/a", IMU)
 
 
