@@ -134,8 +134,8 @@ def test_an_imu_that_moves_says_nothing(service, tmp_path):
 
 
 WRONG = {
-    "no such topic": (["--topic", "/camera"], "/camera holds no sensor_msgs/msg/PointCloud2"),
-    "an IMU topic that is none": (["--imu-topic", "/points"], "/points holds no sensor_msgs/msg/Imu"),
+    "no such topic": (["--topic", "/camera"], "/camera has no sensor_msgs/msg/PointCloud2"),
+    "an IMU topic that is none": (["--imu-topic", "/points"], "/points has no sensor_msgs/msg/Imu"),
     "a frame that nothing joins": (["--base-frame", "arm"], "no chain of static transforms"),
     "gravity twice": (["--imu-topic", "/imu", "--gravity", "0,0,-1"], "only one of --gravity"),
     "the mounting twice": (["--base-frame", "base_link", "--T-base-sensor", "0,0,0,0,0,0,1"], "only one of --T-base-sensor"),

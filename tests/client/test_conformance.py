@@ -5,17 +5,16 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import pytest
-
 from clients.conformance.compare import alike, difference
 from clients.conformance.generate import FOLDER, write
 from clients.conformance.plain_form import plain_form
+from every_case import every_case
 
 VECTORS = json.loads((FOLDER / "index.json").read_text())["vectors"]
 MAX_FOLDER_BYTES = 400_000
 
 
-@pytest.mark.parametrize("vector", VECTORS, ids=lambda vector: vector["name"])
+@every_case("vector", VECTORS, ids=lambda vector: vector["name"])
 def test_the_python_client_passes(vector):
     assert not difference(FOLDER, vector)
 

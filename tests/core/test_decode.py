@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from cloud_files import pcd, ply, random_cloud
 
+from every_case import every_case
 from firstfix.decode import MEDIA_TYPES, SUFFIXES, decode_query, read_scan_file
 from firstfix.errors import MalformedData, NotFound, TooLarge, UnsupportedFormat
 from firstfix.scan.scan import MAX_POINTS
@@ -17,7 +18,7 @@ CLOUD = random_cloud(300)
 XYZ = np.stack([CLOUD[axis] for axis in "xyz"], axis=1)
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("media_type", "body", "has_intensity"),
     [
         ("application/x-pcd", pcd(CLOUD, "binary"), True),

@@ -9,13 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from every_case import every_case
 from firstfix.redact import HIDDEN, redact, redactor
 
 KEY = f"ffx_0123456789ab_{'5e' * 32}"
 JWT = "eyJhbGciOiJFUzI1NiJ9.eyJzdWIiOiJyb2JvdCJ9.c2lnbmF0dXJl-_A"
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("text", "secret"),
     [
         (f"a key {KEY} in a sentence", "5e5e"),
@@ -94,7 +95,7 @@ def test_values_of_the_environment_are_hidden_whatever_their_form():
 
 
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize(
+@every_case(
     "line",
     [
         "a-" * 500_000,

@@ -1,13 +1,12 @@
 from __future__ import annotations
 
-import pytest
-
+from every_case import every_case
 from firstfix.trace_context import TraceContext, is_tracing_wanted
 
 TRACE, SPAN = "4bf92f3577b34da6a3ce929d0e0e4736", "00f067aa0ba902b7"
 
 
-@pytest.mark.parametrize(("flags", "sampled"), [("01", True), ("00", False), ("03", True), ("02", False)])
+@every_case(("flags", "sampled"), [("01", True), ("00", False), ("03", True), ("02", False)])
 def test_a_traceparent_is_read(flags: str, sampled: bool):
     found = TraceContext.parse(f"00-{TRACE}-{SPAN}-{flags}")
     assert found == TraceContext(TRACE, SPAN, sampled)
@@ -20,7 +19,7 @@ def test_a_later_version_may_say_more():
     assert TraceContext.parse(f"cc-{TRACE}-{SPAN}-01-more") == TraceContext(TRACE, SPAN, True)
 
 
-@pytest.mark.parametrize(
+@every_case(
     "bad",
     [
         None,
@@ -39,7 +38,7 @@ def test_what_is_none_is_none(bad: str | None):
     assert TraceContext.parse(bad) is None
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("environ", "wanted"),
     [
         ({}, False),

@@ -107,7 +107,7 @@ def test_without_the_mounting_nothing_is_asked(node: Any, graph: Graph, service:
 
 def test_an_imu_that_is_none_is_a_warning(node: Any, graph: Graph):
     graph.subscriptions["imu"][1](b"x")
-    assert graph.log == ["Imu: 1 bytes are no message"]
+    assert graph.log == ["Imu: 1 bytes are too few for a message"]
 
 
 def test_it_can_wait_to_be_asked_and_go_without_an_imu(graph: Graph, service: FakeService):

@@ -1,7 +1,7 @@
-// firstfix_localize URL MAP FILE [scan|range_image|compact|descriptor]: where a scan was taken, by a running service.
+// firstfix_localize URL MAP FILE [scan|range_image|compact|descriptor]: localizes a scan with a running service.
 //
-// FILE is a PCD file, or raw little-endian float32 x, y, z. Exit codes as of `firstfix localize`: 0 localized,
-// 3 ambiguous, 4 rejected, 1 an error, 2 used wrongly.
+// FILE is a PCD file, or raw little-endian float32 x, y, z. Exit codes are those of `firstfix localize`: 0 localized,
+// 3 ambiguous, 4 rejected, 1 error, 2 wrong usage.
 #include <cstdio>
 #include <exception>
 #include <string>
@@ -16,7 +16,7 @@ firstfix::Encoding encoding_of(const std::string& name) {
   if (name == "range_image") return firstfix::Encoding::range_image;
   if (name == "compact") return firstfix::Encoding::compact;
   if (name == "descriptor") return firstfix::Encoding::descriptor;
-  throw firstfix::Error("invalid_option", "a scan is sent as scan, range_image, compact or descriptor, not " + name);
+  throw firstfix::Error("invalid_option", "the encoding must be scan, range_image, compact or descriptor, not " + name);
 }
 
 int shown(const firstfix::Localization& fix) {

@@ -1,4 +1,4 @@
-// Points of a PCD file (ascii or binary, fields x y z of four or eight bytes), or of raw little-endian float32 x, y, z.
+// Reads points from a PCD file (ascii or binary, fields x y z of four or eight bytes), or raw little-endian float32.
 #pragma once
 
 #include <cstdint>
@@ -38,7 +38,7 @@ inline std::vector<std::string> words_after(std::istringstream& line) {
 inline std::size_t small_number(const std::string& text) {
   std::size_t value = 0;
   for (const char c : text) {
-    if (c < '0' || c > '9' || value > 100'000'000) throw Error("malformed_data", "a number of the PCD header is none");
+    if (c < '0' || c > '9' || value > 100'000'000) throw Error("malformed_data", "a number of the PCD header is not valid");
     value = value * 10 + static_cast<std::size_t>(c - '0');
   }
   return value;
@@ -123,26 +123,26 @@ inline Scan read_pcd(std::istream& in) {
         if (columns[axis] >= words.size()) throw Error("malformed_data", "a row of the PCD file is too short");
         char* end = nullptr;
         xyz[axis] = std::strtof(words[columns[axis]].c_str(), &end);
-        if (end == words[columns[axis]].c_str()) throw Error("malformed_data", "a number of the PCD file is none");
+        if (end == words[columns[axis]].c_str()) throw Error("malformed_data", "a number of the PCD file is not valid");
       }
       scan.points.push_back({xyz[0], xyz[1], xyz[2]});
     }
   } else {
-    throw Error("unsupported_format", "this reads ascii and binary PCD, not " + header.data);
+    throw Error("unsupported_format", "only ascii and binary PCD is supported, not " + header.data);
   }
   return scan;
 }
 
 inline Scan read_scan(const std::string& path) {
   std::ifstream in(path, std::ios::binary);
-  if (!in) throw Error("not_found", "there is no file " + path);
+  if (!in) throw Error("not_found", "no such file: " + path);
   if (path.size() > 4 && path.compare(path.size() - 4, 4, ".pcd") == 0) return read_pcd(in);
   Scan scan;
   for (float xyz[3]; in.read(reinterpret_cast<char*>(xyz), sizeof xyz);) {
     if (scan.points.size() == kMaxPoints) throw Error("too_large", "the file has over 2,000,000 points");
     scan.points.push_back({xyz[0], xyz[1], xyz[2]});
   }
-  if (in.gcount() != 0) throw Error("malformed_data", "the file is no whole number of points");
+  if (in.gcount() != 0) throw Error("malformed_data", "the file does not have a whole number of points");
   return scan;
 }
 

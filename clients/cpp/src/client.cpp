@@ -25,7 +25,7 @@ Scan sent(const Scan& scan) {
 
 }  // namespace
 
-// Of maps that were asked with a descriptor.
+// Descriptor parameters of maps, by map id.
 struct Client::Parameters {
   std::mutex mutex;
   std::map<std::string, DescriptorParameters> by_map;
@@ -56,7 +56,7 @@ Localization Client::localize(const Scan& scan, const std::string& map_id, const
   }
   {
     const std::lock_guard<std::mutex> lock(parameters_->mutex);
-    parameters_->by_map.erase(map_id);  // another version is active by now
+    parameters_->by_map.erase(map_id);  // another version is active now
   }
   return localize_described(scan, map_id, options, &known);
 }
@@ -112,7 +112,7 @@ DescriptorParameters Client::descriptor_parameters(const std::string& map_id) {
 std::vector<MapInfo> Client::maps() {
   std::vector<MapInfo> found;
   Strings query;
-  for (;;) {  // page after page, each with the whole timeout
+  for (;;) {  // each page has the whole timeout
     const Reply reply = http_->send({"maps", query, {}, nullptr, false}, Deadline(settings_.timeout_s));
     MapPage page = parse_maps(reply.body);
     found.insert(found.end(), page.maps.begin(), page.maps.end());

@@ -1,4 +1,4 @@
-// Documents of the service, read with every field checked.
+// Parsers of the service's documents. Every field is checked.
 #include "firstfix/answer/documents.hpp"
 
 #include <cmath>
@@ -10,16 +10,16 @@ namespace {
 using Json = nlohmann::json;
 
 [[noreturn]] void unreadable(const std::string& what) {
-  throw Error("unreadable", "this is no answer of a firstfix service: " + what);
+  throw Error("unreadable", "not an answer of a firstfix service: " + what);
 }
 
 Json parsed(std::string_view document) {
   Json data = Json::parse(document.begin(), document.end(), nullptr, false);
-  if (!data.is_object()) unreadable("it is no JSON object");
+  if (!data.is_object()) unreadable("not a JSON object");
   return data;
 }
 
-// Null and missing are the same.
+// Null is treated as missing.
 const Json* member(const Json& object, const char* name) {
   if (!object.is_object()) return nullptr;
   const auto found = object.find(name);
@@ -27,7 +27,7 @@ const Json* member(const Json& object, const char* name) {
 }
 
 double number(const Json* value, const char* name) {
-  if (value == nullptr || !value->is_number()) unreadable(std::string(name) + " is no number");
+  if (value == nullptr || !value->is_number()) unreadable(std::string(name) + " is not a number");
   return value->get<double>();
 }
 
@@ -36,14 +36,14 @@ double number(const Json& object, const char* name) { return number(member(objec
 std::string text(const Json& object, const char* name) {
   const Json* value = member(object, name);
   if (value == nullptr) return {};
-  if (!value->is_string()) unreadable(std::string(name) + " is no text");
+  if (!value->is_string()) unreadable(std::string(name) + " is not a text");
   return value->get<std::string>();
 }
 
 template <std::size_t Count>
 std::array<double, Count> numbers(const Json& object, const char* name) {
   const Json* list = member(object, name);
-  if (list == nullptr || !list->is_array() || list->size() != Count) unreadable(std::string(name) + " is no list of its length");
+  if (list == nullptr || !list->is_array() || list->size() != Count) unreadable(std::string(name) + " is not a list of the right length");
   std::array<double, Count> values{};
   for (std::size_t i = 0; i < Count; ++i) values[i] = number(&(*list)[i], name);
   return values;
@@ -53,13 +53,13 @@ const Json::array_t& list_of(const Json& object, const char* name) {
   static const Json::array_t nothing;
   const Json* value = member(object, name);
   if (value == nullptr) return nothing;
-  if (!value->is_array()) unreadable(std::string(name) + " is no list");
+  if (!value->is_array()) unreadable(std::string(name) + " is not a list");
   return value->get_ref<const Json::array_t&>();
 }
 
 Pose pose_of(const Json& data) {
   const Pose pose{numbers<3>(data, "position"), numbers<4>(data, "quaternion")};
-  if (!detail::usable(pose)) unreadable("a quaternion has no direction");
+  if (!detail::usable(pose)) unreadable("a quaternion has the length 0");
   return detail::normalised(pose);
 }
 
@@ -77,7 +77,7 @@ Hypothesis hypothesis_of(const Json& data) {
     made.quality = AlignmentQuality{number(data, "inlier_ratio"), number(data, "alignment_score"), number(data, "free_space_violation")};
   }
   const Json* row = member(data, "template");
-  if (row == nullptr || !row->is_number_integer()) unreadable("a hypothesis names no template");
+  if (row == nullptr || !row->is_number_integer()) unreadable("a hypothesis has no template");
   made.template_row = row->get<long long>();
   return made;
 }
@@ -86,21 +86,21 @@ Verdict verdict_of(const std::string& name) {
   for (const Verdict verdict : {Verdict::localized, Verdict::ambiguous, Verdict::rejected}) {
     if (name == text_of(verdict)) return verdict;
   }
-  unreadable("its verdict is none");
+  unreadable("unknown verdict");
 }
 
 std::size_t whole(const Json& object, const char* name) {
   const double value = number(object, name);
-  if (!(value >= 0 && value <= 1e6 && value == std::floor(value))) unreadable(std::string(name) + " is no count");
+  if (!(value >= 0 && value <= 1e6 && value == std::floor(value))) unreadable(std::string(name) + " is not a count");
   return static_cast<std::size_t>(value);
 }
 
 DescriptorParameters parameters_of(const Json& engine) {
   const Json* described = member(engine, "descriptor");
   const Json* used = member(engine, "preprocess");
-  if (described == nullptr || used == nullptr) throw Error("unsupported_format", "this is no map's engine");
+  if (described == nullptr || used == nullptr) throw Error("unsupported_format", "this is not the engine of a map");
   if (text(*described, "kind") != "occupancy") {
-    throw Error("unsupported_format", "robots cannot compute the map's descriptor");
+    throw Error("unsupported_format", "this client cannot compute the descriptor of the map");
   }
   DescriptorParameters made;
   made.min_range_m = number(*used, "min_range_m");
@@ -120,7 +120,7 @@ DescriptorParameters parameters_of(const Json& engine) {
   return made;
 }
 
-// What is wrong with a map's engine is a format that this client does not know.
+// Any error in a map's engine means a format that this client does not support.
 DescriptorParameters usable_parameters(const Json& engine) {
   try {
     return parameters_of(engine);
@@ -145,13 +145,13 @@ Localization parse_localization(std::string_view document) {
   Localization made;
   made.verdict = verdict_of(text(data, "verdict"));
   for (const Json& reason : list_of(data, "reasons")) {
-    if (!reason.is_string()) unreadable("a reason is no text");
+    if (!reason.is_string()) unreadable("a reason is not a text");
     made.reasons.push_back(reason.get<std::string>());
   }
   made.T_map_sensor = optional_pose(data, "T_map_sensor");
   made.T_map_base = optional_pose(data, "T_map_base");
   if (made.T_map_sensor.has_value() != (made.verdict == Verdict::localized)) {
-    unreadable("exactly a localized answer has a pose");
+    unreadable("an answer must have a pose if and only if it is localized");
   }
   if (member(data, "covariance") != nullptr) made.covariance = numbers<36>(data, "covariance");
   if (const Json* value = member(data, "probability")) made.probability = number(value, "probability");
@@ -159,7 +159,7 @@ Localization parse_localization(std::string_view document) {
   made.map_id = text(data, "map_id");
   made.map_version = text(data, "map_version");
   if (const Json* timings = member(data, "timings_ms")) {
-    if (!timings->is_object()) unreadable("timings_ms is no object");
+    if (!timings->is_object()) unreadable("timings_ms is not an object");
     for (const auto& [stage, ms] : timings->items()) made.timings_ms[stage] = number(&ms, "a timing");
   }
   return made;
@@ -169,7 +169,7 @@ GeoPose parse_geopose(std::string_view document) {
   const Json data = parsed(document);
   const Json* position = member(data, "position");
   const Json* turn = member(data, "quaternion");
-  if (position == nullptr || turn == nullptr) unreadable("it has no position or no quaternion");
+  if (position == nullptr || turn == nullptr) unreadable("the position or the quaternion is missing");
   return {number(*position, "lat"),
           number(*position, "lon"),
           number(*position, "h"),
@@ -212,7 +212,7 @@ std::optional<Error> parse_problem(std::string_view document, long status) {
     }
     return Error(code->get<std::string>(), code->get<std::string>());
   }
-  if (status == 503) return Error("overloaded", "the service, or a proxy before it, answered 503");
+  if (status == 503) return Error("overloaded", "the service, or a proxy in front of it, answered 503");
   return std::nullopt;
 }
 

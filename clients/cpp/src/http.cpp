@@ -30,7 +30,7 @@ std::size_t on_body(char* data, std::size_t size, std::size_t count, void* reply
 std::size_t on_header(char* data, std::size_t size, std::size_t count, void* into) {
   auto& reply = *static_cast<Reply*>(into);
   const std::string line(data, size * count);
-  if (line.rfind("HTTP/", 0) == 0) reply.retry_after_s.reset();  // of an interim answer
+  if (line.rfind("HTTP/", 0) == 0) reply.retry_after_s.reset();  // it belonged to an interim answer
   std::string name = line.substr(0, line.find(':'));
   std::transform(name.begin(), name.end(), name.begin(),
                  [](char c) { return static_cast<char>(std::tolower(static_cast<unsigned char>(c))); });
@@ -52,12 +52,12 @@ std::string checked_url(std::string url) {
   const bool has_scheme = url.rfind("http://", 0) == 0 || url.rfind("https://", 0) == 0;
   const auto plain = [](char c) { return c > ' ' && c < 127 && c != '?' && c != '#'; };
   if (!has_scheme || url.find("://") + 3 >= url.size() || !std::all_of(url.begin(), url.end(), plain)) {
-    throw Error("invalid_option", "the service's URL is of the form http://HOST:PORT");
+    throw Error("invalid_option", "the URL of the service must have the form http://HOST:PORT");
   }
   return url;
 }
 
-// Of the environment where none is given. The message does not repeat it.
+// The given key, or that of the environment. Error messages do not repeat it.
 std::optional<std::string> credential(const std::optional<std::string>& given) {
   const char* found = std::getenv("FIRSTFIX_API_KEY");
   std::string key = given ? *given : std::string(found == nullptr ? "" : found);
@@ -66,7 +66,7 @@ std::optional<std::string> credential(const std::optional<std::string>& given) {
   key.erase(key.begin(), std::find_if_not(key.begin(), key.end(), blank));
   if (key.empty()) return std::nullopt;
   if (!std::all_of(key.begin(), key.end(), [](char c) { return c > ' ' && c < 127; })) {
-    throw Error("invalid_option", "the API key has characters that none has");
+    throw Error("invalid_option", "the API key has invalid characters");
   }
   return key;
 }
@@ -155,7 +155,7 @@ Client::Http::Outcome Client::Http::try_once(const Request& request, double left
   CURL* handle = borrowed.get();
   curl_slist* list = nullptr;
   const auto add = [&list](const std::string& line) { list = curl_slist_append(list, line.c_str()); };
-  add("Expect:");  // no round trip before the body
+  add("Expect:");  // avoids a round trip before the body
   for (const std::string& line : request.headers) add(line);
   if (settings_.api_key) add("Authorization: Bearer " + *settings_.api_key);
   const std::unique_ptr<curl_slist, decltype(&curl_slist_free_all)> headers(list, &curl_slist_free_all);
@@ -182,7 +182,7 @@ Client::Http::Outcome Client::Http::try_once(const Request& request, double left
   if (code != CURLE_OK) {
     double connect_s = 0;
     curl_easy_getinfo(handle, CURLINFO_PRETRANSFER_TIME, &connect_s);
-    // Within the connection's own time-out another try may reach somebody: the deadline decides.
+    // If the connection was not made, another attempt may succeed: the deadline decides.
     if (code == CURLE_OPERATION_TIMEDOUT && connect_s > 0) return {std::nullopt, deadline.exceeded(), false};
     const bool hopeless = code == CURLE_PEER_FAILED_VERIFICATION || code == CURLE_SSL_CACERT_BADFILE ||
                           code == CURLE_URL_MALFORMAT || code == CURLE_WRITE_ERROR;
@@ -195,7 +195,7 @@ Client::Http::Outcome Client::Http::try_once(const Request& request, double left
   if (media_type != nullptr) reply.media_type = media_type;
   if (reply.status >= 200 && reply.status < 300) return {std::move(reply), std::nullopt, false};
   std::optional<Error> problem = parse_problem(reply.body, reply.status);
-  // 502 and 504 without a problem are of a proxy that lost its upstream
+  // 502 and 504 without a problem document come from a proxy that lost its upstream.
   const bool again = problem ? is_passing(problem->code()) : reply.status == 502 || reply.status == 504;
   if (!problem) problem = Error("unreadable", url_ + " answered " + std::to_string(reply.status));
   return {std::move(reply), std::move(problem), again};
@@ -205,7 +205,7 @@ Reply Client::Http::send(const Request& request, const Deadline& deadline) {
   for (int attempt = 1;; ++attempt) {
     Outcome outcome = try_once(request, deadline.left_s(), deadline);
     if (!outcome.failure) return std::move(*outcome.reply);
-    // Random over the whole interval: a fleet that lost its service together must not come back together
+    // Random over the whole interval, so that a fleet does not retry at the same time.
     const double longest = settings_.retry.first_wait_s * std::exp2(attempt - 1);
     double wait_s = uniform(0, std::min(settings_.retry.max_wait_s, longest));
     if (outcome.reply && outcome.reply->retry_after_s) wait_s = *outcome.reply->retry_after_s * uniform(1.0, 1.25);

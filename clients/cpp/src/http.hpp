@@ -1,4 +1,4 @@
-// HTTP with retries inside one deadline, and the service's problems as errors.
+// HTTP with retries within one deadline. Problem documents become errors.
 #pragma once
 
 #include <curl/curl.h>
@@ -13,11 +13,11 @@
 
 namespace firstfix {
 
-// A point in time that every try and every wait of one call shares.
+// The end of a call, shared by all its attempts and waits.
 class Deadline {
  public:
   explicit Deadline(double timeout_s);
-  double left_s() const;  // throws "deadline_exceeded" where nothing is
+  double left_s() const;  // throws "deadline_exceeded" if no time is left
   bool allows(double wait_s) const;
   Error exceeded() const;
 
@@ -27,11 +27,11 @@ class Deadline {
 };
 
 struct Request {
-  std::string path;  // its segments escaped
+  std::string path;  // its segments are escaped
   Strings query;     // not escaped
   std::vector<std::string> headers;
-  const Bytes* body = nullptr;  // none: GET
-  bool tell_deadline = false;   // as the option deadline_ms, what is left of it
+  const Bytes* body = nullptr;  // null: a GET request
+  bool tell_deadline = false;   // send the remaining time as the option deadline_ms
 };
 
 struct Reply {
@@ -40,7 +40,7 @@ struct Reply {
   std::optional<double> retry_after_s;
 };
 
-// Every request of it changes nothing at the service, so it may always be sent again. Thread-safe.
+// Sends requests. No request changes anything at the service, so it can be sent again. Thread-safe.
 class Client::Http {
  public:
   Http(const std::string& url, const Settings& settings);
@@ -48,15 +48,15 @@ class Client::Http {
   Http(const Http&) = delete;
   Http& operator=(const Http&) = delete;
 
-  // A successful answer.
+  // Returns a successful answer; throws otherwise.
   Reply send(const Request& request, const Deadline& deadline);
 
   static std::string escaped(const std::string& text);
 
  private:
   struct Outcome {
-    std::optional<Reply> reply;    // none: nobody answered
-    std::optional<Error> failure;  // none: it succeeded
+    std::optional<Reply> reply;    // absent: no answer
+    std::optional<Error> failure;  // absent: success
     bool again = false;
   };
 

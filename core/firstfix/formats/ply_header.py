@@ -48,7 +48,7 @@ class PlyElement:
 
     @property
     def has_list(self) -> bool:
-        """Whether a property is a list, so that rows have different lengths."""
+        """True if a property is a list, so that rows have different lengths."""
         return any(prop.is_list for prop in self.properties)
 
     @property

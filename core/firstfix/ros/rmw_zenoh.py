@@ -50,7 +50,7 @@ class Endpoint:
 
     @property
     def is_humble(self) -> bool:
-        """Whether it runs on ROS 2 Humble, which has no type hashes."""
+        """True on ROS 2 Humble, which has no type hashes."""
         return self.type_hash == NO_HASH
 
 

@@ -11,6 +11,7 @@ from cloud_files import pcd, ply, random_cloud, text_rows
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from every_case import every_case
 from firstfix.decode import decode_query
 from firstfix.errors import InputError
 from firstfix.formats.point_cloud import SCAN_LIMITS
@@ -57,12 +58,12 @@ def decode_or_refuse(body: bytes, media_type: str) -> None:
     assert np.isfinite(scan.points).all()
 
 
-@pytest.mark.parametrize("name", BODIES)
+@every_case("name", BODIES)
 def test_the_bodies_are_good_before_they_are_damaged(name):
     assert len(decode_query(*BODIES[name])) == 12
 
 
-@pytest.mark.parametrize("name", BODIES)
+@every_case("name", BODIES)
 def test_cut_off_anywhere(name):
     body, media_type = BODIES[name]
     for end in range(len(body)):

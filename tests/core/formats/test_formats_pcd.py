@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from cloud_files import pcd, pcd_body, pcd_header, random_cloud
 
+from every_case import every_case
 from firstfix.errors import MalformedData, TooLarge
 from firstfix.formats.pcd import decode_pcd
 from firstfix.formats.point_cloud import SCAN_LIMITS, Limits
@@ -14,8 +15,8 @@ from firstfix.formats.point_cloud import SCAN_LIMITS, Limits
 ENCODINGS = ("ascii", "binary", "binary_compressed")
 
 
-@pytest.mark.parametrize("encoding", ENCODINGS)
-@pytest.mark.parametrize("dtype", ["f4", "f8"])
+@every_case("encoding", ENCODINGS)
+@every_case("dtype", ["f4", "f8"])
 def test_every_column_comes_back(encoding, dtype):
     cloud = random_cloud(200, dtype)
     read = decode_pcd(pcd(cloud, encoding), SCAN_LIMITS)
@@ -25,7 +26,7 @@ def test_every_column_comes_back(encoding, dtype):
     np.testing.assert_array_equal(read.intensity, cloud["intensity"])
 
 
-@pytest.mark.parametrize("encoding", ENCODINGS)
+@every_case("encoding", ENCODINGS)
 def test_double_coordinates_of_utm_size_are_exact(encoding):
     cloud = random_cloud(100, "f8")
     cloud["x"] += 512_345.678
@@ -34,7 +35,7 @@ def test_double_coordinates_of_utm_size_are_exact(encoding):
     np.testing.assert_array_equal(read.xyz, np.stack([cloud[a] for a in "xyz"], axis=1))
 
 
-@pytest.mark.parametrize("encoding", ENCODINGS)
+@every_case("encoding", ENCODINGS)
 def test_nan_rows_are_kept(encoding):
     cloud = random_cloud(10)
     cloud["y"][3] = np.nan
@@ -44,8 +45,8 @@ def test_nan_rows_are_kept(encoding):
     assert np.isnan(read.xyz).sum() == 1
 
 
-@pytest.mark.parametrize("kind", ["i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f4", "f8"])
-@pytest.mark.parametrize("encoding", ENCODINGS)
+@every_case("kind", ["i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f4", "f8"])
+@every_case("encoding", ENCODINGS)
 def test_every_number_type(kind, encoding):
     cloud = np.zeros(3, [("x", "<f4"), ("extra", "<" + kind), ("y", "<f4"), ("z", "<f8")])
     cloud["extra"], cloud["z"] = [1, 2, 100], [7, 8, 9]
@@ -54,7 +55,7 @@ def test_every_number_type(kind, encoding):
     np.testing.assert_array_equal(read.columns["z"], [7, 8, 9])
 
 
-@pytest.mark.parametrize("encoding", ["binary", "binary_compressed", "ascii"])
+@every_case("encoding", ["binary", "binary_compressed", "ascii"])
 def test_padding_and_fields_of_several_numbers_are_stepped_over(encoding):
     fields = [
         ("x", "<f4"),
@@ -94,20 +95,20 @@ def test_windows_line_ends_of_the_header():
     np.testing.assert_allclose(decode_pcd(body, SCAN_LIMITS).columns["x"], cloud["x"])
 
 
-@pytest.mark.parametrize("encoding", ENCODINGS)
+@every_case("encoding", ENCODINGS)
 def test_an_empty_cloud_is_a_cloud_of_no_points(encoding):
     read = decode_pcd(pcd(random_cloud(0), encoding), SCAN_LIMITS)
     assert read.xyz.shape == (0, 3)
 
 
-@pytest.mark.parametrize("encoding", ENCODINGS)
+@every_case("encoding", ENCODINGS)
 def test_a_cut_off_body_is_malformed(encoding):
     body = pcd(random_cloud(50), encoding)
     with pytest.raises(MalformedData, match=r"cut off|the file has|columns changed"):
         decode_pcd(body[: len(body) * 2 // 3], SCAN_LIMITS)
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("replaced", "reason"),
     [
         ({"FIELDS": "x y q intensity ring"}, "no field z"),
@@ -137,7 +138,7 @@ def test_no_bytes_and_no_header_are_malformed():
         decode_pcd(b"# comment\n" * 20_000, SCAN_LIMITS)
 
 
-@pytest.mark.parametrize("encoding", ENCODINGS)
+@every_case("encoding", ENCODINGS)
 def test_a_promise_of_very_many_points_takes_no_memory(encoding):
     n = 10**12
     body = pcd_header(random_cloud(1), encoding, POINTS=n, WIDTH=n) + b"\0" * 100
@@ -149,7 +150,7 @@ def test_a_promise_of_very_many_points_takes_no_memory(encoding):
     assert peak < 1_000_000
 
 
-@pytest.mark.parametrize("encoding", ENCODINGS)
+@every_case("encoding", ENCODINGS)
 def test_points_within_the_limit_but_not_in_the_body_take_no_memory(encoding):
     n = 2_000_000
     body = (
@@ -185,9 +186,7 @@ def test_compressed_sizes_that_lie():
             decode_pcd(header + struct.pack("<II", *sizes) + body[8:], SCAN_LIMITS)
 
 
-@pytest.mark.parametrize(
-    "text", [b"1 2 x 4 5\n", b"1 2 3 4\n", b"1 2 3 4 5 6\n", b"1 2 3 4 \xff\xfe\n", b"1 2 3 4 \0\n"]
-)
+@every_case("text", [b"1 2 x 4 5\n", b"1 2 3 4\n", b"1 2 3 4 5 6\n", b"1 2 3 4 \xff\xfe\n", b"1 2 3 4 \0\n"])
 def test_ascii_rows_that_are_no_rows(text):
     with pytest.raises(MalformedData):
         decode_pcd(pcd_header(random_cloud(1), "ascii") + text, SCAN_LIMITS)

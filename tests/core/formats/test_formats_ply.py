@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from cloud_files import ply, random_cloud, text_rows
 
+from every_case import every_case
 from firstfix.errors import MalformedData, TooLarge, UnsupportedFormat
 from firstfix.formats.ply import decode_ply
 from firstfix.formats.ply_header import parse_ply_header
@@ -15,8 +16,8 @@ from firstfix.formats.point_cloud import SCAN_LIMITS
 ENCODINGS = ("ascii", "binary_little_endian", "binary_big_endian")
 
 
-@pytest.mark.parametrize("encoding", ENCODINGS)
-@pytest.mark.parametrize("dtype", ["f4", "f8"])
+@every_case("encoding", ENCODINGS)
+@every_case("dtype", ["f4", "f8"])
 def test_every_column_comes_back(encoding, dtype):
     cloud = random_cloud(200, dtype)
     read = decode_ply(ply(cloud, encoding), SCAN_LIMITS)
@@ -25,7 +26,7 @@ def test_every_column_comes_back(encoding, dtype):
     np.testing.assert_array_equal(read.intensity, cloud["intensity"])
 
 
-@pytest.mark.parametrize("encoding", ENCODINGS)
+@every_case("encoding", ENCODINGS)
 def test_double_coordinates_of_utm_size_are_exact(encoding):
     cloud = random_cloud(100, "f8")
     cloud["y"] += 5_403_210.123
@@ -33,7 +34,7 @@ def test_double_coordinates_of_utm_size_are_exact(encoding):
     np.testing.assert_array_equal(read.xyz[:, 1], cloud["y"])
 
 
-@pytest.mark.parametrize("encoding", ENCODINGS)
+@every_case("encoding", ENCODINGS)
 def test_elements_before_the_vertices_are_stepped_over(encoding):
     cloud = random_cloud(20)
     rows = {"ascii": b"1 2\n3 4\n", "binary_little_endian": struct.pack("<BdBd", 1, 2, 3, 4)}
@@ -59,7 +60,7 @@ def test_binary_lists_before_the_vertices_are_unsupported():
         decode_ply(body, SCAN_LIMITS)
 
 
-@pytest.mark.parametrize("encoding", ENCODINGS)
+@every_case("encoding", ENCODINGS)
 def test_a_cut_off_body_is_malformed(encoding):
     body = ply(random_cloud(50), encoding)
     with pytest.raises(MalformedData, match=r"cut off|the file has|columns changed"):
@@ -72,7 +73,7 @@ def test_windows_line_ends():
     np.testing.assert_array_equal(decode_ply(body, SCAN_LIMITS).columns["z"], cloud["z"])
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("old", "new", "reason"),
     [
         (b"ply\n", b"plx\n", "does not start"),
@@ -106,8 +107,8 @@ def test_the_byte_order_must_be_known_before_the_numbers():
         parse_ply_header(body)
 
 
-@pytest.mark.parametrize("encoding", ENCODINGS)
-@pytest.mark.parametrize(("count", "error"), [(10**12, TooLarge), (1_900_000, MalformedData)])
+@every_case("encoding", ENCODINGS)
+@every_case(("count", "error"), [(10**12, TooLarge), (1_900_000, MalformedData)])
 def test_a_promise_of_very_many_vertices_takes_no_memory(encoding, count, error):
     body = ply(random_cloud(50), encoding).replace(b"vertex 50", b"vertex %d" % count)
     tracemalloc.start()

@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from every_case import every_case
 from firstfix.errors import MalformedData, TooLarge, UnsupportedFormat
 from firstfix.formats.point_cloud import SCAN_LIMITS, Limits
 from firstfix.formats.raw_xyz import decode_xyz, decode_xyzi
@@ -18,14 +19,14 @@ def test_rows_come_back():
     np.testing.assert_array_equal(read.intensity, ROWS[:, 3])
 
 
-@pytest.mark.parametrize("decode", [decode_xyz, decode_xyzi])
+@every_case("decode", [decode_xyz, decode_xyzi])
 def test_what_is_no_whole_number_of_rows_is_malformed(decode):
     for body in (b"", ROWS.tobytes()[:-1], b"abc"):
         with pytest.raises(MalformedData):
             decode(body, SCAN_LIMITS)
 
 
-@pytest.mark.parametrize("decode", [decode_xyz, decode_xyzi])
+@every_case("decode", [decode_xyz, decode_xyzi])
 def test_too_many_points(decode):
     with pytest.raises(TooLarge):
         decode(bytes(48 * 100), Limits(max_points=99, max_decoded_bytes=10**9))
@@ -54,7 +55,7 @@ def test_avia_records_are_known_by_their_size():
     np.testing.assert_array_equal(read.xyz, ROWS[:77, :3])
 
 
-@pytest.mark.parametrize("size", [16 * 1000, 19 * 1000, 12_345])
+@every_case("size", [16 * 1000, 19 * 1000, 12_345])
 def test_bytes_that_are_no_scan_are_refused(size):
     noise = np.random.default_rng(7).bytes(size)
     with pytest.raises(UnsupportedFormat):

@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from every_case import every_case
 from firstfix.errors import MalformedData, TooLarge
 from firstfix.formats.npy import read_npy
 from firstfix.formats.point_cloud import SCAN_LIMITS, Limits
@@ -11,7 +12,7 @@ from firstfix.formats.text import decode_text
 XYZ = np.array([[1.5, 2.0, -3.25], [512_345.678, 5_403_210.123, 295.5]])
 
 
-@pytest.mark.parametrize(
+@every_case(
     "text",
     [
         b"1.5 2 -3.25\n512345.678 5403210.123 295.5\n",
@@ -39,7 +40,7 @@ def test_intensity_by_name_and_by_place():
     assert decode_text(b"1 2 3\n", SCAN_LIMITS).intensity is None
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("text", "reason"),
     [
         (b"", "empty"),

@@ -52,9 +52,9 @@ def test_topics_are_told_apart_by_type(tmp_path: Path, kind: str):
         assert bag.topics(IMU) == ["/imu"]
         with pytest.raises(InvalidOption, match="choose one: /a, /b"):
             bag.cloud_topic(None)
-        with pytest.raises(NotFound, match="those that do: /a, /b"):
+        with pytest.raises(NotFound, match="topics that have: /a, /b"):
             bag.cloud_topic("/imu")
-        with pytest.raises(NotFound, match="those that do: /imu"):
+        with pytest.raises(NotFound, match="topics that have: /imu"):
             bag.check_topic("/a", IMU)
 
 

@@ -6,6 +6,7 @@ import struct
 
 import pytest
 
+from every_case import every_case
 from firstfix.errors import MalformedData, UnsupportedFormat
 from firstfix.ros.cdr import MAX_TEXT_BYTES, CdrWriter, MessageReader
 
@@ -16,7 +17,7 @@ def reader(body: bytes, **options: bool) -> MessageReader:
     return MessageReader("Thing", body, **options)
 
 
-@pytest.mark.parametrize(("encapsulation", "order"), [(LITTLE, "<"), (BIG, ">")])
+@every_case(("encapsulation", "order"), [(LITTLE, "<"), (BIG, ">")])
 def test_numbers_are_aligned_to_their_size_after_the_encapsulation(encapsulation, order):
     body = encapsulation + b"\x07\0\0\0" + struct.pack(f"{order}iI", -5, 3) + b"\0\0\0\0"
     body += struct.pack(f"{order}2d", 2.5, -1.0)
@@ -44,18 +45,18 @@ def test_what_is_written_is_read():
     read.end()
 
 
-@pytest.mark.parametrize("filling", [0, 1, 2, 3])
+@every_case("filling", [0, 1, 2, 3])
 def test_filling_up_to_four_bytes_is_no_error(filling):
     reader(LITTLE + bytes(filling)).end()
 
 
-@pytest.mark.parametrize(("body", "ros1"), [(LITTLE + bytes(4), False), (b"\0", True)])
+@every_case(("body", "ros1"), [(LITTLE + bytes(4), False), (b"\0", True)])
 def test_more_than_filling_is_one(body, ros1):
     with pytest.raises(MalformedData, match="follow the message"):
         reader(body, ros1=ros1).end()
 
 
-@pytest.mark.parametrize("encapsulation", [b"\x00\x02\x00\x00", b"\x00\x07\x00\x00", b"\x01\x00\x00\x00"])
+@every_case("encapsulation", [b"\x00\x02\x00\x00", b"\x00\x07\x00\x00", b"\x01\x00\x00\x00"])
 def test_other_encapsulations_are_named(encapsulation):
     with pytest.raises(UnsupportedFormat, match=encapsulation[:2].hex()):
         reader(encapsulation)
@@ -70,7 +71,7 @@ TEXTS = {
 }
 
 
-@pytest.mark.parametrize("case", TEXTS)
+@every_case("case", TEXTS)
 def test_texts_that_are_none(case):
     with pytest.raises(MalformedData, match="Thing"):
         reader(LITTLE + TEXTS[case]).text()

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import pytest
 
+from every_case import every_case
 from firstfix.errors import InvalidOption
 from firstfix.ros.header import Stamp, check_frame
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("text", "stamp"),
     [
         ("1700000000.250000001", Stamp(1_700_000_000, 250_000_001)),
@@ -23,15 +24,13 @@ def test_a_stamp_is_decimal_seconds(text, stamp):
     assert Stamp.parse(str(stamp)) == stamp
 
 
-@pytest.mark.parametrize(
-    "text", ["", "-1", "now", "1e9", "1.0000000001", "2147483648", "9999999999", "inf", "1,5"]
-)
+@every_case("text", ["", "-1", "now", "1e9", "1.0000000001", "2147483648", "9999999999", "inf", "1,5"])
 def test_what_ros_cannot_say_is_no_stamp(text):
     with pytest.raises(InvalidOption, match="stamp"):
         Stamp.parse(text)
 
 
-@pytest.mark.parametrize("name", ["", "a\nb", "a\0b", "m" * 1024])
+@every_case("name", ["", "a\nb", "a\0b", "m" * 1024])
 def test_what_is_no_frame(name):
     with pytest.raises(InvalidOption, match="frame"):
         check_frame(name)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import ros_samples
+from every_case import every_case
 from firstfix.errors import InputError, MalformedData
 from firstfix.ros.header import Header, Stamp
 from firstfix.ros.imu import GravityWindow, ImuSample, decode_imu, down_of
@@ -19,8 +20,8 @@ def sample(stamp_ns: int, acceleration: np.ndarray, frame_id: str = "imu") -> Im
     return ImuSample(Header(Stamp.of_ns(stamp_ns), frame_id), acceleration)
 
 
-@pytest.mark.parametrize("ros1", [False, True])
-@pytest.mark.parametrize("little_endian", [True, False])
+@every_case("ros1", [False, True])
+@every_case("little_endian", [True, False])
 def test_the_bytes_of_rosbags(ros1, little_endian):
     if ros1:
         body = ros_samples.ros1(ros_samples.imu([1.5, -2.5, 9.0], stores=ROS1, stamp_ns=7))
@@ -36,7 +37,7 @@ def test_the_bytes_of_rosbags(ros1, little_endian):
         decode_imu(body + bytes(4), ros1=ros1)
 
 
-@pytest.mark.parametrize("unit", [9.80665, 1.0])
+@every_case("unit", [9.80665, 1.0])
 def test_at_rest_it_points_against_the_specific_force(unit):
     noise = np.random.default_rng(1).normal(0, 0.02 * unit, (100, 3))
     down = down_of(UP * unit + noise)
@@ -44,7 +45,7 @@ def test_at_rest_it_points_against_the_specific_force(unit):
     assert np.linalg.norm(down) == pytest.approx(1)
 
 
-@pytest.mark.parametrize("acceleration", [UP * 12.0, UP * 5.0, UP * 0.0, UP * np.nan])
+@every_case("acceleration", [UP * 12.0, UP * 5.0, UP * 0.0, UP * np.nan])
 def test_no_gravity_from_one_that_accelerates_or_is_broken(acceleration):
     assert down_of([acceleration] * 10) is None
 

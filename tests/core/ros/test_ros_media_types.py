@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from every_case import every_case
 from firstfix.decode import decode_query
 from firstfix.errors import UnsupportedFormat
 from firstfix.ros.media_types import POINT_CLOUD2, POSE, wants_pose
 from ros_samples import cdr, cloud_of_points
 
 
-@pytest.mark.parametrize(
+@every_case(
     "media_type",
     [
         POINT_CLOUD2,
@@ -27,7 +28,7 @@ def test_a_cloud_by_any_of_its_names(media_type):
     np.testing.assert_array_equal(decode_query(cdr(cloud_of_points(points)), media_type).points, points)
 
 
-@pytest.mark.parametrize(
+@every_case(
     "media_type",
     ["application/vnd.ros2.cdr; type=sensor_msgs/msg/Imu", "application/cdr;std_msgs/msg/String"],
 )
@@ -36,7 +37,7 @@ def test_another_message_is_refused_by_name(media_type):
         decode_query(cdr(cloud_of_points(np.ones((3, 3)))), media_type)
 
 
-@pytest.mark.parametrize(
+@every_case(
     "accept",
     [
         POSE,
@@ -52,7 +53,7 @@ def test_the_pose_message_is_wanted(accept):
     assert wants_pose(accept)
 
 
-@pytest.mark.parametrize(
+@every_case(
     "accept",
     [
         "",

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import ros_samples
+from every_case import every_case
 from firstfix.errors import InputError, MalformedData, TooLarge, UnsupportedFormat
 from firstfix.formats.point_cloud import SCAN_LIMITS, Limits
 from firstfix.ros.header import Stamp
@@ -52,9 +53,9 @@ def xyz_of(rows: np.ndarray) -> np.ndarray:
     return np.stack([flat[axis].astype(np.float64) for axis in "xyz"], axis=1)
 
 
-@pytest.mark.parametrize("little_endian", [True, False], ids=["CDR LE", "CDR BE"])
-@pytest.mark.parametrize("order", ["<", ">"], ids=["points LE", "points BE"])
-@pytest.mark.parametrize("layout", LAYOUTS)
+@every_case("little_endian", [True, False], ids=["CDR LE", "CDR BE"])
+@every_case("order", ["<", ">"], ids=["points LE", "points BE"])
+@every_case("layout", LAYOUTS)
 def test_every_layout_in_both_byte_orders(layout, order, little_endian):
     rows = records(LAYOUTS[layout], order=order)
     stamped = decode_point_cloud2(cdr(cloud(rows), little_endian=little_endian), SCAN_LIMITS)
@@ -68,7 +69,7 @@ def test_every_layout_in_both_byte_orders(layout, order, little_endian):
         np.testing.assert_array_equal(stamped.cloud.intensity, rows[name])
 
 
-@pytest.mark.parametrize("padding", [0, 13])
+@every_case("padding", [0, 13])
 def test_an_organised_cloud_with_padded_rows(padding):
     rows = records(OUSTER, (16, 32))
     stamped = decode_point_cloud2(cdr(cloud(rows, row_padding=padding)), SCAN_LIMITS)
@@ -84,7 +85,7 @@ def test_ros1_says_the_same():
     assert (str(stamped.header.stamp), stamped.header.frame_id) == ("1700000000.250000001", "os_sensor")
 
 
-@pytest.mark.parametrize("is_dense", [True, False])
+@every_case("is_dense", [True, False])
 def test_returns_that_are_not_finite_are_dropped_even_where_it_says_dense(is_dense):
     rows = records(LAYOUTS["with gaps"])
     rows["y"][:7], rows["z"][7] = np.nan, np.inf
@@ -101,7 +102,7 @@ def test_a_stamp_of_zero_is_none():
     )
 
 
-@pytest.mark.parametrize("shape", [(0,), (4, 0)])
+@every_case("shape", [(0,), (4, 0)])
 def test_a_cloud_without_points_is_one(shape):
     assert len(decode_point_cloud2(cdr(cloud(records(OUSTER, shape))), SCAN_LIMITS).cloud) == 0
 
@@ -133,7 +134,7 @@ BAD = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", BAD)
+@every_case("case", BAD)
 def test_sizes_that_contradict_each_other(case):
     replaced, error, says = BAD[case]
     body = cdr(cloud_of_points(np.ones((50, 3)), **replaced))
@@ -141,7 +142,7 @@ def test_sizes_that_contradict_each_other(case):
         decode_point_cloud2(body, SCAN_LIMITS)
 
 
-@pytest.mark.parametrize(("sec", "nanosec"), [(-1, 0), (0, 10**9)])
+@every_case(("sec", "nanosec"), [(-1, 0), (0, 10**9)])
 def test_a_stamp_that_is_no_time(sec, nanosec):
     body = bytearray(cdr(cloud_of_points(np.ones((2, 3)))))
     body[4:12] = struct.pack("<iI", sec, nanosec)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from every_case import every_case
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.ros.header import Stamp
 from firstfix.ros.pose_message import TYPE, covariance_of_base, to_pose_cdr
@@ -24,7 +25,7 @@ def localized(T_map_base: np.ndarray | None = None) -> Localization:
     return Localization(Verdict.LOCALIZED, (), T_MAP_SENSOR, T_map_base, COVARIANCE, 0.99)
 
 
-@pytest.mark.parametrize("frame_id", ["map", "a", "hall/floor_2", "wände"])
+@every_case("frame_id", ["map", "a", "hall/floor_2", "wände"])
 def test_rosbags_reads_it_and_writes_the_same_bytes(frame_id):
     body = to_pose_cdr(localized(), Stamp(1_700_000_000, 250_000_001), frame_id)
     message = ROS2.deserialize_cdr(body, TYPE)

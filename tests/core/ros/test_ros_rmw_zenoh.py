@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 import zenoh
 
+from every_case import every_case
 from firstfix.errors import MalformedData
 from firstfix.ros import point_cloud2, pose_message
 from firstfix.ros.rmw_zenoh import (
@@ -47,7 +48,7 @@ def test_a_topic_in_a_namespace():
     assert "/%robot1%initialpose/" in token
 
 
-@pytest.mark.parametrize("ros_type", [point_cloud2.TYPE, pose_message.TYPE])
+@every_case("ros_type", [point_cloud2.TYPE, pose_message.TYPE])
 def test_hashes_are_those_of_the_message_definitions(ros_type):
     assert endpoint(0, PUBLISHER, "/x", ros_type).type_hash == ROS2.hash_rihs01(ros_type)
 
@@ -67,7 +68,7 @@ def test_the_pattern_matches_publishers_of_the_type_alone():
     assert not pattern.intersects(zenoh.KeyExpr(TALKER.replace("@ros2_lv/2/", "@ros2_lv/3/")))
 
 
-@pytest.mark.parametrize(
+@every_case(
     "key",
     [
         "",
@@ -97,7 +98,7 @@ def test_an_attachment_is_33_bytes():
     assert b"".join(zenoh.ext.z_serialize(part).to_bytes() for part in parts) == raw
 
 
-@pytest.mark.parametrize("raw", [b"", bytes(33), b"\x0fsequence_number" + bytes(61)])
+@every_case("raw", [b"", bytes(33), b"\x0fsequence_number" + bytes(61)])
 def test_other_attachments(raw):
     with pytest.raises(MalformedData):
         Attachment.from_bytes(raw)

@@ -9,6 +9,7 @@ import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from every_case import every_case
 from firstfix.errors import InputError, MalformedData, TooLarge, UnsupportedFormat
 from firstfix.wire.content_encoding import undo_content_encoding
 
@@ -31,20 +32,20 @@ PACKED = {
 }
 
 
-@pytest.mark.parametrize("encoding", PACKED)
+@every_case("encoding", PACKED)
 def test_the_body_comes_back_up_to_the_limit(encoding):
     assert undo_content_encoding(PACKED[encoding], encoding, len(PLAIN)) == PLAIN
     with pytest.raises(TooLarge):
         undo_content_encoding(PACKED[encoding], encoding, len(PLAIN) - 1)
 
 
-@pytest.mark.parametrize("encoding", ["gzip", "zstd", "Zstd"])
+@every_case("encoding", ["gzip", "zstd", "Zstd"])
 def test_an_empty_body_that_was_packed_is_empty(encoding):
     packed = {"gzip": gzip.compress(b""), "zstd": zstandard.compress(b""), "Zstd": zstd_without_size(b"")}
     assert undo_content_encoding(packed[encoding], encoding, 10) == b""
 
 
-@pytest.mark.parametrize("encoding", ["gzip", "zstd", "Zstd"])
+@every_case("encoding", ["gzip", "zstd", "Zstd"])
 def test_cut_off_and_trailing_bytes_are_malformed(encoding):
     packed = PACKED[encoding]
     for damaged in (
@@ -59,13 +60,13 @@ def test_cut_off_and_trailing_bytes_are_malformed(encoding):
             undo_content_encoding(damaged, encoding, 10**6)
 
 
-@pytest.mark.parametrize("encoding", ["br", "gzip, zstd", "deflate"])
+@every_case("encoding", ["br", "gzip, zstd", "deflate"])
 def test_other_encodings_are_unsupported(encoding):
     with pytest.raises(UnsupportedFormat, match="gzip, zstd"):
         undo_content_encoding(b"x", encoding, 10)
 
 
-@pytest.mark.parametrize("pack", [gzip.compress, zstandard.compress, zstd_without_size])
+@every_case("pack", [gzip.compress, zstandard.compress, zstd_without_size])
 def test_a_bomb_is_refused_in_little_memory(pack):
     bomb = pack(bytes(200_000_000))
     encoding = "gzip" if pack is gzip.compress else "zstd"

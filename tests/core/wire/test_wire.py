@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from every_case import every_case
 from firstfix.errors import (
     FirstfixError,
     InvalidOption,
@@ -71,7 +72,7 @@ def test_any_intensity_comes_back_within_a_step_of_its_range(intensity):
     assert np.abs(back - wanted).max() <= step / 2 + float32_steps
 
 
-@pytest.mark.parametrize("top", [255, 65_535])
+@every_case("top", [255, 65_535])
 def test_whole_number_intensities_are_exact(top):
     intensity = np.random.default_rng(1).integers(0, top + 1, 999)
     intensity[0] = top
@@ -92,7 +93,7 @@ def test_stamp_and_absence_of_extras_come_back():
     assert bare.intensity is None
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("points", "coordinate_bytes"),
     [
         ([[327.6, 0, 0], [-327.6, 0, 0]], 2),
@@ -136,13 +137,13 @@ def test_a_scan_without_points_is_a_scan():
     assert decode_scan(encode_scan(Scan.from_points(np.empty((0, 3))))).points.shape == (0, 3)
 
 
-@pytest.mark.parametrize("kwargs", [{"resolution_m": 0}, {"resolution_m": float("nan")}, {"voxel_m": 0}])
+@every_case("kwargs", [{"resolution_m": 0}, {"resolution_m": float("nan")}, {"voxel_m": 0}])
 def test_senseless_settings_are_refused(kwargs):
     with pytest.raises(InvalidOption):
         encode_scan(street_scan(), **kwargs)
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, 5000])
+@every_case("bad", [np.nan, np.inf, 5000])
 def test_coordinates_that_skipped_the_check_are_refused(bad):
     with pytest.raises(InvalidScan):
         encode_scan(Scan(np.array([[bad, 0, 0]], np.float32)))
@@ -203,7 +204,7 @@ def with_field(body: bytes, offset: int, form: str, value: object) -> bytes:
     return bytes(damaged)
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("offset", "form", "value", "error"),
     [
         (0, "4s", b"LASF", MalformedData),
@@ -235,7 +236,7 @@ def test_coordinates_out_of_range_are_malformed():
         decode_scan(with_field(body, 16, "d", 0.5))  # 10000 steps of 0.5 m
 
 
-@pytest.mark.parametrize("declared", [True, False])
+@every_case("declared", [True, False])
 def test_a_bomb_is_refused_before_its_memory_is_taken(declared):
     bomb = zstandard.ZstdCompressor(write_content_size=declared).compress(bytes(300_000_000))
     body = encode_scan(street_scan(n=40))[:HEADER_BYTES] + bomb

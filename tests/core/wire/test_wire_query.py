@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from every_case import every_case
 from firstfix.descriptor import LayeredOccupancy, PolarGrid
 from firstfix.errors import (
     FirstfixError,
@@ -117,7 +118,7 @@ def contents(body: bytes) -> bytes:
     return b"".join(plain)
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("query", "length", "digest"),
     [
         (compact(), 8051, "ec18794002a59637e190126473d1f89dad38dc8603041b967fef44bf1aa73e99"),
@@ -157,13 +158,13 @@ def test_a_query_without_points_is_one():
     assert len(decode_query(encode_query(CompactScan(np.zeros((0, 3), np.float32), NOWHERE)))) == 0
 
 
-@pytest.mark.parametrize("resolution_m", [0, 0.2, float("nan")])
+@every_case("resolution_m", [0, 0.2, float("nan")])
 def test_senseless_resolutions_are_refused(resolution_m):
     with pytest.raises(InvalidOption):
         encode_query(compact(), resolution_m=resolution_m)
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("query", "error"),
     [
         (CompactScan(np.full((1, 3), np.nan, np.float32), NOWHERE), InvalidScan),
@@ -184,7 +185,7 @@ def test_points_too_far_apart_for_the_resolution_are_refused():
         encode_query(far, resolution_m=0.005)
 
 
-@pytest.mark.parametrize("query", [compact(), described()], ids=["compact", "descriptor"])
+@every_case("query", [compact(), described()], ids=["compact", "descriptor"])
 def test_every_truncation_is_malformed(query):
     body = encode_query(query)
     for length in range(len(body)):
@@ -227,7 +228,7 @@ def with_field(body: bytes, offset: int, form: str, value: object) -> bytes:
     return bytes(damaged)
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("offset", "form", "value", "error"),
     [
         (0, "4s", b"FFSC", MalformedData),
@@ -253,7 +254,7 @@ def test_each_field_of_the_compact_header_is_checked(offset, form, value, error)
         decode_query(bytes(body))
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("offset", "form", "value", "error"),
     [
         (0, "B", 2, UnsupportedFormat),
@@ -278,7 +279,7 @@ def test_each_field_of_the_descriptor_header_is_checked(offset, form, value, err
         decode_query(with_field(encode_query(described()), HEADER + offset, form, value))
 
 
-@pytest.mark.parametrize("declared", [True, False])
+@every_case("declared", [True, False])
 def test_a_bomb_is_refused_before_its_memory_is_taken(declared):
     bomb = zstandard.ZstdCompressor(write_content_size=declared).compress(bytes(300_000_000))
     assert len(bomb) < 65_536

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from range_images import body_of, image_of, spinning
 
+from every_case import every_case
 from firstfix.decode import read_scan_file
 from firstfix.errors import InvalidOption, InvalidScan
 from firstfix.scan.scan import Scan
@@ -108,7 +109,7 @@ def test_the_intensity_stays_at_home():
     assert decode_scan(image_of(scan)).intensity is None
 
 
-@pytest.mark.parametrize("resolution_m", [0.0049, 0.0, 1.01, float("nan"), -1.0])
+@every_case("resolution_m", [0.0049, 0.0, 1.01, float("nan"), -1.0])
 def test_senseless_resolutions_are_refused(resolution_m):
     with pytest.raises(InvalidOption):
         image_of(spinning(), resolution_m)
@@ -119,7 +120,7 @@ def test_no_other_form_is_known():
         encode_scan(spinning(), form="smoke")
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, 5000])
+@every_case("bad", [np.nan, np.inf, 5000])
 def test_coordinates_that_skipped_the_check_are_refused(bad):
     with pytest.raises(InvalidScan):
         image_of(Scan(np.array([[bad, 0, 0]], np.float32)))
@@ -141,9 +142,7 @@ def test_the_largest_grid_is_read():
     assert scan.points.shape == (1, 3)
 
 
-@pytest.mark.parametrize(
-    ("folder", "returns"), [("kitti_drive0027_street", 0.98), ("hilti_hall_indoor", 0.99)]
-)
+@every_case(("folder", "returns"), [("kitti_drive0027_street", 0.98), ("hilti_hall_indoor", 0.99)])
 def test_a_real_scan_takes_under_90_kb(folder, returns):
     paths = sorted((DATA / folder / "queries").glob("*.pcd"))
     if not paths:

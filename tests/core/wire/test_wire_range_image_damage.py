@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from range_images import body_of, image_of, spinning
 
+from every_case import every_case
 from firstfix.errors import FirstfixError, MalformedData, TooLarge
 from firstfix.scan.scan import MAX_POINTS, Scan
 from firstfix.wire.scan import decode_scan
@@ -19,7 +20,7 @@ from firstfix.wire.scan import decode_scan
 HEADER_BYTES = 36
 
 
-@pytest.mark.parametrize(
+@every_case(
     "body",
     [
         body_of(8, 4, [0, 0, 15, 14], [15], [16, 2, 255, 255], [800, 801]),  # cell 32
@@ -40,7 +41,7 @@ def test_what_contradicts_itself_is_malformed(body):
         decode_scan(body)
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("offset", "form", "value", "error"),
     [
         (6, "H", 2, MalformedData),
@@ -118,8 +119,8 @@ def test_damage_gives_an_error_or_a_sane_scan(data):
     assert len(scan) == struct.unpack_from("<I", parts[0], 8)[0]
 
 
-@pytest.mark.parametrize("frame", [0, 1])
-@pytest.mark.parametrize("declared", [True, False])
+@every_case("frame", [0, 1])
+@every_case("declared", [True, False])
 def test_a_bomb_is_refused_before_its_memory_is_taken(frame, declared):
     body = image_of(spinning(20))
     end = HEADER_BYTES + struct.unpack_from("<I", body, 32)[0]

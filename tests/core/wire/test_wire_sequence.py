@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from every_case import every_case
 from firstfix.descriptor import LayeredOccupancy, PolarGrid
 from firstfix.errors import InputError, InvalidScan, MalformedData, TooLarge, UnsupportedFormat
 from firstfix.scan.compact import CompactScan, ScanDescriptor
@@ -31,7 +32,7 @@ def test_what_goes_in_comes_out():
         assert np.allclose(a, b, atol=1e-9)
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("body", "error"),
     [
         (b"", MalformedData),
