@@ -25,7 +25,8 @@ from ..builds.caller_usage import FOLDER as CALLERS
 from ..builds.idempotency import FOLDER as IDEMPOTENCY
 from ..builds.records import FINAL_STATES
 from ..catalog.catalog import Catalog, log_folder
-from ..catalog.log.log_garbage import change_garbage, leave_snapshot, log_garbage
+from ..catalog.log.log_garbage import change_garbage, log_garbage
+from ..catalog.log.map_log import MapLog
 from ..errors import NotFound, UnreadableRecord
 from ..ids import check_map_id, is_name
 from ..store.store import StoredObject
@@ -138,7 +139,7 @@ def _logs(catalog: Catalog, map_ids: list[str], cutoff: datetime, *, dry_run: bo
     for map_id in map_ids:
         folder = log_folder(map_id)
         if not dry_run:
-            leave_snapshot(catalog.store, folder)
+            MapLog(catalog.store, folder).put_missing_snapshot()
         garbage += log_garbage(catalog.store, folder, cutoff)
     if not dry_run:
         _remove(catalog, garbage)

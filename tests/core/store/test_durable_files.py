@@ -31,7 +31,7 @@ def put(store: Store, source: Path) -> None:
     store.put(KEY, CONTENT)
 
 
-def upload(store: Store, source: Path) -> None:
+def put_file(store: Store, source: Path) -> None:
     assert store.put_file(KEY, source)
 
 
@@ -39,7 +39,7 @@ def put_pieces(store: Store, source: Path) -> None:
     store.put_pieces(KEY, (CONTENT[i : i + 1000] for i in range(0, len(CONTENT), 1000)))
 
 
-WRITERS = [put_new, put, upload, put_pieces]
+WRITERS = [put_new, put, put_file, put_pieces]
 
 
 @pytest.fixture(scope="module")

@@ -95,7 +95,7 @@ def test_files_go_up_and_down_in_pieces(
     assert not list(tmp_path.glob(".*"))
 
 
-def test_an_upload_of_another_size_replaces_a_damaged_object(store: Store, tmp_path: Path) -> None:
+def test_putting_a_file_of_another_size_replaces_a_damaged_object(store: Store, tmp_path: Path) -> None:
     store.put("k", b"dam")
     (tmp_path / "whole").write_bytes(b"whole")
     assert store.put_file("k", tmp_path / "whole")
@@ -298,7 +298,7 @@ def test_an_object_of_pieces_is_there_whole_or_not_at_all(any_store_url: str) ->
     assert store.get("whole") == b"".join(pieces(False))
 
 
-def test_an_upload_of_the_same_size_replaces_a_damaged_object(store: Store, tmp_path: Path) -> None:
+def test_putting_a_file_of_the_same_size_replaces_a_damaged_object(store: Store, tmp_path: Path) -> None:
     (tmp_path / "whole").write_bytes(b"whole")
     store.put("k", b"whore")
     assert store.put_file("k", tmp_path / "whole")

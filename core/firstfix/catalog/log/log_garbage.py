@@ -12,7 +12,7 @@ from datetime import datetime
 from ...store.numbered import scan_after
 from ...store.store import Store, StoredObject
 from .change_log import DIGITS, FOLDER, MARKS
-from .map_log import MapLog, read_snapshot, snapshots_of
+from .map_log import read_snapshot, snapshots_of
 
 KEPT = 3  # snapshots
 
@@ -39,11 +39,6 @@ def log_garbage(store: Store, folder: str, cutoff: datetime) -> list[str]:
         if number <= kept[1] and number not in skipped  # people may want to look at damaged entries
     ]
     return _older(garbage, cutoff)
-
-
-def leave_snapshot(store: Store, folder: str) -> None:
-    """Put a snapshot of a log that has many entries after its newest snapshot."""
-    MapLog(store, folder).leave_snapshot()
 
 
 def change_garbage(store: Store, cutoff: datetime) -> list[str]:

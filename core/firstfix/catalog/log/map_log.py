@@ -151,7 +151,7 @@ class MapLog:
             time.sleep(random.uniform(0, 0.01 * min(race + 1, 20)))
         raise StoreUnavailable(f"{self._folder}: {_MAX_RACES} races lost in a row")
 
-    def leave_snapshot(self) -> None:
+    def put_missing_snapshot(self) -> None:
         """Put a snapshot if there are many entries after the newest one, because a writer was killed."""
         seen = self._look()
         last = seen.state.last_seq
