@@ -99,8 +99,7 @@ def test_a_build_that_hangs_is_ended_with_all_it_started_and_the_next_one_runs(t
 @pytest.mark.skipif(nats_server_program() is None, reason="no nats-server on this machine")
 def test_a_worker_ends_a_build_that_never_does_and_takes_the_next(tmp_path: Path):
     with nats_world(tmp_path) as world:
-        worker = {"FIRSTFIX_BUILD_TIMEOUT_S": "10", "FIRSTFIX_BUILD_NICENESS": "0"}
-        world.start_worker("w1", command=FAKE_WORKER, **worker)
+        world.start_worker_thread(build_command=FAKE_WORKER, build_timeout_s=10, build_niceness=0)
         endless, after = (
             world.record(config={"sensor": {"preset": "vlp-16", "name": do}})
             for do in ("work_for_ever", "succeed")
