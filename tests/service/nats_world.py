@@ -8,11 +8,13 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 from service_world import free_port
 
@@ -20,6 +22,10 @@ from firstfix.builds.records import FINAL_STATES
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.sources import put_source
 from firstfix.store.store import Store
+from firstfix_service.builds.nats import queue as nats_queue
+from firstfix_service.builds.worker import BuildWorker
+from firstfix_service.settings import Settings
+from firstfix_service.telemetry.metrics import Metrics
 from tests.faults.nats_server import NatsServer
 from tests.faults.tiny_worker import config_telling
 from waiting import LIMIT_S, wait_until
@@ -58,6 +64,7 @@ class NatsWorld:
     catalog: Catalog
     environment: dict[str, str] = field(default_factory=dict)
     workers: list[Worker] = field(default_factory=list)
+    threads: ExitStack = field(default_factory=ExitStack)
     count: int = 0
 
     @property
@@ -84,6 +91,7 @@ class NatsWorld:
     def start_worker(
         self, name: str, *options: str, command: tuple[str, ...] = TINY_WORKER, **environment: str
     ) -> Worker:
+        """Starts a build worker as a process, which can be killed."""
         work, port = self.folder / name, free_port()
         arguments = ["worker", "--work", str(work), "--health-port", str(port), *options]
         with (self.folder / f"{name}.log").open("ab") as log:
@@ -105,6 +113,22 @@ class NatsWorld:
         worker = Worker(process, work, port)
         self.workers.append(worker)
         return worker
+
+    def start_worker_thread(self, concurrency: int = 1, **changes: Any) -> None:
+        """Starts a build worker in a thread of this process: cheaper than a process."""
+        given = {
+            "store": self.store_url,
+            "build_queue": self.server.url,
+            "build_command": TINY_WORKER,
+            "build_lease_s": LEASE_S,
+            "work_dir": self.folder / "worker",
+        }
+        settings = Settings(**{**given, **changes})
+        self.threads.enter_context(running_worker(settings, concurrency))
+
+    def stop_worker_threads(self) -> None:
+        """Stops the build workers in threads, as SIGTERM stops a process."""
+        self.threads.close()
 
     def state(self, build_id: str) -> str:
         return str(self.catalog.build_status(build_id)["state"])
@@ -138,13 +162,40 @@ class NatsWorld:
 
 
 @contextmanager
+def running_worker(settings: Settings, concurrency: int) -> Iterator[None]:
+    stop: list[Callable[[], object]] = []
+    started = threading.Event()
+
+    async def run() -> None:
+        catalog = Catalog(Store.open(settings.store))
+        work = asyncio.create_task(BuildWorker(settings, catalog, Metrics(), concurrency).run())
+        loop = asyncio.get_running_loop()
+        stop.append(lambda: loop.call_soon_threadsafe(work.cancel))
+        started.set()
+        with suppress(asyncio.CancelledError):
+            await work
+
+    thread = threading.Thread(target=asyncio.run, args=(run(),), daemon=True)
+    thread.start()
+    assert started.wait(LIMIT_S)
+    try:
+        yield
+    finally:
+        stop[0]()
+        thread.join(LIMIT_S)
+        assert not thread.is_alive(), "the build worker did not stop"
+
+
+@contextmanager
 def nats_world(folder: Path, **options: Any) -> Iterator[NatsWorld]:
     server = NatsServer(folder / "nats", **options)
     server.start()
     world = NatsWorld(folder, server, Catalog(Store.open(f"file://{folder / 'store'}")))
     try:
-        yield world
+        with patch.object(nats_queue, "RECONCILE_S", 0.5):  # of queues in this process
+            yield world
     finally:
+        world.stop_worker_threads()
         for worker in world.workers:
             worker.kill()
         server.stop(signal.SIGKILL)

@@ -247,7 +247,7 @@ class MapCache:
         self._follow_and_prefetch(states, is_superseded)
 
     def _is_due(self, map_id: str, state: MapState, this_round: PrefetchRound) -> bool:
-        """Decides whether to load a map: its active version has changed, or it was never loaded and there is room.
+        """Decides whether to load a map: its active version has changed, or there is room to prefetch it.
 
         A map that was evicted comes back with its next query.
         """

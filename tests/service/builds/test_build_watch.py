@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from nats_world import nats_world
 from service_world import FAKE_WORKER
 
 from firstfix.errors import BuildError, BuildStalled, BuildTimedOut
+from firstfix_service.builds import runner
 from firstfix_service.builds.watch import BuildLimits, BuildWatch
 from tests.faults.nats_server import nats_server_program
 from waiting import wait_until
@@ -20,6 +22,9 @@ LIMITS = BuildLimits(timeout_s=1000.0, stall_s=100.0)
 
 class Clock:
     now = 0.0
+
+    def advance(self, seconds: float) -> None:
+        self.now += seconds
 
     def __call__(self) -> float:
         return self.now
@@ -84,27 +89,36 @@ def is_alive(pid: int) -> bool:
         return False
 
 
-def test_a_build_that_hangs_is_ended_with_all_it_started_and_the_next_one_runs(tmp_path: Path):
-    with building_service(tmp_path, build_stall_s=10, build_niceness=0) as service:
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    """The clock by which running builds are watched; it moves only when the test says so."""
+    clock = Clock()
+    monkeypatch.setattr(runner, "BuildWatch", partial(BuildWatch, clock=clock))
+    return clock
+
+
+def test_a_build_that_hangs_is_ended_with_all_it_started_and_the_next_one_runs(tmp_path: Path, clock: Clock):
+    with building_service(tmp_path, build_stall_s=100, build_lease_s=2, build_niceness=0) as service:
         hangs, after = upload(service, do="hang_with_a_child"), upload(service, "after")
         child = tmp_path / "work" / "child.txt"
         wait_until(lambda: child.exists() and child.read_text())
-        wait_until(lambda: not is_alive(int(child.read_text())))
+        wait_until(lambda: not is_alive(int(child.read_text())) or clock.advance(101.0))
         ended = wait_until_ended(service, hangs)
         assert (ended["state"], ended["stage"]) == ("failed", "describe")
-        assert ended["error"] == {"code": "build_stalled", "detail": "the build made no progress for 10 s"}
+        assert ended["error"] == {"code": "build_stalled", "detail": "the build made no progress for 100 s"}
         assert wait_until_ended(service, after)["state"] == "succeeded"
 
 
 @pytest.mark.skipif(nats_server_program() is None, reason="no nats-server on this machine")
-def test_a_worker_ends_a_build_that_never_does_and_takes_the_next(tmp_path: Path):
+def test_a_worker_ends_a_build_that_never_does_and_takes_the_next(tmp_path: Path, clock: Clock):
     with nats_world(tmp_path) as world:
-        worker = {"FIRSTFIX_BUILD_TIMEOUT_S": "10", "FIRSTFIX_BUILD_NICENESS": "0"}
-        world.start_worker("w1", command=FAKE_WORKER, **worker)
+        world.start_worker_thread(build_command=FAKE_WORKER, build_timeout_s=100, build_niceness=0)
         endless, after = (
             world.record(config={"sensor": {"preset": "vlp-16", "name": do}})
             for do in ("work_for_ever", "succeed")
         )
+        wait_until(lambda: world.state(endless) == "running")
+        clock.advance(101.0)
         ended = world.wait_until_ended(endless)
         assert (ended["state"], ended["error"]["code"]) == ("failed", "build_timed_out")
         assert world.wait_until_ended(after)["state"] == "succeeded"

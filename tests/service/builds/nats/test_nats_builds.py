@@ -18,7 +18,6 @@ from service_world import FAKE_WORKER, Service, running_service
 
 from certificates import certificates
 from firstfix.catalog.sources import put_source
-from firstfix_service.builds.nats import queue as nats_queue
 from firstfix_service.builds.nats.address import NatsAddress
 from firstfix_service.builds.nats.builds import NatsBuilds
 from firstfix_service.settings import Settings
@@ -143,7 +142,7 @@ def stages_shared(world: NatsWorld) -> int:
 
 
 def test_stages_are_not_shared_where_that_is_not_wanted(world: NatsWorld):
-    world.start_worker("w1", "--no-share-stages")
+    world.start_worker_thread(share_stages=False)
     assert world.wait_until_ended(world.record())["state"] == "succeeded"
     assert world.catalog.store.list("stages") == []
 
@@ -165,7 +164,7 @@ def is_alive(pid: int) -> bool:
 
 
 def test_a_build_that_kills_its_worker_time_after_time_is_buried(world: NatsWorld):
-    world.start_worker("w1")
+    world.start_worker_thread()
     build_id, after = world.record(die_in="describe", stage_s=0.7), world.record()
     status = world.wait_until_ended(build_id)
     assert (status["state"], status["error"]["code"]) == ("failed", "build_attempts_exceeded")
@@ -178,17 +177,18 @@ def test_a_build_that_kills_its_worker_time_after_time_is_buried(world: NatsWorl
 def test_stops_in_good_order_are_not_held_against_a_build(world: NatsWorld):
     build_id = world.record(**hanging(world))
     for _ in range(2):
-        worker = world.start_worker("w1", FIRSTFIX_BUILD_ATTEMPTS="1")
+        world.start_worker_thread(build_attempts=1)
         world.wait_until_in(build_id, "cluster")
-        assert worker.stop() == 0
+        world.stop_worker_threads()
+        assert world.state(build_id) == "queued"
     let_go(world)
-    world.start_worker("w1", FIRSTFIX_BUILD_ATTEMPTS="1")
+    world.start_worker_thread(build_attempts=1)
     assert world.wait_until_ended(build_id)["state"] == "succeeded"
 
 
 def test_a_waiting_and_a_running_build_are_cancelled(world: NatsWorld):
     with running_service(world.folder, zenoh=False, build_queue=world.server.url) as service:
-        world.start_worker("w1")
+        world.start_worker_thread()
         running, waiting = post(service, **hanging(world)), post(service, "office")
         world.wait_until_in(running.json()["build_id"], "cluster")
         cancelled = service.http.delete(waiting.headers["location"])
@@ -200,10 +200,7 @@ def test_a_waiting_and_a_running_build_are_cancelled(world: NatsWorld):
     assert world.catalog.map_ids() == []
 
 
-def test_a_map_that_is_posted_while_nats_is_away_is_built_later(
-    world: NatsWorld, monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.setattr(nats_queue, "RECONCILE_S", 0.5)
+def test_a_map_that_is_posted_while_nats_is_away_is_built_later(world: NatsWorld):
     with running_service(world.folder, zenoh=False, build_queue=world.server.url) as service:
         first = post(service, "before")
         wait_until(lambda: world.in_stream() == [first.json()["build_id"]])
@@ -212,7 +209,7 @@ def test_a_map_that_is_posted_while_nats_is_away_is_built_later(
         assert response.status_code == 202
         assert status_of(service, response)["state"] == "queued"
         world.server.start()
-        world.start_worker("w1")
+        world.start_worker_thread()
         for posted in (first, response):
             assert world.wait_until_ended(posted.json()["build_id"])["state"] == "succeeded"
 
@@ -224,13 +221,13 @@ def test_a_service_starts_without_nats(tmp_path: Path):
             response = post(service)
             assert response.status_code == 202
             world.server.start()
-            world.start_worker("w1")
+            world.start_worker_thread()
             assert world.wait_until_ended(response.json()["build_id"])["state"] == "succeeded"
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_a_build_outlasts_a_restart_of_nats(world: NatsWorld, number: signal.Signals):
-    world.start_worker("w1")
+    world.start_worker_thread()
     build_id = world.record(**hanging(world))
     world.wait_until_in(build_id, "cluster")
     world.server.stop(number)
@@ -254,13 +251,13 @@ def test_a_stream_that_was_lost_is_made_again_from_the_store(world: NatsWorld):
     build_id = world.record()
     submit(world, build_id)
     asyncio.run(lose_it())
-    world.start_worker("w1")
+    world.start_worker_thread()
     assert world.wait_until_ended(build_id)["state"] == "succeeded"
 
 
 def test_two_workers_build_two_maps_at_a_time_and_none_twice(world: NatsWorld):
     workers = [world.start_worker("w1"), world.start_worker("w2")]
-    builds = [world.record(f"m{i}", stage_s=0.2) for i in range(6)]
+    builds = [world.record(f"m{i}", stage_s=0.2) for i in range(4)]
     for build_id in builds:
         assert world.wait_until_ended(build_id)["state"] == "succeeded"
     made = [worker.made() for worker in workers]
@@ -269,7 +266,7 @@ def test_two_workers_build_two_maps_at_a_time_and_none_twice(world: NatsWorld):
 
 
 def test_one_worker_may_run_several(world: NatsWorld):
-    world.start_worker("w1", "--concurrency", "2")
+    world.start_worker_thread(concurrency=2)
     builds = [world.record(f"m{i}", **hanging(world)) for i in range(2)]
     for build_id in builds:
         world.wait_until_in(build_id, "cluster")
@@ -280,14 +277,14 @@ def test_one_worker_may_run_several(world: NatsWorld):
 
 def test_what_is_no_build_does_not_hold_up_the_others(world: NatsWorld):
     submit(world, "nosuchbuild")
-    world.start_worker("w1")
+    world.start_worker_thread()
     assert world.wait_until_ended(world.record())["state"] == "succeeded"
     wait_until(lambda: world.in_stream() == [])
     assert world.in_stream("FIRSTFIX_DEAD_BUILDS") == ["nosuchbuild"]
 
 
 def test_deployments_that_share_a_server_do_not_see_each_others_builds(world: NatsWorld):
-    world.start_worker("other", FIRSTFIX_BUILD_QUEUE=f"{world.server.url}/other")
+    world.start_worker_thread(build_queue=f"{world.server.url}/other")
     assert world.wait_until_ended(world.record())["state"] == "succeeded"
     with pytest.raises(Exception, match="stream not found"):
         world.in_stream("FIRSTFIX_BUILDS")
@@ -311,10 +308,6 @@ def test_both_sides_show_their_certificates(tmp_path: Path):
     ca, server, client = certificates(tmp_path)
     config = f"""tls {{ cert_file: "{server}", key_file: "{server}", ca_file: "{ca}", verify: true }}"""
     with nats_world(tmp_path / "world", config=config) as world:
-        settings = {
-            "FIRSTFIX_BUILD_QUEUE": world.server.url.replace("nats://", "tls://"),
-            "FIRSTFIX_NATS_CA": str(ca),
-            "FIRSTFIX_NATS_CERTIFICATE": str(client),
-        }
-        world.start_worker("w1", **settings)
+        url = world.server.url.replace("nats://", "tls://")
+        world.start_worker_thread(build_queue=url, nats_ca=ca, nats_certificate=client)
         assert world.wait_until_ended(world.record())["state"] == "succeeded"
