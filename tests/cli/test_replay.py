@@ -138,7 +138,10 @@ WRONG = {
     "an IMU topic that is none": (["--imu-topic", "/points"], "/points has no sensor_msgs/msg/Imu"),
     "a frame that nothing joins": (["--base-frame", "arm"], "no chain of static transforms"),
     "gravity twice": (["--imu-topic", "/imu", "--gravity", "0,0,-1"], "only one of --gravity"),
-    "the mounting twice": (["--base-frame", "base_link", "--T-base-sensor", "0,0,0,0,0,0,1"], "only one of --T-base-sensor"),
+    "the mounting twice": (
+        ["--base-frame", "base_link", "--T-base-sensor", "0,0,0,0,0,0,1"],
+        "only one of --T-base-sensor",
+    ),
     "nothing left": (["--start", "1000"], "no cloud after 1000 s"),
 }
 

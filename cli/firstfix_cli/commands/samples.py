@@ -54,7 +54,9 @@ def show(sample_id: SampleArgument, store: SamplesStore) -> None:
 @app.command()
 def fetch(
     store: SamplesStore,
-    sample_id: Annotated[str | None, typer.Argument(metavar="SAMPLE", help="Id of one kept query [default: all].")] = None,
+    sample_id: Annotated[
+        str | None, typer.Argument(metavar="SAMPLE", help="Id of one kept query [default: all].")
+    ] = None,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder to write to.")] = Path(),
 ) -> None:
     """Write kept queries as files.
