@@ -21,7 +21,7 @@ def error_reference() -> str:
 
 
 def _meaning(error: type[Exception]) -> str:
-    """What the module's tree of errors says of a class."""
+    """Returns the meaning of an error, from the tree in the module docstring."""
     import firstfix.errors
 
     for line in (firstfix.errors.__doc__ or "").splitlines():

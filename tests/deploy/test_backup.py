@@ -37,7 +37,7 @@ def commands(heading: str) -> list[str]:
 
 
 def run(command: str, places: dict[str, str]) -> str:
-    """What a documented command prints, with its places replaced by those of the test."""
+    """Runs a documented command with the places of the test, and returns its output."""
     words = [places.get(word, word) for word in shlex.split(command)]
     line = [sys.executable, "-m", "firstfix_cli.main", *words[1:]]
     done = subprocess.run(line, capture_output=True, text=True, timeout=LIMIT_S, check=False)
