@@ -1,0 +1,118 @@
+"""Steps of the hypothesis search, on a map whose alignments and free space are made up."""
+
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+
+import numpy as np
+
+from firstfix.answer.prior import Prior
+from firstfix.engine.calibration import Calibration
+from firstfix.engine.candidates import Candidate
+from firstfix.engine.config import EngineConfig
+from firstfix.engine.hypotheses import MAX_REFINED, NEIGHBOUR_M, HypothesisSearch
+from firstfix.engine.index import MapIndex
+from firstfix.engine.registration.align import Registration
+from firstfix.transform import make_transform
+
+APART_M = 10.0  # candidate i stands at x = 10 i
+SCAN = SimpleNamespace(view=None, T_last_scan=np.eye(4))
+PREPARED = SimpleNamespace(sparse=None, dense=None, scans=(SCAN,))
+
+
+def at(x: float) -> np.ndarray:
+    return make_transform(np.eye(3), [x, 0, 0])
+
+
+def number_of(T: np.ndarray) -> int:
+    return round(T[0, 3] / APART_M)
+
+
+@dataclass
+class MadeUpMap:
+    """Map with a given alignment score and free-space violation at each candidate; it notes what is asked."""
+
+    scores: list[float]
+    violations: list[float]
+    better_beside: dict[int, float] = field(default_factory=dict)  # score of the minimum at larger x
+    checked: list[int] = field(default_factory=list)
+    refined: list[float] = field(default_factory=list)  # x of the starts
+
+    def align_coarse(self, scan, starts):
+        return starts
+
+    def align(self, scan, starts):
+        return [Registration(T, 0.9, self._score(T), np.eye(6)) for T in starts]
+
+    def align_fine(self, scan, starts):
+        self.refined += starts[:, 0, 3].tolist()
+        return self.align(scan, starts)
+
+    def free_space_violation(self, view, T):
+        self.checked.append(number_of(T))
+        return self.violations[number_of(T)]
+
+    def _score(self, T):
+        number = number_of(T)
+        beside = T[0, 3] - APART_M * number > NEIGHBOUR_M / 2
+        return self.better_beside.get(number, self.scores[number]) if beside else self.scores[number]
+
+
+def search(made_up: MadeUpMap, prior: Prior | None = None, calibration: Calibration | None = None):
+    index = MapIndex(EngineConfig(), calibration or Calibration(), None, made_up, made_up)
+    candidates = [Candidate(number, at(APART_M * number), 0.5) for number in range(len(made_up.scores))]
+    return HypothesisSearch(index, PREPARED, prior, "yard").run(candidates)
+
+
+def test_without_candidates_nothing_is_found():
+    assert search(MadeUpMap([], [])) == []
+
+
+def test_candidates_are_ranked_by_alignment_and_free_space():
+    found = search(MadeUpMap([0.80, 0.85, 0.82], [0.0, 0.05, 0.0]))
+    assert [candidate.template for candidate in found] == [2, 0, 1]
+    assert found[2].quality.free_space_violation == 0.05
+    assert {candidate.map_id for candidate in found} == {"yard"}
+
+
+def test_free_space_is_not_checked_where_no_rival_can_be():
+    made_up = MadeUpMap([0.9, 0.5, 0.6, 0.4], [0.0] * 4)
+    search(made_up)
+    assert made_up.checked[:2] == [0, 2]
+    assert not {1, 3} & set(made_up.checked)
+
+
+def test_only_the_best_and_close_rivals_are_refined():
+    made_up = MadeUpMap([0.9, 0.88, 0.7], [0.0] * 3)
+    search(made_up)
+    assert made_up.refined == [0.0, APART_M]
+    crowded = MadeUpMap([0.9, 0.89, 0.88, 0.87, 0.86], [0.0] * 5)
+    assert len(search(crowded)) == 5
+    assert len(crowded.refined) == MAX_REFINED
+
+
+def test_a_hopeless_best_is_not_refined():
+    measured = Calibration(cases=100)
+    hopeless, hopeful = MadeUpMap([0.2, 0.1], [0.2, 0.2]), MadeUpMap([0.95, 0.3], [0.0, 0.2])
+    assert len(search(hopeless, calibration=measured)) == 2
+    assert not hopeless.refined
+    search(hopeful, calibration=measured)
+    assert hopeful.refined == [0.0]
+
+
+def test_a_clearly_better_minimum_beside_a_candidate_is_taken():
+    (found,) = search(MadeUpMap([0.80], [0.0], better_beside={0: 0.85}))
+    assert found.registration.T_level_sensor[0, 3] == NEIGHBOUR_M
+    (found,) = search(MadeUpMap([0.80], [0.0], better_beside={0: 0.81}))
+    assert found.registration.T_level_sensor[0, 3] == 0
+
+
+def test_a_prior_leaves_out_poses_elsewhere():
+    found = search(MadeUpMap([0.9, 0.8], [0.0, 0.0]), prior=Prior(np.array([APART_M, 0, 0]), 2.0))
+    assert [candidate.template for candidate in found] == [1]
+
+
+def test_of_equal_poses_only_the_best_is_kept():
+    made_up = MadeUpMap([0.9], [0.0])
+    index = MapIndex(EngineConfig(), Calibration(), None, made_up, made_up)
+    candidates = [Candidate(row, at(0.1 * row), 0.5) for row in range(3)]
+    assert [one.template for one in HypothesisSearch(index, PREPARED).run(candidates)] == [0]
