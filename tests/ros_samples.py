@@ -114,18 +114,19 @@ def ros1(message: Any) -> bytes:
 
 
 def stores_of(kind: str) -> Any:
-    """The message types that a bag of a kind holds."""
+    """Returns the message types of a kind of bag."""
     return ROS1 if kind.startswith("ros1") else ROS2
 
 
 def write_bag(directory: Path, kind: str, messages: Iterable[tuple[str, int, Any]]) -> Path:
-    """
+    """Writes a bag.
+
     Args:
-        kind: of BAG_KINDS.
-        messages: topic, time of recording in ns, message; of ``stores_of(kind)``.
+        kind: one of BAG_KINDS.
+        messages: topic, time of recording in ns, and message of ``stores_of(kind)``.
 
     Returns:
-        What is opened: a file, or a ROS 2 bag's folder.
+        The path to open: a file, or the folder of a ROS 2 bag.
     """
     stores = stores_of(kind)
     path = directory / f"bag-{kind.replace(' ', '-')}"

@@ -165,7 +165,7 @@ class Settings(BaseSettings):
         description="where the work of builds runs: threads of the build process, or dask://scheduler:8786",
     )
     nats_credentials: Path | None = Field(
-        None, description="file with NATS credentials: user:password, a token, or a .creds file"
+        None, description="file with NATS credentials (user:password, a token, or a .creds file)"
     )
     nats_ca: Path | None = Field(
         None, description="PEM file of the authorities that may sign the certificate of NATS"
