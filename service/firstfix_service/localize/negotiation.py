@@ -21,7 +21,7 @@ def negotiate(accept: str | None, offered: Sequence[str]) -> str:
     weights = {name: _weight(accept, name) for name in offered}
     best = max(offered, key=lambda name: weights[name])  # of equals the first
     if weights[best] <= 0:
-        raise NotAcceptable(f"the answer is {' or '.join(offered)}, not {accept[:200]!r}")
+        raise NotAcceptable(f"the answer can be {' or '.join(offered)}, not {accept[:200]!r}")
     return best
 
 

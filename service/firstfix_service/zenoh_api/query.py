@@ -43,7 +43,7 @@ def credential_of(query: Any) -> str | None:
     if attachment is None:
         return None
     if len(attachment) > MAX_CREDENTIAL_BYTES:
-        raise Unauthorized(f"an attachment holds a credential of up to {MAX_CREDENTIAL_BYTES} bytes")
+        raise Unauthorized(f"the attachment, a credential, has over {MAX_CREDENTIAL_BYTES} bytes")
     return attachment.to_bytes().decode("ascii", "replace")
 
 

@@ -30,14 +30,21 @@ def yard(small_version) -> ServedVersion:
     return ServedVersion("yard", "1" * 64, small_version.directory)
 
 
-@pytest.fixture
-def workers(yard: ServedVersion) -> Iterator[QueryWorkerProcesses]:
+@pytest.fixture(scope="module")
+def shared_workers() -> Iterator[QueryWorkerProcesses]:
     running = QueryWorkerProcesses(2, query_timeout_s=30)
     try:
-        running.load(yard)
         yield running
     finally:
         running.close()
+
+
+@pytest.fixture
+def workers(shared_workers: QueryWorkerProcesses, yard: ServedVersion) -> QueryWorkerProcesses:
+    """Two processes that are up and have loaded the yard: the same for all tests, or their replacements."""
+    wait_until(lambda: len(shared_workers.pids) == 2)
+    shared_workers.load(yard)
+    return shared_workers
 
 
 @pytest.fixture

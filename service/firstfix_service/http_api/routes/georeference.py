@@ -57,7 +57,7 @@ def delete_georeference(map_id: MapId, parts: PartsDep) -> None:
 
 def _georeference(body: GeoreferenceBody) -> Georeference:
     if (body.x_axis_deg is None) == (body.quaternion is None):
-        raise InvalidOption("a georeference has one of x_axis_deg and quaternion")
+        raise InvalidOption("give either x_axis_deg or quaternion")
     where = (body.latitude_deg, body.longitude_deg, body.height_m)
     ax, ay, az = body.anchor_m
     if body.quaternion is None:

@@ -89,7 +89,7 @@ def begin_upload(
     tus.check_version(tus_resumable)
     size_bytes = tus.number("Upload-Length", upload_length)
     if size_bytes < 1:
-        raise InvalidOption("a map file is not empty")
+        raise InvalidOption("Upload-Length is 0: a map file must not be empty")
     if size_bytes > parts.settings.max_upload_bytes:
         raise TooLarge(f"a file has at most {parts.settings.max_upload_bytes} bytes")
     told = tus.metadata(upload_metadata)
@@ -150,7 +150,7 @@ async def append_to_upload(
     tus.check_version(tus_resumable)
     media_type = request.headers.get("content-type", "").split(";", 1)[0].strip().lower()
     if media_type != tus.MEDIA_TYPE:
-        raise UnsupportedFormat(f"a part of an upload is {tus.MEDIA_TYPE}")
+        raise UnsupportedFormat(f"the media type of a part is {tus.MEDIA_TYPE}")
     offset = tus.number("Upload-Offset", upload_offset)
     checksum = None if upload_checksum is None else tus.Checksum(upload_checksum)
     with parts.upload_streams.request(caller.name):
