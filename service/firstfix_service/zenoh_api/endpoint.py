@@ -55,7 +55,7 @@ class ZenohEndpoint:
         settings: Settings,
         replica: str,
         use_case: LocalizeUseCase,
-        access: Authenticator,
+        authenticator: Authenticator,
         loop: asyncio.AbstractEventLoop,
         requests: Requests,
     ) -> None:
@@ -66,7 +66,7 @@ class ZenohEndpoint:
         """
         self.replica = replica
         self._use_case = use_case
-        self._access = access
+        self._authenticator = authenticator
         self._trusted = settings.zenoh_trusted
         self._loop = loop
         self._requests = requests
@@ -217,8 +217,8 @@ class ZenohEndpoint:
         """
         if self._trusted:
             return Principal(TRUSTED)
-        caller = await self._access.check(credential_of(query), Scope.LOCALIZE, None)
-        self._access.take("localize", caller)
+        caller = await self._authenticator.check(credential_of(query), Scope.LOCALIZE, None)
+        self._authenticator.take("localize", caller)
         return caller
 
 

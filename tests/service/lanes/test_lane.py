@@ -21,9 +21,9 @@ from service_world import Service, running_service
 
 import firstfix_service
 from firstfix.access.api_keys import ApiKeys
-from firstfix.catalog.catalog import Catalog
 from firstfix.errors import StoreUnavailable
 from firstfix_service.app import create_app
+from firstfix_service.http_api.bodies import submission
 from firstfix_service.lanes import BUILDS, Lane
 from firstfix_service.settings import Settings
 from firstfix_service.telemetry.request_scope import Requests, note
@@ -136,7 +136,7 @@ def test_slow_maps_hold_up_nothing_else(tmp_path: Path, monkeypatch: pytest.Monk
         assert gate.wait(LIMIT_S)
         raise StoreUnavailable("the test has ended")
 
-    monkeypatch.setattr(Catalog, "put_source", slowly)
+    monkeypatch.setattr(submission, "put_source", slowly)
     streams = {"max_upload_streams": SLOW_POSTS, "max_upload_streams_per_caller": SLOW_POSTS}
     any_number = {"builds_per_hour": 0, **streams}
     with (
