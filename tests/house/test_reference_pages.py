@@ -6,10 +6,12 @@ from pathlib import Path
 from fastapi.testclient import TestClient
 
 import firstfix_client
+from firstfix.catalog.manifest import FORMAT
 from firstfix_service.app import create_app
 from firstfix_service.settings import Settings
 
-REFERENCE = Path(__file__).resolve().parents[2] / "docs" / "reference"
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+REFERENCE = DOCS / "reference"
 
 
 def rows(page: str) -> dict[str, list[str]]:
@@ -43,3 +45,8 @@ def test_every_public_name_of_the_client_is_documented():
     page = (REFERENCE / "python-api.md").read_text()
     documented = re.findall(r"^::: firstfix_client\.(\w+)$", page, re.M)
     assert sorted(documented) == sorted(firstfix_client.__all__)
+
+
+def test_the_format_of_versions_is_the_documented_one():
+    page = (DOCS / "how-to" / "upgrade.md").read_text()
+    assert f"This release makes and reads format **{FORMAT}**" in page
