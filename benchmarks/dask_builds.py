@@ -197,7 +197,7 @@ class _Killer:
 
 
 def _floor_m2(folder: Path, config: dict[str, Any], files: Any) -> float:
-    """What a coarse look at the world finds."""
+    """Floor area that a coarse sampling of the world finds."""
     from firstfix_builder.read_map import read_trajectory
     from firstfix_builder.templates.fit_spacing import sample_fitting_viewpoints
 

@@ -1,4 +1,4 @@
-"""``python -m benchmarks.run SUITE [--quick] [--json FILE]``"""
+"""Runs an evaluation suite: ``python -m benchmarks.run SUITE [--quick] [--json FILE]``."""
 
 from __future__ import annotations
 

@@ -16,7 +16,9 @@ _ROOT = Path(__file__).resolve().parents[2]
 
 
 class DaskCluster:
-    """Args:
+    """A scheduler and workers of Dask, each a process.
+
+    Args:
         folder: of logs and workers' files.
         path: folders that workers import from besides the checkout's.
         tls: PEM files of an authority, and of certificate and key; None: unencrypted.
@@ -46,16 +48,20 @@ class DaskCluster:
         self.address = f"{'tcp' if tls is None else 'tls'}://127.0.0.1:{self._port}"
 
     def start_scheduler(self, environment: Mapping[str, str] | None = None) -> None:
-        """Args:
-        environment: beside this process's own: Dask's configuration.
+        """Starts the scheduler, always at the same address.
+
+        Args:
+            environment: beside this process's own: Dask's configuration.
         """
         place = ("--host", "127.0.0.1", "--port", str(self._port), "--dashboard-address", "127.0.0.1:0")
         self._scheduler = self._start(environment or {}, "scheduler", *place, *self._secured)
 
     def start_worker(self, *path: Path, processor: int | None = None) -> subprocess.Popen[bytes]:
-        """Args:
-        path: folders to import from before all others.
-        processor: the only one that it may use; None: any.
+        """Starts one more worker.
+
+        Args:
+            path: folders to import from before all others.
+            processor: the only one that it may use; None: any.
         """
         self._started += 1
         place = ("--local-directory", str(self._folder / f"worker-{self._started}"))
@@ -72,7 +78,7 @@ class DaskCluster:
         self.workers.remove(worker)
 
     def kill_scheduler(self) -> None:
-        """And the workers, which would end without it."""
+        """Kills the scheduler and the workers, which would end without it."""
         self.stop()
         self.workers.clear()
 
@@ -138,8 +144,10 @@ def dask_cluster(
 
 
 def wait_until(condition: Callable[[], bool], seconds: float = PATIENCE_S) -> None:
-    """Raises:
-    TimeoutError: it did not come true.
+    """Waits for a condition.
+
+    Raises:
+        TimeoutError: it did not come true.
     """
     end = time.monotonic() + seconds
     while not condition():

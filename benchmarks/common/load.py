@@ -27,7 +27,7 @@ Ask = Callable[[Body], str]  # "ok", or what went wrong
 
 @dataclass
 class Asked:
-    """What clients saw, together.
+    """Answers that all clients of a crowd got.
 
     Attributes:
         seconds: of each query that was answered.

@@ -94,11 +94,13 @@ class WorldFiles:
 
 @dataclass(frozen=True)
 class BenchWorld:
-    """Attributes:
-    place: worlds of one place have the same: no scan of one is outside the other's map.
-    config: of the build; its sensor is the world's own.
-    make: a cache to the files; the shared ones lie there already.
-    missing: why there is nothing, or None.
+    """A simulated world with everything that the suites need of it.
+
+    Attributes:
+        place: worlds of one place have the same: no scan of one is outside the other's map.
+        config: of the build; its sensor is the world's own.
+        make: a cache to the files; the shared ones lie there already.
+        missing: why there is nothing, or None.
     """
 
     name: str

@@ -1,1 +1,1 @@
-"""How well a scan is answered by how it is sent: ``python -m benchmarks.run encodings``."""
+"""Quality and size of answers for each encoding of a scan: ``python -m benchmarks.run encodings``."""

@@ -16,8 +16,10 @@ Encode = Callable[[Scan, DescriptorParameters], bytes]
 
 @dataclass(frozen=True)
 class Form:
-    """Attributes:
-    encode: from a scan and what is known of the map; None: the scan is asked as it is.
+    """One way to send a scan.
+
+    Attributes:
+        encode: from a scan and what is known of the map; None: the scan is asked as it is.
     """
 
     name: str

@@ -81,7 +81,7 @@ def measure(localizer: Localizer, queries: Sequence[Query], forms: Sequence[Form
 def _asked(
     localizer: Localizer, queries: Sequence[Query], form: Form
 ) -> tuple[list[Outcome], list[int], list[float], list[float]]:
-    """What came of every query, the bytes of each, and the times of encoding and decoding, milliseconds."""
+    """Returns the outcome and the bytes of every query, and the milliseconds of encoding and decoding."""
     known = DescriptorParameters.from_engine(localizer.index.config.model_dump())
     outcomes, bytes_, encode_ms, decode_ms = [], [], [], []
     for number, (scan, T_map_sensor) in enumerate(queries):

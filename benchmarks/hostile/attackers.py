@@ -1,8 +1,9 @@
-"""The process of the attackers, light and apart from who is measured:
+"""The process of the attackers, apart from the clients that are measured.
 
     python -m benchmarks.hostile.attackers 'slow heads' --port 8080 --map hall --key ffx_... --seconds 10
 
-It attacks this machine alone, from a loopback address of its own, and prints what became of it as JSON.
+It attacks this machine alone, from a loopback address of its own, and prints the counts of its connections
+as JSON.
 """
 
 from __future__ import annotations

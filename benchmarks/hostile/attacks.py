@@ -19,7 +19,11 @@ _form_number = itertools.count()
 
 @dataclass(frozen=True)
 class Target:
-    """Attributes: key: the attacker's own, for attacks by a caller who may come in."""
+    """The service's map and the attacker's key.
+
+    Attributes:
+        key: for attacks by a caller with permissions.
+    """
 
     map_id: str
     key: str
@@ -34,9 +38,11 @@ Act = Callable[[Target, StreamReader, StreamWriter], Awaitable[None]]
 
 @dataclass(frozen=True)
 class Attack:
-    """Attributes:
-    connections: at the same time.
-    rounds: on each connection's place, at most; then it stays away.
+    """One kind of attack, and how often it is repeated.
+
+    Attributes:
+        connections: at the same time.
+        rounds: on each connection's place, at most; then it stays away.
     """
 
     act: Act
@@ -97,7 +103,7 @@ async def long_head(target: Target, reader: StreamReader, writer: StreamWriter) 
 
 
 async def silence(target: Target, reader: StreamReader, writer: StreamWriter) -> None:
-    """Nothing at all."""
+    """Opens a connection and sends nothing."""
     await reader.read()
 
 

@@ -23,8 +23,9 @@ def name_of(number: int) -> str:
 
 
 def grow_catalog(root: Path, version: Path | None, have: int, wanted: int) -> None:
-    """Adds maps with one version each, numbers ``have`` to ``wanted``, to a store in a directory, as objects
-    that ``Catalog.publish`` would leave there.
+    """Adds maps with one version each, numbers ``have`` to ``wanted``, to a store in a directory.
+
+    The objects are those that ``Catalog.publish`` would write.
 
     Args:
         version: folder of the files that each of them has; None: nothing but a mark.
@@ -55,7 +56,7 @@ def grow_catalog(root: Path, version: Path | None, have: int, wanted: int) -> No
 
 
 def _files(version: Path) -> dict[str, Path]:
-    """What a query reads; pictures are for people."""
+    """The files of a version that a query reads; the pictures are left out."""
     names = (path.name for path in version.iterdir() if path.suffix != ".png" and path.name != FILE_NAME)
     return {name: version / name for name in sorted(names)}
 

@@ -1,4 +1,4 @@
-"""What one replica pays for the maps that there are: at the start, while nobody asks, and at a query."""
+"""Cost of the number of maps for one replica: at the start, without queries, and at a query."""
 
 from __future__ import annotations
 
@@ -75,8 +75,9 @@ def one_replica(
 
 
 def memory_of_loaded(store: str, versions: tuple[int, int], directory: Path) -> dict[str, Any]:
-    """What a loaded version takes beside its files, which are links to one here: by a replica that has loaded
-    few, and one that has loaded more.
+    """Memory of a loaded version beside its files, which are links to one version here.
+
+    A replica that has loaded few versions is compared with one that has loaded more.
     """
     settings = {"store": store, "run_builds": False, "workers": 1, "log_level": "warning"}
     mb = []
@@ -90,7 +91,7 @@ def memory_of_loaded(store: str, versions: tuple[int, int], directory: Path) -> 
 
 
 class _Counted:
-    """What the service has counted."""
+    """Counters of the service."""
 
     def __init__(self, http: httpx.Client) -> None:
         text = http.get("/metrics").raise_for_status().text

@@ -1,5 +1,7 @@
-"""Queries by Zipf's law over four replicas with caches too small for all maps: how many meet a loaded
-version, by who is asked. The service's own cache and placement, in one process: counts are exact.
+"""Queries by Zipf's law to four replicas whose caches are too small for all maps.
+
+Counts how many queries find their version loaded, for each way to choose the replica. The service's own cache
+and placement run in this process, so the counts are exact.
 """
 
 from __future__ import annotations
@@ -105,7 +107,7 @@ def zipf(maps: int, queries: int, exponent: float, seed: int) -> list[str]:
 
 
 def _choices(name: str, group: Group, seed: int) -> Choose:
-    """As a proxy's hash chooses, or a robot over zenoh: at random among those that show the map."""
+    """Returns the way in which a proxy with a hash, or a robot over zenoh, chooses a replica."""
     turn = random.Random(seed)
     if name == "one by a hash":
         return lambda map_id: rendezvous_order(map_id, REPLICAS)[0]
@@ -129,7 +131,7 @@ def _ask(group: Group, asked: list[str], choose: Choose) -> dict[str, Any]:
 
 
 def movement(maps: int, replicas: int, copies: int) -> dict[str, Any]:
-    """When one of the replicas leaves: what the others take over, and the time to find that out."""
+    """Counts the maps that move when one replica leaves."""
     names = [f"r{number}" for number in range(1, replicas + 1)]
     come, seconds, others = 0, 0.0, 0
     for name in names[:-1]:
@@ -153,8 +155,10 @@ def movement(maps: int, replicas: int, copies: int) -> dict[str, Any]:
 
 
 def takeover(directory: Path, maps: int, copies: int) -> dict[str, Any]:
-    """The last replica leaves: what the others load, and how long the slowest of them takes, one after the
-    other, with versions of a few bytes: what a load costs beside its files.
+    """Counts the versions that the other replicas load when the last one leaves, and the time of the slowest.
+
+    They load one after the other. The versions have a few bytes: the time is what a load costs beside its
+    files.
     """
     root = directory / "taken-over"
     grow_catalog(root, None, 0, maps)

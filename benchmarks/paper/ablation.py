@@ -1,4 +1,4 @@
-"""What each choice that the paper leaves open is worth: one changed at a time."""
+"""Ablation of the choices that the paper leaves open: one is changed at a time."""
 
 from __future__ import annotations
 
@@ -24,9 +24,11 @@ CLUSTER = ClusterConfig()
 
 @dataclass(frozen=True)
 class Variant:
-    """Attributes:
-    scans: how templates and queries are described, a name in DESCRIPTORS.
-    signed: whether the axis points to the side of the points' mean; else as the eigenvector comes.
+    """One choice, changed.
+
+    Attributes:
+        scans: how templates and queries are described, a name in DESCRIPTORS.
+        signed: whether the axis points to the side of the points' mean; else as the eigenvector comes.
     """
 
     choice: str

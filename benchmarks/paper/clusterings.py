@@ -22,9 +22,11 @@ NEIGHBOURS = 100  # by position, that a template is compared with
 
 @dataclass(frozen=True)
 class Clustering:
-    """Attributes:
-    constraint: "knn" or "none".
-    similarity_s, linkage_s, choice_s: one thread's seconds to compare, to link, to choose representatives.
+    """Clusters of one threshold, and the time they took.
+
+    Attributes:
+        constraint: "knn" or "none".
+        similarity_s, linkage_s, choice_s: one thread's seconds to compare, link and choose representatives.
     """
 
     constraint: str
@@ -52,8 +54,9 @@ class Clusterer:
         return self._chosen("knn", threshold, label, self._similarity_s, time.process_time() - begin)
 
     def without(self, thresholds: tuple[float, ...]) -> Iterator[Clustering]:
-        """All templates compared, in blocks. Every threshold goes on from the clusters of the last; the
-        seconds are of all thresholds so far.
+        """Clusters without the constraint: all templates are compared, in blocks.
+
+        Each threshold starts from the clusters of the last one. Its seconds include all thresholds so far.
         """
         label = np.arange(self._count)
         similarity_s = linkage_s = 0.0

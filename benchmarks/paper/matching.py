@@ -1,4 +1,4 @@
-"""What the tables count: the share of queries whose best template is near, and one thread's time."""
+"""The cascade of the tables: the share of queries whose best template is near, and the time of one thread."""
 
 from __future__ import annotations
 
@@ -66,8 +66,10 @@ def make_cascade(templates: Taken, clusters: Clusters, config: SearchConfig, nam
 
 @dataclass(frozen=True)
 class CascadeRun:
-    """Attributes:
-    found: (n,) best template of each query.
+    """Answers and times of one run of the cascade.
+
+    Attributes:
+        found: (n,) best template of each query.
     """
 
     found: NDArray[np.int64]

@@ -94,10 +94,12 @@ class Taken:
 
 @dataclass(frozen=True)
 class Scene:
-    """Attributes:
-    mount_m: of the sensor above the floor.
-    templates: re-sampled points.
-    trajectory: along the drive that the templates stand beside.
+    """The simulated world with its templates.
+
+    Attributes:
+        mount_m: of the sensor above the floor.
+        templates: re-sampled points.
+        trajectory: along the drive that the templates stand beside.
     """
 
     simulator: Simulator
@@ -145,7 +147,7 @@ def _digest(*arrays: NDArray[Any]) -> str:
 
 
 def _code_version() -> str:
-    """Of what makes a description: not of all else that may change between two runs of the suite."""
+    """Hash of the code that makes descriptions. A change of other code leaves scenes cached."""
     files = [*sorted(Path(descriptor.__file__).parent.glob("*.py")), Path(simulate.__file__), Path(__file__)]
     return sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 

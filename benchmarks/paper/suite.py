@@ -37,7 +37,7 @@ THRESHOLDS_45 = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
 
 @dataclass(frozen=True)
 class Sizes:
-    """How much of everything is measured.
+    """Sizes of the suite.
 
     Attributes:
         beside_track_m: templates stand so near to the track.

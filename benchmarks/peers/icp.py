@@ -20,9 +20,11 @@ def cloud_of(points: NDArray[np.float64], voxel_m: float, normal_radius_m: float
 
 
 class Icp:
-    """Args:
-    map_points: (m, 3).
-    reach_m: of the first round; the second's is a third of it.
+    """Fine registration by ICP in two rounds.
+
+    Args:
+        map_points: (m, 3).
+        reach_m: of the first round; the second's is a third of it.
     """
 
     def __init__(self, map_points: NDArray[np.float64], reach_m: float) -> None:

@@ -1,4 +1,4 @@
-"""What every peer is given of a data set."""
+"""The part of a data set that every peer gets."""
 
 from __future__ import annotations
 
@@ -17,10 +17,12 @@ from ..common.datasets import Dataset
 
 @dataclass(frozen=True)
 class PeerInput:
-    """Attributes:
-    version: folder of firstfix's version of the map.
-    feature_voxel_m: for feature matching.
-    near_m: closer points are the carrier's own.
+    """Map, scans and parameters for one peer.
+
+    Attributes:
+        version: folder of firstfix's version of the map.
+        feature_voxel_m: for feature matching.
+        near_m: closer points are the carrier's own.
     """
 
     dataset: Dataset

@@ -60,8 +60,10 @@ def run(quick: bool) -> dict[str, Any]:
 
 
 def measure(dataset: Dataset, count: int | None, work: Path) -> dict[str, Any]:
-    """Args:
-    count: of the scans; None: all.
+    """Measures every peer on one data set.
+
+    Args:
+        count: of the scans; None: all.
     """
     work.mkdir(parents=True, exist_ok=True)
     trajectory = dataset.write_trajectory(work / "trajectory.csv")

@@ -18,7 +18,7 @@ LIMIT_S = 60.0
 
 
 class Peer(Protocol):
-    """What it makes of the map beforehand is not timed."""
+    """A system that localizes scans. Its preparation of the map is not timed."""
 
     def __init__(self, given: PeerInput) -> None: ...
 
@@ -27,9 +27,11 @@ class Peer(Protocol):
 
 @dataclass(frozen=True)
 class Found:
-    """Attributes:
-    T_map_sensor: (4, 4), or None: no answer.
-    seconds: LIMIT_S where it was ended, or crashed.
+    """Answer of a peer.
+
+    Attributes:
+        T_map_sensor: (4, 4), or None: no answer.
+        seconds: LIMIT_S where it was ended, or crashed.
     """
 
     T_map_sensor: Matrix | None
@@ -59,8 +61,10 @@ class Trial:
         self._pipe.close()
 
     def ask(self, scan: Scan) -> Found:
-        """Raises:
-        RuntimeError: the peer raised, which is the suite's fault; native code that crashes is its own.
+        """Asks the peer for a pose.
+
+        Raises:
+            RuntimeError: the peer raised, which is the suite's fault; native code that crashes is its own.
         """
         self._pipe.send(scan)
         try:

@@ -14,7 +14,7 @@ LLOYD_ROUNDS = 20
 
 
 def every_second_ring(scan: Scan, sensor: SensorModel) -> Scan:
-    """What half of the beams saw."""
+    """Returns the points of every second beam."""
     return _kept(scan, ring_of(scan.points, sensor) % 2 == 0)
 
 

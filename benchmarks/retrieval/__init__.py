@@ -1,1 +1,1 @@
-"""Which templates a scan finds, before anything is registered: ``python -m benchmarks.run retrieval``."""
+"""Templates that a scan finds before registration: ``python -m benchmarks.run retrieval``."""

@@ -62,9 +62,11 @@ class Asked:
 
 @dataclass(frozen=True)
 class DescribedWorld:
-    """Attributes:
-    simulator: in the map frame.
-    position_m, height_m: (n, 3) and (n,) of the templates' sensors, map frame and above the floor.
+    """A simulated world, its templates' poses and the way to describe scans.
+
+    Attributes:
+        simulator: in the map frame.
+        position_m, height_m: (n, 3) and (n,) of the templates' sensors, map frame and above the floor.
     """
 
     simulator: Simulator

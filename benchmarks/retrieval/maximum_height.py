@@ -1,4 +1,4 @@
-"""What the default's layers are measured against: the highest point of every cell, as Scan Context has it."""
+"""A descriptor to compare the default with: the highest point of every cell, as in Scan Context."""
 
 from __future__ import annotations
 

@@ -41,11 +41,13 @@ REGISTERED_M = 0.2
 
 @dataclass(frozen=True)
 class Sizes:
-    """Attributes:
-    queries: of every row.
-    taught: scans that a projection is learned from.
-    registered: queries that go through the whole localizer, for every spacing.
-    nearest: templates by key that are compared.
+    """Numbers of scans.
+
+    Attributes:
+        queries: of every row.
+        taught: scans that a projection is learned from.
+        registered: queries that go through the whole localizer, for every spacing.
+        nearest: templates by key that are compared.
     """
 
     queries: int = 150
@@ -77,7 +79,7 @@ class Pieces:
         return self._of_version(self.world.spacing_m)[0]
 
     def keys(self) -> list[Row]:
-        """How many Fourier coefficients, and what the key is projected on."""
+        """Varies the number of Fourier coefficients and the projection of the key."""
         trial, rows = self.trial, self.trial.rows("default", "")
         for coefficients in (1, 4, 16):
             rows += trial.with_coefficients(coefficients).rows(
@@ -116,7 +118,7 @@ class Pieces:
         return rows
 
     def gravity(self) -> list[Row]:
-        """Where up is taken from, for scans tilted as usual and more."""
+        """Varies the source of the up direction, for scans with the usual tilt and with more."""
         how = {DEFAULT: self.world.descriptor.make()}
         upright, tilted = self.trial.known, self.world.known(self.sensor, how, TILTED)[DEFAULT]
         lessons = self._lessons(self.sensor)

@@ -67,7 +67,7 @@ def _agreement(
 
 
 def _image(points: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Of every cell with returns one that has the middle range: (c, 3) direction and (c,) metres."""
+    """One return of every occupied cell, the one with the median range: (c, 3) direction and (c,) metres."""
     away = np.linalg.norm(points, axis=1).astype(np.float64)
     column = np.floor(np.degrees(np.arctan2(points[:, 1], points[:, 0])) / COLUMN_DEG).astype(int) % _COLUMNS
     row = np.floor((np.degrees(np.arcsin(points[:, 2] / away)) - LOWEST_DEG) / ROW_DEG).astype(int)

@@ -1,4 +1,4 @@
-"""Of described scans against described templates: how often the right place is found, and in what time."""
+"""Recall of described scans among described templates, and its time."""
 
 from __future__ import annotations
 
@@ -37,13 +37,15 @@ class Found:
 
 @dataclass(frozen=True)
 class Recall:
-    """Attributes:
-    numbers: of a key.
-    key_10, key_all: share of the scans with a template of the right place among the 10, and among all
-        that are compared, nearest by key.
-    best_10, best_40: with the right place and heading among the best of the comparison.
-    key_ms, compare_ms: medians, of one scan: key, projection and search; and comparison.
-    found: of every scan.
+    """Shares and times of one key.
+
+    Attributes:
+        numbers: of a key.
+        key_10, key_all: share of the scans with a template of the right place among the 10, and among all
+            that are compared, nearest by key.
+        best_10, best_40: with the right place and heading among the best of the comparison.
+        key_ms, compare_ms: medians, of one scan: key, projection and search; and comparison.
+        found: of every scan.
     """
 
     numbers: int

@@ -1,4 +1,4 @@
-"""What each piece of the default finds, in places that differ.
+"""Recall of each piece of the default method, in several worlds.
 
     python -m benchmarks.run retrieval [--quick] [--json FILE]
     python -m benchmarks.retrieval --world campus --spacing 0.45 --piece keys
@@ -51,9 +51,11 @@ def measure(
     work: Path,
     spacing_m: float | None = None,
 ) -> dict[str, Any]:
-    """Args:
-    pieces: names in PIECES, the rows of the report in their order.
-    spacing_m: of the templates; None: as the builder chooses.
+    """Measures the chosen pieces in every world.
+
+    Args:
+        pieces: names in PIECES, the rows of the report in their order.
+        spacing_m: of the templates; None: as the builder chooses.
     """
     figures: dict[str, Any] = {"machine": {"cpus": os.cpu_count()}, "seeds": [SEED, LEARN_SEED]}
     figures |= {"sizes": vars(sizes), "worlds": {}}

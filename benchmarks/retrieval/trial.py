@@ -23,9 +23,11 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class Trial:
-    """Attributes:
-    taught: scans at other spots than the asked ones, perturbed by the builder's own measure.
-    nearest: by key, that are compared.
+    """One way to describe scans in one world.
+
+    Attributes:
+        taught: scans at other spots than the asked ones, perturbed by the builder's own measure.
+        nearest: by key, that are compared.
     """
 
     descriptor: Descriptor
@@ -41,7 +43,7 @@ class Trial:
         )
 
     def template_keys(self) -> NDArray[np.float32]:
-        """Of the upright ones."""
+        """Keys of the upright templates."""
         return keys_of(self.descriptor, rows_of(self.known.described, slice(0, self.known.upright)))
 
     def within(self) -> NDArray[np.float32]:

@@ -1,4 +1,4 @@
-"""What is done to the scans, and where they are taken: one row of the report each."""
+"""The cases of the suite, one row of the report each: perturbations, and where scans are taken."""
 
 from __future__ import annotations
 
@@ -14,10 +14,12 @@ Where = Literal["map", "changed", "own queries", "strange yard", "other worlds",
 
 @dataclass(frozen=True)
 class Case:
-    """Attributes:
-    where: the scans are taken. In the map as it was, on another day ("changed"), as the world's own
-        queries (which have their own perturbations); the rest lies outside the map.
-    templates, queries: the sensor presets; None: the world's own.
+    """One row of the report.
+
+    Attributes:
+        where: the scans are taken. In the map as it was, on another day ("changed"), as the world's own
+            queries (which have their own perturbations); the rest lies outside the map.
+        templates, queries: the sensor presets; None: the world's own.
     """
 
     name: str
@@ -63,7 +65,7 @@ CASES = (
 
 @dataclass(frozen=True)
 class Sizes:
-    """How many scans a case has: with all at once, with one thing wrong, outside the map."""
+    """Number of scans of a case: with all perturbations, with one, and outside the map."""
 
     all_at_once: int
     single: int

@@ -19,12 +19,13 @@ BINS = 10
 
 
 def figures_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """Shares are None where there is nothing to share out.
+    """Returns the figures of a row. A share of nothing is None.
 
-    success_*: of the best hypothesis, whatever the verdict, over the scans of the map, with the yaw
+    success_*: share of the map's scans whose best hypothesis is that near, whatever the verdict, with the yaw
     within 5 degrees; ``success_0.2m_2deg``: with the whole rotation within 2.
-    distinct_0.2m_2deg: the same over the scans without a perceptual alias, ``distinct`` of them; aliases_recognised: of those
-    with one, the share that came back not ``localized`` and with the truth among the hypotheses.
+    distinct_0.2m_2deg: the same for the ``distinct`` scans without a perceptual alias.
+    aliases_recognised: of the scans with an alias, the share whose answer was not ``localized`` and had the
+    truth among its hypotheses.
     among_all_0.2m: some hypothesis is that near. right_localized: within 0.2 m among ``localized``.
     ece: expected calibration error of the best hypothesis's probability of being right (1 m, 10 degrees).
     nees_median: over right localized answers; NEES_MEDIAN if the covariance is honest.

@@ -25,16 +25,18 @@ NEVER = (np.inf, np.inf, np.inf)
 
 @dataclass(frozen=True)
 class Outcome:
-    """Attributes:
-    inside: whether the scan is of this map.
-    verdict, probability: the answer's.
-    hypotheses: how many came back.
-    error_m, error_deg, yaw_error_deg: of the best hypothesis; inf without one, or outside.
-    nearest_m: least error among all hypotheses whose yaw is right; inf without one.
-    has_alias: another place explains the scan as well as the true pose does, registered from the truth:
-        then no matcher can tell.
-    nees: e' P^-1 e of an answer with a covariance (6 degrees of freedom), nan without one.
-    ms: of the query, in this process.
+    """One query's answer compared with the truth.
+
+    Attributes:
+        inside: whether the scan is of this map.
+        verdict, probability: the answer's.
+        hypotheses: how many came back.
+        error_m, error_deg, yaw_error_deg: of the best hypothesis; inf without one, or outside.
+        nearest_m: least error among all hypotheses whose yaw is right; inf without one.
+        has_alias: another place explains the scan as well as the true pose does, registered from the truth:
+            then no matcher can tell.
+        nees: e' P^-1 e of an answer with a covariance (6 degrees of freedom), nan without one.
+        ms: of the query, in this process.
     """
 
     world: str

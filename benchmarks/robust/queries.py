@@ -64,7 +64,7 @@ def _in_yards(case: Case, sensor: SensorModel, count: int, rng: np.random.Genera
 def _abroad(
     case: Case, sensor: SensorModel, places: Sequence[Scenery], count: int, rng: np.random.Generator
 ) -> list[Query]:
-    """As many in each of the places."""
+    """Scans of other worlds, the same number in each."""
     found: list[Query] = []
     for scenery, share in zip(places, np.array_split(np.arange(count), max(1, len(places))), strict=False):
         simulator = scenery.simulator()

@@ -48,8 +48,10 @@ def measure(
     work: Path,
     others: Sequence[BenchWorld],
 ) -> dict[str, Any]:
-    """Args:
-    others: worlds whose scans are outside the map, where they are another place.
+    """Runs the cases in every world.
+
+    Args:
+        others: worlds whose scans are outside the map, where they are another place.
     """
     cache = StageCache(work)
     figures: dict[str, Any] = {"machine": {"cpus": os.cpu_count()}, "seed": SEED, "sizes": vars(sizes)}

@@ -15,9 +15,11 @@ from ..common.worlds import BenchWorld, Scenery
 
 
 class Versions:
-    """Args:
-    map: what the templates are made of.
-    work: folder of the builds; their stage caches make a second run quick.
+    """Built versions of one world, for each sensor preset.
+
+    Args:
+        map: what the templates are made of.
+        work: folder of the builds; their stage caches make a second run quick.
     """
 
     def __init__(self, world: BenchWorld, map: Scenery, work: Path) -> None:  # noqa: A002
@@ -25,7 +27,7 @@ class Versions:
         self._loaded: dict[str | None, Localizer] = {}
 
     def localizer(self, sensor: str | None) -> Localizer:
-        """Of the templates for a preset; None: the world's own sensor."""
+        """Returns the localizer for a preset's templates. None means the world's own sensor."""
         if sensor not in self._loaded:
             config = self._world.config if sensor is None else self._world.config | {"sensor": sensor}
             name = BuildConfig.parse(config).sensor_model.name

@@ -1,1 +1,1 @@
-"""How time, memory and disk grow with the map: 10 thousand, 100 thousand, a million templates."""
+"""Growth of time, memory and disk with the map: 10 thousand, 100 thousand and a million templates."""

@@ -102,7 +102,7 @@ def _error(answer: Localization, T: Matrix) -> float:
 
 
 def _memory_mb() -> dict[str, int]:
-    """Of this process (Linux): its own, and the pages of files that it has touched."""
+    """Memory of this process (Linux): its own, and the file pages that it has touched."""
     lines = Path("/proc/self/smaps_rollup").read_text().splitlines()[1:]
     kb = {line.split(":")[0]: int(line.split()[1]) for line in lines}
     return {"own": round(kb["Pss_Anon"] / 1e3), "resident": round(kb["Rss"] / 1e3)}

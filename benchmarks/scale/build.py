@@ -30,10 +30,12 @@ ENGINE = {
 
 @dataclass(frozen=True)
 class Built:
-    """Attributes:
-    mesh: what its scans are simulated in.
-    version: folder of the version's files, without a manifest.
-    took: by stage.
+    """A built world.
+
+    Attributes:
+        mesh: what its scans are simulated in.
+        version: folder of the version's files, without a manifest.
+        took: by stage.
     """
 
     extent: Extent

@@ -22,7 +22,7 @@ CUT_BELOW_M = 1.0  # the drive of a cut-out ends so far before its edge
 
 @dataclass(frozen=True)
 class Extent:
-    """How much of the joined campuses a world is.
+    """Part of the joined campuses that a world covers.
 
     Attributes:
         side: campuses along x and along y.

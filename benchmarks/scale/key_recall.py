@@ -34,12 +34,14 @@ ROWS = 100_000
 
 @dataclass(frozen=True)
 class Asked:
-    """Attributes:
-    keys: (n, d) of the templates.
-    position_m: (n, 3) of the templates.
-    asked: (q, d) of the scans.
-    right: of each scan, the templates of its place.
-    exact: (q, NEAREST) the nearest of all, by whole keys.
+    """Keys of templates and scans, and the right answers.
+
+    Attributes:
+        keys: (n, d) of the templates.
+        position_m: (n, 3) of the templates.
+        asked: (q, d) of the scans.
+        right: of each scan, the templates of its place.
+        exact: (q, NEAREST) the nearest of all, by whole keys.
     """
 
     keys: NDArray[np.float32]
@@ -95,7 +97,7 @@ def key_recall(asked: Asked, engine: Engine) -> dict[str, Any]:
 
 
 def exact_recall(asked: Asked) -> dict[str, Any]:
-    """Of whole keys, every one read."""
+    """Recall with whole keys, without an index."""
     return _finds(list(asked.exact), asked)
 
 

@@ -1,4 +1,4 @@
-"""What each stage of a build took, kept beside its result: a second run finds both."""
+"""The cost of each stage of a build, kept beside its result: a second run finds both."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ POLL_S = 0.5
 
 @contextmanager
 def spent(path: Path) -> Iterator[None]:
-    """Writes seconds, processor seconds and the peak memory of this process and its children (Linux) into a
-    JSON file. A block that fails leaves none.
+    """Writes the cost of a block into a JSON file: seconds, processor seconds and peak memory.
+
+    The memory is of this process and its children (Linux). A block that fails leaves no file.
     """
     peak, stop = pss_of_family(os.getpid()), threading.Event()
 

@@ -55,7 +55,7 @@ class ScaleStages(BuildStages):
 
     @classmethod
     def below(cls, work: Path, name: str, config: BuildConfig, threads: ThreadPoolExecutor) -> ScaleStages:
-        """Of the world of that name. In one process: what it takes is what a build takes."""
+        """Returns the stages of a world. They run in one process, whose memory is that of the build."""
         costs = work / "costs" / name
         costs.mkdir(parents=True, exist_ok=True)
         return cls(
@@ -140,7 +140,7 @@ class ScaleStages(BuildStages):
         return whole
 
     def cluster(self, templates: StageResult, engine: EngineConfig) -> StageResult:
-        """As the default method has it: each for itself."""
+        """Puts every template into a cluster of its own, as the default method does."""
 
         def produce(out: Path) -> None:
             Clusters.alone(len(np.load(templates.directory / "template_height_m.npy", "r"))).save(out)

@@ -35,9 +35,11 @@ ROWS = 100_000
 def synthetic(
     keys: NDArray[np.float32], position_m: NDArray[np.float32], copies: int, engine: Engine, work: Path
 ) -> dict[str, Any]:
-    """Args:
-    keys, position_m: (n, d) and (n, 3).
-    work: for a file of all keys, and the index.
+    """Measures the recall of one engine on synthetic keys.
+
+    Args:
+        keys, position_m: (n, d) and (n, 3).
+        work: for a file of all keys, and the index.
     """
     count, spread = len(keys), keys[:ROWS].std(axis=0) * MOVED
     width_m = np.ptp(position_m[:, 0]) + 1

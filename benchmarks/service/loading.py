@@ -1,4 +1,4 @@
-"""How long a version takes from the store to its first answer, and what a change of versions costs."""
+"""Time from the store to a version's first answer, and the cost of a change of versions."""
 
 from __future__ import annotations
 
@@ -19,8 +19,9 @@ SWAPS = 6
 
 
 def cold_load(queried: QueriedVersion, body: Body, directory: Path) -> dict[str, float]:
-    """Seconds of the first query for a version that the replica has never seen, its cache empty, and of
-    the next one. The poll is off, so that the query itself fetches, verifies and loads.
+    """Seconds of the first query for a version that the replica has never seen, and of the next one.
+
+    The cache is empty and the poll is off, so the query itself fetches, verifies and loads the version.
     """
     store = str(directory / "store")
     with replica(directory / "replica", store=store, poll_interval_s=3600, run_builds=False) as one:

@@ -67,7 +67,7 @@ def many_maps(
 
 
 def _same(found: dict[str, Any], wanted: Any) -> bool:
-    """To what the wire's centimetre does."""
+    """Compares poses to the centimetre, as they are sent."""
     pose = found["T_map_sensor"]
     if pose is None or wanted is None:
         return (pose is None) == (wanted is None)

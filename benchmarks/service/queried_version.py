@@ -30,8 +30,10 @@ CASE = next(case for case in CASES if case.name == "all at once")
 
 @dataclass(frozen=True)
 class QueriedVersion:
-    """Attributes:
-    version: folder of a version's files, without a manifest.
+    """A built version, and scans to query it with.
+
+    Attributes:
+        version: folder of a version's files, without a manifest.
     """
 
     name: str
@@ -43,7 +45,7 @@ class QueriedVersion:
         return Localizer(MapIndex.load(self.version))
 
     def parameters(self) -> DescriptorParameters:
-        """How a robot describes scans for it."""
+        """Returns the parameters with which a robot describes scans for it."""
         return DescriptorParameters.from_engine(json.loads((self.version / ENGINE_FILE).read_text()))
 
     def publish(self, store_url: str, map_id: str, scratch: Path, mark: str = "") -> str:

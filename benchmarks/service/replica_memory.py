@@ -1,4 +1,4 @@
-"""What a replica takes: its processes together, what they share counted once."""
+"""Memory of a replica: all its processes together, shared pages counted once."""
 
 from __future__ import annotations
 

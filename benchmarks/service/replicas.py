@@ -1,7 +1,7 @@
 """Queries to replicas behind a balancer while a replica or the store fails.
 
-A version is activated, a replica is killed and started again, the cable to the object store is cut, and the replicas
-are restarted one after the other.
+A version is activated, a replica is killed and started again, the cable to the object store is cut, and the
+replicas are restarted one after the other.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ MAP = "bench"
 
 @dataclass(frozen=True)
 class Course:
-    """How many replicas and clients there are, and how long each part takes.
+    """Number of replicas and clients, and length of each part.
 
     Attributes:
         calm_s: before and after each fault.

@@ -1,5 +1,6 @@
-"""Answers a second and how long each takes, by transport, encoding and number of clients; and what the
-way there and back adds to the localizer's own time.
+"""Answers per second and their latency, by transport, encoding and number of clients.
+
+Also the time that HTTP adds to the localizer's own time.
 """
 
 from __future__ import annotations
@@ -73,7 +74,7 @@ def throughput(
 
 
 def overhead(url: str, map_id: str, queried: QueriedVersion, passes: int = 3) -> dict[str, float]:
-    """What HTTP adds: the same scans, all in this process and then all over HTTP, in turn; medians in ms.
+    """Milliseconds that HTTP adds: medians of the same scans in this process and over HTTP, in turn.
 
     The client is the standard library's, so that the figure is the service's. What is left of a round trip
     beside the localizer's own stages is told with and without reading the scan's encoding.

@@ -28,7 +28,7 @@ _MAX_WAITING = 1000  # packets, as netem's
 
 
 def missing() -> str | None:
-    """Why no link can be had, in words, from trying; None: it can."""
+    """Tries to make a link. Returns the reason why it cannot be made, or None."""
     if os.geteuid() != 0:
         return "network namespaces need root"
     if shutil.which("ip") is None:
@@ -42,7 +42,7 @@ def missing() -> str | None:
 
 @dataclass(frozen=True)
 class Conditions:
-    """What befalls a packet, the same both ways.
+    """Bandwidth, delay and loss of the link, the same both ways.
 
     Attributes:
         delay_s: one way, after its last bit is sent; the round trip has it twice.
@@ -85,7 +85,7 @@ class Way:
             self._flying.append((self._free_s + self._conditions.delay_s, packet))
 
     def deliver(self) -> float:
-        """What has arrived; returns the seconds until the next does, at most one."""
+        """Delivers the packets that have arrived. Returns the seconds until the next one, at most 1."""
         while self._flying and (left_s := self._flying[0][0] - time.monotonic()) <= 0:
             os.write(self._sink, self._flying.popleft()[1])
         return min(left_s, 1.0) if self._flying else 1.0

@@ -56,8 +56,9 @@ def asked(row: Row, around: Sequence[str] = ()) -> dict[str, Any]:
 
 
 def asked_over(link: Link, row: Row) -> dict[str, Any]:
-    """One robot's figures, with the bytes of all packets that crossed the link for a query, headers and all,
-    and the share of packets that was dropped.
+    """Returns one robot's figures, with the bytes of a query on the link and the share of lost packets.
+
+    The bytes are those of whole packets, headers included.
 
     Raises:
         subprocess.CalledProcessError: the robot's program failed.

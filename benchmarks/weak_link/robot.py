@@ -31,7 +31,7 @@ Ask = Callable[[Scan], Localization]
 
 @dataclass(frozen=True)
 class Row:
-    """What one robot does.
+    """The task of one robot.
 
     Attributes:
         client: of CLIENTS.

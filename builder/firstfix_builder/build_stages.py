@@ -92,6 +92,8 @@ class BuildStages(StageRunner):
         return self._stage("read_map", inputs, chosen, produce)
 
     def reconstruct_mesh(self, read: StageResult) -> StageResult:
+        """The surface of the map, in tiles. A source that is a mesh stays as it is."""
+
         def produce(out: Path, run: RunChunks) -> None:
             if (read.directory / "triangles.npy").exists():  # the source is a mesh: taken as it is
                 mesh = Mesh.load(read.directory)
@@ -103,6 +105,8 @@ class BuildStages(StageRunner):
         return self._chunked_stage("reconstruct_mesh", {"map": read}, self.config.reconstruct, produce)
 
     def sample_viewpoints(self, read: StageResult, mesh: StageResult) -> StageResult:
+        """The sensor positions of the templates."""
+
         def produce(out: Path) -> None:
             found, spacing_m = sample_fitting_viewpoints(
                 simulator_of(mesh), self.config.viewpoints, self.config.sensor_model, trajectory_of(read)
@@ -142,6 +146,8 @@ class BuildStages(StageRunner):
         return self._stage("fit_engine", inputs, chosen, produce)
 
     def make_templates(self, mesh: StageResult, viewpoints: StageResult, engine: EngineConfig) -> StageResult:
+        """The templates: simulated scans at the viewpoints, described."""
+
         def produce(out: Path, run: RunChunks) -> None:
             positions = np.load(viewpoints.directory / "positions.npy")
             chunks = template_chunks(
@@ -162,7 +168,7 @@ class BuildStages(StageRunner):
         )
 
     def cluster(self, templates: StageResult, engine: EngineConfig) -> StageResult:
-        """Which templates look alike from neighbouring places, and who stands for them."""
+        """Clusters of templates that look alike and are neighbours, each with its representative."""
 
         def produce(out: Path, run: RunChunks) -> None:
             descriptor = engine.descriptor.make()
@@ -255,6 +261,8 @@ class BuildStages(StageRunner):
         return self._stage("build_index", inputs, chosen, produce)
 
     def self_test(self, mesh: StageResult, index: StageResult) -> StageResult:
+        """The calibration, and the version's measured success."""
+
         def produce(out: Path) -> None:
             found, calibration, spots = run_self_test(
                 Localizer(MapIndex.load(index.directory, Calibration())),

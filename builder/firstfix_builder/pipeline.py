@@ -105,8 +105,10 @@ def read_source(
     cancelled: Callable[[], bool] = lambda: False,
     shared: StagesElsewhere | None = None,
 ) -> None:
-    """Runs the first stage alone. ``build_version`` with the same arguments finds its result, and reads no
-    file that others wrote. Raises as that does."""
+    """Runs the first stage alone, and raises as ``build_version`` does.
+
+    ``build_version`` with the same arguments then finds its result and parses no file of the source.
+    """
     with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(1) as threads:
         executor = LocalExecutor(work, threads, threads)
         build = BuildStages(StageCache(work, shared=shared), executor, progress, cancelled, config, threads)

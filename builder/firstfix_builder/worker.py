@@ -2,9 +2,9 @@
 
     python -m firstfix_builder.worker --store URL --build ID --work DIR
 
-The process may be killed at any moment, by kill -9 too. Only the running stage is lost: started again with the same
-folder, the build resumes, and everything published or recorded stays valid. Exit codes: 0 succeeded, 1 failed (the
-status says why), 2 wrong usage, 3 cancelled, 75 stopped or store out of reach (run it again).
+The process may be killed at any moment, by kill -9 too. Only the running stage is lost: started again with
+the same folder, the build resumes, and everything published or recorded stays valid. Exit codes: 0 succeeded,
+1 failed (the status says why), 2 wrong usage, 3 cancelled, 75 stopped or store out of reach (run it again).
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ def build_here(
 ) -> Built:
     """Builds in this process, which can reach the store and the cluster.
 
-    With a sandbox, this process parses no file of the source: the sandbox reads it first, and the result is in the
-    stage cache.
+    With a sandbox, this process parses no file of the source: the sandbox reads it first, and the result is
+    in the stage cache.
     """
     from firstfix.builds.config import BuildConfig
 

@@ -1,4 +1,4 @@
-"""The paper suite's quick version: 5k templates, and the numbers that must not move."""
+"""The paper suite's quick version: 2,000 templates, and the numbers that must not change."""
 
 import pytest
 
@@ -7,16 +7,16 @@ from benchmarks.paper.suite import run
 
 pytestmark = pytest.mark.slow
 
-# clusters by constraint and threshold when this was written; another processor rounds a little differently
+# clusters by constraint and threshold as measured; another processor rounds a little differently
 CLUSTERS = {
-    ("none", 0.2): 946,
-    ("none", 0.3): 480,
-    ("none", 0.4): 273,
-    ("none", 0.5): 171,
-    ("knn", 0.2): 949,
-    ("knn", 0.3): 535,
-    ("knn", 0.4): 412,
-    ("knn", 0.5): 382,
+    ("none", 0.2): 385,
+    ("none", 0.3): 188,
+    ("none", 0.4): 98,
+    ("none", 0.5): 58,
+    ("knn", 0.2): 385,
+    ("knn", 0.3): 200,
+    ("knn", 0.4): 149,
+    ("knn", 0.5): 139,
 }
 
 
@@ -50,7 +50,7 @@ def test_table_3_has_the_paper_s_shape(figures):
 
 
 def test_perturbed_queries_break_the_paper_s_key_and_the_default_holds(figures):
-    """What the paper does not show. Above 2 in 3 here would mean that the scans are not perturbed."""
+    """The paper shows no such queries. Above 2 in 3 here would mean that the scans are not perturbed."""
     by_method = {row["method"]: row["success"] for row in figures["methods"]}
     assert 0.2 < by_method["paper, scan as it comes"][4] < 0.67
     assert by_method["default"][4] > by_method["paper, scan levelled"][4] + 0.2
@@ -68,7 +68,7 @@ def test_the_naive_reference_finds_the_same_clusters(figures):
 
 
 def test_each_choice_is_the_better_one(figures):
-    """Those that docs/method.md argues for, on held-out perturbed scans within 1 m."""
+    """The choices of docs/method.md, on held-out perturbed scans within 1 m."""
     within_1m = {(row["choice"], row["value"]): row["success_perturbed"][4] for row in figures["ablation"]}
     assert within_1m["ground cells", "drop"] > within_1m["ground cells", "raw"]
     assert within_1m["axis sign", "side of the mean"] > within_1m["axis sign", "none"]

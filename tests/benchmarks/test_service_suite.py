@@ -31,7 +31,14 @@ def test_a_version_that_was_never_seen_answers(queried: QueriedVersion, tmp_path
 
 
 def test_no_query_fails_while_versions_change(queried: QueriedVersion, tmp_path: Path):
-    figures = hot_swap(queried, [body_of(queried, scan) for scan in queried.scans], tmp_path, swaps=2, calm_s=0.5, pause_s=0.1)
+    figures = hot_swap(
+        queried,
+        [body_of(queried, scan) for scan in queried.scans],
+        tmp_path,
+        swaps=2,
+        calm_s=0.5,
+        pause_s=0.1,
+    )
     assert len(figures["activation_to_answer_s"]) == 2
     assert set(figures["outcomes"]) == {"ok"}
 

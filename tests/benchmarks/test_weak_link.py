@@ -1,5 +1,4 @@
-"""The weak link: that it is one, and that a few queries of every client come through it. 100 each:
-``python -m benchmarks.weak_link``."""
+"""The weak link, and a few queries of every client over it (``python -m benchmarks.weak_link``: 100)."""
 
 from __future__ import annotations
 

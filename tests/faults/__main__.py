@@ -1,7 +1,7 @@
 """Runs a fault drill: ``python -m tests.faults DRILL [options]``, or ``make faults ARGS="DRILL [options]"``.
 
-A drill breaks something again and again (power, processes, bodies) and ends with an error when anything is lost.
-Small versions of the drills are tests of this folder and of ``tests/service``.
+A drill breaks something again and again (power, processes, bodies) and ends with an error when anything is
+lost. Small versions of the drills are tests of this folder and of ``tests/service``.
 """
 
 from __future__ import annotations

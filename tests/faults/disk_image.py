@@ -66,7 +66,7 @@ class DiskImage:
             os.close(handle)
 
     def is_whole(self) -> bool:
-        """Whether the file system itself is sound, as fsck sees it. It must not be mounted."""
+        """Returns whether fsck finds the file system sound. It must not be mounted."""
         return subprocess.run(["e2fsck", "-f", "-n", str(self.image)], capture_output=True).returncode == 0
 
 

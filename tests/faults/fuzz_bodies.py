@@ -1,4 +1,6 @@
-"""``python -m tests.faults fuzz_bodies``: whatever body comes, a service answers it, in time and in its memory.
+"""Sends damaged bodies to a service, which must answer each in time and within its memory.
+
+    python -m tests.faults fuzz_bodies [--store DIR] [--map ID] [--count 1000] [--seed 0]
 
 Starts a service over a store that has a map (``make demo`` leaves one), sends it damaged bodies of every
 encoding over HTTP and zenoh, and then those that ask for trouble. Ends with an error when one is answered 5xx
@@ -36,10 +38,12 @@ Ask = Callable[[Body], int]
 
 @dataclass
 class Outcome:
-    """Attributes:
-    statuses: how often each was the answer.
-    wrong: bodies that were answered as they must not be, and how.
-    slowest_s: the longest wait for an answer.
+    """Answers to all bodies.
+
+    Attributes:
+        statuses: how often each was the answer.
+        wrong: bodies that were answered as they must not be, and how.
+        slowest_s: the longest wait for an answer.
     """
 
     statuses: Counter[int] = field(default_factory=Counter)

@@ -1,6 +1,4 @@
-"""Query bodies of strangers: good ones of every encoding, the same damaged in every way, and some that are
-well-formed and ask for trouble.
-"""
+"""Query bodies of strangers: good ones of every encoding, damaged ones, and some that ask for trouble."""
 
 from __future__ import annotations
 

@@ -142,8 +142,10 @@ def _post(deployment: Deployment, posted: list[str], seed: int) -> None:
 
 
 def _wait_for_a_moment(deployment: Deployment, catalog: Catalog, rng: random.Random) -> None:
-    """In a third of all cases while a version's files are being put, in most of the others while a build
-    runs: processes take longer to start than that.
+    """Waits for a random moment of one of three kinds.
+
+    A third of them is while a version's files are being put, most others are while a build runs: processes
+    take longer to start than that.
     """
     kind = rng.random()
     if kind < 0.33:
@@ -163,7 +165,7 @@ def _wait_until(condition: Callable[[], bool]) -> None:
 
 
 def _is_publishing(deployment: Deployment, catalog: Catalog) -> bool:
-    """Whether there are files of a version that is not published (yet), and somebody at work on it."""
+    """Returns whether somebody works on a version that has files and is not published yet."""
     if not any(member.build_pids() for member in deployment.members):
         return False
     return any(
@@ -223,8 +225,9 @@ def _orphans(catalog: Catalog) -> list[str]:
 
 
 def _after_gc(catalog: Catalog) -> list[str]:
-    """What is left that nothing refers to after everything was collected, uploads of unrecorded builds
-    aside: those are the map's sources, and are kept.
+    """Returns the objects that nothing refers to after garbage collection.
+
+    Uploads of unrecorded builds are left out: they are the map's sources, and are kept.
     """
     for map_id in MAPS:
         catalog.collect_garbage(map_id, older_than_s=0)

@@ -124,8 +124,9 @@ def _not_serving(deployment: Deployment) -> list[str]:
 
 
 def _torn(store: Store) -> list[str]:
-    """Objects that are not what was put: empty ones, records that are no JSON, sources with another sha256.
-    The files of versions are those of ``_broken``.
+    """Objects that differ from those put: empty ones, broken records, sources with another sha256.
+
+    The files of versions are left to ``_broken``.
     """
     torn = []
     for item in store.scan():
@@ -206,7 +207,7 @@ def _end(deployment: Deployment) -> None:
 
 
 def _unmount(disk: DiskImage) -> None:
-    """As soon as nothing on it is open."""
+    """Unmounts the image as soon as no file on it is open."""
 
     def is_free() -> bool:
         with suppress(subprocess.CalledProcessError):

@@ -81,7 +81,7 @@ def restart_under_queries(
     restarts: int = 2,
     timeout_s: float = 30.0,
 ) -> dict[str, Any]:
-    """What became of the queries of one kind of client; ``lost`` is to be empty.
+    """Returns the outcomes of the queries of one kind of client; ``lost`` must be empty.
 
     Args:
         replica: a running one; it is killed when the queries have come so far, and started again.

@@ -2,8 +2,8 @@
 
     python -m tests.faults smoke [--quick] [--json FILE]
 
-Runs the profile full three times; with --quick the profile minimal once. Needs a Docker engine; BUILD=1 makes the
-images first.
+Runs the profile full three times; with --quick the profile minimal once. Needs a Docker engine; BUILD=1
+makes the images first.
 """
 
 from __future__ import annotations

@@ -1,6 +1,4 @@
-"""A service that is killed and started again under queries, with few of them: ``python -m
-tests.faults restart_clients`` asks 200.
-"""
+"""A service that is killed and restarted under few queries (``tests.faults restart_clients``: 200)."""
 
 from __future__ import annotations
 

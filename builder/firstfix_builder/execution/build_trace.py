@@ -1,4 +1,4 @@
-"""How long each stage of a build took: for the build's record, and as OpenTelemetry spans.
+"""Durations of a build's stages, for its record and as OpenTelemetry spans.
 
 The spans go on in the trace of the request that asked for the build (``traceparent`` in its record). They
 are made when OpenTelemetry's variables name a collector; else its SDK is never imported.
@@ -76,6 +76,7 @@ class BuildTrace:
 
     @property
     def stage(self) -> str:
+        """Name of the current stage."""
         return self._stage
 
     def tick(self, stage: str) -> None:
@@ -90,7 +91,7 @@ class BuildTrace:
             self._stage = stage
 
     def mark_cached(self, stage: str) -> None:
-        """What the stage was to make was there already."""
+        """Notes that the stage's result came from the cache."""
         with self._lock:
             self._cached.add(stage)
 

@@ -62,7 +62,8 @@ def run_job(job: ChunkJob, folder: Path) -> None:
 
 
 def check_runtime(wanted: Runtime) -> None:
-    """
+    """Checks that this process has the same software as the process that hands out the chunks.
+
     Raises:
         BuildFailed: chunks made here might differ from those made elsewhere.
     """

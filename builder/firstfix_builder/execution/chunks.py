@@ -2,11 +2,11 @@
 
     stages/<stage key>/chunks/<chunk name>     the arrays that one chunk made
 
-The stage's key is a hash of everything that goes into the stage (``stage_cache``). The chunk's name is a hash of
-everything that makes it this part of the stage. So a result never changes, whoever made it, and an existing
-result is never made again. Workers write arrays to the store directly; the process that hands out the work never
-sees them. The chunks are removed when the stage is done; those of an abandoned build expire with
-``firstfix.builds.shared_stages``.
+The stage's key is a hash of everything that goes into the stage (``stage_cache``). The chunk's name is a hash
+of everything that makes it this part of the stage. So a result never changes, whoever made it, and an
+existing result is never made again. Workers write arrays to the store directly; the process that hands out
+the work never sees them. The chunks are removed when the stage is done; those of an abandoned build expire
+with ``firstfix.builds.shared_stages``.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class ChunkResults:
         return {key.rsplit("/", 1)[-1] for key in self.store.list(self._key())}
 
     def has(self, name: str) -> bool:
-        """Whether a chunk has a result."""
+        """Returns whether a chunk has a result."""
         return self.store.exists(self._key(name))
 
     def put(self, name: str, arrays: Arrays) -> None:

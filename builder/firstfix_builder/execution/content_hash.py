@@ -1,4 +1,4 @@
-"""What a source is, by its bytes: one file, or a SLAM package's folder."""
+"""The hash of a source's content: one file, or the folder of a SLAM package."""
 
 from __future__ import annotations
 

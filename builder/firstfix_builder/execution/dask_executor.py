@@ -194,7 +194,8 @@ class _Watch:
         self._looked = self._seen = time.monotonic()
 
     def look(self) -> None:
-        """
+        """Checks the cluster, at most every few seconds.
+
         Raises:
             ClusterUnavailable: nobody is there to do the work.
             _SchedulerLost: the scheduler does not answer.

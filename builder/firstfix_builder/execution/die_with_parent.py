@@ -9,8 +9,10 @@ from multiprocessing.connection import wait
 
 
 def die_with_parent() -> None:
-    """For ``ProcessPoolExecutor(initializer=...)``: after a kill -9 of the parent the pool's processes
-    would wait for work for ever, as each holds both ends of the pipe that the work comes by.
+    """Ends this process when its parent ends. For ``ProcessPoolExecutor(initializer=...)``.
+
+    Without it the pool's processes would wait for ever after a kill -9 of the parent: each holds both ends of
+    the pipe that its work comes by.
     """
     parent = multiprocessing.parent_process()
     if parent is None:

@@ -1,4 +1,4 @@
-"""Who does a build's work: ``threads`` of this machine, or the workers of a Dask cluster.
+"""The executor of a build: ``threads`` of this machine, or the workers of a Dask cluster.
 
 threads
 dask://scheduler:8786

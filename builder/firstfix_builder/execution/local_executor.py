@@ -33,6 +33,7 @@ class LocalExecutor(ChunkExecutor):
         collect_stages(self.store, DEFAULT_MAX_AGE_S)
 
     def run(self, batch: ChunkBatch) -> None:
+        """Runs all chunks of the batch in threads or processes of this machine."""
         folders = {name: result.directory for name, result in batch.inputs.items()}
         pending = set()
         try:

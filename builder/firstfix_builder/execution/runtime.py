@@ -1,4 +1,4 @@
-"""What decides the bytes that a chunk comes to: machines that share a build have to have it in common."""
+"""Software versions that determine a chunk's bytes. Machines that share a build must have the same."""
 
 from __future__ import annotations
 
@@ -16,9 +16,11 @@ from .stage_cache import source_hash
 
 @dataclass(frozen=True)
 class Runtime:
-    """Attributes:
-    code: hash of the sources of builder and core.
-    machine: the processor's architecture.
+    """Software versions of one machine.
+
+    Attributes:
+        code: hash of the sources of builder and core.
+        machine: the processor's architecture.
     """
 
     firstfix: str
@@ -30,7 +32,7 @@ class Runtime:
     machine: str
 
     def differences(self, other: Runtime) -> str:
-        """What the other has otherwise, for people; empty where it is the same."""
+        """Returns the differences of another machine as a message, empty if there are none."""
         mine, theirs = asdict(self), asdict(other)
         return ", ".join(
             f"{name} {theirs[name][:12]} where {mine[name][:12]} is needed"
@@ -41,6 +43,7 @@ class Runtime:
 
 @cache
 def this_runtime() -> Runtime:
+    """Returns the software versions of this process."""
     return Runtime(
         firstfix=firstfix.__version__,
         code=source_hash(),

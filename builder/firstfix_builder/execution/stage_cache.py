@@ -1,5 +1,6 @@
-"""Results of build stages on disk, each found by what went into it: a repeated or resumed build skips
-what is done.
+"""Results of build stages on disk, each with the key of its inputs.
+
+A repeated or resumed build skips the stages whose results are there.
 
     <root>/stages/<key>/files/...     what the stage made
     <root>/stages/<key>/stage.json    its name, and sha256 of every file
@@ -46,9 +47,13 @@ DEFAULT_MAX_AGE_S = 30 * 86400.0
 class StagesElsewhere(Protocol):
     """A second place for stages: ``SharedStages``, or a proxy of it."""
 
-    def fetch(self, key: str, folder: Path) -> bool: ...
+    def fetch(self, key: str, folder: Path) -> bool:
+        """Fetches a stage into an empty folder. Returns whether there is one."""
+        ...
 
-    def put(self, key: str, name: str, folder: Path) -> int: ...
+    def put(self, key: str, name: str, folder: Path) -> int:
+        """Puts a finished stage. Returns the bytes that were written."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -138,7 +143,7 @@ class StageCache:
         return found
 
     def key_of(self, name: str, inputs: Mapping[str, str], config: BaseModel | Mapping[str, Any]) -> str:
-        """What ``run`` finds a stage by."""
+        """Returns the key under which ``run`` finds a stage."""
         plain = config.model_dump(mode="json") if isinstance(config, BaseModel) else dict(config)
         recipe = {"stage": name, "code": self._code_version, "inputs": dict(inputs), "config": plain}
         return hashlib.sha256(json.dumps(recipe, sort_keys=True).encode()).hexdigest()
@@ -179,8 +184,7 @@ class StageCache:
         return found
 
     def prune(self) -> None:
-        """Removes the stages that were unused for too long, and of the others the longest unused ones
-        until the rest is within ``max_bytes``."""
+        """Removes stages that were unused for too long, then the oldest ones beyond ``max_bytes``."""
         stages = [path for path in self._folder.iterdir() if not path.name.startswith(".")]
         sizes = {path: _size_bytes(path) for path in stages}
         total = sum(sizes.values())
@@ -291,6 +295,7 @@ def _last_use(stage: Path) -> float:
 
 @functools.cache
 def source_hash() -> str:
+    """Returns a hash of the source code of core and builder."""
     digest = hashlib.sha256()
     for package in (Path(firstfix.__file__).parent, Path(firstfix_builder.__file__).parent):
         for path in sorted(package.rglob("*.py")):

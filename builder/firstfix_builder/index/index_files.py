@@ -1,4 +1,4 @@
-"""What a version is searched and compared with, made from its templates and the map."""
+"""Writes the files that queries search and compare with, from the templates and the map."""
 
 from __future__ import annotations
 

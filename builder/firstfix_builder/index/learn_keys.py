@@ -1,4 +1,4 @@
-"""Which directions of a key tell this map's places apart, learned from its own perturbed simulations.
+"""Learns the projection of keys that best tells this map's places apart, from its own perturbed simulations.
 
 Linear discriminant analysis (docs/method.md 3.4): among templates keys should differ much, between a
 place and a perturbed scan near it little. Fewer numbers are searched faster, and find more.

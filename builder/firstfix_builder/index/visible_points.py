@@ -1,4 +1,4 @@
-"""What of a map a robot can see, and from where.
+"""The part of a map that a robot can see, with the directions to those who see it.
 
 Where the map is a mesh this is what stands for its cloud. Not points spread over the surface: a modelled
 wall has a back and a floor slab an underside, and a scan registered against those settles a wall's
@@ -67,8 +67,11 @@ def map_surface(
 def visible_points(
     simulator: Simulator, positions: NDArray[np.floating], sensor: SensorModel, step_m: float
 ) -> list[NDArray[np.float64]]:
-    """For every block (m, 6): points about ``step_m`` apart, from clean scans at some of (n, 3) positions,
-    and the mean direction from each to those who saw it, short where they stood all around."""
+    """Points on the visible surface, about ``step_m`` apart, as (m, 6) for every block.
+
+    Columns 3 to 5 are the mean direction to the viewpoints that saw a point. It is short where they stood all
+    around. Clean scans are cast from some of the (n, 3) positions.
+    """
     probe = sensor.coarser(RAYS)
     directions = probe.directions_at_any_heading()
     blocks = _Blocks.over(positions)
@@ -99,7 +102,7 @@ def _joined(parts: list[NDArray[np.float64]], step_m: float) -> list[NDArray[np.
 
 @dataclass(frozen=True)
 class _Blocks:
-    """As large as fits the extent evenly; what lies beyond it belongs to the nearest.
+    """Blocks of equal size that cover the positions. A point outside belongs to the nearest block.
 
     Attributes:
         low, side, number: (2,) the first corner and the sides in metres, and how many there are.

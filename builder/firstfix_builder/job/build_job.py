@@ -35,13 +35,16 @@ class Built(Protocol):
     """A version that is ready to be published, such as ``pipeline.BuiltVersion``."""
 
     @property
-    def directory(self) -> Path: ...
+    def directory(self) -> Path:
+        """Folder of the version's files."""
 
     @property
-    def manifest(self) -> Manifest: ...
+    def manifest(self) -> Manifest:
+        """Manifest of the version."""
 
 
 class BuildVersion(Protocol):
     """Builds a version from a job."""
 
-    def __call__(self, job: BuildJob) -> Built: ...
+    def __call__(self, job: BuildJob) -> Built:
+        """Builds the version."""

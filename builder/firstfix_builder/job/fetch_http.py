@@ -30,8 +30,10 @@ class _Broken(Exception):
 def fetch_http(
     url: str, path: Path, max_bytes: int, told: Callable[[float], None] = lambda done: None
 ) -> None:
-    """Writes what stands at the URL to a file, whole or not at all. A connection that breaks is gone on with
-    where it broke, if the server can. Redirects are not followed: they lead where nobody has looked.
+    """Downloads a URL to a file, completely or not at all.
+
+    An interrupted download resumes where it broke, if the server supports it. Redirects are not followed:
+    nobody has checked where they lead.
 
     Args:
         told: called as it arrives with the share that is done, 0..1.

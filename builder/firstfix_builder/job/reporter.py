@@ -1,4 +1,4 @@
-"""What a running build tells the world, and hears from it, beside its work.
+"""Reports a running build's progress to the store, and stops the build when it is cancelled.
 
 One thread writes the status at most twice a second, looks once a second whether the build is to be
 cancelled, and hears the signals that stop the process, or that whoever started it is gone: also while
@@ -32,8 +32,9 @@ EXIT_TRY_AGAIN = 75  # EX_TEMPFAIL of sysexits.h
 
 
 class BuildReporter:
-    """Reports one build while it is used as a context. ``tick`` and ``is_cancelled`` are cheap, and
-    safe from any thread.
+    """Reports one build while it is used as a context manager.
+
+    ``tick`` and ``is_cancelled`` are cheap, and safe from any thread.
 
     Args:
         stages: all of the build in order: they make the overall progress.
@@ -97,9 +98,11 @@ class BuildReporter:
 
     @property
     def stage(self) -> str:
+        """Name of the current stage."""
         return self._stage
 
     def is_cancelled(self) -> bool:
+        """Returns whether the build is to stop."""
         return self._cancelled.is_set()
 
     def _watch(self) -> None:

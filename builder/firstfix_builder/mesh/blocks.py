@@ -1,4 +1,4 @@
-"""The blocks that a large map is processed in: rectangles side by side, bounded in size, none of them empty."""
+"""The blocks that a large map is processed in: side by side, bounded in size, none of them empty."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Block:
-    """Attributes:
-    low, high: (2,) corners in metres; neighbours share a border.
+    """A rectangle of the ground plane.
+
+    Attributes:
+        low, high: (2,) corners in metres; neighbours share a border.
     """
 
     low: NDArray[np.float64]

@@ -37,8 +37,10 @@ def clean_cloud(points: NDArray[np.float64], config: CleanConfig) -> NDArray[np.
 
 
 def voxel_means(points: NDArray[np.float64], voxel_m: float) -> NDArray[np.float64]:
-    """(n, 3 or more) the mean of the points in every occupied voxel, voxels in x-y-z order, and of whatever
-    stands in the columns after their coordinates."""
+    """Returns the mean of the points in every occupied voxel, (m, 3 or more), in x-y-z order of the voxels.
+
+    Columns after the coordinates are averaged too.
+    """
     if len(points) == 0:
         return points
     cell = np.floor(points[:, :3] / voxel_m).astype(np.int64)

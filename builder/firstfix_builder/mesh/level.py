@@ -1,4 +1,4 @@
-"""Which way is up in a map: SLAM maps lean by the tilt of their first scan."""
+"""Finds the up direction of a map: SLAM maps are tilted as their first scan was."""
 
 from __future__ import annotations
 

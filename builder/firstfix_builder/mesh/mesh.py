@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Mesh:
-    """Attributes:
-    vertices: (v, 3) float64, metres, map frame.
-    triangles: (t, 3) int64 indices, counter-clockwise as seen from free space where that is known.
+    """A triangle mesh.
+
+    Attributes:
+        vertices: (v, 3) float64, metres, map frame.
+        triangles: (t, 3) int64 indices, counter-clockwise as seen from free space where that is known.
     """
 
     vertices: NDArray[np.float64]
@@ -22,11 +24,12 @@ class Mesh:
 
     @classmethod
     def empty(cls) -> Mesh:
+        """A mesh without triangles."""
         return cls(np.zeros((0, 3)), np.zeros((0, 3), np.int64))
 
     @classmethod
     def joined(cls, meshes: Iterable[Mesh]) -> Mesh:
-        """The meshes side by side, in their order."""
+        """Joins meshes, in their order."""
         parts = [mesh for mesh in meshes if len(mesh.triangles)]
         if not parts:
             return cls.empty()
@@ -43,13 +46,14 @@ class Mesh:
         return Mesh(self.vertices[used], number[triangles])
 
     def save(self, directory: Path) -> None:
-        """vertices.npy and triangles.npy: the same mesh gives the same bytes."""
+        """Writes ``vertices.npy`` and ``triangles.npy``."""
         directory.mkdir(parents=True, exist_ok=True)
         np.save(directory / "vertices.npy", self.vertices, allow_pickle=False)
         np.save(directory / "triangles.npy", self.triangles, allow_pickle=False)
 
     @classmethod
     def load(cls, directory: Path) -> Mesh:
+        """Reads the files of ``save``."""
         return cls(
             np.load(directory / "vertices.npy", allow_pickle=False),
             np.load(directory / "triangles.npy", allow_pickle=False),

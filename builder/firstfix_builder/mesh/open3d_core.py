@@ -1,5 +1,7 @@
-"""open3d without its plots for web browsers, with which the builder draws nothing: they import Dash and
-Plotly, which takes a process longer than all the rest of open3d."""
+"""Imports open3d without its plots for web browsers.
+
+The builder does not use them. They import Dash and Plotly, which takes longer than all the rest of open3d.
+"""
 
 from __future__ import annotations
 

@@ -106,7 +106,7 @@ def likely_places(
 
 
 class Occupancy:
-    """Which voxels of a cloud hold a point."""
+    """Voxels of a cloud that hold a point."""
 
     def __init__(self, points: NDArray[np.float64], voxel_m: float) -> None:
         self.voxel_m = voxel_m

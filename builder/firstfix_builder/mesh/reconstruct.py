@@ -44,6 +44,7 @@ class MeshChunk(Chunk):
     config: ReconstructConfig
 
     def run(self, inputs: Mapping[str, Path]) -> Arrays:
+        """Returns the block's vertices and triangles."""
         points = np.load(inputs["map"] / "points.npy", mmap_mode="r")
         block = Block(np.array(self.low), np.array(self.high))
         trajectory = inputs["map"] / "trajectory.npy"

@@ -16,10 +16,12 @@ TILE_M = 32.0
 
 @dataclass(frozen=True)
 class TiledMesh:
-    """Attributes:
-    mesh: its vertices stand in the order in which the triangles first use them.
-    start: (k + 1,) int64, tile i holds ``mesh.triangles[start[i]:start[i + 1]]``.
-    low, high: (k, 2) metres, the corners of the box in x and y that holds a tile's triangles whole.
+    """A mesh whose triangles stand tile by tile.
+
+    Attributes:
+        mesh: its vertices stand in the order in which the triangles first use them.
+        start: (k + 1,) int64, tile i holds ``mesh.triangles[start[i]:start[i + 1]]``.
+        low, high: (k, 2) metres, the corners of the box in x and y that holds a tile's triangles whole.
     """
 
     mesh: Mesh
@@ -58,8 +60,7 @@ class TiledMesh:
         return cls(Mesh(vertices, triangles), np.load(directory / "tile_start.npy"), low, high)
 
     def near(self, low: NDArray[np.float64], high: NDArray[np.float64], reach_m: float) -> tuple[int, ...]:
-        """The tiles that are no further than reach_m from the box of (2,) corners, and in any case the
-        nearest."""
+        """Returns the tiles within reach_m of the box of (2,) corners, and always the nearest one."""
         gap_m = np.maximum(np.maximum(self.low - high, low - self.high), 0)
         away_m = np.hypot(gap_m[:, 0], gap_m[:, 1])
         return tuple(np.flatnonzero(away_m <= max(reach_m, float(away_m.min()))).tolist())

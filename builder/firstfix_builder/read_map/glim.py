@@ -28,12 +28,14 @@ _POSE_KEY = "T_world_origin:"
 
 
 def is_glim_dump(path: Path) -> bool:
+    """Returns whether a folder is a dump of GLIM."""
     return any((submap / "data.txt").is_file() for submap in _submaps(path))
 
 
 def read_glim_dump(path: Path) -> MapData:
-    """All submaps in the world frame. The trajectory is GLIM's optimised one (``traj_lidar.txt``) where it
-    is there, else the submaps' origins.
+    """Reads all submaps in the world frame.
+
+    The trajectory is GLIM's optimised one (``traj_lidar.txt``) if there is one, else the submaps' origins.
 
     Raises:
         MalformedData: a submap is damaged or without its cloud; the message names it.

@@ -30,7 +30,7 @@ _WRITABLE = ("/dev/null", "/dev/shm")  # the second for multiprocessing's semaph
 
 @dataclass(frozen=True)
 class Limits:
-    """Of one process.
+    """Resource limits of one process.
 
     Attributes:
         memory_bytes: of private memory that it may reserve, used or not.

@@ -37,13 +37,14 @@ class Flows:
 
 
 def pipeline_flows() -> Flows:
-    """They take seconds to import."""
+    """Imports the real flows, which takes seconds."""
     from ..pipeline import build_version, read_source
 
     return Flows(build_version, read_source)
 
 
 def main(flows: Callable[[], Flows] = pipeline_flows) -> int:
+    """Confines this process, then waits for the job and runs it."""
     parser = argparse.ArgumentParser()
     for name in ("--work", "--sources"):
         parser.add_argument(name, required=True, type=Path)
@@ -87,16 +88,18 @@ class Outside:
         threading.Thread(target=self._listen, daemon=True, name="outside").start()
 
     def is_cancelled(self) -> bool:
+        """Returns whether the worker has cancelled the build."""
         return self._cancelled.is_set()
 
     def tick(self, stage: str, fraction: float) -> None:
+        """Reports progress, not more often than every ``TICK_S``."""
         said, at = self._said
         if stage != said or fraction >= 1.0 or time.monotonic() - at >= TICK_S:
             self._said = stage, time.monotonic()
             self._speaker.say(stage=stage, done=fraction)
 
     def fetch(self, key: str, folder: Path) -> bool:
-        """As ``SharedStages.fetch``."""
+        """Fetches a stage through the worker, like ``SharedStages.fetch``."""
         brought = self._ask(fetch=key)
         if not brought:
             return False
@@ -106,7 +109,7 @@ class Outside:
         return True
 
     def put(self, key: str, name: str, folder: Path) -> int:
-        """As ``SharedStages.put``."""
+        """Shares a stage through the worker, like ``SharedStages.put``."""
         return int(self._ask(share=[key, name, str(folder.resolve().relative_to(self._work.resolve()))]))
 
     def _ask(self, **message: Any) -> Any:
@@ -132,6 +135,7 @@ class Outside:
 
 
 def run_job(flows: Flows, job: dict[str, Any], work: Path, speaker: Speaker, lines: Lines) -> int:
+    """Runs the job and reports how it ended. Returns the exit code."""
     from firstfix.builds.config import BuildConfig
 
     from ..execution.build_trace import BuildTrace

@@ -13,7 +13,8 @@ _CAPABILITY_VERSION_3 = 0x20080522
 
 
 def prctl(option: int, *arguments: int) -> None:
-    """
+    """Sets an attribute of this process; the manual page of the call lists them.
+
     Raises:
         OSError: the kernel refuses.
     """

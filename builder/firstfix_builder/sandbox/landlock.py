@@ -1,5 +1,6 @@
-"""Landlock: the files that this process and all that it starts may read and write. The kernel's word of it:
-Documentation/userspace-api/landlock.rst.
+"""Landlock: the files that this process and its children may read and write.
+
+The kernel's documentation is Documentation/userspace-api/landlock.rst.
 
 It also keeps a process from looking into others that are not in the same sandbox (their memory, their
 ``/proc/<pid>/environ``), and from signalling them.
@@ -37,8 +38,9 @@ def landlock_version() -> int:
 
 
 def allow_only(*, run: Iterable[Path], read: Iterable[Path], write: Iterable[Path]) -> None:
-    """All other files are refused from now on, with EACCES. Needs PR_SET_NO_NEW_PRIVS, and a process
-    without other threads: they would stay as they are.
+    """Refuses access to all other files from now on, with EACCES.
+
+    Needs PR_SET_NO_NEW_PRIVS, and a process without other threads: they would not be confined.
 
     Args:
         run: folders and files that may be read and executed.

@@ -28,7 +28,7 @@ class Lines:
         self._buffer = b""
 
     def next(self, timeout_s: float) -> dict[str, Any] | None:
-        """None when none came in that time.
+        """Returns the next message, or None if none arrives in time.
 
         Raises:
             EOFError: the other side has closed.
@@ -63,7 +63,8 @@ class Speaker:
         self._lock = threading.Lock()
 
     def say(self, **message: Any) -> None:
-        """
+        """Sends a message.
+
         Raises:
             BrokenPipeError: nobody hears it.
         """

@@ -1,5 +1,8 @@
-"""Limits of a group's processes and threads. RLIMIT_NPROC is of no use: it counts all that a user has on the
-machine, other containers' too, and does not hold for root."""
+"""Limits on the processes and threads of a process group.
+
+RLIMIT_NPROC does not help: it counts all processes of a user on the machine, those of other containers too,
+and does not apply to root.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +37,7 @@ def wait_until_ended(group: int, timeout_s: float) -> None:
 
 
 def _threads(group: int) -> Iterator[int]:
-    """Of each process of the group that has not ended."""
+    """Yields the number of threads of each running process of the group."""
     for folder in Path("/proc").iterdir():
         if folder.name.isdigit():
             try:

@@ -47,18 +47,20 @@ _PASSED_PREFIXES = ("OMP_", "OPENBLAS_", "MKL_", "LD_LIBRARY_", "MPL")
 
 @dataclass(frozen=True)
 class Built:
+    """A version that the worker took over and checked."""
+
     directory: Path
     manifest: Manifest
 
 
 @dataclass(frozen=True)
 class SandboxOptions:
-    """How builds are confined.
+    """Options of the sandbox.
 
     Attributes:
         required: refuse to build when the kernel cannot confine it completely.
-        max_memory_bytes: memory of all processes of the build together, which the service enforces. One process may
-            reserve twice as much, used or not. None: all memory of the machine.
+        max_memory_bytes: memory of all processes of the build together, which the service enforces. One
+            process may reserve twice as much, used or not. None: all memory of the machine.
         log_level, log_json: of the build's own log.
         program: the inner side, as arguments of the Python interpreter.
     """
@@ -214,7 +216,7 @@ class SandboxedBuild:
     def _take(
         self, message: dict[str, Any], speaker: Speaker, progress: Callable[[str, float], None]
     ) -> bool:
-        """Whether it was the last message."""
+        """Handles one message. Returns whether it was the last."""
         match message:
             case {"stage": str(stage), "done": float() | int() as done} if stage in STAGES and math.isfinite(
                 done

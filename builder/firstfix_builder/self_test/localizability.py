@@ -1,4 +1,4 @@
-"""Where in this map a robot finds itself, where it does not, and what it takes these places for."""
+"""Map of localizability: where scans localize, where they do not, and which places they confuse."""
 
 from __future__ import annotations
 
@@ -33,8 +33,11 @@ class Spot:
 
 
 def grid_of(spots: Sequence[Spot]) -> list[dict[str, object]]:
-    """Every square of CELL_M in which scans were taken: how many, how many localized, and the square that
-    the others resembled most. Squares are numbered from the frame's origin."""
+    """Returns the cells of CELL_M in which scans were taken.
+
+    Each has the number of its scans, the number that localized, and the cell that the others resembled most.
+    Cells are counted from the frame's origin.
+    """
     cells: dict[tuple[int, int], list[Spot]] = {}
     for spot in spots:
         cells.setdefault(_cell(spot.position_m), []).append(spot)

@@ -19,7 +19,7 @@ BINS = 10
 
 @dataclass(frozen=True)
 class Case:
-    """What one query teaches the calibration.
+    """One query as training data of the calibration.
 
     Attributes:
         query: cases of one query are never on both sides of a fold.
@@ -49,8 +49,11 @@ def fit(cases: Sequence[Case]) -> Calibration:
 
 
 def reliability_of(cases: Sequence[Case]) -> dict[str, Any]:
-    """Cross-validated: ``expected_calibration_error``, and ``bins`` with how many ``cases`` fell into each,
-    what was ``claimed`` of them on average and the share that came out ``right``."""
+    """Cross-validates the calibration.
+
+    Returns ``expected_calibration_error`` and ``bins``: the number of ``cases`` in each, the mean probability
+    that was ``claimed`` for them, and the share that was ``right``.
+    """
     claimed, right = _held_out(cases)
     number = np.minimum((claimed * BINS).astype(int), BINS - 1)
     bins = []
@@ -90,7 +93,7 @@ def draw_reliability(reliability: dict[str, Any], path: Path) -> None:
 
 
 def _held_out(cases: Sequence[Case]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Of the asked cases, what the folds without them claim, and whether it was right."""
+    """Returns claimed probability and truth of the asked cases, each from a fold that did not train on it."""
     claimed, right = [], []
     for fold in range(FOLDS):
         model = fit([case for case in cases if case.query % FOLDS != fold])

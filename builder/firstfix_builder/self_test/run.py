@@ -40,7 +40,7 @@ _UNFITTED = Calibration()  # says which places tie; fitting does not change that
 
 @dataclass(frozen=True)
 class SelfTest:
-    """What came out, over ``queries`` perturbed scans in the map and ``outside`` from elsewhere.
+    """Results of ``queries`` perturbed scans in the map and ``outside`` scans from elsewhere.
 
     Attributes:
         success: "0.2m" and so on to the share of the queries whose best hypothesis is that near.
@@ -62,6 +62,7 @@ class SelfTest:
     localizability: list[dict[str, object]]
 
     def to_mapping(self) -> dict[str, Any]:
+        """Returns the results as JSON values."""
         return asdict(self)
 
 
@@ -80,12 +81,12 @@ class _Outcome:
 
     @property
     def first_error_m(self) -> float:
-        """Of the best hypothesis; infinite where there is none."""
+        """Error of the best hypothesis, infinite if there is none."""
         return self.errors_m[0] if self.errors_m else np.inf
 
     @property
     def least_error_m(self) -> float:
-        """Of any hypothesis; infinite where there is none."""
+        """Least error of all hypotheses, infinite if there are none."""
         return min(self.errors_m, default=np.inf)
 
     @property
@@ -98,12 +99,12 @@ class _Outcome:
 
     @property
     def right_among_tied(self) -> bool:
-        """Whether the best hypothesis is right, or one that ties with it: no scan tells these apart."""
+        """Returns whether the best hypothesis is right, or one that ties with it."""
         found = self.evidence
         return found is not None and min(self.errors_m[: found.tied]) <= RIGHT_M
 
     def accepted_by(self, calibration: Calibration) -> bool:
-        """Whether the calibrated localizer would call this localized."""
+        """Returns whether the calibrated localizer would call this localized."""
         found = self.evidence
         return found is not None and calibration.accepts(found)
 

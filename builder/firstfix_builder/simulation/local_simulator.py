@@ -21,8 +21,9 @@ _lock = threading.Lock()
 def local_simulator(
     mesh: Path, low: NDArray[np.float64], high: NDArray[np.float64], reach_m: float
 ) -> Simulator:
-    """For rays no longer than reach_m that begin over the box of (2,) corners. Made once for all chunks of
-    the box; threads that want the same wait for it.
+    """Returns a simulator for rays up to reach_m that begin over the box of (2,) corners.
+
+    All chunks of the box share it. Threads that need the same one wait until it is made.
 
     Args:
         mesh: folder of the finished stage.

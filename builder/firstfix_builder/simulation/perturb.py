@@ -20,7 +20,7 @@ _CLEARANCE_M = 0.3
 
 @dataclass(frozen=True)
 class _Occluder:
-    """Where a kind of thing stands, how wide it is, and its top above the sensor."""
+    """Distance, width and top of one kind of obstacle; the top is measured from the sensor."""
 
     away_m: tuple[float, float]
     width_m: tuple[float, float]

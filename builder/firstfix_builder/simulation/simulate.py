@@ -46,8 +46,11 @@ class Simulator:
     def surfaces_below(
         self, origins: NDArray[np.floating]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """(r, 3) origins to the (r,) drop to the surface below, inf where there is none, and the
-        (r,) steepness there: |z| of the unit normal, 1 is level."""
+        """Returns drop and steepness of the surface below each of (r, 3) origins.
+
+        The (r,) drop is inf where there is no surface. The (r,) steepness is |z| of the unit normal: 1 is
+        level.
+        """
         down = np.broadcast_to(np.array([0, 0, -1], np.float32), origins.shape)
         rays = np.concatenate([origins, down], axis=1).astype(np.float32)
         hit = self.scene.cast_rays(o3d.core.Tensor(rays))

@@ -101,8 +101,10 @@ def neighbour_pairs(
 def _near(
     tree: cKDTree, position_m: NDArray[np.floating], neighbours: int, rows: range | None
 ) -> NDArray[np.intp]:
-    """(n, k) the nearest templates of each, in general with itself; of rows only those of the rows and of
-    their neighbours, the rest zeros that take no memory."""
+    """(n, k) nearest templates of each, usually itself among them.
+
+    Only the given rows and their neighbours are filled in. The rest are zeros that take no memory.
+    """
     count = len(position_m)
     near = np.zeros((count, min(neighbours + 1, count)), np.intp)
 
@@ -132,6 +134,7 @@ class ClusterChunk(Chunk):
     descriptor: DescriptorConfig
 
     def run(self, inputs: Mapping[str, Path]) -> Arrays:
+        """Returns the pairs of the chunk's rows."""
         descriptor = self.descriptor.make()
         made = Templates.load(inputs["templates"], descriptor)
         rows = range(self.first, self.last)

@@ -1,4 +1,4 @@
-"""How far apart the templates stand, where the config leaves it open: as the place's size asks."""
+"""Chooses the spacing of the templates from the size of the place, unless the config sets it."""
 
 from __future__ import annotations
 

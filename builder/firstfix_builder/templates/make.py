@@ -45,7 +45,7 @@ def scan_batch(
 
 
 def view_distance_m(simulator: Simulator, positions: NDArray[np.floating], sensor: SensorModel) -> float:
-    """How far one sees here: of the furthest return in every direction, the 75th percentile.
+    """Returns the viewing distance: the 75th percentile of the furthest return in every direction.
 
     The furthest of a column of beams: the nearer ones mostly show the floor. Measured at up to 200
     viewpoints.
@@ -85,6 +85,7 @@ class TemplatesChunk(Chunk):
     descriptor: DescriptorConfig
 
     def run(self, inputs: Mapping[str, Path]) -> Arrays:
+        """Returns the arrays of the chunk's templates."""
         positions, floor_z = (
             np.load(inputs["viewpoints"] / f"{name}.npy", mmap_mode="r")[self.first : self.last]
             for name in ("positions", "floor_z")

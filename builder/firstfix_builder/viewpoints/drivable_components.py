@@ -1,4 +1,4 @@
-"""Which of the connected floors are the ones that robots drive on."""
+"""Chooses the connected floors that robots drive on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where templates are simulated: sensor positions over the floors that a robot can reach (paper III.A)."""
+"""Samples the sensor positions of the templates, over the floors that a robot can reach (paper III.A)."""
 
 from __future__ import annotations
 
@@ -27,10 +27,12 @@ STOREY_GAP_M = 1.0
 
 @dataclass(frozen=True)
 class Viewpoints:
-    """Attributes:
-    positions: (n, 3) of the sensor, metres, map frame.
-    floor_z: (n,) height of the floor below each.
-    mount_height_m: the difference.
+    """Sensor positions of the templates.
+
+    Attributes:
+        positions: (n, 3) of the sensor, metres, map frame.
+        floor_z: (n,) height of the floor below each.
+        mount_height_m: the difference.
     """
 
     positions: NDArray[np.float64]
@@ -131,7 +133,7 @@ def _standing(
 
 
 def _one_per_block(grid: Grid, floors: Surfaces, spacing_m: float, mount_height_m: float) -> Viewpoints:
-    """Of every square of the spacing, and every storey in it, the floor nearest to the square's middle."""
+    """For each block of the spacing and each storey in it, the floor nearest to the block's centre."""
     centre = grid.centre_m(floors.column)
     block = np.floor(centre / spacing_m).astype(np.int64)
     order = np.lexsort((floors.z, block[:, 1], block[:, 0]))

@@ -17,9 +17,11 @@ HEIGHT_TOLERANCE_M = 0.5  # a hand-held scanner goes up and down by this much
 
 @dataclass(frozen=True)
 class TrajectoryFloor:
-    """Attributes:
-    mount_height_m: median height of the trajectory over the floor below it.
-    foot: (k, 3) points on the floor under the trajectory, metres, no further apart than a cell.
+    """The floor that a trajectory passed over.
+
+    Attributes:
+        mount_height_m: median height of the trajectory over the floor below it.
+        foot: (k, 3) points on the floor under the trajectory, metres, no further apart than a cell.
     """
 
     mount_height_m: float

@@ -1,4 +1,4 @@
-"""Where a robot can drive to: floors with room for its body, joined to their neighbours."""
+"""The floors that a robot can drive on: with room for its body, and connected to their neighbours."""
 
 from __future__ import annotations
 

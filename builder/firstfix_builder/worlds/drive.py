@@ -1,4 +1,4 @@
-"""How a robot drives a path: rounded corners, an even pace, its sensor upright on the floor it stands on."""
+"""A robot's drive along a path: rounded corners, constant speed, sensor upright on the floor."""
 
 from __future__ import annotations
 

@@ -28,13 +28,15 @@ OTHER_SEED = 7919  # added to the seed for the places that are not in the map
 
 @dataclass(frozen=True)
 class World:
-    """Attributes:
-    name, seed: what it was made from.
-    mesh: the true surfaces at the time of mapping.
-    sensor: the robot's LiDAR, for mapping and for queries.
-    trajectory: (m, 4, 4) T_map_sensor of the mapping drive, as its SLAM estimated it.
-    cloud: (n, 3) float64 map, in the frame of the trajectory.
-    queries: scans taken later, at poses that were not driven; the last ones are of other places.
+    """A simulated world with its map and queries.
+
+    Attributes:
+        name, seed: what it was made from.
+        mesh: the true surfaces at the time of mapping.
+        sensor: the robot's LiDAR, for mapping and for queries.
+        trajectory: (m, 4, 4) T_map_sensor of the mapping drive, as its SLAM estimated it.
+        cloud: (n, 3) float64 map, in the frame of the trajectory.
+        queries: scans taken later, at poses that were not driven; the last ones are of other places.
     """
 
     name: str
@@ -76,6 +78,6 @@ def _place(name: str, seed: int) -> Place:
 
 
 def _elsewhere(name: str, seed: int) -> list[tuple[str, int]]:
-    """Where the scans that are not in the map come from: two places of the same kind, two of others."""
+    """Worlds of the scans outside the map: two of the same kind, two of others."""
     others = [other for other in NAMES if other != name]
     return [(name, seed + OTHER_SEED), (name, seed + 2 * OTHER_SEED), *((other, seed) for other in others)]

@@ -28,6 +28,8 @@ ROOM_WIDTHS_M = (3.8, 4.6, 5.4, 6.6, 8.0)
 
 @dataclass(frozen=True)
 class Storey:
+    """The rooms of one floor."""
+
     floor_m: float
     rooms: list[Room]
 

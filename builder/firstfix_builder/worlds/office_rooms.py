@@ -16,13 +16,15 @@ LOOP_M = 0.42  # half the width of a robot's turn in it
 
 @dataclass(frozen=True)
 class Room:
-    """Attributes:
-    left, right: its side walls, in x.
-    corridor_y: the wall with its door.
-    side: "south" or "north" of the corridor.
-    door_x: the middle of its door.
-    floor_m: height of its floor.
-    use: "desks", "open", "meeting" or "store".
+    """A room on one side of the corridor.
+
+    Attributes:
+        left, right: its side walls, in x.
+        corridor_y: the wall with its door.
+        side: "south" or "north" of the corridor.
+        door_x: the middle of its door.
+        floor_m: height of its floor.
+        use: "desks", "open", "meeting" or "store".
     """
 
     left: float
@@ -35,15 +37,16 @@ class Room:
 
     @property
     def into(self) -> int:
+        """Sign of y from the door into the room."""
         return -1 if self.side == "south" else 1
 
     def y(self, depth_m: float) -> float:
-        """y at a depth behind the door wall."""
+        """Returns y at a depth behind the door wall."""
         return self.corridor_y + self.into * depth_m
 
     @property
     def free_depth_m(self) -> float:
-        """How far in the aisle reaches before furniture closes it."""
+        """Returns the length of the aisle from the door to the first furniture."""
         return {"meeting": 3.4, "store": 5.0}.get(self.use, 6.4)
 
 

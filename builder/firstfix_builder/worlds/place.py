@@ -19,7 +19,7 @@ Ground = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64
 
 @dataclass(frozen=True)
 class Movable:
-    """Something that need not stand where it stood when the map was made.
+    """An object that may stand elsewhere on another day.
 
     Attributes:
         shape: the solid, standing on the origin of its own frame.
@@ -34,12 +34,13 @@ class Movable:
     reach_m: float = 0.8
 
     def mesh(self) -> Mesh:
+        """The shape where it stands."""
         return transformed(self.shape, self.T_map_shape)
 
 
 @dataclass
 class Place:
-    """What a world's file lays out.
+    """The layout of a world.
 
     Attributes:
         sensor: the robot's LiDAR.

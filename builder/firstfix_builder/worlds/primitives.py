@@ -34,11 +34,12 @@ class Opening(NamedTuple):
 
 
 def transformed(mesh: Mesh, T: NDArray[np.float64]) -> Mesh:
+    """Moves a mesh by T (4, 4)."""
     return Mesh(mesh.vertices @ T[:3, :3].T + T[:3, 3], mesh.triangles)
 
 
 def placed(mesh: Mesh, x: float, y: float, z: float = 0.0, yaw_rad: float = 0.0) -> Mesh:
-    """Turned about z, then moved."""
+    """Turns a mesh about z, then moves it."""
     return transformed(mesh, make_transform(rotation_z(yaw_rad), [x, y, z]))
 
 
@@ -90,7 +91,7 @@ def cylinder(
 
 
 def lying(mesh: Mesh) -> Mesh:
-    """What stood along z lies along x."""
+    """Turns parts that stand along z to lie along x."""
     return Mesh(mesh.vertices[:, [2, 0, 1]], mesh.triangles)
 
 

@@ -58,6 +58,7 @@ def chair() -> Mesh:
 
 
 def table(length: float, width: float) -> Mesh:
+    """A table with four legs."""
     legs = [
         placed(box(0.06, 0.06, 0.72), sx * (length / 2 - 0.1), sy * (width / 2 - 0.1))
         for sx in (-1, 1)
@@ -67,6 +68,7 @@ def table(length: float, width: float) -> Mesh:
 
 
 def cabinet(length: float, depth: float, height: float) -> Mesh:
+    """A closed cabinet on a plinth."""
     return Mesh.joined([box(length, depth - 0.06, height - 0.06, foot=0.06), box(length - 0.06, depth, 0.06)])
 
 
@@ -86,6 +88,7 @@ def bookcase(length: float, height: float, rng: Rng) -> Mesh:
 
 
 def plant(rng: Rng) -> Mesh:
+    """A plant in a pot."""
     leaves = placed(blob(rng.uniform(0.2, 0.32), rng.uniform(0.8, 1.2), rng, roughness=0.25), 0, 0, 0.5)
     return Mesh.joined([cylinder(0.18, 0.4, top_radius=0.24, sides=8), cylinder(0.03, 0.6, sides=5), leaves])
 
@@ -100,6 +103,7 @@ def pallet(rng: Rng, *, height: float | None = None) -> Mesh:
 
 
 def forklift() -> Mesh:
+    """A parked forklift."""
     mast = [placed(box(0.1, 0.12, 2.2), 1.05, side * 0.35) for side in (-1, 1)]
     forks = [placed(box(1.1, 0.12, 0.05, foot=0.06), 1.6, side * 0.25) for side in (-1, 1)]
     posts = [
@@ -197,6 +201,7 @@ def tree(rng: Rng) -> Mesh:
 
 
 def lamp_post() -> Mesh:
+    """A street lamp."""
     arm = placed(box(1.2, 0.08, 0.08, foot=5.4), 0.5, 0)
     return Mesh.joined(
         [
@@ -208,6 +213,7 @@ def lamp_post() -> Mesh:
 
 
 def bench() -> Mesh:
+    """A park bench."""
     feet = [placed(box(0.08, 0.45, 0.65, foot=-0.2), x, 0) for x in (-0.7, 0.7)]
     return Mesh.joined(
         [box(1.8, 0.45, 0.06, foot=0.42), placed(box(1.8, 0.05, 0.4, foot=0.5), 0, 0.22), *feet]

@@ -1,4 +1,4 @@
-"""What a SLAM run leaves of a place: a trajectory that drifted a little, and the cloud that goes with it."""
+"""The result of a SLAM run in a place: a trajectory with a little drift, and the cloud that fits it."""
 
 from __future__ import annotations
 
@@ -21,10 +21,12 @@ SCANS_AT_ONCE = 64
 
 @dataclass(frozen=True)
 class Survey:
-    """Attributes:
-    T_world_sensor: (m, 4, 4) where the robot was.
-    T_map_sensor: (m, 4, 4) where its SLAM says it was: the map's frame.
-    cloud: (n, 3) float64 merged scans, in the map's frame.
+    """A mapping run and its map.
+
+    Attributes:
+        T_world_sensor: (m, 4, 4) where the robot was.
+        T_map_sensor: (m, 4, 4) where its SLAM says it was: the map's frame.
+        cloud: (n, 3) float64 merged scans, in the map's frame.
     """
 
     T_world_sensor: NDArray[np.float64]
@@ -89,6 +91,7 @@ class VoxelSums:
         self._sums: list[NDArray[np.float64]] = []  # x, y, z, count
 
     def add(self, points: NDArray[np.float64]) -> None:
+        """Adds (n, 3) points."""
         cell = np.floor(points / self.voxel_m).astype(np.int64) + self.REACH
         key = (cell[:, 0] * (2 * self.REACH) + cell[:, 1]) * (2 * self.REACH) + cell[:, 2]
         self._keep(key, np.column_stack([points, np.ones(len(points))]))

@@ -43,5 +43,5 @@ class Toy(Chunk):
 
 
 def runs(log: Path, number: int | None = None) -> int:
-    """How often one, or any, was begun."""
+    """Returns how often one chunk, or any, was begun."""
     return len(list(log.glob("*" if number is None else f"{number}-*")))

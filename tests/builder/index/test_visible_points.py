@@ -1,4 +1,4 @@
-"""What is seen of a place of known walls, and from which side."""
+"""The visible points of a place with known walls, and the sides they are seen from."""
 
 import numpy as np
 from scipy.spatial import cKDTree

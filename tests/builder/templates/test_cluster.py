@@ -1,4 +1,4 @@
-"""Which templates are compared, how they are grouped, and who stands for a group: against brute force."""
+"""Comparison, grouping and representatives of templates, against brute force."""
 
 from __future__ import annotations
 
@@ -173,7 +173,7 @@ def test_fewer_templates_than_neighbours_are_all_compared(count):
 
 @pytest.mark.usefixtures("small_blocks")
 def test_templates_at_one_place_are_compared_once_and_never_with_themselves():
-    """Where more are at a place than neighbours are asked for, a template may not be its own nearest."""
+    """A template may not be its own nearest where more share a place than neighbours are asked for."""
     described, position_m = some_templates(PCA_SC, 60)
     position_m[:] = position_m[np.arange(60) // 12]
     _, pairs = all_of(neighbour_pairs(PCA_SC, described, position_m, 3))

@@ -27,7 +27,7 @@ alike = settings(max_examples=150, deadline=None, derandomize=True)
 
 
 def some_pairs(samples: int, share: float, seed: int, decimals: int | None = None) -> Pairs:
-    """Of so many pairs' random distances; rounded, most of them are ties. In either order, shuffled."""
+    """Random distances of so many pairs, shuffled. Rounded, most of them are ties."""
     rng = np.random.default_rng(seed)
     a, b = np.triu_indices(samples, 1)
     kept = rng.permutation(np.flatnonzero(rng.random(len(a)) < share))
@@ -232,7 +232,7 @@ def test_the_threshold_itself_is_merged_and_a_hair_more_is_not(linkage, threshol
 
 @pytest.mark.parametrize("equal", [True, False])
 def test_a_chain_of_neighbours_does_not_grow_into_one_complete_cluster(equal):
-    """As it does where missing pairs are left out of the maximum."""
+    """A chain would, if missing pairs were left out of the maximum."""
     links = np.arange(99)
     apart = np.full(99, 0.0625) if equal else np.random.default_rng(2).uniform(0.01, 0.1, 99)
     pairs = Pairs.of(links, links + 1, apart)
