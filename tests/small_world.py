@@ -1,4 +1,4 @@
-"""A small world and its published version, shared by the tests that need real ones."""
+"""A small world and its built versions, shared by the tests that need real ones."""
 
 from __future__ import annotations
 
@@ -40,6 +40,14 @@ SENSOR = {
     "mount_height_m": 0.8,
 }
 CONFIG = {"sensor": SENSOR, "learn_keys": {"scans": 300}, "self_test": {"queries": 12, "outside": 6}}
+# A tenth of the work with something to do for every stage, for tests that look at the stages and not at answers.
+COARSE_CONFIG = {
+    "sensor": {**SENSOR, "azimuth_step_deg": 2.4},
+    "viewpoints": {"spacing_m": 1.5},
+    "engine": {"search": {"clusters": 20}},  # fewer than there are templates, so that keys are learned
+    "learn_keys": {"scans": 60},
+    "self_test": {"queries": 4, "outside": 2},
+}
 
 
 @pytest.fixture(scope="session")
@@ -72,8 +80,20 @@ def small_map(small_world: SmallWorld, once_a_run: OnceARun) -> Path:
 
 @pytest.fixture(scope="session")
 def small_version(small_map: Path, once_a_run: OnceARun) -> BuiltVersion:
-    """Its version, to be read only; ``small_work`` is where its stages can be built on."""
+    """The world's version, to be read only; ``small_work`` has its stages."""
     return once_a_run.version("yard-version", lambda folder: small_map, CONFIG)
+
+
+@pytest.fixture(scope="session")
+def coarse_version(small_map: Path, once_a_run: OnceARun) -> BuiltVersion:
+    """The world's coarse version, to be read only; ``coarse_work`` has its stages."""
+    return once_a_run.version("yard-coarse", lambda folder: small_map, COARSE_CONFIG)
+
+
+@pytest.fixture
+def coarse_work(coarse_version: BuiltVersion, tmp_path: Path) -> Path:
+    """A work folder of its own that holds the stages of the coarse version's build."""
+    return begun_as(coarse_version, tmp_path / "work")
 
 
 @pytest.fixture
@@ -83,7 +103,7 @@ def small_work(small_version: BuiltVersion, tmp_path: Path) -> Path:
 
 
 def begun_as(built: BuiltVersion, work: Path) -> Path:
-    """A work folder whose builds go on from the stages of a version that was built."""
+    """Makes a work folder whose builds continue from the stages of a built version."""
     shutil.copytree(built.directory.parent / "stages", work / "stages", copy_function=os.link)
     return work
 

@@ -13,7 +13,7 @@ from firstfix.builds.shared_stages import SharedStages
 from firstfix.errors import BuildCancelled, InvalidOption, MalformedData
 from firstfix.store.store import Store
 from firstfix_builder.pipeline import STAGES, build_version
-from small_world import CONFIG
+from small_world import COARSE_CONFIG
 
 # A process for each build, forked from one that has imported what they need. Prints how each of them ended.
 BUILD_AND_DIE = """
@@ -47,16 +47,16 @@ if __name__ == "__main__":
 """
 
 
-def test_a_build_killed_in_every_stage_ends_with_the_same_digest(small_map, small_version, tmp_path):
+def test_a_build_killed_in_every_stage_ends_with_the_same_digest(small_map, coarse_version, tmp_path):
     script = tmp_path / "build_and_die.py"
     script.write_text(BUILD_AND_DIE)
-    command = [sys.executable, str(script), str(small_map), str(tmp_path / "work"), json.dumps(CONFIG)]
+    command = [sys.executable, str(script), str(small_map), str(tmp_path / "work"), json.dumps(COARSE_CONFIG)]
     done = subprocess.run([*command, *STAGES, "none"], capture_output=True, text=True, check=False)
     killed = ["-9"] * len(STAGES)
-    assert done.stdout.split() == [*killed, small_version.manifest.digest, "0"], done.stderr
+    assert done.stdout.split() == [*killed, coarse_version.manifest.digest, "0"], done.stderr
 
 
-def test_finished_stages_are_not_done_again(small_map, small_version, small_work, monkeypatch):
+def test_finished_stages_are_not_done_again(small_map, coarse_version, coarse_work, monkeypatch):
     import firstfix_builder.build_stages as stages
 
     def never(*arguments: object, **more: object) -> None:
@@ -64,12 +64,12 @@ def test_finished_stages_are_not_done_again(small_map, small_version, small_work
 
     for stage in ("read_map", "sample_fitting_viewpoints", "template_chunks", "run_self_test"):
         monkeypatch.setattr(stages, stage, never)
-    again = build_version(small_map, BuildConfig.parse(CONFIG), small_work)
-    assert again.manifest.digest == small_version.manifest.digest
+    again = build_version(small_map, BuildConfig.parse(COARSE_CONFIG), coarse_work)
+    assert again.manifest.digest == coarse_version.manifest.digest
 
 
 def test_a_build_goes_on_at_another_machine_from_the_last_finished_stage(
-    small_map, small_version, tmp_path, monkeypatch
+    small_map, coarse_version, tmp_path, monkeypatch
 ):
     import firstfix_builder.build_stages as stages
 
@@ -78,7 +78,7 @@ def test_a_build_goes_on_at_another_machine_from_the_last_finished_stage(
     with pytest.raises(BuildCancelled):
         build_version(
             small_map,
-            BuildConfig.parse(CONFIG),
+            BuildConfig.parse(COARSE_CONFIG),
             tmp_path / "first",
             progress=lambda stage, fraction: reached.append(stage),
             cancelled=lambda: reached[-1:] == ["learn_keys"],
@@ -90,46 +90,46 @@ def test_a_build_goes_on_at_another_machine_from_the_last_finished_stage(
 
     for name in ("read_map", "sample_fitting_viewpoints", "template_chunks", "cluster_chunks"):
         monkeypatch.setattr(stages, name, never)
-    built = build_version(small_map, BuildConfig.parse(CONFIG), tmp_path / "second", shared=shared)
-    assert built.manifest.digest == small_version.manifest.digest
+    built = build_version(small_map, BuildConfig.parse(COARSE_CONFIG), tmp_path / "second", shared=shared)
+    assert built.manifest.digest == coarse_version.manifest.digest
 
 
-def test_a_build_leaves_no_chunks(small_version):
-    folder = small_version.directory.parent / "chunks"
+def test_a_build_leaves_no_chunks(coarse_version):
+    folder = coarse_version.directory.parent / "chunks"
     assert folder.exists()
     assert [path for path in folder.rglob("*") if path.is_file()] == []
 
 
-def test_another_config_is_another_version(small_map, small_version, small_work):
-    wider = BuildConfig.parse({**CONFIG, "viewpoints": {"spacing_m": 1.5}})
-    other = build_version(small_map, wider, small_work)
-    assert other.manifest.digest != small_version.manifest.digest
-    assert other.manifest.counts["templates"] < small_version.manifest.counts["templates"]
+def test_another_config_is_another_version(small_map, coarse_version, coarse_work):
+    wider = BuildConfig.parse({**COARSE_CONFIG, "viewpoints": {"spacing_m": 2.0}})
+    other = build_version(small_map, wider, coarse_work)
+    assert other.manifest.digest != coarse_version.manifest.digest
+    assert other.manifest.counts["templates"] < coarse_version.manifest.counts["templates"]
 
 
 @pytest.mark.parametrize("stage", STAGES)
-def test_cancel_stops_before_the_next_stage(small_map, small_work, stage):
-    for made in (small_work / "stages").iterdir():  # what comes before it is there
+def test_cancel_stops_before_the_next_stage(small_map, coarse_work, stage):
+    for made in (coarse_work / "stages").iterdir():  # what comes before it is there
         if STAGES.index(json.loads((made / "stage.json").read_text())["stage"]) >= STAGES.index(stage):
             shutil.rmtree(made)
     seen: list[str] = []
     with pytest.raises(BuildCancelled):
         build_version(
             small_map,
-            BuildConfig.parse(CONFIG),
-            small_work,
+            BuildConfig.parse(COARSE_CONFIG),
+            coarse_work,
             progress=lambda name, fraction: seen.append(name),
             cancelled=lambda: stage in seen,
         )
     assert STAGES.index(seen[-1]) <= STAGES.index(stage)
 
 
-def test_progress_names_every_stage_in_order(small_map, small_work):
+def test_progress_names_every_stage_in_order(small_map, coarse_work):
     seen: list[tuple[str, float]] = []
     build_version(
         small_map,
-        BuildConfig.parse(CONFIG),
-        small_work,
+        BuildConfig.parse(COARSE_CONFIG),
+        coarse_work,
         progress=lambda stage, fraction: seen.append((stage, fraction)),
     )
     assert [stage for stage, fraction in seen if fraction == 0.0] == list(STAGES)
