@@ -40,7 +40,7 @@ SENSOR = {
     "mount_height_m": 0.8,
 }
 CONFIG = {"sensor": SENSOR, "learn_keys": {"scans": 300}, "self_test": {"queries": 12, "outside": 6}}
-# A tenth of the work with something to do for every stage, for tests that look at the stages and not at answers.
+# A tenth of the work, and something to do for every stage: for tests that look at stages and not at answers.
 COARSE_CONFIG = {
     "sensor": {**SENSOR, "azimuth_step_deg": 2.4},
     "viewpoints": {"spacing_m": 1.5},

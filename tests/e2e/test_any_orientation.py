@@ -24,7 +24,7 @@ from firstfix.wire.query import MEDIA_TYPE, encode_query
 from firstfix_builder.pipeline import build_version
 from firstfix_builder.simulation.perturb import elsewhere, perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
-from small_world import CONFIG, SENSOR
+from small_world import COARSE_CONFIG, SENSOR
 
 HEAD_DOWN = np.diag([1.0, -1.0, -1.0])
 ON_ITS_SIDE = Rotation.from_euler("x", 90, degrees=True).as_matrix()
@@ -180,11 +180,16 @@ def test_scans_of_another_place_gain_no_pose_by_more_ways_up(localizer):
 def test_a_map_is_built_for_a_sensor_that_hangs_head_down(small_world, small_map, tmp_path):
     """The sensor looks up to 52 degrees down and hardly up; templates and self-test use its mounting."""
     hanging = replace(
-        SensorModel.from_mapping(SENSOR),
+        SensorModel.from_mapping(COARSE_CONFIG["sensor"]),
         elevations_deg=tuple(np.linspace(-7, 52, 16)),
         mount_roll_deg=180.0,
     )
-    config = BuildConfig.parse({**CONFIG, "sensor": hanging.to_mapping()})
+    changes = {
+        "sensor": hanging.to_mapping(),
+        "viewpoints": {"spacing_m": 1.0},
+        "self_test": {"queries": 12, "outside": 2},
+    }
+    config = BuildConfig.parse({**COARSE_CONFIG, **changes})
     version = build_version(small_map, config, tmp_path)
     assert version.manifest.sensor["mount_roll_deg"] == 180.0
     assert version.manifest.self_test["success"]["0.2m"] >= 0.9

@@ -276,7 +276,7 @@ def test_over_tls_both_sides_show_their_certificates(log: Path, numbers: StageRe
 
 
 def test_workers_with_other_code_are_refused(tmp_path: Path):
-    root, other = HERE.parents[1], tmp_path / "other"
+    root, other = HERE.parents[2], tmp_path / "other"
     for part in ("core/firstfix", "builder/firstfix_builder"):
         shutil.copytree(root / part, other / Path(part).name)
     with (other / "firstfix_builder" / "templates.py").open("a") as file:

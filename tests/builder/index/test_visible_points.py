@@ -64,7 +64,7 @@ def test_a_cloud_learns_its_faces_and_keeps_what_nobody_sees():
     assert (~on_wall).sum() > 200
 
 
-def test_square_by_square_the_same_is_seen(monkeypatch):
+def test_block_by_block_the_same_is_seen(monkeypatch):
     whole = map_surface(None, two_rooms(), VIEWPOINTS, SENSOR, 0.1, 0.12)
     monkeypatch.setattr(visible_points_module, "BLOCK_M", 2.0)
     monkeypatch.setattr(visible_points_module, "MOST_LOOSE", 1)

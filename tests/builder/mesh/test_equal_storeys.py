@@ -23,8 +23,8 @@ from small_world import SENSOR
 
 STOREY_M = 3.0
 CONFIG = {
-    "sensor": {**SENSOR, "azimuth_step_deg": 1.2},
-    "learn_keys": {"scans": 200},
+    "sensor": {**SENSOR, "azimuth_step_deg": 2.4},
+    "learn_keys": {"scans": 60},
     "self_test": {"queries": 30, "outside": 10},
 }
 
@@ -73,7 +73,7 @@ def test_every_answer_is_ambiguous_and_holds_the_true_place(version: BuiltVersio
         SensorModel.from_mapping(CONFIG["sensor"]),
         position_m,
         1.0,
-        40,
+        20,
         PerturbConfig(strangers=0),  # nothing of a car's size comes into a room
         np.random.default_rng(5),
     )
