@@ -45,7 +45,7 @@ def azure_url(azurite: str) -> str:
 
 
 def _make_container(server: str, key: bytes) -> None:
-    """obstore makes no containers: one signed request does."""
+    """Makes a container by a signed request: obstore cannot."""
     headers = {"x-ms-date": formatdate(usegmt=True), "x-ms-version": "2021-08-06"}
     lines = ["PUT", *[""] * 11, *(f"{name}:{value}" for name, value in headers.items())]
     to_sign = "\n".join([*lines, f"/{_ACCOUNT}/{_ACCOUNT}/{CONTAINER}", "restype:container"])
@@ -57,8 +57,10 @@ def _make_container(server: str, key: bytes) -> None:
 
 @pytest.fixture(scope="session")
 def fake_gcs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """fake-gcs-server with an empty bucket. It lists and reads as Google's XML API does, but has only the
-    JSON API's way to write, which obstore does not speak."""
+    """A fake-gcs-server with an empty bucket.
+
+    It lists and reads like Google's XML API, but writes only by the JSON API, which obstore does not speak.
+    """
     name = program("fake-gcs-server", "go install github.com/fsouza/fake-gcs-server@latest")
     port = free_port()
     folder = tmp_path_factory.mktemp("gcs")

@@ -45,7 +45,7 @@ class Link:
         self._enable(False)
 
     def mend(self) -> None:
-        """As new."""
+        """Removes all faults from the link."""
         for toxic in self._http.get(f"/proxies/{self._name}/toxics").json():
             self._http.delete(f"/proxies/{self._name}/toxics/{toxic['name']}").raise_for_status()
         self._enable(True)

@@ -117,7 +117,7 @@ class NotFound(FirstfixError):
 
 
 class Conflict(FirstfixError):
-    """It already exists, or its state forbids this."""
+    """The thing already exists, or its state forbids this."""
 
     code = "conflict"
 
@@ -141,13 +141,13 @@ class StoreError(FirstfixError):
 
 
 class StoreUnavailable(StoreError):
-    """It does not answer."""
+    """The store does not answer."""
 
     code = "store_unavailable"
 
 
 class StoreUnsafe(StoreError):
-    """It lets a create-only put overwrite."""
+    """The store lets a create-only put overwrite an object."""
 
     code = "store_unsafe"
 
@@ -210,13 +210,13 @@ class BuildAttemptsExceeded(BuildError):
 
 
 class BuildTimedOut(BuildError):
-    """It took too long."""
+    """The build took too long."""
 
     code = "build_timed_out"
 
 
 class BuildStalled(BuildError):
-    """It made no progress for too long."""
+    """The build made no progress for too long."""
 
     code = "build_stalled"
 
@@ -228,7 +228,7 @@ class ClusterUnavailable(BuildError):
 
 
 class BuildCancelled(BuildError):
-    """It was cancelled."""
+    """The build was cancelled."""
 
     code = "build_cancelled"
 

@@ -30,7 +30,7 @@ def made_environment(path: Path) -> dict[str, str]:
 
 
 def secrets_of(text: str) -> set[str]:
-    """What compose does not start without."""
+    """Returns the variables without which compose does not start."""
     return set(re.findall(r"\$\{(\w+):\?", text))
 
 

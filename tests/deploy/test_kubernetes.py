@@ -50,7 +50,7 @@ def test_a_misspelt_field_would_be_seen(full: list[dict[str, Any]]):
 
 
 def problems_of(custom: list[dict[str, Any]]) -> list[str]:
-    """What prometheus-operator would not take in its resources."""
+    """Returns the errors of the resources in the schemas of prometheus-operator."""
     package = Path(sys.prefix) / "kubernetes-models/node_modules/@kubernetes-models/prometheus-operator"
     if not package.is_dir() or shutil.which("node") is None:
         pytest.skip("no schemas of prometheus-operator: scripts/test-servers.sh installs them, with npm")

@@ -1,4 +1,4 @@
-"""What the repository promises about itself: light imports, few needs, nothing of one machine."""
+"""Promises of the repository about itself: light imports, few needs, nothing of one machine."""
 
 import json
 import re
