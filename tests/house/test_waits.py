@@ -72,7 +72,7 @@ def test_a_time_that_decides_is_seen(source: str, seen: int):
 
 
 def is_drill(path: Path) -> bool:
-    """A fault drill is run by hand: it breaks things at moments of its own and reports how long things took."""
+    """Returns whether the file is a fault drill: it is run by hand and kills at random moments."""
     return path.parent.name == "faults" and not path.name.startswith("test_")
 
 
