@@ -72,7 +72,7 @@ def test_a_time_that_decides_is_seen(source: str, seen: int):
 
 
 def is_drill(path: Path) -> bool:
-    """The programs of tests/faults break things at random moments and measure. Their tests hold to the rule."""
+    """Returns whether the file is a fault drill: it is run by hand and kills at random moments."""
     return path.parent == TESTS / "faults" and not path.name.startswith("test_")
 
 
