@@ -111,8 +111,9 @@ def test_a_crowd_is_answered_or_refused_to_the_last_one(service: Service):
 def test_an_asker_who_takes_nothing_in_holds_nobody_up(tmp_path: Path):
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     config = tmp_path / "zenoh.json5"
-    # long enough that whoever waits for this asker fails the test
-    congestion = {"congestion_control": {"block": {"wait_before_close": 120_000_000}}}
+    # The connection of an asker that takes nothing in is closed after so long. Replies to it may wait one
+    # after the other: all of them together take less than the test may wait.
+    congestion = {"congestion_control": {"block": {"wait_before_close": 30_000_000}}}
     config.write_text(
         json.dumps(
             {
@@ -133,11 +134,14 @@ def test_an_asker_who_takes_nothing_in_holds_nobody_up(tmp_path: Path):
             assert asker.stdout is not None
             assert asker.stdout.readline() == b"asked\n"
             wait_until(lambda: metric(service, "firstfix_queries_admitted") == ANSWERS_ASKED)
+            connected = metric(service, "firstfix_zenoh_connections")
             asker.send_signal(signal.SIGSTOP)
             behaviour.gate.set()
             wait_until(lambda: metric(service, "firstfix_localizations_total") == ANSWERS_ASKED)
             for _ in range(3):
                 assert service.ask_http().ok
+            # nobody waited for the asker: its connection is still there
+            assert metric(service, "firstfix_zenoh_connections") == connected
         finally:
             asker.kill()
             asker.wait()
