@@ -19,10 +19,10 @@ from firstfix.engine.retrieval.cascade import Cascade
 from firstfix.engine.retrieval.clusters import Clusters
 from firstfix.engine.retrieval.key_search import ENGINES
 from firstfix.engine.verification.free_space import MapView
-from firstfix.portable.sample import rows_by_place
 from firstfix.transform import pose_error
 from firstfix_builder.index.visible_points import VIEWPOINT_M, map_surface
 from firstfix_builder.templates.fit_engine import fit_engine
+from firstfix_builder.viewpoints.even_sample import rows_by_place
 
 from .matching import make_cascade, run_cascade, success
 from .published import WITHIN_M
