@@ -89,4 +89,5 @@ def _replicas(
     return found
 
 
-main()
+if __name__ == "__main__":
+    main()

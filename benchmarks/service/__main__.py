@@ -28,4 +28,5 @@ def main() -> None:
     json.dump(measure(queried, chosen.part or PARTS, quick=chosen.quick), sys.stdout, indent=1)
 
 
-main()
+if __name__ == "__main__":
+    main()
