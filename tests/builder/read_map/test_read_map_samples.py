@@ -67,7 +67,7 @@ ERRORS: dict[str, tuple[type[InputError], str]] = {
     "formats/converted/malformed_empty.pcd": (MalformedData, "the file is empty"),
     "formats/converted/malformed_truncated.binary.pcd": (
         MalformedData,
-        "199812 of 320000 bytes are there: cut off",
+        "cut off: 199812 of 320000 bytes",
     ),
     "formats/original/3dtk_scan000.pose": (UnsupportedFormat, "ends in '.pose'"),
     "formats/original/OS-1-128_v2.3.0_1024x10.json": (UnsupportedFormat, "ends in '.json'"),

@@ -359,7 +359,7 @@ def test_a_query_that_cannot_be_asked_again_says_why(
     assert ended(*asked, "--version", "0" * 64) == 0
     assert "rejected -> error: 1" in capsys.readouterr().out
     assert ended(*asked[:3], "--map", "yard", "--url", service.url) == 0
-    assert "0 kept queries asked again" in capsys.readouterr().out
+    assert "0 kept queries sent again" in capsys.readouterr().out
 
 
 def test_the_engine_in_this_process_can_be_asked(
