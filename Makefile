@@ -1,9 +1,10 @@
 # firstfix. `make demo` shows it, `make test` proves it; both set up what they need.
-.PHONY: setup demo test lint docs bench faults lock test-servers clean
+.PHONY: setup demo test test-fast lint docs bench faults lock test-servers clean
 .DEFAULT_GOAL := help
 bin := .venv/bin
 # Two files' tests at a time; PYTEST_ARGS="-k name" or a path narrows a run.
 PYTEST_ARGS ?= -n 2 --dist loadfile
+FAST := $(addprefix tests/, core builder service client cli ros2 house)
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-13s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -23,6 +24,9 @@ lint: setup  ## style, types, and who may import whom
 
 test: setup test-servers lint  ## lint, then every test
 	@PATH="$(CURDIR)/$(bin):$$PATH" $(bin)/python -m pytest $(PYTEST_ARGS)
+
+test-fast: setup  ## the quick tests, for the edit loop
+	@PATH="$(CURDIR)/$(bin):$$PATH" $(bin)/python -m pytest -n 4 --dist loadfile -m "not slow" $(FAST)
 
 test-servers: setup  ## an S3 server for the storage tests, where Go is there to build it
 	@scripts/test-servers.sh

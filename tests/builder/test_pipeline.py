@@ -15,6 +15,8 @@ from firstfix.store.store import Store
 from firstfix_builder.pipeline import STAGES, build_version
 from small_world import COARSE_CONFIG
 
+pytestmark = pytest.mark.slow
+
 # A process for each build, forked from one that has imported what they need. Prints how each of them ended.
 BUILD_AND_DIE = """
 import json, os, sys

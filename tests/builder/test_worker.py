@@ -36,6 +36,8 @@ from firstfix_builder.job.reporter import BuildReporter
 from firstfix_builder.job.run_build import run_build
 from waiting import LIMIT_S, let_pass, wait_until
 
+pytestmark = pytest.mark.slow
+
 STAGES = ("one", "two")
 
 

@@ -17,6 +17,8 @@ from firstfix.catalog.sources import put_source
 from firstfix.store.store import Store
 from waiting import LIMIT_S, let_pass, wait_until
 
+pytestmark = pytest.mark.slow
+
 # One stage that is done soon and one that hangs until a file appears; a pool beside them.
 PROGRAM = """
 import hashlib, os, sys

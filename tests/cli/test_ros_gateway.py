@@ -39,6 +39,8 @@ from firstfix_client.first_fix import FirstFixConfig
 from ros_samples import ROS2, cdr, cloud_of_points
 from waiting import LIMIT_S, wait_until
 
+pytestmark = pytest.mark.slow
+
 POSE = make_transform(rotation_z(0.5), [12.0, -4.0, 1.5])
 FOUND = Localization(Verdict.LOCALIZED, (), POSE, None, np.eye(6), 0.99)
 REJECTED = Localization(Verdict.REJECTED, (Reason.LOW_INLIER_RATIO,))

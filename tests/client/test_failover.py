@@ -19,6 +19,8 @@ from firstfix.errors import DeadlineExceeded, NotFound, Overloaded, RateLimited
 from firstfix_client import Client, HedgePolicy, RetryPolicy, ServiceUnreachable
 from waiting import LIMIT_S, let_pass, wait_until, wait_until_async
 
+pytestmark = pytest.mark.slow
+
 QUICK = RetryPolicy(attempts=6, first_wait_s=0.01, max_wait_s=0.05)
 SOON = HedgePolicy(after_s=0.1)
 Make = Callable[..., Any]

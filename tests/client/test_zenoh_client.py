@@ -24,6 +24,8 @@ from firstfix.wire import scan as wire
 from firstfix_client import HedgePolicy, RetryPolicy, ServiceUnreachable, ZenohClient
 from waiting import let_pass, wait_until
 
+pytestmark = pytest.mark.slow
+
 zenoh = pytest.importorskip("zenoh")
 QUICK = RetryPolicy(attempts=6, first_wait_s=0.01, max_wait_s=0.05)
 

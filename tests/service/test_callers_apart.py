@@ -14,6 +14,8 @@ from firstfix.builds.caller_usage import CallerUsage
 from firstfix_service.auth.principal import Principal
 from waiting import wait_until
 
+pytestmark = pytest.mark.slow
+
 
 def refusal(answer: httpx.Response) -> tuple[int, str]:
     return answer.status_code, answer.json()["code"]

@@ -15,6 +15,8 @@ from firstfix.store.store import Store
 from toxiproxy import Link
 from waiting import let_pass, wait_until
 
+pytestmark = pytest.mark.slow
+
 SOON = {"deadline_ms": "10000"}  # these queries must not wait for the store
 FAULTS: dict[str, Callable[[Link], None]] = {
     "cut": Link.cut,

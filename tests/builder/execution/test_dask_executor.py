@@ -33,6 +33,8 @@ from toy_chunks import Toy, runs
 
 from waiting import wait_until
 
+pytestmark = pytest.mark.slow
+
 HERE = Path(__file__).parent
 STAGE = "5" * 64
 AWAY_S = 120.0

@@ -13,6 +13,8 @@ from firstfix_builder.index.learn_keys import discriminants
 from firstfix_builder.pipeline import build_version
 from small_world import COARSE_CONFIG, CONFIG, begun_as
 
+pytestmark = pytest.mark.slow
+
 NARROW = {**CONFIG, "engine": {"search": {"clusters": 30}}, "learn_keys": {"scans": 300}}
 
 

@@ -15,6 +15,8 @@ from firstfix_builder.job import fetch_http as module
 from firstfix_builder.job.fetch_http import fetch_http
 from firstfix_builder.job.fetch_source import SourceFetch, SourcePolicy
 
+pytestmark = pytest.mark.slow
+
 DATA = bytes(range(256)) * 500
 Answer = Callable[[BaseHTTPRequestHandler], None]
 

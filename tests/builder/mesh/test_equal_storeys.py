@@ -21,6 +21,8 @@ from firstfix_builder.simulation.perturb import perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
 from small_world import SENSOR
 
+pytestmark = pytest.mark.slow
+
 STOREY_M = 3.0
 CONFIG = {
     "sensor": {**SENSOR, "azimuth_step_deg": 2.4},

@@ -16,6 +16,8 @@ from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.mesh.reconstruct import joined_mesh, mesh_chunks
 from firstfix_builder.simulation.simulate import Simulator
 
+pytestmark = pytest.mark.slow
+
 HALL = Path(__file__).resolve().parents[4] / "shared" / "data" / "hilti_hall_indoor"
 SMALL_TILES = ReconstructConfig(tile_cells=64)
 

@@ -33,9 +33,12 @@ from small_world import CONFIG
 
 PROGRAM = (str(Path(__file__).with_name("sandbox_programs.py")),)
 SECRET = "a secret of the store"
-pytestmark = pytest.mark.skipif(
-    landlock_version() < SIGNALS_VERSION, reason="this kernel has no Landlock, or one before version 6"
-)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        landlock_version() < SIGNALS_VERSION, reason="this kernel has no Landlock, or one before version 6"
+    ),
+]
 
 
 @dataclass

@@ -1,8 +1,11 @@
 import json
 
 import numpy as np
+import pytest
 
 from firstfix_builder.self_test.localizability import CELL_M, Spot, draw_localizability, grid_of
+
+pytestmark = pytest.mark.slow
 
 FAR = np.array([41.0, 0.5, 1.0])
 

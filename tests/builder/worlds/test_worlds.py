@@ -20,6 +20,8 @@ from firstfix_builder.worlds import NAMES, World, make_world, write_world
 from firstfix_builder.worlds.drive import drive
 from firstfix_builder.worlds.make_world import QUERIES, _place
 
+pytestmark = pytest.mark.slow
+
 made = cache(make_world)  # seconds each
 
 

@@ -20,6 +20,8 @@ from firstfix.formats.text import decode_text
 from firstfix.scan.scan import Scan
 from ros_samples import cdr, cloud
 
+pytestmark = pytest.mark.slow
+
 CLOUD = random_cloud(12)
 BODIES = {
     "pcd ascii": (pcd(CLOUD, "ascii"), "application/x-pcd"),

@@ -15,6 +15,8 @@ from firstfix.upkeep.garbage import Ages, collect_garbage, remove_abandoned
 from frequent_snapshots import EVERY
 from waiting import let_pass
 
+pytestmark = pytest.mark.slow
+
 NOW = Ages(things_s=-5, builds_s=-5)  # whatever its age
 
 

@@ -12,6 +12,8 @@ from firstfix.catalog.manifest import Manifest
 from firstfix.store.store import Store
 from interleavings import Step, run_every_order, run_interleaved
 
+pytestmark = pytest.mark.slow
+
 FILES = {"a.npy": b"content", "z.npy": b"more of it"}
 
 

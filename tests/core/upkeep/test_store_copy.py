@@ -22,6 +22,8 @@ from firstfix.upkeep.checked_objects import CheckedObjects
 from firstfix.upkeep.garbage import Ages, collect_garbage
 from frequent_snapshots import EVERY
 
+pytestmark = pytest.mark.slow
+
 MADE_ANEW = ("stages/1/a", "uploads/1/a", "idempotency/a", "samples/a.body", "changes/00000001.json")
 
 

@@ -30,6 +30,8 @@ from firstfix.upkeep.garbage import Ages, collect_garbage
 from firstfix.upkeep.record_kinds import FORMS, form_of, why_unreadable
 from frequent_snapshots import EVERY
 
+pytestmark = pytest.mark.slow
+
 STAGES = ("a" * 64, "b" * 64)
 SAMPLES = ("20260101t000000000000-0000000a", "20260102t000000000000-0000000b")
 IDEMPOTENCY = (CallersKey("robot", "key-1"), CallersKey("robot", "key-2"))

@@ -23,6 +23,8 @@ from firstfix.upkeep.repair import QUARANTINE, Repair
 from firstfix.upkeep.verify import Verification
 from frequent_snapshots import EVERY
 
+pytestmark = pytest.mark.slow
+
 
 class Reads(Store):
     """Records the keys that are read in pieces."""

@@ -24,6 +24,8 @@ from firstfix_service.http_api.authorize import SCOPES, authorize
 from firstfix_service.settings import Settings
 from waiting import wait_until
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def keys(tmp_path: Path) -> dict[str, str]:

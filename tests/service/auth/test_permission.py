@@ -20,6 +20,8 @@ from firstfix_service.auth import key_ring, permission
 from firstfix_service.auth.permission import Permission
 from waiting import LIMIT_S, wait_until
 
+pytestmark = pytest.mark.slow
+
 BUILD = "b1"
 
 

@@ -14,6 +14,8 @@ from firstfix.store.store import Store
 from firstfix.upkeep.rebuild import rebuild
 from waiting import wait_until
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def recorder(tmp_path: Path) -> Iterator[Service]:

@@ -10,6 +10,7 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
 from builds_world import building_service, status_of, upload, wait_until_ended
 from service_world import FAKE_WORKER, running_service
 
@@ -19,6 +20,8 @@ from firstfix.store.store import Store
 from firstfix_service.builds.session_processes import session_memory_bytes
 from firstfix_service.builds.work_folder import WorkFolder
 from waiting import wait_until
+
+pytestmark = pytest.mark.slow
 
 
 def order(work: Path) -> list[str]:

@@ -13,6 +13,8 @@ from firstfix.decode import MEDIA_TYPES, decode_query, undo_content_encoding
 from tests.faults.fuzz_bodies import Ask, fuzz, http_asker, zenoh_asker
 from tests.faults.hostile_bodies import Body, damaged, good_bodies
 
+pytestmark = pytest.mark.slow
+
 BODIES_PER_ENCODING = 60  # tests/faults/fuzz_bodies.py sends 1,000
 MAX_GROWTH_BYTES = 300_000_000  # with the client in the same process; the benchmark holds 200 MB without
 HEADERS = {"Content-Type": XYZ}
@@ -55,7 +57,6 @@ def test_damage_is_done_and_repeats():
         assert len({one.data for one in first}) > 15
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("transport", ["http", "zenoh"])
 def test_every_body_is_answered_within_the_memory(service: Service, large_bodies: list[Body], transport: str):
     ask = asker(service, transport)

@@ -26,6 +26,8 @@ from firstfix_service.app import create_app
 from firstfix_service.settings import Settings
 from waiting import LIMIT_S
 
+pytestmark = pytest.mark.slow
+
 EXAMPLES = 12  # an operation
 
 

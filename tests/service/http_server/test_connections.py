@@ -23,6 +23,8 @@ from firstfix_service.http_server.connections import ConnectionLimits
 from firstfix_service.settings import Settings
 from waiting import LIMIT_S, let_pass, wait_until
 
+pytestmark = pytest.mark.slow
+
 GET = b"GET /healthz HTTP/1.1\r\nHost: x\r\n"
 SHORT = {"head_timeout_s": 0.5, "keep_alive_s": 0.5, "body_timeout_s": 0.5, "answer_timeout_s": 0.5}
 DRIP_S = 0.1

@@ -22,6 +22,8 @@ from firstfix_service.query_workers.pool import QueryWorkerProcesses
 from firstfix_service.query_workers.query import Query, ServedVersion
 from waiting import LIMIT_S, let_pass, wait_until
 
+pytestmark = pytest.mark.slow
+
 FORMAT = BodyFormat.of(MEDIA_TYPE, None)
 
 

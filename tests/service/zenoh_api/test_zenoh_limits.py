@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
+import pytest
 from service_world import (
     SCAN_BODY,
     XYZ,
@@ -27,6 +28,8 @@ from service_world import (
 from firstfix.answer.localization import Hypothesis, Localization, Verdict
 from firstfix.answer.quality import AlignmentQuality
 from waiting import LIMIT_S, wait_until
+
+pytestmark = pytest.mark.slow
 
 ANSWERS_ASKED = 8
 _ASKER = f"""

@@ -31,6 +31,8 @@ from firstfix_service.zenoh_api.config import client_config, session_config
 from firstfix_service.zenoh_api.replicas import ZenohReplicas
 from waiting import LIMIT_S, let_pass, wait_until
 
+pytestmark = pytest.mark.slow
+
 SCAN = np.ones((50, 3), np.float32)
 MAPS = [f"map-{k:02}" for k in range(12)]
 COPIES = 2

@@ -26,7 +26,10 @@ from tests.faults.nats_server import nats_server_program
 from tests.faults.tiny_worker import STAGES
 from waiting import wait_until
 
-pytestmark = pytest.mark.skipif(nats_server_program() is None, reason="no nats-server on this machine")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(nats_server_program() is None, reason="no nats-server on this machine"),
+]
 
 
 @pytest.fixture
@@ -121,7 +124,6 @@ def test_a_build_goes_on_at_another_worker_from_the_last_finished_stage(world: N
     assert end["end"] == {"kill": "lost", "stop": "stopped"}[how]
 
 
-@pytest.mark.slow
 def test_a_real_build_goes_on_at_another_worker(world: NatsWorld, small_map: Path):
     command = (sys.executable, "-m", "firstfix_builder.worker")
     first = world.start_worker("w1", command=command)
