@@ -2,8 +2,8 @@
 .PHONY: setup demo test test-fast lint docs bench faults lock test-servers clean
 .DEFAULT_GOAL := help
 bin := .venv/bin
-# Two files' tests at a time; PYTEST_ARGS="-k name" or a path narrows a run.
-PYTEST_ARGS ?= -n 2 --dist loadfile
+# Three files' tests at a time, as tests often wait; PYTEST_ARGS="-k name" or a path narrows a run.
+PYTEST_ARGS ?= -n 3 --dist loadfile --no-loadscope-reorder
 FAST := $(addprefix tests/, core builder service client cli ros2 house)
 
 help:  ## show this list

@@ -2,9 +2,13 @@
 
 from pathlib import Path
 
+import pytest
+
 from benchmarks.common.small_map import query_of
 from benchmarks.hostile.attacks import ATTACKS
 from benchmarks.hostile.suite import table, under_attack
+
+pytestmark = pytest.mark.slow
 
 
 def test_another_callers_queries_go_on_under_every_attack(small_version, tmp_path: Path):

@@ -11,6 +11,8 @@ from benchmarks.many_maps.sharing import movement, shares, takeover, zipf
 from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store
 
+pytestmark = pytest.mark.slow
+
 
 def test_the_catalog_is_one_that_was_published(small_version, tmp_path: Path):
     grow_catalog(tmp_path / "store", small_version.directory, 0, 3)

@@ -11,6 +11,8 @@ from benchmarks.service.replicas import Course, replicas_suite
 from benchmarks.service.suite import measure
 from benchmarks.service.throughput import body_of
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def queried(small_version, small_scans) -> QueriedVersion:
@@ -43,7 +45,6 @@ def test_no_query_fails_while_versions_change(queried: QueriedVersion, tmp_path:
     assert set(figures["outcomes"]) == {"ok"}
 
 
-@pytest.mark.slow
 def test_no_query_fails_while_replicas_and_store_come_and_go(
     queried: QueriedVersion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

@@ -15,6 +15,8 @@ from benchmarks.weak_link.robot import CLIENTS
 from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store
 
+pytestmark = pytest.mark.slow
+
 PACKET = bytes([0x45]) + bytes(99)  # IPv4, as far as a link looks
 
 

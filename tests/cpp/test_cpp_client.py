@@ -21,6 +21,8 @@ from clients.conformance.generate import FOLDER
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.errors import DescriptorMismatch, Overloaded
 
+pytestmark = pytest.mark.slow
+
 PLACE = {"latitude_deg": 47.05, "longitude_deg": 8.3, "height_m": 480.0, "x_axis_deg": 0.0}
 POINTS = 1000  # of the scan that the program sends
 

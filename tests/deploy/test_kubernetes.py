@@ -20,6 +20,8 @@ from firstfix_service.app import create_app
 from firstfix_service.server import STOP_WITHIN_S
 from firstfix_service.settings import Settings
 
+pytestmark = pytest.mark.slow
+
 STORE = {"store": {"url": "s3://maps"}}
 NATS = {"nats": {"url": "nats://nats:4222"}, "builder": {"enabled": True}}
 CUSTOM = "monitoring.coreos.com/"

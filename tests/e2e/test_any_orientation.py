@@ -26,6 +26,8 @@ from firstfix_builder.simulation.perturb import elsewhere, perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
 from small_world import COARSE_CONFIG, SENSOR
 
+pytestmark = pytest.mark.slow
+
 HEAD_DOWN = np.diag([1.0, -1.0, -1.0])
 ON_ITS_SIDE = Rotation.from_euler("x", 90, degrees=True).as_matrix()
 NOSE_DOWN = Rotation.from_euler("y", 90, degrees=True).as_matrix()

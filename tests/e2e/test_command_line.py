@@ -20,6 +20,8 @@ from firstfix_cli.local_service import LocalService, local_service
 from small_world import CONFIG, SENSOR
 from waiting import LIMIT_S
 
+pytestmark = pytest.mark.slow
+
 PLACE = "yard"
 
 

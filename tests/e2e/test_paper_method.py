@@ -10,6 +10,8 @@ from firstfix.transform import pose_error
 from firstfix_builder.pipeline import build_version
 from small_world import CONFIG
 
+pytestmark = pytest.mark.slow
+
 NO_TEST = {"queries": 0, "outside": 0}
 
 

@@ -26,6 +26,8 @@ from firstfix_cli.local_service import LocalService, local_service
 from firstfix_client import Client
 from waiting import LIMIT_S
 
+pytestmark = pytest.mark.slow
+
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 POSE = re.compile(r"x (\S+) y (\S+) z ([-\d.]+)")
 PosedScan = tuple[Scan, NDArray[np.float64]]

@@ -7,6 +7,8 @@ from types import ModuleType
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 REPO = Path(__file__).resolve().parents[2]
 NOTEBOOK = REPO / "docs" / "notebooks" / "first_fix.ipynb"
 MAX_BYTES = 300_000
@@ -31,7 +33,6 @@ def kinds(outputs: list[dict]) -> list[str]:
     return [kind for output in outputs for kind in output.get("data", {"text": None})]
 
 
-@pytest.mark.slow
 def test_every_cell_runs_and_gives_what_is_stored():
     run = runner().run_cells(json.loads(NOTEBOOK.read_text()))
     stored = [cell["outputs"] for cell in code_cells()]

@@ -9,8 +9,9 @@ import pytest
 from tests.faults.kill_builds import kill_builds
 from tests.faults.nats_server import nats_server_program
 
+pytestmark = pytest.mark.slow
 
-@pytest.mark.slow
+
 @pytest.mark.parametrize("queue", ["embedded", "nats"])
 def test_kills_lose_no_build_and_leave_nothing_half_done(tmp_path: Path, queue: str):
     if queue == "nats" and nats_server_program() is None:

@@ -9,8 +9,9 @@ import pytest
 from tests.faults.disk_image import why_no_images
 from tests.faults.power_cuts import power_cuts
 
+pytestmark = pytest.mark.slow
 
-@pytest.mark.slow
+
 @pytest.mark.timeout(1200)
 def test_power_cuts_take_nothing_that_was_acknowledged(tmp_path: Path):
     if why := why_no_images():
