@@ -1,4 +1,4 @@
-"""The stages of a build in order: told without importing the tools that do their work."""
+"""Names of the stages of a build, in order. Importing them imports none of the tools of the stages."""
 
 STAGES = (
     "read_map",

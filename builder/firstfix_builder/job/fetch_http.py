@@ -28,7 +28,7 @@ class _Broken(Exception):
 
 
 def fetch_http(
-    url: str, path: Path, max_bytes: int, told: Callable[[float], None] = lambda done: None
+    url: str, path: Path, max_bytes: int, on_progress: Callable[[float], None] = lambda done: None
 ) -> None:
     """Downloads a URL to a file, completely or not at all.
 
@@ -36,7 +36,7 @@ def fetch_http(
     nobody has checked where they lead.
 
     Args:
-        told: called as it arrives with the share that is done, 0..1.
+        on_progress: called as it arrives with the share that is done, 0..1.
 
     Raises:
         NotFound: there is nothing.
@@ -51,7 +51,7 @@ def fetch_http(
         with httpx.Client(follow_redirects=False, timeout=TIMEOUT_S) as client:
             for attempt in range(1, ATTEMPTS + 1):
                 try:
-                    _fetch(client, url, part, max_bytes, etag, told)
+                    _fetch(client, url, part, max_bytes, etag, on_progress)
                     break
                 except _Broken as error:
                     etag = error.etag
@@ -64,7 +64,12 @@ def fetch_http(
 
 
 def _fetch(
-    client: httpx.Client, url: str, part: Path, max_bytes: int, etag: str, told: Callable[[float], None]
+    client: httpx.Client,
+    url: str,
+    part: Path,
+    max_bytes: int,
+    etag: str,
+    on_progress: Callable[[float], None],
 ) -> None:
     """One attempt, which appends to the part while the server's file is still that of the ETag."""
     have = part.stat().st_size if part.exists() else 0
@@ -87,7 +92,7 @@ def _fetch(
                     if written > max_bytes:
                         raise TooLarge(f"the source has over {max_bytes} bytes")
                     file.write(piece)
-                    told(min(written / (expected if expected >= written else max_bytes), 1.0))
+                    on_progress(min(written / (expected if expected >= written else max_bytes), 1.0))
     except httpx.TransportError as error:
         raise _Broken(str(error) or type(error).__name__, etag) from None
 

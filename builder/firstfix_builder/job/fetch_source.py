@@ -57,12 +57,12 @@ class SourceFetch:
     policy: SourcePolicy | None = None
 
     def of_request(
-        self, request: Mapping[str, Any], told: Callable[[float], None] = lambda done: None
+        self, request: Mapping[str, Any], on_progress: Callable[[float], None] = lambda done: None
     ) -> dict[str, Path]:
         """Returns the local files by role: ``source``, and ``trajectory`` if the request has one.
 
         Args:
-            told: called with the share of all files that has arrived, 0..1.
+            on_progress: called with the share of all files that has arrived, 0..1.
 
         Raises:
             what ``fetch`` raises.
@@ -72,18 +72,21 @@ class SourceFetch:
         if trajectory:
             named["trajectory"] = (trajectory, str(trajectory.get("file_name") or _url_ending(trajectory)))
         return {
-            role: self.fetch(where, file_name, _share(told, number, len(named)))
+            role: self.fetch(where, file_name, _share(on_progress, number, len(named)))
             for number, (role, (where, file_name)) in enumerate(named.items())
         }
 
     def fetch(
-        self, named: Mapping[str, Any], file_name: str, told: Callable[[float], None] = lambda done: None
+        self,
+        named: Mapping[str, Any],
+        file_name: str,
+        on_progress: Callable[[float], None] = lambda done: None,
     ) -> Path:
         """Returns a local file with the content that a request names, under a name with the same ending.
 
         Args:
             named: {"key": an upload of this map} or {"url": an object elsewhere}.
-            told: called with the share that has arrived, 0..1.
+            on_progress: called with the share that has arrived, 0..1.
 
         Raises:
             InvalidOption: a key of another map, or a URL that the policy or the store forbids.
@@ -101,21 +104,21 @@ class SourceFetch:
             if path.exists() and sha256_of(path) == sha256:
                 return path
             try:
-                _download(self.store, key, path, policy.max_bytes, told)
+                _download(self.store, key, path, policy.max_bytes, on_progress)
             except NotFound:  # collected as the build was asked for: then there is a copy for it
                 copy = source_key(self.map_id, sha256, self.build_id)
-                _download(self.store, copy, path, policy.max_bytes, told)
+                _download(self.store, copy, path, policy.max_bytes, on_progress)
             return path
         url = str(named.get("url", ""))
         path = self.folder / hashlib.sha256(url.encode()).hexdigest() / _safe_name(file_name)
         if urlsplit(url).scheme in ("http", "https"):
-            fetch_http(check_source_url(url, policy.urls), path, policy.max_bytes, told)
+            fetch_http(check_source_url(url, policy.urls), path, policy.max_bytes, on_progress)
             return path
         where = _allowed(url, StoreUrl.parse(self.store_url), policy.roots)
         parent, _, name = where.prefix.rpartition("/")
         # Fetched anew in every run: unlike an upload, the object at a URL may have changed.
         try:
-            _download(Store.open_at(replace(where, prefix=parent)), name, path, policy.max_bytes, told)
+            _download(Store.open_at(replace(where, prefix=parent)), name, path, policy.max_bytes, on_progress)
         except StoreError as error:  # a stranger's store: trying again would not help
             raise BuildFailed(f"the source's store does not give it: {error}") from None
         return path
@@ -133,9 +136,9 @@ def json_object(request: Mapping[str, Any], name: str) -> dict[str, Any]:
     return value
 
 
-def _share(told: Callable[[float], None], number: int, count: int) -> Callable[[float], None]:
+def _share(on_progress: Callable[[float], None], number: int, count: int) -> Callable[[float], None]:
     """Progress of one of several files, as a share of them all."""
-    return lambda done: told((number + done) / count)
+    return lambda done: on_progress((number + done) / count)
 
 
 def _url_ending(named: Mapping[str, Any]) -> str:
@@ -143,12 +146,14 @@ def _url_ending(named: Mapping[str, Any]) -> str:
     return urlsplit(str(named.get("url", ""))).path.rsplit("/", 1)[-1]
 
 
-def _download(store: Store, key: str, path: Path, max_bytes: int, told: Callable[[float], None]) -> None:
+def _download(
+    store: Store, key: str, path: Path, max_bytes: int, on_progress: Callable[[float], None]
+) -> None:
     size = store.size(key)
     if size > max_bytes:
         raise TooLarge(f"{key} has {size} bytes, the limit is {max_bytes}")
     path.parent.mkdir(parents=True, exist_ok=True)
-    store.download(key, path, told)
+    store.download(key, path, on_progress)
 
 
 def _allowed(url: str, own: StoreUrl, roots: Sequence[Path]) -> StoreUrl:

@@ -1,4 +1,4 @@
-"""The build's own process, in its sandbox: it confines itself, is told its job, and says what it comes to.
+"""The build's own process, in its sandbox: it confines itself, gets its job and reports the result.
 
     python -m firstfix_builder.sandbox.inside --work DIR --sources DIR --say-to HANDLE ...
 

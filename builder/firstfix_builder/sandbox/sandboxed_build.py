@@ -194,14 +194,14 @@ class SandboxedBuild:
         """
         assert process.stdin is not None
         lines, speaker = Lines(heard), Speaker(process.stdin.fileno())
-        told = False
+        is_cancelled = False
         next_look = 0.0
         try:
             speaker.say(job=message)
             while True:
                 said = lines.next(LOOK_S)
-                if job.cancelled() and not told:
-                    told = True
+                if job.cancelled() and not is_cancelled:
+                    is_cancelled = True
                     speaker.say(cancel=True)
                 if time.monotonic() >= next_look:
                     next_look = time.monotonic() + LOOK_S

@@ -182,8 +182,8 @@ class ZenohClient(MapCalls, BuildCalls):
         asked = options.to_strings() | ({"map": ",".join(names)} if len(names) > 1 else {})
 
         def make(left_s: float) -> ZenohQuery:
-            told = {"deadline_ms": str(max(1, int(left_s * 1000))), **asked}
-            return ZenohQuery(told, body, media_type)
+            query = {"deadline_ms": str(max(1, int(left_s * 1000))), **asked}
+            return ZenohQuery(query, body, media_type)
 
         route = ReplicaRoute(shared, self._replicas)
         answer: Answer = yield from send(

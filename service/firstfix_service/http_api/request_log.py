@@ -76,7 +76,7 @@ class RequestLog:
         path = scope["path"][:MAX_PATH_CHARS]
         if request.span is not None:
             request.span.update_name(f"{method} {route}")
-            told = {"http.request.method": method, "http.route": route, "url.path": path}
-            request.span.set_attributes({**told, "http.response.status_code": request.status})
+            attributes = {"http.request.method": method, "http.route": route, "url.path": path}
+            request.span.set_attributes({**attributes, "http.response.status_code": request.status})
         log = _log.debug if route in _QUIET else _log.info
         log("request", method=method, path=path, **request.line)

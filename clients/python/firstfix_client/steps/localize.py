@@ -113,8 +113,8 @@ def ask_over_http(
         headers["X-Request-Id"] = request_id
 
     def make(left_s: float) -> HttpRequest:
-        told = {"deadline_ms": str(max(1, int(left_s * 1000))), **params}
-        return HttpRequest("POST", ("localize",), params=told, headers=headers, content=body)
+        query = {"deadline_ms": str(max(1, int(left_s * 1000))), **params}
+        return HttpRequest("POST", ("localize",), params=query, headers=headers, content=body)
 
     answer = yield from http.send(make, hedged=True)
     return answer.parsed(Localization.from_mapping)

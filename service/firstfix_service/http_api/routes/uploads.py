@@ -92,13 +92,13 @@ def begin_upload(
         raise InvalidOption("Upload-Length is 0: a map file must not be empty")
     if size_bytes > parts.settings.max_upload_bytes:
         raise TooLarge(f"a file has at most {parts.settings.max_upload_bytes} bytes")
-    told = tus.metadata(upload_metadata)
-    if not told.get("filename"):
+    metadata = tus.metadata(upload_metadata)
+    if not metadata.get("filename"):
         raise InvalidOption("Upload-Metadata has no filename")
-    sha256 = told.get("sha256")
+    sha256 = metadata.get("sha256")
     if sha256 is not None:
         check_version(sha256)
-    upload_id, name = f"u{uuid.uuid4().hex}", harmless_name(told["filename"])
+    upload_id, name = f"u{uuid.uuid4().hex}", harmless_name(metadata["filename"])
     with parts.disks.reserve("the store's disk", parts.catalog.store.directory) as room:
         room.ensure(size_bytes)  # refused at once without room; reserved as bytes arrive
     parts.upload_quota.begin(caller.name, upload_id, size_bytes=size_bytes, file_name=name, sha256=sha256)
