@@ -58,4 +58,4 @@ def test_no_query_fails_while_replicas_and_store_come_and_go(
         pytest.skip(figures["skipped"])
     for part in ("activation", "killed_and_restarted", "store_cut", "rolling_restart"):
         assert figures[part]["outcomes"]["ok"] >= 10, part
-        assert figures[part]["failed"] == 0, part
+        assert figures[part]["failed"] == 0, figures[part]["outcomes"]
