@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ..portable.accelerated import accelerated
 from ..portable.sample import rows_by_chance
 
 _Float = TypeVar("_Float", bound=np.floating)
@@ -18,6 +19,7 @@ _Float = TypeVar("_Float", bound=np.floating)
 _STEPS_A_METRE = 2.0**20
 
 
+@accelerated
 def within_range(points: NDArray[np.float32], min_range_m: float, max_range_m: float) -> NDArray[np.float32]:
     """Returns the points, of (n, 3), whose distance from the origin lies between two limits, in float32."""
     x, y, z = points.T

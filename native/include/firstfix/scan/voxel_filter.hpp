@@ -51,6 +51,30 @@ struct CellBox {
   }
 };
 
+}  // namespace firstfix::detail
+
+namespace firstfix {
+
+// Copies the (count, 3) points whose distance from the origin lies between two limits. Returns their number.
+inline std::size_t within_range(const float* points, std::size_t count, double min_range_m, double max_range_m,
+                                float* kept) {
+  const auto least = static_cast<float>(min_range_m * min_range_m);
+  const auto most = static_cast<float>(max_range_m * max_range_m);
+  std::size_t found = 0;
+  for (std::size_t i = 0; i < count; ++i) {
+    const float x = points[3 * i], y = points[3 * i + 1], z = points[3 * i + 2];
+    const float range2 = x * x + y * y + z * z;
+    float* next = kept + 3 * found;
+    next[0] = x, next[1] = y, next[2] = z;
+    found += static_cast<std::size_t>((range2 > least) & (range2 < most));
+  }
+  return found;
+}
+
+}  // namespace firstfix
+
+namespace firstfix::detail {
+
 // Usable points between two distances from the origin.
 inline std::vector<Point> within_range(const std::vector<Point>& points, double min_range_m, double max_range_m) {
   const auto least = static_cast<float>(min_range_m * min_range_m);

@@ -1,0 +1,10 @@
+# Writes SHA-256 of all sources to OUTPUT, if it has changed.
+file(GLOB_RECURSE sources ${SOURCE}/include/*.hpp ${SOURCE}/python/*.cpp ${SOURCE}/python/*.hpp)
+list(SORT sources)
+set(digests "")
+foreach(path ${sources})
+  file(SHA256 ${path} digest)
+  string(APPEND digests "${digest}\n")
+endforeach()
+string(SHA256 digest "${digests}")
+file(CONFIGURE OUTPUT ${OUTPUT} CONTENT "#define FIRSTFIX_SOURCE_DIGEST \"${digest}\"\n")

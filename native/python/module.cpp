@@ -1,0 +1,14 @@
+// The extension module. Its name tells the instruction set that it was compiled for.
+#include <nanobind/nanobind.h>
+
+#include "rooms.hpp"
+#include "source_digest.hpp"
+
+#define FIRSTFIX_TEXT_OF(name) #name
+#define FIRSTFIX_TEXT(name) FIRSTFIX_TEXT_OF(name)
+
+NB_MODULE(FIRSTFIX_MODULE, module) {
+  module.attr("variant") = FIRSTFIX_TEXT(FIRSTFIX_MODULE) + 1;  // without the underscore
+  module.attr("source_digest") = FIRSTFIX_SOURCE_DIGEST;
+  firstfix::python::bind_scan(module);
+}

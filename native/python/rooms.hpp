@@ -1,0 +1,10 @@
+// The bindings, one function for each room of the core.
+#pragma once
+
+#include <nanobind/nanobind.h>
+
+namespace firstfix::python {
+
+void bind_scan(nanobind::module_& module);
+
+}  // namespace firstfix::python
