@@ -12,6 +12,7 @@ from typing import Any
 
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
+from .answer import AnswerTransport
 from .connections import Connections, ConnectionUse, EndReason
 
 MAX_HEAD_BYTES = 64 << 10
@@ -173,7 +174,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         # An answer before the end of the body closes the connection, and its headers say so.
         self._keep_alive = self.cycle.keep_alive and self._use is ConnectionUse.ALL
         self.cycle.keep_alive = False
-        self.cycle.transport = _AnswerTransport(self)  # type: ignore[assignment]
+        self.cycle.transport = AnswerTransport(self, self.cycle)  # type: ignore[assignment]
         self._wait_for(Reading.BODY)
 
     def on_body(self, body: bytes) -> None:
@@ -277,20 +278,3 @@ class LimitedHttpProtocol(HttpToolsProtocol):
 
 
 _TOO_LARGE = (b"431 Request Header Fields Too Large", "request header fields too large")
-
-
-class _AnswerTransport:
-    """The transport that the cycle of a request and its answer uses."""
-
-    def __init__(self, connection: LimitedHttpProtocol) -> None:
-        self._connection = connection
-
-    def write(self, data: bytes) -> None:
-        if not self._connection.is_lingering:
-            self._connection.transport.write(data)
-
-    def is_closing(self) -> bool:
-        return self._connection.is_lingering or self._connection.transport.is_closing()
-
-    def close(self) -> None:
-        self._connection.end_after_answer()
