@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import secrets
@@ -160,50 +159,3 @@ def replica(directory: Path, **settings: object) -> Iterator[Replica]:
 
 def _text(value: object) -> str:
     return json.dumps(value) if isinstance(value, (list, tuple, bool)) else str(value)
-
-
-class Balancer:
-    """A haproxy before replicas: each query to the least busy, to another where one fails."""
-
-    def __init__(self, port: int) -> None:
-        self.url = f"http://127.0.0.1:{port}"
-
-    def wait_until_all_up(self) -> None:
-        """For it to know that the replicas are ready."""
-        deadline = time.monotonic() + START_S
-        while time.monotonic() < deadline:
-            table = httpx.get(f"{self.url}/balancer;csv", timeout=10.0).raise_for_status().text
-            rows = list(csv.DictReader(table.removeprefix("# ").splitlines()))
-            if all(row["status"] == "UP" for row in rows if row["svname"].startswith("r")):
-                return
-            time.sleep(0.1)
-        raise RuntimeError("the balancer does not find every replica ready")
-
-
-@contextmanager
-def balancer(replicas: list[Replica], directory: Path) -> Iterator[Balancer]:
-    port, config = free_port(), directory / "haproxy.cfg"
-    servers = [f"  server r{i} 127.0.0.1:{one.port} check" for i, one in enumerate(replicas)]
-    lines = [
-        "global",
-        "  tune.bufsize 4194304",  # a query that fails is sent again only if all of it is still here
-        "defaults",
-        "  mode http",
-        "  timeout connect 1s",
-        "  timeout client 60s",
-        "  timeout server 30s",
-        "  retries 3",
-        "  option redispatch 1",
-        "  option http-buffer-request",
-        "  retry-on conn-failure empty-response response-timeout 503",
-        "  timeout check 5s",
-        "  default-server inter 500ms fall 1 rise 1 on-marked-down shutdown-sessions",
-        f"listen firstfix\n  bind 127.0.0.1:{port}\n  balance leastconn\n  option httpchk GET /readyz",
-        "  stats enable\n  stats uri /balancer",
-        *servers,
-    ]
-    config.write_text("\n".join(lines) + "\n")
-    log = directory / "haproxy.log"
-    with program(["haproxy", "-db", "-f", str(config)], log):
-        wait_for_port(port, log)
-        yield Balancer(port)

@@ -1,4 +1,4 @@
-"""Queries to replicas behind a balancer while a replica or the store fails.
+"""Queries to replicas behind the shipped proxy while a replica or the store fails.
 
 A version is activated, a replica is killed and started again, the cable to the object store is cut, and the
 replicas are restarted one after the other.
@@ -17,8 +17,9 @@ from typing import Any
 
 import httpx
 
+from ..common.balancer import balancer
 from ..common.load import Asked, Body, Crowd, ask_over_http
-from ..common.programs import BUCKET, Replica, balancer, cable_to, missing, s3_server
+from ..common.programs import BUCKET, Replica, cable_to, missing, s3_server
 from .queried_version import QueriedVersion
 
 MAP = "bench"
@@ -68,7 +69,7 @@ def replicas_suite(
             one.start()
         for one in replicas:
             one.wait_until_ready()
-        proxy = stack.enter_context(balancer(replicas, directory))
+        proxy = stack.enter_context(balancer([one.port for one in replicas], directory))
         proxy.wait_until_all_up()
         connect = partial(ask_over_http, proxy.url, MAP)
         crowd_of = partial(Crowd, connect, bodies, course.clients, course.pause_s)
