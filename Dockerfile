@@ -28,7 +28,9 @@ RUN python3 -m venv /opt/tools \
  && python3 -m venv --without-pip /opt/firstfix
 COPY deploy/image /image
 
+# The one stage with a compiler.
 FROM tools AS wheel
+RUN apt-get install -y --no-install-recommends g++ python3-dev
 COPY . /src
 RUN /opt/tools/bin/pip wheel --quiet --no-deps --no-build-isolation --wheel-dir /wheel /src
 

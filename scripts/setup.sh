@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Makes .venv, ready to run, test and build firstfix, from the hash-pinned locks. `make setup` calls this
-# when .venv/.ready is older than the locks, pyproject.toml or this script; running it twice is harmless.
+# Makes .venv, ready to run, test and build firstfix, from the hash-pinned locks, and builds the compiled core. `make setup`
+# calls this when .venv/.ready is older than the locks, pyproject.toml or this script; running it twice is harmless.
 #
 #   PYTHON=python3.12 make setup     # another interpreter than the first suitable one on the PATH
 set -euo pipefail
@@ -27,6 +27,15 @@ find_python() {
 # Debian ships ensurepip apart from the interpreter, in pythonX.Y-venv.
 venv_package() {
   "$1" -c 'import ensurepip, venv' 2>/dev/null || "$1" -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])'
+}
+
+# What the compiled core is built with, besides the locked CMake and Ninja. Nothing where a wheel has it (scripts/native.sh).
+compiler_packages() {
+  if compgen -G "dist/firstfix-*.whl" >/dev/null; then return; fi
+  command -v "${CXX:-c++}" >/dev/null || echo g++
+  # Debian ships the headers apart from the interpreter.
+  "$1" -c 'import sysconfig, pathlib, sys; sys.exit(not pathlib.Path(sysconfig.get_path("include"), "Python.h").is_file())' \
+    || "$1" -c 'import sys; print("python%d.%d-dev" % sys.version_info[:2])'
 }
 
 install_system_packages() {
@@ -77,9 +86,10 @@ wanted=("${system_packages[@]}")
 if python=$(find_python); then
   venv=$(venv_package "$python")
   if [ -n "$venv" ]; then wanted+=("$venv"); fi
+  mapfile -t -O "${#wanted[@]}" wanted < <(compiler_packages "$python")
 else
   [ -z "${PYTHON:-}" ] || fail "PYTHON=$PYTHON is not a Python 3.11, 3.12 or 3.13"
-  wanted+=(python3 python3-venv)
+  wanted+=(python3 python3-dev python3-venv g++)
 fi
 install_system_packages "${wanted[@]}"
 python=$(find_python) || fail "no Python 3.11, 3.12 or 3.13 was found: install one, or name it: PYTHON=/path/to/python make setup"
@@ -90,5 +100,8 @@ say "installing the locked packages into .venv ($(.venv/bin/python --version))"
 .venv/bin/pip install --quiet --disable-pip-version-check --require-hashes -r deploy/locks/setup.txt
 install_with_uv || install_with_pip
 .venv/bin/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+say "building the compiled core"
+scripts/native.sh
 touch .venv/.ready
+touch build/.native
 say "ready: .venv/bin/firstfix"

@@ -80,8 +80,8 @@ def run(arguments: list[str] | None = None) -> None:
     """
     try:
         app(arguments)
-    # ConnectionError: no service. ModuleNotFoundError: an extra is not installed.
-    except (FirstfixError, ConnectionError, ModuleNotFoundError) as error:
+    # ConnectionError: no service. ImportError: an extra is not installed, or the compiled core is not built.
+    except (FirstfixError, ConnectionError, ImportError) as error:
         print(f"firstfix: {redact(str(error))}", file=sys.stderr)
         raise SystemExit(NO_ANSWER_EXIT_CODE if isinstance(error, NO_ANSWER) else ERROR_EXIT_CODE) from None
 

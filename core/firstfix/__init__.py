@@ -62,6 +62,8 @@ def __getattr__(name: str) -> Any:
     try:
         value = getattr(import_module(_HOME[name], __name__), name)
     except ModuleNotFoundError as error:
+        if error.name is None:  # of firstfix.native, which says itself what to do
+            raise
         raise ImportError(f"firstfix.{name} needs {error.name}: pip install 'firstfix[service]'") from error
     globals()[name] = value
     return value

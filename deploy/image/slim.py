@@ -23,13 +23,15 @@ UNUSED_BY_SERVICE = [
 STRIPPED_FROM_BYTES = 500_000
 
 # Imports every module of firstfix, and libraries that are imported late. This also writes their bytecode: the
-# service's image has no other.
+# service's image has no other. Of the compiled modules `firstfix.native` imports the one for this processor: others may
+# have instructions that it lacks.
 LOAD_ALL = """
 import importlib, pkgutil, sys
 for root in sys.argv[1:]:
     package = importlib.import_module(root)
     for module in pkgutil.walk_packages(package.__path__, root + "."):
-        importlib.import_module(module.name)
+        if not module.name.startswith("firstfix.native._"):
+            importlib.import_module(module.name)
 import jwt, nats, rosbags.rosbag1, rosbags.rosbag2, uvicorn.loops.uvloop, zenoh
 import opentelemetry.exporter.otlp.proto.http.trace_exporter, opentelemetry.sdk.trace.export
 """

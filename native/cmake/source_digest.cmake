@@ -1,5 +1,5 @@
-# Writes SHA-256 of all sources to OUTPUT, if it has changed.
-file(GLOB_RECURSE sources ${SOURCE}/include/*.hpp ${SOURCE}/python/*.cpp ${SOURCE}/python/*.hpp)
+# Writes SHA-256 of all sources, and of the flags that they are compiled with, to OUTPUT, if it has changed.
+file(GLOB_RECURSE sources ${SOURCE}/include/*.hpp ${SOURCE}/python/*.cpp ${SOURCE}/python/*.hpp ${SOURCE}/cmake/*.cmake)
 list(SORT sources)
 set(digests "")
 foreach(path ${sources})

@@ -35,6 +35,7 @@ from pydantic import BaseModel
 
 import firstfix
 import firstfix_builder
+from firstfix import native
 from firstfix.errors import StoreUnavailable
 from firstfix.store.sha256 import sha256_of
 
@@ -295,8 +296,11 @@ def _last_use(stage: Path) -> float:
 
 @functools.cache
 def source_hash() -> str:
-    """Returns a hash of the source code of core and builder."""
-    digest = hashlib.sha256()
+    """Returns a hash of the source code of core and builder, the compiled core's included.
+
+    It is the same for all instruction sets, as their results are.
+    """
+    digest = hashlib.sha256(native.source_digest.encode())
     for package in (Path(firstfix.__file__).parent, Path(firstfix_builder.__file__).parent):
         for path in sorted(package.rglob("*.py")):
             digest.update(f"{path.relative_to(package)}\0{sha256_of(path)}\n".encode())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from importlib import import_module
+from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 from types import ModuleType
 
@@ -20,28 +21,38 @@ def load_kernels() -> ModuleType:
     """Returns the compiled module.
 
     Raises:
-        ImportError: it was not built, or ``FIRSTFIX_NATIVE`` is ``off`` or names no module of this machine.
+        ModuleNotFoundError: it was not built, or ``FIRSTFIX_NATIVE`` is ``off``.
+        ImportError: ``FIRSTFIX_NATIVE`` names a module that this processor cannot run.
     """
     wanted = os.environ.get(VARIABLE) or "auto"
     if wanted == "off":
-        raise ImportError(f"the compiled core is switched off: {VARIABLE}=off")
-    names = runnable() if wanted == "auto" else [wanted]
-    for name in names:
-        if name in built():
-            return import_module(f"._{name}", __package__)
-    raise ImportError(f"the compiled core has no module for {', '.join(names)}: build it with `make setup`")
-
-
-def built() -> list[str]:
-    """Names of the modules that were built, the newest instruction set first."""
-    here = Path(__file__).parent
-    return [name for name in NEEDED_FLAGS if any(here.glob(f"_{name}.*"))]
+        raise ModuleNotFoundError(
+            f"the compiled core is switched off ({VARIABLE}=off): the service and the builder need it"
+        )
+    names = runnable()
+    if wanted != "auto":
+        if wanted not in names:
+            raise ImportError(
+                f"{VARIABLE} is {wanted!r}: on this processor it can be auto, {', '.join(names)} or off"
+            )
+        names = [wanted]
+    name = next((name for name in names if _is_built(name)), None)
+    if name is None:
+        raise ModuleNotFoundError(
+            f"the compiled core is not built for this Python and processor ({' or '.join(names)}): "
+            "run `make setup` in the repository, or install a wheel of firstfix"
+        )
+    return import_module(f"._{name}", __package__)
 
 
 def runnable() -> list[str]:
     """Names of the modules that this processor can run, the newest instruction set first."""
     flags = _processor_flags()
     return [name for name, needed in NEEDED_FLAGS.items() if needed <= flags]
+
+
+def _is_built(name: str) -> bool:
+    return any((Path(__file__).parent / f"_{name}{suffix}").is_file() for suffix in EXTENSION_SUFFIXES)
 
 
 def _processor_flags() -> set[str]:

@@ -29,5 +29,5 @@ def accelerated(function: Callable[_P, _R]) -> Callable[_P, _R]:
 def _native() -> Any:
     try:
         return import_module("firstfix.native")
-    except ImportError:
+    except ModuleNotFoundError:  # other errors are faults: a wrong setting, a damaged file
         return None

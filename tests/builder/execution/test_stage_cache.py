@@ -15,9 +15,10 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
+from firstfix import native
 from firstfix.builds.shared_stages import SharedStages
 from firstfix.store.store import Store
-from firstfix_builder.execution.stage_cache import StageCache
+from firstfix_builder.execution.stage_cache import StageCache, source_hash
 from waiting import LIMIT_S
 
 X, Y = "1" * 64, "2" * 64
@@ -77,6 +78,16 @@ def test_changed_code_makes_it_anew(tmp_path: Path) -> None:
     assert stage.made == 2
 
 
+def test_a_changed_kernel_makes_it_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stage = Stage()
+    for digest in ("1", "2", "2"):
+        monkeypatch.setattr(native, "source_digest", digest)
+        source_hash.cache_clear()
+        StageCache(tmp_path).run("mesh", {}, {}, stage)
+    source_hash.cache_clear()
+    assert stage.made == 2
+
+
 def test_the_digest_is_of_the_content_alone(tmp_path: Path) -> None:
     cache = StageCache(tmp_path)
     one = cache.run("one", {"map": X}, {}, Stage())
@@ -121,7 +132,7 @@ def test_a_damaged_stage_is_made_again(damage: str, tmp_path: Path) -> None:
 KILLED = """
 import signal, sys
 from pathlib import Path
-from firstfix_builder.execution.stage_cache import StageCache
+from firstfix_builder.execution.stage_cache import StageCache, source_hash
 
 def produce(out):
     (out / "a.bin").write_bytes(b"half")
