@@ -22,6 +22,7 @@ vectors = json.loads((FOLDER / "index.json").read_text())["vectors"]
 failed = [vector["name"] for vector in vectors if difference(FOLDER, vector)]
 print(len(vectors), "vectors, failed:", failed)
 """
+pytestmark = pytest.mark.slow
 NAMED = "import firstfix.native as n; print(n.variant, n.source_digest)"
 SOURCE_HASH = "from firstfix_builder.execution.stage_cache import source_hash; print(source_hash())"
 
@@ -64,7 +65,6 @@ def test_builds_on_different_processors_share_their_stages(variants: list[str]):
     assert len({printed(variant, SOURCE_HASH) for variant in variants}) == 1
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("number", range(len(choice.NEEDED_FLAGS) + 1))
 def test_the_golden_vectors(variants: list[str], number: int):
     names = ["off", *variants]
@@ -77,8 +77,8 @@ def test_the_golden_vectors(variants: list[str], number: int):
 def test_without_it_a_command_says_what_is_missing(command: str, tmp_path: Path):
     (tmp_path / "map.ply").write_bytes(b"ply\n")
     arguments = {
-        "build": ["build", str(tmp_path / "map.ply"), "--map-id", "a", "--sensor", str(tmp_path / "none")],
-        "serve": ["serve", "--no-auth"],
+        "build": ["build", str(tmp_path / "map.ply"), "--map-id", "a", "--sensor", "os1-64"],
+        "serve": ["serve", "--port", "0"],
     }[command]
     done = with_variant("off", "-m", "firstfix_cli.main", *arguments, "--store", str(tmp_path / "store"))
     assert done.returncode == 2

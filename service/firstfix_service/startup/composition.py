@@ -14,6 +14,7 @@ from pathlib import Path
 import structlog
 
 import firstfix
+from firstfix import native
 from firstfix.builds.caller_usage import CallerUsage
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.georeferences import Georeferences
@@ -168,6 +169,7 @@ async def compose(
     _log.info(
         "ready to take requests",
         version=firstfix.__version__,
+        compiled_core=native.variant,
         tracing=requests.tracing is not None,
         settings=settings_summary(settings),
     )

@@ -16,6 +16,7 @@ import structlog
 from service_world import Service, publish, running_service
 
 from firstfix.errors import StoreUnavailable
+from firstfix.native import choice
 from firstfix_service.builds.metrics import last_message
 from firstfix_service.settings import Settings
 from firstfix_service.startup.settings_summary import settings_summary, without_secrets
@@ -141,6 +142,7 @@ def test_the_first_line_shows_the_settings_without_secrets(service: Service, log
     assert line["settings"]["replica"] == "r1"
     assert line["settings"]["workers"] == 2
     assert line["tracing"] is False
+    assert line["compiled_core"] in choice.runnable()
     assert set(line["settings"]) == set(Settings.model_fields)
 
 
