@@ -8,6 +8,7 @@
 
 #include "arrays.hpp"
 #include "firstfix/registration/normals.hpp"
+#include "firstfix/registration/thin_surface.hpp"
 #include "rooms.hpp"
 
 namespace firstfix::python {
@@ -46,6 +47,24 @@ void bind_surface(nb::module_& module) {
         return std::make_tuple(array_of(std::move(normals), {count, 3}), array_of(std::move(oriented), {count}));
       },
       "points"_a, "to_viewer"_a = nb::none());
+  module.def(
+      "thin_surface",
+      [](Vectors points, Vectors normals, In<bool, nb::shape<-1>> oriented, double voxel_m) {
+        const std::size_t count = points.shape(0);
+        require(normals.shape(0) == count && oriented.shape(0) == count, "there is not one normal for each point");
+        SurfacePoints thinned;
+        {
+          nb::gil_scoped_release release;
+          // a byte of a view as bool may hold more than 0 and 1
+          const auto* sure = reinterpret_cast<const std::uint8_t*>(oriented.data());
+          thinned = thin_surface(points.data(), normals.data(), sure, count, voxel_m);
+        }
+        const std::size_t left = thinned.oriented.size();
+        return std::make_tuple(array_of(std::move(thinned.points), {left, 3}),
+                               array_of(std::move(thinned.normals), {left, 3}),
+                               array_of(std::move(thinned.oriented), {left}));
+      },
+      "points"_a, "normals"_a, "oriented"_a, "voxel_m"_a);
 }
 
 }  // namespace firstfix::python

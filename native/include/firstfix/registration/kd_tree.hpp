@@ -13,7 +13,7 @@ namespace firstfix::detail {
 
 class KdTree {
  public:
-  static constexpr std::size_t kLeaf = 16;
+  static constexpr std::uint32_t kLeaf = 16;
 
   struct Node {
     float low[3], high[3];
@@ -23,14 +23,19 @@ class KdTree {
 
   // Points are x y z x y z, finite, fewer than 2^32.
   KdTree(const float* points, std::size_t count) : order_(count) {
-    for (std::size_t i = 0; i < count; ++i) order_[i] = static_cast<std::uint32_t>(i);
     for (auto* axis : {&x_, &y_, &z_}) axis->resize(count + kFloatLanes);
     if (count == 0) return;
-    nodes_.reserve(count / 4 + 1);
-    build(points, 0, static_cast<std::uint32_t>(count));
+    std::vector<Item> items(count);
     for (std::size_t i = 0; i < count; ++i) {
-      const float* p = points + 3 * std::size_t{order_[i]};
-      x_[i] = p[0], y_[i] = p[1], z_[i] = p[2];
+      const float* p = points + 3 * i;
+      items[i] = {{p[0], p[1], p[2]}, static_cast<std::uint32_t>(i)};
+    }
+    nodes_.reserve(count / 4 + 1);
+    build(items.data(), 0, static_cast<std::uint32_t>(count));
+    for (std::size_t i = 0; i < count; ++i) {
+      const Item& item = items[i];
+      x_[i] = item.at[0], y_[i] = item.at[1], z_[i] = item.at[2];
+      order_[i] = item.row;
     }
   }
 
@@ -43,7 +48,12 @@ class KdTree {
   const std::vector<Node>& nodes() const { return nodes_; }
 
  private:
-  std::uint32_t build(const float* points, std::uint32_t begin, std::uint32_t end) {
+  struct Item {
+    float at[3];
+    std::uint32_t row;
+  };
+
+  std::uint32_t build(Item* items, std::uint32_t begin, std::uint32_t end) {
     const auto number = static_cast<std::uint32_t>(nodes_.size());
     Node node{{}, {}, begin, end, 0};
     for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -51,10 +61,9 @@ class KdTree {
       node.high[axis] = -node.low[axis];
     }
     for (std::uint32_t i = begin; i < end; ++i) {
-      const float* p = points + 3 * std::size_t{order_[i]};
       for (std::size_t axis = 0; axis < 3; ++axis) {
-        node.low[axis] = std::min(node.low[axis], p[axis]);
-        node.high[axis] = std::max(node.high[axis], p[axis]);
+        node.low[axis] = std::min(node.low[axis], items[i].at[axis]);
+        node.high[axis] = std::max(node.high[axis], items[i].at[axis]);
       }
     }
     nodes_.push_back(node);
@@ -63,13 +72,11 @@ class KdTree {
     for (std::size_t axis = 1; axis < 3; ++axis) {
       if (node.high[axis] - node.low[axis] > node.high[widest] - node.low[widest]) widest = axis;
     }
-    const std::uint32_t middle = begin + ((end - begin) / 2 + 15) / 16 * 16;  // full leaves
-    std::nth_element(order_.begin() + begin, order_.begin() + middle, order_.begin() + end,
-                     [points, widest](std::uint32_t a, std::uint32_t b) {
-                       return points[3 * std::size_t{a} + widest] < points[3 * std::size_t{b} + widest];
-                     });
-    build(points, begin, middle);
-    const std::uint32_t right = build(points, middle, end);
+    const std::uint32_t middle = begin + ((end - begin) / 2 + kLeaf - 1) / kLeaf * kLeaf;  // full leaves
+    std::nth_element(items + begin, items + middle, items + end,
+                     [widest](const Item& a, const Item& b) { return a.at[widest] < b.at[widest]; });
+    build(items, begin, middle);
+    const std::uint32_t right = build(items, middle, end);
     nodes_[number].right = right;
     return number;
   }

@@ -17,8 +17,7 @@ namespace detail {
 
 // Sums over the neighbours of some points: their number, offsets and products of offsets.
 struct Neighbourhoods {
-  static constexpr std::size_t kSums = 10;
-  FloatLanes sum[kSums];
+  FloatLanes sum[10];  // 1, x, y, z, xx, xy, xz, yy, yz, zz
 };
 
 // Neighbourhoods of points of one leaf, some lanes of them at once. The neighbours of a point are its ten nearest, itself
@@ -147,42 +146,42 @@ class NeighbourSearch {
   std::vector<Found> leaves_, stack_;
 };
 
-// One rotation of Jacobi's method in the plane of p and q; r is the third axis. v has the rows of the axes p and q.
-inline void rotate_plane(float& pp, float& qq, float& pq, float& pr, float& qr, float* vp, float* vq) {
-  const float gap = qq - pp;
-  const float below = std::fabs(gap) + std::sqrt(gap * gap + 4 * (pq * pq));
-  const float tangent = (gap < 0 ? -2.0F : 2.0F) * pq / std::max(below, 1e-30F);
-  const float cosine = 1 / std::sqrt(1 + tangent * tangent), sine = tangent * cosine;
+// One rotation of Jacobi's method in the plane of p and q, in every lane; r is the third axis. vp and vq are the axes.
+inline void rotate_plane(FloatLanes& pp, FloatLanes& qq, FloatLanes& pq, FloatLanes& pr, FloatLanes& qr, FloatLanes* vp,
+                         FloatLanes* vq) {
+  const FloatLanes gap = qq - pp, least = all_lanes(1e-30F);
+  const FloatLanes below = greater_lanes(gap, -gap) + root_lanes(gap * gap + 4.0F * (pq * pq));
+  const FloatLanes tangent = (gap < 0.0F ? all_lanes(-2) : all_lanes(2)) * pq / greater_lanes(below, least);
+  const FloatLanes cosine = 1.0F / root_lanes(tangent * tangent + 1.0F), sine = tangent * cosine;
   pp -= tangent * pq;
   qq += tangent * pq;
-  pq = 0;
-  const float p = pr, q = qr;
-  pr = cosine * p - sine * q;
-  qr = sine * p + cosine * q;
-  for (std::size_t k = 0; k < 3; ++k) {
-    const float a = vp[k], b = vq[k];
-    vp[k] = cosine * a - sine * b;
-    vq[k] = sine * a + cosine * b;
-  }
+  pq = FloatLanes{};
+  const auto rotate = [cosine, sine](FloatLanes& a, FloatLanes& b) {
+    const FloatLanes before = a;
+    a = cosine * before - sine * b;
+    b = sine * before + cosine * b;
+  };
+  rotate(pr, qr);
+  for (std::size_t k = 0; k < 3; ++k) rotate(vp[k], vq[k]);
 }
 
-// The unit axes along which neighbourhoods spread least, in plain arithmetic of one lane, for a loop over lanes.
-inline void least_axis(const float* s, float* axis) {
-  const float share = 1 / std::max(s[0], 1.0F);
-  float xx = s[4] - s[1] * s[1] * share, xy = s[5] - s[1] * s[2] * share, xz = s[6] - s[1] * s[3] * share;
-  float yy = s[7] - s[2] * s[2] * share, yz = s[8] - s[2] * s[3] * share, zz = s[9] - s[3] * s[3] * share;
-  const float scale = 1 / std::max(std::max(xx, std::max(yy, zz)), 1e-30F);
-  xx *= scale, xy *= scale, xz *= scale, yy *= scale, yz *= scale, zz *= scale;
-  float vx[3] = {1, 0, 0}, vy[3] = {0, 1, 0}, vz[3] = {0, 0, 1};
-  for (int sweep = 0; sweep < 4; ++sweep) {
+// The unit axes (3) along which neighbourhoods spread least.
+inline void least_axes(const Neighbourhoods& of, FloatLanes* axes) {
+  const FloatLanes* s = of.sum;
+  const FloatLanes one = all_lanes(1), share = 1.0F / greater_lanes(s[0], one);
+  FloatLanes xx = s[4] - s[1] * s[1] * share, xy = s[5] - s[1] * s[2] * share, xz = s[6] - s[1] * s[3] * share;
+  FloatLanes yy = s[7] - s[2] * s[2] * share, yz = s[8] - s[2] * s[3] * share, zz = s[9] - s[3] * s[3] * share;
+  const FloatLanes scale = 1.0F / greater_lanes(greater_lanes(xx, greater_lanes(yy, zz)), all_lanes(1e-30F));
+  for (FloatLanes* element : {&xx, &xy, &xz, &yy, &yz, &zz}) *element *= scale;
+  FloatLanes vx[3] = {one, {}, {}}, vy[3] = {{}, one, {}}, vz[3] = {{}, {}, one};
+  constexpr int kSweeps = 4;
+  for (int sweep = 0; sweep < kSweeps; ++sweep) {
     rotate_plane(xx, yy, xy, xz, yz, vx, vy);
     rotate_plane(xx, zz, xz, xy, yz, vx, vz);
     rotate_plane(yy, zz, yz, xy, xz, vy, vz);
   }
-  for (std::size_t k = 0; k < 3; ++k) {
-    const float least = zz <= yy ? vz[k] : vy[k];
-    axis[k] = xx < std::min(yy, zz) ? vx[k] : least;
-  }
+  const FloatLanes least = lesser_lanes(yy, zz);
+  for (std::size_t k = 0; k < 3; ++k) axes[k] = xx < least ? vx[k] : (zz < yy ? vz[k] : vy[k]);
 }
 
 }  // namespace detail
@@ -201,14 +200,10 @@ inline void surface_normals(const float* points, std::size_t count, const float*
     if (leaf.right != 0) continue;
     for (std::uint32_t first = leaf.begin; first < leaf.end; first += kFloatLanes) {
       const detail::Neighbourhoods found = search.around(first, leaf.end);
-      float sums[detail::Neighbourhoods::kSums][kFloatLanes], axes[3][kFloatLanes];
-      for (std::size_t k = 0; k < detail::Neighbourhoods::kSums; ++k) detail::store_lanes(sums[k], found.sum[k]);
-      for (std::size_t lane = 0; lane < kFloatLanes; ++lane) {
-        float of_lane[detail::Neighbourhoods::kSums], axis[3];
-        for (std::size_t k = 0; k < detail::Neighbourhoods::kSums; ++k) of_lane[k] = sums[k][lane];
-        detail::least_axis(of_lane, axis);
-        for (std::size_t k = 0; k < 3; ++k) axes[k][lane] = axis[k];
-      }
+      detail::FloatLanes least[3];
+      detail::least_axes(found, least);
+      float axes[3][kFloatLanes];
+      for (std::size_t k = 0; k < 3; ++k) detail::store_lanes(axes[k], least[k]);
       for (std::size_t lane = 0; lane < kFloatLanes && first + lane < leaf.end; ++lane) {
         const std::size_t row = tree.order()[first + lane];
         const float* eye = to_viewer == nullptr ? nullptr : to_viewer + 3 * row;

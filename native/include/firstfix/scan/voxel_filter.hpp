@@ -37,7 +37,7 @@ template <class T>
 std::vector<std::int64_t> first_in_voxel(const T* points, std::size_t count, double voxel_m) {
   std::vector<char> is_first(count);
   std::size_t voxels = 0;
-  detail::each_voxel(points, count, voxel_m, [&](const auto* first, const auto*) {
+  detail::each_voxel(points, count, voxel_m, detail::kZYX, [&](const auto* first, const auto*) {
     is_first[first->row] = 1;
     ++voxels;
   });
@@ -55,7 +55,7 @@ template <class T>
 std::vector<double> voxel_means(const T* points, std::size_t count, double voxel_m) {
   constexpr double kStepsAMetre = 1048576.0;
   std::vector<double> means;
-  detail::each_voxel(points, count, voxel_m, [&](const auto* first, const auto* last) {
+  detail::each_voxel(points, count, voxel_m, detail::kZYX, [&](const auto* first, const auto* last) {
     double sum[3] = {0, 0, 0};
     for (const auto* entry = first; entry != last; ++entry) {
       const T* p = points + 3 * static_cast<std::size_t>(entry->row);

@@ -1,5 +1,4 @@
-// Points sorted by the voxel that they are in: z is the slowest index, x the fastest. A voxel's index on an axis is
-// floor(coordinate / voxel_m), in double.
+// Points sorted by the voxel that they are in. A voxel's index on an axis is floor(coordinate / voxel_m), in double.
 #pragma once
 
 #include <algorithm>
@@ -12,6 +11,10 @@
 #include <vector>
 
 namespace firstfix::detail {
+
+// Which axis is the slowest index of a voxel, which the next and which the fastest.
+using AxisOrder = std::array<std::size_t, 3>;
+constexpr AxisOrder kZYX{2, 1, 0}, kXYZ{0, 1, 2};
 
 // The voxels that a cloud's box covers.
 struct VoxelBox {
@@ -84,7 +87,8 @@ void sort_by_key(std::vector<KeyedRow<Key>>& entries, unsigned bits) {
 }
 
 template <class Key, class T>
-std::vector<KeyedRow<Key>> rows_by_voxel(const T* points, std::size_t count, double voxel_m, const VoxelBox& box) {
+std::vector<KeyedRow<Key>> rows_by_voxel(const T* points, std::size_t count, double voxel_m, const VoxelBox& box,
+                                         const AxisOrder& order) {
   constexpr std::size_t kBlock = 256;
   std::vector<KeyedRow<Key>> entries(count);
   std::int32_t cell[3][kBlock];
@@ -97,10 +101,11 @@ std::vector<KeyedRow<Key>> rows_by_voxel(const T* points, std::size_t count, dou
         cell[axis][i] = static_cast<std::int32_t>(std::floor(static_cast<double>(from[3 * i + axis]) / voxel_m) - low);
       }
     }
-    const auto width = static_cast<Key>(box.size[0]), depth = static_cast<Key>(box.size[1]);
+    const std::int32_t *slow = cell[order[0]], *middle = cell[order[1]], *fast = cell[order[2]];
+    const auto width = static_cast<Key>(box.size[order[2]]), depth = static_cast<Key>(box.size[order[1]]);
     for (std::size_t i = 0; i < block; ++i) {
-      const Key layer = static_cast<Key>(cell[2][i]) * depth + static_cast<Key>(cell[1][i]);
-      entries[start + i] = {layer * width + static_cast<Key>(cell[0][i]), static_cast<std::uint32_t>(start + i)};
+      const Key row = static_cast<Key>(slow[i]) * depth + static_cast<Key>(middle[i]);
+      entries[start + i] = {row * width + static_cast<Key>(fast[i]), static_cast<std::uint32_t>(start + i)};
     }
   }
   unsigned bits = 0;
@@ -111,8 +116,9 @@ std::vector<KeyedRow<Key>> rows_by_voxel(const T* points, std::size_t count, dou
 
 // Calls visit(first, last) for the entries of every occupied voxel: their `row` is ascending.
 template <class Key, class T, class Visit>
-void each_voxel_keyed(const T* points, std::size_t count, double voxel_m, const VoxelBox& box, Visit& visit) {
-  const auto entries = rows_by_voxel<Key>(points, count, voxel_m, box);
+void each_voxel_keyed(const T* points, std::size_t count, double voxel_m, const VoxelBox& box, const AxisOrder& order,
+                      Visit& visit) {
+  const auto entries = rows_by_voxel<Key>(points, count, voxel_m, box, order);
   const auto* const end = entries.data() + count;
   for (const auto* first = entries.data(); first != end;) {
     const auto* last = first;
@@ -123,13 +129,13 @@ void each_voxel_keyed(const T* points, std::size_t count, double voxel_m, const 
 }
 
 template <class T, class Visit>
-void each_voxel(const T* points, std::size_t count, double voxel_m, Visit visit) {
+void each_voxel(const T* points, std::size_t count, double voxel_m, const AxisOrder& order, Visit visit) {
   if (count == 0) return;
   const VoxelBox box = voxel_box(points, count, voxel_m);
   if (box.count() <= std::uint64_t{1} << 32) {
-    each_voxel_keyed<std::uint32_t>(points, count, voxel_m, box, visit);
+    each_voxel_keyed<std::uint32_t>(points, count, voxel_m, box, order, visit);
   } else {
-    each_voxel_keyed<std::uint64_t>(points, count, voxel_m, box, visit);
+    each_voxel_keyed<std::uint64_t>(points, count, voxel_m, box, order, visit);
   }
 }
 
