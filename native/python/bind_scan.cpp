@@ -1,13 +1,121 @@
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/tuple.h>
+
+#include <limits>
+
 #include "arrays.hpp"
+#include "firstfix/portable/sample.hpp"
+#include "firstfix/scan/flat_patches.hpp"
+#include "firstfix/scan/levelling.hpp"
+#include "firstfix/scan/range_view.hpp"
+#include "firstfix/scan/up_vote.hpp"
 #include "firstfix/scan/voxel_filter.hpp"
 #include "rooms.hpp"
 
 namespace firstfix::python {
 
+namespace {
+
+template <class T>
+using Vectors = In<T, nb::shape<-1, 3>>;
+using Rotation = In<double, nb::shape<3, 3>>;
+using Direction = In<double, nb::shape<3>>;
+using View = In<float, nb::shape<kViewRows, kViewColumns>>;
+
+// Of two overloads, nanobind takes the first one for an array that has to be copied: that of double, which loses nothing.
+template <class T>
+void bind_vectors(nb::module_& module) {
+  using namespace nb::literals;
+  module.def(
+      "first_in_voxel",
+      [](Vectors<T> points, double voxel_m) {
+        std::vector<std::int64_t> rows;
+        {
+          nb::gil_scoped_release release;
+          rows = first_in_voxel(points.data(), points.shape(0), voxel_m);
+        }
+        const std::size_t count = rows.size();
+        return array_of(std::move(rows), {count});
+      },
+      "points"_a, "voxel_m"_a);
+  module.def(
+      "voxel_means",
+      [](Vectors<T> points, double voxel_m) {
+        std::vector<double> means;
+        {
+          nb::gil_scoped_release release;
+          means = voxel_means(points.data(), points.shape(0), voxel_m);
+        }
+        const std::size_t count = means.size() / 3;
+        return array_of(std::move(means), {count, 3});
+      },
+      "points"_a, "voxel_m"_a);
+  module.def(
+      "turned",
+      [](Vectors<T> points, Rotation R) {
+        std::vector<T> rotated(points.size());
+        {
+          nb::gil_scoped_release release;
+          turned(points.data(), points.shape(0), R.data(), rotated.data());
+        }
+        return array_of(std::move(rotated), {points.shape(0), 3});
+      },
+      "points"_a, "R"_a);
+  module.def(
+      "floor_height",
+      [](Vectors<T> points, Vectors<T> normals, double max_height_m) {
+        require(points.shape(0) == normals.shape(0), "there is not one normal for each point");
+        require(max_height_m >= 0 && max_height_m <= 1000, "the height must be in [0, 1000] m");
+        nb::gil_scoped_release release;
+        return floor_height(points.data(), normals.data(), points.shape(0), max_height_m);
+      },
+      "points"_a, "normals"_a, "max_height_m"_a = 4.0);
+  module.def(
+      "votes",
+      [](Vectors<T> normals, Vectors<double> directions) {
+        std::vector<double> won(directions.shape(0));
+        {
+          nb::gil_scoped_release release;
+          votes(normals.data(), normals.shape(0), directions.data(), directions.shape(0), won.data());
+        }
+        return array_of(std::move(won), {directions.shape(0)});
+      },
+      "normals"_a, "directions"_a);
+  module.def(
+      "refined_up",
+      [](Vectors<T> normals, Direction up) {
+        std::vector<double> refined(3);
+        {
+          nb::gil_scoped_release release;
+          const auto found = refined_up(normals.data(), normals.shape(0), {up(0), up(1), up(2)});
+          refined.assign(found.begin(), found.end());
+        }
+        return array_of(std::move(refined), {3});
+      },
+      "normals"_a, "up"_a);
+}
+
+}  // namespace
+
 void bind_scan(nb::module_& module) {
+  using namespace nb::literals;
+  module.def(
+      "rows_by_chance",
+      [](std::uint64_t count, std::uint64_t at_most) {
+        constexpr std::uint64_t kMost = std::uint64_t{1} << 32;
+        require(std::min(count, at_most) < kMost, "a list has too many rows");
+        std::vector<std::int64_t> rows;
+        {
+          nb::gil_scoped_release release;
+          rows = detail::rows_by_chance(count, at_most);
+        }
+        const std::size_t taken = rows.size();
+        return array_of(std::move(rows), {taken});
+      },
+      "count"_a, "at_most"_a);
   module.def(
       "within_range",
-      [](In<float, nb::shape<-1, 3>> points, double min_range_m, double max_range_m) {
+      [](Vectors<float> points, double min_range_m, double max_range_m) {
         const std::size_t count = points.shape(0);
         std::vector<float> kept;
         {
@@ -18,7 +126,43 @@ void bind_scan(nb::module_& module) {
         const std::size_t left = kept.size() / 3;
         return array_of(std::move(kept), {left, 3});
       },
-      nb::arg("points"), nb::arg("min_range_m"), nb::arg("max_range_m"));
+      "points"_a, "min_range_m"_a, "max_range_m"_a);
+  module.def(
+      "nearest_by_direction",
+      [](Vectors<float> points) {
+        std::vector<float> nearest_m(kDirections, std::numeric_limits<float>::infinity());
+        {
+          nb::gil_scoped_release release;
+          nearest_by_direction(points.data(), points.shape(0), nearest_m.data());
+        }
+        return array_of(std::move(nearest_m), {kDirections});
+      },
+      "points"_a);
+  module.def(
+      "least_of_neighbours",
+      [](View image) {
+        std::vector<float> least_m(kDirections);
+        {
+          nb::gil_scoped_release release;
+          least_of_neighbours(image.data(), least_m.data());
+        }
+        return array_of(std::move(least_m), {kViewRows, kViewColumns});
+      },
+      "image"_a);
+  module.def(
+      "flat_patches",
+      [](Vectors<double> means, double side_m) {
+        Patches flat;
+        {
+          nb::gil_scoped_release release;
+          flat = flat_patches(means.data(), means.shape(0), side_m);
+        }
+        const std::size_t count = flat.points.size() / 3;
+        return std::make_tuple(array_of(std::move(flat.points), {count, 3}), array_of(std::move(flat.normals), {count, 3}));
+      },
+      "means"_a, "side_m"_a);
+  bind_vectors<double>(module);
+  bind_vectors<float>(module);
 }
 
 }  // namespace firstfix::python

@@ -6,5 +6,6 @@
 namespace firstfix::python {
 
 void bind_scan(nanobind::module_& module);
+void bind_surface(nanobind::module_& module);
 
 }  // namespace firstfix::python

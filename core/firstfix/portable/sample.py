@@ -9,9 +9,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .accelerated import accelerated
+
 _MIX_1, _MIX_2 = np.uint32(0x85EBCA6B), np.uint32(0xC2B2AE35)
 
 
+@accelerated
 def rows_by_chance(count: int, at_most: int) -> NDArray[np.int64]:
     """Ascending rows of a list: one random row of each of ``at_most`` equal runs.
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..descriptor import LayeredOccupancy, ScanBatch
 from ..errors import InvalidOption
+from ..portable.accelerated import accelerated
 from ..portable.eigh3 import smallest_eigenvectors
 from .compact import MAX_COMPACT_POINTS, CompactScan, ScanDescriptor
 from .descriptor_parameters import DescriptorParameters
@@ -80,7 +81,7 @@ def _describe(
     descriptor: LayeredOccupancy,
     gravity: NDArray[np.float64] | None,
 ) -> ScanDescriptor:
-    patches, normals = _patches(means, _PATCH_VOXELS * parameters.voxel_m)
+    patches, normals = flat_patches(means, _PATCH_VOXELS * parameters.voxel_m)
     up = estimate_up(normals) if gravity is None else _against(gravity)
     up = up.astype(np.float32).astype(np.float64)  # as it is sent: no result depends on further digits
     R_level_sensor = levelling_rotation(up)
@@ -97,7 +98,8 @@ def _against(gravity: NDArray[np.float64]) -> NDArray[np.float64]:
     return -gravity / math.sqrt(x * x + y * y + z * z)
 
 
-def _patches(means: NDArray[np.float64], side_m: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+@accelerated
+def flat_patches(means: NDArray[np.float64], side_m: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Points on flat surfaces, and their unit normals, (n, 3) each."""
     if not len(means):
         return means, means

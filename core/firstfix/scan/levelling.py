@@ -15,6 +15,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ..portable.accelerated import accelerated
 from .voxel_filter import at_most
 
 _Float = TypeVar("_Float", bound=np.floating)
@@ -61,6 +62,7 @@ def estimate_up_near(normals: NDArray[np.floating], expected: NDArray[np.float64
     return R_expected_sensor.T @ estimate_up(np.ascontiguousarray(turned(normals, R_expected_sensor)))
 
 
+@accelerated
 def refined_up(normals: NDArray[np.floating], up: NDArray[np.float64]) -> NDArray[np.float64]:
     """Unit up vector, refined from a direction that (n, 3) normals voted for (docs/method.md 6.2)."""
     for width_deg in (5.0, 2.5, 1.5):
@@ -77,6 +79,7 @@ def refined_up(normals: NDArray[np.floating], up: NDArray[np.float64]) -> NDArra
     return up
 
 
+@accelerated
 def votes(normals: NDArray[np.floating], directions: NDArray[np.float64]) -> NDArray[np.float64]:
     """Votes of (n, 3) normals for each of (d, 3) directions as up (docs/method.md 6.1)."""
     along2 = (normals.astype(np.float32) @ directions.T.astype(np.float32)) ** 2  # (n, directions)
@@ -102,6 +105,7 @@ def levelling_rotation(up: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([[1 - x * x / k, -(x * y) / k, -x], [-(x * y) / k, 1 - y * y / k, -y], [x, y, z]])
 
 
+@accelerated
 def turned(points: NDArray[_Float], R: NDArray[np.float64]) -> NDArray[_Float]:
     """Rotates (n, 3) points by R, in their own precision.
 
@@ -116,6 +120,7 @@ def turned(points: NDArray[_Float], R: NDArray[np.float64]) -> NDArray[_Float]:
     return out.T
 
 
+@accelerated
 def floor_height(
     points: NDArray[np.floating], normals: NDArray[np.floating], max_height_m: float = 4.0
 ) -> float | None:

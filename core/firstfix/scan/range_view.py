@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..portable.accelerated import accelerated
 from ..portable.atan2 import atan2_turns
 
 CELL_DEG = 2.0
@@ -41,9 +42,10 @@ class RangeView:
     @classmethod
     def of_nearest(cls, nearest: NDArray[np.float32]) -> RangeView:
         """Range view of (cells,) nearest ranges, infinite in directions without a return."""
-        return cls(np.isfinite(nearest), _least_of_neighbours(nearest.reshape(ROWS, COLUMNS)).ravel())
+        return cls(np.isfinite(nearest), least_of_neighbours(nearest.reshape(ROWS, COLUMNS)).ravel())
 
 
+@accelerated
 def nearest_by_direction(points: NDArray[np.float32]) -> NDArray[np.float32]:
     """Nearest range of (n, 3) points in each of (cells,) directions from the origin, inf without a point."""
     x, y, z = np.ascontiguousarray(points.T)
@@ -67,7 +69,8 @@ def directions() -> NDArray[np.float32]:
     return np.stack([x, y, z], axis=-1).reshape(-1, 3).astype(np.float32)
 
 
-def _least_of_neighbours(image: NDArray[np.float32]) -> NDArray[np.float32]:
+@accelerated
+def least_of_neighbours(image: NDArray[np.float32]) -> NDArray[np.float32]:
     """Minimum of each cell and its eight neighbours; columns wrap around."""
     across = np.minimum(np.minimum(np.roll(image, 1, axis=1), np.roll(image, -1, axis=1)), image)
     least = across.copy()

@@ -30,9 +30,10 @@ def within_range(points: NDArray[np.float32], min_range_m: float, max_range_m: f
 
 def at_most(points: NDArray[_Float], count: int) -> NDArray[_Float]:
     """Returns at most ``count`` of the points, in their order (``rows_by_chance``)."""
-    return points if len(points) <= count else points[rows_by_chance(len(points), count)]
+    return points if len(points) <= count else points.take(rows_by_chance(len(points), count), axis=0)
 
 
+@accelerated
 def first_in_voxel(points: NDArray[np.floating], voxel_m: float) -> NDArray[np.int64]:
     """Rows, ascending, of the first point in every occupied voxel.
 
@@ -50,6 +51,7 @@ def first_in_voxel(points: NDArray[np.floating], voxel_m: float) -> NDArray[np.i
     return np.sort(first).astype(np.int64)
 
 
+@accelerated
 def voxel_means(points: NDArray[np.floating], voxel_m: float) -> NDArray[np.float64]:
     """Mean (m, 3) of the points in every occupied voxel, ordered by the voxels' z, then y, then x.
 

@@ -19,12 +19,17 @@ inline std::uint32_t hashed(std::uint32_t x) {
 // Ascending rows of a list of `count`: one random row of each of `at_most` equal runs, or all rows if there are no
 // more. Taking every k-th row instead would take rows that repeat with the period k, such as the beams of a scan,
 // either always or never.
-inline std::vector<std::size_t> rows_by_chance(std::size_t count, std::size_t at_most) {
+inline std::vector<std::int64_t> rows_by_chance(std::uint64_t count, std::uint64_t at_most) {
   const bool all = count <= at_most;
-  std::vector<std::size_t> rows(all ? count : at_most);
-  for (std::uint64_t i = 0; i < rows.size(); ++i) {
-    const std::uint64_t start = i * count / at_most, end = (i + 1) * count / at_most;
-    rows[i] = all ? i : start + (hashed(static_cast<std::uint32_t>(i)) * (end - start) >> 32);
+  std::vector<std::int64_t> rows(all ? count : at_most);
+  if (rows.empty()) return rows;
+  const std::uint64_t whole = count / at_most, part = count % at_most;  // a run begins at floor(i * count / at_most)
+  for (std::uint64_t i = 0, start = 0, rest = 0; i < rows.size(); ++i) {
+    rest += part;
+    const std::uint64_t width = whole + (rest >= at_most ? 1 : 0);
+    if (rest >= at_most) rest -= at_most;
+    rows[i] = static_cast<std::int64_t>(all ? i : start + (hashed(static_cast<std::uint32_t>(i)) * width >> 32));
+    start += width;
   }
   return rows;
 }

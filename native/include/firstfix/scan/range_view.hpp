@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <limits>
 #include <vector>
 
@@ -14,20 +15,60 @@ namespace firstfix {
 
 constexpr std::size_t kViewColumns = 180, kViewRows = 90, kDirections = kViewColumns * kViewRows;
 
+// Lowers the (kDirections) ranges to those of the points, x y z x y z. Points that are not finite have no direction.
+inline void nearest_by_direction(const float* points, std::size_t count, float* nearest_m) {
+  constexpr std::size_t kBlock = 256;
+  constexpr float kNearestM = 0.3F, kCellsATurn = 180.0F;
+  std::int32_t cell[kBlock];
+  float range_m[kBlock];
+  for (std::size_t start = 0; start < count; start += kBlock) {
+    const std::size_t block = std::min(kBlock, count - start);
+    const float* from = points + 3 * start;
+    for (std::size_t i = 0; i < block; ++i) {
+      const float x = from[3 * i], y = from[3 * i + 1], z = from[3 * i + 2];
+      const float across2 = x * x + y * y;
+      const float distance = std::sqrt(across2 + z * z);
+      const float column = (detail::atan2_turns(y, x) + 0.5F) * kCellsATurn;
+      const float row = (detail::atan2_turns(z, std::sqrt(across2)) + 0.25F) * kCellsATurn;
+      // 0 for the angle of a point that is not finite: converting NaN to an integer is not defined
+      const auto c = static_cast<std::int32_t>(std::max(0.0F, column)), r = static_cast<std::int32_t>(std::max(0.0F, row));
+      cell[i] = std::min(r, static_cast<std::int32_t>(kViewRows) - 1) * static_cast<std::int32_t>(kViewColumns) +
+                (c < static_cast<std::int32_t>(kViewColumns) ? c : 0);
+      range_m[i] = distance > kNearestM ? distance : std::numeric_limits<float>::infinity();
+    }
+    for (std::size_t i = 0; i < block; ++i) {
+      float& nearest = nearest_m[cell[i]];
+      nearest = std::min(nearest, range_m[i]);
+    }
+  }
+}
+
+// The least range of each direction and its eight neighbours. The columns go around.
+inline void least_of_neighbours(const float* nearest_m, float* least_m) {
+  std::vector<float> across(kDirections);
+  for (std::size_t row = 0; row < kDirections; row += kViewColumns) {
+    const float* from = nearest_m + row;
+    float* to = across.data() + row;
+    constexpr std::size_t kLast = kViewColumns - 1;
+    to[0] = std::min(std::min(from[kLast], from[1]), from[0]);
+    to[kLast] = std::min(std::min(from[kLast - 1], from[0]), from[kLast]);
+    for (std::size_t c = 1; c < kLast; ++c) to[c] = std::min(std::min(from[c - 1], from[c + 1]), from[c]);
+  }
+  for (std::size_t row = 0; row < kViewRows; ++row) {
+    const float* here = across.data() + row * kViewColumns;
+    const float* below = row == 0 ? here : here - kViewColumns;
+    const float* above = row + 1 == kViewRows ? here : here + kViewColumns;
+    float* to = least_m + row * kViewColumns;
+    for (std::size_t c = 0; c < kViewColumns; ++c) to[c] = std::min(std::min(below[c], above[c]), here[c]);
+  }
+}
+
 namespace detail {
 
 // The nearest range in every direction, infinite where there is no return.
 inline std::vector<float> nearest_by_direction(const std::vector<Point>& points) {
   std::vector<float> nearest(kDirections, std::numeric_limits<float>::infinity());
-  for (const Point& p : points) {
-    const float across2 = p.x * p.x + p.y * p.y;
-    const float distance = std::sqrt(across2 + p.z * p.z);
-    if (!(distance > 0.3F)) continue;
-    const auto column = static_cast<std::size_t>((atan2_turns(p.y, p.x) + 0.5F) * 180.0F) % kViewColumns;
-    const auto row = static_cast<std::size_t>((atan2_turns(p.z, std::sqrt(across2)) + 0.25F) * 180.0F);
-    float& cell = nearest[std::min(row, kViewRows - 1) * kViewColumns + column];
-    cell = std::min(cell, distance);
-  }
+  firstfix::nearest_by_direction(coordinates(points), points.size(), nearest.data());
   return nearest;
 }
 

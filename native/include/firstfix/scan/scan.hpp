@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "firstfix/errors.hpp"
+#include "firstfix/portable/vector3.hpp"
 
 #if defined(__FAST_MATH__)
 #error "firstfix needs IEEE arithmetic to produce the same bytes as other clients: do not use -ffast-math"
@@ -33,6 +34,21 @@ inline bool usable(const Point& p) {
   const auto within = [](float v) { return std::fabs(static_cast<double>(v)) <= kMaxAbsCoordinate; };  // false for NaN
   return within(p.x) && within(p.y) && within(p.z);
 }
+
+namespace detail {
+
+inline Vector3 vector_of(const Point& p) {
+  return {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)};
+}
+
+// The numbers of a list of points, x y z x y z, as the kernels take them.
+inline const float* coordinates(const std::vector<Point>& points) {
+  static_assert(sizeof(Point) == 3 * sizeof(float));
+  return reinterpret_cast<const float*>(points.data());
+}
+inline float* coordinates(std::vector<Point>& points) { return reinterpret_cast<float*>(points.data()); }
+
+}  // namespace detail
 
 // The scan without points that are not finite or beyond 1000 m, which drivers deliver for "no return".
 inline Scan cleaned(const Scan& scan) {

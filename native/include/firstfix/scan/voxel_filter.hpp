@@ -1,61 +1,22 @@
 // Filters of a cloud: by range, to a number of points, to one point per voxel. Defined to the last bit
-// (clients/protocol/on-the-robot.md).
+// (clients/protocol/on-the-robot.md). Points are x y z x y z, float or double.
 #pragma once
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <unordered_set>
-#include <utility>
 #include <vector>
 
 #include "firstfix/portable/sample.hpp"
 #include "firstfix/portable/vector3.hpp"
 #include "firstfix/scan/scan.hpp"
-
-namespace firstfix::detail {
-
-using Cell = std::array<std::int64_t, 3>;
-
-inline Cell cell_of(const Vector3& p, double side) {
-  return {static_cast<std::int64_t>(std::floor(p[0] / side)), static_cast<std::int64_t>(std::floor(p[1] / side)),
-          static_cast<std::int64_t>(std::floor(p[2] / side))};
-}
-
-inline Vector3 vector_of(const Point& p) {
-  return {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)};
-}
-
-struct CellBox {
-  Cell lowest{}, size{1, 1, 1};
-
-  static CellBox around(const std::vector<Cell>& cells) {
-    CellBox box;
-    if (cells.empty()) return box;
-    Cell highest = box.lowest = cells.front();
-    for (const Cell& cell : cells) {
-      for (std::size_t axis = 0; axis < 3; ++axis) {
-        box.lowest[axis] = std::min(box.lowest[axis], cell[axis]);
-        highest[axis] = std::max(highest[axis], cell[axis]);
-      }
-    }
-    for (std::size_t axis = 0; axis < 3; ++axis) box.size[axis] = highest[axis] - box.lowest[axis] + 1;
-    return box;
-  }
-
-  // Numbers a cell: z is the slowest index, x the fastest.
-  std::int64_t number(const Cell& cell) const {
-    return ((cell[2] - lowest[2]) * size[1] + (cell[1] - lowest[1])) * size[0] + (cell[0] - lowest[0]);
-  }
-};
-
-}  // namespace firstfix::detail
+#include "firstfix/scan/voxel_order.hpp"
 
 namespace firstfix {
 
-// Copies the (count, 3) points whose distance from the origin lies between two limits. Returns their number.
+// Copies the points whose distance from the origin lies between two limits. Returns their number. `kept` has room for
+// all points.
 inline std::size_t within_range(const float* points, std::size_t count, double min_range_m, double max_range_m,
                                 float* kept) {
   const auto least = static_cast<float>(min_range_m * min_range_m);
@@ -71,21 +32,50 @@ inline std::size_t within_range(const float* points, std::size_t count, double m
   return found;
 }
 
-}  // namespace firstfix
+// Ascending rows of the first point in every voxel. Throws as voxel_box does.
+template <class T>
+std::vector<std::int64_t> first_in_voxel(const T* points, std::size_t count, double voxel_m) {
+  std::vector<char> is_first(count);
+  std::size_t voxels = 0;
+  detail::each_voxel(points, count, voxel_m, detail::kZYX, [&](const auto* first, const auto*) {
+    is_first[first->row] = 1;
+    ++voxels;
+  });
+  std::vector<std::int64_t> rows;
+  rows.reserve(voxels);
+  for (std::size_t i = 0; i < count; ++i) {
+    if (is_first[i] != 0) rows.push_back(static_cast<std::int64_t>(i));
+  }
+  return rows;
+}
 
-namespace firstfix::detail {
+// The mean of the points in every voxel, ordered by the voxels' z, then y, then x. Coordinates are rounded to steps of
+// 2^-20 m, so that their sums are exact in any order. Throws as voxel_box does.
+template <class T>
+std::vector<double> voxel_means(const T* points, std::size_t count, double voxel_m) {
+  constexpr double kStepsAMetre = 1048576.0;
+  std::vector<double> means;
+  detail::each_voxel(points, count, voxel_m, detail::kZYX, [&](const auto* first, const auto* last) {
+    double sum[3] = {0, 0, 0};
+    for (const auto* entry = first; entry != last; ++entry) {
+      const T* p = points + 3 * static_cast<std::size_t>(entry->row);
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        sum[axis] += std::nearbyint(static_cast<double>(p[axis]) * kStepsAMetre);
+      }
+    }
+    const double steps = static_cast<double>(last - first) * kStepsAMetre;
+    means.insert(means.end(), {sum[0] / steps, sum[1] / steps, sum[2] / steps});
+  });
+  return means;
+}
+
+namespace detail {
 
 // Usable points between two distances from the origin.
 inline std::vector<Point> within_range(const std::vector<Point>& points, double min_range_m, double max_range_m) {
-  const auto least = static_cast<float>(min_range_m * min_range_m);
-  const auto most = static_cast<float>(max_range_m * max_range_m);
-  std::vector<Point> kept;
-  kept.reserve(points.size());
-  for (const Point& p : points) {
-    if (!usable(p)) continue;
-    const float range2 = p.x * p.x + p.y * p.y + p.z * p.z;
-    if (range2 > least && range2 < most) kept.push_back(p);
-  }
+  std::vector<Point> kept(points.size());
+  kept.resize(firstfix::within_range(coordinates(points), points.size(), min_range_m, max_range_m, coordinates(kept)));
+  kept.erase(std::remove_if(kept.begin(), kept.end(), [](const Point& p) { return !usable(p); }), kept.end());
   return kept;
 }
 
@@ -95,46 +85,20 @@ std::vector<T> at_most(const std::vector<T>& points, std::size_t count) {
   if (points.size() <= count) return points;
   std::vector<T> kept;
   kept.reserve(count);
-  for (const std::size_t row : rows_by_chance(points.size(), count)) kept.push_back(points[row]);
+  for (const auto row : rows_by_chance(points.size(), count)) kept.push_back(points[static_cast<std::size_t>(row)]);
   return kept;
 }
 
-// Ascending rows of the first point in every voxel.
-inline std::vector<std::size_t> first_in_voxel(const std::vector<Point>& points, double voxel_m) {
-  std::vector<Cell> cells(points.size());
-  for (std::size_t i = 0; i < points.size(); ++i) cells[i] = cell_of(vector_of(points[i]), voxel_m);
-  const CellBox box = CellBox::around(cells);
-  std::unordered_set<std::int64_t> seen;
-  std::vector<std::size_t> rows;
-  for (std::size_t i = 0; i < cells.size(); ++i) {
-    if (seen.insert(box.number(cells[i])).second) rows.push_back(i);
-  }
-  return rows;
+inline std::vector<std::int64_t> first_in_voxel(const std::vector<Point>& points, double voxel_m) {
+  return firstfix::first_in_voxel(coordinates(points), points.size(), voxel_m);
 }
 
-// The mean of the points in every voxel, ordered by the voxels' z, then y, then x. Coordinates are rounded to steps of
-// 2^-20 m, so that their sums are exact in any order.
 inline std::vector<Vector3> voxel_means(const std::vector<Point>& points, double voxel_m) {
-  constexpr double kStepsAMetre = 1048576.0;
-  std::vector<Cell> cells(points.size());
-  for (std::size_t i = 0; i < points.size(); ++i) cells[i] = cell_of(vector_of(points[i]), voxel_m);
-  const CellBox box = CellBox::around(cells);
-  std::vector<std::pair<std::int64_t, std::size_t>> order(points.size());
-  for (std::size_t i = 0; i < points.size(); ++i) order[i] = {box.number(cells[i]), i};
-  std::sort(order.begin(), order.end());
-  std::vector<Vector3> means;
-  for (std::size_t start = 0; start < order.size();) {
-    Vector3 sum{};
-    std::size_t end = start;
-    for (; end < order.size() && order[end].first == order[start].first; ++end) {
-      const Vector3 p = vector_of(points[order[end].second]);
-      for (std::size_t axis = 0; axis < 3; ++axis) sum[axis] += std::nearbyint(p[axis] * kStepsAMetre);
-    }
-    const double steps = static_cast<double>(end - start) * kStepsAMetre;
-    means.push_back({sum[0] / steps, sum[1] / steps, sum[2] / steps});
-    start = end;
-  }
-  return means;
+  const std::vector<double> means = firstfix::voxel_means(coordinates(points), points.size(), voxel_m);
+  std::vector<Vector3> vectors(means.size() / 3);
+  std::copy(means.begin(), means.end(), coordinates(vectors));
+  return vectors;
 }
 
-}  // namespace firstfix::detail
+}  // namespace detail
+}  // namespace firstfix

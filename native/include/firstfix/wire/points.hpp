@@ -12,7 +12,6 @@
 
 #include "firstfix/errors.hpp"
 #include "firstfix/scan/scan.hpp"
-#include "firstfix/scan/voxel_filter.hpp"
 #include "firstfix/wire/bytes.hpp"
 #include "firstfix/wire/zstd_frame.hpp"
 

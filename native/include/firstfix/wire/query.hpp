@@ -12,9 +12,9 @@
 #include <vector>
 
 #include "firstfix/errors.hpp"
+#include "firstfix/scan/cell_box.hpp"
 #include "firstfix/scan/compact.hpp"
 #include "firstfix/scan/range_view.hpp"
-#include "firstfix/scan/voxel_filter.hpp"
 #include "firstfix/wire/bytes.hpp"
 #include "firstfix/wire/scan.hpp"
 #include "firstfix/wire/zstd_frame.hpp"

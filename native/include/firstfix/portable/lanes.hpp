@@ -1,0 +1,52 @@
+// Vectors of as many lanes as the processor's registers have: the compiler's vector type. For kernels of the engine whose
+// results do not depend on the number of lanes; what a robot runs too is written as plain loops.
+#pragma once
+
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+
+namespace firstfix::detail {
+
+#if defined(__AVX512F__)
+constexpr std::size_t kFloatLanes = 16;
+#elif defined(__AVX__)
+constexpr std::size_t kFloatLanes = 8;
+#else
+constexpr std::size_t kFloatLanes = 4;
+#endif
+
+typedef float FloatLanes __attribute__((vector_size(kFloatLanes * sizeof(float))));
+typedef std::int32_t IntLanes __attribute__((vector_size(kFloatLanes * sizeof(float))));
+
+inline FloatLanes load_lanes(const float* from) {
+  FloatLanes lanes;
+  std::memcpy(&lanes, from, sizeof lanes);
+  return lanes;
+}
+
+inline void store_lanes(float* to, FloatLanes lanes) { std::memcpy(to, &lanes, sizeof lanes); }
+
+inline FloatLanes all_lanes(float value) { return FloatLanes{} + value; }
+
+inline FloatLanes greater_lanes(FloatLanes a, FloatLanes b) { return a < b ? b : a; }
+
+inline FloatLanes lesser_lanes(FloatLanes a, FloatLanes b) { return b < a ? b : a; }
+
+inline FloatLanes root_lanes(FloatLanes of) {
+  float roots[kFloatLanes];
+  store_lanes(roots, of);
+  for (float& root : roots) root = std::sqrt(root);
+  return load_lanes(roots);
+}
+
+// Whether any lane of a comparison's result holds.
+inline bool any_lane(IntLanes holds) {
+  std::int64_t words[sizeof holds / 8], any = 0;
+  std::memcpy(words, &holds, sizeof holds);
+  for (const std::int64_t word : words) any |= word;
+  return any != 0;
+}
+
+}  // namespace firstfix::detail

@@ -1,0 +1,135 @@
+// The vote of surface normals on the up direction: docs/method.md, (6.1) and (6.2). Normals are x y z x y z, of either
+// sign. Sums are in a fixed order, so that the result does not depend on the instruction set.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <vector>
+
+#include "firstfix/portable/atan2.hpp"
+#include "firstfix/portable/eigh3.hpp"
+#include "firstfix/portable/exp.hpp"
+#include "firstfix/portable/vector3.hpp"
+#include "firstfix/scan/voxel_filter.hpp"
+
+namespace firstfix {
+
+// Votes of unit normals for each of `candidates` directions as up: normals parallel or at right angles to it vote.
+template <class T>
+void votes(const T* normals, std::size_t count, const double* directions, std::size_t candidates, double* won) {
+  constexpr std::size_t kLanes = 16, kRows = 8;  // float sums of so many rows, then double
+  constexpr double kWidth = 5.0 * (detail::kPi / 180);
+  constexpr auto kScale = static_cast<float>(-1 / (2 * kWidth * kWidth));
+  const float whole = detail::exp_of_negative(kScale);
+  const std::size_t padded = (count + kLanes - 1) / kLanes * kLanes;
+  std::vector<float> x(padded), y(padded), z(padded), counts(padded);
+  for (std::size_t i = 0; i < count; ++i) {
+    x[i] = static_cast<float>(normals[3 * i]);
+    y[i] = static_cast<float>(normals[3 * i + 1]);
+    z[i] = static_cast<float>(normals[3 * i + 2]);
+    counts[i] = 1;
+  }
+  for (std::size_t d = 0; d < candidates; ++d) {
+    const auto a = static_cast<float>(directions[3 * d]), b = static_cast<float>(directions[3 * d + 1]),
+               c = static_cast<float>(directions[3 * d + 2]);
+    double sum[kLanes] = {};
+    for (std::size_t start = 0; start < padded; start += kLanes * kRows) {
+      const std::size_t end = std::min(padded, start + kLanes * kRows);
+      float part[kLanes] = {};
+      for (std::size_t i = start; i < end; i += kLanes) {
+        for (std::size_t lane = 0; lane < kLanes; ++lane) {
+          const float along = x[i + lane] * a + y[i + lane] * b + z[i + lane] * c;
+          const float upright = detail::exp_of_negative(along * along * kScale);
+          part[lane] += (upright + whole / upright) * counts[i + lane];  // exp(s - t) is exp(s) / exp(t)
+        }
+      }
+      for (std::size_t lane = 0; lane < kLanes; ++lane) sum[lane] += static_cast<double>(part[lane]);
+    }
+    won[d] = 0;
+    for (const double part : sum) won[d] += part;
+  }
+}
+
+// The unit up vector, refined from a direction that the unit normals voted for: three rounds of reweighted least
+// squares.
+template <class T>
+detail::Vector3 refined_up(const T* normals, std::size_t count, detail::Vector3 up) {
+  constexpr std::size_t kLanes = 8;
+  constexpr double kLevelWeight = 0.1;  // of a level surface against an upright one
+  const double nearly = std::cos(6.0 * (detail::kPi / 180));
+  const std::size_t padded = (count + kLanes - 1) / kLanes * kLanes;
+  std::vector<double> x(padded), y(padded), z(padded);  // a padding of zeros adds nothing to the scatter
+  for (std::size_t i = 0; i < count; ++i) {
+    x[i] = static_cast<double>(normals[3 * i]);
+    y[i] = static_cast<double>(normals[3 * i + 1]);
+    z[i] = static_cast<double>(normals[3 * i + 2]);
+  }
+  for (const double width_deg : {5.0, 2.5, 1.5}) {
+    const double width = width_deg * (detail::kPi / 180), scale = -1 / (2 * width * width);
+    double sum[6][kLanes] = {};
+    for (std::size_t i = 0; i < padded; i += kLanes) {
+      for (std::size_t lane = 0; lane < kLanes; ++lane) {
+        const double nx = x[i + lane], ny = y[i + lane], nz = z[i + lane];
+        const double along = nx * up[0] + ny * up[1] + nz * up[2], along2 = along * along;
+        const double weight = detail::exp_of_negative(along2 * scale) -
+                              kLevelWeight * detail::exp_of_negative((1 - along2) * scale);
+        const double wx = weight * nx, wy = weight * ny, wz = weight * nz;
+        sum[0][lane] += wx * nx;
+        sum[1][lane] += wx * ny;
+        sum[2][lane] += wx * nz;
+        sum[3][lane] += wy * ny;
+        sum[4][lane] += wy * nz;
+        sum[5][lane] += wz * nz;
+      }
+    }
+    double s[6] = {};
+    for (std::size_t k = 0; k < 6; ++k) {
+      for (const double part : sum[k]) s[k] += part;
+    }
+    detail::Vector3 refined = detail::smallest_eigenvector({{{s[0], s[1], s[2]}, {s[1], s[3], s[4]}, {s[2], s[4], s[5]}}}).vector;
+    double agrees = detail::dot(refined, up);
+    if (!(agrees > 0)) {
+      for (double& v : refined) v = -v;
+      agrees = -agrees;
+    }
+    if (agrees < nearly) break;  // one direction is not constrained: keep the vote
+    up = refined;
+  }
+  return up;
+}
+
+namespace detail {
+
+// Directions within 35 degrees of z, about four degrees apart.
+inline std::vector<Vector3> up_candidates() {
+  std::vector<Vector3> directions{{0, 0, 1}};
+  for (int tilt_deg = 4; tilt_deg <= 35; tilt_deg += 4) {
+    const double tilt = tilt_deg * (kPi / 180);
+    const double around = std::max(6.0, std::nearbyint(2 * kPi * std::sin(tilt) / (4.0 * (kPi / 180))));
+    for (int k = 0; k < static_cast<int>(around); ++k) {
+      const double azimuth = k * (2 * kPi / around);
+      directions.push_back(
+          {std::sin(tilt) * std::cos(azimuth), std::sin(tilt) * std::sin(azimuth), std::cos(tilt)});
+    }
+  }
+  return directions;
+}
+
+// The up direction that most of the unit surface normals (of either sign) confirm.
+inline Vector3 estimate_up(const std::vector<Vector3>& all_normals) {
+  constexpr std::size_t kVoters = 2000;
+  const std::vector<Vector3> normals = at_most(all_normals, kVoters);
+  const std::vector<Vector3> directions = up_candidates();
+  std::vector<double> won(directions.size());
+  votes(coordinates(normals), normals.size(), coordinates(directions), directions.size(), won.data());
+  for (std::size_t i = 0; i < won.size(); ++i) {  // a weak preference for an upright sensor
+    const double tilt_deg = std::acos(std::clamp(directions[i][2], -1.0, 1.0)) * (180 / kPi);
+    won[i] *= 1 - 0.15 * tilt_deg / 35.0;
+  }
+  const auto voted = static_cast<std::size_t>(std::max_element(won.begin(), won.end()) - won.begin());
+  return refined_up(coordinates(normals), normals.size(), directions[voted]);
+}
+
+}  // namespace detail
+}  // namespace firstfix

@@ -1,0 +1,142 @@
+// Points sorted by the voxel that they are in. A voxel's index on an axis is floor(coordinate / voxel_m), in double.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <stdexcept>
+#include <vector>
+
+namespace firstfix::detail {
+
+// Which axis is the slowest index of a voxel, which the next and which the fastest.
+using AxisOrder = std::array<std::size_t, 3>;
+constexpr AxisOrder kZYX{2, 1, 0}, kXYZ{0, 1, 2};
+
+// The voxels that a cloud's box covers.
+struct VoxelBox {
+  double low[3];          // index of the first voxel on each axis
+  std::uint64_t size[3];  // voxels on each axis
+
+  std::uint64_t count() const { return size[0] * size[1] * size[2]; }
+};
+
+// Throws std::invalid_argument for points that are not finite, or too far apart to be numbered.
+template <class T>
+VoxelBox voxel_box(const T* points, std::size_t count, double voxel_m) {
+  constexpr std::size_t kLanes = 24;  // eight points: a vector register of each axis in turn
+  T least[kLanes], most[kLanes], not_finite[kLanes] = {};
+  std::fill_n(least, kLanes, std::numeric_limits<T>::infinity());
+  std::fill_n(most, kLanes, -std::numeric_limits<T>::infinity());
+  const auto take = [&](const T* from, std::size_t lanes) {
+    for (std::size_t lane = 0; lane < lanes; ++lane) {
+      least[lane] = from[lane] < least[lane] ? from[lane] : least[lane];
+      most[lane] = from[lane] > most[lane] ? from[lane] : most[lane];
+      not_finite[lane] += from[lane] - from[lane];
+    }
+  };
+  const std::size_t numbers = 3 * count, whole = numbers - numbers % kLanes;
+  for (std::size_t i = 0; i < whole; i += kLanes) take(points + i, kLanes);
+  take(points + whole, numbers - whole);
+  VoxelBox box{};
+  bool usable = voxel_m > 0 && count <= std::numeric_limits<std::uint32_t>::max();
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    for (std::size_t lane = axis + 3; lane < kLanes; lane += 3) {
+      least[axis] = std::min(least[axis], least[lane]);
+      most[axis] = std::max(most[axis], most[lane]);
+      not_finite[axis] += not_finite[lane];
+    }
+    box.low[axis] = std::floor(static_cast<double>(least[axis]) / voxel_m);
+    const double size = std::floor(static_cast<double>(most[axis]) / voxel_m) - box.low[axis] + 1;
+    usable = usable && not_finite[axis] == 0 && size >= 1 && size <= 2147483648.0;
+    box.size[axis] = usable ? static_cast<std::uint64_t>(size) : 1;
+  }
+  if (!usable || box.size[2] > (std::uint64_t{1} << 62) / (box.size[0] * box.size[1])) {
+    throw std::invalid_argument("points are not finite, or too far apart for voxels of this size");
+  }
+  return box;
+}
+
+template <class Key>
+struct KeyedRow {
+  Key key;
+  std::uint32_t row;
+};
+
+// Radix sort by the lowest bits of the key. Rows with one key keep their order.
+template <class Key>
+void sort_by_key(std::vector<KeyedRow<Key>>& entries, unsigned bits) {
+  constexpr unsigned kDigitBits = 8;
+  std::vector<KeyedRow<Key>> sorted(entries.size());
+  for (unsigned shift = 0; shift < bits; shift += kDigitBits) {
+    std::array<std::uint32_t, 1U << kDigitBits> next{};
+    const auto digit = [shift](Key key) { return static_cast<std::size_t>(key >> shift & ((1U << kDigitBits) - 1)); };
+    for (const auto& entry : entries) ++next[digit(entry.key)];
+    std::uint32_t before = 0;
+    for (std::uint32_t& start : next) {
+      const std::uint32_t here = start;
+      start = before;
+      before += here;
+    }
+    for (const auto& entry : entries) sorted[next[digit(entry.key)]++] = entry;
+    entries.swap(sorted);
+  }
+}
+
+template <class Key, class T>
+std::vector<KeyedRow<Key>> rows_by_voxel(const T* points, std::size_t count, double voxel_m, const VoxelBox& box,
+                                         const AxisOrder& order) {
+  constexpr std::size_t kBlock = 256;
+  std::vector<KeyedRow<Key>> entries(count);
+  std::int32_t cell[3][kBlock];
+  for (std::size_t start = 0; start < count; start += kBlock) {
+    const std::size_t block = std::min(kBlock, count - start);
+    const T* from = points + 3 * start;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const double low = box.low[axis];
+      for (std::size_t i = 0; i < block; ++i) {
+        cell[axis][i] = static_cast<std::int32_t>(std::floor(static_cast<double>(from[3 * i + axis]) / voxel_m) - low);
+      }
+    }
+    const std::int32_t *slow = cell[order[0]], *middle = cell[order[1]], *fast = cell[order[2]];
+    const auto width = static_cast<Key>(box.size[order[2]]), depth = static_cast<Key>(box.size[order[1]]);
+    for (std::size_t i = 0; i < block; ++i) {
+      const Key row = static_cast<Key>(slow[i]) * depth + static_cast<Key>(middle[i]);
+      entries[start + i] = {row * width + static_cast<Key>(fast[i]), static_cast<std::uint32_t>(start + i)};
+    }
+  }
+  unsigned bits = 0;
+  while ((box.count() - 1) >> bits != 0) ++bits;
+  sort_by_key(entries, bits);
+  return entries;
+}
+
+// Calls visit(first, last) for the entries of every occupied voxel: their `row` is ascending.
+template <class Key, class T, class Visit>
+void each_voxel_keyed(const T* points, std::size_t count, double voxel_m, const VoxelBox& box, const AxisOrder& order,
+                      Visit& visit) {
+  const auto entries = rows_by_voxel<Key>(points, count, voxel_m, box, order);
+  const auto* const end = entries.data() + count;
+  for (const auto* first = entries.data(); first != end;) {
+    const auto* last = first;
+    while (last != end && last->key == first->key) ++last;
+    visit(first, last);
+    first = last;
+  }
+}
+
+template <class T, class Visit>
+void each_voxel(const T* points, std::size_t count, double voxel_m, const AxisOrder& order, Visit visit) {
+  if (count == 0) return;
+  const VoxelBox box = voxel_box(points, count, voxel_m);
+  if (box.count() <= std::uint64_t{1} << 32) {
+    each_voxel_keyed<std::uint32_t>(points, count, voxel_m, box, order, visit);
+  } else {
+    each_voxel_keyed<std::uint64_t>(points, count, voxel_m, box, order, visit);
+  }
+}
+
+}  // namespace firstfix::detail
