@@ -91,9 +91,7 @@ inline ScanDescriptor described(const std::vector<Point>& near, const std::vecto
   for (Vector3& p : flat.points) p = rotated(p, R);
   for (Vector3& n : flat.normals) n = rotated(n, R);
   made.height_m = floor_height(flat.points, flat.normals).value_or(parameters.default_height_m);
-  std::vector<Point> levelled(near.size());
-  std::transform(near.begin(), near.end(), levelled.begin(), [&R](const Point& p) { return rotated(p, R); });
-  made.occupancy = occupancy(levelled, static_cast<float>(made.height_m), made.descriptor);
+  made.occupancy = occupancy(near, R, static_cast<float>(made.height_m), made.descriptor);
   return made;
 }
 

@@ -26,14 +26,6 @@ inline Matrix3 levelling_rotation(const Vector3& up) {
 
 inline Vector3 rotated(const Vector3& p, const Matrix3& R) { return {dot(R[0], p), dot(R[1], p), dot(R[2], p)}; }
 
-// In float, since the descriptor is computed in float.
-inline Point rotated(const Point& p, const Matrix3& R) {
-  const auto along = [&p](const Vector3& row) {
-    return p.x * static_cast<float>(row[0]) + p.y * static_cast<float>(row[1]) + p.z * static_cast<float>(row[2]);
-  };
-  return {along(R[0]), along(R[1]), along(R[2])};
-}
-
 // Directions within 35 degrees of z, about four degrees apart.
 inline std::vector<Vector3> up_candidates() {
   std::vector<Vector3> directions{{0, 0, 1}};
