@@ -47,11 +47,11 @@ class MaximumHeight:
         return alike
 
     def match(
-        self, query: Described, templates: Described
+        self, query: Described, templates: Described, rows: NDArray[np.integer]
     ) -> tuple[NDArray[np.floating], NDArray[np.float32]]:
         sectors = self.grid.sectors
         turned = np.stack([np.roll(query["height"][0], s, axis=1).ravel() for s in range(sectors)])
-        alike = _unit(templates["height"].reshape(len(templates["height"]), -1)) @ _unit(turned).T
+        alike = _unit(templates["height"][rows].reshape(len(rows), -1)) @ _unit(turned).T
         return alike.argmax(axis=1) * (2 * np.pi / sectors), alike.max(axis=1)
 
 

@@ -90,7 +90,7 @@ def recall_of(
         key = descriptor.keys(scan)[0]
         rows = engine.search(key if projection is None else key @ projection, nearest)
         searched = time.perf_counter()
-        yaw, score = descriptor.match(scan, rows_of(known.described, rows))
+        yaw, score = descriptor.match(scan, known.described, rows)
         best = np.argsort(-score, kind="stable")
         compare_ms.append(1e3 * (time.perf_counter() - searched))
         key_ms.append(1e3 * (searched - began))

@@ -5,6 +5,8 @@
 
 namespace firstfix::python {
 
+void bind_descriptor(nanobind::module_& module);
+void bind_retrieval(nanobind::module_& module);
 void bind_scan(nanobind::module_& module);
 void bind_surface(nanobind::module_& module);
 

@@ -98,7 +98,7 @@ def test_maximum_height_knows_the_turn():
     how, turn = MaximumHeight(GRID), 7 * 2 * np.pi / GRID.sectors
     here = how.describe(ScanBatch.single(points, 1.0))
     turned = how.describe(ScanBatch.single((points @ rotation_z(turn)).astype(np.float32), 1.0))
-    yaw, score = how.match(turned, here)
+    yaw, score = how.match(turned, here, np.arange(1))
     assert yaw[0] == pytest.approx(turn)
     assert score[0] == pytest.approx(1.0, abs=0.02)
     np.testing.assert_allclose(how.keys(here), how.keys(turned), atol=0.02)

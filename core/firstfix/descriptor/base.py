@@ -35,9 +35,12 @@ class Descriptor(Protocol):
         ...
 
     def match(
-        self, query: Described, templates: Described
+        self, query: Described, templates: Described, rows: NDArray[np.integer]
     ) -> tuple[NDArray[np.floating], NDArray[np.float32]]:
-        """Compares one scan with m templates.
+        """Compares one scan with some of the templates.
+
+        Args:
+            rows: (m,) of these templates.
 
         Returns:
             (m,) yaw of the scan in each template's frame, radians, and (m,) score, 0..1.

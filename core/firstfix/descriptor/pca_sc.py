@@ -83,9 +83,9 @@ class PcaScanContext:
         return similarity(Columns.of(x["context"]), Columns.of(y["context"]))
 
     def match(
-        self, query: Described, templates: Described
+        self, query: Described, templates: Described, rows: NDArray[np.integer]
     ) -> tuple[NDArray[np.floating], NDArray[np.float32]]:
-        """Compares the query with m templates by equation 6.
+        """Compares the query with the (m,) given templates by equation 6.
 
         Returns:
             (m,) yaw of the query in each template's frame, radians, and (m,) similarity.
@@ -96,6 +96,7 @@ class PcaScanContext:
             shifts = shifts[np.argsort(np.abs(shifts), kind="stable")]
         else:
             shifts = np.arange(sectors)
-        shift, score = best_shift(Columns.of(query["context"]), Columns.of(templates["context"]), shifts)
-        yaw = templates["angle_rad"] - query["angle_rad"][0] + shift * (2 * np.pi / sectors)
+        contexts = templates["context"][rows]
+        shift, score = best_shift(Columns.of(query["context"]), Columns.of(contexts), shifts)
+        yaw = templates["angle_rad"][rows] - query["angle_rad"][0] + shift * (2 * np.pi / sectors)
         return yaw, score

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from typing import Protocol
 
 import numpy as np
@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from ..answer.options import LocalizeOptions
 from ..answer.prior import Prior
 from ..descriptor import Described
-from ..transform import Matrix, inverse, make_transform, rotation_z, transform_points
+from ..native import spread_out
+from ..transform import Matrix, inverse, transform_points
 from .index import MapIndex
 from .retrieval.cascade import Matches
 
@@ -44,18 +45,33 @@ class LevelledScan(Protocol):
 
 
 @dataclass(frozen=True)
-class Candidate:
-    """A template found by the search, with the pose that it implies.
+class Candidates:
+    """Templates found by the search, with the poses that they imply, most similar first.
 
     Attributes:
-        template: its row.
-        T_level_sensor: (4, 4) of the query's last scan, from the template's position and the best yaw.
-        score: 0..1, similarity of the two descriptors at that yaw.
+        template: (k,) their rows.
+        T_level_sensor: (k, 4, 4) of the query's last scan, from the template's position and the best yaw.
+        score: (k,) 0..1, similarity of the two descriptors at that yaw.
     """
 
-    template: int
-    T_level_sensor: Matrix
-    score: float
+    template: NDArray[np.integer]
+    T_level_sensor: NDArray[np.float64]
+    score: NDArray[np.floating]
+
+    def __len__(self) -> int:
+        return len(self.template)
+
+    def at(self, rows: NDArray[np.integer]) -> Candidates:
+        """Some of the candidates, in the order of the (m,) given rows."""
+        return Candidates(self.template[rows], self.T_level_sensor[rows], self.score[rows])
+
+    @classmethod
+    def merged(cls, parts: Sequence[Candidates]) -> Candidates:
+        """The candidates of all parts, most similar first."""
+        template, T_level_sensor, score = (
+            np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)
+        )
+        return cls(template, T_level_sensor, score).at(np.argsort(-score, kind="stable"))
 
 
 def find_candidates(
@@ -64,7 +80,7 @@ def find_candidates(
     scans: Sequence[LevelledScan],
     options: LocalizeOptions,
     effort: int = 1,
-) -> list[Candidate]:
+) -> Candidates:
     """Candidates that the prior allows, from the templates most similar to each scan, best first.
 
     Args:
@@ -73,12 +89,12 @@ def find_candidates(
     """
     count = options.max_candidates or effort * index.config.search.candidates
     each = max(MIN_PER_SCAN, 2 * count // len(described)) if len(described) > 1 else count
-    found = [
-        candidate
-        for scan, one in zip(scans, described, strict=True)
-        for candidate in _of_scan(index, one, scan, options.prior, each, effort)
-    ]
-    return sorted(found, key=lambda candidate: -candidate.score)
+    return Candidates.merged(
+        [
+            _of_scan(index, one, scan, options.prior, each, effort)
+            for scan, one in zip(scans, described, strict=True)
+        ]
+    )
 
 
 def _of_scan(
@@ -88,35 +104,36 @@ def _of_scan(
     prior: Prior | None,
     count: int,
     effort: int,
-) -> Iterator[Candidate]:
-    templates, T_scan_last = index.cascade.templates, inverse(scan.T_last_scan)
-    matches = _matches(index, described, scan, prior, effort)
+) -> Candidates:
+    templates, matches = index.cascade.templates, _matches(index, described, scan, prior, effort)
     # the template's floor counts, not its mount: this sensor may sit higher
-    positions = np.array(templates.position_m[matches.rows], np.float64)
-    positions[:, 2] += scan.height_m - templates.height_m[matches.rows]
-    chosen: list[tuple[float, ...]] = []
-    for row, at, yaw, score in zip(
-        matches.rows, positions.tolist(), matches.yaw_rad.tolist(), matches.score, strict=True
-    ):
-        here = (*at, yaw)
-        if sum(_is_same_spot(here, other) for other in chosen) >= MAX_PER_SPOT:
-            continue
-        T_level_last = make_transform(rotation_z(yaw) @ scan.R_level_sensor, at) @ T_scan_last
-        if prior is not None and not prior.allows(index.T_map_level @ T_level_last, np.inf, YAW_SLACK_DEG):
-            continue
-        chosen.append(here)
-        yield Candidate(int(row), T_level_last, float(score))
-        if len(chosen) == count:
-            return
+    position_m = np.array(templates.position_m[matches.rows], np.float64)
+    position_m[:, 2] += scan.height_m - templates.height_m[matches.rows]
+    yaw_rad, T_scan_last = matches.yaw_rad, inverse(scan.T_last_scan)
+
+    def poses(rows: NDArray[np.integer]) -> NDArray[np.float64]:
+        """T_level_sensor (k, 4, 4) of the query's last scan."""
+        T_level_scan = _upright_poses(position_m[rows], yaw_rad[rows], scan.R_level_sensor)
+        return T_level_scan @ T_scan_last
+
+    rows = np.arange(len(matches.rows))
+    if prior is not None:
+        rows = rows[prior.allows(index.T_map_level @ poses(rows), np.inf, YAW_SLACK_DEG)]
+    rows = rows[spread_out(position_m[rows], yaw_rad[rows], count, SPOT_M, _SPOT_COS, MAX_PER_SPOT)]
+    return Candidates(matches.rows[rows], poses(rows), matches.score[rows])
 
 
-def _is_same_spot(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
-    """Returns whether two (x, y, z, yaw) lead to one pose.
-
-    Plain numbers are faster here: each of a hundred matches is compared with a few, and small arrays cost
-    more to make than to compare.
-    """
-    return math.dist(one[:3], other[:3]) < SPOT_M and math.cos(one[3] - other[3]) > _SPOT_COS
+def _upright_poses(
+    position_m: NDArray[np.float64], yaw_rad: NDArray[np.floating], R_level_sensor: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Poses (k, 4, 4) of a levelled sensor that is turned about z."""
+    c, s = np.cos(yaw_rad)[:, None], np.sin(yaw_rad)[:, None]
+    x, y, z = R_level_sensor
+    T = np.zeros((len(position_m), 4, 4))
+    T[:, 0, :3], T[:, 1, :3], T[:, 2, :3] = c * x - s * y, s * x + c * y, z
+    T[:, :3, 3] = position_m
+    T[:, 3, 3] = 1
+    return T
 
 
 def _matches(

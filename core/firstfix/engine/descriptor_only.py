@@ -14,11 +14,12 @@ from ..answer.options import LocalizeOptions
 from ..errors import DescriptorMismatch
 from ..scan.compact import ScanDescriptor
 from ..scan.levelling import levelling_rotation
-from ..transform import Matrix, pose_error
-from .candidates import Candidate, find_candidates
+from ..transform import Matrix
+from .candidates import find_candidates
 from .index import MapIndex
 
 SAME_PLACE_M, SAME_PLACE_DEG = 3.0, 30.0  # templates stand a metre apart: nearer candidates are one place
+_SAME_PLACE_COS = math.cos(math.radians(SAME_PLACE_DEG))
 MAX_HYPOTHESES = 10
 # Logistic model of "the best candidate is right" (docs/method.md equation 10.1), fitted over ten worlds; a
 # fifth of the scans are of other worlds. In a world that it was not fitted to, it is off by 0.03 on average.
@@ -65,9 +66,13 @@ def find_unregistered(
         )
     scan = _LevelledScan(levelling_rotation(sent.up), sent.height_m)
     found = find_candidates(index, [sent.rows], [scan], options, index.config.search.widened)
+    distinct = found.at(_distinct(found.T_level_sensor))
+    T_map_sensor = index.T_map_level @ distinct.T_level_sensor
     return [
-        UnregisteredCandidate(index.T_map_level @ one.T_level_sensor, one.score, one.template, map_id)
-        for one in _distinct(found)
+        UnregisteredCandidate(T, score, template, map_id)
+        for T, score, template in zip(
+            T_map_sensor, distinct.score.tolist(), distinct.template.tolist(), strict=True
+        )
     ]
 
 
@@ -96,11 +101,15 @@ def _probability(ranked: Sequence[UnregisteredCandidate], number: int) -> float:
     return 1 / (1 + math.exp(-(BIAS + SCORE * score + LEAD * lead)))
 
 
-def _distinct(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Candidates, best first, of which each place has only the best."""
-    kept: list[Candidate] = []
-    for candidate in candidates:
-        errors = (pose_error(candidate.T_level_sensor, better.T_level_sensor) for better in kept)
-        if not any(off_m < SAME_PLACE_M and off_deg < SAME_PLACE_DEG for off_m, off_deg in errors):
-            kept.append(candidate)
-    return kept
+def _distinct(T_level_sensor: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Rows of the (k, 4, 4) poses, best first, of which each place has only the best."""
+    R, position_m = T_level_sensor[:, :3, :3].reshape(-1, 9), T_level_sensor[:, :3, 3]
+    kept, left = [], np.arange(len(T_level_sensor))
+    while len(left):
+        best = left[0]
+        kept.append(best)
+        is_near = np.linalg.norm(position_m[left] - position_m[best], axis=1) < SAME_PLACE_M
+        trace = R[left] @ R[best]  # of the rotation between the two
+        is_alike = trace > 1 + 2 * _SAME_PLACE_COS
+        left = left[1:][~(is_near & is_alike)[1:]]
+    return np.array(kept, np.intp)

@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 
 from ..answer.prior import Prior
-from .candidates import Candidate
+from .candidates import Candidates
 from .index import MapIndex
 from .preprocess import PreparedQuery
 from .registered_candidate import RegisteredCandidate, features_of, ranked
@@ -30,12 +30,12 @@ class HypothesisSearch:
     ) -> None:
         self._index, self._prepared, self._prior, self._map_id = index, prepared, prior, map_id
 
-    def run(self, candidates: Sequence[Candidate]) -> list[RegisteredCandidate]:
+    def run(self, candidates: Candidates) -> list[RegisteredCandidate]:
         """Distinct poses that the prior allows, best first.
 
         Only the best and its close rivals are aligned finely, and only if the best may still be accepted.
         """
-        if not candidates:
+        if not len(candidates):
             return []
         registered = self._rank(self._register(candidates))
         checked = self._rank(self._check_free_space(registered))
@@ -43,14 +43,13 @@ class HypothesisSearch:
             return checked
         return self._rank(self._refine(checked))
 
-    def _register(self, candidates: Sequence[Candidate]) -> list[RegisteredCandidate]:
+    def _register(self, candidates: Candidates) -> list[RegisteredCandidate]:
         """Aligns all candidates with few points: coarsely, then on the map's own points."""
         surface, sparse = self._index.surface, self._prepared.sparse
-        starts = np.array([candidate.T_level_sensor for candidate in candidates])
-        aligned = surface.align(sparse, surface.align_coarse(sparse, starts))
+        aligned = surface.align(sparse, surface.align_coarse(sparse, candidates.T_level_sensor))
         return [
-            RegisteredCandidate(self._index, self._map_id, candidate.template, registration)
-            for candidate, registration in zip(candidates, aligned, strict=True)
+            RegisteredCandidate(self._index, self._map_id, template, registration)
+            for template, registration in zip(candidates.template.tolist(), aligned, strict=True)
         ]
 
     def _rank(self, registered: Iterable[RegisteredCandidate]) -> list[RegisteredCandidate]:

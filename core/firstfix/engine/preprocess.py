@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from small_gicp import voxelgrid_sampling
 
-from ..descriptor import Described, Descriptor, ScanBatch
+from ..descriptor import Described, Descriptor, LayeredOccupancy, ScanBatch
+from ..native import turned_occupied_cells
 from ..scan.compact import CompactScan, ScanDescriptor
 from ..scan.levelling import Level, estimate_up_near, floor_height, levelling_rotation, turned
 from ..scan.range_view import RangeView, directions
@@ -57,6 +58,10 @@ class PreparedScan:
         """Returns the robot's own description if the descriptors agree: it had all points."""
         if self.described is not None and self.described.agrees_with(descriptor):
             return self.described.rows
+        if isinstance(descriptor, LayeredOccupancy):  # without a copy of all points
+            grid, edges_m = descriptor.grid, np.asarray(descriptor.edges_m, np.float32)
+            form = grid.rings, grid.sectors, grid.max_range_m, edges_m
+            return {"occupancy": turned_occupied_cells(self.seen, self.R_level_sensor, self.height_m, *form)}
         return descriptor.describe(self.batch)
 
     @property

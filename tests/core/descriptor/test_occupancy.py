@@ -48,7 +48,7 @@ def test_the_key_ignores_the_turn_and_match_finds_it(turn):
     template = rng.random((1, OCCUPANCY.rows, 36)) < 0.2
     query = np.roll(template, -turn, axis=2)  # the robot turned by +turn sectors sees all at -turn
     assert np.allclose(OCCUPANCY.keys(stored(template)), OCCUPANCY.keys(stored(query)), atol=1e-5)
-    yaw, score = OCCUPANCY.match(stored(query), stored(template))
+    yaw, score = OCCUPANCY.match(stored(query), stored(template), np.arange(1))
     assert yaw == pytest.approx([turn * 2 * np.pi / 36])
     assert score[0] == pytest.approx(1)
 
@@ -58,7 +58,7 @@ def test_match_scores_the_right_template_highest():
     templates = rng.random((20, OCCUPANCY.rows, 36)) < 0.2
     query = np.roll(templates[7:8], 5, axis=2)
     query[:, :, :6] = False  # a sixth of the view is blocked
-    yaw, score = OCCUPANCY.match(stored(query), stored(templates))
+    yaw, score = OCCUPANCY.match(stored(query), stored(templates), np.arange(20))
     assert score.argmax() == 7
     assert yaw[7] == pytest.approx(31 * 2 * np.pi / 36)
     assert score[7] < 1
@@ -74,5 +74,5 @@ def test_similarity_is_the_cosine_as_the_cells_lie():
 def test_an_empty_scan_gives_a_key_and_scores_of_zero():
     empty = described(np.empty((0, 3)))
     assert np.isfinite(OCCUPANCY.keys(empty)).all()
-    _, score = OCCUPANCY.match(empty, stored(np.ones((2, OCCUPANCY.rows, 36), bool)))
+    _, score = OCCUPANCY.match(empty, stored(np.ones((2, OCCUPANCY.rows, 36), bool)), np.arange(2))
     assert score.tolist() == [0, 0]

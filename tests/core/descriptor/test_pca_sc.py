@@ -93,7 +93,7 @@ def test_match_gives_the_yaw_of_the_query_in_the_template(turn_deg, trusted):
     R_template_query = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     template = how.describe(ScanBatch.single(points, 1.0))
     query = how.describe(ScanBatch.single((points @ R_template_query).astype(np.float32), 1.0))
-    yaw, score = how.match(query, template)
+    yaw, score = how.match(query, template, np.arange(1))
     off = (yaw[0] - turn + math.pi) % (2 * math.pi) - math.pi
     assert abs(off) < 1e-3
     assert score[0] > 0.98
@@ -103,10 +103,10 @@ def test_a_wrong_axis_is_found_by_shifting():
     how = PcaScanContext(GRID, max_ratio=0.0)
     template = how.describe(ScanBatch.single(a_scan(3), 1.0))
     query = {**template, "context": np.roll(template["context"], -13, axis=2)}
-    yaw, score = how.match(query, template)
+    yaw, score = how.match(query, template, np.arange(1))
     assert yaw[0] == pytest.approx(13 * 2 * math.pi / 60, abs=1e-5)
     assert score[0] == pytest.approx(1, abs=1e-5)
-    assert PcaScanContext(GRID, max_ratio=1.0).match(query, template)[1][0] < 0.95
+    assert PcaScanContext(GRID, max_ratio=1.0).match(query, template, np.arange(1))[1][0] < 0.95
 
 
 def test_cnz_is_the_share_of_filled_sectors():

@@ -7,7 +7,7 @@ import numpy as np
 
 from firstfix.answer.prior import Prior
 from firstfix.engine.calibration import Calibration
-from firstfix.engine.candidates import Candidate
+from firstfix.engine.candidates import Candidates
 from firstfix.engine.config import EngineConfig
 from firstfix.engine.hypotheses import MAX_REFINED, NEIGHBOUR_M, HypothesisSearch
 from firstfix.engine.index import MapIndex
@@ -21,6 +21,11 @@ PREPARED = SimpleNamespace(sparse=None, dense=None, scans=(SCAN,))
 
 def at(x: float) -> np.ndarray:
     return make_transform(np.eye(3), [x, 0, 0])
+
+
+def standing_at(x_m: list[float]) -> Candidates:
+    poses = np.array([at(x) for x in x_m]).reshape(-1, 4, 4)
+    return Candidates(np.arange(len(x_m)), poses, np.full(len(x_m), 0.5))
 
 
 def number_of(T: np.ndarray) -> int:
@@ -59,7 +64,7 @@ class MadeUpMap:
 
 def search(made_up: MadeUpMap, prior: Prior | None = None, calibration: Calibration | None = None):
     index = MapIndex(EngineConfig(), calibration or Calibration(), None, made_up, made_up)
-    candidates = [Candidate(number, at(APART_M * number), 0.5) for number in range(len(made_up.scores))]
+    candidates = standing_at([APART_M * number for number in range(len(made_up.scores))])
     return HypothesisSearch(index, PREPARED, prior, "yard").run(candidates)
 
 
@@ -114,5 +119,5 @@ def test_a_prior_leaves_out_poses_elsewhere():
 def test_of_equal_poses_only_the_best_is_kept():
     made_up = MadeUpMap([0.9], [0.0])
     index = MapIndex(EngineConfig(), Calibration(), None, made_up, made_up)
-    candidates = [Candidate(row, at(0.1 * row), 0.5) for row in range(3)]
+    candidates = standing_at([0.0, 0.1, 0.2])
     assert [one.template for one in HypothesisSearch(index, PREPARED).run(candidates)] == [0]

@@ -91,7 +91,7 @@ class Cascade:
         """Compares one described scan with the given templates, in ascending order as on the disk."""
         if not len(rows):
             return Matches(rows, np.empty(0), np.empty(0))
-        yaw, score = self.descriptor.match(described, self.templates.described_at(rows))
+        yaw, score = self.descriptor.match(described, self.templates.described, rows)
         best = np.argsort(-score, kind="stable")
         return Matches(rows[best], yaw[best], score[best])
 

@@ -1,13 +1,13 @@
 // The descriptor of a levelled scan: which cells of a layered polar grid are occupied. docs/method.md (3.1).
 #pragma once
 
-#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
 
-#include "firstfix/portable/atan2.hpp"
+#include "firstfix/descriptor/occupied_cells.hpp"
+#include "firstfix/portable/vector3.hpp"
 #include "firstfix/scan/scan.hpp"
 
 namespace firstfix {
@@ -34,26 +34,16 @@ inline bool usable(const LayeredOccupancy& d) {
   return ok;
 }
 
-// Bits of the occupied cells: layer by layer, ring by ring, most significant bit first.
-inline std::vector<std::uint8_t> occupancy(const std::vector<Point>& levelled, float height_m,
-                                           const LayeredOccupancy& grid) {
-  const std::vector<float> edges(grid.layer_edges_m.begin(), grid.layer_edges_m.end());
-  const auto end_m = static_cast<float>(grid.max_range_m);
-  const auto rings_a_metre = static_cast<float>(static_cast<double>(grid.rings) / grid.max_range_m);
-  const auto sectors = static_cast<std::ptrdiff_t>(grid.sectors);
+// Bits of the occupied cells of a scan that R brings to its levelled frame.
+inline std::vector<std::uint8_t> occupancy(const std::vector<Point>& points, const Matrix3& R, float height_m,
+                                           const LayeredOccupancy& d) {
+  static_assert(sizeof(Point) == 3 * sizeof(float), "points are read as rows of three floats");
+  const LayeredGrid grid(d.rings, d.sectors, d.max_range_m, {d.layer_edges_m.begin(), d.layer_edges_m.end()});
+  Rotation rotation;
+  for (std::size_t i = 0; i < 9; ++i) rotation[i] = static_cast<float>(R[i / 3][i % 3]);
+  const std::int64_t start[] = {0, static_cast<std::int64_t>(points.size())};
   std::vector<std::uint8_t> bits(grid.bytes());
-  for (const Point& p : levelled) {
-    const auto edge = std::upper_bound(edges.begin(), edges.end(), p.z + height_m);
-    if (edge == edges.begin() || edge == edges.end()) continue;
-    const float radius = std::sqrt(p.x * p.x + p.y * p.y);
-    if (!(radius < end_m)) continue;
-    const auto layer = static_cast<std::size_t>(edge - edges.begin()) - 1;
-    const std::size_t ring = std::min(static_cast<std::size_t>(radius * rings_a_metre), grid.rings - 1);
-    auto sector = static_cast<std::ptrdiff_t>(std::floor(atan2_turns(p.y, p.x) * static_cast<float>(sectors)));
-    sector = std::min(sector < 0 ? sector + sectors : sector, sectors - 1);
-    const std::size_t bit = (layer * grid.rings + ring) * grid.sectors + static_cast<std::size_t>(sector);
-    bits[bit / 8] = static_cast<std::uint8_t>(bits[bit / 8] | (0x80U >> (bit % 8)));
-  }
+  occupied_cells(points.empty() ? nullptr : &points.front().x, start, &height_m, 1, &rotation, grid, bits.data());
   return bits;
 }
 

@@ -46,9 +46,7 @@ inline ScanDescriptor described(const std::vector<Point>& near, const std::vecto
   turned(flat.points.data(), count, R[0].data(), flat.points.data());
   turned(flat.normals.data(), count, R[0].data(), flat.normals.data());
   made.height_m = floor_height(flat.points.data(), flat.normals.data(), count).value_or(parameters.default_height_m);
-  std::vector<Point> levelled(near.size());
-  turned(coordinates(near), near.size(), R[0].data(), coordinates(levelled));
-  made.occupancy = occupancy(levelled, static_cast<float>(made.height_m), made.descriptor);
+  made.occupancy = occupancy(near, R, static_cast<float>(made.height_m), made.descriptor);
   return made;
 }
 

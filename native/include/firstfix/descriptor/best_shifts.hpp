@@ -1,0 +1,189 @@
+// Comparison of one occupancy with many at every shift of the sectors (docs/method.md, 3.3). Equal to
+// firstfix.descriptor.best_shifts to the last bit.
+//
+// The templates lie side by side, one in each lane of a vector, and bit s of a word stands for the shift s. A filled
+// cell of the query in sector j adds the template's ring, turned by j, to the counts of all shifts at once. The counts
+// are kept as bit planes: one of them holds the lowest bit of every shift's count, the next one the second, and so on.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "firstfix/descriptor/bit_string.hpp"
+#include "firstfix/portable/vectors.hpp"
+
+namespace firstfix {
+
+class BestShifts {
+ public:
+  // query: one occupancy of so many bytes. rings: of all layers.
+  BestShifts(const std::uint8_t* query, std::size_t bytes, std::size_t rings, std::size_t sectors)
+      : bytes_(bytes), rings_(rings), sectors_(sectors), words_((sectors + 63) / 64), doubled_(2 * words_) {
+    const detail::BitString bits{query, bytes};
+    for (std::size_t ring = 0; ring < rings; ++ring) {
+      const std::size_t before = cells_.size();
+      for (std::size_t sector = 0; sector < sectors; sector += detail::kWordBits) {
+        std::uint64_t word = bits.word_at(ring * sectors + sector, std::min(detail::kWordBits, sectors - sector));
+        while (word != 0) {
+          const auto lead = static_cast<std::size_t>(__builtin_clzll(word));
+          word ^= (std::uint64_t{1} << 63) >> lead;
+          cells_.push_back({static_cast<std::uint32_t>(used_.size() * doubled_ + sector / 64),
+                            static_cast<std::uint32_t>(lead)});
+        }
+      }
+      if (cells_.size() > before) used_.push_back(ring);
+    }
+    while (cells_.size() >> planes_ != 0) ++planes_;
+    left_.resize(used_.size() * doubled_);
+    right_.resize(used_.size() * doubled_);
+    counts_.resize(words_ * planes_);
+  }
+
+  // The best shift of each of `count` templates, the smallest of equally good ones, and its score, 0..1.
+  // rows: of the templates, (n, bytes).
+  void compare(const std::uint8_t* templates, const std::int64_t* rows, std::size_t count, std::int64_t* shift,
+               float* score) {
+    for (std::size_t first = 0; first < count; first += detail::kLanes) {
+      const std::size_t lanes = std::min(detail::kLanes, count - first);
+      std::array<detail::BitString, detail::kLanes> group;
+      for (std::size_t lane = 0; lane < detail::kLanes; ++lane) {
+        group[lane] = {templates + static_cast<std::size_t>(rows[first + std::min(lane, lanes - 1)]) * bytes_, bytes_};
+      }
+      lay_out(group);
+      for (std::size_t word = 0; word < words_; ++word) count_shared(word);
+      const Words most = keep_best();
+      for (std::size_t lane = 0; lane < lanes; ++lane) {
+        const auto shared = static_cast<float>(most[lane]), asked = static_cast<float>(cells_.size()),
+                   filled = static_cast<float>(group[lane].ones(rings_ * sectors_));
+        shift[first + lane] = first_left(lane);
+        score[first + lane] = shared / std::max(std::sqrt(asked * filled), 1.0F);
+      }
+    }
+  }
+
+ private:
+  using Words = detail::Words;
+
+  struct Cell {
+    std::uint32_t at;     // of the word of `left_` in which the ring turned by this sector begins
+    std::uint32_t shift;  // of that word
+  };
+
+  struct Sum {
+    Words bit, carry;
+  };
+
+  static Sum add(Words a, Words b, Words c) {
+    const Words differ = a ^ b;
+    return {differ ^ c, (a & b) | (differ & c)};
+  }
+
+  // The rings that the query uses, each twice in a row, so that every turn of it can be read from there.
+  void lay_out(const std::array<detail::BitString, detail::kLanes>& group) {
+    const std::size_t off = sectors_ % 64, whole = sectors_ / 64;
+    for (std::size_t ring = 0; ring < used_.size(); ++ring) {
+      Words* left = &left_[ring * doubled_];
+      Words* right = &right_[ring * doubled_];
+      for (std::size_t word = words_; word < doubled_; ++word) left[word] = Words{};
+      for (std::size_t word = 0; word < words_; ++word) {
+        const std::size_t sector = 64 * word, first = used_[ring] * sectors_ + sector,
+                          count = std::min(detail::kWordBits, sectors_ - sector);
+        for (std::size_t lane = 0; lane < detail::kLanes; ++lane) left[word][lane] = group[lane].word_at(first, count);
+      }
+      for (std::size_t word = words_; word-- > 0;) {  // downwards: a word may receive bits of itself
+        const Words once = left[word];
+        if (off == 0) {
+          left[word + whole] |= once;
+        } else {
+          left[word + whole + 1] |= once << (64 - off);
+          left[word + whole] |= once >> off;
+        }
+      }
+      for (std::size_t word = 0; word + 1 < doubled_; ++word) right[word] = left[word + 1] >> 1;
+      right[doubled_ - 1] = Words{};
+    }
+  }
+
+  // Counts the shared cells at 64 shifts.
+  void count_shared(std::size_t word) {
+    const Words *left = left_.data() + word, *right = right_.data() + word;
+    const auto turned = [left, right](const Cell& cell) {
+      return left[cell.at] << cell.shift | right[cell.at] >> (63 - cell.shift);
+    };
+    Words* counts = &counts_[word * planes_];
+    std::fill(counts, counts + planes_, Words{});
+    Words ones{}, twos{}, fours{}, eights{};
+    const Cell* cell = cells_.data();
+    const Cell* const end = cell + cells_.size();
+    for (; end - cell >= 16; cell += 16) {
+      const auto two = [&](const Cell* c) {
+        const Sum sum = add(ones, turned(c[0]), turned(c[1]));
+        ones = sum.bit;
+        return sum.carry;
+      };
+      const auto four = [&](const Cell* c) {
+        const Words a = two(c), b = two(c + 2);
+        const Sum sum = add(twos, a, b);
+        twos = sum.bit;
+        return sum.carry;
+      };
+      const auto eight = [&](const Cell* c) {
+        const Words a = four(c), b = four(c + 4);
+        const Sum sum = add(fours, a, b);
+        fours = sum.bit;
+        return sum.carry;
+      };
+      const Words a = eight(cell), b = eight(cell + 8);
+      const Sum sum = add(eights, a, b);
+      eights = sum.bit;
+      carry_into(counts, 4, sum.carry);
+    }
+    const std::array<Words, 4> low{ones, twos, fours, eights};
+    for (std::size_t plane = 0; plane < std::min(planes_, low.size()); ++plane) counts[plane] = low[plane];
+    for (; cell != end; ++cell) carry_into(counts, 0, turned(*cell));
+  }
+
+  void carry_into(Words* counts, std::size_t plane, Words carry) const {
+    for (; plane < planes_; ++plane) {
+      const Words next = counts[plane] & carry;
+      counts[plane] ^= carry;
+      carry = next;
+    }
+  }
+
+  // Leaves in the first plane of every word the shifts with the largest count, and returns that count.
+  Words keep_best() {
+    best_.assign(words_, ~Words{});
+    best_.back() = Words{} + detail::highest(sectors_ - 64 * (words_ - 1));
+    Words most{};
+    for (std::size_t plane = planes_; plane-- > 0;) {
+      Words any{};
+      for (std::size_t word = 0; word < words_; ++word) any |= best_[word] & counts_[word * planes_ + plane];
+      const Words some = reinterpret_cast<Words>(any != 0);  // all bits of a lane, or none
+      for (std::size_t word = 0; word < words_; ++word) {
+        best_[word] &= counts_[word * planes_ + plane] | ~some;
+      }
+      most |= some & (std::uint64_t{1} << plane);
+    }
+    return most;
+  }
+
+  std::int64_t first_left(std::size_t lane) const {
+    std::size_t word = 0;
+    while (best_[word][lane] == 0) ++word;
+    return static_cast<std::int64_t>(64 * word) + __builtin_clzll(best_[word][lane]);
+  }
+
+  std::size_t bytes_, rings_, sectors_, words_, doubled_, planes_ = 0;
+  std::vector<std::size_t> used_;  // rings with any cell of the query
+  std::vector<Cell> cells_;        // of the query
+  std::vector<Words> left_, right_;  // (used rings, doubled): words of rings, and the words after them one bit right
+  std::vector<Words> counts_;        // (words, planes)
+  std::vector<Words> best_;          // (words)
+};
+
+}  // namespace firstfix
