@@ -22,12 +22,13 @@ from ...localize.negotiation import negotiate
 from ...localize.query_head import QueryHead, split_map_ids
 from ...localize.response_format import JSON, PARAMETERS, content_of, requested_pose
 from ...query_workers.answer import AnswerForm, EncodedAnswer
-from ..authorize import CallerDep
-from ..dependencies import Parts, PartsDep
+from ..authorize import caller_of
+from ..dependencies import Parts, parts_of
+from ..direct_route import DirectRoute
 from ..disconnect import cancel_on_disconnect
 from ..schema.answer_models import Answer
 
-router = APIRouter(tags=["localize"])
+router = APIRouter(tags=["localize"], route_class=DirectRoute)
 MAP_PARAMETER = "map"
 _OPTION_TEXT = {
     "gravity": "direction of gravity in the sensor frame, `x,y,z`, or the sensor's `roll_deg,pitch_deg`",
@@ -85,13 +86,14 @@ _ANSWERS: dict[int | str, dict[str, Any]] = {
 
 
 @router.post("/localize", response_class=Response, responses=_ANSWERS, openapi_extra=_openapi())
-async def localize(request: Request, parts: PartsDep, caller: CallerDep) -> Response:
+async def localize(request: Request) -> Response:
     """The pose of a scan in a map, or the reasons why there is none.
 
     `Accept: application/geopose+json` asks for the geographic pose; 406 if the map has no georeference.
     `Accept` with the media type of a ROS pose message asks for that message.
     """
     arrived = time.monotonic()
+    parts, caller = await parts_of(request), await caller_of(request)
     try:
         answer, content, media_type = await _localize(request, parts, caller, arrived)
     except ClientDisconnect:
