@@ -12,7 +12,7 @@ from .errors import InputError, MalformedData, NotFound, TooLarge, UnsupportedFo
 from .formats.npy import read_npy
 from .formats.pcd import decode_pcd
 from .formats.ply import decode_ply
-from .formats.point_cloud import SCAN_LIMITS, Limits, PointCloud
+from .formats.point_cloud import SCAN_LIMITS, Body, Limits, PointCloud
 from .formats.raw_xyz import decode_xyz, decode_xyzi
 from .formats.scanner_bin import decode_scanner_bin
 from .formats.text import decode_text
@@ -35,33 +35,33 @@ __all__ = [
 MAX_SCAN_FILE_BYTES = 1_000_000_000
 
 
-def _decode_wire(body: bytes) -> Scan:
+def _decode_wire(body: Body) -> Scan:
     from .wire import scan as wire  # imported late: the other decoders do not need zstandard
 
     return wire.decode_scan(body)
 
 
-def _decode_sequence(body: bytes) -> ScanSequence:
+def _decode_sequence(body: Body) -> ScanSequence:
     from .wire import sequence as wire_sequence
 
     return wire_sequence.decode_scans(body)
 
 
-def _decode_compact(body: bytes) -> AnyScan:
+def _decode_compact(body: Body) -> AnyScan:
     from .wire import query as wire_query
 
     return wire_query.decode_query(body)
 
 
-def _decode_cdr(body: bytes) -> Scan:
+def _decode_cdr(body: Body) -> Scan:
     return decode_point_cloud2(body, SCAN_LIMITS).scan()
 
 
-def _decode_cloud(decode: Callable[[bytes, Limits], PointCloud], body: bytes) -> Scan:
+def _decode_cloud(decode: Callable[[Body, Limits], PointCloud], body: Body) -> Scan:
     return _scan_of(decode(body, SCAN_LIMITS))
 
 
-def _by(decode: Callable[[bytes, Limits], PointCloud]) -> Callable[[bytes], Scan]:
+def _by(decode: Callable[[Body, Limits], PointCloud]) -> Callable[[Body], Scan]:
     return partial(_decode_cloud, decode)
 
 
@@ -70,7 +70,7 @@ def _scan_of(cloud: PointCloud) -> Scan:
         return Scan.from_points(cloud.xyz, cloud.intensity)
 
 
-_SCAN_TYPES: dict[str, Callable[[bytes], Scan]] = {
+_SCAN_TYPES: dict[str, Callable[[Body], Scan]] = {
     "application/vnd.firstfix.scan": _decode_wire,
     "application/vnd.firstfix.xyz": _by(decode_xyz),
     "application/vnd.firstfix.xyzi": _by(decode_xyzi),
@@ -81,7 +81,7 @@ _SCAN_TYPES: dict[str, Callable[[bytes], Scan]] = {
     CDR: _decode_cdr,
     ZENOH_CDR: _decode_cdr,
 }
-MEDIA_TYPES: dict[str, Callable[[bytes], AnyScan]] = {
+MEDIA_TYPES: dict[str, Callable[[Body], AnyScan]] = {
     **_SCAN_TYPES,
     "application/vnd.firstfix.query": _decode_compact,
     "application/vnd.firstfix.scans": _decode_sequence,
@@ -95,7 +95,7 @@ SUFFIXES: dict[str, str] = {
 }
 
 
-def decode_query(body: bytes, media_type: str) -> AnyScan:
+def decode_query(body: Body, media_type: str) -> AnyScan:
     """Returns the scan in a request body. Safe with bytes from strangers.
 
     Raises:
@@ -105,7 +105,7 @@ def decode_query(body: bytes, media_type: str) -> AnyScan:
     return decoder_of(media_type)(body)
 
 
-def decoder_of(media_type: str) -> Callable[[bytes], AnyScan]:
+def decoder_of(media_type: str) -> Callable[[Body], AnyScan]:
     """Returns the decoder of a media type. It can be pickled.
 
     Args:
@@ -126,7 +126,7 @@ def decoder_of(media_type: str) -> Callable[[bytes], AnyScan]:
     return decoder
 
 
-def is_point_cloud2(decoder: Callable[[bytes], AnyScan]) -> bool:
+def is_point_cloud2(decoder: Callable[[Body], AnyScan]) -> bool:
     """Returns whether a decoder of ``decoder_of`` reads PointCloud2 messages."""
     return decoder is _decode_cdr
 

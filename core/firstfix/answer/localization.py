@@ -95,7 +95,7 @@ class Localization:
             "reasons": [reason.value for reason in self.reasons],
             "T_map_sensor": _pose_to_mapping(self.T_map_sensor),
             "T_map_base": _pose_to_mapping(self.T_map_base),
-            "covariance": None if self.covariance is None else [float(v) for v in self.covariance.ravel()],
+            "covariance": None if self.covariance is None else self.covariance.ravel().tolist(),
             "probability": self.probability,
             "hypotheses": [
                 {
@@ -145,8 +145,8 @@ def _pose_to_mapping(T: NDArray[np.float64] | None) -> dict[str, list[float]] | 
     if T is None:
         return None
     return {
-        "position": [float(v) for v in T[:3, 3]],
-        "quaternion": [float(v) for v in transform.quaternion_of(T)],
+        "position": T[:3, 3].tolist(),
+        "quaternion": transform.quaternion_of(T).tolist(),
     }
 
 

@@ -17,7 +17,9 @@ _GZIP_SLICE_BYTES = 8192
 _ZSTD_MAX_WINDOW_BYTES = 1 << 23  # RFC 8878 requires every decoder to support it
 
 
-def undo_content_encoding(body: bytes, encoding: str, max_bytes: int) -> bytes:
+def undo_content_encoding(
+    body: bytes | memoryview, encoding: str, max_bytes: int
+) -> bytes | memoryview:
     """Returns the body as it was before the encoding.
 
     Args:
@@ -32,7 +34,7 @@ def undo_content_encoding(body: bytes, encoding: str, max_bytes: int) -> bytes:
     return decompressor_of(encoding)(body, max_bytes)
 
 
-def decompressor_of(encoding: str) -> Callable[[bytes, int], bytes]:
+def decompressor_of(encoding: str) -> Callable[[bytes | memoryview, int], bytes | memoryview]:
     """Returns the function that undoes an encoding: of a body, up to so many bytes. It can be pickled.
 
     Raises:
@@ -48,25 +50,13 @@ def decompressor_of(encoding: str) -> Callable[[bytes, int], bytes]:
     raise UnsupportedFormat(f"unknown Content-Encoding {encoding[:40]!r}: use gzip, zstd or identity")
 
 
-def first_bytes(body: bytes, encoding: str, count: int) -> bytes:
-    """Returns the first bytes of the decompressed body, which ``undo_content_encoding`` accepted before."""
-    name = encoding.strip().lower()
-    if name in ("gzip", "x-gzip"):
-        return zlib.decompressobj(wbits=zlib.MAX_WBITS | 16).decompress(body, count)
-    if name == "zstd":
-        decompressor = zstandard.ZstdDecompressor(max_window_size=_ZSTD_MAX_WINDOW_BYTES)
-        with decompressor.stream_reader(body) as stream:
-            return stream.read(count)
-    return body[:count]
-
-
-def _identity(body: bytes, max_bytes: int) -> bytes:
+def _identity(body: bytes | memoryview, max_bytes: int) -> bytes | memoryview:
     if len(body) > max_bytes:
         raise TooLarge(f"the body has {len(body)} bytes, the limit is {max_bytes}")
     return body
 
 
-def _gunzip(body: bytes, max_bytes: int) -> bytes:
+def _gunzip(body: bytes | memoryview, max_bytes: int) -> bytes:
     stream = zlib.decompressobj(wbits=zlib.MAX_WBITS | 16)  # 16: a gzip header
     try:
         return _expanded("gzip", stream, body, _GZIP_SLICE_BYTES, max_bytes)
@@ -74,7 +64,7 @@ def _gunzip(body: bytes, max_bytes: int) -> bytes:
         raise MalformedData(f"gzip: {error}") from error
 
 
-def _unzstd(body: bytes, max_bytes: int) -> bytes:
+def _unzstd(body: bytes | memoryview, max_bytes: int) -> bytes:
     try:
         declared = zstandard.frame_content_size(body)  # -1: not declared
         _check_size("zstd", declared, max_bytes)
@@ -84,7 +74,7 @@ def _unzstd(body: bytes, max_bytes: int) -> bytes:
         raise MalformedData(f"zstd: {error}") from error
 
 
-def _expanded(name: str, stream: Any, body: bytes, slice_bytes: int, max_bytes: int) -> bytes:
+def _expanded(name: str, stream: Any, body: bytes | memoryview, slice_bytes: int, max_bytes: int) -> bytes:
     """Decompresses slice after slice and checks the size after each."""
     parts, size = [], 0
     for start in range(0, len(body), slice_bytes):

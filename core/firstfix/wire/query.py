@@ -104,7 +104,7 @@ def encode_query(query: CompactScan | ScanDescriptor, *, resolution_m: float = 0
     return _HEADER.pack(MAGIC, VERSION, COMPACT | DESCRIPTOR, 0) + body + _descriptor_bytes(query.described)
 
 
-def decode_query(body: bytes) -> CompactScan | ScanDescriptor:
+def decode_query(body: bytes | memoryview) -> CompactScan | ScanDescriptor:
     """Decodes a query. Every size is checked before memory is allocated.
 
     Raises:
@@ -115,7 +115,7 @@ def decode_query(body: bytes) -> CompactScan | ScanDescriptor:
     rest = FrameReader(body, MEDIA_TYPE)
     magic, version, parts, zero = rest.header(_HEADER)
     if magic != MAGIC or zero:
-        raise MalformedData(f"not {MEDIA_TYPE}: it begins with {body[: _HEADER.size]!r}")
+        raise MalformedData(f"not {MEDIA_TYPE}: it begins with {bytes(body[: _HEADER.size])!r}")
     if version != VERSION or not 1 <= parts <= COMPACT | DESCRIPTOR:
         raise UnsupportedFormat(
             f"{MEDIA_TYPE} version {version} parts {parts}: only version {VERSION} and 1 to 3 are supported"

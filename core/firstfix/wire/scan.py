@@ -73,7 +73,7 @@ def encode_scan(
     return _PREFIX.pack(MAGIC, VERSION, KIND_RANGE_IMAGE) + rest
 
 
-def decode_scan(body: bytes) -> Scan:
+def decode_scan(body: bytes | memoryview) -> Scan:
     """Decodes a scan. Every size is checked before memory is allocated.
 
     Raises:

@@ -66,7 +66,7 @@ def encode_scans(
     return b"".join(parts)
 
 
-def decode_scans(body: bytes) -> ScanSequence:
+def decode_scans(body: bytes | memoryview) -> ScanSequence:
     """Decodes a sequence. Every size is checked before memory is allocated.
 
     Raises:
@@ -79,7 +79,7 @@ def decode_scans(body: bytes) -> ScanSequence:
         raise MalformedData(f"{len(body)} bytes are too few for a {MEDIA_TYPE} header of {_HEADER.size}")
     magic, version, count, zero = _HEADER.unpack_from(body)
     if magic != MAGIC or zero:
-        raise MalformedData(f"not {MEDIA_TYPE}: it begins with {body[: _HEADER.size]!r}")
+        raise MalformedData(f"not {MEDIA_TYPE}: it begins with {bytes(body[: _HEADER.size])!r}")
     if version != VERSION:
         raise UnsupportedFormat(f"{MEDIA_TYPE} version {version}: only version {VERSION} is supported")
     if count > MAX_SCANS:
@@ -104,8 +104,8 @@ def decode_scans(body: bytes) -> ScanSequence:
     return ScanSequence.along(scans, poses)
 
 
-def _decode_one(body: bytes, number: int) -> Scan | CompactScan:
-    if not body.startswith(wire_query.MAGIC):
+def _decode_one(body: bytes | memoryview, number: int) -> Scan | CompactScan:
+    if bytes(body[: len(wire_query.MAGIC)]) != wire_query.MAGIC:
         return wire.decode_scan(body)
     scan = wire_query.decode_query(body)
     if not isinstance(scan, CompactScan):

@@ -8,11 +8,15 @@ from __future__ import annotations
 
 import asyncio
 from enum import Enum
+from functools import partial
 from typing import Any
 
-from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+import httptools
+from starlette.requests import ClientDisconnect
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 
 from .answer import AnswerTransport
+from .body_receiver import RECEIVE_INTO, Arrived, BodyReceiver
 from .connections import Connections, ConnectionUse, EndReason
 
 MAX_HEAD_BYTES = 64 << 10
@@ -57,6 +61,8 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self._unsent_bytes: int | None = None  # at the pause of writing; None: not paused
         self._write_paused_at = 0.0
         self._closing_since: float | None = None
+        self._body: asyncio.Future[None] | None = None  # set when a body was received into its buffer
+        self._is_out_of_step = False  # the parser has missed a part of the body: it must not go on
 
     # Used by ``Connections``
 
@@ -118,10 +124,11 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         """Gives the place back."""
         self._all.leave(self)
         super().connection_lost(exc)
+        self.body_ended(ClientDisconnect())
 
     def data_received(self, data: bytes) -> None:
         """Parses data, or drops it while the connection lingers."""
-        if self.is_lingering:
+        if self.is_lingering or self._is_out_of_step:
             self._linger_bytes += len(data)
             if self._linger_bytes > LINGER_BYTES:
                 self.abort()
@@ -175,6 +182,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self._keep_alive = self.cycle.keep_alive and self._use is ConnectionUse.ALL
         self.cycle.keep_alive = False
         self.cycle.transport = AnswerTransport(self, self.cycle)  # type: ignore[assignment]
+        self.scope["extensions"] = {RECEIVE_INTO: partial(self._receive_into, self.cycle)}
         self._wait_for(Reading.BODY)
 
     def on_body(self, body: bytes) -> None:
@@ -221,6 +229,57 @@ class LimitedHttpProtocol(HttpToolsProtocol):
             self._linger()
         else:
             self.transport.close()
+
+    def body_ended(self, error: Exception | None) -> None:
+        """Ends the reception of a body into a buffer, and parses what comes next.
+
+        Args:
+            error: why the body is not complete; None: it is.
+        """
+        body, self._body = self._body, None
+        if body is None or body.done():
+            return
+        self._read_with(self)
+        if error is not None:
+            self._is_out_of_step = True
+            body.set_exception(error)
+            return
+        self.parser = httptools.HttpRequestParser(self)  # the old one still waits for the body
+        self.parser.set_dangerous_leniencies(lenient_data_after_close=True)
+        self.on_message_complete()
+        body.set_result(None)
+
+    async def _receive_into(
+        self, cycle: RequestResponseCycle, buffer: memoryview, arrived: Arrived
+    ) -> None:
+        """Receives the body of a request, see ``ReceiveInto``."""
+        if cycle.waiting_for_100_continue and not cycle.transport.is_closing():
+            cycle.transport.write(b"HTTP/1.1 100 Continue\r\n\r\n")
+            cycle.waiting_for_100_continue = False
+        parsed, cycle.body = cycle.body, bytearray()
+        buffer[: len(parsed)] = parsed
+        arrived(len(parsed))
+        if not cycle.more_body:
+            return
+        if cycle.disconnected or cycle.response_complete:
+            raise ClientDisconnect
+        self._body = body = self.loop.create_future()
+        self._read_with(BodyReceiver(self, buffer[len(parsed) :], partial(self._take, arrived)))
+        try:
+            await body
+        finally:
+            self.body_ended(ClientDisconnect())  # where nobody waits for it any more
+
+    def _take(self, arrived: Arrived, size: int) -> None:
+        self._body_bytes += size
+        arrived(size)
+
+    def _read_with(self, protocol: asyncio.BaseProtocol) -> None:
+        """Hands further data to this protocol. uvloop looks at its kind when it begins to read."""
+        self.transport.pause_reading()
+        self.transport.set_protocol(protocol)
+        self.flow.read_paused = False
+        self.transport.resume_reading()
 
     @property
     def is_lingering(self) -> bool:
@@ -271,6 +330,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         if self._answering:  # tells the reader of the body that no more of it will arrive
             self.cycle.disconnected = True
             self.cycle.message_event.set()
+        self.body_ended(ClientDisconnect())
         self._wait_for(Reading.LINGER)
         self._unset_keepalive_if_required()
         self.flow.resume_reading()

@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
+from contextvars import Context
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
@@ -31,18 +32,20 @@ class Job:
 
     Attributes:
         prepared: result of its preparation; None while it is being prepared.
+        context: of the request, for its work.
         ready_since: ``time.monotonic`` when it was prepared and began to wait for its turn.
-        seconds: duration of its work.
+        began: ``time.monotonic`` when its work began.
     """
 
     group: str
-    work: Callable[[Any, float], Any]
+    work: Callable[[Any, float], Coroutine[Any, Any, Any]]
     result: asyncio.Future[Any]
     deadline: float | None
+    context: Context
     state: State = State.PREPARING
     prepared: Any = None
     ready_since: float = 0.0
-    seconds: float = 0.0
+    began: float = 0.0
     timer: asyncio.TimerHandle | None = None
 
 
@@ -114,15 +117,15 @@ class FairQueue:
                 return job
         return None
 
-    def ended(self, job: Job) -> None:
-        """Removes a query whose work has ended."""
+    def ended(self, job: Job, seconds: float) -> None:
+        """Removes a query whose work has ended, after so many seconds."""
         group = self._groups[job.group]
         job.state = State.GONE
         group.running -= 1
         self._running -= 1
         self.size -= 1
-        group.mean_s = _mean(group.mean_s or job.seconds, job.seconds)
-        self.mean_s = _mean(self.mean_s, job.seconds)
+        group.mean_s = _mean(group.mean_s or seconds, seconds)
+        self.mean_s = _mean(self.mean_s, seconds)
         self._tidy(job.group)
 
     def waiting(self) -> list[Job]:

@@ -7,16 +7,16 @@ that has few: it replaces the newest query of the map that has most.
 from __future__ import annotations
 
 import asyncio
+import contextvars
 import time
-from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Coroutine
+from concurrent.futures import Future
 from contextlib import suppress
 from functools import partial
 from typing import Any, Protocol, TypeVar
 
 from firstfix.errors import DeadlineExceeded, FirstfixError, Overloaded
 
-from ..lanes import START
 from .fair_queue import FairQueue, Job, State
 
 T = TypeVar("T")
@@ -35,14 +35,14 @@ C = TypeVar("C", bound=Closeable)
 
 
 class QueryPool:
-    """Threads behind a fair, bounded queue. Belongs to one event loop; ``admitted`` is thread-safe."""
+    """Tasks behind a fair, bounded queue. Belongs to one event loop; ``admitted`` is thread-safe."""
 
     def __init__(self, workers: int, queue_size: int) -> None:
-        self._executor = ThreadPoolExecutor(workers, thread_name_prefix="query")
         self._workers = workers
         self._limit = workers + queue_size
         self._queue = FairQueue(workers)
         self._closed = False
+        self._running: set[asyncio.Task[Any]] = set()
 
     @property
     def admitted(self) -> int:
@@ -61,7 +61,7 @@ class QueryPool:
         self,
         group: str,
         prepare: Callable[[], Future[C]],
-        work: Callable[[C, float], T],
+        work: Callable[[C, float], Coroutine[Any, Any, T]],
         deadline: float | None = None,
     ) -> T:
         """Returns the result of the work, once it is the query's turn.
@@ -84,7 +84,7 @@ class QueryPool:
         loop = asyncio.get_running_loop()
         if (replaced := self._replaced_by(group)) is not None:
             self._refuse(replaced, self._full())
-        job = Job(group, work, loop.create_future(), deadline)
+        job = Job(group, work, loop.create_future(), deadline, contextvars.copy_context())
         self._queue.add(job)
         try:
             prepared = prepare()
@@ -103,11 +103,12 @@ class QueryPool:
             self._leave(job)
 
     async def close(self) -> None:
-        """Refuses the queries that wait, and blocks until those that run have ended."""
+        """Refuses the queries that wait, and waits for the end of those that run."""
         self._closed = True
         for job in self._queue.waiting():
             self._refuse(job, Overloaded("the service is stopping"))
-        await START.run(self._executor.shutdown)
+        if self._running:
+            await asyncio.wait(self._running)
         await asyncio.sleep(0)  # delivers the last results
 
     def _prepared(self, job: Job, future: Future[Any]) -> None:
@@ -126,28 +127,24 @@ class QueryPool:
     def _dispatch(self) -> None:
         loop = asyncio.get_running_loop()
         while (job := self._queue.next()) is not None:
-            future = self._executor.submit(self._work, job)
-            future.add_done_callback(partial(_in, loop, self._ended, job))
+            job.began = time.monotonic()
+            work = job.work(job.prepared, job.began - job.ready_since)
+            task = loop.create_task(work, context=job.context)
+            self._running.add(task)
+            task.add_done_callback(partial(self._ended, job))
 
-    @staticmethod
-    def _work(job: Job) -> Any:
-        start = time.monotonic()
-        try:
-            return job.work(job.prepared, start - job.ready_since)
-        finally:
-            job.seconds = time.monotonic() - start
-
-    def _ended(self, job: Job, future: Future[Any]) -> None:
-        self._queue.ended(job)
+    def _ended(self, job: Job, task: asyncio.Task[Any]) -> None:
+        self._running.discard(task)
+        self._queue.ended(job, time.monotonic() - job.began)
         job.prepared.close()
-        error = future.exception()
+        error = Overloaded("the service is stopping") if task.cancelled() else task.exception()
         if not job.result.done():
             if error is not None:
                 job.result.set_exception(error)
             elif job.deadline is not None and time.monotonic() > job.deadline:
                 job.result.set_exception(_too_late())
             else:
-                job.result.set_result(future.result())
+                job.result.set_result(task.result())
         self._dispatch()
 
     def _refuse(self, job: Job, error: BaseException) -> None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from firstfix.answer.localization import Localization
-
 from ..problems import problem_of
+from ..query_workers.answer import EncodedAnswer
+from ..query_workers.body_format import Body
 from ..telemetry.metrics import Metrics
 from ..telemetry.request_scope import Requests, RequestScope, current_request, note
 from ..telemetry.tracing import started_ns
@@ -26,7 +26,7 @@ class QueryRecorder:
         self._requests = requests
         self._sampler = sampler
 
-    def record(self, head: QueryHead, body: bytes, answer: Localization, queued: float) -> None:
+    def record(self, head: QueryHead, body: Body, answer: EncodedAnswer, queued: float) -> None:
         """Adds the stages of an answered query to its trace, and offers the query to the sampler.
 
         Args:
@@ -39,17 +39,17 @@ class QueryRecorder:
         if self._sampler is not None:
             self._sampler.offer(head, body, answer, scope)
 
-    def count(self, transport: str, outcome: Localization | BaseException) -> None:
+    def count(self, transport: str, outcome: EncodedAnswer | BaseException) -> None:
         """Counts one query, answered or failed."""
         scope = current_request()
-        if isinstance(outcome, Localization):
+        if isinstance(outcome, EncodedAnswer):
             self._count_answer(transport, outcome, scope)
         else:
             self._count_failure(transport, outcome, scope)
         if scope is not None:
             self._metrics.localize_seconds.labels(transport).observe(scope.seconds, _exemplar(scope))
 
-    def _count_answer(self, transport: str, answer: Localization, scope: RequestScope | None) -> None:
+    def _count_answer(self, transport: str, answer: EncodedAnswer, scope: RequestScope | None) -> None:
         metrics, verdict = self._metrics, answer.verdict.value
         metrics.verdicts.labels(transport, verdict).inc()
         metrics.probability.labels(verdict).observe(answer.probability)

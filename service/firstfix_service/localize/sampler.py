@@ -6,6 +6,7 @@ there is no room is dropped and counted.
 
 from __future__ import annotations
 
+import json
 import queue
 import random
 import threading
@@ -17,10 +18,12 @@ from datetime import datetime, timezone
 import structlog
 
 import firstfix
-from firstfix.answer.localization import Localization, Verdict
+from firstfix.answer.localization import Verdict
 from firstfix.catalog.query_samples import REPLAY, QuerySample, QuerySamples, new_sample_id
 from firstfix.errors import FirstfixError
 
+from ..query_workers.answer import EncodedAnswer
+from ..query_workers.body_format import Body
 from ..settings import Settings
 from ..telemetry.metrics import Metrics
 from ..telemetry.request_scope import RequestScope
@@ -71,7 +74,7 @@ class SamplePolicy:
         """True if any query can be stored."""
         return self.share > 0 or self.share_localized > 0
 
-    def share_of(self, answer: Localization) -> float:
+    def share_of(self, answer: EncodedAnswer) -> float:
         """Returns the share of queries with such an answer to store."""
         if answer.verdict is not Verdict.LOCALIZED:
             return self.share
@@ -102,7 +105,7 @@ class QuerySampler:
         self._waiting.put(None)
         self._thread.join(STOP_WITHIN_S)
 
-    def offer(self, head: QueryHead, body: bytes, answer: Localization, scope: RequestScope | None) -> None:
+    def offer(self, head: QueryHead, body: Body, answer: EncodedAnswer, scope: RequestScope | None) -> None:
         """Stores the query if the policy chooses it. Never blocks and never fails."""
         if random.random() >= self._policy.share_of(answer):
             return
@@ -123,11 +126,11 @@ class QuerySampler:
             media_type=head.media_type,
             content_encoding=head.content_encoding or "",
             options=dict(head.options),
-            answer=answer.to_mapping(),
+            answer=json.loads(answer.json),
             body_bytes=len(body),
             service_version=firstfix.__version__,
         )
-        self._waiting.put((sample, body))
+        self._waiting.put((sample, bytes(body)))
 
     def _take(self, size: int) -> str:
         """The word "taken", or the reason against it: a label of the metric."""

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import time
 from concurrent.futures import Future
-from dataclasses import replace
-
-from firstfix.answer.localization import Localization
 
 from ..auth.principal import Principal
 from ..maps.leases import Leases
 from ..maps.map_cache import MapCache
+from ..query_workers.answer import AnswerForm, EncodedAnswer
 from ..query_workers.base import QueryWorkers
+from ..query_workers.body_format import Body
 from ..query_workers.query import Query
-from ..telemetry.request_scope import in_this_context
 from .admission import Admission, admit
 from .pool import QueryPool
 from .query_head import QueryHead
@@ -46,11 +44,12 @@ class LocalizeUseCase:
         """
         return admit(head, caller, self._maps.served, self._pool)
 
-    async def localize(self, admission: Admission, body: bytes) -> Localization:
+    async def localize(self, admission: Admission, body: Body, form: AnswerForm) -> EncodedAnswer:
         """Returns the answer to an admitted query. Where there are several maps, their places compete.
 
         Args:
             body: as it came, with its content encoding.
+            form: how the caller wants the answer.
 
         Raises:
             InputError: the body cannot be used.
@@ -64,17 +63,25 @@ class LocalizeUseCase:
         def prepare() -> Future[Leases]:
             return self._maps.lease(admission.map_ids, options.version)
 
-        def work(leases: Leases, waited_s: float) -> Localization:
+        async def work(leases: Leases, waited_s: float) -> EncodedAnswer:
             map_s = time.monotonic() - queued - waited_s
-            query = Query(body, admission.body_format, options, leases.served, self._max_decoded_bytes)
-            answer = self._workers.answer(query)
             waits_ms = {"queue": waited_s * 1e3, "map": map_s * 1e3}
-            return replace(answer, timings_ms={**waits_ms, **answer.timings_ms})
+            return await self._workers.answer(
+                Query(
+                    body,
+                    admission.body_format,
+                    options,
+                    leases.served,
+                    self._max_decoded_bytes,
+                    form,
+                    waits_ms,
+                )
+            )
 
-        answer = await self._pool.run(admission.group, prepare, in_this_context(work), admission.deadline)
+        answer = await self._pool.run(admission.group, prepare, work, admission.deadline)
         self._recorder.record(admission.head, body, answer, queued)
         return answer
 
-    def count(self, transport: str, outcome: Localization | BaseException) -> None:
+    def count(self, transport: str, outcome: EncodedAnswer | BaseException) -> None:
         """Counts the end of one query in the metrics, the log and the trace."""
         self._recorder.count(transport, outcome)

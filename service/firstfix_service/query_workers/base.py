@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
-import threading
+import asyncio
+import contextvars
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Protocol
 
-from firstfix.answer.localization import Localization
 from firstfix.engine.localizer import Localizer
-from firstfix.errors import FirstfixError, VersionError
 
-from .private_bytes import private_bytes
-from .query import Query, ServedVersion, answer_query
+from .answer import EncodedAnswer
+from .localizers import Localizers
+from .query import Query, ServedVersion
 
 
 class QueryWorkers(Protocol):
-    """Workers that answer queries. Thread-safe.
+    """Workers that answer queries. Thread-safe; any event loop may ask.
 
     The caller decides which versions are loaded. A query loads its versions if they are not.
     """
 
     def load(self, version: ServedVersion) -> int:
-        """Loads a version in every worker.
+        """Loads a version in every worker. Blocks.
 
         Returns:
             Bytes of memory of all workers together, without the mapped files.
@@ -33,10 +34,10 @@ class QueryWorkers(Protocol):
         ...
 
     def drop(self, version: ServedVersion) -> None:
-        """Unloads a version that no query uses."""
+        """Unloads a version that no query uses. Blocks."""
         ...
 
-    def answer(self, query: Query) -> Localization:
+    async def answer(self, query: Query) -> EncodedAnswer:
         """Returns the answer to a query.
 
         Raises:
@@ -48,56 +49,37 @@ class QueryWorkers(Protocol):
         ...
 
     def close(self) -> None:
-        """Ends the workers. Call it when no query runs."""
+        """Ends the workers. Blocks. Call it when no query runs."""
         ...
 
 
 class QueryWorkerThreads:
-    """Workers without processes: the calling thread answers."""
+    """Workers without processes.
 
-    def __init__(self, load: Callable[[Path], Localizer]) -> None:
-        self._load_files = load
-        self._localizers: dict[ServedVersion, Localizer] = {}
-        self._lock = threading.Lock()
-        self._loads: dict[ServedVersion, threading.Lock] = {}
+    Args:
+        load: makes the localizer of a version's folder.
+        count: queries that are answered at the same time.
+    """
+
+    def __init__(self, load: Callable[[Path], Localizer], count: int = 1) -> None:
+        self._localizers = Localizers(load)
+        self._threads = ThreadPoolExecutor(count, thread_name_prefix="query")
 
     def load(self, version: ServedVersion) -> int:
         """Loads a version; returns its bytes in memory."""
-        localizer = self._localizer(version)
-        # FAISS reads its file into memory, which ``private_bytes`` cannot see.
-        held_by_faiss = sum(path.stat().st_size for path in version.directory.glob("*.faiss"))
-        return private_bytes(localizer) + held_by_faiss
+        return self._localizers.load(version)
 
     def drop(self, version: ServedVersion) -> None:
         """Unloads a version."""
-        with self._lock:
-            self._localizers.pop(version, None)
-            self._loads.pop(version, None)
+        self._localizers.drop(version)
 
-    def answer(self, query: Query) -> Localization:
+    async def answer(self, query: Query) -> EncodedAnswer:
         """Returns the answer to a query."""
-        return answer_query(query, [self._localizer(version) for version in query.versions])
+        context = contextvars.copy_context()  # for what is logged on the way
+        loop = asyncio.get_running_loop()
+        return await loop.run_in_executor(self._threads, context.run, self._localizers.answer, query)
 
     def close(self) -> None:
         """Unloads all versions."""
-        with self._lock:
-            self._localizers.clear()
-
-    def _localizer(self, version: ServedVersion) -> Localizer:
-        with self._lock:
-            if version in self._localizers:
-                return self._localizers[version]
-            load_lock = self._loads.setdefault(version, threading.Lock())
-        with load_lock:  # other threads wait for this load instead of repeating it
-            with self._lock:
-                if version in self._localizers:
-                    return self._localizers[version]
-            try:
-                localizer = self._load_files(version.directory)
-            except FirstfixError:
-                raise
-            except Exception as error:  # of any kind: the previous version must go on serving
-                raise VersionError(f"version {version.version} cannot be loaded: {error!r}") from error
-            with self._lock:
-                self._localizers[version] = localizer
-            return localizer
+        self._threads.shutdown()
+        self._localizers.clear()

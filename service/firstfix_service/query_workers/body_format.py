@@ -6,16 +6,26 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from firstfix.decode import decoder_of, is_point_cloud2
+from firstfix.formats.point_cloud import Body
 from firstfix.scan.sequence import AnyScan
 from firstfix.wire.content_encoding import decompressor_of
+
+__all__ = ["Body", "BodyFormat"]
 
 
 @dataclass(frozen=True)
 class BodyFormat:
-    """Decompressor and decoder of one body. The service chooses them, a worker process applies them."""
+    """Decompressor and decoder of one body. The service chooses them, a worker process applies them.
 
-    decompress: Callable[[bytes, int], bytes]
-    decode: Callable[[bytes], AnyScan]
+    Attributes:
+        decompress: of a body, up to so many bytes.
+            Raises MalformedData or TooLarge.
+        decode: of a body without its content encoding.
+            Raises MalformedData, TooLarge or InvalidScan.
+    """
+
+    decompress: Callable[[Body, int], Body]
+    decode: Callable[[Body], AnyScan]
 
     @classmethod
     def of(cls, media_type: str, content_encoding: str | None) -> BodyFormat:
@@ -30,11 +40,3 @@ class BodyFormat:
     def is_point_cloud2(self) -> bool:
         """True for a ROS PointCloud2, which has a stamp."""
         return is_point_cloud2(self.decode)
-
-    def scan_of(self, body: bytes, max_decoded_bytes: int) -> AnyScan:
-        """Returns the scan in a body.
-
-        Raises:
-            MalformedData, TooLarge, InvalidScan: as the decompressor and the decoder say.
-        """
-        return self.decode(self.decompress(body, max_decoded_bytes))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
-import select
 import socket
 import struct
 import subprocess
@@ -11,18 +11,19 @@ import sys
 import threading
 import time
 from contextlib import suppress
-from dataclasses import replace
 from multiprocessing.connection import Connection
 from typing import Any
 
-from firstfix.answer.localization import Localization
-from firstfix.errors import FirstfixError
+from firstfix.errors import FirstfixError, TooLarge
 
+from .answer import EncodedAnswer
+from .body_memory import BodyMemory
+from .messages import INLINE_BYTES, MessageReader, message_of
 from .process import DROP, HELLO, LOAD
 from .query import Query, ServedVersion
 
 LOAD_WITHIN_S = 300.0
-STALLED_S = 30.0  # for a message to go on: then the process was stopped, or it swaps
+STALLED_S = 30.0  # for a control message to go on: then the process was stopped, or it swaps
 # Each query runs in one thread; the processes share the cores.
 _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -40,27 +41,30 @@ class QueryWorkerDefect(Exception):
 
 
 class QueryWorkerHandle:
-    """One worker process. One thread at a time may call ``answer``; any thread may call the rest."""
+    """One worker process. One query at a time may use ``answer``; any thread may call the rest.
 
-    def __init__(self) -> None:
+    Args:
+        max_body_bytes: largest body of a query.
+    """
+
+    def __init__(self, max_body_bytes: int) -> None:
         """Starts the process. It takes a second until it is up."""
+        self._bodies = BodyMemory(max_body_bytes)
         queries, its_queries = socket.socketpair()
         control, its_control = socket.socketpair()
-        for end in (queries, control):
-            for option in (socket.SO_SNDTIMEO, socket.SO_RCVTIMEO):
-                end.setsockopt(socket.SOL_SOCKET, option, struct.pack("ll", int(STALLED_S), 0))
+        queries.setblocking(False)
+        for option in (socket.SO_SNDTIMEO, socket.SO_RCVTIMEO):
+            control.setsockopt(socket.SOL_SOCKET, option, struct.pack("ll", int(STALLED_S), 0))
+        self._queries, self._control = queries, Connection(control.detach())
         with its_queries, its_control:
-            ends = (its_queries.fileno(), its_control.fileno())
+            ends = (its_queries.fileno(), its_control.fileno(), self._bodies.descriptor)
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "firstfix_service.query_workers.process", *map(str, ends)],
+                [sys.executable, "-m", "firstfix_service.query_workers.process"]
+                + [str(number) for number in (*ends, max_body_bytes)],
                 pass_fds=ends,
                 stdin=subprocess.DEVNULL,
                 env={**dict.fromkeys(_ONE_THREAD, "1"), **os.environ},
             )
-        self._queries = Connection(queries.detach())
-        self._control = Connection(control.detach())
-        self._replies = select.poll()  # kept: ``Connection.poll`` makes one for every call
-        self._replies.register(self._queries.fileno(), select.POLLIN)
         self._query_lock = threading.Lock()  # held by ``close`` too, or another file could get its number
         self._control_lock = threading.Lock()
         self.started = time.monotonic()
@@ -78,7 +82,7 @@ class QueryWorkerHandle:
         """
         self._tell(HELLO, None)
 
-    def answer(self, query: Query, timeout_s: float) -> Localization:
+    async def answer(self, query: Query, timeout_s: float) -> EncodedAnswer:
         """Returns the process's answer to a query.
 
         Raises:
@@ -86,18 +90,23 @@ class QueryWorkerHandle:
             QueryWorkerStuck: no answer within the time.
             FirstfixError, QueryWorkerDefect: the query failed.
         """
+        if len(query.body) > self._bodies.capacity_bytes:
+            raise TooLarge(f"the body has {len(query.body)} bytes, the limit is {self._bodies.capacity_bytes}")
+        if not self._query_lock.acquire(blocking=False):
+            raise QueryWorkerDied("it is being closed")
         try:
-            with self._query_lock:
-                self._queries.send(replace(query, body=b""))
-                self._queries.send_bytes(query.body)
-                reply = self._queries.recv() if self._replies.poll(timeout_s * 1e3) else None
+            self._send(query)
+            reply = await self._reply(timeout_s)
+            self._bodies.trim(len(query.body))
         except (EOFError, OSError) as error:
             self.kill()  # it may only have stalled
             raise QueryWorkerDied(repr(error)) from None
-        if reply is None:
+        except BaseException:  # stuck, or nobody waits any more: its reply must not answer the next query
             self.kill()
-            raise QueryWorkerStuck(f"over {timeout_s:g} s")
-        answer: Localization = _unwrap(reply)
+            raise
+        finally:
+            self._query_lock.release()
+        answer: EncodedAnswer = _unwrap(reply)
         return answer
 
     def load(self, version: ServedVersion) -> int:
@@ -123,11 +132,55 @@ class QueryWorkerHandle:
         self._process.kill()
 
     def close(self) -> None:
-        """Closes the sockets of a process that has ended."""
+        """Closes the sockets and the memory of a process that has ended."""
         with self._query_lock:
             self._queries.close()
+            self._bodies.close()
         with self._control_lock:
             self._control.close()
+
+    def _send(self, query: Query) -> None:
+        """Sends a query. The process waits for it, so there is room for the whole message in its socket.
+
+        Raises:
+            OSError: the process has ended, or does not read.
+        """
+        if len(query.body) > INLINE_BYTES:
+            self._bodies.write(query.body)
+        parts = message_of(query)
+        if self._queries.sendmsg(parts) < sum(map(len, parts)):
+            raise BlockingIOError("it does not read")
+
+    async def _reply(self, timeout_s: float) -> tuple[bool, Any]:
+        """The reply to the query that was sent.
+
+        Raises:
+            EOFError, OSError: the process has ended.
+            QueryWorkerStuck: there is none within the time.
+        """
+        loop = asyncio.get_running_loop()
+        replied: asyncio.Future[tuple[bool, Any]] = loop.create_future()
+        reader = MessageReader()
+
+        def read() -> None:
+            try:
+                received = reader.receive(self._queries)
+            except (BlockingIOError, InterruptedError):
+                return
+            except Exception as error:
+                _end(replied, error)
+                return
+            if received is not None and not replied.done():
+                replied.set_result(received[0])
+
+        stuck = QueryWorkerStuck(f"over {timeout_s:g} s")
+        timer = loop.call_later(timeout_s, _end, replied, stuck)
+        loop.add_reader(self._queries, read)
+        try:
+            return await replied
+        finally:
+            loop.remove_reader(self._queries)
+            timer.cancel()
 
     def _tell(self, what: str, version: ServedVersion | None) -> Any:
         with self._control_lock:
@@ -141,6 +194,11 @@ class QueryWorkerHandle:
             self.kill()
             raise QueryWorkerDied(f"it did not answer within {LOAD_WITHIN_S:g} s")
         return _unwrap(reply)
+
+
+def _end(future: asyncio.Future[Any], error: Exception) -> None:
+    if not future.done():
+        future.set_exception(error)
 
 
 def _unwrap(reply: tuple[bool, Any]) -> Any:

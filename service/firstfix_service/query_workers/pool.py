@@ -6,7 +6,7 @@ that comes earlier loads the versions that it needs.
 
 from __future__ import annotations
 
-import queue
+import asyncio
 import threading
 import time
 from collections.abc import Callable
@@ -16,10 +16,11 @@ from functools import partial
 
 import structlog
 
-from firstfix.answer.localization import Localization
 from firstfix.errors import DeadlineExceeded, FirstfixError, VersionError, WorkerLost
 
+from .answer import EncodedAnswer
 from .handle import QueryWorkerDefect, QueryWorkerDied, QueryWorkerHandle, QueryWorkerStuck
+from .idle_workers import IdleWorkers
 from .query import Query, ServedVersion
 
 _log = structlog.get_logger(__name__)
@@ -33,20 +34,27 @@ class QueryWorkerProcesses:
 
     Args:
         query_timeout_s: a query that runs longer fails, and its process is replaced.
+        max_body_bytes: largest body of a query.
         on_death: called when a process dies unexpectedly.
     """
 
     def __init__(
-        self, count: int, *, query_timeout_s: float, on_death: Callable[[], None] = lambda: None
+        self,
+        count: int,
+        *,
+        query_timeout_s: float,
+        max_body_bytes: int,
+        on_death: Callable[[], None] = lambda: None,
     ) -> None:
         self._query_timeout_s = query_timeout_s
+        self._max_body_bytes = max_body_bytes
         self._on_death = on_death
         self._lock = threading.RLock()
         self._born = threading.Condition(self._lock)
         self._closing = threading.Event()
         self._versions: dict[ServedVersion, None] = {}  # loaded, in that order
         self._living: dict[QueryWorkerHandle, None] = {}
-        self._idle: queue.LifoQueue[QueryWorkerHandle] = queue.LifoQueue()
+        self._idle: IdleWorkers[QueryWorkerHandle] = IdleWorkers()
         self._loaders = ThreadPoolExecutor(count, thread_name_prefix="worker-load")
         self._keepers = [
             threading.Thread(target=self._keep_one, name=f"worker-{k}", daemon=True) for k in range(count)
@@ -95,12 +103,12 @@ class QueryWorkerProcesses:
         for worker in living:
             worker.drop(version)
 
-    def answer(self, query: Query) -> Localization:
+    async def answer(self, query: Query) -> EncodedAnswer:
         """Returns the answer of a free process. If it dies, one other process tries."""
         for _ in range(ATTEMPTS):
-            worker = self._free_one()
+            worker = await self._free_one()
             try:
-                answer = worker.answer(query, self._query_timeout_s)
+                answer = await worker.answer(query, self._query_timeout_s)
             except QueryWorkerDied:
                 continue  # its keeper starts another one
             except QueryWorkerStuck as error:
@@ -124,27 +132,27 @@ class QueryWorkerProcesses:
             keeper.join()
         self._loaders.shutdown()
 
-    def _free_one(self) -> QueryWorkerHandle:
+    async def _free_one(self) -> QueryWorkerHandle:
         """A process that runs no query.
 
         Raises:
             WorkerLost: no process was free in time.
         """
-        end = time.monotonic() + FREE_WITHIN_S
-        while True:
-            try:
-                worker = self._idle.get(timeout=max(0.0, end - time.monotonic()))
-            except queue.Empty:
-                raise WorkerLost("no worker process is up: try again") from None
-            with self._lock:
-                if worker in self._living:
-                    return worker
+        try:
+            async with asyncio.timeout(FREE_WITHIN_S):
+                while True:
+                    worker = await self._idle.take()
+                    with self._lock:
+                        if worker in self._living:
+                            return worker
+        except TimeoutError:
+            raise WorkerLost("no worker process is up: try again") from None
 
     def _keep_one(self) -> None:
         """Keeps one process running: starts another one when it dies."""
         while not self._closing.is_set():
             try:
-                worker = QueryWorkerHandle()
+                worker = QueryWorkerHandle(self._max_body_bytes)
             except OSError as error:  # no memory, or too many processes
                 _log.error("no worker process could be started", error=str(error))
                 self._closing.wait(PAUSE_S)

@@ -1,14 +1,17 @@
-"""A process that answers queries, one at a time: ``python -m firstfix_service.query_workers.process FD FD``.
+"""A process that answers queries, one at a time.
 
-Two sockets connect it with the service. One carries queries; the other carries versions to load and to drop,
-so that a load does not delay queries. The process ends when the service ends for any reason, because
-the kernel then closes the sockets.
+    python -m firstfix_service.query_workers.process QUERIES CONTROL BODIES CAPACITY
+
+QUERIES and CONTROL are sockets to the service, BODIES is the file of its ``BodyMemory`` with CAPACITY bytes.
+One socket carries queries; the other carries versions to load and to drop, so that a load does not delay
+queries. The process ends when the service ends for any reason, because the kernel then closes the sockets.
 """
 
 from __future__ import annotations
 
 import os
 import signal
+import socket
 import sys
 import threading
 import traceback
@@ -19,36 +22,43 @@ from multiprocessing.connection import Connection
 
 from firstfix.errors import FirstfixError
 
-from .base import QueryWorkerThreads
+from .body_memory import mapped_bodies
+from .localizers import Localizers
+from .messages import MessageReader, reply_of, send_all
 from .query import Query, ServedVersion, load_localizer
 
 LOAD, DROP, HELLO = "load", "drop", "hello"
 
 
-def main(queries: Connection, control: Connection) -> None:
+def main(queries: socket.socket, control: Connection, bodies: memoryview) -> None:
     """Answers queries until the service is gone."""
     for number in (signal.SIGINT, signal.SIGTERM):  # for the service, which still finishes queries
         signal.signal(number, signal.SIG_IGN)
-    workers = QueryWorkerThreads(load_localizer)
-    threading.Thread(target=_obey, args=(control, workers), daemon=True, name="control").start()
+    localizers = Localizers(load_localizer)
+    threading.Thread(target=_obey, args=(control, localizers), daemon=True, name="control").start()
+    reader = MessageReader()
     while True:
         try:
-            query: Query = queries.recv()
-            body = queries.recv_bytes()
+            received = reader.receive(queries)
+            if received is None:
+                continue
+            query, inline, shared_bytes = received
+            good, value = _outcome(partial(_answer, localizers, query, inline, bodies[:shared_bytes]))
+            del received, query, inline
+            reader.forget()
+            send_all(queries, reply_of(good, value))
         except (EOFError, OSError):
             return
-        reply = _outcome(partial(workers.answer, replace(query, body=body)))
-        del query, body
-        try:
-            queries.send(reply)
-        except OSError:
-            return
 
 
-def _obey(control: Connection, workers: QueryWorkerThreads) -> None:
+def _answer(localizers: Localizers, query: Query, inline: memoryview, shared: memoryview) -> object:
+    return localizers.answer(replace(query, body=shared or inline))
+
+
+def _obey(control: Connection, localizers: Localizers) -> None:
     do: dict[str, Callable[[ServedVersion], object]] = {
-        LOAD: workers.load,
-        DROP: workers.drop,
+        LOAD: localizers.load,
+        DROP: localizers.drop,
         HELLO: lambda _: None,
     }
     try:
@@ -70,4 +80,5 @@ def _outcome(work: Callable[[], object]) -> tuple[bool, object]:
 
 
 if __name__ == "__main__":
-    main(Connection(int(sys.argv[1])), Connection(int(sys.argv[2])))
+    number, control_number, file, capacity = map(int, sys.argv[1:])
+    main(socket.socket(fileno=number), Connection(control_number), mapped_bodies(file, capacity))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from firstfix.answer.localization import Localization
@@ -11,8 +11,12 @@ from firstfix.answer.options import LocalizeOptions
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer, localize_among
 from firstfix.engine.stopwatch import Stopwatch
+from firstfix.ros.cdr import MessageReader
+from firstfix.ros.header import Stamp, read_stamp
+from firstfix.ros.pose_message import to_pose_cdr
 
-from .body_format import BodyFormat
+from .answer import AnswerForm, EncodedAnswer, PoseFormat, encoded_answer
+from .body_format import Body, BodyFormat
 
 
 @dataclass(frozen=True)
@@ -31,13 +35,17 @@ class Query:
     Attributes:
         body: as it came, with its content encoding.
         versions: of different maps; where there are several, their places compete.
+        form: how the caller wants the answer.
+        waits_ms: milliseconds that the query waited before, by stage. They become part of its timings.
     """
 
-    body: bytes
+    body: Body
     body_format: BodyFormat
     options: LocalizeOptions
     versions: tuple[ServedVersion, ...]
     max_decoded_bytes: int
+    form: AnswerForm = AnswerForm()
+    waits_ms: Mapping[str, float] = field(default_factory=dict)
 
 
 def load_localizer(directory: Path) -> Localizer:
@@ -45,8 +53,8 @@ def load_localizer(directory: Path) -> Localizer:
     return Localizer(MapIndex.load(directory))
 
 
-def answer_query(query: Query, localizers: Sequence[Localizer]) -> Localization:
-    """Returns the answer with its map version and the time of decoding.
+def answer_query(query: Query, localizers: Sequence[Localizer]) -> EncodedAnswer:
+    """Returns the answer with its map version, the waits, and the time of decoding.
 
     Args:
         localizers: one for each of ``query.versions``.
@@ -56,7 +64,8 @@ def answer_query(query: Query, localizers: Sequence[Localizer]) -> Localization:
     """
     watch = Stopwatch()
     with watch.stage("decode"):
-        scan = query.body_format.scan_of(query.body, query.max_decoded_bytes)
+        plain = query.body_format.decompress(query.body, query.max_decoded_bytes)
+        scan = query.body_format.decode(plain)
     by_map = {one.map_id: one for one in query.versions}
     if len(localizers) == 1:
         (answered,) = query.versions
@@ -65,9 +74,26 @@ def answer_query(query: Query, localizers: Sequence[Localizer]) -> Localization:
         answer = localize_among(dict(zip(by_map, localizers, strict=True)), scan, query.options)
         # If no map is sure: the map of the best hypothesis, if there is one.
         answered = by_map[answer.hypotheses[0].map_id] if answer.hypotheses else query.versions[0]
-    return replace(
+    answer = replace(
         answer,
         map_id=answered.map_id,
         map_version=answered.version,
-        timings_ms={**watch.ms, **answer.timings_ms},
+        timings_ms={**query.waits_ms, **watch.ms, **answer.timings_ms},
     )
+    message = _pose_message(answer, query.form.pose, query.body_format, plain)
+    return encoded_answer(answer, message, geographic=query.form.geographic)
+
+
+def _pose_message(
+    answer: Localization, pose: PoseFormat | None, body_format: BodyFormat, plain: Body
+) -> bytes | None:
+    """The ROS message of a pose that was asked for. An answer without a pose has none.
+
+    Its stamp, if none is given, is that of a PointCloud2; of other scans zero: "not known" in ROS.
+    """
+    if pose is None or answer.T_map_sensor is None:
+        return None
+    stamp = pose.stamp
+    if stamp is None and body_format.is_point_cloud2:
+        stamp = read_stamp(MessageReader("PointCloud2", plain))
+    return to_pose_cdr(answer, stamp or Stamp(), pose.frame_id)

@@ -181,9 +181,10 @@ def _workers(settings: Settings, metrics: Metrics, load: Callable[[Path], Locali
         return QueryWorkerProcesses(
             settings.workers,
             query_timeout_s=settings.query_timeout_s,
+            max_body_bytes=settings.max_body_bytes,
             on_death=metrics.worker_deaths.inc,
         )
-    return QueryWorkerThreads(load or load_localizer)
+    return QueryWorkerThreads(load or load_localizer, settings.workers)
 
 
 def _open_store(settings: Settings) -> Store:

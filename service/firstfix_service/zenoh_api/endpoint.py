@@ -32,9 +32,10 @@ from firstfix.errors import FirstfixError, InvalidOption, Overloaded, TooLarge
 from .. import problems
 from ..auth.authenticate import Authenticator
 from ..auth.principal import Principal
-from ..localize.response_format import encode_answer
+from ..localize.response_format import content_of
 from ..localize.use_case import LocalizeUseCase
 from ..problems import problem_of
+from ..query_workers.answer import AnswerForm
 from ..settings import Settings
 from ..telemetry.request_scope import Requests, note
 from .config import session_config
@@ -186,8 +187,8 @@ class ZenohEndpoint:
                 admission = self._use_case.admit(asked.head, caller)
                 payload = query.payload  # None: an empty body, as over HTTP
                 body = b"" if payload is None else payload.to_bytes()
-                answer = await self._use_case.localize(admission, body)
-                content, media_type = encode_answer(answer, asked.pose, admission, body)
+                answer = await self._use_case.localize(admission, body, AnswerForm(asked.pose))
+                content, media_type = content_of(answer)
             except Exception as error:
                 if not isinstance(error, FirstfixError):
                     _log.exception("unexpected error", key=str(query.key_expr))

@@ -9,7 +9,8 @@ from typing import Any
 from firstfix.errors import InvalidOption, Unauthorized
 
 from ..localize.query_head import QueryHead, split_map_ids
-from ..localize.response_format import PoseFormat
+from ..localize.response_format import requested_pose
+from ..query_workers.answer import PoseFormat
 from .log import PARAMETERS
 
 CONTENT_ENCODING = "content_encoding"
@@ -66,7 +67,7 @@ def read_query(query: Any, arrived: float) -> ZenohQuery:
     named = parts[1] if len(parts) > 1 else ""
     map_ids = split_map_ids(options.pop(MAP_PARAMETER, "")) if named == ANY_MAP else (named,)
     content_encoding = options.pop(CONTENT_ENCODING, None)
-    pose = PoseFormat.requested(options.pop(ACCEPT, ""), options)
+    pose = requested_pose(options.pop(ACCEPT, ""), options)
     media_type = "" if query.encoding is None else str(query.encoding)
     head = QueryHead(map_ids, media_type, content_encoding, options, arrived)
     return ZenohQuery(key_of(named), head, pose)

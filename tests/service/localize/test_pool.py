@@ -12,7 +12,7 @@ import pytest
 from firstfix.errors import DeadlineExceeded, NotFound, Overloaded
 from firstfix_service.localize.fair_queue import SLOW_S
 from firstfix_service.localize.pool import MAX_RETRY_AFTER_S, QueryPool
-from waiting import LIMIT_S, let_pass, wait_until_async
+from waiting import wait_until_async
 
 
 class Held:
@@ -65,10 +65,10 @@ class Tasks:
         deadline: float | None = None,
         seconds: float = 0.0,
     ) -> asyncio.Task[str]:
-        def work(held: Held, waited_s: float) -> str:
+        async def work(held: Held, waited_s: float) -> str:
             self.begun.append(name or group)
-            let_pass(seconds)
-            assert self.gate.wait(LIMIT_S)
+            await asyncio.sleep(seconds)
+            await wait_until_async(self.gate.is_set)
             return name or group
 
         return asyncio.ensure_future(self.pool.run(group, prepare or ready(), work, deadline))
@@ -77,10 +77,17 @@ class Tasks:
 def test_work_is_done_and_its_error_passed_on():
     async def test(pool: QueryPool) -> None:
         held = Held()
-        assert await pool.run("a", ready(held), lambda got, _: got is held)
+
+        async def is_held(got: Held, waited_s: float) -> bool:
+            return got is held
+
+        async def fail(got: Held, waited_s: float) -> None:
+            raise ZeroDivisionError
+
+        assert await pool.run("a", ready(held), is_held)
         assert held.closed == 1
         with pytest.raises(ZeroDivisionError):
-            await pool.run("a", ready(held), lambda *_: 1 // 0)
+            await pool.run("a", ready(held), fail)
         assert held.closed == 2
 
     with_pool(test)
@@ -105,7 +112,7 @@ def test_the_queue_is_bounded_and_empties():
 def test_the_wait_that_a_refusal_names_grows_with_the_queue():
     async def test(pool: QueryPool) -> None:
         for _ in range(60):
-            await pool.run("a", ready(), lambda *_: let_pass(0.02))
+            await pool.run("a", ready(), lambda *_: asyncio.sleep(0.02))
         tasks = Tasks(pool)
         asked = [tasks.ask("a") for _ in range(201)]
         await wait_until_async(lambda: pool.admitted == 201)
@@ -172,13 +179,13 @@ def test_what_cannot_be_prepared_is_the_querys_error():
         failed: Future[Held] = Future()
         failed.set_exception(NotFound("no map"))
         with pytest.raises(NotFound):
-            await pool.run("made-up", lambda: failed, lambda *_: None)
+            await pool.run("made-up", lambda: failed, lambda *_: asyncio.sleep(0))
 
         def refuses() -> Future[Held]:
             raise NotFound("no such id")
 
         with pytest.raises(NotFound):
-            await pool.run("made-up", refuses, lambda *_: None)
+            await pool.run("made-up", refuses, lambda *_: asyncio.sleep(0))
         assert not pool._queue._groups, "a map that was made up leaves no trace"
 
     with_pool(test)
@@ -239,7 +246,7 @@ def test_who_leaves_the_queue_makes_room_and_is_not_begun():
 def test_what_was_prepared_for_somebody_who_left_is_given_back():
     async def test(pool: QueryPool) -> None:
         slow: Future[Held] = Future()
-        asked = asyncio.ensure_future(pool.run("a", lambda: slow, lambda *_: None))
+        asked = asyncio.ensure_future(pool.run("a", lambda: slow, lambda *_: asyncio.sleep(0)))
         await wait_until_async(lambda: pool.admitted == 1)
         asked.cancel()
         await wait_until_async(lambda: pool.admitted == 0)
@@ -255,7 +262,7 @@ def test_a_late_answer_is_given_up_at_the_deadline_but_keeps_its_place():
         tasks = Tasks(pool)
         with pytest.raises(DeadlineExceeded):
             await tasks.ask("a", deadline=time.monotonic() + 0.1)
-        with pytest.raises(Overloaded):  # its thread works on: more must not pile up behind it
+        with pytest.raises(Overloaded):  # its worker works on: more must not pile up behind it
             await tasks.ask("a")
         tasks.gate.set()
         await wait_until_async(lambda: pool.admitted == 0)

@@ -27,6 +27,7 @@ from firstfix.store.store import Store
 from firstfix_cli.main import run
 from firstfix_service.localize.query_head import QueryHead
 from firstfix_service.localize.sampler import MAX_WAITING, QuerySampler, SamplePolicy
+from firstfix_service.query_workers.answer import EncodedAnswer, encoded_answer
 from firstfix_service.telemetry.metrics import Metrics
 from waiting import wait_until
 
@@ -115,11 +116,11 @@ POLICY: dict[str, Any] = {
     "max_bytes": 10**9,
     "max_age_s": 86400.0,
 }
-REJECTED = Localization(Verdict.REJECTED, (Reason.NO_CANDIDATE,))
+REJECTED = encoded_answer(Localization(Verdict.REJECTED, (Reason.NO_CANDIDATE,)))
 
 
 def found(probability: float) -> Localization:
-    return Localization(Verdict.LOCALIZED, (), np.eye(4), None, np.eye(6), probability)
+    return encoded_answer(Localization(Verdict.LOCALIZED, (), np.eye(4), None, np.eye(6), probability))
 
 
 HEAD = QueryHead(("hall",), XYZ, None, {})

@@ -27,7 +27,7 @@ async def read_object(request: Request) -> dict[str, Any]:
         DeadlineExceeded: it did not arrive in time.
         MalformedData: as ``parse_object``.
     """
-    body = await BodyReader(MAX_JSON_BYTES, MAX_JSON_BYTES, TIMEOUT_S).read(request)
+    body = bytes(await BodyReader(MAX_JSON_BYTES, MAX_JSON_BYTES, TIMEOUT_S).read(request))
     return parse_object(body, "the body")
 
 

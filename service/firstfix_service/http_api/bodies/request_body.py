@@ -1,12 +1,22 @@
-"""Request bodies in memory, with limits of their size and of the time to send them."""
+"""Request bodies in memory, with limits of their size and of the time to send them.
+
+The server receives a long body of declared length right into its place (``RECEIVE_INTO``).
+"""
 
 from __future__ import annotations
 
 import asyncio
 
+import numpy as np
 from fastapi import Request
 
 from firstfix.errors import DeadlineExceeded, InputError, Overloaded, TooLarge
+from firstfix.formats.point_cloud import Body
+
+from ...auth.permission import CHECK_S, Permission
+from ...http_server.body_receiver import RECEIVE_INTO, Arrived
+
+LONG_BYTES = 64 << 10  # of a body that is received right into its place
 
 
 class BodyReader:
@@ -18,7 +28,7 @@ class BodyReader:
         self._timeout_s = timeout_s
         self.inflight_bytes = 0
 
-    async def read(self, request: Request) -> bytes:
+    async def read(self, request: Request) -> Body:
         """Returns the body. Call ``release`` when it is no longer needed.
 
         Raises:
@@ -27,28 +37,60 @@ class BodyReader:
             DeadlineExceeded: it did not arrive in time.
         """
         check_declared_length(request, self._max_bytes)
-        parts: list[bytes] = []
+        declared = declared_length(request) or 0
+        is_long = declared >= LONG_BYTES and RECEIVE_INTO in request.scope.get("extensions", {})
         size = 0
+
+        def arrived(count: int) -> None:
+            nonlocal size
+            size += count
+            self.inflight_bytes += count
+            if size > self._max_bytes:
+                raise TooLarge(f"the body has over {self._max_bytes} bytes")
+            if self.inflight_bytes > self._max_inflight_bytes:
+                raise Overloaded("too many bodies arrive at the same time: try again")
+
         try:
             async with asyncio.timeout(self._timeout_s):
-                async for part in request.stream():
-                    size += len(part)
-                    self.inflight_bytes += len(part)
-                    parts.append(part)
-                    if size > self._max_bytes:
-                        raise TooLarge(f"the body has over {self._max_bytes} bytes")
-                    if self.inflight_bytes > self._max_inflight_bytes:
-                        raise Overloaded("too many bodies arrive at the same time: try again")
+                return await (_long(request, declared, arrived) if is_long else _joined(request, arrived))
         except BaseException as error:
             self.inflight_bytes -= size
             if isinstance(error, TimeoutError):
                 raise DeadlineExceeded(f"the body did not arrive within {self._timeout_s:g} s") from None
             raise
-        return b"".join(parts)
 
-    def release(self, body: bytes) -> None:
+    def release(self, body: Body) -> None:
         """Takes a body out of the count of all bodies."""
         self.inflight_bytes -= len(body)
+
+
+async def _long(request: Request, declared: int, arrived: Arrived) -> Body:
+    """A body in memory of its declared length. The system provides that memory as the bytes arrive.
+
+    The permission is checked meanwhile, as ``WhilePermitted`` does it for other bodies.
+    """
+    try:
+        buffer = np.empty(declared, np.uint8).data
+    except MemoryError:
+        raise Overloaded("there is no memory for the body: try again") from None
+    receiving = asyncio.ensure_future(request.scope["extensions"][RECEIVE_INTO](buffer, arrived))
+    permission: Permission | None = getattr(request.state, "permission", None)
+    try:
+        while not (await asyncio.wait({receiving}, timeout=CHECK_S))[0]:
+            if permission is not None:
+                await permission.check()
+        receiving.result()
+    finally:
+        receiving.cancel()
+    return buffer
+
+
+async def _joined(request: Request, arrived: Arrived) -> bytes:
+    parts = []
+    async for part in request.stream():
+        arrived(len(part))
+        parts.append(part)
+    return parts[0] if len(parts) == 1 else b"".join(parts)
 
 
 def declared_length(request: Request) -> int | None:

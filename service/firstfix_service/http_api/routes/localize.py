@@ -10,7 +10,6 @@ from typing import Any
 from fastapi import APIRouter, Request, Response
 from starlette.requests import ClientDisconnect
 
-from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
 from firstfix.catalog.geopose import MEDIA_TYPE as GEOPOSE
 from firstfix.decode import MEDIA_TYPES
@@ -21,13 +20,15 @@ from ...auth.principal import Principal
 from ...lanes import READS
 from ...localize.negotiation import negotiate
 from ...localize.query_head import QueryHead, split_map_ids
-from ...localize.response_format import JSON, PARAMETERS, PoseFormat, encode_answer
-from ..authorize import CallerDep
-from ..dependencies import Parts, PartsDep
+from ...localize.response_format import JSON, PARAMETERS, content_of, requested_pose
+from ...query_workers.answer import AnswerForm, EncodedAnswer
+from ..authorize import caller_of
+from ..dependencies import Parts, parts_of
+from ..direct_route import DirectRoute
 from ..disconnect import cancel_on_disconnect
 from ..schema.answer_models import Answer
 
-router = APIRouter(tags=["localize"])
+router = APIRouter(tags=["localize"], route_class=DirectRoute)
 MAP_PARAMETER = "map"
 _OPTION_TEXT = {
     "gravity": "direction of gravity in the sensor frame, `x,y,z`, or the sensor's `roll_deg,pitch_deg`",
@@ -85,13 +86,14 @@ _ANSWERS: dict[int | str, dict[str, Any]] = {
 
 
 @router.post("/localize", response_class=Response, responses=_ANSWERS, openapi_extra=_openapi())
-async def localize(request: Request, parts: PartsDep, caller: CallerDep) -> Response:
+async def localize(request: Request) -> Response:
     """The pose of a scan in a map, or the reasons why there is none.
 
     `Accept: application/geopose+json` asks for the geographic pose; 406 if the map has no georeference.
     `Accept` with the media type of a ROS pose message asks for that message.
     """
     arrived = time.monotonic()
+    parts, caller = await parts_of(request), await caller_of(request)
     try:
         answer, content, media_type = await _localize(request, parts, caller, arrived)
     except ClientDisconnect:
@@ -107,10 +109,10 @@ async def localize(request: Request, parts: PartsDep, caller: CallerDep) -> Resp
 
 async def _localize(
     request: Request, parts: Parts, caller: Principal, arrived: float
-) -> tuple[Localization, bytes, str]:
+) -> tuple[EncodedAnswer, bytes, str]:
     """The answer, its bytes and their media type."""
     options, accept = single_values(request), request.headers.get("accept", "")
-    pose = PoseFormat.requested(accept, options)
+    pose = requested_pose(accept, options)
     is_geographic = pose is None and negotiate(accept, (JSON, GEOPOSE)) == GEOPOSE
     head = QueryHead(
         split_map_ids(options.pop(MAP_PARAMETER, "")),
@@ -124,20 +126,14 @@ async def _localize(
         await READS.run(parts.georeference_cache.of, head.map_ids[0])
     body = await parts.bodies.read(request)
     try:
-        answer = await cancel_on_disconnect(request, parts.use_case.localize(admission, body))
-        if is_geographic and answer.T_map_sensor is not None:
-            return answer, await _geographic(parts, answer), GEOPOSE
-        return answer, *encode_answer(answer, pose, admission, body)
+        form = AnswerForm(pose, is_geographic)
+        answer = await cancel_on_disconnect(request, parts.use_case.localize(admission, body, form))
+        if answer.T_map_body is not None:
+            georeference = await READS.run(parts.georeference_cache.of, answer.map_id)
+            return answer, json.dumps(georeference.geopose(answer.T_map_body)).encode(), GEOPOSE
+        return answer, *content_of(answer)
     finally:
         parts.bodies.release(body)
-
-
-async def _geographic(parts: Parts, answer: Localization) -> bytes:
-    """The geographic pose of the robot if the sensor's mounting is given, else of the sensor."""
-    assert answer.T_map_sensor is not None
-    georeference = await READS.run(parts.georeference_cache.of, answer.map_id)
-    T_map_body = answer.T_map_sensor if answer.T_map_base is None else answer.T_map_base
-    return json.dumps(georeference.geopose(T_map_body)).encode()
 
 
 def single_values(request: Request) -> dict[str, str]:
@@ -153,6 +149,6 @@ def single_values(request: Request) -> dict[str, str]:
     return dict(request.query_params)
 
 
-def server_timing(answer: Localization) -> str:
+def server_timing(answer: EncodedAnswer) -> str:
     """Returns the stages as a Server-Timing header, which browsers and proxies show."""
     return ", ".join(f"{stage};dur={ms:.3f}" for stage, ms in answer.timings_ms.items())

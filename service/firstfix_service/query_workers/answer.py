@@ -1,0 +1,102 @@
+"""An answer as the worker that found it encodes it. The service passes the bytes on and records the rest."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import orjson
+from numpy.typing import NDArray
+
+from firstfix.answer.localization import Localization, Reason, Verdict
+from firstfix.ros.header import Stamp
+
+
+@dataclass(frozen=True)
+class PoseFormat:
+    """Header of a PoseWithCovarianceStamped that the caller asked for.
+
+    Attributes:
+        stamp: None: that of the query's body.
+    """
+
+    frame_id: str
+    stamp: Stamp | None
+
+
+@dataclass(frozen=True)
+class AnswerForm:
+    """Forms in which a caller wants a pose. JSON is always made.
+
+    Attributes:
+        pose: None: no ROS message.
+        geographic: the service needs the pose itself, to place it on the Earth.
+    """
+
+    pose: PoseFormat | None = None
+    geographic: bool = False
+
+
+@dataclass(frozen=True)
+class EncodedAnswer:
+    """Answer to a query: its bytes, and what the service records.
+
+    Attributes:
+        timings_ms: milliseconds by stage.
+        json: the whole answer.
+        pose_message: the ROS message, if it was asked for and there is a pose.
+        T_map_body: (4, 4) pose for a geographic answer: the robot's if the sensor's mounting was given, else
+            the sensor's. None if there is no pose or nobody asked.
+    """
+
+    verdict: Verdict
+    reasons: tuple[Reason, ...]
+    probability: float
+    map_id: str
+    map_version: str
+    timings_ms: Mapping[str, float] = field(default_factory=dict)
+    json: bytes = b""
+    pose_message: bytes | None = None
+    T_map_body: NDArray[np.float64] | None = None
+
+
+def encoded_answer(
+    answer: Localization, pose_message: bytes | None = None, *, geographic: bool = False
+) -> EncodedAnswer:
+    """Returns the encoded form of an answer."""
+    T_map_body = answer.T_map_sensor if answer.T_map_base is None else answer.T_map_base
+    return EncodedAnswer(
+        answer.verdict,
+        answer.reasons,
+        answer.probability,
+        answer.map_id,
+        answer.map_version,
+        answer.timings_ms,
+        to_json(answer),
+        pose_message,
+        T_map_body if geographic else None,
+    )
+
+
+def to_json(answer: Localization) -> bytes:
+    """Returns the JSON form of an answer, the same on both transports.
+
+    Raises:
+        ValueError: a number is not finite.
+    """
+    mapping = answer.to_mapping()
+    if not math.isfinite(_sum(mapping)):
+        raise ValueError("an answer has a number that is not finite")
+    return orjson.dumps(mapping, option=orjson.OPT_SERIALIZE_NUMPY)
+
+
+def _sum(value: Any) -> float:
+    """The sum of all numbers: not finite if one of them is not."""
+    if isinstance(value, dict):
+        return sum(map(_sum, value.values()))
+    if isinstance(value, list):
+        return sum(value) if value and isinstance(value[0], float) else sum(map(_sum, value))
+    return float(value) if isinstance(value, (int, float)) else 0.0

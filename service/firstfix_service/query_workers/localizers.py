@@ -1,0 +1,69 @@
+"""The localizers of the loaded versions, in this process."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+from firstfix.engine.localizer import Localizer
+from firstfix.errors import FirstfixError, VersionError
+
+from .answer import EncodedAnswer
+from .private_bytes import private_bytes
+from .query import Query, ServedVersion, answer_query
+
+
+class Localizers:
+    """Loads versions and answers queries with them. Thread-safe.
+
+    Args:
+        load: makes the localizer of a version's folder.
+    """
+
+    def __init__(self, load: Callable[[Path], Localizer]) -> None:
+        self._load_files = load
+        self._localizers: dict[ServedVersion, Localizer] = {}
+        self._lock = threading.Lock()
+        self._loads: dict[ServedVersion, threading.Lock] = {}
+
+    def load(self, version: ServedVersion) -> int:
+        """Loads a version; returns its bytes in memory, without the mapped files."""
+        localizer = self._localizer(version)
+        # FAISS reads its file into memory, which ``private_bytes`` cannot see.
+        held_by_faiss = sum(path.stat().st_size for path in version.directory.glob("*.faiss"))
+        return private_bytes(localizer) + held_by_faiss
+
+    def drop(self, version: ServedVersion) -> None:
+        """Unloads a version."""
+        with self._lock:
+            self._localizers.pop(version, None)
+            self._loads.pop(version, None)
+
+    def answer(self, query: Query) -> EncodedAnswer:
+        """Returns the answer to a query. Loads its versions if they are not loaded."""
+        return answer_query(query, [self._localizer(version) for version in query.versions])
+
+    def clear(self) -> None:
+        """Unloads all versions."""
+        with self._lock:
+            self._localizers.clear()
+
+    def _localizer(self, version: ServedVersion) -> Localizer:
+        with self._lock:
+            if version in self._localizers:
+                return self._localizers[version]
+            load_lock = self._loads.setdefault(version, threading.Lock())
+        with load_lock:  # other threads wait for this load instead of repeating it
+            with self._lock:
+                if version in self._localizers:
+                    return self._localizers[version]
+            try:
+                localizer = self._load_files(version.directory)
+            except FirstfixError:
+                raise
+            except Exception as error:  # of any kind: the previous version must go on serving
+                raise VersionError(f"version {version.version} cannot be loaded: {error!r}") from error
+            with self._lock:
+                self._localizers[version] = localizer
+            return localizer
