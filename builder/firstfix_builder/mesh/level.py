@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import small_gicp
 from numpy.typing import NDArray
 
+from firstfix.engine.registration.surface import Surface
+from firstfix.errors import BuildFailed
 from firstfix.scan.levelling import estimate_up
+from firstfix.scan.voxel_filter import voxel_means
 from firstfix.transform import Matrix, make_transform, rotation_between
 
 VOXEL_M = 0.3
@@ -15,10 +17,16 @@ MIN_LEAN_DEG = 0.2
 
 
 def level_frame(points: NDArray[np.float64]) -> Matrix:
-    """T_map_level: the frame with the map's origin whose z is the up of its surfaces."""
-    thinned = small_gicp.voxelgrid_sampling(points, VOXEL_M)
-    small_gicp.estimate_normals_covariances(thinned, small_gicp.KdTree(thinned), 10)
-    up = estimate_up(thinned.normals()[:, :3])
+    """T_map_level: the frame with the map's origin whose z is the up of its surfaces.
+
+    Raises:
+        BuildFailed: the points are too far apart.
+    """
+    try:
+        thinned = voxel_means(points[np.isfinite(points).all(axis=1)], VOXEL_M)
+    except ValueError:
+        raise BuildFailed(f"the map is too large for voxels of {VOXEL_M} m") from None
+    up = estimate_up(Surface.around(thinned).normals)
     lean_deg = np.degrees(np.arccos(np.clip(up[2], -1, 1)))
     if not MIN_LEAN_DEG < lean_deg < MAX_LEAN_DEG:
         return np.eye(4)

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from small_gicp import voxelgrid_sampling
 
 from ..descriptor import Described, Descriptor, LayeredOccupancy, ScanBatch
 from ..native import turned_occupied_cells
 from ..scan.compact import CompactScan, ScanDescriptor
-from ..scan.levelling import Level, estimate_up_near, floor_height, levelling_rotation, turned
+from ..scan.levelling import estimate_up_near, floor_height, levelling_rotation, turned
 from ..scan.range_view import RangeView, directions
 from ..scan.scan import Scan
 from ..scan.sequence import ScanSequence
 from ..scan.up_hypotheses import other_ups
-from ..scan.voxel_filter import at_most, within_range
+from ..scan.voxel_filter import at_most, voxel_means, within_range
 from ..transform import Matrix
 from .config import PreprocessConfig
 from .registration.surface import Surface
@@ -34,25 +34,25 @@ class PreparedScan:
     Attributes:
         T_last_scan: (4, 4) its pose in the frame of the query's last scan.
         R_level_sensor: (3, 3) levelling rotation.
-        batch: all points within range, levelled, for the descriptor.
-        seen: (p, 3) float32 the same points in the sensor frame.
-        described: the robot's own descriptor, or None. The robot had all points, ``batch`` may be coarser.
+        height_m: height of the sensor above the floor.
+        seen: (p, 3) float32 all points within range, for the descriptor.
+        described: the robot's own descriptor, or None. The robot had all points, ``seen`` may be coarser.
         view: ranges by direction, for the free-space check.
         thinned: points in the sensor frame, one a voxel.
     """
 
     T_last_scan: Matrix
     R_level_sensor: NDArray[np.float64]
-    batch: ScanBatch
+    height_m: float
     seen: NDArray[np.float32]
     described: ScanDescriptor | None
     view: RangeView
     thinned: Surface
 
-    @property
-    def height_m(self) -> float:
-        """Height of the sensor above the floor."""
-        return float(self.batch.height_m[0])
+    @cached_property
+    def batch(self) -> ScanBatch:
+        """All points within range, levelled."""
+        return ScanBatch.single(turned(self.seen, self.R_level_sensor), self.height_m)
 
     def described_by(self, descriptor: Descriptor) -> Described:
         """Returns the robot's own description if the descriptors agree: it had all points."""
@@ -71,9 +71,8 @@ class PreparedScan:
 
     def with_up(self, up: NDArray[np.float64], default_height_m: float) -> PreparedScan:
         """Returns the scan levelled by another up direction, (3,) in the sensor frame."""
-        level = _level_by(up, self.thinned)
-        R_level_sensor, batch = _levelled(self.seen, level, default_height_m)
-        return replace(self, R_level_sensor=R_level_sensor, batch=batch, described=None)
+        height_m = _height_by(up, self.thinned, default_height_m)
+        return replace(self, R_level_sensor=levelling_rotation(up), height_m=height_m, described=None)
 
 
 @dataclass(frozen=True)
@@ -135,12 +134,12 @@ class _Returns:
 
     Attributes:
         seen: (p, 3) float32, all points, for the descriptor.
-        voxels: (v, 3) float64, some thousand points, one a voxel.
+        voxels: (v, 3) float32, some thousand points, one a voxel.
         view: ranges by direction.
     """
 
     seen: NDArray[np.float32]
-    voxels: NDArray[np.float64]
+    voxels: NDArray[np.float32]
     view: RangeView
 
     @classmethod
@@ -148,9 +147,8 @@ class _Returns:
         points = within_range(scan.points, config.min_range_m, config.max_range_m)
         if isinstance(scan, CompactScan):
             return cls._of_compact(points, scan.nearest_m, config)
-        some = at_most(points, _VOXELLED).astype(np.float64)
-        voxels = voxelgrid_sampling(some, config.voxel_m).points()[:, :3]
-        return cls(points, at_most(voxels, _DENSE_POINTS), RangeView.of(at_most(points, _RETURNS)))
+        means = at_most(voxel_means(at_most(points, _VOXELLED), config.voxel_m), _DENSE_POINTS)
+        return cls(points, means.astype(np.float32), RangeView.of(at_most(points, _RETURNS)))
 
     @classmethod
     def _of_compact(
@@ -160,8 +158,7 @@ class _Returns:
         nearest_m = np.where(near, nearest_m, np.float32(np.inf))
         # the nearest return of every direction fills cells of the descriptor that the voxels leave empty
         seen = np.concatenate([points, directions()[near] * nearest_m[near, None]])
-        voxels = at_most(points, _DENSE_POINTS).astype(np.float64)
-        return cls(seen, voxels, RangeView.of_nearest(nearest_m))
+        return cls(seen, at_most(points, _DENSE_POINTS), RangeView.of_nearest(nearest_m))
 
 
 def _prepare(
@@ -177,24 +174,17 @@ def _prepare(
     thinned = Surface.around(returns.voxels, -returns.voxels)
     described = scan.described if isinstance(scan, CompactScan) else None
     if described is not None:
-        level = Level(described.up, described.height_m)
+        up, height_m = described.up, described.height_m
     else:
         expected = np.array([0.0, 0.0, 1.0]) if R_base_sensor is None else R_base_sensor[2]
         up = estimate_up_near(thinned.normals, expected) if down is None else -down
-        level = _level_by(up, thinned)
-    R_level_sensor, batch = _levelled(returns.seen, level, config.default_height_m)
-    return PreparedScan(T_last_scan, R_level_sensor, batch, returns.seen, described, returns.view, thinned)
+        height_m = _height_by(up, thinned, config.default_height_m)
+    R_level_sensor = levelling_rotation(up)
+    return PreparedScan(T_last_scan, R_level_sensor, height_m, returns.seen, described, returns.view, thinned)
 
 
-def _level_by(up: NDArray[np.float64], surface: Surface) -> Level:
+def _height_by(up: NDArray[np.float64], surface: Surface, default_height_m: float) -> float:
+    """Height of the sensor above the floor, for an up direction."""
     R = levelling_rotation(up)
-    return Level(up, floor_height(turned(surface.points, R), turned(surface.normals, R)))
-
-
-def _levelled(
-    seen: NDArray[np.float32], level: Level, default_height_m: float
-) -> tuple[NDArray[np.float64], ScanBatch]:
-    """Returns R_level_sensor (3, 3) and all points rotated by it."""
-    R_level_sensor = levelling_rotation(level.up)
-    height_m = default_height_m if level.height_m is None else level.height_m
-    return R_level_sensor, ScanBatch.single(turned(seen, R_level_sensor), height_m)
+    seen_m = floor_height(turned(surface.points, R), turned(surface.normals, R))
+    return default_height_m if seen_m is None else seen_m

@@ -8,7 +8,6 @@ most surface normals are parallel or at right angles (docs/method.md section 6).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cache
 from typing import TypeVar
 
@@ -29,19 +28,6 @@ _FLOOR_RADIUS_M = 12.0
 _FLOOR_BIN_M = 0.1
 _LEVEL_COSINE = 0.9659258262890683  # of 15 degrees
 _UPSIDE_DOWN = -1 + 1e-12
-
-
-@dataclass(frozen=True)
-class Level:
-    """Up direction and floor of a scan.
-
-    Attributes:
-        up: (3,) unit vector against gravity in the sensor frame.
-        height_m: of the sensor above the floor; None: no floor was seen.
-    """
-
-    up: NDArray[np.float64]
-    height_m: float | None
 
 
 def estimate_up(normals: NDArray[np.floating]) -> NDArray[np.float64]:

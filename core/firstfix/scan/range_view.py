@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,13 +61,16 @@ def nearest_by_direction(points: NDArray[np.float32]) -> NDArray[np.float32]:
     return image
 
 
+@cache
 def directions() -> NDArray[np.float32]:
-    """Unit vectors (cells, 3) through the middles of the cells of ``nearest_by_direction``."""
+    """Unit vectors (cells, 3) through the middles of the cells of ``nearest_by_direction``, read-only."""
     azimuth = (np.arange(COLUMNS) + 0.5) * _RADIANS_A_CELL - np.pi
     elevation = ((np.arange(ROWS) + 0.5) * _RADIANS_A_CELL - np.pi / 2)[:, None]
     x, y = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth)
     z = np.broadcast_to(np.sin(elevation), x.shape)
-    return np.stack([x, y, z], axis=-1).reshape(-1, 3).astype(np.float32)
+    through = np.stack([x, y, z], axis=-1).reshape(-1, 3).astype(np.float32)
+    through.setflags(write=False)
+    return through
 
 
 @accelerated

@@ -18,7 +18,7 @@ def slabs(points: NDArray[np.floating], voxel_m: float) -> Iterator[NDArray[np.i
     if len(points) <= MOST_POINTS:
         yield slice(None)
         return
-    layer = np.floor(points[:, 0] / voxel_m).astype(np.int64)
+    layer = np.floor(points[:, 0].astype(np.float64) / voxel_m).astype(np.int64)
     layer -= layer.min()
     until = np.cumsum(np.bincount(layer))  # points in each layer and all before it
     slab_of_layer = np.zeros(len(until), np.int64)

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from small_gicp import voxelgrid_sampling
 
+from ...scan.voxel_filter import voxel_means
 from ..array_file import map_arrays, save_arrays
 from ..registration.slabs import slabs
 from ..retrieval.tile_table import runs_around, tile_table
@@ -31,11 +31,7 @@ class PointTiles:
     @classmethod
     def of(cls, points: NDArray[np.floating], voxel_m: float) -> PointTiles:
         """Tiles of (n, 3) points, thinned to one point a voxel."""
-        parts = [
-            voxelgrid_sampling(np.asarray(points[rows], np.float64), voxel_m).points()[:, :3]
-            for rows in slabs(points, voxel_m)
-        ]
-        thinned = np.concatenate(parts)
+        thinned = np.concatenate([voxel_means(points[rows], voxel_m) for rows in slabs(points, voxel_m)])
         order, begin, low = tile_table(thinned)
         return cls(thinned[order].astype(np.float32), begin, low)
 

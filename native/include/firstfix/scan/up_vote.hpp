@@ -18,11 +18,11 @@ namespace firstfix {
 // Votes of unit normals for each of `candidates` directions as up: normals parallel or at right angles to it vote.
 template <class T>
 void votes(const T* normals, std::size_t count, const double* directions, std::size_t candidates, double* won) {
-  constexpr std::size_t kLanes = 16, kRows = 8;  // float sums of so many rows, then double
+  constexpr std::size_t kInStep = 16, kRows = 8;  // float sums of so many rows, then double
   constexpr double kWidth = 5.0 * (detail::kPi / 180);
   constexpr auto kScale = static_cast<float>(-1 / (2 * kWidth * kWidth));
   const float whole = detail::exp_of_negative(kScale);
-  const std::size_t padded = (count + kLanes - 1) / kLanes * kLanes;
+  const std::size_t padded = (count + kInStep - 1) / kInStep * kInStep;
   std::vector<float> x(padded), y(padded), z(padded), counts(padded);
   for (std::size_t i = 0; i < count; ++i) {
     x[i] = static_cast<float>(normals[3 * i]);
@@ -33,18 +33,18 @@ void votes(const T* normals, std::size_t count, const double* directions, std::s
   for (std::size_t d = 0; d < candidates; ++d) {
     const auto a = static_cast<float>(directions[3 * d]), b = static_cast<float>(directions[3 * d + 1]),
                c = static_cast<float>(directions[3 * d + 2]);
-    double sum[kLanes] = {};
-    for (std::size_t start = 0; start < padded; start += kLanes * kRows) {
-      const std::size_t end = std::min(padded, start + kLanes * kRows);
-      float part[kLanes] = {};
-      for (std::size_t i = start; i < end; i += kLanes) {
-        for (std::size_t lane = 0; lane < kLanes; ++lane) {
+    double sum[kInStep] = {};
+    for (std::size_t start = 0; start < padded; start += kInStep * kRows) {
+      const std::size_t end = std::min(padded, start + kInStep * kRows);
+      float part[kInStep] = {};
+      for (std::size_t i = start; i < end; i += kInStep) {
+        for (std::size_t lane = 0; lane < kInStep; ++lane) {
           const float along = x[i + lane] * a + y[i + lane] * b + z[i + lane] * c;
           const float upright = detail::exp_of_negative(along * along * kScale);
           part[lane] += (upright + whole / upright) * counts[i + lane];  // exp(s - t) is exp(s) / exp(t)
         }
       }
-      for (std::size_t lane = 0; lane < kLanes; ++lane) sum[lane] += static_cast<double>(part[lane]);
+      for (std::size_t lane = 0; lane < kInStep; ++lane) sum[lane] += static_cast<double>(part[lane]);
     }
     won[d] = 0;
     for (const double part : sum) won[d] += part;
@@ -55,10 +55,10 @@ void votes(const T* normals, std::size_t count, const double* directions, std::s
 // squares.
 template <class T>
 detail::Vector3 refined_up(const T* normals, std::size_t count, detail::Vector3 up) {
-  constexpr std::size_t kLanes = 8;
+  constexpr std::size_t kInStep = 8;
   constexpr double kLevelWeight = 0.1;  // of a level surface against an upright one
   const double nearly = std::cos(6.0 * (detail::kPi / 180));
-  const std::size_t padded = (count + kLanes - 1) / kLanes * kLanes;
+  const std::size_t padded = (count + kInStep - 1) / kInStep * kInStep;
   std::vector<double> x(padded), y(padded), z(padded);  // a padding of zeros adds nothing to the scatter
   for (std::size_t i = 0; i < count; ++i) {
     x[i] = static_cast<double>(normals[3 * i]);
@@ -67,9 +67,9 @@ detail::Vector3 refined_up(const T* normals, std::size_t count, detail::Vector3 
   }
   for (const double width_deg : {5.0, 2.5, 1.5}) {
     const double width = width_deg * (detail::kPi / 180), scale = -1 / (2 * width * width);
-    double sum[6][kLanes] = {};
-    for (std::size_t i = 0; i < padded; i += kLanes) {
-      for (std::size_t lane = 0; lane < kLanes; ++lane) {
+    double sum[6][kInStep] = {};
+    for (std::size_t i = 0; i < padded; i += kInStep) {
+      for (std::size_t lane = 0; lane < kInStep; ++lane) {
         const double nx = x[i + lane], ny = y[i + lane], nz = z[i + lane];
         const double along = nx * up[0] + ny * up[1] + nz * up[2], along2 = along * along;
         const double weight = detail::exp_of_negative(along2 * scale) -

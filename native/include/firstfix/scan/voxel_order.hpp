@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <limits>
 #include <stdexcept>
+#include <type_traits>
 #include <vector>
 
 namespace firstfix::detail {
@@ -27,10 +28,10 @@ struct VoxelBox {
 // Throws std::invalid_argument for points that are not finite, or too far apart to be numbered.
 template <class T>
 VoxelBox voxel_box(const T* points, std::size_t count, double voxel_m) {
-  constexpr std::size_t kLanes = 24;  // eight points: a vector register of each axis in turn
-  T least[kLanes], most[kLanes], not_finite[kLanes] = {};
-  std::fill_n(least, kLanes, std::numeric_limits<T>::infinity());
-  std::fill_n(most, kLanes, -std::numeric_limits<T>::infinity());
+  constexpr std::size_t kInStep = 24;  // eight points: a vector register of each axis in turn
+  T least[kInStep], most[kInStep], not_finite[kInStep] = {};
+  std::fill_n(least, kInStep, std::numeric_limits<T>::infinity());
+  std::fill_n(most, kInStep, -std::numeric_limits<T>::infinity());
   const auto take = [&](const T* from, std::size_t lanes) {
     for (std::size_t lane = 0; lane < lanes; ++lane) {
       least[lane] = from[lane] < least[lane] ? from[lane] : least[lane];
@@ -38,23 +39,25 @@ VoxelBox voxel_box(const T* points, std::size_t count, double voxel_m) {
       not_finite[lane] += from[lane] - from[lane];
     }
   };
-  const std::size_t numbers = 3 * count, whole = numbers - numbers % kLanes;
-  for (std::size_t i = 0; i < whole; i += kLanes) take(points + i, kLanes);
+  const std::size_t numbers = 3 * count, whole = numbers - numbers % kInStep;
+  for (std::size_t i = 0; i < whole; i += kInStep) take(points + i, kInStep);
   take(points + whole, numbers - whole);
   VoxelBox box{};
+  constexpr double kMostVoxels = 4503599627370496.0;  // 2^52 on an axis: a difference of indices is exact
   bool usable = voxel_m > 0 && count <= std::numeric_limits<std::uint32_t>::max();
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    for (std::size_t lane = axis + 3; lane < kLanes; lane += 3) {
+    for (std::size_t lane = axis + 3; lane < kInStep; lane += 3) {
       least[axis] = std::min(least[axis], least[lane]);
       most[axis] = std::max(most[axis], most[lane]);
       not_finite[axis] += not_finite[lane];
     }
     box.low[axis] = std::floor(static_cast<double>(least[axis]) / voxel_m);
     const double size = std::floor(static_cast<double>(most[axis]) / voxel_m) - box.low[axis] + 1;
-    usable = usable && not_finite[axis] == 0 && size >= 1 && size <= 2147483648.0;
+    usable = usable && not_finite[axis] == 0 && size >= 1 && size <= kMostVoxels;
     box.size[axis] = usable ? static_cast<std::uint64_t>(size) : 1;
   }
-  if (!usable || box.size[2] > (std::uint64_t{1} << 62) / (box.size[0] * box.size[1])) {
+  const double voxels = static_cast<double>(box.size[0]) * static_cast<double>(box.size[1]) * static_cast<double>(box.size[2]);
+  if (!usable || voxels > 4611686018427387904.0) {  // 2^62
     throw std::invalid_argument("points are not finite, or too far apart for voxels of this size");
   }
   return box;
@@ -91,17 +94,18 @@ std::vector<KeyedRow<Key>> rows_by_voxel(const T* points, std::size_t count, dou
                                          const AxisOrder& order) {
   constexpr std::size_t kBlock = 256;
   std::vector<KeyedRow<Key>> entries(count);
-  std::int32_t cell[3][kBlock];
+  using Index = std::make_signed_t<Key>;
+  Index cell[3][kBlock];
   for (std::size_t start = 0; start < count; start += kBlock) {
     const std::size_t block = std::min(kBlock, count - start);
     const T* from = points + 3 * start;
     for (std::size_t axis = 0; axis < 3; ++axis) {
       const double low = box.low[axis];
       for (std::size_t i = 0; i < block; ++i) {
-        cell[axis][i] = static_cast<std::int32_t>(std::floor(static_cast<double>(from[3 * i + axis]) / voxel_m) - low);
+        cell[axis][i] = static_cast<Index>(std::floor(static_cast<double>(from[3 * i + axis]) / voxel_m) - low);
       }
     }
-    const std::int32_t *slow = cell[order[0]], *middle = cell[order[1]], *fast = cell[order[2]];
+    const Index *slow = cell[order[0]], *middle = cell[order[1]], *fast = cell[order[2]];
     const auto width = static_cast<Key>(box.size[order[2]]), depth = static_cast<Key>(box.size[order[1]]);
     for (std::size_t i = 0; i < block; ++i) {
       const Key row = static_cast<Key>(slow[i]) * depth + static_cast<Key>(middle[i]);
@@ -132,7 +136,7 @@ template <class T, class Visit>
 void each_voxel(const T* points, std::size_t count, double voxel_m, const AxisOrder& order, Visit visit) {
   if (count == 0) return;
   const VoxelBox box = voxel_box(points, count, voxel_m);
-  if (box.count() <= std::uint64_t{1} << 32) {
+  if (box.count() <= std::uint64_t{1} << 31) {
     each_voxel_keyed<std::uint32_t>(points, count, voxel_m, box, order, visit);
   } else {
     each_voxel_keyed<std::uint64_t>(points, count, voxel_m, box, order, visit);
