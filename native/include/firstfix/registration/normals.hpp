@@ -180,8 +180,8 @@ inline void least_axes(const Neighbourhoods& of, FloatLanes* axes) {
     rotate_plane(xx, zz, xz, xy, yz, vx, vz);
     rotate_plane(yy, zz, yz, xy, xz, vy, vz);
   }
-  const FloatLanes least = lesser_lanes(yy, zz);
-  for (std::size_t k = 0; k < 3; ++k) axes[k] = xx < least ? vx[k] : (zz < yy ? vz[k] : vy[k]);
+  const FloatLanes least = lesser_lanes(yy, zz);  // of equal ones, the first: points of a level line are on a wall
+  for (std::size_t k = 0; k < 3; ++k) axes[k] = xx <= least ? vx[k] : (yy <= zz ? vy[k] : vz[k]);
 }
 
 }  // namespace detail
