@@ -1,0 +1,90 @@
+"""One table of calls of the kernels: every function of ``firstfix.native`` stands in it.
+
+A case is named after its kernel, with more words after a comma where there are several. As a program, it
+prints the digest of each result: the instruction sets must agree.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_RNG = np.random.default_rng(16)
+
+
+def _street(count: int) -> NDArray[np.float32]:
+    """Ground, two walls and clutter around a sensor 1.7 m above the ground."""
+    share = count // 4
+    ground = np.column_stack([_RNG.uniform(-40, 40, (share, 2)), np.full(share, -1.7)])
+    walls = _RNG.uniform([-40, -7, -1.7], [40, 9, 8], (2 * share, 3))
+    walls[:, 1] = np.where(walls[:, 1] < 1, -7.0, 9.0)
+    clutter = _RNG.uniform([-40, -9, -1.7], [40, 9, 3], (count - 3 * share, 3))
+    return (np.concatenate([ground, walls, clutter]) + _RNG.normal(0, 0.02, (count, 3))).astype(np.float32)
+
+
+def _unit(vectors: NDArray[np.floating]) -> NDArray[np.float32]:
+    return (vectors / np.linalg.norm(vectors, axis=1, keepdims=True)).astype(np.float32)
+
+
+STREET = _street(20_011)
+FEW = STREET[:3001]
+NORMALS = _unit(_RNG.normal(size=(3001, 3)) * [0.1, 1, 0.5])
+WIDE = _RNG.uniform(-9e6, 9e6, (2000, 3))  # more voxels than 32 bits can number
+R_LEVEL_SENSOR = np.linalg.qr(_RNG.normal(size=(3, 3)))[0]
+DIRECTIONS = _unit(_RNG.normal(size=(77, 3))).astype(np.float64)
+EDGES_M = np.float32([0.3, 1.0, 1.8, 3.0, 6.0, 25.0])
+OCCUPANCY = np.packbits(_RNG.random((40, 100 * 60)) < 0.1, axis=1)
+YAWS_RAD = _RNG.uniform(-4, 4, 300)
+START = np.array([0, 7000, 7000, len(STREET)])
+
+CASES: dict[str, Callable[[Any], Any]] = {
+    "rows_by_chance": lambda native: native.rows_by_chance(120_000, 7_001),
+    "within_range": lambda native: native.within_range(STREET, 0.5, 30.0),
+    "first_in_voxel, float": lambda native: native.first_in_voxel(STREET, 0.3),
+    "first_in_voxel, double": lambda native: native.first_in_voxel(WIDE, 50.0),
+    "voxel_means, float": lambda native: native.voxel_means(STREET, 0.3),
+    "voxel_means, double": lambda native: native.voxel_means(WIDE, 50.0),
+    "turned, float": lambda native: native.turned(STREET, R_LEVEL_SENSOR),
+    "turned, double": lambda native: native.turned(WIDE, R_LEVEL_SENSOR),
+    "floor_height": lambda native: native.floor_height(FEW, np.tile(np.float32([0, 0, 1]), (len(FEW), 1))),
+    "votes": lambda native: native.votes(NORMALS, DIRECTIONS),
+    "refined_up": lambda native: native.refined_up(NORMALS, DIRECTIONS[0]),
+    "nearest_by_direction": lambda native: native.nearest_by_direction(STREET),
+    "least_of_neighbours": lambda native: native.least_of_neighbours(
+        native.nearest_by_direction(STREET).reshape(90, 180)
+    ),
+    "flat_patches": lambda native: native.flat_patches(native.voxel_means(STREET, 0.3), 0.9),
+    "surface_normals": lambda native: native.surface_normals(FEW, -FEW),
+    "thin_surface": lambda native: native.thin_surface(FEW, NORMALS, NORMALS[:, 0] > 0, 0.7),
+    "occupied_cells": lambda native: native.occupied_cells(
+        STREET, START, np.float32([1.7, 1.0, 1.5]), 20, 60, 40.0, EDGES_M
+    ),
+    "turned_occupied_cells": lambda native: native.turned_occupied_cells(
+        STREET, R_LEVEL_SENSOR, 1.7, 20, 60, 40.0, EDGES_M
+    ),
+    "ring_spectra": lambda native: native.ring_spectra(OCCUPANCY, 100, 60, 8),
+    "best_shifts": lambda native: native.best_shifts(OCCUPANCY[0], OCCUPANCY, np.arange(1, 40), 100, 60),
+    "spread_out": lambda native: native.spread_out(
+        STREET[:300].astype(np.float64), YAWS_RAD, 50, 3.0, np.cos(0.5), 3
+    ),
+}
+
+
+def digest(result: Any) -> str:
+    """SHA-256 of a result's bytes, types and shapes."""
+    parts = result if isinstance(result, tuple) else (result,)
+    whole = hashlib.sha256()
+    for part in map(np.asarray, parts):
+        whole.update(f"{part.dtype} {part.shape} ".encode() + part.tobytes())
+    return whole.hexdigest()
+
+
+if __name__ == "__main__":
+    import firstfix.native
+
+    print(json.dumps({name: digest(call(firstfix.native)) for name, call in CASES.items()}))

@@ -1,0 +1,45 @@
+"""Surfaces in NumPy: the kernels of ``firstfix.native`` are held against them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from firstfix.engine.registration.surface import Surface
+
+NEIGHBOURS = 10
+
+
+def neighbour_scatter(points: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Scatter (n, 3, 3) of every point's ten nearest, itself among them, and all that are no further."""
+    exact = np.asarray(points, np.float64)
+    tree = cKDTree(exact)
+    reach = tree.query(exact, k=[min(NEIGHBOURS, len(exact))])[0][:, 0]
+    scatter = np.empty((len(exact), 3, 3))
+    for row, near in enumerate(tree.query_ball_point(exact, reach * (1 + 1e-6))):
+        off = exact[near] - exact[near].mean(axis=0)
+        scatter[row] = off.T @ off
+    return scatter
+
+
+def thinned(surface: Surface, voxel_m: float) -> Surface:
+    """Surface of the mean point of every voxel, one for each main direction of its normals."""
+    axis = np.abs(surface.normals).argmax(axis=1)
+    most = surface.normals[np.arange(len(surface)), axis]
+    negative = (most < 0) & surface.oriented
+    cell = np.floor(surface.points.astype(np.float64) / voxel_m).astype(np.int64)
+    cell -= cell.min(axis=0)
+    size = cell.max(axis=0) + 1
+    way = 3 * (2 * negative + ~surface.oriented) + axis
+    key = ((cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2]) * 9 + way
+    _, first, group, count = np.unique(key, return_index=True, return_inverse=True, return_counts=True)
+    turn = np.where((most < 0) & ~surface.oriented, -1, 1)[:, None]
+
+    def mean(values: NDArray[np.floating]) -> NDArray[np.float32]:
+        sums = [np.bincount(group, weights=values[:, axis]) for axis in range(3)]
+        return (np.stack(sums, axis=1) / count[:, None]).astype(np.float32)
+
+    normals = mean(surface.normals * turn)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.float32(1e-6))
+    return Surface(mean(surface.points), normals, surface.oriented[first])
