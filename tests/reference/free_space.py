@@ -1,4 +1,4 @@
-"""Free-space check in NumPy: what the kernels of ``firstfix.native`` are held against."""
+"""Free-space check in NumPy: the kernels of ``firstfix.native`` are held against it."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from firstfix.engine.retrieval.tile_table import runs_around
 from firstfix.engine.verification.free_space import MapView
 from firstfix.engine.verification.point_tiles import PointTiles
+from firstfix.scan.levelling import turned
 from firstfix.scan.range_view import RangeView, nearest_by_direction
 from firstfix.transform import Matrix
 
@@ -19,7 +20,8 @@ def around(tiles: PointTiles, centre: NDArray[np.float64], reach_m: float) -> ND
     """Vectors (k, 3) from a centre, (3,), to every point within reach."""
     columns = [tiles.points[run] for run in runs_around(tiles.begin, tiles.low, centre, reach_m)]
     away = np.concatenate(columns or [tiles.points[:0]]) - centre.astype(np.float32)
-    near: NDArray[np.float32] = away[np.einsum("ij,ij->i", away, away) < reach_m**2]
+    x, y, z = away.T
+    near: NDArray[np.float32] = away[x * x + y * y + z * z < np.float32(reach_m**2)]
     return near
 
 
@@ -28,7 +30,7 @@ def free_space_violation(view: MapView, scan: RangeView, T_level_sensor: Matrix)
     R, centre = T_level_sensor[:3, :3].astype(np.float32), T_level_sensor[:3, 3]
     near = around(view.near, centre, min(NEAR_M, view.reach_m))
     away = np.concatenate([near, around(view.far, centre, view.reach_m)])
-    mapped = nearest_by_direction(away @ R)
+    mapped = nearest_by_direction(turned(away, R.T))
     both = np.isfinite(mapped) & scan.returned
     if not both.any():
         return 1.0

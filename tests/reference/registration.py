@@ -1,4 +1,4 @@
-"""Alignment of a scan with a surface grid in NumPy: what the kernels of ``firstfix.native`` are held against."""
+"""Alignment with a surface grid in NumPy: the kernels of ``firstfix.native`` are held against it."""
 
 from __future__ import annotations
 
@@ -29,52 +29,41 @@ def nearest(grid: SurfaceGrid, points: NDArray[np.float32]) -> NDArray[np.int32]
 
 
 @dataclass(frozen=True)
-class Placed:
-    """Scan at k poses, (k, n, 3) each.
-
-    Attributes:
-        arms: points relative to the sensor.
-        points: in the index's frame.
-        normals: in the index's frame.
-    """
-
-    arms: NDArray[np.float32]
-    points: NDArray[np.float32]
-    normals: NDArray[np.float32]
-
-    @classmethod
-    def at(cls, scan: Surface, T_level_sensor: NDArray[np.float64]) -> Placed:
-        turn = T_level_sensor[:, :3, :3].astype(np.float32).transpose(0, 2, 1)
-        arms = scan.points @ turn
-        return cls(arms, arms + T_level_sensor[:, None, :3, 3].astype(np.float32), scan.normals @ turn)
-
-
-@dataclass(frozen=True)
 class Pairs:
-    """Surface points nearest to the points of a placed scan, (k, n, ...).
+    """Surface points nearest to the points of a scan at k poses, (k, n, ...).
 
     Attributes:
+        arms: points relative to the sensor, along the level axes.
         off_m: distance to the surface along its normal; infinite if no surface is near, or only its other
             face.
         normals: of the surface.
         cosine: of the angle between the two normals.
     """
 
+    arms: NDArray[np.float32]
     off_m: NDArray[np.float32]
     normals: NDArray[np.float32]
     cosine: NDArray[np.float32]
 
     @classmethod
-    def of(cls, grid: SurfaceGrid, scan: Surface, placed: Placed) -> Pairs:
-        points = placed.points - grid.corner
+    def at(cls, T_level_sensor: NDArray[np.float64], grid: SurfaceGrid, scan: Surface) -> Pairs:
+        turn = T_level_sensor[:, None, :3, :3].astype(np.float32)
+        arms = np.stack([_dot(turn[..., axis, :], scan.points) for axis in range(3)], axis=-1)
+        points = arms + (T_level_sensor[:, None, :3, 3] - grid.corner).astype(np.float32)
         row = nearest(grid, points.reshape(-1, 3)).reshape(points.shape[:2])
         planes = grid.planes[row]
         normals = planes[..., :3]
-        off_m = planes[..., 3] - np.einsum("kni,kni->kn", points, normals)
-        cosine = np.einsum("kni,kni->kn", placed.normals, normals)
+        off_m = planes[..., 3] - _dot(points, normals)
+        turned = np.stack([_dot(turn[..., axis, :], scan.normals) for axis in range(3)], axis=-1)
+        cosine = _dot(turned, normals)
         other_face = (cosine < OTHER_FACE) & grid.oriented[row] & scan.oriented
         off_m[(row < 0) | other_face] = np.inf
-        return cls(off_m, normals, cosine)
+        return cls(arms, off_m, normals, cosine)
+
+
+def _dot(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Scalar products along the last axis, added in order: no library's sum, whose order is its own."""
+    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 
 
 def align(
@@ -94,12 +83,11 @@ def align(
     hessian = np.zeros((len(T), 6, 6))
     squares, pairs = np.zeros(len(T)), np.ones(len(T))
     for _ in range(iterations):
-        placed = Placed.at(scan, T[moving])
-        found = Pairs.of(grid, scan, placed)
+        found = Pairs.at(T[moving], grid, scan)
         off_m = found.off_m
         weight = np.maximum(1 - (off_m / np.float32(reach_m)) ** 2, 0) ** 2  # Tukey's; 0 without a surface
         weight /= 1 + np.maximum(1 - found.cosine**2, 0) / np.float32(half_angle**2)
-        jacobian = _jacobian(placed.arms, found.normals)  # (k, 6, n)
+        jacobian = _jacobian(found.arms, found.normals)  # (k, 6, n)
         weighted = jacobian * weight[:, None]
         off_m[weight == 0] = 0  # infinite ones
         pairs[moving] = weight.sum(axis=1)
@@ -122,7 +110,7 @@ def quality(
     grid: SurfaceGrid, scan: Surface, T: NDArray[np.float64], inlier_distance_m: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Inlier ratio (k,) and alignment score (k,) at (k, 4, 4) poses."""
-    share = np.abs(Pairs.of(grid, scan, Placed.at(scan, T)).off_m).astype(np.float64) / inlier_distance_m
+    share = np.abs(Pairs.at(T, grid, scan).off_m).astype(np.float64) / inlier_distance_m
     return (share <= 1).mean(axis=1), np.maximum(1 - share**2, 0).mean(axis=1)
 
 

@@ -47,7 +47,9 @@ class MadeUpMap:
 
     def align(self, scan, starts):
         scores = np.array([self._score(T) for T in starts])
-        return Registrations(starts, np.full(len(starts), 0.9), scores, np.tile(np.eye(6), (len(starts), 1, 1)))
+        return Registrations(
+            starts, np.full(len(starts), 0.9), scores, np.tile(np.eye(6), (len(starts), 1, 1))
+        )
 
     def align_fine(self, scan, starts):
         self.refined += starts[:, 0, 3].tolist()

@@ -45,7 +45,7 @@ class Registration:
 
 @dataclass(frozen=True)
 class Registrations:
-    """Aligned poses of a scan, from k starts. Item i is a ``Registration``, whose attributes are explained there.
+    """Aligned poses of a scan, from k starts. Item i is a ``Registration``, which explains the attributes.
 
     Attributes:
         T_level_sensor: (k, 4, 4).
@@ -114,7 +114,8 @@ class MapSurface:
         """Aligns on the coarse grid: (k, 4, 4) starts within about a metre end within a few decimetres."""
         reach_m, few = 1.5 * self.config.coarse_voxel_m, scan.at_most(_COARSE_POINTS)
         iterations = self.config.coarse_iterations
-        return self._align(self.coarse, few, T_level_sensor, iterations, reach_m, _COARSE_ANGLE).T_level_sensor
+        found = self._align(self.coarse, few, T_level_sensor, iterations, reach_m, _COARSE_ANGLE)
+        return found.T_level_sensor
 
     def align(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> Registrations:
         """Aligns on the map's own points, from (k, 4, 4) starts within a few decimetres."""

@@ -1,8 +1,8 @@
 """Grid that finds the surface point near any position, in constant time.
 
 A look-up in a KD tree over a million points takes a microsecond, mostly cache misses, and a query makes a
-hundred thousand of them. Here every cell near the surface stores the point nearest to its centre: a look-up is
-three array reads.
+hundred thousand of them. Here every cell near the surface stores the point nearest to its centre: a look-up
+is three array reads.
 """
 
 from __future__ import annotations
