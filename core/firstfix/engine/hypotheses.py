@@ -7,17 +7,18 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..answer.prior import Prior
 from .candidates import Candidates
 from .index import MapIndex
 from .preprocess import PreparedQuery
-from .registered_candidate import RegisteredCandidate, features_of, ranked
-from .registration.align import Registration
+from .registered_candidate import RegisteredCandidate, distinct, features_of, ranked
 
 RIVAL_WITHIN = 0.15  # of the best candidate's support
 MAX_REFINED = 3
 NEIGHBOUR_M = 0.3  # to the minima beside the right one: the next panel, a wall's other face
+_BESIDE_M = NEIGHBOUR_M * np.array(list(product((0, -1, 1), repeat=2)))  # (9, 2), itself first
 BETTER_BY = 0.02  # of alignment_score: a scan distorted by motion has several minima nearly as good
 PROMISING = 0.02  # probability before fine alignment, which raises the inlier ratio a little
 
@@ -37,25 +38,31 @@ class HypothesisSearch:
         """
         if not len(candidates):
             return []
-        registered = self._rank(self._register(candidates))
-        checked = self._rank(self._check_free_space(registered))
+        checked = ranked(self._check_free_space(self._register(candidates)))
         if not checked or not self._may_be_accepted(checked):
             return checked
-        return self._rank(self._refine(checked))
+        return ranked(self._allowed(self._refine(checked)))
 
     def _register(self, candidates: Candidates) -> list[RegisteredCandidate]:
-        """Aligns all candidates with few points: coarsely, then on the map's own points."""
+        """Aligns all candidates with few points: coarsely, then on the map's own points.
+
+        Returns the best ones that may compete: distinct poses that the prior allows, best first.
+        """
         surface, sparse = self._index.surface, self._prepared.sparse
         aligned = surface.align(sparse, surface.align_coarse(sparse, candidates.T_level_sensor))
+        rows = np.argsort(-aligned.alignment_score, kind="stable")
+        if self._prior is not None:
+            rows = rows[self._prior.allows(self._index.T_map_level @ aligned.T_level_sensor[rows])]
+        first = distinct(aligned.T_level_sensor[rows], most=self._index.config.verification.compared)
         return [
-            RegisteredCandidate(self._index, self._map_id, template, registration)
-            for template, registration in zip(candidates.template.tolist(), aligned, strict=True)
+            RegisteredCandidate(self._index, self._map_id, int(candidates.template[row]), aligned[row])
+            for row in rows[first].tolist()
         ]
 
-    def _rank(self, registered: Iterable[RegisteredCandidate]) -> list[RegisteredCandidate]:
-        """Distinct candidates that the prior allows, best first."""
+    def _allowed(self, registered: Iterable[RegisteredCandidate]) -> list[RegisteredCandidate]:
+        """The candidates that the prior allows."""
         prior = self._prior
-        return ranked(one for one in registered if prior is None or prior.allows(one.T_map_sensor))
+        return [one for one in registered if prior is None or prior.allows(one.T_map_sensor)]
 
     def _check_free_space(self, registered: Sequence[RegisteredCandidate]) -> list[RegisteredCandidate]:
         """The candidates that may be the best or its best rival, with their free-space violation.
@@ -63,7 +70,7 @@ class HypothesisSearch:
         The check only lowers support, so it stops at the first candidate that is too weak already.
         """
         checked: list[RegisteredCandidate] = []
-        for candidate in registered[: self._index.config.verification.compared]:
+        for candidate in registered:
             supports = sorted((other.quality.support for other in checked), reverse=True)
             if len(supports) > 1 and candidate.quality.support < min(supports[1], supports[0] - RIVAL_WITHIN):
                 break
@@ -82,21 +89,23 @@ class HypothesisSearch:
         """
         close = checked[0].quality.support - RIVAL_WITHIN
         near = [candidate for candidate in checked if candidate.quality.support > close][:MAX_REFINED]
-        starts = np.array([self._best_minimum_near(candidate).T_level_sensor for candidate in near])
-        aligned = self._index.surface.align_fine(self._prepared.dense, starts)
+        aligned = self._index.surface.align_fine(self._prepared.dense, self._best_minima_near(near))
         refined = (
             self._with_free_space(replace(candidate, registration=registration))
             for candidate, registration in zip(near, aligned, strict=True)
         )
         return [*refined, *checked[len(near) :]]
 
-    def _best_minimum_near(self, candidate: RegisteredCandidate) -> Registration:
-        """The candidate's registration, or one beside it that is clearly better."""
-        starts = np.repeat(candidate.registration.T_level_sensor[None], 9, axis=0)
-        starts[:, :2, 3] += NEIGHBOUR_M * np.array(list(product((0, -1, 1), repeat=2)))
-        own, *beside = self._index.surface.align(self._prepared.sparse, starts)
-        best = max(beside, key=lambda registration: registration.alignment_score)
-        return best if best.alignment_score > own.alignment_score + BETTER_BY else own
+    def _best_minima_near(self, candidates: Sequence[RegisteredCandidate]) -> NDArray[np.float64]:
+        """Each candidate's pose, or one beside it whose alignment is clearly better: (k, 4, 4)."""
+        starts = np.array([[one.registration.T_level_sensor] * len(_BESIDE_M) for one in candidates])
+        starts[..., :2, 3] += _BESIDE_M
+        aligned = self._index.surface.align(self._prepared.sparse, starts.reshape(-1, 4, 4))
+        score = aligned.alignment_score.reshape(starts.shape[:2])
+        best = score.argmax(axis=1)  # the first column is the pose itself
+        best[score.max(axis=1) <= score[:, 0] + BETTER_BY] = 0
+        T_level_sensor: NDArray[np.float64] = aligned.T_level_sensor.reshape(starts.shape)
+        return T_level_sensor[np.arange(len(best)), best]
 
     def _with_free_space(self, candidate: RegisteredCandidate) -> RegisteredCandidate:
         """The candidate with its free-space violation, averaged over the query's scans."""

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import native
 from ..answer.quality import AlignmentQuality, MatchFeatures
-from ..transform import Matrix, pose_error
+from ..transform import Matrix
 from .index import MapIndex
 from .registration.align import Registration
 
@@ -44,21 +49,18 @@ class RegisteredCandidate:
         """(4, 4) pose in the map's own frame."""
         return self.index.T_map_level @ self.registration.T_level_sensor
 
-    def has_pose_of(self, other: RegisteredCandidate) -> bool:
-        """Returns whether both are nearly the same pose. They must be of the same map."""
-        distance_m, angle_deg = pose_error(
-            self.registration.T_level_sensor, other.registration.T_level_sensor
-        )
-        return distance_m < SAME_POSE_M and angle_deg < SAME_POSE_DEG
 
-
-def ranked(candidates: Iterable[RegisteredCandidate]) -> list[RegisteredCandidate]:
+def ranked(candidates: Sequence[RegisteredCandidate]) -> list[RegisteredCandidate]:
     """Candidates of one map by support, best first; of nearly the same pose only the best is kept."""
-    kept: list[RegisteredCandidate] = []
-    for candidate in sorted(candidates, key=lambda candidate: -candidate.quality.support):
-        if not any(candidate.has_pose_of(better) for better in kept):
-            kept.append(candidate)
-    return kept
+    best_first = sorted(candidates, key=lambda candidate: -candidate.quality.support)
+    T_level_sensor = [candidate.registration.T_level_sensor for candidate in best_first]
+    return [best_first[row] for row in distinct(np.array(T_level_sensor).reshape(-1, 4, 4)).tolist()]
+
+
+def distinct(T_level_sensor: NDArray[np.float64], most: int | None = None) -> NDArray[np.int64]:
+    """Rows of (k, 4, 4) poses of one map, ``most`` at most, that are not nearly the same as a row before."""
+    most = len(T_level_sensor) if most is None else most
+    return native.distinct_poses(T_level_sensor, SAME_POSE_M, math.radians(SAME_POSE_DEG), most)
 
 
 def features_of(ranked: Sequence[RegisteredCandidate], number: int = 0) -> MatchFeatures:

@@ -11,7 +11,7 @@ from firstfix.engine.candidates import Candidates
 from firstfix.engine.config import EngineConfig
 from firstfix.engine.hypotheses import MAX_REFINED, NEIGHBOUR_M, HypothesisSearch
 from firstfix.engine.index import MapIndex
-from firstfix.engine.registration.align import Registration
+from firstfix.engine.registration.align import Registrations
 from firstfix.transform import make_transform
 
 APART_M = 10.0  # candidate i stands at x = 10 i
@@ -46,7 +46,10 @@ class MadeUpMap:
         return starts
 
     def align(self, scan, starts):
-        return [Registration(T, 0.9, self._score(T), np.eye(6)) for T in starts]
+        scores = np.array([self._score(T) for T in starts])
+        return Registrations(
+            starts, np.full(len(starts), 0.9), scores, np.tile(np.eye(6), (len(starts), 1, 1))
+        )
 
     def align_fine(self, scan, starts):
         self.refined += starts[:, 0, 3].tolist()

@@ -1,21 +1,24 @@
 """Grid that finds the surface point near any position, in constant time.
 
-A look-up in a KD tree over a million points takes a microsecond, mostly cache misses, and a query makes ten
-thousand of them. Here every cell near the surface stores the point nearest to its centre: a look-up is three
-array reads, and thousands of them are one NumPy call.
+A look-up in a KD tree over a million points takes a microsecond, mostly cache misses, and a query makes a
+hundred thousand of them. Here every cell near the surface stores the point nearest to its centre: a look-up
+is three array reads.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ... import native
 from ..array_file import map_arrays, save_arrays
 from .surface import Surface
-from .surface_grid_build import CellsOf, nearest_points, slot_of, tables_around
+from .surface_grid_build import CellsOf, nearest_points, tables_around
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,25 @@ class SurfaceGrid:
     block: NDArray[np.int32]
     point: NDArray[np.int32]
 
+    def __post_init__(self) -> None:
+        _ = self.tables  # checks types and shapes
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    @cached_property
+    def tables(self) -> native.SurfaceGrid:
+        """The arrays as the kernels read them."""
+        return native.SurfaceGrid(
+            float(self.cell[0]),
+            self.corner,
+            self.planes,
+            self.oriented,
+            self.group,
+            self.block,
+            self.point,
+        )
+
     @classmethod
     def of(cls, surface: Surface, cell_m: float) -> SurfaceGrid:
         """Grid of a surface."""
@@ -61,11 +83,7 @@ class SurfaceGrid:
 
     def nearest(self, points: NDArray[np.float32]) -> NDArray[np.int32]:
         """Rows (n,) of the surface near (n, 3) positions relative to the corner; -1: none."""
-        block_bits = self.point.shape[1].bit_length() - 1
-        group_bits = block_bits + self.block.shape[1].bit_length() - 1
-        last = np.array(self.group.shape, np.float32) * (1 << group_bits) - 1
-        cell = (points * (1 / self.cell)).clip(0, last).astype(np.int32)
-        return self.point.ravel()[slot_of(cell, self.group, self.block, block_bits)]
+        return self.tables.nearest(points)
 
     def save(self, path: Path) -> None:
         """Writes the grid to a file."""

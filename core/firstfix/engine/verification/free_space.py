@@ -12,13 +12,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...scan.range_view import RangeView, nearest_by_direction
+from ... import native
+from ...scan.range_view import RangeView
 from ...transform import Matrix
 from .point_tiles import PointTiles
 
-NEAR_M = 9.0
 NEAR_VOXEL_M, FAR_VOXEL_M = 0.2, 0.4  # of the map's points: at 6 and at 12 m a cell is as wide
-TOLERANCE_M, TOLERANCE = 0.3, 0.03  # a return beyond a surface is further by this and this share of its range
 _NEAR_FILE, _FAR_FILE = "view_near.safetensors", "view_far.safetensors"
 
 
@@ -27,7 +26,7 @@ class MapView:
     """Map points to look at from a pose, direction by direction. Thread-safe.
 
     Attributes:
-        near: fine points, for surfaces within NEAR_M.
+        near: fine points, for surfaces within 9 m.
         far: coarser points, for all surfaces.
         reach_m: distance up to which surfaces are checked.
     """
@@ -60,17 +59,10 @@ class MapView:
         """Share of directions in which the scan sees through the map.
 
         Directions count in which both scan and map have a surface. The scan sees through the map if its
-        nearest return in and around the direction lies beyond the map's surface.
+        nearest return in and around the direction lies beyond the map's surface by 0.3 m and 3 %.
 
         Returns:
             0..1; 1 if scan and map have no direction in common.
         """
-        R, centre = T_level_sensor[:3, :3].astype(np.float32), T_level_sensor[:3, 3]
-        near = self.near.around(centre, min(NEAR_M, self.reach_m))
-        away = np.concatenate([near, self.far.around(centre, self.reach_m)])
-        mapped = nearest_by_direction(away @ R)
-        both = np.isfinite(mapped) & scan.returned
-        if not both.any():
-            return 1.0
-        beyond = scan.least[both] > mapped[both] * np.float32(1 + TOLERANCE) + np.float32(TOLERANCE_M)
-        return float(beyond.mean())
+        near, far = self.near.tables, self.far.tables
+        return native.free_space_violation(near, far, self.reach_m, scan.returned, scan.least, T_level_sensor)

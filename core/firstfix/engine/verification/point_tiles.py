@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ... import native
 from ...scan.voxel_filter import voxel_means
 from ..array_file import map_arrays, save_arrays
 from ..registration.slabs import slabs
-from ..retrieval.tile_table import runs_around, tile_table
+from ..retrieval.tile_table import tile_table
 
 
 @dataclass(frozen=True)
@@ -28,19 +31,23 @@ class PointTiles:
     begin: NDArray[np.int32]
     low: NDArray[np.int32]
 
+    def __post_init__(self) -> None:
+        _ = self.tables  # checks types and shapes
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    @cached_property
+    def tables(self) -> native.PointTiles:
+        """The arrays as the kernels read them."""
+        return native.PointTiles(self.points, self.begin, self.low)
+
     @classmethod
     def of(cls, points: NDArray[np.floating], voxel_m: float) -> PointTiles:
         """Tiles of (n, 3) points, thinned to one point a voxel."""
         thinned = np.concatenate([voxel_means(points[rows], voxel_m) for rows in slabs(points, voxel_m)])
         order, begin, low = tile_table(thinned)
         return cls(thinned[order].astype(np.float32), begin, low)
-
-    def around(self, centre: NDArray[np.float64], reach_m: float) -> NDArray[np.float32]:
-        """Vectors (k, 3) from a centre, (3,), to every point within reach."""
-        columns = [self.points[run] for run in runs_around(self.begin, self.low, centre, reach_m)]
-        away = np.concatenate(columns or [self.points[:0]]) - centre.astype(np.float32)
-        near: NDArray[np.float32] = away[np.einsum("ij,ij->i", away, away) < reach_m**2]
-        return near
 
     def save(self, path: Path) -> None:
         """Writes the tiles to a file."""

@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from firstfix.engine.verification.free_space import MapView
 from firstfix.scan.range_view import RangeView
 from firstfix.transform import make_transform, rotation_z
+from reference import free_space as reference
+from reference.recorded_places import MAPS, recorded_place
 
 
 def box_surface(size: np.ndarray, spacing_m: float = 0.08) -> np.ndarray:
@@ -75,3 +78,31 @@ def test_tiles_give_what_all_points_give():
     assert near.free_space_violation(within, T) == pytest.approx(
         far.free_space_violation(within, T), abs=0.02
     )
+
+
+@pytest.mark.parametrize("name", list(MAPS))
+def test_the_violation_is_that_of_numpy(name):
+    place, rng = recorded_place(name), np.random.default_rng(3)
+    for query, T in place.scans:
+        for metres, radians in ((0, 0), (0.3, 0.02), (2.0, 0.3), (5.0, 2.0)):
+            turn = Rotation.from_rotvec(rng.normal(0, radians + 1e-9, 3)).as_matrix()
+            at = T @ make_transform(turn, rng.normal(0, metres + 1e-9, 3))
+            wanted = reference.free_space_violation(place.view, query.scans[0].view, at)
+            found = place.view.free_space_violation(query.scans[0].view, at)
+            assert found == pytest.approx(wanted, abs=1e-5)
+            assert 0 < found < 1
+
+
+@pytest.mark.parametrize("band_deg", [(-90, -60), (-15, 15), (-1, 1), (-90, 90), (70, 90), (88.5, 90)])
+def test_a_scan_of_few_elevations_is_checked_there(band_deg):
+    """Points at other elevations are not drawn, and none that counts is left out."""
+    rng = np.random.default_rng(4)
+    points = rng.uniform([-20, -20, -20], [20, 20, 20], (60_000, 3))
+    view = MapView.of(points, 20.0)
+    away = rng.normal(0, 3, (40_000, 3)).astype(np.float32)
+    elevation_deg = np.degrees(np.arctan2(away[:, 2], np.linalg.norm(away[:, :2], axis=1)))
+    scan = RangeView.of(away[(elevation_deg > band_deg[0]) & (elevation_deg < band_deg[1])])
+    for _ in range(5):
+        T = make_transform(Rotation.random(rng=rng).as_matrix(), rng.uniform(-5, 5, 3))
+        wanted = reference.free_space_violation(view, scan, T)
+        assert view.free_space_violation(scan, T) == pytest.approx(wanted, abs=1e-9)

@@ -1,0 +1,71 @@
+// Alignment of a scan with the map's surface, from a start pose (docs/method.md section 7).
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstring>
+
+#include "firstfix/portable/eight_lanes.hpp"
+#include "firstfix/portable/rigid_motion.hpp"
+#include "firstfix/portable/solve6.hpp"
+#include "firstfix/registration/normal_equations.hpp"
+#include "firstfix/registration/pairs.hpp"
+
+namespace firstfix {
+
+constexpr double kStillM = 5e-4, kStillRad = 1e-4;
+constexpr double kDamping = 1e-4;  // of a pair's weight: keeps the pose along directions that the scan does not constrain
+constexpr double kNoiseM = 0.01;   // standard deviation of a scan point's distance from the map, at least
+
+struct AlignParameters {
+  int iterations;
+  float reach_m;     // a pair further apart has no weight
+  float half_angle;  // sine between normals at which a pair counts half
+};
+
+// Share of the scan's points within the inlier distance of the surface, and the same with points counting less the further
+// they lie from it.
+struct AlignmentQuality {
+  double inlier_ratio, alignment_score;
+};
+
+// Gauss-Newton over left perturbations: rotation about the sensor, translation along the level axes.
+//
+// T_level_sensor: (4, 4) the start, then the aligned pose. information: (6, 6) over rotation then translation.
+inline void align(PairFinder& finder, std::size_t points, const AlignParameters& parameters, double* T_level_sensor,
+                  double* information) {
+  NormalEquations equations;
+  for (int iteration = 0; iteration < parameters.iterations; ++iteration) {
+    equations = NormalEquations::of(finder, T_level_sensor, parameters.reach_m, parameters.half_angle);
+    double damped[36], step[6];
+    std::memcpy(damped, equations.hessian, sizeof damped);
+    std::memcpy(step, equations.gradient, sizeof step);
+    for (int k = 0; k < 6; ++k) damped[7 * k] += kDamping * static_cast<double>(points);
+    if (!solve6(damped, step)) break;
+    turn_left(step, T_level_sensor);
+    for (int k = 0; k < 3; ++k) T_level_sensor[4 * k + 3] += step[3 + k];
+    const double turned = std::max({std::fabs(step[0]), std::fabs(step[1]), std::fabs(step[2])});
+    const double moved = std::max({std::fabs(step[3]), std::fabs(step[4]), std::fabs(step[5])});
+    if (turned <= kStillRad && moved <= kStillM) break;
+  }
+  const double variance = equations.squares / std::max(equations.weights, 1.0) + kNoiseM * kNoiseM;
+  for (int k = 0; k < 36; ++k) information[k] = equations.hessian[k] / variance;
+}
+
+inline AlignmentQuality quality_at(PairFinder& finder, std::size_t points, const double* T_level_sensor,
+                                   float inlier_distance_m) {
+  Int8 inside{};
+  Float8 close{};
+  finder.each8(T_level_sensor, [&](const Pairs8& pairs) {
+    const Float8 share = pairs.off_m / inlier_distance_m, square = share * share;
+    inside -= square <= 1.0F;
+    close += square < 1.0F ? 1.0F - square : Float8{};
+  });
+  double inliers = 0;
+  for (std::size_t lane = 0; lane < kLanes; ++lane) inliers += static_cast<double>(inside[lane]);
+  const auto count = static_cast<double>(std::max<std::size_t>(points, 1));
+  return {inliers / count, sum(close) / count};
+}
+
+}  // namespace firstfix

@@ -1,0 +1,48 @@
+// Normal equations of one Gauss-Newton step, point to plane (equation 7.0 of docs/method.md).
+#pragma once
+
+#include "firstfix/portable/eight_lanes.hpp"
+#include "firstfix/registration/pairs.hpp"
+
+namespace firstfix {
+
+struct NormalEquations {
+  double hessian[36]{}, gradient[6]{};
+  double squares = 0, weights = 1;  // weighted squared distances, and the weights
+
+  static NormalEquations of(PairFinder& finder, const double* T_level_sensor, float reach_m, float half_angle) {
+    const float per_reach = 1 / reach_m, per_angle2 = 1 / (half_angle * half_angle);
+    Float8 products[21]{}, pull[6]{}, squared{}, weighted{};
+    finder.each8(T_level_sensor, [&](const Pairs8& pairs) {
+      const Float8 share = pairs.off_m * per_reach, near = 1.0F - share * share;
+      const Float8 across = 1.0F - pairs.cosine * pairs.cosine;  // squared sine between the normals
+      Float8 weight = near > 0.0F ? near * near : Float8{};      // Tukey's; 0 without a surface
+      weight /= 1.0F + (across > 0.0F ? across : Float8{}) * per_angle2;
+      const auto& [arm, n, off_m, cosine] = pairs;
+      // of a pair's distance: by the rotation about the sensor arm x normal, by the translation the normal
+      const Float8 jacobian[6] = {arm[1] * n[2] - arm[2] * n[1], arm[2] * n[0] - arm[0] * n[2],
+                                  arm[0] * n[1] - arm[1] * n[0], n[0], n[1], n[2]};
+      int k = 0;
+      for (int row = 0; row < 6; ++row) {
+        const Float8 along = weight * jacobian[row];
+        for (int column = row; column < 6; ++column) products[k++] += along * jacobian[column];
+        pull[row] += along * off_m;
+      }
+      squared += weight * off_m * off_m;
+      weighted += weight;
+    });
+    NormalEquations equations;
+    int k = 0;
+    for (int row = 0; row < 6; ++row) {
+      for (int column = row; column < 6; ++column) {
+        equations.hessian[6 * row + column] = equations.hessian[6 * column + row] = sum(products[k++]);
+      }
+      equations.gradient[row] = sum(pull[row]);
+    }
+    equations.squares = sum(squared);
+    equations.weights = sum(weighted);
+    return equations;
+  }
+};
+
+}  // namespace firstfix

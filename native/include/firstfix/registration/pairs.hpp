@@ -1,0 +1,131 @@
+// Pairs of a placed scan: for each of its points the map's plane near it.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "firstfix/portable/eight_lanes.hpp"
+#include "firstfix/registration/scan_surface.hpp"
+#include "firstfix/registration/surface_grid.hpp"
+
+namespace firstfix {
+
+constexpr float kNoSurfaceM = 1e9F;    // distance to the surface where none is near
+constexpr float kOtherFace = -0.2F;    // cosine: normals further apart face opposite ways, even with noise
+
+// Pairs of eight points. The arms are the points relative to the sensor, along the map's axes.
+struct Pairs8 {
+  Float8 arm[3], normal[3], off_m, cosine;
+};
+
+// Finds the pairs of one scan in one grid, pose after pose. A point that stays in its cell keeps its plane: when the pose
+// moves by less than a cell, as it does after the first iterations, few look-ups are left.
+class PairFinder {
+ public:
+  PairFinder(const SurfaceGrid& grid, const ScanSurface& scan) : grid_(grid), scan_(scan) {
+    const std::size_t size = padded(scan.count);
+    for (std::vector<std::int32_t>* cells : {&cell_x_, &cell_y_, &cell_z_}) cells->assign(size, -1);
+    for (std::vector<float>* values : {&nx_, &ny_, &nz_}) values->assign(size, 0.0F);
+    off_.assign(size, kNoSurfaceM);
+    oriented_.assign(size, 0);
+  }
+
+  // Calls use(pairs) for eight points after the other, placed by T_level_sensor, (4, 4).
+  template <class Use>
+  void each8(const double* T_level_sensor, Use use) {
+    float R[9], t[3];
+    for (int row = 0; row < 3; ++row) {
+      for (int column = 0; column < 3; ++column) {
+        R[3 * row + column] = static_cast<float>(T_level_sensor[4 * row + column]);
+      }
+      const double from_corner = T_level_sensor[4 * row + 3] - static_cast<double>(grid_.corner_m[row]);
+      t[row] = static_cast<float>(from_corner);
+    }
+    for (std::size_t first = 0; first < padded(scan_.count); first += kBlock) {
+      const std::size_t end = std::min(first + kBlock, padded(scan_.count));
+      look_up(R, t, first, end);
+      for (std::size_t i = first; i < end; i += kLanes) use(pairs(R, t, i));
+    }
+  }
+
+ private:
+  static constexpr std::size_t kBlock = 512;  // points whose new cells are looked up together
+
+  const SurfaceGrid& grid_;
+  const ScanSurface& scan_;
+  std::vector<std::int32_t> cell_x_, cell_y_, cell_z_;
+  std::vector<float> nx_, ny_, nz_, off_;  // the plane of each point
+  std::vector<std::int32_t> oriented_;
+
+  static Float8 along(const float* row, const Float8& x, const Float8& y, const Float8& z) {
+    return x * row[0] + y * row[1] + z * row[2];
+  }
+
+  // Reads the planes of the points that are in another cell than before.
+  void look_up(const float* R, const float* t, std::size_t first, std::size_t end) {
+    const float per_m = 1 / grid_.cell_m;
+    std::int32_t moved[kBlock], x_of[kBlock], y_of[kBlock], z_of[kBlock];
+    std::size_t count = 0;
+    for (std::size_t i = first; i < end; i += kLanes) {
+      const Float8 x = load8(&scan_.x[i]), y = load8(&scan_.y[i]), z = load8(&scan_.z[i]);
+      const Int8 cx = cells((along(R, x, y, z) + t[0]) * per_m, grid_.last(0));
+      const Int8 cy = cells((along(R + 3, x, y, z) + t[1]) * per_m, grid_.last(1));
+      const Int8 cz = cells((along(R + 6, x, y, z) + t[2]) * per_m, grid_.last(2));
+      const Int8 changed = (cx != load8(&cell_x_[i])) | (cy != load8(&cell_y_[i])) | (cz != load8(&cell_z_[i]));
+      if (!any(changed)) continue;
+      store8(cx, &cell_x_[i]), store8(cy, &cell_y_[i]), store8(cz, &cell_z_[i]);
+      for (std::size_t lane = 0; lane < kLanes; ++lane) {
+        moved[count] = static_cast<std::int32_t>(i + lane);
+        x_of[count] = cx[lane], y_of[count] = cy[lane], z_of[count] = cz[lane];
+        count += static_cast<std::size_t>((changed[lane] != 0) & (i + lane < scan_.count));
+      }
+    }
+    std::int32_t row[kBlock];
+    grid_.nearest(x_of, y_of, z_of, count, row);
+    take_planes(moved, row, count);
+  }
+
+  static Int8 cells(const Float8& scaled, float last) {  // cell_at, lane by lane
+    const Float8 from_zero = scaled > 0.0F ? scaled : Float8{};
+    return __builtin_convertvector(from_zero < last ? from_zero : all8(last), Int8);
+  }
+
+  // No branch waits for a plane that comes from far memory: so many of them come at once.
+  void take_planes(const std::int32_t* points, const std::int32_t* row, std::size_t count) {
+    Plane planes[kBlock];
+    std::uint8_t oriented[kBlock];
+    for (std::size_t k = 0; k < count; ++k) {
+      const std::int32_t some = std::max(row[k], 0);
+      planes[k] = grid_.planes[some];
+      oriented[k] = grid_.oriented[some];
+    }
+    for (std::size_t k = 0; k < count; ++k) {
+      const Plane& plane = planes[k];
+      const bool usable = (row[k] >= 0) & (std::fabs(plane.off_m) <= kNoSurfaceM) &  // false for what is not a number
+                          (std::fabs(plane.nx) + std::fabs(plane.ny) + std::fabs(plane.nz) < 4.0F);
+      const std::int32_t i = points[k];
+      nx_[i] = usable ? plane.nx : 0, ny_[i] = usable ? plane.ny : 0, nz_[i] = usable ? plane.nz : 0;
+      off_[i] = usable ? plane.off_m : kNoSurfaceM;
+      oriented_[i] = oriented[k] != 0 ? -1 : 0;
+    }
+  }
+
+  Pairs8 pairs(const float* R, const float* t, std::size_t i) const {
+    const Float8 x = load8(&scan_.x[i]), y = load8(&scan_.y[i]), z = load8(&scan_.z[i]);
+    const Float8 u = load8(&scan_.nx[i]), v = load8(&scan_.ny[i]), w = load8(&scan_.nz[i]);
+    Pairs8 found{{along(R, x, y, z), along(R + 3, x, y, z), along(R + 6, x, y, z)},
+                 {load8(&nx_[i]), load8(&ny_[i]), load8(&nz_[i])}, {}, {}};
+    const Float8(&arm)[3] = found.arm, (&normal)[3] = found.normal;
+    found.cosine = along(R, u, v, w) * normal[0] + along(R + 3, u, v, w) * normal[1] + along(R + 6, u, v, w) * normal[2];
+    const Float8 off_m = load8(&off_[i]) - ((arm[0] + t[0]) * normal[0] + (arm[1] + t[1]) * normal[1] +
+                                            (arm[2] + t[2]) * normal[2]);
+    const Int8 other_face = (found.cosine < kOtherFace) & load8(&oriented_[i]) & load8(&scan_.oriented[i]);
+    found.off_m = other_face ? all8(kNoSurfaceM) : off_m;
+    return found;
+  }
+};
+
+}  // namespace firstfix

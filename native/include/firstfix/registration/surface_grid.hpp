@@ -1,0 +1,73 @@
+// The tables of a surface grid (firstfix.engine.registration.surface_grid): for any position the surface point near it.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+namespace firstfix {
+
+// Plane of a surface point: its normal, and its distance along the normal from the grid's corner.
+struct Plane {
+  float nx, ny, nz, off_m;
+};
+
+// The tables usually lie in a mapped file, and nobody has read them: a damaged one may hold any number. So every number
+// is compared with the size of the table that it points into.
+struct SurfaceGrid {
+  float cell_m;
+  float corner_m[3];
+  const Plane* planes;
+  const std::uint8_t* oriented;
+  std::uint32_t rows;  // at least 1
+  const std::int32_t* group;
+  std::int32_t shape[3];  // of `group`, each at least 1
+  const std::int32_t* block;
+  std::uint32_t groups;  // kept ones, at least 1
+  const std::int32_t* point;
+  std::uint32_t blocks;  // kept ones, at least 1
+  int side_bits, block_bits;
+
+  static constexpr std::int32_t kMostCells = 1 << 24;  // along an axis: float counts them exactly
+
+  // The last cell along an axis.
+  float last(int axis) const { return static_cast<float>((shape[axis] << (side_bits + block_bits)) - 1); }
+
+  // The surface points near cells, -1 where there is none. The cells lie between 0 and `last` on every axis. Each table is
+  // read for all cells before the next one: the reads do not wait for each other.
+  void nearest(const std::int32_t* x, const std::int32_t* y, const std::int32_t* z, std::size_t count,
+               std::int32_t* row) const {
+    const int group_bits = side_bits + block_bits;
+    for (std::size_t i = 0; i < count; ++i) {
+      const std::int64_t column = static_cast<std::int64_t>(x[i] >> group_bits) * shape[1] + (y[i] >> group_bits);
+      row[i] = group[column * shape[2] + (z[i] >> group_bits)];
+    }
+    for (std::size_t i = 0; i < count; ++i) {
+      row[i] = block[(kept(row[i], groups) << 3 * side_bits) +
+                     within(x[i] >> block_bits, y[i] >> block_bits, z[i] >> block_bits, side_bits)];
+    }
+    for (std::size_t i = 0; i < count; ++i) {
+      row[i] = point[(kept(row[i], blocks) << 3 * block_bits) + within(x[i], y[i], z[i], block_bits)];
+    }
+    for (std::size_t i = 0; i < count; ++i) row[i] = static_cast<std::uint32_t>(row[i]) < rows ? row[i] : -1;
+  }
+
+ private:
+  static std::size_t kept(std::int32_t number, std::uint32_t count) {
+    const auto unsigned_number = static_cast<std::uint32_t>(number);
+    return unsigned_number < count ? unsigned_number : 0;
+  }
+
+  // The number of a cell in its cube of 2^bits cells a side.
+  static std::size_t within(std::int32_t x, std::int32_t y, std::int32_t z, int bits) {
+    const std::int32_t mask = (1 << bits) - 1;
+    return static_cast<std::size_t>((((x & mask) << bits | (y & mask)) << bits) | (z & mask));
+  }
+};
+
+// A coordinate's cell: 0 below the grid, `last` above. What is not a number lies in cell 0.
+inline std::int32_t cell_at(float scaled, float last) {
+  const float from_zero = scaled > 0.0F ? scaled : 0.0F;
+  return static_cast<std::int32_t>(from_zero < last ? from_zero : last);
+}
+
+}  // namespace firstfix

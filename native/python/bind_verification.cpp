@@ -1,0 +1,64 @@
+#include <limits>
+
+#include "arrays.hpp"
+#include "firstfix/verification/free_space.hpp"
+#include "firstfix/verification/map_view.hpp"
+#include "firstfix/verification/point_tiles.hpp"
+#include "rooms.hpp"
+
+namespace firstfix::python {
+
+namespace {
+
+using Pose = In<double, nb::shape<4, 4>>;
+using Directions = nb::shape<static_cast<nb::ssize_t>(kDirections)>;
+
+// The tables of tiles, kept as long as a kernel may read them. Their contents are not read here: a large map's file is
+// mapped, and loading it must stay quick.
+class Tiles {
+ public:
+  Tiles(In<float, nb::shape<-1, 3>> points, In<std::int32_t, nb::ndim<2>> begin, In<std::int32_t, nb::shape<2>> low)
+      : points_(points), begin_(begin) {
+    require(begin.shape(1) > 0, "the table of tiles has no column");
+    require(begin.shape(0) < (1U << 31) && begin.shape(1) < (1U << 31), "the table of tiles is too large");
+    view = {points.data(), static_cast<std::int64_t>(points.shape(0)), begin.data(),
+            static_cast<std::int64_t>(begin.shape(0)), static_cast<std::int64_t>(begin.shape(1)) - 1,
+            {low.data()[0], low.data()[1]}};
+  }
+
+  PointTiles view{};
+
+ private:
+  In<float, nb::shape<-1, 3>> points_;
+  In<std::int32_t, nb::ndim<2>> begin_;
+};
+
+}  // namespace
+
+void bind_verification(nb::module_& module) {
+  nb::class_<Tiles>(module, "PointTiles")
+      .def(nb::init<In<float, nb::shape<-1, 3>>, In<std::int32_t, nb::ndim<2>>, In<std::int32_t, nb::shape<2>>>(),
+           nb::arg("points").noconvert(), nb::arg("begin").noconvert(), nb::arg("low").noconvert())
+      .def(
+          "nearest_by_direction",
+          [](const Tiles& tiles, Pose T_map_sensor, double reach_m) {
+            std::vector<float> nearest(kDirections, std::numeric_limits<float>::infinity());
+            {
+              nb::gil_scoped_release release;
+              MapView(T_map_sensor.data(), RowBand{}, nearest.data()).draw(tiles.view, reach_m);
+            }
+            return array_of(std::move(nearest), {kDirections});
+          },
+          nb::arg("T_map_sensor"), nb::arg("reach_m"));
+  module.def(
+      "free_space_violation",
+      [](const Tiles& near, const Tiles& far, double reach_m, In<bool, Directions> returned, In<float, Directions> least,
+         Pose T_map_sensor) {
+        nb::gil_scoped_release release;
+        return free_space_violation(near.view, far.view, reach_m, reinterpret_cast<const std::uint8_t*>(returned.data()),
+                                    least.data(), T_map_sensor.data());
+      },
+      nb::arg("near"), nb::arg("far"), nb::arg("reach_m"), nb::arg("returned"), nb::arg("least"), nb::arg("T_map_sensor"));
+}
+
+}  // namespace firstfix::python

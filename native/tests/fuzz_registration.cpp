@@ -1,0 +1,128 @@
+// Alignment and free space on tables, scans and poses that hold any numbers.
+#include <array>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "firstfix/registration/align.hpp"
+#include "firstfix/registration/distinct_poses.hpp"
+#include "firstfix/verification/free_space.hpp"
+#include "hostile.hpp"
+
+namespace firstfix::tests {
+namespace {
+
+using Pose = std::array<double, 16>;
+
+Pose pose(Hostile& random, double wrong) {
+  Pose T{};
+  for (int k = 0; k < 4; ++k) T[5 * k] = 1;
+  const double turn[3] = {random.real(0.5, 0), random.real(0.5, 0), random.real(3, 0)};
+  turn_left(turn, T.data());
+  for (int axis = 0; axis < 3; ++axis) T[4 * axis + 3] = random.real(8, wrong);
+  if (random.chance(wrong)) T[random.number(0, 15)] = random.real(3, 1);
+  return T;
+}
+
+// A grid of random tables. Each vector is as long as the grid says, so that a read beyond it is found.
+struct RandomGrid {
+  int side_bits, block_bits;
+  std::vector<std::int32_t> group, block, point;
+  std::vector<Plane> planes;
+  std::vector<std::uint8_t> oriented;
+  SurfaceGrid grid;
+
+  RandomGrid(Hostile& random, double wrong)
+      : side_bits(static_cast<int>(random.number(0, 3))), block_bits(static_cast<int>(random.number(0, 3))) {
+    const std::int32_t shape[3] = {static_cast<std::int32_t>(random.number(1, 6)),
+                                   static_cast<std::int32_t>(random.number(1, 6)),
+                                   static_cast<std::int32_t>(random.number(1, 4))};
+    const std::int64_t groups = random.number(1, 9), blocks = random.number(1, 40), rows = random.number(1, 300);
+    group = random.pointers(static_cast<std::size_t>(shape[0] * shape[1] * shape[2]), groups, wrong);
+    block = random.pointers(static_cast<std::size_t>(groups) << 3 * side_bits, blocks, wrong);
+    point = random.pointers(static_cast<std::size_t>(blocks) << 3 * block_bits, rows, wrong);
+    const std::vector<float> numbers = random.floats(static_cast<std::size_t>(4 * rows), 1, wrong);
+    for (std::int64_t row = 0; row < rows; ++row) {
+      const float* plane = &numbers[4 * row];
+      planes.push_back({plane[0], plane[1], plane[2], 5 * plane[3]});
+      oriented.push_back(static_cast<std::uint8_t>(random.number(0, 255)));
+    }
+    const float cell_m = random.chance(0.1) ? 1e-30F : 0.4F;
+    grid = {cell_m, {-4, -4, -2}, planes.data(), oriented.data(), static_cast<std::uint32_t>(rows), group.data(),
+            {shape[0], shape[1], shape[2]}, block.data(), static_cast<std::uint32_t>(groups), point.data(),
+            static_cast<std::uint32_t>(blocks), side_bits, block_bits};
+  }
+};
+
+bool are_numbers(const double* values, std::size_t count) {
+  for (std::size_t i = 0; i < count; ++i) {
+    if (!std::isfinite(values[i])) return false;
+  }
+  return true;
+}
+
+void align_once(Hostile& random) {
+  const double wrong_tables = random.chance(0.5) ? 0.3 : 0, wrong_scan = random.chance(0.5) ? 0.05 : 0;
+  const RandomGrid tables(random, wrong_tables);
+  const auto count = static_cast<std::size_t>(random.number(0, 700));
+  const std::vector<float> points = random.floats(3 * count, 4, wrong_scan);
+  const std::vector<float> normals = random.floats(3 * count, 1, wrong_scan);
+  std::vector<std::uint8_t> oriented(count);
+  for (std::uint8_t& one : oriented) one = static_cast<std::uint8_t>(random.number(0, 2));
+  const ScanSurface scan(points.data(), normals.data(), oriented.data(), count);
+  PairFinder finder(tables.grid, scan);
+  const AlignParameters parameters{static_cast<int>(random.number(0, 12)), 0.5F, 0.06F};
+  for (int repeat = 0; repeat < 3; ++repeat) {
+    Pose T = pose(random, wrong_scan);
+    double information[36];
+    const bool is_clean = are_numbers(T.data(), 16) && wrong_scan == 0;
+    align(finder, count, parameters, T.data(), information);
+    const AlignmentQuality quality = quality_at(finder, count, T.data(), 0.15F);
+    expect(quality.inlier_ratio >= 0 && quality.inlier_ratio <= 1, "inlier ratio within 0 and 1");
+    expect(quality.alignment_score >= 0 && quality.alignment_score <= 1.00001, "alignment score within 0 and 1");
+    // damaged tables alone never make a pose that is no number
+    expect(!is_clean || (are_numbers(T.data(), 16) && are_numbers(information, 36)), "finite pose and information");
+  }
+}
+
+void look_once(Hostile& random) {
+  const double wrong = random.chance(0.5) ? 0.3 : 0;
+  const std::int64_t columns = random.number(0, 12), rows = random.number(0, 12), count = random.number(0, 3000);
+  const std::vector<float> points = random.floats(static_cast<std::size_t>(3 * count), 25, wrong);
+  const std::vector<std::int32_t> begin =
+      random.pointers(static_cast<std::size_t>(columns * (rows + 1)), count, random.chance(0.5) ? 0.2 : 0);
+  const std::vector<std::int32_t> low = random.pointers(2, 3, random.chance(0.2) ? 1 : 0);
+  const PointTiles tiles{points.data(), count, begin.data(), columns, rows, {low[0] - (low[0] > 0 ? 6 : 0), low[1]}};
+  std::vector<std::uint8_t> returned(kDirections);
+  std::vector<float> least(kDirections, 5.0F);
+  const std::int64_t lowest = random.number(0, kDirections - 1), highest = random.number(lowest, kDirections - 1);
+  for (std::int64_t i = lowest; i <= highest; ++i) returned[i] = static_cast<std::uint8_t>(i % 3);
+  const double violation =
+      free_space_violation(tiles, tiles, random.chance(0.1) ? 200.0 : 25.0, returned.data(), least.data(),
+                           pose(random, random.chance(0.5) ? 0.2 : 0).data());
+  expect(violation >= 0 && violation <= 1, "free-space violation within 0 and 1");
+}
+
+void choose_once(Hostile& random) {
+  std::vector<double> T;
+  const auto count = static_cast<std::size_t>(random.number(0, 40)), most = static_cast<std::size_t>(random.number(0, 40));
+  for (std::size_t i = 0; i < count; ++i) {
+    const Pose one = pose(random, 0.1);
+    T.insert(T.end(), one.begin(), one.end());
+  }
+  const std::vector<std::int64_t> kept = distinct_poses(T.data(), count, 1.0, 0.26, most);
+  expect(kept.size() <= std::min(count, most), "no more poses than asked for");
+  for (std::size_t i = 0; i < kept.size(); ++i) expect(i == 0 || kept[i] > kept[i - 1], "ascending rows");
+}
+
+}  // namespace
+}  // namespace firstfix::tests
+
+int main() {
+  for (std::uint64_t seed = 0; seed < 1500; ++seed) {
+    firstfix::tests::Hostile random(seed);
+    firstfix::tests::align_once(random);
+    firstfix::tests::look_once(random);
+    firstfix::tests::choose_once(random);
+  }
+}

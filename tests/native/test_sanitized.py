@@ -1,0 +1,40 @@
+"""Kernels on random and hostile input, under the address and undefined-behaviour sanitizers."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from waiting import LIMIT_S
+
+SOURCES = Path(__file__).resolve().parents[2] / "native/tests"
+PROGRAMS = sorted(source.stem for source in SOURCES.glob("fuzz_*.cpp"))
+pytestmark = pytest.mark.slow
+
+
+def run(*command: str | Path) -> None:
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=LIMIT_S)
+    assert done.returncode == 0, f"{done.stdout[-3000:]}\n{done.stderr[-6000:]}"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    for program in ("cmake", "c++", "make"):
+        if shutil.which(program) is None:
+            pytest.skip(f"{program} is not here")
+    folder = tmp_path_factory.mktemp("sanitized")
+    run("cmake", "-S", SOURCES, "-B", folder)
+    return folder
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_no_kernel_reads_outside_an_array(folder: Path, program: str):
+    run("cmake", "--build", folder, "--target", program)
+    run(folder / program)
+
+
+def test_every_room_with_kernels_is_tried():
+    assert "fuzz_registration" in PROGRAMS
