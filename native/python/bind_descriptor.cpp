@@ -31,7 +31,7 @@ LayeredGrid grid_of(std::size_t rings, std::size_t sectors, double max_range_m, 
             "the edges of the layers do not ascend");
   }
   require_grid((edges - 1) * rings, sectors);
-  return {rings, sectors, max_range_m, {edges_m.data(), edges_m.data() + edges}};
+  return LayeredGrid::of(rings, sectors, max_range_m, {edges_m.data(), edges_m.data() + edges});
 }
 
 std::size_t bytes_of(std::size_t rings, std::size_t sectors) {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InvalidOption
-from ..transform import Matrix, yaw_of
 
 MAX_RADIUS_M = 1e6
 

@@ -121,7 +121,7 @@ def ring_spectra(
     signal = _unpacked(occupancy, rings, sectors).astype(np.float32)
     spectrum = np.abs(np.fft.rfft(signal, axis=-1))[..., :coefficients].astype(np.float32)
     spectrum[..., 1:] *= np.float32(np.sqrt(2))
-    key = spectrum.reshape(len(signal), -1)
+    key = spectrum.reshape(len(signal), rings * spectrum.shape[2])
     key /= np.maximum(np.linalg.norm(key, axis=1, keepdims=True), 1e-9)
     return key
 
@@ -152,8 +152,8 @@ def best_shifts(
     used = np.flatnonzero(asked.any(axis=1))  # empty rings match nothing at any yaw
     sector = np.arange(sectors)
     turned = asked[used][:, (sector - sector[:, None]) % sectors]  # (rings, turns, sectors)
-    turned = turned.transpose(1, 0, 2).reshape(sectors, -1)
-    common = stack[:, used].reshape(len(stack), -1).astype(np.float32)
+    turned = turned.transpose(1, 0, 2).reshape(sectors, len(used) * sectors)
+    common = stack[:, used].reshape(len(stack), len(used) * sectors).astype(np.float32)
     shared = common @ turned.T.astype(np.float32)
     shift = shared.argmax(axis=1)
     score = shared[np.arange(len(stack)), shift] / np.maximum(norm, np.float32(1))

@@ -109,7 +109,7 @@ def _of_scan(
     # the template's floor counts, not its mount: this sensor may sit higher
     position_m = np.array(templates.position_m[matches.rows], np.float64)
     position_m[:, 2] += scan.height_m - templates.height_m[matches.rows]
-    yaw_rad, T_scan_last = matches.yaw_rad, inverse(scan.T_last_scan)
+    yaw_rad, T_scan_last = matches.yaw_rad.astype(np.float64), inverse(scan.T_last_scan)
 
     def poses(rows: NDArray[np.integer]) -> NDArray[np.float64]:
         """T_level_sensor (k, 4, 4) of the query's last scan."""

@@ -31,8 +31,9 @@ class BestShifts {
         while (word != 0) {
           const auto lead = static_cast<std::size_t>(__builtin_clzll(word));
           word ^= (std::uint64_t{1} << 63) >> lead;
-          cells_.push_back({static_cast<std::uint32_t>(used_.size() * doubled_ + sector / 64),
-                            static_cast<std::uint32_t>(lead)});
+          const std::size_t at = used_.size() * doubled_ + sector / 64;
+          cells_.push_back({static_cast<std::uint32_t>(at), static_cast<std::uint32_t>(lead),
+                            static_cast<std::uint32_t>(63 - lead)});
         }
       }
       if (cells_.size() > before) used_.push_back(ring);
@@ -69,8 +70,8 @@ class BestShifts {
   using Words = detail::Words;
 
   struct Cell {
-    std::uint32_t at;     // of the word of `left_` in which the ring turned by this sector begins
-    std::uint32_t shift;  // of that word
+    std::uint32_t at;           // of the words in which the ring turned by this sector begins
+    std::uint32_t left, right;  // shifts of these words
   };
 
   struct Sum {
@@ -84,16 +85,20 @@ class BestShifts {
 
   // The rings that the query uses, each twice in a row, so that every turn of it can be read from there.
   void lay_out(const std::array<detail::BitString, detail::kLanes>& group) {
+    for (std::size_t lane = 0; lane < detail::kLanes; ++lane) {
+      const detail::BitString bits = group[lane];
+      for (std::size_t ring = 0; ring < used_.size(); ++ring) {
+        for (std::size_t word = 0; word < words_; ++word) {
+          const std::size_t sector = 64 * word, count = std::min(detail::kWordBits, sectors_ - sector);
+          left_[ring * doubled_ + word][lane] = bits.word_at(used_[ring] * sectors_ + sector, count);
+        }
+      }
+    }
     const std::size_t off = sectors_ % 64, whole = sectors_ / 64;
     for (std::size_t ring = 0; ring < used_.size(); ++ring) {
       Words* left = &left_[ring * doubled_];
       Words* right = &right_[ring * doubled_];
       for (std::size_t word = words_; word < doubled_; ++word) left[word] = Words{};
-      for (std::size_t word = 0; word < words_; ++word) {
-        const std::size_t sector = 64 * word, first = used_[ring] * sectors_ + sector,
-                          count = std::min(detail::kWordBits, sectors_ - sector);
-        for (std::size_t lane = 0; lane < detail::kLanes; ++lane) left[word][lane] = group[lane].word_at(first, count);
-      }
       for (std::size_t word = words_; word-- > 0;) {  // downwards: a word may receive bits of itself
         const Words once = left[word];
         if (off == 0) {
@@ -112,7 +117,7 @@ class BestShifts {
   void count_shared(std::size_t word) {
     const Words *left = left_.data() + word, *right = right_.data() + word;
     const auto turned = [left, right](const Cell& cell) {
-      return left[cell.at] << cell.shift | right[cell.at] >> (63 - cell.shift);
+      return left[cell.at] << cell.left | right[cell.at] >> cell.right;
     };
     Words* counts = &counts_[word * planes_];
     std::fill(counts, counts + planes_, Words{});

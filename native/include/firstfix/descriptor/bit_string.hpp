@@ -12,25 +12,34 @@ constexpr std::size_t kWordBits = 64;
 // The highest `count` bits of a word, 1 to 64.
 inline std::uint64_t highest(std::size_t count) { return ~std::uint64_t{0} << (kWordBits - count); }
 
+// The word of eight bytes, the first of which is the most significant.
+inline std::uint64_t big_endian(const std::uint8_t* bytes) {
+  std::uint64_t word;
+  std::memcpy(&word, bytes, sizeof word);
+#if __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__
+  word = __builtin_bswap64(word);
+#endif
+  return word;
+}
+
 // A string of bits in `bytes` bytes. Beyond its end are zeros.
 struct BitString {
   const std::uint8_t* data;
   std::size_t bytes;
 
-  // 64 bits from the bit `first` on.
-  std::uint64_t word_at(std::size_t first) const {
+  // Up to 64 bits, `count` of them, from the bit `first` on. Zeros follow.
+  std::uint64_t word_at(std::size_t first, std::size_t count) const {
     const std::size_t byte = first / 8, off = first % 8;
     std::uint64_t word = 0;
-    if (byte + 9 <= bytes) {
-      for (std::size_t i = 0; i < 8; ++i) word = word << 8 | data[byte + i];
-      return word << off | static_cast<std::uint64_t>(data[byte + 8]) >> (8 - off);
+    if (byte + 9 > bytes) {
+      for (std::size_t i = 0; i < 8; ++i) word = word << 8 | at(byte + i);
+      word = word << off | at(byte + 8) >> (8 - off);
+    } else {
+      word = big_endian(data + byte) << off;
+      if (off + count > kWordBits) word |= static_cast<std::uint64_t>(data[byte + 8]) >> (8 - off);
     }
-    for (std::size_t i = 0; i < 8; ++i) word = word << 8 | at(byte + i);
-    return word << off | at(byte + 8) >> (8 - off);
+    return word & highest(count);
   }
-
-  // Up to 64 bits, `count` of them, from the bit `first` on. Zeros follow.
-  std::uint64_t word_at(std::size_t first, std::size_t count) const { return word_at(first) & highest(count); }
 
   // Number of ones among the first `count` bits.
   std::int64_t ones(std::size_t count) const {

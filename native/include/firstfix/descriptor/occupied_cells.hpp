@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 #include "firstfix/portable/atan2.hpp"
@@ -16,17 +17,15 @@ namespace firstfix {
 // A polar grid in layers, with lengths as they are compared: in float.
 struct LayeredGrid {
   std::size_t rings, sectors;
-  float max_range_m, rings_a_metre;
-  std::vector<float> layer_edges_m;  // ascending
+  float end_m, rings_a_metre;
+  std::vector<float> edges_m;  // of the layers, ascending
 
-  LayeredGrid(std::size_t rings, std::size_t sectors, double max_range_m, std::vector<float> layer_edges_m)
-      : rings(rings),
-        sectors(sectors),
-        max_range_m(static_cast<float>(max_range_m)),
-        rings_a_metre(static_cast<float>(static_cast<double>(rings) / max_range_m)),
-        layer_edges_m(std::move(layer_edges_m)) {}
+  static LayeredGrid of(std::size_t rings, std::size_t sectors, double max_range_m, std::vector<float> edges_m) {
+    const auto rings_a_metre = static_cast<float>(static_cast<double>(rings) / max_range_m);
+    return {rings, sectors, static_cast<float>(max_range_m), rings_a_metre, std::move(edges_m)};
+  }
 
-  std::size_t layers() const { return layer_edges_m.size() - 1; }
+  std::size_t layers() const { return edges_m.size() - 1; }
   std::size_t cells() const { return layers() * rings * sectors; }
   std::size_t bytes() const { return (cells() + 7) / 8; }
 };
@@ -44,7 +43,7 @@ void fill_cells(const float* points, std::size_t count, const Rotation& R, float
   const auto layers = static_cast<std::int32_t>(grid.layers()), rings = static_cast<std::int32_t>(grid.rings),
              sectors = static_cast<std::int32_t>(grid.sectors), nowhere = static_cast<std::int32_t>(grid.cells());
   const auto last_ring = static_cast<float>(rings - 1), sectors_a_turn = static_cast<float>(sectors);
-  const float end_m = grid.max_range_m, rings_a_metre = grid.rings_a_metre;
+  const float end_m = grid.end_m, rings_a_metre = grid.rings_a_metre;
   float x[kPointsAtOnce], y[kPointsAtOnce], above[kPointsAtOnce];
   std::int32_t layer[kPointsAtOnce], cell[kPointsAtOnce];
   for (std::size_t start = 0; start < count; start += kPointsAtOnce) {
@@ -57,7 +56,7 @@ void fill_cells(const float* points, std::size_t count, const Rotation& R, float
       above[i] = (kTurn ? (px * R[6] + py * R[7]) + pz * R[8] : pz) + height_m;
       layer[i] = -1;
     }
-    for (const float edge : grid.layer_edges_m) {
+    for (const float edge : grid.edges_m) {
       for (std::size_t i = 0; i < n; ++i) layer[i] += above[i] >= edge ? 1 : 0;
     }
     for (std::size_t i = 0; i < n; ++i) {

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -20,15 +21,16 @@ class RingSpectra {
       : rings_(rings),
         sectors_(sectors),
         coefficients_(std::min(coefficients, sectors / 2 + 1)),
-        table_(sectors * 2 * coefficients_),
-        sums_(2 * coefficients_) {
+        width_((2 * coefficients_ + kChunk - 1) / kChunk * kChunk),
+        table_(sectors * width_),
+        sums_(width_) {
     std::vector<double> cosine(sectors), sine(sectors);
     for (std::size_t s = 0; s < sectors; ++s) {
       const double angle = 2 * detail::kPi * static_cast<double>(s) / static_cast<double>(sectors);
       cosine[s] = std::cos(angle), sine[s] = std::sin(angle);
     }
     for (std::size_t s = 0; s < sectors; ++s) {
-      double* row = &table_[s * 2 * coefficients_];
+      double* row = &table_[s * width_];
       for (std::size_t m = 0; m < coefficients_; ++m) {
         row[m] = cosine[m * s % sectors], row[coefficients_ + m] = sine[m * s % sectors];
       }
@@ -56,25 +58,33 @@ class RingSpectra {
   }
 
  private:
-  // Adds up the table's rows of the sectors that are filled.
+  // Adds up the table's rows of the sectors that are filled, in their order.
   void add_up(const detail::BitString& bits, std::size_t first) {
-    const std::size_t width = 2 * coefficients_;
-    double* sums = sums_.data();
-    std::fill(sums, sums + width, 0.0);
+    filled_.clear();
     for (std::size_t sector = 0; sector < sectors_; sector += detail::kWordBits) {
       std::uint64_t word = bits.word_at(first + sector, std::min(detail::kWordBits, sectors_ - sector));
       while (word != 0) {
         const auto lead = static_cast<std::size_t>(__builtin_clzll(word));
         word ^= (std::uint64_t{1} << 63) >> lead;
-        const double* row = &table_[(sector + lead) * width];
-        for (std::size_t i = 0; i < width; ++i) sums[i] += row[i];
+        filled_.push_back(sector + lead);
       }
+    }
+    for (std::size_t start = 0; start < width_; start += kChunk) {
+      std::array<double, kChunk> sums{};
+      for (const std::size_t filled : filled_) {
+        const double* row = &table_[filled * width_ + start];
+        for (std::size_t i = 0; i < kChunk; ++i) sums[i] += row[i];
+      }
+      std::copy(sums.begin(), sums.end(), &sums_[start]);
     }
   }
 
-  std::size_t rings_, sectors_, coefficients_;
-  std::vector<double> table_;  // (sectors, 2, coefficients): cosines, sines
-  std::vector<double> sums_;
+  static constexpr std::size_t kChunk = 8;  // sums that fit into registers
+
+  std::size_t rings_, sectors_, coefficients_, width_;
+  std::vector<double> table_;  // (sectors, width): cosines, sines, zeros
+  std::vector<double> sums_;   // (width)
+  std::vector<std::size_t> filled_;
 };
 
 }  // namespace firstfix
