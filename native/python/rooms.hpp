@@ -6,8 +6,10 @@
 namespace firstfix::python {
 
 void bind_descriptor(nanobind::module_& module);
+void bind_errors();
 void bind_retrieval(nanobind::module_& module);
 void bind_scan(nanobind::module_& module);
 void bind_surface(nanobind::module_& module);
+void bind_wire(nanobind::module_& module);
 
 }  // namespace firstfix::python
