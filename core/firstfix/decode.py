@@ -67,7 +67,8 @@ def _by(decode: Callable[[Body, Limits], PointCloud]) -> Callable[[Body], Scan]:
 
 def _scan_of(cloud: PointCloud) -> Scan:
     with np.errstate(invalid="ignore", over="ignore"):  # an intensity may be any float32
-        return Scan.from_points(cloud.xyz, cloud.intensity)
+        columns = cloud.columns
+        return Scan.from_columns(columns["x"], columns["y"], columns["z"], cloud.intensity)
 
 
 _SCAN_TYPES: dict[str, Callable[[Body], Scan]] = {

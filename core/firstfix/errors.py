@@ -305,3 +305,11 @@ def all_errors() -> list[type[FirstfixError]]:
     for cls in found:
         found.extend(cls.__subclasses__())
     return found
+
+
+_BY_CODE = {cls.code: cls for cls in all_errors()}
+
+
+def error_class(code: str) -> type[FirstfixError]:
+    """Returns the class with the code. A code that is not known here has the base class."""
+    return _BY_CODE.get(code, FirstfixError)

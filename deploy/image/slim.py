@@ -23,8 +23,8 @@ UNUSED_BY_SERVICE = [
 STRIPPED_FROM_BYTES = 500_000
 
 # Imports every module of firstfix, and libraries that are imported late. This also writes their bytecode: the
-# service's image has no other. Of the compiled modules `firstfix.native` imports the one for this processor: others may
-# have instructions that it lacks.
+# service's image has no other. Of the compiled modules `firstfix.native` imports the one for this processor:
+# others may have instructions that it lacks.
 LOAD_ALL = """
 import importlib, pkgutil, sys
 for root in sys.argv[1:]:

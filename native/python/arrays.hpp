@@ -6,6 +6,7 @@
 
 #include <cstddef>
 #include <initializer_list>
+#include <memory>
 #include <utility>
 #include <vector>
 
@@ -20,6 +21,20 @@ using In = nb::ndarray<const T, Shape..., nb::c_contig, nb::device::cpu>;
 // Throws ValueError.
 inline void require(bool holds, const char* message) {
   if (!holds) throw nb::value_error(message);
+}
+
+// Memory for numbers that a kernel writes, all of them.
+template <class T>
+std::unique_ptr<T[]> memory(std::size_t count) {
+  return std::unique_ptr<T[]>(new T[count]);
+}
+
+// A NumPy array that owns the memory.
+template <class T>
+nb::ndarray<nb::numpy, T> array_of(std::unique_ptr<T[]>&& values, std::initializer_list<std::size_t> shape) {
+  T* data = values.release();
+  nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<T*>(p); });
+  return nb::ndarray<nb::numpy, T>(data, shape, owner);
 }
 
 // A NumPy array that owns the vector's memory.

@@ -10,10 +10,12 @@
 NB_MODULE(FIRSTFIX_MODULE, module) {
   module.attr("variant") = FIRSTFIX_TEXT(FIRSTFIX_MODULE) + 1;  // without the underscore
   module.attr("source_digest") = FIRSTFIX_SOURCE_DIGEST;
+  firstfix::python::bind_errors();
   firstfix::python::bind_descriptor(module);
   firstfix::python::bind_registration(module);
   firstfix::python::bind_retrieval(module);
   firstfix::python::bind_scan(module);
   firstfix::python::bind_surface(module);
   firstfix::python::bind_verification(module);
+  firstfix::python::bind_wire(module);
 }

@@ -11,5 +11,7 @@ void bind_retrieval(nanobind::module_& module);
 void bind_scan(nanobind::module_& module);
 void bind_surface(nanobind::module_& module);
 void bind_verification(nanobind::module_& module);
+void bind_errors();
+void bind_wire(nanobind::module_& module);
 
 }  // namespace firstfix::python

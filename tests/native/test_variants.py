@@ -83,19 +83,22 @@ def test_without_it_a_command_says_what_is_missing(command: str, tmp_path: Path)
     done = with_variant("off", "-m", "firstfix_cli.main", *arguments, "--store", str(tmp_path / "store"))
     assert done.returncode == 2
     assert done.stderr.splitlines() == [
-        "firstfix: the compiled core is switched off (FIRSTFIX_NATIVE=off): the service and the builder need it"
+        "firstfix: the compiled core is switched off (FIRSTFIX_NATIVE=off): "
+        "the service and the builder need it"
     ]
 
 
 def test_a_robot_needs_none():
-    done = with_variant("off", "-c", "import firstfix_client, firstfix; print(firstfix.Scan, firstfix.condense)")
+    done = with_variant(
+        "off", "-c", "import firstfix_client, firstfix; print(firstfix.Scan, firstfix.condense)"
+    )
     assert done.returncode == 0, done.stderr
 
 
 def test_a_module_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv(choice.VARIABLE, "auto")
     monkeypatch.setattr(choice, "EXTENSION_SUFFIXES", [".another-python.so"])
-    with pytest.raises(ModuleNotFoundError, match="not built for this Python and processor .*make setup"):
+    with pytest.raises(ModuleNotFoundError, match=r"not built for this Python and processor .*make setup"):
         choice.load_kernels()
 
 

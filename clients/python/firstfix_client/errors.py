@@ -10,10 +10,9 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from firstfix.errors import FirstfixError, Overloaded, RateLimited, StoreUnavailable, all_errors
+from firstfix.errors import FirstfixError, Overloaded, RateLimited, StoreUnavailable, error_class
 
 TRANSIENT = (Overloaded, RateLimited, StoreUnavailable)  # worth another try
-_BY_CODE = {cls.code: cls for cls in all_errors()}
 
 
 class ServiceUnreachable(ConnectionError):
@@ -36,7 +35,7 @@ def error_of_problem(body: bytes, status: int | None = None) -> FirstfixError | 
     except ValueError:
         problem = None
     if isinstance(problem, Mapping) and isinstance(problem.get("code"), str):
-        return _BY_CODE.get(problem["code"], FirstfixError)(_text_of(problem))
+        return error_class(problem["code"])(_text_of(problem))
     if status == 503:
         return Overloaded("the service, or a proxy in front of it, answered 503")
     return None

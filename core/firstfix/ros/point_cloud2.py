@@ -34,7 +34,8 @@ class StampedCloud:
             InvalidScan, TooLarge: as ``Scan.from_points``.
         """
         with np.errstate(invalid="ignore", over="ignore"):  # an intensity may be any float32
-            return Scan.from_points(self.cloud.xyz, self.cloud.intensity, self.header.stamp.seconds)
+            x, y, z = (self.cloud.columns[axis] for axis in "xyz")
+            return Scan.from_columns(x, y, z, self.cloud.intensity, self.header.stamp.seconds)
 
 
 @dataclass(frozen=True)

@@ -3,14 +3,37 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InvalidScan, TooLarge
+from ..portable.accelerated import accelerated
 
 MAX_POINTS = 2_000_000  # an OS1-128 at 2048 columns has 262,144; merged scans stay below this limit
 MAX_ABS_COORDINATE_M = 1_000.0  # beyond the range of any scanner on a robot
+
+
+@accelerated
+def usable_points(
+    x: NDArray[np.floating], y: NDArray[np.floating], z: NDArray[np.floating]
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Returns the (m, 3) points that are finite and not impossibly far, and for every point whether it is so.
+
+    Args:
+        x: (n,), like y and z; all three float32, or all three float64.
+    """
+    with np.errstate(invalid="ignore"):  # NaN compares false
+        usable = (np.abs(x) <= MAX_ABS_COORDINATE_M) & (np.abs(y) <= MAX_ABS_COORDINATE_M)
+        usable &= np.abs(z) <= MAX_ABS_COORDINATE_M
+    return np.stack([x[usable], y[usable], z[usable]], axis=1).astype(np.float32), usable
+
+
+@accelerated
+def all_within(points: NDArray[np.float32], limit_m: float) -> bool:
+    """Returns whether no coordinate of the (n, 3) points is NaN or beyond the limit."""
+    return bool(np.abs(points).max(initial=0) <= np.float64(limit_m))
 
 
 @dataclass(frozen=True)
@@ -47,18 +70,42 @@ class Scan:
         array = np.asarray(points)
         if array.ndim != 2 or array.shape[1] < 3 or not np.issubdtype(array.dtype, np.number):
             raise InvalidScan(f"a scan must be an (n, 3) array of numbers, not {array.dtype} {array.shape}")
-        if len(array) > MAX_POINTS:
-            raise TooLarge(f"the scan has {len(array)} points, the limit is {MAX_POINTS}")
-        xyz = array[:, :3]
-        with np.errstate(invalid="ignore"):
-            keep = (np.abs(xyz) <= MAX_ABS_COORDINATE_M).all(axis=1)  # NaN compares false
-        kept_intensity = None
+        return cls.from_columns(array[:, 0], array[:, 1], array[:, 2], intensity, stamp_s)
+
+    @classmethod
+    def from_columns(
+        cls,
+        x: NDArray[Any],
+        y: NDArray[Any],
+        z: NDArray[Any],
+        intensity: ArrayLike | None = None,
+        stamp_s: float | None = None,
+    ) -> Scan:
+        """Like ``from_points``, with each axis in an array of its own.
+
+        The columns may be views of a message: their numbers are copied once.
+
+        Args:
+            x: (n,) numbers in metres, like y and z.
+        """
+        n = len(x)
+        if n > MAX_POINTS:
+            raise TooLarge(f"the scan has {n} points, the limit is {MAX_POINTS}")
+        values = None
         if intensity is not None:
             values = np.asarray(intensity)
-            if values.shape != (len(array),):
-                raise InvalidScan(f"{values.shape} intensities for {len(array)} points")
-            kept_intensity = np.ascontiguousarray(values[keep], np.float32)
-        return cls(np.ascontiguousarray(xyz[keep], np.float32), kept_intensity, stamp_s)
+            if values.shape != (n,):
+                raise InvalidScan(f"{values.shape} intensities for {n} points")
+        points, usable = usable_points(*_of_one_type(x, y, z))
+        if values is not None:
+            values = np.ascontiguousarray(values[usable], np.float32)
+        return cls(points, values, stamp_s)
 
     def __len__(self) -> int:
         return len(self.points)
+
+
+def _of_one_type(*columns: NDArray[Any]) -> list[NDArray[np.floating]]:
+    """Returns the columns, aligned: as float32 where all are, otherwise as float64."""
+    single = all(column.dtype == np.float32 for column in columns)
+    return [np.require(column, np.float32 if single else np.float64, "A") for column in columns]

@@ -38,6 +38,7 @@ import zstandard
 from numpy.typing import NDArray
 
 from ..errors import InvalidOption, TooLarge
+from ..portable.accelerated import accelerated
 from ..scan.scan import MAX_ABS_COORDINATE_M, MAX_POINTS, Scan
 from .frame_reader import FrameReader
 from .packing import joined, planes_of
@@ -104,17 +105,31 @@ def decode(rest: memoryview) -> Scan:
     )
     content = reader.frame(reader.left, n * (3 * c + i), n * (3 * c + i))
     planes = np.frombuffer(content, np.uint8).reshape(3 * c + i, n)
+    points = points_of_planes(planes[: 3 * c], resolution_m, np.array(origin))
+    intensity = intensity_of_planes(planes[3 * c :], scale, offset) if i else None
+    return Scan(points, intensity, None if math.isnan(stamp) else stamp)
+
+
+@accelerated
+def points_of_planes(
+    planes: NDArray[np.uint8], resolution_m: float, origin: NDArray[np.float64]
+) -> NDArray[np.float32]:
+    """Returns the (n, 3) points of (3 c, n) planes, c for the differences of each coordinate."""
+    c, n = len(planes) // 3, planes.shape[1]
     points = np.empty((n, 3), np.float32)
     integer = np.dtype(f"<i{c}")
     for axis in range(3):
         differences = joined(planes[axis * c : (axis + 1) * c], integer)
         # the sum overflows on purpose: differences are modulo 2 ** (8 c)
         points[:, axis] = np.cumsum(differences, dtype=integer) * resolution_m + origin[axis]
-    intensity = None
-    if i:
-        levels = joined(planes[3 * c :], np.dtype(f"<u{i}"))
-        intensity = (levels * scale + offset).astype(np.float32)
-    return Scan(points, intensity, None if math.isnan(stamp) else stamp)
+    return points
+
+
+@accelerated
+def intensity_of_planes(planes: NDArray[np.uint8], scale: float, offset: float) -> NDArray[np.float32]:
+    """Returns the (n,) intensities of one or two planes."""
+    levels = joined(planes, np.dtype(f"<u{len(planes)}"))
+    return (levels * scale + offset).astype(np.float32)
 
 
 def _frame_of(points: NDArray[np.float32], resolution_m: float) -> tuple[NDArray[np.float64], int]:

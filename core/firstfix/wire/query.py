@@ -59,6 +59,7 @@ from numpy.typing import NDArray
 
 from ..descriptor import LayeredOccupancy, PolarGrid
 from ..errors import InvalidOption, InvalidScan, MalformedData, TooLarge, UnsupportedFormat
+from ..portable.accelerated import accelerated
 from ..scan.compact import MAX_COMPACT_POINTS, CompactScan, ScanDescriptor
 from ..scan.range_view import COLUMNS, ROWS
 from ..scan.scan import MAX_ABS_COORDINATE_M
@@ -193,26 +194,62 @@ def _read_compact(rest: FrameReader) -> tuple[NDArray[np.float32], NDArray[np.fl
     planes = np.frombuffer(rest.frame(planes_bytes, 4 * n, 4 * n), np.uint8).reshape(4, n)
     ranges = rest.frame(ranges_bytes, _MASK_BYTES, _MASK_BYTES + _DIRECTIONS)
     packed = np.frombuffer(rest.take(3 * -(-n // 2)), np.uint8)
+    points = compact_points(planes, packed, np.array(lowest), np.array(size), resolution_m)
+    return points, ranges_of_levels(np.frombuffer(ranges, np.uint8), _LEVELS_M, _DIRECTIONS)
+
+
+@accelerated
+def compact_points(
+    planes: NDArray[np.uint8],
+    low: NDArray[np.uint8],
+    lowest: NDArray[np.int64],
+    size: NDArray[np.int64],
+    resolution_m: float,
+) -> NDArray[np.float32]:
+    """Returns the (n, 3) points of a compact scan.
+
+    Args:
+        planes: (4, n) of the differences of the cells' numbers.
+        low: 12 bits for each point.
+        lowest: (3,) lowest cell.
+        size: (3,) cells along each axis.
+
+    Raises:
+        MalformedData: a point is outside the cells, or impossibly far.
+    """
     number = np.cumsum(joined(planes, np.dtype("<u4")), dtype=np.int64)
-    if n and number[-1] >= cells:
+    n = len(number)
+    if n and number[-1] >= size.prod():
         raise MalformedData("a point of the query is outside its cells")
-    low = halves_of(packed).reshape(-1, 3)[:n]
+    place = halves_of(low)[: 3 * n].reshape(-1, 3)
     cell = np.stack([number % size[0], number // size[0] % size[1], number // (size[0] * size[1])], axis=1)
-    points = ((cell + lowest) * _CELL + low) * resolution_m
+    points = ((cell + lowest) * _CELL + place) * resolution_m
     if n and not float(np.abs(points).max()) <= MAX_ABS_COORDINATE_M * 1.001:
         raise MalformedData(f"the query has coordinates beyond {MAX_ABS_COORDINATE_M:g} m")
-    return points.astype(np.float32), _read_ranges(ranges)
+    return points.astype(np.float32)
 
 
-def _read_ranges(content: bytes) -> NDArray[np.float32]:
-    bits = np.unpackbits(np.frombuffer(content, np.uint8, _MASK_BYTES))
-    returned = bits[:_DIRECTIONS].astype(np.bool_)
-    differences = np.frombuffer(content, np.uint8, offset=_MASK_BYTES)
+@accelerated
+def ranges_of_levels(
+    content: NDArray[np.uint8], levels_m: NDArray[np.float32], directions: int
+) -> NDArray[np.float32]:
+    """Returns the (directions,) nearest ranges, infinite where nothing returned.
+
+    Args:
+        content: a bit for each direction, then the differences of the levels.
+        levels_m: (256,) range of each level.
+
+    Raises:
+        MalformedData: there is not one level for each return.
+    """
+    mask_bytes = -(-directions // 8)
+    returned = np.unpackbits(content[:mask_bytes])[:directions].astype(np.bool_)
+    differences = content[mask_bytes:]
     if len(differences) != returned.sum():
         raise MalformedData(f"{len(differences)} ranges for {returned.sum()} directions")
     levels = np.cumsum(differences, dtype=np.uint8)  # the sum overflows on purpose
-    nearest_m = np.full(_DIRECTIONS, np.inf, np.float32)
-    nearest_m[returned] = _LEVELS_M[levels]
+    nearest_m = np.full(directions, np.inf, np.float32)
+    nearest_m[returned] = levels_m[levels]
     return nearest_m
 
 

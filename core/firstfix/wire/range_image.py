@@ -43,12 +43,14 @@ from __future__ import annotations
 
 import math
 import struct
+from functools import lru_cache
 
 import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
 from ..errors import InvalidOption, MalformedData, TooLarge
+from ..portable.accelerated import accelerated
 from ..portable.atan2 import atan2_turns
 from ..scan.scan import MAX_POINTS, Scan
 from .frame_reader import FrameReader
@@ -109,10 +111,45 @@ def decode(rest: memoryview) -> Scan:
     halves = -(-count // 2)
     gaps = reader.frame(gap_bytes, halves, halves + 3 * count)
     ranges = reader.frame(reader.left, count, 3 * count)
+    points = range_image_points(
+        np.frombuffer(gaps, np.uint8),
+        np.frombuffer(ranges, np.uint8),
+        count,
+        resolution_m,
+        _cosines_and_sines(columns, 2 * np.pi, np.pi),
+        _cosines_and_sines(rows, np.pi, np.pi / 2),
+    )
+    return Scan(points, None, None if math.isnan(stamp) else stamp)
+
+
+@accelerated
+def range_image_points(
+    gaps: NDArray[np.uint8],
+    ranges: NDArray[np.uint8],
+    count: int,
+    resolution_m: float,
+    azimuths: NDArray[np.float64],
+    elevations: NDArray[np.float64],
+) -> NDArray[np.float32]:
+    """Returns the (count, 3) points of a range image, in the directions of the middles of the cells.
+
+    Args:
+        azimuths: (2, columns) cosines and sines.
+        elevations: (2, rows) cosines and sines.
+
+    Raises:
+        MalformedData: the bytes contradict themselves or the grid.
+    """
+    columns, rows = azimuths.shape[1], elevations.shape[1]
     cells = _cells_behind(_unpacked_gaps(gaps, count), columns * rows)
     distances_m = _unpacked_ranges(ranges, count) * resolution_m
-    points = _points(distances_m, cells, columns, rows)
-    return Scan(points, None, None if math.isnan(stamp) else stamp)
+    row, column = np.divmod(cells, np.int32(columns))
+    points = np.empty((count, 3), np.float32)
+    across = distances_m * elevations[0, row]
+    points[:, 0] = across * azimuths[0, column]
+    points[:, 1] = across * azimuths[1, column]
+    points[:, 2] = distances_m * elevations[1, row]
+    return points
 
 
 def _nearest_by_cell(points: NDArray[np.float32], resolution_m: float) -> tuple[Integers, Integers]:
@@ -136,8 +173,7 @@ def _packed_gaps(gaps: Integers) -> bytes:
     return packed_halves(halves) + planes_of(wide)[:3].tobytes()
 
 
-def _unpacked_gaps(content: bytes, count: int) -> NDArray[np.uint32]:
-    data = np.frombuffer(content, np.uint8)
+def _unpacked_gaps(data: NDArray[np.uint8], count: int) -> NDArray[np.uint32]:
     packed = data[: -(-count // 2)]
     halves = halves_of(packed)
     if halves[count:].any():
@@ -159,8 +195,7 @@ def _packed_ranges(steps: Integers) -> bytes:
     return small.tobytes() + planes_of(zigzag[zigzag >= _WIDE_RANGE]).tobytes()
 
 
-def _unpacked_ranges(content: bytes, count: int) -> NDArray[np.uint16]:
-    data = np.frombuffer(content, np.uint8)
+def _unpacked_ranges(data: NDArray[np.uint8], count: int) -> NDArray[np.uint16]:
     zigzag = _with_wide(data[:count], _WIDE_RANGE, data[count:], 2).astype(np.uint16)
     differences = (zigzag >> 1) ^ (0 - (zigzag & 1))
     steps = np.cumsum(differences, dtype=np.uint16)
@@ -181,16 +216,8 @@ def _with_wide(
     return numbers
 
 
-def _points(
-    distances_m: NDArray[np.float64], cells: NDArray[np.int32], columns: int, rows: int
-) -> NDArray[np.float32]:
-    """Returns (m, 3) points at these distances, in the directions of the middles of the cells."""
-    row, column = np.divmod(cells, np.int32(columns))
-    azimuth = (np.arange(columns) + 0.5) * (2 * np.pi / columns) - np.pi
-    elevation = (np.arange(rows) + 0.5) * (np.pi / rows) - np.pi / 2
-    points = np.empty((len(cells), 3), np.float32)
-    across = distances_m * np.cos(elevation)[row]
-    points[:, 0] = across * np.cos(azimuth)[column]
-    points[:, 1] = across * np.sin(azimuth)[column]
-    points[:, 2] = distances_m * np.sin(elevation)[row]
-    return points
+@lru_cache(maxsize=4)
+def _cosines_and_sines(parts: int, arc: float, end: float) -> NDArray[np.float64]:
+    """(2, parts) of the middles of equal parts of an arc that goes up to an angle, in radians."""
+    angles = (np.arange(parts) + 0.5) * (arc / parts) - end
+    return np.stack([np.cos(angles), np.sin(angles)])

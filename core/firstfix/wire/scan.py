@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 
 from ..errors import InvalidOption, InvalidScan, MalformedData, TooLarge, UnsupportedFormat
-from ..scan.scan import MAX_ABS_COORDINATE_M, MAX_POINTS, Scan
+from ..scan.scan import MAX_ABS_COORDINATE_M, MAX_POINTS, Scan, all_within
 from ..scan.voxel_filter import first_in_voxel
 from . import points as wire_points
 from . import range_image as wire_range_image
@@ -92,6 +92,6 @@ def decode_scan(body: bytes | memoryview) -> Scan:
         )
     decode = wire_points.decode if kind == KIND_POINTS else wire_range_image.decode
     scan = decode(memoryview(body)[_PREFIX.size :])
-    if not float(np.abs(scan.points).max(initial=0)) <= MAX_ABS_COORDINATE_M * 1.001:
+    if not all_within(scan.points, MAX_ABS_COORDINATE_M * 1.001):
         raise MalformedData(f"the scan has coordinates beyond {MAX_ABS_COORDINATE_M:g} m")
     return scan

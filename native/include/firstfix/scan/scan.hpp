@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstddef>
 #include <optional>
+#include <type_traits>
 #include <vector>
 
 #include "firstfix/errors.hpp"
@@ -23,6 +24,11 @@ constexpr double kMaxAbsCoordinate = 1000.0;  // m
 struct Point {
   float x = 0, y = 0, z = 0;
 };
+
+// The points' numbers: x, y, z of the first one, then of the next.
+static_assert(sizeof(Point) == 3 * sizeof(float) && std::is_standard_layout_v<Point>);
+inline float* numbers_of(std::vector<Point>& points) { return reinterpret_cast<float*>(points.data()); }
+inline const float* numbers_of(const std::vector<Point>& points) { return reinterpret_cast<const float*>(points.data()); }
 
 struct Scan {
   std::vector<Point> points;

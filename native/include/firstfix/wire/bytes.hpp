@@ -39,6 +39,8 @@ struct Span {
   std::size_t size = 0;
 };
 
+inline Span span_of(const Bytes& bytes) { return {bytes.data(), bytes.size()}; }
+
 // Reads a body from its beginning. Throws "malformed_data" if the body ends too early.
 class Reader {
  public:

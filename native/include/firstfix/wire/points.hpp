@@ -13,6 +13,7 @@
 #include "firstfix/errors.hpp"
 #include "firstfix/scan/scan.hpp"
 #include "firstfix/wire/bytes.hpp"
+#include "firstfix/wire/planes.hpp"
 #include "firstfix/wire/zstd_frame.hpp"
 
 namespace firstfix::detail {
@@ -73,26 +74,6 @@ inline void choose_intensity(const std::vector<float>& intensity, PointsForm& fo
   form.intensity_bytes = 2;
   form.offset = static_cast<double>(std::nextafter(static_cast<float>(low), -kEnd));
   form.scale = static_cast<double>(std::nextafter(static_cast<float>((high - form.offset) / 65'535), kEnd));
-}
-
-// Writes n values as planes of n bytes: first the least significant byte of every value, then the next.
-inline void put_planes(Bytes& out, const std::vector<std::uint32_t>& values, std::size_t bytes) {
-  std::size_t at = out.size();
-  out.resize(at + bytes * values.size());
-  for (std::size_t plane = 0; plane < bytes; ++plane) {
-    for (const std::uint32_t value : values) out[at++] = static_cast<std::uint8_t>(value >> (8 * plane));
-  }
-}
-
-// The inverse of put_planes.
-inline std::vector<std::uint32_t> joined(const std::uint8_t* planes, std::size_t count, std::size_t bytes) {
-  std::vector<std::uint32_t> values(count);
-  for (std::size_t plane = 0; plane < bytes; ++plane) {
-    for (std::size_t i = 0; i < count; ++i) {
-      values[i] |= static_cast<std::uint32_t>(planes[plane * count + i]) << (8 * plane);
-    }
-  }
-  return values;
 }
 
 // Replaces NaN by 0 and limits the values to 1e30.
@@ -169,22 +150,10 @@ inline Scan take_points(Reader& rest) {
   const Bytes content = decompressed(rest.take(rest.left()), content_bytes, content_bytes);
   Scan scan;
   scan.points.resize(count);
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    std::uint32_t sum = 0;
-    const auto differences = joined(content.data() + axis * c * count, count, c);
-    for (std::size_t k = 0; k < count; ++k) {
-      sum += differences[k];
-      const auto q = c == 2 ? std::int32_t{static_cast<std::int16_t>(sum & 0xffffU)} : static_cast<std::int32_t>(sum);
-      const auto metres = static_cast<float>(static_cast<double>(q) * resolution_m + origin[axis]);
-      (axis == 0 ? scan.points[k].x : axis == 1 ? scan.points[k].y : scan.points[k].z) = metres;
-    }
-  }
+  points_of_planes(content.data(), count, c, resolution_m, origin.data(), numbers_of(scan.points));
   if (i > 0) {
     scan.intensity.emplace(count);
-    const auto levels = joined(content.data() + 3 * c * count, count, i);
-    for (std::size_t k = 0; k < count; ++k) {
-      (*scan.intensity)[k] = static_cast<float>(static_cast<double>(levels[k]) * scale + offset);
-    }
+    intensity_of_planes(content.data() + 3 * c * count, count, i, scale, offset, scan.intensity->data());
   }
   if (!std::isnan(stamp_s)) scan.stamp_s = stamp_s;
   return scan;

@@ -16,6 +16,7 @@
 #include "firstfix/scan/compact.hpp"
 #include "firstfix/scan/range_view.hpp"
 #include "firstfix/wire/bytes.hpp"
+#include "firstfix/wire/compact_points.hpp"
 #include "firstfix/wire/scan.hpp"
 #include "firstfix/wire/zstd_frame.hpp"
 
@@ -139,56 +140,36 @@ inline void put_descriptor(Bytes& body, const ScanDescriptor& described) {
   append(body, frame);
 }
 
-// The inverse of range_view_content.
-inline std::vector<float> read_range_view(const Bytes& content) {
-  std::vector<float> nearest_m(kDirections, std::numeric_limits<float>::infinity());
-  std::size_t at = kMaskBytes;
-  std::uint8_t level = 0;
-  for (std::size_t i = 0; i < kDirections; ++i) {
-    if ((content[i / 8] & (0x80U >> (i % 8))) == 0) continue;
-    if (at == content.size()) throw Error("malformed_data", "there are fewer ranges than directions");
-    level = static_cast<std::uint8_t>(level + content[at++]);
-    nearest_m[i] = range_of_level(level);
-  }
-  if (at != content.size()) throw Error("malformed_data", "there are more ranges than directions");
-  return nearest_m;
+inline const std::array<float, 256>& levels() {
+  static const std::array<float, 256> ranges = [] {
+    std::array<float, 256> made{};
+    for (std::size_t i = 0; i < made.size(); ++i) made[i] = range_of_level(static_cast<double>(i));
+    return made;
+  }();
+  return ranges;
 }
 
 inline CompactScan read_compact(Reader& rest) {
   const auto resolution_m = static_cast<double>(rest.get<float>());
   const std::size_t n = rest.get<std::uint16_t>();
-  Cell lowest{}, size{};
-  for (std::int64_t& v : lowest) v = rest.get<std::int16_t>();
-  for (std::int64_t& v : size) v = rest.get<std::uint16_t>();
+  CompactGrid grid;
+  grid.resolution_m = resolution_m;
+  for (std::int64_t& v : grid.lowest) v = rest.get<std::int16_t>();
+  for (std::int64_t& v : grid.size) v = rest.get<std::uint16_t>();
   const std::size_t first = rest.get<std::uint16_t>(), second = rest.get<std::uint16_t>();
   if (n > kMaxCompactPoints) throw Error("too_large", "the query has over 10,000 points");
-  const std::int64_t cells = size[0] * size[1] * size[2];
+  const std::int64_t cells = grid.size[0] * grid.size[1] * grid.size[2];
   if (!(resolution_m >= 0.005 * 0.999 && resolution_m <= 0.1 * 1.001) || cells < 1 || cells > std::int64_t{1} << 32) {
     throw Error("malformed_data", "the resolution or the cells of the query are out of range");
   }
   const Bytes planes = decompressed(rest.take(first), 4 * n, 4 * n);
-  CompactScan scan;
-  scan.nearest_m = read_range_view(decompressed(rest.take(second), kMaskBytes, kMaskBytes + kDirections));
+  const Bytes ranges = decompressed(rest.take(second), kMaskBytes, kMaskBytes + kDirections);
   const Span low = rest.take(3 * ((n + 1) / 2));
-  std::int64_t number = 0;
-  for (std::size_t k = 0; k < n; ++k) {
-    for (std::size_t plane = 0; plane < 4; ++plane) {
-      number += static_cast<std::int64_t>(planes[plane * n + k]) << (8 * plane);
-    }
-    if (number >= cells) throw Error("malformed_data", "a point of the query is outside its cells");
-    const Cell cell{number % size[0], number / size[0] % size[1], number / (size[0] * size[1])};
-    std::array<float, 3> metres{};
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      const std::size_t half = 3 * k + axis;
-      const auto place = (low.data[half / 2] >> (half % 2 == 0 ? 4 : 0)) & 15;
-      const auto step = static_cast<double>((cell[axis] + lowest[axis]) * 16 + place);
-      if (!(std::fabs(step * resolution_m) <= kMaxAbsCoordinate * 1.001)) {
-        throw Error("malformed_data", "the query has coordinates beyond 1000 m");
-      }
-      metres[axis] = static_cast<float>(step * resolution_m);
-    }
-    scan.points.push_back({metres[0], metres[1], metres[2]});
-  }
+  CompactScan scan;
+  scan.points.resize(n);
+  compact_points(planes.data(), low.data, n, grid, numbers_of(scan.points));
+  scan.nearest_m.resize(kDirections);
+  ranges_of_levels(span_of(ranges), levels().data(), kDirections, scan.nearest_m.data());
   return scan;
 }
 

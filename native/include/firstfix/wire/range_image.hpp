@@ -12,6 +12,7 @@
 #include "firstfix/portable/atan2.hpp"
 #include "firstfix/scan/scan.hpp"
 #include "firstfix/wire/bytes.hpp"
+#include "firstfix/wire/range_image_points.hpp"
 #include "firstfix/wire/zstd_frame.hpp"
 
 namespace firstfix::detail {
@@ -19,7 +20,7 @@ namespace firstfix::detail {
 constexpr std::uint16_t kImageColumns = 4096, kImageRows = 1024;
 constexpr double kMinImageResolution = 0.005;  // m
 constexpr std::size_t kMaxImageCells = std::size_t{1} << 24U;
-constexpr std::uint32_t kMaxImageSteps = 65'535, kWideGap = 15, kWideRange = 255;
+constexpr std::uint32_t kMaxImageSteps = 65'535;
 
 // Radix sort by the lower `bits` bits, 11 bits per pass.
 inline void sort_keys(std::vector<std::uint64_t>& keys, unsigned bits) {
@@ -62,21 +63,6 @@ inline void put_wide(Bytes& out, const std::vector<std::uint32_t>& numbers, std:
     for (const std::uint32_t number : numbers) {
       if (number >= escape) out.push_back(static_cast<std::uint8_t>(number >> (8 * plane)));
     }
-  }
-}
-
-// Replaces each escape value by the next wide number.
-inline void take_wide(std::vector<std::uint32_t>& numbers, std::uint32_t escape, Span rest, std::size_t planes) {
-  const auto wide = static_cast<std::size_t>(std::count(numbers.begin(), numbers.end(), escape));
-  if (rest.size != planes * wide) throw Error("malformed_data", "the number of wide numbers of the range image is wrong");
-  std::size_t k = 0;
-  for (std::uint32_t& number : numbers) {
-    if (number != escape) continue;
-    number = 0;
-    for (std::size_t plane = 0; plane < planes; ++plane) {
-      number |= static_cast<std::uint32_t>(rest.data[plane * wide + k]) << (8 * plane);
-    }
-    ++k;
   }
 }
 
@@ -124,30 +110,19 @@ inline void put_range_image(Bytes& body, const Scan& scan, double resolution_m) 
   append(body, compressed(packed_ranges(zigzag), 1, true));
 }
 
-inline std::vector<std::uint32_t> unpacked_gaps(const Bytes& content, std::size_t count) {
-  std::vector<std::uint32_t> gaps(count);
-  const std::size_t halves = (count + 1) / 2;
-  for (std::size_t k = 0; k < count; ++k) {
-    gaps[k] = k % 2 == 0 ? content[k / 2] >> 4U : content[k / 2] & 15U;
-  }
-  if (count % 2 == 1 && (content[halves - 1] & 15U) != 0) {
-    throw Error("malformed_data", "the four bits after the last gap of the range image are not 0");
-  }
-  take_wide(gaps, kWideGap, {content.data() + halves, content.size() - halves}, 3);
-  return gaps;
-}
+// The middles of equal parts of an arc that ends at `last`.
+struct ArcTable {
+  std::vector<double> cosines, sines;
 
-inline std::vector<std::uint32_t> unpacked_ranges(const Bytes& content, std::size_t count) {
-  std::vector<std::uint32_t> steps(content.begin(), content.begin() + static_cast<std::ptrdiff_t>(count));
-  take_wide(steps, kWideRange, {content.data() + count, content.size() - count}, 2);
-  std::uint32_t sum = 0;
-  for (std::uint32_t& step : steps) {
-    sum = (sum + ((step >> 1U) ^ (0U - (step & 1U)))) & 0xffffU;
-    if (sum == 0) throw Error("malformed_data", "a return of the range image has the range 0");
-    step = sum;
+  ArcTable(std::size_t parts, double arc, double last) : cosines(parts), sines(parts) {
+    for (std::size_t i = 0; i < parts; ++i) {
+      const double angle = (static_cast<double>(i) + 0.5) * (arc / static_cast<double>(parts)) - last;
+      cosines[i] = std::cos(angle), sines[i] = std::sin(angle);
+    }
   }
-  return steps;
-}
+
+  Angles angles() const { return {cosines.size(), cosines.data(), sines.data()}; }
+};
 
 // Reads the part of a scan after its first six bytes.
 inline Scan take_range_image(Reader& rest) {
@@ -164,24 +139,11 @@ inline Scan take_range_image(Reader& rest) {
   const std::size_t halves = (count + 1) / 2;
   const Bytes gap_content = decompressed(rest.take(gap_bytes), halves, halves + 3 * count);
   const Bytes range_content = decompressed(rest.take(rest.left()), count, 3 * count);
-  const auto gaps = unpacked_gaps(gap_content, count);
-  const auto steps = unpacked_ranges(range_content, count);
   Scan scan;
-  scan.points.reserve(count);
-  std::uint64_t next_cell = 0;
-  for (std::size_t k = 0; k < count; ++k) {
-    const std::uint64_t cell = next_cell + gaps[k];
-    if (cell >= columns * rows) throw Error("malformed_data", "a return of the range image is outside its grid");
-    next_cell = cell + 1;
-    const double azimuth =
-        (static_cast<double>(cell % columns) + 0.5) * (2 * kPi / static_cast<double>(columns)) - kPi;
-    const double elevation =
-        (static_cast<double>(cell / columns) + 0.5) * (kPi / static_cast<double>(rows)) - kPi / 2;
-    const double distance = steps[k] * resolution_m, across = distance * std::cos(elevation);
-    scan.points.push_back({static_cast<float>(across * std::cos(azimuth)),
-                           static_cast<float>(across * std::sin(azimuth)),
-                           static_cast<float>(distance * std::sin(elevation))});
-  }
+  scan.points.resize(count);
+  const ArcTable azimuths(columns, 2 * kPi, kPi), elevations(rows, kPi, kPi / 2);
+  range_image_points(span_of(gap_content), span_of(range_content), count, resolution_m, azimuths.angles(),
+                     elevations.angles(), numbers_of(scan.points));
   if (!std::isnan(stamp_s)) scan.stamp_s = stamp_s;
   return scan;
 }

@@ -10,6 +10,7 @@
 
 #include "firstfix/errors.hpp"
 #include "firstfix/scan/scan.hpp"
+#include "firstfix/scan/usable_points.hpp"
 #include "firstfix/scan/voxel_filter.hpp"
 #include "firstfix/wire/bytes.hpp"
 #include "firstfix/wire/points.hpp"
@@ -64,11 +65,8 @@ inline Scan decode_scan(const std::uint8_t* data, std::size_t size) {
   const auto version = rest.get<std::uint8_t>(), kind = rest.get<std::uint8_t>();
   if (version != 1 || kind < 1 || kind > 2) throw Error("unsupported_format", "only version 1, kinds 1 and 2 are supported");
   Scan scan = kind == 1 ? detail::take_points(rest) : detail::take_range_image(rest);
-  for (const Point& p : scan.points) {
-    const auto within = [](float v) { return std::fabs(static_cast<double>(v)) <= kMaxAbsCoordinate * 1.001; };
-    if (!(within(p.x) && within(p.y) && within(p.z))) {
-      throw Error("malformed_data", "the scan has coordinates beyond 1000 m");
-    }
+  if (!all_within(numbers_of(scan.points), scan.points.size(), kMaxAbsCoordinate * 1.001)) {
+    throw Error("malformed_data", "the scan has coordinates beyond 1000 m");
   }
   return scan;
 }

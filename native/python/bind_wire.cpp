@@ -1,0 +1,142 @@
+#include <nanobind/stl/pair.h>
+
+#include "arrays.hpp"
+#include "firstfix/scan/usable_points.hpp"
+#include "firstfix/wire/compact_points.hpp"
+#include "firstfix/wire/planes.hpp"
+#include "firstfix/wire/range_image_points.hpp"
+#include "rooms.hpp"
+
+namespace firstfix::python {
+
+namespace {
+
+using Octets = In<std::uint8_t, nb::shape<-1>>;
+using Planes = In<std::uint8_t, nb::shape<-1, -1>>;
+using CosinesAndSines = In<double, nb::shape<2, -1>>;
+template <class T>
+using Numbers = nb::ndarray<const T, nb::ndim<1>, nb::device::cpu>;
+
+detail::Span span_of(const Octets& octets) { return {octets.data(), octets.size()}; }
+
+Angles angles_of(const CosinesAndSines& table) {
+  const std::size_t count = table.shape(1);
+  return {count, table.data(), table.data() + count};
+}
+
+template <class T>
+Column<T> column_of(const Numbers<T>& numbers) {
+  return {numbers.data(), numbers.stride(0)};
+}
+
+template <class T>
+void bind_usable_points(nb::module_& module) {
+  using namespace nb::literals;
+  module.def(
+      "usable_points",
+      [](Numbers<T> x, Numbers<T> y, Numbers<T> z) {
+        const std::size_t count = x.size();
+        require(y.size() == count && z.size() == count, "x, y and z differ in length");
+        auto points = memory<float>(3 * count);
+        auto usable = memory<bool>(count);
+        std::size_t found = 0;
+        {
+          nb::gil_scoped_release release;
+          found = usable_points(column_of(x), column_of(y), column_of(z), count, points.get(), usable.get());
+        }
+        return std::make_pair(array_of(std::move(points), {found, 3}), array_of(std::move(usable), {count}));
+      },
+      "x"_a.noconvert(), "y"_a.noconvert(), "z"_a.noconvert());
+}
+
+}  // namespace
+
+void bind_wire(nb::module_& module) {
+  using namespace nb::literals;
+  bind_usable_points<float>(module);
+  bind_usable_points<double>(module);
+  module.def(
+      "all_within",
+      [](In<float, nb::shape<-1, 3>> points, double limit_m) {
+        nb::gil_scoped_release release;
+        return all_within(points.data(), points.shape(0), limit_m);
+      },
+      "points"_a.noconvert(), "limit_m"_a);
+  module.def(
+      "points_of_planes",
+      [](Planes planes, double resolution_m, In<double, nb::shape<3>> origin) {
+        const std::size_t bytes = planes.shape(0) / 3, count = planes.shape(1);
+        require(planes.shape(0) == 6 || planes.shape(0) == 12, "a coordinate has 2 or 4 bytes");
+        auto points = memory<float>(3 * count);
+        {
+          nb::gil_scoped_release release;
+          points_of_planes(planes.data(), count, bytes, resolution_m, origin.data(), points.get());
+        }
+        return array_of(std::move(points), {count, 3});
+      },
+      "planes"_a.noconvert(), "resolution_m"_a, "origin"_a);
+  module.def(
+      "intensity_of_planes",
+      [](Planes planes, double scale, double offset) {
+        const std::size_t bytes = planes.shape(0), count = planes.shape(1);
+        require(bytes == 1 || bytes == 2, "an intensity has 1 or 2 bytes");
+        auto intensity = memory<float>(count);
+        {
+          nb::gil_scoped_release release;
+          intensity_of_planes(planes.data(), count, bytes, scale, offset, intensity.get());
+        }
+        return array_of(std::move(intensity), {count});
+      },
+      "planes"_a.noconvert(), "scale"_a, "offset"_a);
+  module.def(
+      "range_image_points",
+      [](Octets gaps, Octets ranges, std::uint32_t count, double resolution_m, CosinesAndSines azimuths,
+         CosinesAndSines elevations) {
+        require(gaps.size() >= (std::size_t{count} + 1) / 2 && ranges.size() >= count, "there are too few bytes");
+        require(azimuths.shape(1) > 0 && azimuths.shape(1) < 65'536 && elevations.shape(1) < 65'536,
+                "a grid has at most 65,535 columns and rows");
+        auto points = memory<float>(3 * std::size_t{count});
+        {
+          nb::gil_scoped_release release;
+          range_image_points(span_of(gaps), span_of(ranges), count, resolution_m, angles_of(azimuths),
+                             angles_of(elevations), points.get());
+        }
+        return array_of(std::move(points), {count, 3});
+      },
+      "gaps"_a.noconvert(), "ranges"_a.noconvert(), "count"_a, "resolution_m"_a, "azimuths"_a, "elevations"_a);
+  module.def(
+      "compact_points",
+      [](Planes planes, Octets low, In<std::int64_t, nb::shape<3>> lowest, In<std::int64_t, nb::shape<3>> size,
+         double resolution_m) {
+        const std::size_t count = planes.shape(1);
+        require(planes.shape(0) == 4 && low.size() >= (3 * count + 1) / 2, "there are too few bytes");
+        CompactGrid grid;
+        grid.resolution_m = resolution_m;
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+          grid.lowest[axis] = lowest(axis), grid.size[axis] = size(axis);
+          require(grid.lowest[axis] >= -32'768 && grid.lowest[axis] < 32'768, "a lowest cell has 16 bits");
+          require(grid.size[axis] >= 1 && grid.size[axis] < 65'536, "there are 1 to 65,535 cells along an axis");
+        }
+        auto points = memory<float>(3 * count);
+        {
+          nb::gil_scoped_release release;
+          compact_points(planes.data(), low.data(), count, grid, points.get());
+        }
+        return array_of(std::move(points), {count, 3});
+      },
+      "planes"_a.noconvert(), "low"_a.noconvert(), "lowest"_a, "size"_a, "resolution_m"_a);
+  module.def(
+      "ranges_of_levels",
+      [](Octets content, In<float, nb::shape<256>> levels_m, std::uint32_t directions) {
+        require(content.size() >= (std::size_t{directions} + 7) / 8, "there are too few bytes");
+        auto nearest_m = memory<float>(directions);
+        {
+          nb::gil_scoped_release release;
+          ranges_of_levels(span_of(content), levels_m.data(), directions, nearest_m.get());
+        }
+        return array_of(std::move(nearest_m), {directions});
+      },
+      "content"_a.noconvert(), "levels_m"_a, "directions"_a);
+}
+
+}  // namespace firstfix::python
