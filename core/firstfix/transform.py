@@ -44,7 +44,12 @@ def from_quaternion(translation: ArrayLike, quaternion_xyzw: ArrayLike) -> Matri
 
 def quaternion_of(T: Matrix) -> NDArray[np.float64]:
     """Quaternion (x, y, z, w) with w >= 0, by Shepperd's method, which is stable at every angle."""
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = T[:3, :3].tolist()  # floats: quicker than arrays of three
+    return np.array(quaternion_of_rows(T.tolist()))
+
+
+def quaternion_of_rows(rows: list[list[float]]) -> list[float]:
+    """``quaternion_of`` a transform as lists of numbers, without an array: for many small transforms."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = (row[:3] for row in rows[:3])
     t = xx + yy + zz
     if t > max(xx, yy, zz):
         q = [zy - yz, xz - zx, yx - xy, 1 + t]
@@ -55,7 +60,8 @@ def quaternion_of(T: Matrix) -> NDArray[np.float64]:
     else:
         q = [zx + xz, zy + yz, 1 + 2 * zz - t, yx - xy]
     length = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    return np.array(q) / (-length if q[3] < 0 else length)
+    length = -length if q[3] < 0 else length
+    return [v / length for v in q]
 
 
 def inverse(T: Matrix) -> Matrix:

@@ -84,8 +84,8 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
     )
     app.state.settings, app.state.metrics, app.state.closing = settings, metrics, asyncio.Event()
     app.state.draining = asyncio.Event()
-    for router in (localize.router, operations.router):
-        app.include_router(router)
+    localize.add_route(app)
+    app.include_router(operations.router)
     for module in _OF_THE_STORE:
         app.include_router(module.router, dependencies=[Depends(refuse_changes)])
     problems.add_handlers(app)

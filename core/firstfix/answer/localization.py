@@ -144,9 +144,10 @@ class Localization:
 def _pose_to_mapping(T: NDArray[np.float64] | None) -> dict[str, list[float]] | None:
     if T is None:
         return None
+    rows = T.tolist()
     return {
-        "position": T[:3, 3].tolist(),
-        "quaternion": transform.quaternion_of(T).tolist(),
+        "position": [row[3] for row in rows[:3]],
+        "quaternion": transform.quaternion_of_rows(rows),
     }
 
 

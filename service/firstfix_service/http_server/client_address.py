@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import lru_cache
 from ipaddress import IPv4Address, IPv4Network, IPv6Address, IPv6Network, ip_address
 
 Network = IPv4Network | IPv6Network
@@ -40,6 +41,7 @@ def _is_in(address: IPv4Address | IPv6Address, networks: Iterable[Network]) -> b
     return any(address in network for network in networks)
 
 
+@lru_cache(4096)  # callers come again, and reading an address takes longer than all else here
 def _parsed(text: str) -> IPv4Address | IPv6Address | None:
     try:
         address = ip_address(text)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from ..problems import problem_of
 from ..query_workers.answer import EncodedAnswer
 from ..query_workers.body_format import Body
@@ -25,6 +27,12 @@ class QueryRecorder:
         self._metrics = metrics
         self._requests = requests
         self._sampler = sampler
+        # Finding a series by its labels takes longer than counting in it. There are few series.
+        self._verdicts = cache(metrics.verdicts.labels)
+        self._probability = cache(metrics.probability.labels)
+        self._reasons = cache(metrics.reasons.labels)
+        self._stage_seconds = cache(metrics.stage_seconds.labels)
+        self._localize_seconds = cache(metrics.localize_seconds.labels)
 
     def record(self, head: QueryHead, body: Body, answer: EncodedAnswer, queued: float) -> None:
         """Adds the stages of an answered query to its trace, and offers the query to the sampler.
@@ -47,17 +55,17 @@ class QueryRecorder:
         else:
             self._count_failure(transport, outcome, scope)
         if scope is not None:
-            self._metrics.localize_seconds.labels(transport).observe(scope.seconds, _exemplar(scope))
+            self._localize_seconds(transport).observe(scope.seconds, _exemplar(scope))
 
     def _count_answer(self, transport: str, answer: EncodedAnswer, scope: RequestScope | None) -> None:
-        metrics, verdict = self._metrics, answer.verdict.value
-        metrics.verdicts.labels(transport, verdict).inc()
-        metrics.probability.labels(verdict).observe(answer.probability)
+        verdict = answer.verdict.value
+        self._verdicts(transport, verdict).inc()
+        self._probability(verdict).observe(answer.probability)
         for reason in answer.reasons:
-            metrics.reasons.labels(reason.value).inc()
+            self._reasons(reason.value).inc()
         exemplar = None if scope is None else _exemplar(scope)
         for stage, ms in answer.timings_ms.items():
-            metrics.stage_seconds.labels(stage).observe(ms / 1e3, exemplar)
+            self._stage_seconds(stage).observe(ms / 1e3, exemplar)
         if scope is not None:
             scope.status = _OK
         note(

@@ -62,6 +62,8 @@ class MapCache:
     ) -> None:
         self._catalog = catalog
         self._metrics = metrics
+        self._hits = metrics.cache_lookups.labels("hit")
+        self._misses = metrics.cache_lookups.labels("miss")
         self._pinned = frozenset(pinned)
         self.placement = placement
         self.served = ServedMaps(metrics)
@@ -191,7 +193,7 @@ class MapCache:
 
     def _lease(self, map_id: str, version: str | None) -> Future[Lease]:
         lease = self._loaded.lease((map_id, version or self.served.version(map_id) or ""))
-        self._metrics.cache_lookups.labels("miss" if lease is None else "hit").inc()
+        (self._misses if lease is None else self._hits).inc()
         if lease is None:
             return self._loads.request(map_id, version)
         future: Future[Lease] = Future()

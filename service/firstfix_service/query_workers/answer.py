@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import orjson
@@ -87,16 +86,21 @@ def to_json(answer: Localization) -> bytes:
     Raises:
         ValueError: a number is not finite.
     """
-    mapping = answer.to_mapping()
-    if not math.isfinite(_sum(mapping)):
+    if not _is_finite(answer):
         raise ValueError("an answer has a number that is not finite")
-    return orjson.dumps(mapping, option=orjson.OPT_SERIALIZE_NUMPY)
+    return orjson.dumps(answer.to_mapping(), option=orjson.OPT_SERIALIZE_NUMPY)
 
 
-def _sum(value: Any) -> float:
-    """The sum of all numbers: not finite if one of them is not."""
-    if isinstance(value, dict):
-        return sum(map(_sum, value.values()))
-    if isinstance(value, list):
-        return sum(value) if value and isinstance(value[0], float) else sum(map(_sum, value))
-    return float(value) if isinstance(value, (int, float)) else 0.0
+def _is_finite(answer: Localization) -> bool:
+    """Returns whether JSON can hold every number: orjson would write null for the others."""
+    poses = [answer.T_map_sensor, answer.T_map_base, *(one.T_map_sensor for one in answer.hypotheses)]
+    numbers = [answer.probability, *(one.probability for one in answer.hypotheses)]
+    for one in answer.hypotheses:
+        if one.quality is not None:
+            quality = one.quality
+            numbers += quality.inlier_ratio, quality.alignment_score, quality.free_space_violation
+    return (
+        all(map(math.isfinite, numbers))
+        and bool(np.isfinite([T for T in poses if T is not None]).all())
+        and (answer.covariance is None or bool(np.isfinite(answer.covariance).all()))
+    )

@@ -1,9 +1,10 @@
-"""Set-up of logs: structlog for this service, logging for its libraries, in one format."""
+"""Set-up of logs: structlog for this service, logging for its libraries, in one format on one stream."""
 
 from __future__ import annotations
 
 import logging
 import sys
+from contextlib import suppress
 from typing import Any
 
 import structlog
@@ -20,12 +21,6 @@ def set_up_logging(level: str, *, as_json: bool) -> None:
         structlog.processors.TimeStamper(fmt="iso", utc=True),
         structlog.processors.StackInfoRenderer(),
     ]
-    structlog.configure(
-        processors=[*shared, structlog.stdlib.ProcessorFormatter.wrap_for_formatter],
-        wrapper_class=structlog.stdlib.BoundLogger,
-        logger_factory=structlog.stdlib.LoggerFactory(),
-        cache_logger_on_first_use=True,
-    )
     last: list[structlog.typing.Processor] = (
         [structlog.processors.format_exc_info, structlog.processors.JSONRenderer()]
         if as_json
@@ -34,16 +29,40 @@ def set_up_logging(level: str, *, as_json: bool) -> None:
             structlog.dev.ConsoleRenderer(exception_formatter=structlog.dev.plain_traceback),
         ]
     )
+    last.append(hiding_secrets())
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(
         structlog.stdlib.ProcessorFormatter(
             foreign_pre_chain=shared,
-            processors=[structlog.stdlib.ProcessorFormatter.remove_processors_meta, *last, hiding_secrets()],
+            processors=[structlog.stdlib.ProcessorFormatter.remove_processors_meta, *last],
         )
     )
     root = logging.getLogger()
     root.handlers = [handler]
     root.setLevel(level.upper())
+    # Straight to the stream: the way through logging takes as long again, for each request.
+    structlog.configure(
+        processors=[*shared, *last],
+        wrapper_class=structlog.make_filtering_bound_logger(getattr(logging, level.upper())),
+        logger_factory=lambda name="": _Lines(name, handler),
+        cache_logger_on_first_use=True,
+    )
+
+
+class _Lines:
+    """Writes finished lines to the stream of a handler. Like the handler, it never fails."""
+
+    def __init__(self, name: str, handler: logging.StreamHandler[Any]) -> None:
+        self.name = name
+        self._handler = handler
+
+    def info(self, line: str) -> None:
+        assert self._handler.lock is not None
+        with self._handler.lock, suppress(OSError, ValueError):  # a full disk, or a closed stream
+            self._handler.stream.write(line + "\n")
+            self._handler.stream.flush()
+
+    debug = warning = error = critical = info
 
 
 def hiding_secrets() -> structlog.typing.Processor:

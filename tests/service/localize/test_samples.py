@@ -119,7 +119,7 @@ POLICY: dict[str, Any] = {
 REJECTED = encoded_answer(Localization(Verdict.REJECTED, (Reason.NO_CANDIDATE,)))
 
 
-def found(probability: float) -> Localization:
+def found(probability: float) -> EncodedAnswer:
     return encoded_answer(Localization(Verdict.LOCALIZED, (), np.eye(4), None, np.eye(6), probability))
 
 
@@ -205,7 +205,7 @@ def sample_of(sample_id: str, **changes: Any) -> QuerySample:
         "media_type": XYZ,
         "content_encoding": "",
         "options": {},
-        "answer": REJECTED.to_mapping(),
+        "answer": json.loads(REJECTED.json),
         "body_bytes": 1000,
     }
     return QuerySample(**{**values, **changes})

@@ -7,7 +7,7 @@ import time
 from collections import Counter
 from typing import Any
 
-from fastapi import APIRouter, Request, Response
+from fastapi import FastAPI, Request, Response
 from starlette.requests import ClientDisconnect
 
 from firstfix.answer.options import LocalizeOptions
@@ -28,7 +28,6 @@ from ..direct_route import DirectRoute
 from ..disconnect import cancel_on_disconnect
 from ..schema.answer_models import Answer
 
-router = APIRouter(tags=["localize"], route_class=DirectRoute)
 MAP_PARAMETER = "map"
 _OPTION_TEXT = {
     "gravity": "direction of gravity in the sensor frame, `x,y,z`, or the sensor's `roll_deg,pitch_deg`",
@@ -85,7 +84,20 @@ _ANSWERS: dict[int | str, dict[str, Any]] = {
 }
 
 
-@router.post("/localize", response_class=Response, responses=_ANSWERS, openapi_extra=_openapi())
+def add_route(app: FastAPI) -> None:
+    """Adds the route to the app itself: the framework finds routes of a router in more steps."""
+    app.router.add_api_route(
+        "/localize",
+        localize,
+        methods=["POST"],
+        tags=["localize"],
+        response_class=Response,
+        responses=_ANSWERS,
+        openapi_extra=_openapi(),
+        route_class_override=DirectRoute,
+    )
+
+
 async def localize(request: Request) -> Response:
     """The pose of a scan in a map, or the reasons why there is none.
 
