@@ -33,20 +33,21 @@ class PeakMemory:
 
 def memory_of_children() -> int:
     """Bytes of all descendants of this process, what they share counted once (Linux)."""
-    return sum(map(_pss_bytes, _descendants(os.getpid())))
+    return sum(map(_pss_bytes, descendants(os.getpid())))
 
 
 def pss_of_family(pid: int) -> int:
     """Bytes of a process and all that it started."""
-    return sum(map(_pss_bytes, [pid, *_descendants(pid)]))
+    return sum(map(_pss_bytes, [pid, *descendants(pid)]))
 
 
-def _descendants(pid: int) -> list[int]:
+def descendants(pid: int) -> list[int]:
+    """Returns the processes that a process started, and that these started (Linux)."""
     found: list[int] = []
     try:
         for task in Path(f"/proc/{pid}/task").iterdir():
             for child in (task / "children").read_text().split():
-                found += [int(child), *_descendants(int(child))]
+                found += [int(child), *descendants(int(child))]
     except OSError:  # it has ended
         pass
     return found
