@@ -13,5 +13,6 @@ NB_MODULE(FIRSTFIX_MODULE, module) {
   firstfix::python::bind_descriptor(module);
   firstfix::python::bind_retrieval(module);
   firstfix::python::bind_scan(module);
+  firstfix::python::bind_simulation(module);
   firstfix::python::bind_surface(module);
 }

@@ -8,6 +8,7 @@ namespace firstfix::python {
 void bind_descriptor(nanobind::module_& module);
 void bind_retrieval(nanobind::module_& module);
 void bind_scan(nanobind::module_& module);
+void bind_simulation(nanobind::module_& module);
 void bind_surface(nanobind::module_& module);
 
 }  // namespace firstfix::python

@@ -20,6 +20,7 @@ from firstfix.engine.registration.surface import Surface
 from firstfix.sensor import SensorModel
 
 from ..mesh.clean_cloud import voxel_means
+from ..simulation.rays import Rays
 from ..simulation.simulate import Simulator
 from ..templates.make import scan_batch, upright
 from ..viewpoints.even_sample import cells_of, rows_by_place
@@ -73,15 +74,15 @@ def visible_points(
     around. Clean scans are cast from some of the (n, 3) positions.
     """
     probe = sensor.coarser(RAYS)
-    directions = probe.directions_at_any_heading()
+    rays = Rays.at_any_heading(probe)
     blocks = _Blocks.over(positions)
     parts: list[list[NDArray[np.float64]]] = [[] for _ in range(blocks.count)]
     chosen = positions[rows_by_place(positions, max(VIEWPOINTS, _occupied(positions)), VIEWPOINT_M)]
     chosen, loose = chosen[np.argsort(blocks.of(chosen), kind="stable")], 0
     for start in range(0, len(chosen), AT_ONCE):
         here = chosen[start : start + AT_ONCE]
-        ranges = np.concatenate(list(simulator.ranges(upright(here), probe, directions)))
-        scans = scan_batch(ranges, directions, np.zeros(len(here)))
+        ranges = np.concatenate(list(simulator.ranges(upright(here), probe, rays)))
+        scans = scan_batch(ranges, rays.directions, np.zeros(len(here)))
         to_viewer = -scans.points / np.linalg.norm(scans.points, axis=1, keepdims=True)
         seen = voxel_means(np.column_stack([scans.points + here[scans.scan_of_point], to_viewer]), step_m)
         number, loose = blocks.of(seen), loose + len(seen)
