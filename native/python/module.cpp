@@ -11,6 +11,7 @@ NB_MODULE(FIRSTFIX_MODULE, module) {
   module.attr("variant") = FIRSTFIX_TEXT(FIRSTFIX_MODULE) + 1;  // without the underscore
   module.attr("source_digest") = FIRSTFIX_SOURCE_DIGEST;
   firstfix::python::bind_descriptor(module);
+  firstfix::python::bind_index(module);
   firstfix::python::bind_retrieval(module);
   firstfix::python::bind_scan(module);
   firstfix::python::bind_simulation(module);

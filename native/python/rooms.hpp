@@ -6,6 +6,7 @@
 namespace firstfix::python {
 
 void bind_descriptor(nanobind::module_& module);
+void bind_index(nanobind::module_& module);
 void bind_retrieval(nanobind::module_& module);
 void bind_scan(nanobind::module_& module);
 void bind_simulation(nanobind::module_& module);
