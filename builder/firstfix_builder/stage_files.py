@@ -14,7 +14,7 @@ from firstfix.engine.index import ENGINE_FILE
 from .execution.stage_cache import StageResult
 from .index.index_files import SURFACE_STEP_M
 from .mesh.clean_cloud import point_spacing_m
-from .mesh.mesh import Mesh
+from .simulation.local_simulator import whole_simulator
 from .simulation.simulate import Simulator
 
 
@@ -32,8 +32,7 @@ def spacing_m_of(read: StageResult) -> float:
 
 def simulator_of(mesh: StageResult) -> Simulator:
     """A simulator over the whole mesh."""
-    surface = Mesh.load(mesh.directory)
-    return Simulator(surface.vertices, surface.triangles)
+    return whole_simulator(mesh.directory)
 
 
 def engine_of(fitted: StageResult) -> EngineConfig:

@@ -13,8 +13,10 @@ NB_MODULE(FIRSTFIX_MODULE, module) {
   firstfix::python::bind_errors();
   firstfix::python::bind_descriptor(module);
   firstfix::python::bind_registration(module);
+  firstfix::python::bind_index(module);
   firstfix::python::bind_retrieval(module);
   firstfix::python::bind_scan(module);
+  firstfix::python::bind_simulation(module);
   firstfix::python::bind_surface(module);
   firstfix::python::bind_verification(module);
   firstfix::python::bind_wire(module);

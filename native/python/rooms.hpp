@@ -7,8 +7,10 @@ namespace firstfix::python {
 
 void bind_descriptor(nanobind::module_& module);
 void bind_registration(nanobind::module_& module);
+void bind_index(nanobind::module_& module);
 void bind_retrieval(nanobind::module_& module);
 void bind_scan(nanobind::module_& module);
+void bind_simulation(nanobind::module_& module);
 void bind_surface(nanobind::module_& module);
 void bind_verification(nanobind::module_& module);
 void bind_errors();

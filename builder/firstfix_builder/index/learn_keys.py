@@ -20,12 +20,10 @@ from firstfix.engine.config import EngineConfig
 from firstfix.engine.preprocess import preprocess
 from firstfix.engine.retrieval.templates import Templates
 from firstfix.errors import BuildCancelled
-from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix.sensor import SensorModel
-from firstfix.transform import Matrix
 
-from ..simulation.perturb import perturbed_scans
+from ..simulation.perturb import ScanCase, ScanSimulation
 from ..simulation.simulate import Simulator
 
 COMPARED_TEMPLATES = 10_000  # enough for their covariance: the keys of 100k at once are gigabytes
@@ -52,25 +50,26 @@ def learn_keys(
     if not config.scans or engine.descriptor.kind != "occupancy" or len(templates) <= engine.search.clusters:
         return None
     descriptor, done = engine.descriptor.make(), 0
+    simulation = ScanSimulation(simulator, sensor, config.perturb)
     rng = np.random.default_rng(config.seed)
-    scans = perturbed_scans(
-        simulator, sensor, templates.position_m, engine.spacing_m, config.scans, config.perturb, rng
-    )
+    cases = simulation.cases(templates.position_m, engine.spacing_m, config.scans, rng)
 
-    def described(case: tuple[Scan, Matrix]) -> Described | None:
+    def described(case: ScanCase) -> Described | None:
         nonlocal done
         if cancelled():
             raise BuildCancelled("cancelled while learning keys")
-        prepared = preprocess(ScanSequence.single(case[0]), None, engine.preprocess, sensor.R_base_sensor)
+        scan = ScanSequence.single(simulation.scan(case))
+        prepared = preprocess(scan, None, engine.preprocess, sensor.R_base_sensor)
         done += 1
-        progress(done / len(scans))
+        progress(done / len(cases))
         return None if prepared is None else descriptor.describe(prepared.scans[0].batch)
 
-    made = [(T, one) for (_, T), one in zip(scans, executor.map(described, scans), strict=True) if one]
+    made = [(case, one) for case, one in zip(cases, executor.map(described, cases), strict=True) if one]
     if not made:
         return None
     seen = {name: np.concatenate([one[name] for _, one in made]) for name in descriptor.arrays}
-    nearest = cKDTree(templates.position_m).query(np.array([T[:3, 3] for T, _ in made]))[1]
+    spots = np.array([case.T_level_sensor[:3, 3] for case, _ in made])
+    nearest = cKDTree(templates.position_m).query(spots)[1]
     sample = np.arange(0, len(templates), -(-len(templates) // COMPARED_TEMPLATES))
     return discriminants(
         descriptor.keys(templates.described_at(sample)),

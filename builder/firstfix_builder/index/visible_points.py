@@ -4,8 +4,7 @@ Where the map is a mesh this is what stands for its cloud. Not points spread ove
 wall has a back and a floor slab an underside, and a scan registered against those settles a wall's
 thickness off. Where the map is a cloud it tells which face of a wall each of its points is on.
 
-A large map is looked at block by block, and what is seen is thinned as it comes: of a district's returns
-only those of a few blocks are in memory at once.
+What is seen is thinned as it comes: in memory is the surface, not the returns.
 """
 
 from __future__ import annotations
@@ -17,18 +16,20 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from firstfix.engine.registration.surface import Surface
+from firstfix.native import SeenSurface
 from firstfix.sensor import SensorModel
 
+from ..execution.in_turn import in_turn
 from ..mesh.clean_cloud import voxel_means
+from ..simulation.rays import Rays
 from ..simulation.simulate import Simulator
-from ..templates.make import scan_batch, upright
+from ..templates.make import upright
 from ..viewpoints.even_sample import cells_of, rows_by_place
 
 RAYS = 16_384
 VIEWPOINTS = 3000  # or one for each cube of VIEWPOINT_M, where that is more
 VIEWPOINT_M = 3.0
-AT_ONCE = 100
-MOST_LOOSE = 16_000_000  # points of neighbouring scans, before they are thinned into one another
+AT_ONCE = 64
 BLOCK_M = 200.0
 BORDER_M = 1.0  # of the neighbouring blocks, that normals at a border are taken from
 SEEN_WITHIN_M = 0.3  # of a mapped point: the mesh is not the cloud
@@ -73,31 +74,22 @@ def visible_points(
     around. Clean scans are cast from some of the (n, 3) positions.
     """
     probe = sensor.coarser(RAYS)
-    directions = probe.directions_at_any_heading()
-    blocks = _Blocks.over(positions)
-    parts: list[list[NDArray[np.float64]]] = [[] for _ in range(blocks.count)]
+    rays = Rays.at_any_heading(probe)
     chosen = positions[rows_by_place(positions, max(VIEWPOINTS, _occupied(positions)), VIEWPOINT_M)]
-    chosen, loose = chosen[np.argsort(blocks.of(chosen), kind="stable")], 0
-    for start in range(0, len(chosen), AT_ONCE):
-        here = chosen[start : start + AT_ONCE]
-        ranges = np.concatenate(list(simulator.ranges(upright(here), probe, directions)))
-        scans = scan_batch(ranges, directions, np.zeros(len(here)))
-        to_viewer = -scans.points / np.linalg.norm(scans.points, axis=1, keepdims=True)
-        seen = voxel_means(np.column_stack([scans.points + here[scans.scan_of_point], to_viewer]), step_m)
-        number, loose = blocks.of(seen), loose + len(seen)
-        for block in np.unique(number):
-            parts[block].append(seen[number == block])
-        if loose > MOST_LOOSE:
-            parts, loose = [_joined(of_block, step_m) for of_block in parts], 0
-    joined = []
-    while parts:  # each goes as its whole comes
-        joined += _joined(parts.pop(0), step_m)
-    return joined
+    origins = np.ascontiguousarray(chosen, np.float32)
+    surface = SeenSurface(step_m)
 
+    def cast(rows: slice) -> NDArray[np.float32]:
+        return np.concatenate(list(simulator.ranges(upright(origins[rows]), probe, rays)))
 
-def _joined(parts: list[NDArray[np.float64]], step_m: float) -> list[NDArray[np.float64]]:
-    """One part of all, or none of none."""
-    return [voxel_means(np.concatenate(parts), step_m)] if parts else []
+    batches = [slice(start, start + AT_ONCE) for start in range(0, len(origins), AT_ONCE)]
+    for rows, ranges in in_turn(cast, batches):
+        surface.add(origins[rows], rays.directions, ranges)
+    seen = surface.means()
+    blocks = _Blocks.over(positions)
+    number = blocks.of(seen)
+    parts = [seen[number == block] for block in range(blocks.count)]
+    return [part for part in parts if len(part)]
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from firstfix.builds.config import CleanConfig
 from firstfix.errors import BuildFailed
+from firstfix.native import column_means
 from firstfix.portable.sample import rows_by_chance
 
 SPACING_SAMPLES = 50_000
@@ -41,18 +42,10 @@ def voxel_means(points: NDArray[np.float64], voxel_m: float) -> NDArray[np.float
 
     Columns after the coordinates are averaged too.
     """
-    if len(points) == 0:
-        return points
-    cell = np.floor(points[:, :3] / voxel_m).astype(np.int64)
-    cell -= cell.min(axis=0)
-    size = cell.max(axis=0) + 1
-    if float(size[0]) * float(size[1]) * float(size[2]) >= 2**62:
-        raise BuildFailed(f"the map is too large for voxels of {voxel_m} m")
-    key = (cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2]
-    _, voxel, count = np.unique(key, return_inverse=True, return_counts=True)
-    sums = np.stack([np.bincount(voxel, weights=column) for column in points.T], axis=1)
-    means: NDArray[np.float64] = sums / count[:, None]
-    return means
+    try:
+        return column_means(points, voxel_m)
+    except ValueError:
+        raise BuildFailed(f"the map is too large for voxels of {voxel_m} m") from None
 
 
 def without_strays(points: NDArray[np.float64], radius_m: float, min_neighbours: int) -> NDArray[np.float64]:

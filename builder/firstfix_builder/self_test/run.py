@@ -22,11 +22,10 @@ from firstfix.builds.config import SelfTestConfig
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.localizer import Localizer
 from firstfix.errors import BuildCancelled
-from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, inverse, make_transform, pose_error
 
-from ..simulation.perturb import elsewhere, perturbed_scans
+from ..simulation.perturb import ScanCase, ScanSimulation, elsewhere
 from ..simulation.simulate import Simulator
 from .localizability import Spot, grid_of
 from .reliability import Case, fit, reliability_of
@@ -149,39 +148,32 @@ def run_self_test(
     """
     rng = np.random.default_rng(config.seed)
     templates = localizer.index.cascade.templates
-    inside = perturbed_scans(
-        simulator,
-        sensor,
-        templates.position_m,
-        localizer.index.config.spacing_m,
-        config.queries,
-        config.perturb,
-        rng,
-    )
-    other = Simulator(*elsewhere(rng))
+    here = ScanSimulation(simulator, sensor, config.perturb)
+    inside = here.cases(templates.position_m, localizer.index.config.spacing_m, config.queries, rng)
+    strange = ScanSimulation(Simulator(*elsewhere(rng)), sensor, config.perturb)
     spots = np.column_stack(
         [rng.uniform(-15, 15, (200, 2)), np.full(200, float(np.median(templates.height_m)))]
     )
-    outside = perturbed_scans(other, sensor, spots, 1.0, config.outside, config.perturb, rng)
-    queries: list[tuple[Scan, Matrix | None]] = [*inside, *((scan, None) for scan, _ in outside)]
+    outside = strange.cases(spots, 1.0, config.outside, rng)
+    queries = [*((here, case) for case in inside), *((strange, case) for case in outside)]
     asked_with = LocalizeOptions(T_base_sensor=make_transform(sensor.R_base_sensor, np.zeros(3)))
     done = 0
 
-    def run(query: tuple[Scan, Matrix | None]) -> _Outcome:
+    def run(query: tuple[ScanSimulation, ScanCase]) -> _Outcome:
         nonlocal done
         if cancelled():
             raise BuildCancelled("cancelled during the self-test")
-        scan, T_level_sensor = query
-        answer = localizer.localize(scan, asked_with)
+        simulation, case = query
+        answer = localizer.localize(simulation.scan(case), asked_with)
         done += 1
         progress(done / len(queries))
-        if T_level_sensor is None:
+        if simulation is strange:
             return _Outcome(answer, None, (np.inf,) * len(answer.hypotheses))
-        T_map_sensor = localizer.index.T_map_level @ T_level_sensor
+        T_map_sensor = localizer.index.T_map_level @ case.T_level_sensor
         errors = [pose_error(T_map_sensor, one.T_map_sensor) for one in answer.hypotheses]
         return _Outcome(
             answer,
-            T_level_sensor,
+            case.T_level_sensor,
             tuple(error_m if error_deg <= RIGHT_DEG else np.inf for error_m, error_deg in errors),
         )
 

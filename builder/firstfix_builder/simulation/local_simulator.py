@@ -29,12 +29,24 @@ def local_simulator(
         mesh: folder of the finished stage.
     """
     tiled = TiledMesh.load(mesh)
-    tiles = tiled.near(low, high, reach_m)
+    return _simulator(mesh, tiled, tiled.near(low, high, reach_m))
+
+
+def whole_simulator(mesh: Path) -> Simulator:
+    """Returns a simulator over the whole mesh. Stages share it, and so do the places of a map that is small.
+
+    Args:
+        mesh: folder of the finished stage.
+    """
+    tiled = TiledMesh.load(mesh)
+    return _simulator(mesh, tiled, tuple(range(len(tiled.low))))
+
+
+def _simulator(mesh: Path, tiled: TiledMesh, tiles: tuple[int, ...]) -> Simulator:
     with _lock:
         if (mesh, tiles) not in _kept:
             part = tiled.part(tiles)
-            # a thread each: others run beside it, on this machine or as its other workers
-            _kept[mesh, tiles] = Simulator(part.vertices, part.triangles, threads=1)
+            _kept[mesh, tiles] = Simulator(part.vertices, part.triangles)
         _kept.move_to_end((mesh, tiles))
         while len(_kept) > KEPT:
             _kept.popitem(last=False)

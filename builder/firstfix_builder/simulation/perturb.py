@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +14,11 @@ from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, make_transform, rotation_z
 
+from .rays import KEPT, Rays
 from .simulate import Simulator
 
 _CLEARANCE_M = 0.3
+_TRIES = 20  # for each spot that is not free
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,65 @@ _PERSON = _Occluder((1.0, 6.0), (0.3, 1.0), 0.6)
 _STRANGER = _Occluder((3.0, 15.0), (1.0, 4.0), 1.0)
 
 
+@dataclass(frozen=True)
+class ScanCase:
+    """A scan that is to be simulated: where, and with which perturbations.
+
+    Attributes:
+        T_level_sensor: (4, 4).
+        seed: of all other perturbations.
+    """
+
+    T_level_sensor: Matrix
+    seed: int
+
+
+@dataclass(frozen=True)
+class ScanSimulation:
+    """Simulation of perturbed scans of one sensor in one map. Thread-safe."""
+
+    simulator: Simulator
+    sensor: SensorModel
+    config: PerturbConfig
+
+    def cases(
+        self, around_m: NDArray[np.floating], reach_m: float, count: int, rng: np.random.Generator
+    ) -> list[ScanCase]:
+        """Chooses free spots within half of ``reach_m`` of the given places, any heading.
+
+        Args:
+            around_m: (n, 3) sensor positions.
+
+        Returns:
+            At most ``count`` cases: fewer where free spots are rare.
+        """
+        found: list[ScanCase] = []
+        for _ in range(_TRIES):
+            missing = count - len(found)
+            if not missing:
+                break
+            at = around_m[rng.integers(len(around_m), size=missing)].astype(np.float64)
+            at[:, :2] += rng.uniform(-reach_m / 2, reach_m / 2, (missing, 2))
+            at[:, 2] += rng.normal(0, self.config.height_m, missing)
+            for spot in at[self.simulator.is_free(at, _CLEARANCE_M)]:
+                R = _tilted(rng, self.config.tilt_deg) @ self.sensor.R_base_sensor
+                found.append(ScanCase(make_transform(R, spot), int(rng.integers(2**63))))
+        return found
+
+    def scan(self, case: ScanCase) -> Scan:
+        """Simulates the scan of a case."""
+        rng, config, rays = np.random.default_rng(case.seed), self.config, Rays.of_sensor(self.sensor)
+        ranges = next(self.simulator.ranges(case.T_level_sensor[None], self.sensor, rays))[0]
+        ranges += config.noise_m * rng.standard_normal(len(ranges), np.float32)
+        ranges[rng.random(len(ranges), np.float32) < config.dropout] = np.inf
+        severity = rng.uniform(0, 2)  # a quiet night, a rush hour: real overlaps vary as widely
+        around = _Panorama.of(self.sensor)
+        around.occlude(ranges, rng.poisson(config.occluders * severity), _PERSON, rng)
+        around.occlude(ranges, rng.poisson(config.strangers * severity), _STRANGER, rng)
+        seen = np.isfinite(ranges)
+        return Scan.from_points(rays.directions[seen] * ranges[seen, None])
+
+
 def perturbed_scans(
     simulator: Simulator,
     sensor: SensorModel,
@@ -40,35 +102,10 @@ def perturbed_scans(
     config: PerturbConfig,
     rng: np.random.Generator,
 ) -> list[tuple[Scan, Matrix]]:
-    """Scans at free spots within half of ``reach_m`` of the given places, any heading.
-
-    Args:
-        around_m: (n, 3) sensor positions.
-
-    Returns:
-        At most ``count`` pairs of scan and T_level_sensor: fewer where free spots are rare.
-    """
-    scans: list[tuple[Scan, Matrix]] = []
-    directions, R_base_sensor = sensor.directions(), sensor.R_base_sensor
-    upright = turned(directions, R_base_sensor)
-    for _ in range(20 * count):
-        if len(scans) == count:
-            break
-        at = np.array(around_m[rng.integers(len(around_m))], np.float64)
-        at[:2] += rng.uniform(-reach_m / 2, reach_m / 2, 2)
-        at[2] += rng.normal(0, config.height_m)
-        if simulator.distance(at[None])[0] < _CLEARANCE_M:
-            continue
-        T = make_transform(_tilted(rng, config.tilt_deg) @ R_base_sensor, at)
-        ranges = next(simulator.ranges(T[None], sensor))[0]
-        ranges = ranges + rng.normal(0, config.noise_m, ranges.shape).astype(np.float32)
-        ranges[rng.random(ranges.shape) < config.dropout] = np.inf
-        severity = rng.uniform(0, 2)  # a quiet night, a rush hour: real overlaps vary as widely
-        _occlude(ranges, upright, rng.poisson(config.occluders * severity), _PERSON, rng)
-        _occlude(ranges, upright, rng.poisson(config.strangers * severity), _STRANGER, rng)
-        seen = np.isfinite(ranges)
-        scans.append((Scan.from_points(directions[seen] * ranges[seen, None]), T))
-    return scans
+    """Pairs of scan and T_level_sensor for all ``ScanSimulation.cases``."""
+    simulation = ScanSimulation(simulator, sensor, config)
+    cases = simulation.cases(around_m, reach_m, count, rng)
+    return [(simulation.scan(case), case.T_level_sensor) for case in cases]
 
 
 def _tilted(rng: np.random.Generator, tilt_deg: float) -> NDArray[np.float64]:
@@ -78,20 +115,44 @@ def _tilted(rng: np.random.Generator, tilt_deg: float) -> NDArray[np.float64]:
     return rotation_z(rng.uniform(-np.pi, np.pi)) @ about_y @ about_x
 
 
-def _occlude(
-    ranges: NDArray[np.float32],
-    directions: NDArray[np.float32],
-    count: int,
-    kind: _Occluder,
-    rng: np.random.Generator,
-) -> None:
-    """Things that stand between the sensor and the map stop the rays that would pass through them."""
-    azimuth = np.arctan2(directions[:, 1], directions[:, 0])
-    for _ in range(count):
-        away, width = rng.uniform(*kind.away_m), rng.uniform(*kind.width_m)
-        off = np.abs((azimuth - rng.uniform(-np.pi, np.pi) + np.pi) % (2 * np.pi) - np.pi)
-        stopped = (off < width / away / 2) & (directions[:, 2] * away < kind.top_m) & (ranges > away)
-        ranges[stopped] = away
+@dataclass(frozen=True)
+class _Panorama:
+    """The rays of an upright robot's sensor, sorted by azimuth.
+
+    Attributes:
+        row: (n,) of each ray in the sensor's order.
+        azimuth: (n,) ascending, radians.
+        rise: (n,) z of the unit rays.
+    """
+
+    row: NDArray[np.intp]
+    azimuth: NDArray[np.float32]
+    rise: NDArray[np.float32]
+
+    @staticmethod
+    def of(sensor: SensorModel) -> _Panorama:
+        return _panorama(sensor)
+
+    def occlude(
+        self, ranges: NDArray[np.float32], count: int, kind: _Occluder, rng: np.random.Generator
+    ) -> None:
+        """Things that stand between the sensor and the map stop the rays that would pass through them."""
+        for _ in range(count):
+            away, width = rng.uniform(*kind.away_m), rng.uniform(*kind.width_m)
+            middle, half = rng.uniform(-np.pi, np.pi), width / away / 2
+            for turn in (-2 * np.pi, 0.0, 2 * np.pi):  # it may stand where the azimuth jumps
+                ends = (middle - half + turn, middle + half + turn)
+                here = slice(*np.searchsorted(self.azimuth, ends))
+                row = self.row[here][self.rise[here] * away < kind.top_m]
+                ranges[row] = np.minimum(ranges[row], np.float32(away))
+
+
+@lru_cache(KEPT)
+def _panorama(sensor: SensorModel) -> _Panorama:
+    x, y, z = turned(sensor.directions(), sensor.R_base_sensor).T
+    azimuth = np.arctan2(y, x)
+    row = np.argsort(azimuth, kind="stable")
+    return _Panorama(row, azimuth[row], z[row])
 
 
 def elsewhere(rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -1,46 +1,53 @@
-"""Simulated LiDAR scans: rays against the mesh of the map (paper III.A, with Embree for Gazebo)."""
+"""Simulated LiDAR scans: rays against the mesh of the map (paper III.A)."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from firstfix.native import TriangleTree
 from firstfix.sensor import SensorModel
 
-from ..mesh.open3d_core import o3d
+from .rays import Rays
 
-RAYS_AT_ONCE = 4_000_000  # 96 MB of rays
+if TYPE_CHECKING:
+    from open3d.t.geometry import RaycastingScene
+
+RAYS_AT_ONCE = 1_000_000
+_IDENTITY = np.eye(3)
 
 
 class Simulator:
-    """Casts a sensor model's rays in a triangle mesh. Thread-safe: Embree scenes are read-only.
+    """Casts a sensor model's rays in a triangle mesh. Thread-safe: the mesh is only read.
 
     Args:
         vertices: (v, 3) metres, map frame.
         triangles: (t, 3) indices.
-        threads: that cast rays for one call; 0: as many as there are processors. The ranges are the same.
     """
 
-    def __init__(
-        self, vertices: NDArray[np.floating], triangles: NDArray[np.integer], *, threads: int = 0
-    ) -> None:
-        self._threads = threads
+    def __init__(self, vertices: NDArray[np.floating], triangles: NDArray[np.integer]) -> None:
+        self._vertices = np.ascontiguousarray(vertices, np.float32)
+        self._triangles = np.ascontiguousarray(triangles, np.uint32)
         self.low: NDArray[np.float64] = np.min(vertices, axis=0).astype(np.float64)  # (3,) bounds, metres
         self.high: NDArray[np.float64] = np.max(vertices, axis=0).astype(np.float64)
-        self.scene = o3d.t.geometry.RaycastingScene()
-        self.scene.add_triangles(
-            o3d.core.Tensor(np.ascontiguousarray(vertices, np.float32)),
-            o3d.core.Tensor(np.ascontiguousarray(triangles, np.uint32)),
-        )
+        self._tree = TriangleTree(self._vertices, self._triangles)  # for whole scans: rays with one origin
+
+    @cached_property
+    def scene(self) -> RaycastingScene:
+        """The mesh for single rays and for distances, with as many threads as there are processors."""
+        from ..mesh.open3d_core import o3d
+
+        scene = o3d.t.geometry.RaycastingScene()
+        scene.add_triangles(o3d.core.Tensor(self._vertices), o3d.core.Tensor(self._triangles))
+        return scene
 
     def cast(self, origins: NDArray[np.floating], directions: NDArray[np.floating]) -> NDArray[np.float32]:
         """(r, 3) origins and unit directions to (r,) ranges in metres, inf where nothing is hit."""
-        rays = np.concatenate([origins, directions], axis=1).astype(np.float32)
-        ranges: NDArray[np.float32] = self.scene.cast_rays(o3d.core.Tensor(rays), self._threads)[
-            "t_hit"
-        ].numpy()
+        ranges: NDArray[np.float32] = self.scene.cast_rays(_tensor(origins, directions))["t_hit"].numpy()
         return ranges
 
     def surfaces_below(
@@ -52,33 +59,51 @@ class Simulator:
         level.
         """
         down = np.broadcast_to(np.array([0, 0, -1], np.float32), origins.shape)
-        rays = np.concatenate([origins, down], axis=1).astype(np.float32)
-        hit = self.scene.cast_rays(o3d.core.Tensor(rays))
+        hit = self.scene.cast_rays(_tensor(origins, down))
         return hit["t_hit"].numpy(), np.abs(hit["primitive_normals"].numpy()[:, 2])
 
     def distance(self, points: NDArray[np.floating]) -> NDArray[np.float32]:
         """(n, 3) points to (n,) distances in metres to the nearest surface."""
-        query = o3d.core.Tensor(np.ascontiguousarray(points, np.float32))
-        distances: NDArray[np.float32] = self.scene.compute_distance(query).numpy()
+        distances: NDArray[np.float32] = self.scene.compute_distance(_tensor(points)).numpy()
         return distances
 
+    def is_free(self, points: NDArray[np.floating], radius_m: float) -> NDArray[np.bool_]:
+        """Whether there is no surface within a radius of each of (n, 3) points."""
+        return self._tree.near_surface(np.ascontiguousarray(points, np.float32), radius_m) == 0
+
     def ranges(
-        self,
-        T_map_sensor: NDArray[np.float64],
-        sensor: SensorModel,
-        directions: NDArray[np.float32] | None = None,
+        self, T_map_sensor: NDArray[np.float64], sensor: SensorModel, rays: Rays | None = None
     ) -> Iterator[NDArray[np.float32]]:
         """Clean ranges at (n, 4, 4) poses, in chunks of (k, rays), inf where there is no return.
 
+        Poses without a rotation are quickest, and those side by side in turn.
+
         Args:
-            directions: (rays, 3) unit rays in the frame of the poses; None: ``sensor.directions()``.
+            rays: unit rays in the frame of the poses; None: ``Rays.of_sensor(sensor)``.
         """
-        directions = sensor.directions() if directions is None else directions
-        at_once = max(1, RAYS_AT_ONCE // len(directions))
+        rays = Rays.of_sensor(sensor) if rays is None else rays
+        at_once = max(1, RAYS_AT_ONCE // len(rays))
         for start in range(0, len(T_map_sensor), at_once):
             T = T_map_sensor[start : start + at_once]
-            world = np.einsum("nij,rj->nri", T[:, :3, :3].astype(np.float32), directions)
-            origins = np.broadcast_to(T[:, None, :3, 3].astype(np.float32), world.shape)
-            hit = self.cast(origins.reshape(-1, 3), world.reshape(-1, 3)).reshape(len(T), -1)
-            hit[(hit < sensor.min_range_m) | (hit > sensor.max_range_m)] = np.inf
-            yield hit
+            if (T[:, :3, :3] == _IDENTITY).all():
+                yield self._ranges(T[:, :3, 3], rays, sensor)
+            else:
+                yield np.concatenate([self._ranges(one[None, :3, 3], rays.turned(one), sensor) for one in T])
+
+    def _ranges(
+        self, origins: NDArray[np.floating], rays: Rays, sensor: SensorModel
+    ) -> NDArray[np.float32]:
+        """(k, rays) ranges of rays in the map's directions from (k, 3) origins."""
+        return self._tree.ranges(
+            np.ascontiguousarray(origins, np.float32),
+            rays.directions,
+            rays.order,
+            sensor.min_range_m,
+            sensor.max_range_m,
+        )
+
+
+def _tensor(*columns: NDArray[np.floating]):  # type: ignore[no-untyped-def]  # open3d has no types
+    from ..mesh.open3d_core import o3d
+
+    return o3d.core.Tensor(np.concatenate(columns, axis=1).astype(np.float32))

@@ -18,6 +18,7 @@ from firstfix.sensor import SensorModel
 
 from ..execution.chunks import Arrays, Chunk
 from ..simulation.local_simulator import local_simulator
+from ..simulation.rays import Rays
 from ..simulation.simulate import Simulator
 from ..viewpoints.even_sample import rows_by_place
 
@@ -52,13 +53,14 @@ def view_distance_m(simulator: Simulator, positions: NDArray[np.floating], senso
     """
     chosen = positions[rows_by_place(positions, _VIEW_VIEWPOINTS, _VIEW_CELL_M)]
     probe = sensor.coarser(4000)
-    directions = probe.directions_at_any_heading()
+    rays = Rays.at_any_heading(probe)
+    directions = rays.directions
     horizontal = np.linalg.norm(directions[:, :2], axis=1)
     columns = round(360 / probe.azimuth_step_deg)
     turn = np.arctan2(directions[:, 1], directions[:, 0]) / (2 * np.pi)
     column = np.rint(turn * columns).astype(int) % columns
     furthest = []
-    for ranges in simulator.ranges(upright(chosen), probe, directions):
+    for ranges in simulator.ranges(upright(chosen), probe, rays):
         away = np.zeros((columns, len(ranges)), np.float32)
         np.maximum.at(away, column, (np.where(np.isfinite(ranges), ranges, 0) * horizontal).T)
         furthest.append(away.ravel())
@@ -94,13 +96,13 @@ class TemplatesChunk(Chunk):
         simulator = local_simulator(
             inputs["mesh"], np.array(self.low), np.array(self.high), self.sensor.max_range_m
         )
-        descriptor, directions = self.descriptor.make(), self.sensor.directions_at_any_heading()
+        descriptor, rays = self.descriptor.make(), Rays.at_any_heading(self.sensor)
         described = []
         for start in range(0, len(positions), SCANS_AT_ONCE):
             here = slice(start, start + SCANS_AT_ONCE)
             T = upright(positions[here])
-            ranges = np.concatenate(list(simulator.ranges(T, self.sensor, directions)))
-            described.append(descriptor.describe(scan_batch(ranges, directions, height_m[here])))
+            ranges = np.concatenate(list(simulator.ranges(T, self.sensor, rays)))
+            described.append(descriptor.describe(scan_batch(ranges, rays.directions, height_m[here])))
         return {
             "position_m": positions.astype(np.float32),
             "height_m": height_m.astype(np.float32),

@@ -67,7 +67,6 @@ def test_a_cloud_learns_its_faces_and_keeps_what_nobody_sees():
 def test_block_by_block_the_same_is_seen(monkeypatch):
     whole = map_surface(None, two_rooms(), VIEWPOINTS, SENSOR, 0.1, 0.12)
     monkeypatch.setattr(visible_points_module, "BLOCK_M", 2.0)
-    monkeypatch.setattr(visible_points_module, "MOST_LOOSE", 1)
     monkeypatch.setattr(visible_points_module, "AT_ONCE", 1)
     parted = map_surface(None, two_rooms(), VIEWPOINTS, SENSOR, 0.1, 0.12)
     away_m, row = cKDTree(whole.points).query(parted.points)

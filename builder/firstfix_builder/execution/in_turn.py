@@ -1,0 +1,29 @@
+"""Work in threads whose results are taken one after the other, in order."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TypeVar
+
+_T = TypeVar("_T")
+_R = TypeVar("_R")
+
+
+def in_turn(function: Callable[[_T], _R], items: Iterable[_T]) -> Iterator[tuple[_T, _R]]:
+    """Yields each item with the function's result, which as many threads work on as there are processors.
+
+    They work only a few items ahead, so that few results are in memory.
+    """
+    workers = os.cpu_count() or 1
+    waiting: deque[tuple[_T, Future[_R]]] = deque()
+    with ThreadPoolExecutor(workers) as threads:
+        for item in items:
+            waiting.append((item, threads.submit(function, item)))
+            if len(waiting) > 2 * workers:
+                first, future = waiting.popleft()
+                yield first, future.result()
+        for item, future in waiting:
+            yield item, future.result()

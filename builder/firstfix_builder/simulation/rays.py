@@ -1,0 +1,63 @@
+"""Rays of a sensor, made once and moved from pose to pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firstfix.native import bundle_rays
+from firstfix.scan.levelling import turned
+from firstfix.sensor import SensorModel
+from firstfix.transform import Matrix
+
+KEPT = 8  # sensors
+
+
+@dataclass(frozen=True)
+class Rays:
+    """Unit rays from one origin.
+
+    Attributes:
+        directions: (n, 3) float32.
+        order: (n,) uint32, their rows in the order in which neighbours are cast together.
+    """
+
+    directions: NDArray[np.float32]
+    order: NDArray[np.uint32]
+
+    def __len__(self) -> int:
+        return len(self.directions)
+
+    @classmethod
+    def of(cls, directions: NDArray[np.float32]) -> Rays:
+        """Rays of (n, 3) unit directions."""
+        rays = np.array(directions, np.float32, order="C")
+        rays.setflags(write=False)
+        return cls(rays, bundle_rays(rays))
+
+    @staticmethod
+    def of_sensor(sensor: SensorModel) -> Rays:
+        """``sensor.directions()``, in the sensor frame."""
+        return _of_sensor(sensor)
+
+    @staticmethod
+    def at_any_heading(sensor: SensorModel) -> Rays:
+        """``sensor.directions_at_any_heading()``, in the frame of a level robot."""
+        return _at_any_heading(sensor)
+
+    def turned(self, T: Matrix) -> Rays:
+        """The rays, brought from the right frame of T to its left frame. Neighbours stay neighbours."""
+        return Rays(np.ascontiguousarray(turned(self.directions, T[:3, :3])), self.order)
+
+
+@lru_cache(KEPT)
+def _of_sensor(sensor: SensorModel) -> Rays:
+    return Rays.of(sensor.directions())
+
+
+@lru_cache(KEPT)
+def _at_any_heading(sensor: SensorModel) -> Rays:
+    return Rays.of(sensor.directions_at_any_heading())

@@ -1,0 +1,82 @@
+// Whether a mesh comes near to a point.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+
+#include "firstfix/simulation/triangle_tree.hpp"
+#include "firstfix/simulation/wide.hpp"
+
+namespace firstfix {
+namespace detail {
+
+struct Vector {
+  float x, y, z;
+
+  Vector operator-(const Vector& o) const { return {x - o.x, y - o.y, z - o.z}; }
+  Vector operator+(const Vector& o) const { return {x + o.x, y + o.y, z + o.z}; }
+  Vector operator*(float s) const { return {x * s, y * s, z * s}; }
+  float dot(const Vector& o) const { return x * o.x + y * o.y + z * o.z; }
+};
+
+// Squared distance from the origin to a triangle (Ericson, Real-Time Collision Detection, 5.1.5).
+inline float squared_to_triangle(const Vector& a, const Vector& b, const Vector& c) {
+  const Vector ab = b - a, ac = c - a;
+  const float d1 = -ab.dot(a), d2 = -ac.dot(a);
+  if (d1 <= 0 && d2 <= 0) return a.dot(a);
+  const float d3 = -ab.dot(b), d4 = -ac.dot(b);
+  if (d3 >= 0 && d4 <= d3) return b.dot(b);
+  const float d5 = -ab.dot(c), d6 = -ac.dot(c);
+  if (d6 >= 0 && d5 <= d6) return c.dot(c);
+  const float vc = d1 * d4 - d3 * d2, vb = d5 * d2 - d1 * d6, va = d3 * d6 - d5 * d4;
+  Vector nearest = a;
+  if (vc <= 0 && d1 >= 0 && d3 <= 0) {
+    nearest = d1 > d3 ? a + ab * (d1 / (d1 - d3)) : a;
+  } else if (vb <= 0 && d2 >= 0 && d6 <= 0) {
+    nearest = d2 > d6 ? a + ac * (d2 / (d2 - d6)) : a;
+  } else if (va <= 0 && d4 >= d3 && d5 >= d6) {
+    const float along = d4 - d3, other = d5 - d6;
+    nearest = along + other > 0 ? b + (c - b) * (along / (along + other)) : b;
+  } else {
+    const float whole = va + vb + vc;
+    nearest = a + ab * (vb / whole) + ac * (vc / whole);
+  }
+  return nearest.dot(nearest);
+}
+
+}  // namespace detail
+
+// Whether any triangle is within `radius_m` of a point (3,).
+inline bool is_near_surface(const TriangleTree& tree, const float* point, float radius_m) {
+  const float limit = radius_m * radius_m;
+  std::int32_t stack[TriangleTree::kWidth * TriangleTree::kMostLevels];
+  int depth = 0;
+  stack[depth++] = 0;
+  while (depth) {
+    const std::int32_t at = stack[--depth];
+    if (at >= 0) {
+      const TriangleTree::Node& node = tree.nodes()[static_cast<std::size_t>(at)];
+      for (int i = 0; i < TriangleTree::kWidth; ++i) {
+        float squared = 0;
+        for (int a = 0; a < 3; ++a) {
+          const float gap = std::max({node.low[a][i] - point[a], point[a] - node.high[a][i], 0.0F});
+          squared += gap * gap;
+        }
+        if (squared <= limit) stack[depth++] = node.child[i];
+      }
+      continue;
+    }
+    const TriangleTree::Leaf& leaf = tree.leaves()[static_cast<std::size_t>(~at)];
+    for (int i = 0; i < leaf.count; ++i) {
+      detail::Vector corner[3];
+      for (int k = 0; k < 3; ++k) {
+        corner[k] = {leaf.corner[k][0][i] - point[0], leaf.corner[k][1][i] - point[1], leaf.corner[k][2][i] - point[2]};
+      }
+      if (detail::squared_to_triangle(corner[0], corner[1], corner[2]) < limit) return true;
+    }
+  }
+  return false;
+}
+
+}  // namespace firstfix

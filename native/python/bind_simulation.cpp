@@ -1,0 +1,84 @@
+#include <cmath>
+#include <cstdint>
+#include <limits>
+
+#include "arrays.hpp"
+#include "firstfix/simulation/cast_rays.hpp"
+#include "firstfix/simulation/nearest_surface.hpp"
+#include "firstfix/simulation/ray_bundles.hpp"
+#include "firstfix/simulation/triangle_tree.hpp"
+#include "rooms.hpp"
+
+namespace firstfix::python {
+namespace {
+
+using Points = In<float, nb::shape<-1, 3>>;
+using Rows = In<std::uint32_t, nb::shape<-1>>;
+
+bool within(const Points& values, float limit) {
+  bool ok = true;
+  for (std::size_t i = 0; i < values.size(); ++i) ok &= std::fabs(values.data()[i]) <= limit;  // not a number: not ok
+  return ok;
+}
+
+void make_tree(TriangleTree* place, Points vertices, In<std::uint32_t, nb::shape<-1, 3>> triangles) {
+  const std::size_t count = triangles.shape(0);
+  require(count >= 1 && count <= 1U << 30, "a mesh has between 1 and 2^30 triangles");
+  require(within(vertices, TriangleTree::kMostAway), "a vertex is not finite or too far away");
+  std::uint32_t highest = 0;
+  for (std::size_t i = 0; i < 3 * count; ++i) highest = std::max(highest, triangles.data()[i]);
+  require(highest < vertices.shape(0), "a triangle has a vertex that is not there");
+  nb::gil_scoped_release release;
+  new (place) TriangleTree(vertices.data(), triangles.data(), count);
+}
+
+auto ranges(const TriangleTree& tree, Points origins, Points directions, Rows order, float min_range_m,
+            float max_range_m) {
+  const std::size_t number = origins.shape(0), count = directions.shape(0);
+  require(within(origins, TriangleTree::kMostAway), "an origin is not finite or too far away");
+  require(within(directions, 2), "a direction is no unit vector");
+  require(order.shape(0) == count, "order and directions differ in length");
+  for (std::size_t i = 0; i < count; ++i) require(order.data()[i] < count, "order has a row that is not there");
+  require(min_range_m >= 0 && min_range_m <= max_range_m && max_range_m <= TriangleTree::kMostAway,
+          "the limits of ranges are out of order");
+  std::vector<float> result;
+  {
+    nb::gil_scoped_release release;
+    result.assign(number * count, std::numeric_limits<float>::infinity());
+    cast_rays(tree, origins.data(), number, directions.data(), order.data(), count, min_range_m, max_range_m,
+              result.data());
+  }
+  return array_of(std::move(result), {number, count});
+}
+
+auto near_surface(const TriangleTree& tree, Points points, float radius_m) {
+  require(within(points, TriangleTree::kMostAway), "a point is not finite or too far away");
+  const std::size_t count = points.shape(0);
+  std::vector<std::uint8_t> result;
+  {
+    nb::gil_scoped_release release;
+    result.resize(count);
+    for (std::size_t i = 0; i < count; ++i) result[i] = is_near_surface(tree, points.data() + 3 * i, radius_m);
+  }
+  return array_of(std::move(result), {count});
+}
+
+}  // namespace
+
+void bind_simulation(nb::module_& module) {
+  nb::class_<TriangleTree>(module, "TriangleTree")
+      .def("__init__", &make_tree, nb::arg("vertices"), nb::arg("triangles"))
+      .def("ranges", &ranges, nb::arg("origins"), nb::arg("directions"), nb::arg("order"), nb::arg("min_range_m"),
+           nb::arg("max_range_m"))
+      .def("near_surface", &near_surface, nb::arg("points"), nb::arg("radius_m"));
+  module.def(
+      "bundle_rays",
+      [](Points directions) {
+        require(within(directions, 2), "a direction is no unit vector");
+        const std::size_t count = directions.shape(0);
+        return array_of(bundle_rays(directions.data(), count), {count});
+      },
+      nb::arg("directions"));
+}
+
+}  // namespace firstfix::python
