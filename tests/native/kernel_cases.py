@@ -1,4 +1,4 @@
-"""One table of calls of the kernels: every function of ``firstfix.native`` stands in it.
+"""One table of calls of the kernels: every function and class of ``firstfix.native`` stands in it.
 
 A case is named after its kernel, with more words after a comma where there are several. As a program, it
 prints the digest of each result: the instruction sets must agree.
@@ -13,6 +13,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from firstfix.engine.registration.surface import Surface
+from firstfix.engine.registration.surface_grid import SurfaceGrid
+from firstfix.engine.verification.point_tiles import PointTiles
+from firstfix.scan.range_view import RangeView
+from firstfix.transform import make_transform
 
 _RNG = np.random.default_rng(16)
 
@@ -41,6 +47,33 @@ EDGES_M = np.float32([0.3, 1.0, 1.8, 3.0, 6.0, 25.0])
 OCCUPANCY = np.packbits(_RNG.random((40, 100 * 60)) < 0.1, axis=1)
 YAWS_RAD = _RNG.uniform(-4, 4, 300)
 START = np.array([0, 7000, 7000, len(STREET)])
+CELLS = np.array([90, 90, 90])
+OCTETS = _RNG.integers(0, 256, (12, 500), np.uint8)
+SURFACE = Surface(FEW, NORMALS, NORMALS[:, 0] > 0)
+ANGLES = np.stack([np.cos(np.arange(100) / 16), np.sin(np.arange(100) / 16)])
+T_MAP_SENSOR = make_transform(R_LEVEL_SENSOR, [1.0, -2.0, 0.5])
+
+
+def _seen_surface(native: Any) -> Any:
+    seen = native.SeenSurface(0.5)
+    seen.add(FEW[:3] / 9, NORMALS, np.abs(FEW[:, :1]).repeat(3, axis=1).T.copy())
+    return seen.means()
+
+
+def _cast(native: Any) -> Any:
+    tree = native.TriangleTree(FEW, np.arange(3000, dtype=np.uint32).reshape(-1, 3))
+    order = native.bundle_rays(NORMALS)
+    return tree.ranges(FEW[:2] / 9, NORMALS, order, 0.1, 60.0), tree.near_surface(FEW[::2] / 2, 0.3)
+
+
+def _aligned() -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
+    return FEW[::5] + np.float32(0.05), NORMALS[::5], SURFACE.oriented[::5]
+
+
+def _view() -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
+    seen = RangeView.of(STREET)
+    return seen.returned, seen.least
+
 
 CASES: dict[str, Callable[[Any], Any]] = {
     "rows_by_chance": lambda native: native.rows_by_chance(120_000, 7_001),
@@ -71,6 +104,38 @@ CASES: dict[str, Callable[[Any], Any]] = {
     "best_shifts": lambda native: native.best_shifts(OCCUPANCY[0], OCCUPANCY, np.arange(1, 40), 100, 60),
     "spread_out": lambda native: native.spread_out(
         STREET[:300].astype(np.float64), YAWS_RAD, 50, 3.0, np.cos(0.5), 3
+    ),
+    "usable_points, float": lambda native: native.usable_points(*STREET.T),
+    "usable_points, double": lambda native: native.usable_points(*WIDE.T / 9e3),
+    "all_within": lambda native: native.all_within(STREET, 30.0),
+    "points_of_planes, 2 bytes": lambda native: native.points_of_planes(OCTETS[:6], 0.01, R_LEVEL_SENSOR[0]),
+    "points_of_planes, 4 bytes": lambda native: native.points_of_planes(OCTETS, 1e-7, R_LEVEL_SENSOR[0]),
+    "intensity_of_planes": lambda native: native.intensity_of_planes(OCTETS[:2], 0.3, -1.0),
+    "range_image_points": lambda native: native.range_image_points(
+        OCTETS[0, :250] & 0x11, OCTETS[1] & 0x7F, 500, 0.02, ANGLES, ANGLES
+    ),
+    "compact_points": lambda native: native.compact_points(
+        OCTETS[:4] * np.uint8([[1], [0], [0], [0]]), OCTETS[4:6].ravel(), np.array([-9, 0, 7]), CELLS, 0.02
+    ),
+    "ranges_of_levels": lambda native: native.ranges_of_levels(
+        np.concatenate([np.full(50, 255, np.uint8), OCTETS[0, :400]]),
+        np.arange(256, dtype=np.float32) / 3,
+        400,
+    ),
+    "column_means": lambda native: native.column_means(np.column_stack([FEW, NORMALS]).astype(float), 0.7),
+    "SeenSurface": _seen_surface,
+    "bundle_rays": lambda native: native.bundle_rays(NORMALS),
+    "TriangleTree": _cast,
+    "SurfaceGrid": lambda native: SurfaceGrid.of(SURFACE, 0.5).nearest(FEW[::3]),
+    "align": lambda native: native.align(
+        SurfaceGrid.of(SURFACE, 0.5).tables, *_aligned(), np.eye(4)[None], 5, 0.4, 0.5, 0.13
+    ),
+    "distinct_poses": lambda native: native.distinct_poses(
+        np.array([make_transform(np.eye(3), at) for at in FEW[:200] / 20]), 0.5, 0.2, 50
+    ),
+    "PointTiles": lambda native: PointTiles.of(FEW, 0.2).tables.nearest_by_direction(T_MAP_SENSOR, 30.0),
+    "free_space_violation": lambda native: native.free_space_violation(
+        PointTiles.of(FEW, 0.2).tables, PointTiles.of(FEW, 0.4).tables, 40.0, *_view(), T_MAP_SENSOR
     ),
 }
 
