@@ -22,7 +22,7 @@ using Rotation = In<double, nb::shape<3, 3>>;
 using Direction = In<double, nb::shape<3>>;
 using View = In<float, nb::shape<kViewRows, kViewColumns>>;
 
-// Of two overloads, nanobind takes the first one for an array that has to be copied: that of double, which loses nothing.
+// Of two overloads, nanobind takes the first one for an array that must be copied: that of double, which loses nothing.
 template <class T>
 void bind_vectors(nb::module_& module) {
   using namespace nb::literals;
@@ -158,7 +158,8 @@ void bind_scan(nb::module_& module) {
           flat = flat_patches(means.data(), means.shape(0), side_m);
         }
         const std::size_t count = flat.points.size() / 3;
-        return std::make_tuple(array_of(std::move(flat.points), {count, 3}), array_of(std::move(flat.normals), {count, 3}));
+        return std::make_tuple(array_of(std::move(flat.points), {count, 3}),
+                               array_of(std::move(flat.normals), {count, 3}));
       },
       "means"_a, "side_m"_a);
   bind_vectors<double>(module);

@@ -1,5 +1,5 @@
-// The exponential of numbers up to 0, in plain arithmetic: a loop over it becomes vector instructions, and its results do
-// not depend on a library or a processor. The relative error is below 2e-7 in float and 1e-15 in double.
+// The exponential of numbers up to 0, in plain arithmetic: a loop over it becomes vector instructions, and its results
+// do not depend on a library or a processor. The relative error is below 2e-7 in float and 1e-15 in double.
 #pragma once
 
 #include <cstdint>

@@ -1,5 +1,5 @@
-// Vectors of as many lanes as the processor's registers have: the compiler's vector type. For kernels of the engine whose
-// results do not depend on the number of lanes; what a robot runs too is written as plain loops.
+// Vectors of as many lanes as the processor's registers have: the compiler's vector type. For kernels of the engine
+// whose results do not depend on the number of lanes; what a robot runs too is written as plain loops.
 #pragma once
 
 #include <cmath>

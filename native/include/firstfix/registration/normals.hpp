@@ -20,9 +20,9 @@ struct Neighbourhoods {
   FloatLanes sum[10];  // 1, x, y, z, xx, xy, xz, yy, yz, zz
 };
 
-// Neighbourhoods of points of one leaf, some lanes of them at once. The neighbours of a point are its ten nearest, itself
-// among them, and all others that are no further. Sums go in the order of the tree, so they depend neither on the way
-// to a leaf nor on the number of lanes.
+// Neighbourhoods of points of one leaf, some lanes of them at once. The neighbours of a point are its ten nearest,
+// itself among them, and all others that are no further. Sums go in the order of the tree, so they depend neither on
+// the way to a leaf nor on the number of lanes.
 class NeighbourSearch {
  public:
   explicit NeighbourSearch(const KdTree& tree) : tree_(tree) {}
@@ -188,8 +188,9 @@ inline void least_axes(const Neighbourhoods& of, FloatLanes* axes) {
 
 // Unit normals of points, (count, 3) each. Points are finite and at most 1e15 m from the origin.
 //
-// `to_viewer` holds (count, 3) directions of any length, 0 if unknown, or is null. Where it is known, the normal is the one
-// on the viewer's side; `oriented` tells whether that is sure: a surface seen at a low angle may be seen from either side.
+// `to_viewer` holds (count, 3) directions of any length, 0 if unknown, or is null. Where it is known, the normal is the
+// one on the viewer's side; `oriented` tells whether that is sure: a surface seen at a low angle may be seen from either
+// side.
 inline void surface_normals(const float* points, std::size_t count, const float* to_viewer, float* normals,
                             std::uint8_t* oriented) {
   using detail::kFloatLanes;

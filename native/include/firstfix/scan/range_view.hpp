@@ -31,7 +31,8 @@ inline void nearest_by_direction(const float* points, std::size_t count, float* 
       const float column = (detail::atan2_turns(y, x) + 0.5F) * kCellsATurn;
       const float row = (detail::atan2_turns(z, std::sqrt(across2)) + 0.25F) * kCellsATurn;
       // 0 for the angle of a point that is not finite: converting NaN to an integer is not defined
-      const auto c = static_cast<std::int32_t>(std::max(0.0F, column)), r = static_cast<std::int32_t>(std::max(0.0F, row));
+      const auto c = static_cast<std::int32_t>(std::max(0.0F, column));
+      const auto r = static_cast<std::int32_t>(std::max(0.0F, row));
       cell[i] = std::min(r, static_cast<std::int32_t>(kViewRows) - 1) * static_cast<std::int32_t>(kViewColumns) +
                 (c < static_cast<std::int32_t>(kViewColumns) ? c : 0);
       range_m[i] = distance > kNearestM ? distance : std::numeric_limits<float>::infinity();
@@ -68,7 +69,7 @@ namespace detail {
 // The nearest range in every direction, infinite where there is no return.
 inline std::vector<float> nearest_by_direction(const std::vector<Point>& points) {
   std::vector<float> nearest(kDirections, std::numeric_limits<float>::infinity());
-  firstfix::nearest_by_direction(coordinates(points), points.size(), nearest.data());
+  firstfix::nearest_by_direction(numbers_of(points), points.size(), nearest.data());
   return nearest;
 }
 

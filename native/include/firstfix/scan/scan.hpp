@@ -28,7 +28,9 @@ struct Point {
 // The points' numbers: x, y, z of the first one, then of the next.
 static_assert(sizeof(Point) == 3 * sizeof(float) && std::is_standard_layout_v<Point>);
 inline float* numbers_of(std::vector<Point>& points) { return reinterpret_cast<float*>(points.data()); }
-inline const float* numbers_of(const std::vector<Point>& points) { return reinterpret_cast<const float*>(points.data()); }
+inline const float* numbers_of(const std::vector<Point>& points) {
+  return reinterpret_cast<const float*>(points.data());
+}
 
 struct Scan {
   std::vector<Point> points;
@@ -46,13 +48,6 @@ namespace detail {
 inline Vector3 vector_of(const Point& p) {
   return {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)};
 }
-
-// The numbers of a list of points, x y z x y z, as the kernels take them.
-inline const float* coordinates(const std::vector<Point>& points) {
-  static_assert(sizeof(Point) == 3 * sizeof(float));
-  return reinterpret_cast<const float*>(points.data());
-}
-inline float* coordinates(std::vector<Point>& points) { return reinterpret_cast<float*>(points.data()); }
 
 }  // namespace detail
 

@@ -87,7 +87,8 @@ detail::Vector3 refined_up(const T* normals, std::size_t count, detail::Vector3 
     for (std::size_t k = 0; k < 6; ++k) {
       for (const double part : sum[k]) s[k] += part;
     }
-    detail::Vector3 refined = detail::smallest_eigenvector({{{s[0], s[1], s[2]}, {s[1], s[3], s[4]}, {s[2], s[4], s[5]}}}).vector;
+    const detail::Matrix3 scatter{{{s[0], s[1], s[2]}, {s[1], s[3], s[4]}, {s[2], s[4], s[5]}}};
+    detail::Vector3 refined = detail::smallest_eigenvector(scatter).vector;
     double agrees = detail::dot(refined, up);
     if (!(agrees > 0)) {
       for (double& v : refined) v = -v;
@@ -122,13 +123,13 @@ inline Vector3 estimate_up(const std::vector<Vector3>& all_normals) {
   const std::vector<Vector3> normals = at_most(all_normals, kVoters);
   const std::vector<Vector3> directions = up_candidates();
   std::vector<double> won(directions.size());
-  votes(coordinates(normals), normals.size(), coordinates(directions), directions.size(), won.data());
+  votes(numbers_of(normals), normals.size(), numbers_of(directions), directions.size(), won.data());
   for (std::size_t i = 0; i < won.size(); ++i) {  // a weak preference for an upright sensor
     const double tilt_deg = std::acos(std::clamp(directions[i][2], -1.0, 1.0)) * (180 / kPi);
     won[i] *= 1 - 0.15 * tilt_deg / 35.0;
   }
   const auto voted = static_cast<std::size_t>(std::max_element(won.begin(), won.end()) - won.begin());
-  return refined_up(coordinates(normals), normals.size(), directions[voted]);
+  return refined_up(numbers_of(normals), normals.size(), directions[voted]);
 }
 
 }  // namespace detail

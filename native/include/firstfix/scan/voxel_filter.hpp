@@ -74,7 +74,7 @@ namespace detail {
 // Usable points between two distances from the origin.
 inline std::vector<Point> within_range(const std::vector<Point>& points, double min_range_m, double max_range_m) {
   std::vector<Point> kept(points.size());
-  kept.resize(firstfix::within_range(coordinates(points), points.size(), min_range_m, max_range_m, coordinates(kept)));
+  kept.resize(firstfix::within_range(numbers_of(points), points.size(), min_range_m, max_range_m, numbers_of(kept)));
   kept.erase(std::remove_if(kept.begin(), kept.end(), [](const Point& p) { return !usable(p); }), kept.end());
   return kept;
 }
@@ -90,13 +90,13 @@ std::vector<T> at_most(const std::vector<T>& points, std::size_t count) {
 }
 
 inline std::vector<std::int64_t> first_in_voxel(const std::vector<Point>& points, double voxel_m) {
-  return firstfix::first_in_voxel(coordinates(points), points.size(), voxel_m);
+  return firstfix::first_in_voxel(numbers_of(points), points.size(), voxel_m);
 }
 
 inline std::vector<Vector3> voxel_means(const std::vector<Point>& points, double voxel_m) {
-  const std::vector<double> means = firstfix::voxel_means(coordinates(points), points.size(), voxel_m);
+  const std::vector<double> means = firstfix::voxel_means(numbers_of(points), points.size(), voxel_m);
   std::vector<Vector3> vectors(means.size() / 3);
-  std::copy(means.begin(), means.end(), coordinates(vectors));
+  std::copy(means.begin(), means.end(), numbers_of(vectors));
   return vectors;
 }
 

@@ -56,7 +56,8 @@ VoxelBox voxel_box(const T* points, std::size_t count, double voxel_m) {
     usable = usable && not_finite[axis] == 0 && size >= 1 && size <= kMostVoxels;
     box.size[axis] = usable ? static_cast<std::uint64_t>(size) : 1;
   }
-  const double voxels = static_cast<double>(box.size[0]) * static_cast<double>(box.size[1]) * static_cast<double>(box.size[2]);
+  double voxels = 1;
+  for (const std::uint64_t size : box.size) voxels *= static_cast<double>(size);
   if (!usable || voxels > 4611686018427387904.0) {  // 2^62
     throw std::invalid_argument("points are not finite, or too far apart for voxels of this size");
   }
