@@ -189,8 +189,7 @@ inline void least_axes(const Neighbourhoods& of, FloatLanes* axes) {
 // Unit normals of points, (count, 3) each. Points are finite and at most 1e15 m from the origin.
 //
 // `to_viewer` holds (count, 3) directions of any length, 0 if unknown, or is null. Where it is known, the normal is the
-// one on the viewer's side; `oriented` tells whether that is sure: a surface seen at a low angle may be seen from either
-// side.
+// one on the viewer's side. `oriented` tells whether that is sure: a surface at a low angle may be seen from either side.
 inline void surface_normals(const float* points, std::size_t count, const float* to_viewer, float* normals,
                             std::uint8_t* oriented) {
   using detail::kFloatLanes;
