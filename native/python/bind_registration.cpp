@@ -17,6 +17,7 @@ using Points = In<float, nb::shape<-1, 3>>;
 using Flags = In<bool, nb::ndim<1>>;
 using Poses = In<double, nb::shape<-1, 4, 4>>;
 using Cubes = In<std::int32_t, nb::ndim<4>>;
+constexpr int kMostIterations = 1000;  // a caller's slip must not keep a thread for hours
 
 const std::uint8_t* bytes_of(const Flags& flags) { return reinterpret_cast<const std::uint8_t*>(flags.data()); }
 
@@ -93,7 +94,10 @@ auto align_all(const Grid& grid, Points points, Points normals, Flags oriented, 
   const std::size_t scan_points = points.shape(0), poses = T_start.shape(0);
   require(normals.shape(0) == scan_points && oriented.shape(0) == scan_points,
           "points, normals and oriented differ in length");
-  require(iterations >= 0 && reach_m > 0 && half_angle > 0 && inlier_distance_m > 0, "a parameter is not positive");
+  require(iterations >= 0 && iterations <= kMostIterations, "there must be 0 to 1000 iterations");
+  for (const float parameter : {reach_m, half_angle, inlier_distance_m}) {
+    require(parameter > 1e-6F && parameter < 1e6F, "a parameter is not positive, or too large");
+  }
   std::vector<double> T(16 * poses), information(36 * poses), inlier_ratio(poses), alignment_score(poses);
   {
     nb::gil_scoped_release release;

@@ -183,8 +183,16 @@ def test_tables_of_another_shape_or_type_are_refused():
             replace(grid, **wrong)
     with pytest.raises(ValueError, match="differ in length"):
         align(grid, replace(scan, oriented=scan.oriented[:-1]), np.eye(4)[None], **FINE)
-    with pytest.raises(ValueError, match="not positive"):
-        align(grid, scan, np.eye(4)[None], **{**FINE, "reach_m": 0.0})
+    for wrong in (
+        {"reach_m": 0.0},
+        {"reach_m": np.inf},
+        {"half_angle": np.nan},
+        {"half_angle": -1.0},
+        {"iterations": -1},
+        {"iterations": 2**31 - 1},
+    ):
+        with pytest.raises(ValueError, match=r"not positive|iterations"):
+            align(grid, scan, np.eye(4)[None], **{**FINE, **wrong})
 
 
 def test_a_pickled_grid_finds_the_same():
