@@ -62,7 +62,7 @@ def learn_keys(
         prepared = preprocess(scan, None, engine.preprocess, sensor.R_base_sensor)
         done += 1
         progress(done / len(cases))
-        return None if prepared is None else descriptor.describe(prepared.scans[0].batch)
+        return None if prepared is None else prepared.scans[0].described_by(descriptor)
 
     made = [(case, one) for case, one in zip(cases, executor.map(described, cases), strict=True) if one]
     if not made:

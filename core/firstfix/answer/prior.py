@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InvalidOption
+from ..transform import Matrix
 
 MAX_RADIUS_M = 1e6
 
@@ -49,18 +50,16 @@ class Prior:
         sphere = [*(float(v) for v in self.position_m), self.radius_m]
         return sphere if self.yaw_range_deg >= 180 else [*sphere, self.yaw_deg, self.yaw_range_deg]
 
-    def allows(
+    def allows(self, T_map_sensor: Matrix, slack_m: float = 0.0, slack_deg: float = 0.0) -> bool:
+        """Returns whether a pose agrees with the prior, with slack for a pose that is not registered yet."""
+        return bool(self.allows_each(T_map_sensor[None], slack_m, slack_deg)[0])
+
+    def allows_each(
         self, T_map_sensor: NDArray[np.float64], slack_m: float = 0.0, slack_deg: float = 0.0
     ) -> NDArray[np.bool_]:
-        """Returns whether a pose agrees with the prior, with slack for a pose that is not registered yet.
-
-        Args:
-            T_map_sensor: (4, 4), or (k, 4, 4) for several answers at once.
-        """
-        away_m = np.linalg.norm(T_map_sensor[..., :3, 3] - self.position_m, axis=-1)
-        off = np.degrees(np.arctan2(T_map_sensor[..., 1, 0], T_map_sensor[..., 0, 0])) - self.yaw_deg
+        """Returns whether each of (k, 4, 4) poses agrees with the prior, as ``allows`` does."""
+        away_m = np.linalg.norm(T_map_sensor[:, :3, 3] - self.position_m, axis=1)
+        off = np.degrees(np.arctan2(T_map_sensor[:, 1, 0], T_map_sensor[:, 0, 0])) - self.yaw_deg
         turned_deg = np.abs((off + 180) % 360 - 180)
-        allowed: NDArray[np.bool_] = (away_m <= self.radius_m + slack_m) & (
-            turned_deg <= self.yaw_range_deg + slack_deg
-        )
-        return allowed
+        is_near: NDArray[np.bool_] = away_m <= self.radius_m + slack_m
+        return is_near & (turned_deg <= self.yaw_range_deg + slack_deg)

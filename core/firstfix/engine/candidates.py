@@ -118,7 +118,7 @@ def _of_scan(
 
     rows = np.arange(len(matches.rows))
     if prior is not None:
-        rows = rows[prior.allows(index.T_map_level @ poses(rows), np.inf, YAW_SLACK_DEG)]
+        rows = rows[prior.allows_each(index.T_map_level @ poses(rows), np.inf, YAW_SLACK_DEG)]
     rows = rows[spread_out(position_m[rows], yaw_rad[rows], count, SPOT_M, _SPOT_COS, MAX_PER_SPOT)]
     return Candidates(matches.rows[rows], poses(rows), matches.score[rows])
 

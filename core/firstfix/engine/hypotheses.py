@@ -52,7 +52,7 @@ class HypothesisSearch:
         aligned = surface.align(sparse, surface.align_coarse(sparse, candidates.T_level_sensor))
         rows = np.argsort(-aligned.alignment_score, kind="stable")
         if self._prior is not None:
-            rows = rows[self._prior.allows(self._index.T_map_level @ aligned.T_level_sensor[rows])]
+            rows = rows[self._prior.allows_each(self._index.T_map_level @ aligned.T_level_sensor[rows])]
         first = distinct(aligned.T_level_sensor[rows], most=self._index.config.verification.compared)
         return [
             RegisteredCandidate(self._index, self._map_id, int(candidates.template[row]), aligned[row])

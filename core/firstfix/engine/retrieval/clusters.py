@@ -64,7 +64,15 @@ class Clusters:
 
     @classmethod
     def load(cls, directory: Path) -> Clusters:
-        """Reads a version's files, memory-mapped."""
-        return cls(
+        """Reads a version's files, memory-mapped.
+
+        Raises:
+            ValueError, OSError: a file is missing or damaged, or does not fit the others.
+        """
+        clusters = cls(
             **{f.name: np.load(directory / f"cluster_{f.name}.npy", mmap_mode="r") for f in fields(cls)}
         )
+        start, count = clusters.start, len(clusters)
+        if start.shape != (count + 1,) or start[0] != 0 or start[-1] != len(clusters.member):
+            raise ValueError("cluster_start.npy does not fit the clusters and their members")
+        return clusters

@@ -42,13 +42,23 @@ class Templates:
 
     @classmethod
     def load(cls, directory: Path, descriptor: Descriptor) -> Templates:
-        """Reads a version's files, memory-mapped: replicas on one machine share the pages."""
+        """Reads a version's files, memory-mapped: replicas on one machine share the pages.
+
+        Raises:
+            ValueError, OSError: a file is missing or damaged, or does not fit the others.
+        """
 
         def read(name: str) -> NDArray[Any]:
             array: NDArray[Any] = np.load(directory / f"{PREFIX}{name}.npy", mmap_mode="r")
             return array
 
-        return cls(read("position_m"), read("height_m"), {name: read(name) for name in descriptor.arrays})
+        templates = cls(
+            read("position_m"), read("height_m"), {name: read(name) for name in descriptor.arrays}
+        )
+        for name, array in templates._arrays().items():
+            if not array.ndim or len(array) != len(templates):
+                raise ValueError(f"{PREFIX}{name}.npy does not have a row for each template")
+        return templates
 
     @classmethod
     def concatenate(cls, parts: list[Templates]) -> Templates:

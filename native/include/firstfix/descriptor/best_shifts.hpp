@@ -119,7 +119,7 @@ class BestShifts {
     const auto turned = [left, right](const Cell& cell) {
       return left[cell.at] << cell.left | right[cell.at] >> cell.right;
     };
-    Words* counts = &counts_[word * planes_];
+    Words* counts = counts_.data() + word * planes_;
     std::fill(counts, counts + planes_, Words{});
     Words ones{}, twos{}, fours{}, eights{};
     const Cell* cell = cells_.data();

@@ -96,3 +96,11 @@ def test_a_file_that_is_missing_is_an_error(tmp_path):
     (tmp_path / "cluster_start.npy").unlink()
     with pytest.raises(OSError, match="cluster_start"):
         Clusters.load(tmp_path)
+
+
+@pytest.mark.parametrize("start", [[0, 1, 2], [0, 1, 2, 4], [1, 1, 2, 3]], ids=["few", "beyond", "late"])
+def test_a_table_that_does_not_fit_is_refused(tmp_path, start):
+    Clusters.alone(3).save(tmp_path)
+    np.save(tmp_path / "cluster_start.npy", np.array(start, np.int32))
+    with pytest.raises(ValueError, match="cluster_start"):
+        Clusters.load(tmp_path)
