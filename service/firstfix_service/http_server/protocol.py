@@ -237,17 +237,19 @@ class LimitedHttpProtocol(HttpToolsProtocol):
             error: why the body is not complete; None: it is.
         """
         body, self._body = self._body, None
-        if body is None or body.done():
+        if body is None:
             return
         self._read_with(self)
         if error is not None:
             self._is_out_of_step = True
-            body.set_exception(error)
+            if not body.done():  # cancelled
+                body.set_exception(error)
             return
         self.parser = httptools.HttpRequestParser(self)  # the old one still waits for the body
         self.parser.set_dangerous_leniencies(lenient_data_after_close=True)
         self.on_message_complete()
-        body.set_result(None)
+        if not body.done():
+            body.set_result(None)
 
     async def _receive_into(
         self, cycle: RequestResponseCycle, buffer: memoryview, arrived: Arrived
