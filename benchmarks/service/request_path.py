@@ -110,7 +110,9 @@ class Contestant:
     def pids(self) -> dict[str, list[int]]:
         own = self.service.pid
         children = Path(f"/proc/{own}/task/{own}/children").read_text().split()
-        threads = [c for t in Path(f"/proc/{own}/task").iterdir() for c in (t / "children").read_text().split()]
+        threads = [
+            c for t in Path(f"/proc/{own}/task").iterdir() for c in (t / "children").read_text().split()
+        ]
         return {"server": [own], "workers": sorted({int(pid) for pid in (*children, *threads)})}
 
     def spent(self) -> dict[str, Spent]:

@@ -182,7 +182,8 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self._keep_alive = self.cycle.keep_alive and self._use is ConnectionUse.ALL
         self.cycle.keep_alive = False
         self.cycle.transport = AnswerTransport(self, self.cycle)  # type: ignore[assignment]
-        self.scope["extensions"] = {RECEIVE_INTO: partial(self._receive_into, self.cycle)}
+        extensions: dict[str, Any] = {RECEIVE_INTO: partial(self._receive_into, self.cycle)}
+        self.scope["extensions"] = extensions
         self._wait_for(Reading.BODY)
 
     def on_body(self, body: bytes) -> None:
@@ -251,9 +252,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         if not body.done():
             body.set_result(None)
 
-    async def _receive_into(
-        self, cycle: RequestResponseCycle, buffer: memoryview, arrived: Arrived
-    ) -> None:
+    async def _receive_into(self, cycle: RequestResponseCycle, buffer: memoryview, arrived: Arrived) -> None:
         """Receives the body of a request, see ``ReceiveInto``."""
         if cycle.waiting_for_100_continue and not cycle.transport.is_closing():
             cycle.transport.write(b"HTTP/1.1 100 Continue\r\n\r\n")

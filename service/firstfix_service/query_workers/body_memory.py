@@ -61,7 +61,9 @@ def _nameless_file(size: int) -> int:
         descriptor = os.memfd_create("firstfix-bodies", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
         os.ftruncate(descriptor, size)
         # A worker cannot cut the file off: the service would die of its next write.
-        fcntl.fcntl(descriptor, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_SEAL)
+        fcntl.fcntl(
+            descriptor, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_SEAL
+        )
         return descriptor
     with tempfile.TemporaryFile() as file:
         file.truncate(size)

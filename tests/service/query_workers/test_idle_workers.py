@@ -48,8 +48,9 @@ def test_loops_that_have_ended_are_no_hindrance():
     idle: IdleWorkers[str] = IdleWorkers()
 
     async def give_up() -> None:
-        asyncio.ensure_future(idle.take())
+        taking = asyncio.ensure_future(idle.take())
         await asyncio.sleep(0)
+        assert not taking.done()
 
     asyncio.run(give_up())
     idle.put("a")

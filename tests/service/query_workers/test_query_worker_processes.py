@@ -136,7 +136,9 @@ def test_queries_survive_kills(workers: QueryWorkerProcesses, query: Query):
 
 def test_a_worker_that_is_stuck_is_killed_and_replaced(query: Query, yard):
     deaths = []
-    workers = QueryWorkerProcesses(1, query_timeout_s=1.5, max_body_bytes=1 << 26, on_death=lambda: deaths.append(1))
+    workers = QueryWorkerProcesses(
+        1, query_timeout_s=1.5, max_body_bytes=1 << 26, on_death=lambda: deaths.append(1)
+    )
     try:
         workers.load(yard)
         (stuck,) = workers.pids
@@ -162,7 +164,9 @@ def test_a_worker_killed_with_a_long_body_loses_and_leaks_nothing(small_scans, y
     scan, _ = small_scans[0]
     body = scan.points.astype("<f4").tobytes() + bytes(12) * 4000  # points at the sensor, which are cropped
     assert len(body) > INLINE_BYTES
-    query = Query(body, BodyFormat.of("application/vnd.firstfix.xyz", None), LocalizeOptions(), (yard,), 1 << 28)
+    query = Query(
+        body, BodyFormat.of("application/vnd.firstfix.xyz", None), LocalizeOptions(), (yard,), 1 << 28
+    )
     before = _bodies_mapped(os.getpid())
     workers = QueryWorkerProcesses(1, query_timeout_s=LIMIT_S, max_body_bytes=1 << 26)
     try:
