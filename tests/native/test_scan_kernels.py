@@ -185,9 +185,7 @@ def unit_normals(seed: int, count: int, dtype: type = np.float32) -> NDArray[np.
 def test_votes_agree_to_six_digits(count: int, dtype: type):
     normals, directions = unit_normals(2, count, dtype), directions_about_z(90.0)
     wanted = REFERENCES["votes"](normals, directions)
-    rtol = (
-        1e-6 if count > 100 else 3e-5
-    )  # of one vote: its exponent enlarges a last bit
+    rtol = 1e-6 if count > 100 else 3e-5  # of one vote: its exponent enlarges a last bit
     np.testing.assert_allclose(native.votes(normals, directions), wanted, rtol=rtol, atol=1e-9)
 
 
