@@ -98,10 +98,15 @@ class Replica:
 
     Args:
         command: in its place.
+        environment: of the process, beside this one's.
     """
 
     def __init__(
-        self, directory: Path, settings: Mapping[str, object], command: Sequence[str] | None = None
+        self,
+        directory: Path,
+        settings: Mapping[str, object],
+        command: Sequence[str] | None = None,
+        environment: Mapping[str, str] | None = None,
     ) -> None:
         directory.mkdir(parents=True, exist_ok=True)
         self.port = free_port()
@@ -111,7 +116,7 @@ class Replica:
         self.log = directory / "service.log"
         given = {"port": self.port, "work_dir": directory / "work", "cache_dir": directory / "cache"}
         named = {f"FIRSTFIX_{name.upper()}": _text(value) for name, value in {**given, **settings}.items()}
-        self._environment = {**os.environ, **named}
+        self._environment = {**os.environ, **named, **(environment or {})}
         self._command = command or [sys.executable, "-m", "firstfix_cli.main", "serve"]
         self._process: subprocess.Popen[bytes] | None = None
 

@@ -2,8 +2,8 @@
 
 python -m benchmarks.service.request_path [--checkout DIR ...] [--rounds N]
 
-The service is real (HTTP server, worker processes, zenoh), but its localizer takes no time: see
-``instant_engine``. Other checkouts are measured in turn with this one.
+The service is real (HTTP server, worker processes, zenoh), but its localizer takes no time, see
+``instant_engine``; with ``--localizer`` it is real, too. Other checkouts are measured in turn with this one.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shutil
 import socket
 import sys
 import tempfile
@@ -24,8 +25,11 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
+from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.manifest import Manifest
 from firstfix.scan.descriptor_parameters import DescriptorParameters
 from firstfix.scan.scan import Scan
+from firstfix.store.store import Store
 from firstfix_client.steps.scan_body import BodyForm, encoded
 
 from ..common.load import Body
@@ -90,9 +94,11 @@ def bodies_of(scan: Scan, version: Path) -> dict[str, Body]:
 class Contestant:
     """The service of one checkout."""
 
-    def __init__(self, name: str, checkout: Path, store: str, directory: Path, processes: bool) -> None:
-        own = [str(checkout / package) for package in PACKAGES]
-        path = os.pathsep.join([str(INSTANT), *own, os.environ.get("PYTHONPATH", "")])
+    def __init__(
+        self, checkout: Path, store: str, directory: Path, *, processes: bool, instant: bool
+    ) -> None:
+        folders = [str(INSTANT)] if instant else []
+        folders += [str(checkout / package) for package in PACKAGES]
         settings: dict[str, object] = {
             "store": store,
             "run_builds": False,
@@ -102,15 +108,15 @@ class Contestant:
             "zenoh_listen": [f"tcp/127.0.0.1:{free_port()}"],
             "log_level": "info",
         }
-        self.name = name
-        self.service = Replica(directory, settings)
-        self.service._environment["PYTHONPATH"] = path
-        self.service._environment["PYTHONDONTWRITEBYTECODE"] = "1"
+        self.name = checkout.name
+        self.service = Replica(directory, settings, environment={"PYTHONPATH": os.pathsep.join(folders)})
 
     def pids(self) -> dict[str, list[int]]:
         own = self.service.pid
         children = Path(f"/proc/{own}/task/{own}/children").read_text().split()
-        threads = [c for t in Path(f"/proc/{own}/task").iterdir() for c in (t / "children").read_text().split()]
+        threads = [
+            c for t in Path(f"/proc/{own}/task").iterdir() for c in (t / "children").read_text().split()
+        ]
         return {"server": [own], "workers": sorted({int(pid) for pid in (*children, *threads)})}
 
     def spent(self) -> dict[str, Spent]:
@@ -194,6 +200,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--queries", type=int, default=100)
     parser.add_argument("--threads", action="store_true", help="answer in threads of the server")
+    parser.add_argument("--localizer", action="store_true", help="with the localizer's own time")
     parser.add_argument("--body", action="append", help="only this form of body; may be repeated")
     parser.add_argument("--transport", action="append", choices=("http", "zenoh"))
     parser.add_argument("--version", type=Path, help="files of a version; default: one of a small map, built")
@@ -206,7 +213,13 @@ def main() -> None:
         publish(version, store)
         contestants = []
         for number, checkout in enumerate([HERE, *(path.resolve() for path in chosen.checkout)]):
-            one = Contestant(checkout.name, checkout, store, directory / str(number), not chosen.threads)
+            one = Contestant(
+                checkout,
+                store,
+                directory / str(number),
+                processes=not chosen.threads,
+                instant=not chosen.localizer,
+            )
             stack.callback(one.service.end)
             one.service.start().wait_until_ready()
             contestants.append(one)
@@ -225,12 +238,6 @@ def main() -> None:
 
 
 def publish(version: Path, store: str) -> None:
-    import shutil
-
-    from firstfix.catalog.catalog import Catalog
-    from firstfix.catalog.manifest import Manifest
-    from firstfix.store.store import Store
-
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "version"
         shutil.copytree(version, folder)

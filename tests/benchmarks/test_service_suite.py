@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.service import request_path
 from benchmarks.service.loading import cold_load, hot_swap
 from benchmarks.service.queried_version import QueriedVersion
 from benchmarks.service.replicas import Course, replicas_suite
@@ -59,3 +60,24 @@ def test_no_query_fails_while_replicas_and_store_come_and_go(
     for part in ("activation", "killed_and_restarted", "store_cut", "rolling_restart"):
         assert figures[part]["outcomes"]["ok"] >= 10, part
         assert figures[part]["failed"] == 0, figures[part]["outcomes"]
+
+
+def test_the_request_path_is_told_by_process(
+    small_version, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    asked = [
+        "--version",
+        str(small_version.directory),
+        "--rounds",
+        "1",
+        "--queries",
+        "2",
+        "--body",
+        "compact",
+    ]
+    monkeypatch.setattr("sys.argv", ["request_path", *asked])
+    request_path.main()
+    names, *rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert [row[:2] for row in rows] == [["http", "compact"], ["zenoh", "compact"]]
+    for role in ("server", "workers"):
+        assert all(float(row[names.index(f"{role}_cpu_ms")]) > 0 for row in rows)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from every_case import every_case
-from firstfix.redact import HIDDEN, redact, redactor
+from firstfix.redact import _PATTERNS, HIDDEN, redact, redactor
 
 KEY = f"ffx_0123456789ab_{'5e' * 32}"
 JWT = "eyJhbGciOiJFUzI1NiJ9.eyJzdWIiOiJyb2JvdCJ9.c2lnbmF0dXJl-_A"
@@ -43,6 +43,30 @@ def test_a_secret_is_hidden(text: str, secret: str):
     shown = redact(text)
     assert secret not in shown
     assert "***" in shown
+
+
+PIECES = [KEY, JWT, "Authorization: Basic", "bearer  01234567", "passwd=x", "http://u:p@h/", "s3://a:b/c@"]
+PIECES += [
+    "SIGnature='ab'",
+    "\u017fecret=abcd",
+    "toKen=",
+    "cooKie: k",
+    "api-key: q",
+    "sig=1",
+    "=",
+    ": ",
+    '"',
+    "\\",
+    "é",
+]
+
+
+@given(st.lists(st.sampled_from(PIECES), max_size=8).map("".join))
+def test_no_secret_is_missed_for_want_of_its_word(text: str):
+    every = text
+    for _, pattern, shown in _PATTERNS:
+        every = pattern.sub(shown, every)
+    assert redact(text) == every
 
 
 def test_the_rest_is_left():

@@ -12,10 +12,12 @@ if any("firstfix" in word for word in sys.orig_argv):
     from firstfix.engine.localizer import Localizer
 
     _localize = Localizer.localize
-    _answers: dict[tuple[int, str], object] = {}
+    _answers: dict[tuple[object, ...], object] = {}
 
     def _localize_once(self, scan, options=None):  # type: ignore[no-untyped-def]
-        key = (id(self), f"{type(scan)} {getattr(scan, 'points', None)!r:.200} {options!r}")
+        points = getattr(scan, "points", None)
+        first = () if points is None or not len(points) else tuple(points[0])
+        key = (id(self), type(scan), first, options is None or options.T_base_sensor is None)
         if key not in _answers:
             _answers[key] = _localize(self, scan, options)
         return _answers[key]

@@ -105,7 +105,8 @@ def _plain_body(kept: QuerySamples, sample: QuerySample) -> bytes:
 
     from ..replay import MAX_DECODED_BYTES
 
-    return undo_content_encoding(kept.body(sample.sample_id), sample.content_encoding, MAX_DECODED_BYTES)
+    body = kept.body(sample.sample_id)
+    return bytes(undo_content_encoding(body, sample.content_encoding, MAX_DECODED_BYTES))
 
 
 def _suffix(media_type: str) -> str:

@@ -17,9 +17,7 @@ _GZIP_SLICE_BYTES = 8192
 _ZSTD_MAX_WINDOW_BYTES = 1 << 23  # RFC 8878 requires every decoder to support it
 
 
-def undo_content_encoding(
-    body: bytes | memoryview, encoding: str, max_bytes: int
-) -> bytes | memoryview:
+def undo_content_encoding(body: bytes | memoryview, encoding: str, max_bytes: int) -> bytes | memoryview:
     """Returns the body as it was before the encoding.
 
     Args:

@@ -1,4 +1,4 @@
-"""Reception of a long body into memory that waits for it, without the pieces and copies of the HTTP parser."""
+"""Reception of a long body into memory that waits for it, without the parser's pieces and copies."""
 
 from __future__ import annotations
 

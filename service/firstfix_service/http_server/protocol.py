@@ -182,7 +182,8 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self._keep_alive = self.cycle.keep_alive and self._use is ConnectionUse.ALL
         self.cycle.keep_alive = False
         self.cycle.transport = AnswerTransport(self, self.cycle)  # type: ignore[assignment]
-        self.scope["extensions"] = {RECEIVE_INTO: partial(self._receive_into, self.cycle)}
+        extensions: dict[str, Any] = {RECEIVE_INTO: partial(self._receive_into, self.cycle)}
+        self.scope["extensions"] = extensions
         self._wait_for(Reading.BODY)
 
     def on_body(self, body: bytes) -> None:
@@ -237,21 +238,21 @@ class LimitedHttpProtocol(HttpToolsProtocol):
             error: why the body is not complete; None: it is.
         """
         body, self._body = self._body, None
-        if body is None or body.done():
+        if body is None:
             return
         self._read_with(self)
         if error is not None:
             self._is_out_of_step = True
-            body.set_exception(error)
+            if not body.done():  # cancelled
+                body.set_exception(error)
             return
         self.parser = httptools.HttpRequestParser(self)  # the old one still waits for the body
         self.parser.set_dangerous_leniencies(lenient_data_after_close=True)
         self.on_message_complete()
-        body.set_result(None)
+        if not body.done():
+            body.set_result(None)
 
-    async def _receive_into(
-        self, cycle: RequestResponseCycle, buffer: memoryview, arrived: Arrived
-    ) -> None:
+    async def _receive_into(self, cycle: RequestResponseCycle, buffer: memoryview, arrived: Arrived) -> None:
         """Receives the body of a request, see ``ReceiveInto``."""
         if cycle.waiting_for_100_continue and not cycle.transport.is_closing():
             cycle.transport.write(b"HTTP/1.1 100 Continue\r\n\r\n")

@@ -12,6 +12,7 @@ import os
 import sys
 import tempfile
 
+from firstfix.errors import TooLarge
 from firstfix.formats.point_cloud import Body
 
 KEPT_BYTES = 4 << 20  # stay in memory after a query; larger bodies are rare
@@ -25,7 +26,7 @@ class BodyMemory:
     """
 
     def __init__(self, capacity_bytes: int) -> None:
-        self.capacity_bytes = capacity_bytes
+        self._capacity_bytes = capacity_bytes
         self.descriptor = _nameless_file(capacity_bytes)
         self._map = mmap.mmap(self.descriptor, capacity_bytes)
 
@@ -33,14 +34,16 @@ class BodyMemory:
         """Copies a body to the beginning.
 
         Raises:
-            ValueError: it is larger than the capacity, or the memory is closed.
+            TooLarge: it is larger than the capacity.
         """
+        if len(body) > self._capacity_bytes:
+            raise TooLarge(f"the body has {len(body)} bytes, the limit is {self._capacity_bytes}")
         self._map[: len(body)] = body
 
     def trim(self, used_bytes: int) -> None:
         """Gives back the memory of a large body, once its query has ended."""
         if used_bytes > KEPT_BYTES and sys.platform == "linux":
-            self._map.madvise(mmap.MADV_REMOVE, KEPT_BYTES, self.capacity_bytes - KEPT_BYTES)
+            self._map.madvise(mmap.MADV_REMOVE, KEPT_BYTES, self._capacity_bytes - KEPT_BYTES)
 
     def close(self) -> None:
         """Gives the memory back, apart from the worker's own mapping."""
@@ -58,7 +61,9 @@ def _nameless_file(size: int) -> int:
         descriptor = os.memfd_create("firstfix-bodies", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
         os.ftruncate(descriptor, size)
         # A worker cannot cut the file off: the service would die of its next write.
-        fcntl.fcntl(descriptor, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_SEAL)
+        fcntl.fcntl(
+            descriptor, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_SEAL
+        )
         return descriptor
     with tempfile.TemporaryFile() as file:
         file.truncate(size)

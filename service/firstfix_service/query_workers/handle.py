@@ -88,10 +88,9 @@ class QueryWorkerHandle:
         Raises:
             QueryWorkerDied: the process ended before it answered.
             QueryWorkerStuck: no answer within the time.
+            TooLarge: the body has more than ``max_body_bytes``.
             FirstfixError, QueryWorkerDefect: the query failed.
         """
-        if len(query.body) > self._bodies.capacity_bytes:
-            raise TooLarge(f"the body has {len(query.body)} bytes, the limit is {self._bodies.capacity_bytes}")
         if not self._query_lock.acquire(blocking=False):
             raise QueryWorkerDied("it is being closed")
         try:
@@ -101,6 +100,8 @@ class QueryWorkerHandle:
         except (EOFError, OSError) as error:
             self.kill()  # it may only have stalled
             raise QueryWorkerDied(repr(error)) from None
+        except TooLarge:  # nothing was sent
+            raise
         except BaseException:  # stuck, or nobody waits any more: its reply must not answer the next query
             self.kill()
             raise

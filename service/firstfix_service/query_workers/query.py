@@ -44,7 +44,7 @@ class Query:
     options: LocalizeOptions
     versions: tuple[ServedVersion, ...]
     max_decoded_bytes: int
-    form: AnswerForm = AnswerForm()
+    form: AnswerForm = field(default_factory=AnswerForm)
     waits_ms: Mapping[str, float] = field(default_factory=dict)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import socket
 import time
 from collections.abc import Callable, Iterator
 from datetime import datetime, timedelta, timezone, tzinfo
@@ -10,9 +11,9 @@ from pathlib import Path
 
 import httpx
 import pytest
-from access_world import give
+from access_world import give, localize
 from jwt import api_jwt
-from service_world import Service, running_service
+from service_world import XYZ, Service, publish, running_service
 from token_world import ALL_KEYS, AUDIENCE, ISSUER, signed
 
 from firstfix.access.api_keys import ApiKeys
@@ -134,3 +135,22 @@ def test_an_upload_ends_with_its_revoked_key(guarded: Service, kind: str, monkey
         about = {"Content-Type": "application/offset+octet-stream", "Upload-Offset": "0"}
         answer = guarded.http.patch(where, content=pieces(), headers={**headers, **about})
     assert (answer.status_code, answer.json()["code"]) == (401, "unauthorized")
+
+
+def test_a_long_query_ends_with_its_revoked_key(guarded: Service):
+    """The server receives its body past the middleware that looks after the other bodies."""
+    publish(guarded.catalog, "hall", "1", guarded.scratch)
+    key = give(guarded, "localize", "build")
+    wait_until(lambda: is_known(guarded, key) and localize(guarded, key).is_success)
+    head = [
+        "POST /localize?map=hall HTTP/1.1",
+        f"Host: x\r\nContent-Type: {XYZ}\r\nContent-Length: 1200000",
+        f"Authorization: Bearer {key}\r\n\r\n",
+    ]
+    with socket.create_connection(("127.0.0.1", int(guarded.url.rpartition(":")[2])), LIMIT_S) as connection:
+        connection.sendall("\r\n".join(head).encode() + bytes(100_000))
+        wait_until(
+            lambda: "firstfix_body_bytes 100000.0" in guarded.app.state.metrics.exposition()[0].decode()
+        )
+        revoke(guarded, key)
+        assert connection.recv(1 << 16).startswith(b"HTTP/1.1 401")

@@ -10,6 +10,7 @@ import pytest
 from service_world import SCAN_BODY, XYZ, Service, publish, running_service
 
 from firstfix.decode import MEDIA_TYPES, decode_query, undo_content_encoding
+from firstfix.errors import InputError
 from tests.faults.fuzz_bodies import Ask, fuzz, http_asker, zenoh_asker
 from tests.faults.hostile_bodies import Body, damaged, good_bodies
 
@@ -48,6 +49,25 @@ def test_there_is_a_good_body_of_every_encoding():
     assert {body.media_type for body in bodies} == set(MEDIA_TYPES)
     for body in bodies:
         decode_query(undo_content_encoding(body.data, body.content_encoding or "", 1 << 20), body.media_type)
+
+
+def outcome_of(data: bytes | memoryview, body: Body) -> tuple[str, bytes]:
+    """Returns the points of a body, or its error."""
+    try:
+        plain = undo_content_encoding(data, body.content_encoding or "", 1 << 20)
+        scan = decode_query(plain, body.media_type)
+    except InputError as error:
+        return f"{type(error).__name__}: {error}", b""
+    points = getattr(getattr(scan, "scans", [scan])[-1], "points", np.empty(0))
+    return type(scan).__name__, points.tobytes()
+
+
+def test_a_view_of_memory_is_read_as_bytes_are():
+    """Workers read long bodies where the service wrote them, which is followed by older ones."""
+    for body in good_bodies():
+        for data in [body.data, *(damaged(body, np.random.default_rng(s)).data for s in range(20))]:
+            memory = memoryview(data + bytes(range(256))).toreadonly()
+            assert outcome_of(memory[: len(data)], body) == outcome_of(data, body)
 
 
 def test_damage_is_done_and_repeats():

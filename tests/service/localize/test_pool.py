@@ -12,7 +12,7 @@ import pytest
 from firstfix.errors import DeadlineExceeded, NotFound, Overloaded
 from firstfix_service.localize.fair_queue import SLOW_S
 from firstfix_service.localize.pool import MAX_RETRY_AFTER_S, QueryPool
-from waiting import wait_until_async
+from waiting import let_pass, wait_until_async
 
 
 class Held:
@@ -67,7 +67,7 @@ class Tasks:
     ) -> asyncio.Task[str]:
         async def work(held: Held, waited_s: float) -> str:
             self.begun.append(name or group)
-            await asyncio.sleep(seconds)
+            await asyncio.to_thread(let_pass, seconds)
             await wait_until_async(self.gate.is_set)
             return name or group
 
@@ -112,7 +112,7 @@ def test_the_queue_is_bounded_and_empties():
 def test_the_wait_that_a_refusal_names_grows_with_the_queue():
     async def test(pool: QueryPool) -> None:
         for _ in range(60):
-            await pool.run("a", ready(), lambda *_: asyncio.sleep(0.02))
+            await pool.run("a", ready(), lambda *_: asyncio.to_thread(let_pass, 0.02))
         tasks = Tasks(pool)
         asked = [tasks.ask("a") for _ in range(201)]
         await wait_until_async(lambda: pool.admitted == 201)

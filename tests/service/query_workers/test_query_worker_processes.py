@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from firstfix.answer.localization import Localization
@@ -21,9 +22,10 @@ from firstfix.errors import CorruptVersion, DeadlineExceeded, MalformedData, Wor
 from firstfix.transform import pose_error
 from firstfix.wire.scan import MEDIA_TYPE, encode_scan
 from firstfix_service.query_workers.body_format import BodyFormat
+from firstfix_service.query_workers.messages import INLINE_BYTES
 from firstfix_service.query_workers.pool import QueryWorkerProcesses
 from firstfix_service.query_workers.query import Query, ServedVersion
-from waiting import LIMIT_S, let_pass, wait_until
+from waiting import LIMIT_S, let_pass, wait_until, wait_until_async
 
 pytestmark = pytest.mark.slow
 
@@ -134,7 +136,9 @@ def test_queries_survive_kills(workers: QueryWorkerProcesses, query: Query):
 
 def test_a_worker_that_is_stuck_is_killed_and_replaced(query: Query, yard):
     deaths = []
-    workers = QueryWorkerProcesses(1, query_timeout_s=1.5, max_body_bytes=1 << 26, on_death=lambda: deaths.append(1))
+    workers = QueryWorkerProcesses(
+        1, query_timeout_s=1.5, max_body_bytes=1 << 26, on_death=lambda: deaths.append(1)
+    )
     try:
         workers.load(yard)
         (stuck,) = workers.pids
@@ -153,6 +157,62 @@ def _answers(workers: QueryWorkerProcesses, query: Query) -> bool:
         return asked(workers, query).map_id == "yard"
     except DeadlineExceeded:  # it was still starting
         return False
+
+
+def test_a_worker_killed_with_a_long_body_loses_and_leaks_nothing(small_scans, yard: ServedVersion):
+    """The body that the dead worker had in its memory is written anew into the memory of another one."""
+    scan, _ = small_scans[0]
+    body = scan.points.astype("<f4").tobytes() + bytes(12) * 4000  # points at the sensor, which are cropped
+    assert len(body) > INLINE_BYTES
+    query = Query(
+        body, BodyFormat.of("application/vnd.firstfix.xyz", None), LocalizeOptions(), (yard,), 1 << 28
+    )
+    before = _bodies_mapped(os.getpid())
+    workers = QueryWorkerProcesses(1, query_timeout_s=LIMIT_S, max_body_bytes=1 << 26)
+    try:
+        workers.load(yard)
+        (first,) = workers.pids
+        usual = asked(workers, query)
+        os.kill(first, signal.SIGSTOP)
+        with ThreadPoolExecutor(1) as threads:
+            asking = threads.submit(asked, workers, query)
+            wait_until(lambda: not workers._idle._idle)  # it was given to the worker
+            os.kill(first, signal.SIGKILL)
+            again = asking.result(LIMIT_S)
+        assert again.verdict is usual.verdict
+        poses = [answer.hypotheses[0].T_map_sensor for answer in (again, usual)]
+        np.testing.assert_allclose(*poses, atol=1e-9)
+        wait_until(lambda: _bodies_mapped(os.getpid()) == before + 1)
+        assert [_bodies_mapped(pid) for pid in workers.pids] == [1], "its own, and no other worker's"
+    finally:
+        workers.close()
+    assert _bodies_mapped(os.getpid()) == before
+
+
+def test_a_reply_that_nobody_waited_for_answers_no_other_query(query: Query, yard: ServedVersion):
+    workers = QueryWorkerProcesses(1, query_timeout_s=LIMIT_S, max_body_bytes=1 << 26)
+    try:
+        workers.load(yard)
+        (first,) = workers.pids
+        os.kill(first, signal.SIGSTOP)
+
+        async def give_up() -> None:
+            asking = asyncio.ensure_future(workers.answer(query))
+            await wait_until_async(lambda: not workers._idle._idle)
+            asking.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await asking
+
+        asyncio.run(give_up())
+        wait_until(lambda: gone(first) and workers.pids)
+        with pytest.raises(MalformedData):
+            asked(workers, Query(b"no scan", FORMAT, query.options, (yard,), 1 << 28))
+    finally:
+        workers.close()
+
+
+def _bodies_mapped(pid: int) -> int:
+    return Path(f"/proc/{pid}/maps").read_text().count("firstfix-bodies")
 
 
 def test_workers_ignore_the_signals_that_are_meant_for_the_service(
@@ -178,6 +238,7 @@ def test_closing_ends_the_processes(yard):
 def test_workers_end_with_a_killed_service():
     code = """
 import sys, time
+from firstfix_service.query_workers.messages import INLINE_BYTES
 from firstfix_service.query_workers.pool import QueryWorkerProcesses
 workers = QueryWorkerProcesses(2, query_timeout_s=30, max_body_bytes=1 << 26)
 while len(workers.pids) < 2:

@@ -228,3 +228,17 @@ def test_the_last_message_of_a_build(tmp_path: Path, text: str, message: str | N
     log.write_text(text)
     assert last_message(log) == message
     assert last_message(tmp_path / "none.log") is None
+
+
+def test_a_log_that_cannot_be_written_stops_no_request(tmp_path: Path):
+    """The disk of the log is full, or its reader has gone."""
+    code = """
+import structlog, sys
+from firstfix_service.telemetry.log_setup import set_up_logging
+set_up_logging("info", as_json=True)
+structlog.get_logger("hall").info("request", path="/localize")
+print("goes on", flush=True)
+"""
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=full, text=True)
+    assert done.stdout == "goes on\n"

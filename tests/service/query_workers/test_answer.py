@@ -1,0 +1,64 @@
+"""Answers as workers encode them: the JSON of ``Localization``, and nothing that JSON cannot hold."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from every_case import every_case
+from firstfix.answer.localization import Hypothesis, Localization, Verdict
+from firstfix.answer.quality import AlignmentQuality
+from firstfix.transform import make_transform, rotation_z
+from firstfix_service.query_workers.answer import encoded_answer, to_json
+
+T = make_transform(rotation_z(0.3), [1.5, -2.0, 0.1])
+PLACE = Hypothesis(T, AlignmentQuality(0.9, 0.8, 0.01), 0.7, np.int64(3), "hall")  # type: ignore[arg-type]
+BARE = Hypothesis(T, None, np.float64(0.2), 4)
+ANSWER = Localization(
+    Verdict.LOCALIZED,
+    (),
+    T,
+    None,
+    np.eye(6) * 1e-4,
+    np.float64(0.7),
+    (PLACE, BARE),
+    "hall",
+    "1" * 64,
+    {"map": 0.1},
+)
+NAN = np.full((4, 4), np.nan)
+
+
+def test_it_is_the_answers_json():
+    assert json.loads(to_json(ANSWER)) == json.loads(json.dumps(ANSWER.to_mapping(), default=float))
+    again = Localization.from_mapping(json.loads(encoded_answer(ANSWER).json))
+    assert again.T_map_sensor is not None
+    np.testing.assert_allclose(again.T_map_sensor, T, atol=1e-15)
+
+
+@every_case(
+    "broken",
+    [
+        replace(ANSWER, probability=float("nan")),
+        replace(ANSWER, T_map_sensor=NAN),
+        replace(ANSWER, T_map_base=NAN),
+        replace(ANSWER, covariance=np.full((6, 6), np.inf)),
+        replace(ANSWER, hypotheses=(replace(PLACE, T_map_sensor=NAN),)),
+        replace(ANSWER, hypotheses=(PLACE, replace(BARE, probability=float("inf")))),
+        replace(ANSWER, hypotheses=(replace(PLACE, quality=AlignmentQuality(0.9, float("nan"), 0.01)),)),
+    ],
+)
+def test_a_number_that_is_not_finite_is_a_defect_and_no_null(broken: Localization):
+    with pytest.raises(ValueError, match="finite"):
+        to_json(broken)
+
+
+def test_the_pose_itself_goes_along_only_where_it_is_placed_on_the_earth():
+    assert encoded_answer(ANSWER).T_map_body is None
+    np.testing.assert_array_equal(encoded_answer(ANSWER, geographic=True).T_map_body, T)
+    T_map_base = make_transform(rotation_z(1.0), [0, 0, 0])
+    with_base = replace(ANSWER, T_map_base=T_map_base)
+    np.testing.assert_array_equal(encoded_answer(with_base, geographic=True).T_map_body, T_map_base)
