@@ -35,7 +35,7 @@ class Answerer:
         try:
             index = core("MapIndex").load(Path(request["version"]))
         except Exception as error:  # of whatever checkout: each has its own errors
-            return {"error": f"{type(error).__name__}: {error}"}
+            return {"error": f"{type(error).__name__}: {str(error).splitlines()[0]}"}
         self._localizer = core("Localizer")(index)
         return {"templates": len(index.cascade.templates.position_m)}
 

@@ -3,12 +3,13 @@
     python -m benchmarks.run native --beside ../old --parts street,factory
 
 Each checkout builds its own version with its own code. One process of each answers the same queries on one
-thread, in turns, scan by scan.
+thread, in turns, scan by scan: each in its own version, then both in the other checkout's version.
 """
 
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -16,9 +17,12 @@ from typing import Any
 
 import numpy as np
 
+from firstfix.scan.scan import Scan
+
 from ..common.load import Body
 from .agreement import Answer, agreement
 from .build import Built, built
+from .layouts import in_this_layout
 from .places import FORMS, SEED, bodies_of, missing, place
 from .tree import ROOT, Tree
 from .worker import CannotLoad, Worker
@@ -58,19 +62,33 @@ def _in_place(name: str, trees: list[Tree], quick: bool) -> dict[str, Any]:
     where = place(name, WORK / name)
     versions = [built(tree, where.source, WORK / name / "versions") for tree in trees]
     scans = where.scans_in(versions[0].version, 8 if quick else SCANS)
-    bodies = bodies_of(scans, versions[0].version)
+    rounds, seconds = (1, 2.0) if quick else (ROUNDS, THROUGHPUT_S)
     sides = [(tree, version.version) for tree, version in zip(trees, versions, strict=True)]
+    bodies = bodies_of(scans, sides[0][1])
     figures: dict[str, Any] = {"scans": len(scans), "build_cpu_s": build_costs(trees, versions)}
-    figures |= asked(sides, bodies, 1 if quick else ROUNDS)
+    figures["own_versions"] = asked(sides, bodies, rounds)
     if len(sides) == 2:
-        figures["agreement_on_one_version"] = agreement_on_one_version(trees, versions[0].version, bodies)
+        figures["one_version"] = asked_of_one_version(trees, sides[1][1], scans, rounds)
     for tree, version in sides:
-        kept = bodies["compact"][:SWITCH_SCANS]
-        figures.setdefault("switches_a_fix", {})[tree.name] = switches(tree, version, kept)
-        figures.setdefault("processes", {})[tree.name] = processes(
-            tree, version, kept, 2.0 if quick else THROUGHPUT_S
-        )
+        figures.setdefault("switches_a_fix", {})[tree.name] = {
+            form: switches(tree, version, bodies[form][:SWITCH_SCANS]) for form in FORMS
+        }
+        figures.setdefault("fixes_a_second", {})[tree.name] = {
+            form: processes(tree, version, bodies[form], seconds) for form in FORMS
+        }
     return figures
+
+
+def asked_of_one_version(
+    trees: list[Tree], version: Path, scans: list[Scan], rounds: int
+) -> dict[str, Any] | str:
+    """Asks both checkouts in the version that the second built: only the code that answers differs."""
+    with tempfile.TemporaryDirectory(dir=version.parent) as folder:
+        here = in_this_layout(version, Path(folder) / "version")
+        try:
+            return asked([(trees[0], here), (trees[1], version)], bodies_of(scans, here), rounds)
+        except CannotLoad as error:
+            return f"skipped: {error}"
 
 
 def build_costs(trees: list[Tree], versions: list[Built]) -> dict[str, Any]:
@@ -85,7 +103,11 @@ def build_costs(trees: list[Tree], versions: list[Built]) -> dict[str, Any]:
 
 
 def asked(sides: list[tuple[Tree, Path]], bodies: dict[str, list[Body]], rounds: int) -> dict[str, Any]:
-    """Asks every side every query, in turns, and returns costs and agreement by form."""
+    """Asks every side every query, in turns, and returns costs and agreement by form.
+
+    Raises:
+        CannotLoad: the code of a side cannot read its version.
+    """
     figures: dict[str, Any] = {}
     with ExitStack() as stack:
         workers = [stack.enter_context(Worker(tree, version)) for tree, version in sides]
@@ -125,15 +147,6 @@ def in_turns(
                 if turn == 0:
                     answers[which].append(answer)
     return answers, cpu_ms.min(axis=2).tolist()
-
-
-def agreement_on_one_version(trees: list[Tree], version: Path, bodies: dict[str, list[Body]]) -> Any:
-    """Compares both codes on this checkout's version, if the other one can read it: only the code differs."""
-    try:
-        figures = asked([(tree, version) for tree in trees], bodies, 1)
-    except CannotLoad as error:
-        return f"skipped: the other checkout cannot read this version ({error})"
-    return {form: figures[form]["agreement"] for form in FORMS}
 
 
 def switches(tree: Tree, version: Path, bodies: list[Body]) -> float:

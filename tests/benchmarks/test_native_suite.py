@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import pytest
 from benchmarks.common.processor_time import cpu_s_of_family
 from benchmarks.native.agreement import agreement
 from benchmarks.native.build import Built, Source
+from benchmarks.native.layouts import in_this_layout
 from benchmarks.native.places import bodies_of
 from benchmarks.native.run_build import StageCosts
 from benchmarks.native.suite import asked, build_costs, processes, switches
@@ -118,6 +120,23 @@ def test_a_checkout_beside_itself_answers_the_same(small_version, small_scans, t
     assert rates["two"] > 0
     with pytest.raises(CannotLoad, match="nothing"):
         Worker(TREES[0], tmp_path / "nothing")
+
+
+def test_a_version_gets_the_names_of_this_checkout(tmp_path: Path):
+    old = tmp_path / "old"
+    old.mkdir()
+    (old / "engine.json").write_text('{"registration": {"settle_iterations": 4, "spacing_m": 1.0}}')
+    (old / "calibration.json").write_text('{"closeness": 3.2, "min_overlap": 0.4, "bias": -19.1}')
+    (old / "map_points.npy").write_bytes(b"points")
+    (old / "manifest.json").write_text("{}")
+    new = in_this_layout(old, tmp_path / "new")
+    assert {path.name for path in new.iterdir()} == {"engine.json", "calibration.json", "map_points.npy"}
+    assert json.loads((new / "engine.json").read_text()) == {
+        "registration": {"align_iterations": 4, "spacing_m": 1.0}
+    }
+    calibration = json.loads((new / "calibration.json").read_text())
+    assert calibration == {"alignment_score": 3.2, "min_inlier_ratio": 0.4, "bias": -19.1}
+    assert (new / "map_points.npy").read_bytes() == b"points"
 
 
 def test_costs_of_builds_are_grouped_and_compared():

@@ -155,7 +155,7 @@ def test_a_query_goes_on_when_its_replica_is_not_ready_any_more(tmp_path: Path):
 
 
 def test_the_proxy_waits_for_a_body_as_long_as_a_replica():
-    """It reads all of a query first, and its time for a head would end the slow ones."""
+    # The proxy reads all of a query first, and its time for a head would end the slow ones.
     queries = SHIPPED.read_text().partition("\nbackend queries\n")[2].partition("\nbackend ")[0]
     (allowed_s,) = re.findall(r"(?m)^  timeout http-request (\d+)s$", queries)
     assert int(allowed_s) > Settings(store="memory://").body_timeout_s + LINGER_S
