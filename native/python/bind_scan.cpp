@@ -40,16 +40,28 @@ void bind_vectors(nb::module_& module) {
       "points"_a, "voxel_m"_a);
   module.def(
       "voxel_means",
-      [](Vectors<T> points, double voxel_m) {
+      [](Vectors<T> points, double voxel_m, double border_m) {
         std::vector<double> means;
         {
           nb::gil_scoped_release release;
-          means = voxel_means(points.data(), points.shape(0), voxel_m);
+          means = voxel_means(points.data(), points.shape(0), voxel_m, border_m);
         }
         const std::size_t count = means.size() / 3;
         return array_of(std::move(means), {count, 3});
       },
-      "points"_a, "voxel_m"_a);
+      "points"_a, "voxel_m"_a, "border_m"_a = 0.0);
+  module.def(
+      "rows_by_voxel_hash",
+      [](Vectors<T> points, double voxel_m, std::uint64_t at_most) {
+        std::vector<std::int64_t> rows;
+        {
+          nb::gil_scoped_release release;
+          rows = rows_by_voxel_hash(points.data(), points.shape(0), voxel_m, at_most);
+        }
+        const std::size_t count = rows.size();
+        return array_of(std::move(rows), {count});
+      },
+      "points"_a, "voxel_m"_a, "at_most"_a);
   module.def(
       "turned",
       [](Vectors<T> points, Rotation R) {

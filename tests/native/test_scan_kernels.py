@@ -30,13 +30,14 @@ R = levelling_rotation(np.array([0.1, -0.05, 0.9]))
 EXACT = {
     "within_range": lambda points: (points, 0.5, 30.0),
     "first_in_voxel": lambda points: (points, 0.3),
-    "voxel_means": lambda points: (points, 0.3),
+    "voxel_means": lambda points: (points, 0.3, 0.0005),
+    "rows_by_voxel_hash": lambda points: (points, 0.3, len(points) // 3),
     "turned": lambda points: (points, R),
     "nearest_by_direction": lambda points: (points,),
     "flat_patches": lambda points: (points.astype(np.float64), 0.9),
     "floor_height": lambda points: (points, np.roll(points, 1, axis=0) / 50),
 }
-FINITE = {"first_in_voxel", "voxel_means", "flat_patches"}  # they refuse what is not
+FINITE = {"first_in_voxel", "voxel_means", "rows_by_voxel_hash", "flat_patches"}  # they refuse what is not
 
 
 @cache
@@ -119,15 +120,23 @@ def test_the_same_rows_by_chance(count: int, at_most: int):
 @every_case("corner_m", [(1e15, 0.0, 0.0), (1e9, 1e9, 1e9), (1e300, 0.0, 0.0), (1e308, 1e308, 1e308)])
 def test_points_too_far_apart_for_their_voxels_are_refused(corner_m: tuple[float, ...]):
     points = np.array([corner_m, np.negative(corner_m)])
-    for kernel in FINITE:
+    for kernel in FINITE - {"rows_by_voxel_hash"}:
         with pytest.raises(ValueError, match="too far apart"):
             getattr(native, kernel)(points, 0.1)
+
+
+@every_case("far_m", [1e15, 1e300])
+def test_a_voxel_without_a_number_is_refused(far_m: float):
+    with pytest.raises(ValueError, match="too far away"):
+        native.rows_by_voxel_hash(np.array([[0.0, far_m, 0.0], [0.0, 0.0, 0.0]]), 0.1, 1)
 
 
 @every_case("voxel_m", [0.0, -1.0, float("nan"), 1e-300])
 def test_a_voxel_of_no_size_is_refused(voxel_m: float):
     with pytest.raises(ValueError, match="voxels of this size"):
         native.voxel_means(np.eye(3), voxel_m)
+    with pytest.raises(ValueError, match="voxels of this size"):
+        native.rows_by_voxel_hash(np.eye(3), voxel_m, 1)
 
 
 def test_more_voxels_than_32_bits_can_number():

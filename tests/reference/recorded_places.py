@@ -34,11 +34,13 @@ class RecordedPlace:
     """Part of a recorded map, and scans that the map does not contain.
 
     Attributes:
-        scans: prepared, each with its true pose in the map.
+        recorded: the scans, each with its true pose in the map.
+        scans: the same, prepared.
     """
 
     surface: MapSurface
     view: MapView
+    recorded: list[tuple[Scan, Matrix]]
     scans: list[tuple[PreparedQuery, Matrix]]
 
 
@@ -59,6 +61,7 @@ def recorded_place(name: str) -> RecordedPlace:
     return RecordedPlace(
         MapSurface.of(surface, RegistrationConfig()),
         MapView.of(points, 25.0),
+        read,
         [(_prepared(scan), T) for scan, T in read],
     )
 

@@ -20,6 +20,7 @@ MAX_REFINED = 3
 NEIGHBOUR_M = 0.3  # to the minima beside the right one: the next panel, a wall's other face
 _BESIDE_M = NEIGHBOUR_M * np.array(list(product((0, -1, 1), repeat=2)))  # (9, 2), itself first
 BETTER_BY = 0.02  # of alignment_score: a scan distorted by motion has several minima nearly as good
+MAYBE_BETTER_BY = 0.01  # the same, measured with few points
 PROMISING = 0.02  # probability before fine alignment, which raises the inlier ratio a little
 
 
@@ -97,15 +98,22 @@ class HypothesisSearch:
         return [*refined, *checked[len(near) :]]
 
     def _best_minima_near(self, candidates: Sequence[RegisteredCandidate]) -> NDArray[np.float64]:
-        """Each candidate's pose, or one beside it whose alignment is clearly better: (k, 4, 4)."""
+        """Each candidate's pose, or one beside it that is clearly better, aligned smoothly: (k, 4, 4)."""
+        surface, count = self._index.surface, len(candidates)
         starts = np.array([[one.registration.T_level_sensor] * len(_BESIDE_M) for one in candidates])
         starts[..., :2, 3] += _BESIDE_M
-        aligned = self._index.surface.align(self._prepared.sparse, starts.reshape(-1, 4, 4))
-        score = aligned.alignment_score.reshape(starts.shape[:2])
-        best = score.argmax(axis=1)  # the first column is the pose itself
-        best[score.max(axis=1) <= score[:, 0] + BETTER_BY] = 0
-        T_level_sensor: NDArray[np.float64] = aligned.T_level_sensor.reshape(starts.shape)
-        return T_level_sensor[np.arange(len(best)), best]
+        aligned = surface.align(self._prepared.sparse, starts.reshape(-1, 4, 4))
+        T, score = aligned.T_level_sensor.reshape(starts.shape), aligned.alignment_score.reshape(count, -1)
+        beside = 1 + score[:, 1:].argmax(axis=1)  # the first column is the pose itself
+        rivalled = np.flatnonzero(score.max(axis=1) > score[:, 0] + MAYBE_BETTER_BY)
+        # few points may mistake which is better, and by how much: many points decide
+        both = np.concatenate([T[:, 0], T[rivalled, beside[rivalled]]])
+        smooth = surface.align_smoothly(self._prepared.dense, both)
+        own, other = smooth.alignment_score[:count], smooth.alignment_score[count:]
+        is_better = other > own[rivalled] + BETTER_BY
+        best = np.arange(count)
+        best[rivalled[is_better]] = count + np.flatnonzero(is_better)
+        return smooth.T_level_sensor[best]
 
     def _with_free_space(self, candidate: RegisteredCandidate) -> RegisteredCandidate:
         """The candidate with its free-space violation, averaged over the query's scans."""

@@ -16,7 +16,7 @@ from ..scan.range_view import RangeView, directions
 from ..scan.scan import Scan
 from ..scan.sequence import ScanSequence
 from ..scan.up_hypotheses import other_ups
-from ..scan.voxel_filter import at_most, voxel_means, within_range
+from ..scan.voxel_filter import BORDER_M, at_most, rows_by_voxel_hash, voxel_means, within_range
 from ..transform import Matrix
 from .config import PreprocessConfig
 from .registration.surface import Surface
@@ -125,7 +125,8 @@ def preprocess(
     if not scans:
         return None
     together = Surface.together([scan.thinned.moved(scan.T_last_scan) for scan in scans])
-    return PreparedQuery(tuple(scans), together.at_most(_DENSE_POINTS), together.at_most(_SPARSE_POINTS))
+    dense, sparse = (together.at_most(count, config.voxel_m) for count in (_DENSE_POINTS, _SPARSE_POINTS))
+    return PreparedQuery(tuple(scans), dense, sparse)
 
 
 @dataclass(frozen=True)
@@ -147,7 +148,8 @@ class _Returns:
         points = within_range(scan.points, config.min_range_m, config.max_range_m)
         if isinstance(scan, CompactScan):
             return cls._of_compact(points, scan.nearest_m, config)
-        means = at_most(voxel_means(at_most(points, _VOXELLED), config.voxel_m), _DENSE_POINTS)
+        means = voxel_means(at_most(points, _VOXELLED), config.voxel_m, BORDER_M)
+        means = means[rows_by_voxel_hash(means, config.voxel_m, _DENSE_POINTS)]
         return cls(points, means.astype(np.float32), RangeView.of(at_most(points, _RETURNS)))
 
     @classmethod
@@ -158,7 +160,8 @@ class _Returns:
         nearest_m = np.where(near, nearest_m, np.float32(np.inf))
         # the nearest return of every direction fills cells of the descriptor that the voxels leave empty
         seen = np.concatenate([points, directions()[near] * nearest_m[near, None]])
-        return cls(seen, at_most(points, _DENSE_POINTS), RangeView.of_nearest(nearest_m))
+        voxels = points[rows_by_voxel_hash(points, config.voxel_m, _DENSE_POINTS)]
+        return cls(seen, voxels, RangeView.of_nearest(nearest_m))
 
 
 def _prepare(

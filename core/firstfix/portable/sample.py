@@ -28,15 +28,15 @@ def rows_by_chance(count: int, at_most: int) -> NDArray[np.int64]:
         return np.arange(count)
     start = np.arange(at_most + 1) * count // at_most
     width = np.diff(start)
-    return start[:-1] + ((_hash(at_most) * width.astype(np.uint64)) >> np.uint64(32)).astype(np.int64)
+    hashes = hashed(np.arange(at_most, dtype=np.uint32)).astype(np.uint64)
+    return start[:-1] + ((hashes * width.astype(np.uint64)) >> np.uint64(32)).astype(np.int64)
 
 
-def _hash(count: int) -> NDArray[np.uint64]:
-    """Hashes of 0, 1, 2, ..., 32 bits each: the last steps of MurmurHash3."""
-    x = np.arange(count, dtype=np.uint32)
+def hashed(x: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """Hashes of 32 bits, in place: the last steps of MurmurHash3."""
     x ^= x >> np.uint32(16)
     x *= _MIX_1
     x ^= x >> np.uint32(13)
     x *= _MIX_2
     x ^= x >> np.uint32(16)
-    return x.astype(np.uint64)
+    return x

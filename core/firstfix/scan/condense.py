@@ -22,7 +22,7 @@ from .descriptor_parameters import DescriptorParameters
 from .levelling import estimate_up, floor_height, levelling_rotation, turned
 from .range_view import nearest_by_direction
 from .scan import Scan
-from .voxel_filter import at_most, voxel_means, within_range
+from .voxel_filter import BORDER_M, at_most, rows_by_voxel_hash, voxel_means, within_range
 
 POINTS = 2500
 _RETURNS = 20_000  # points for the nearest ranges by direction
@@ -53,9 +53,9 @@ def condense(
         raise InvalidOption(f"a compact query has 1 to {MAX_COMPACT_POINTS} points, not {points}")
     used = parameters or DescriptorParameters()
     near = within_range(scan.points, used.min_range_m, used.max_range_m)
-    means = voxel_means(at_most(near, _VOXELLED), used.voxel_m)
+    means = voxel_means(at_most(near, _VOXELLED), used.voxel_m, BORDER_M)
     described = None if used.descriptor is None else _describe(near, means, used, used.descriptor, gravity)
-    chosen = at_most(means, points).astype(np.float32)
+    chosen = means[rows_by_voxel_hash(means, used.voxel_m, points)].astype(np.float32)
     return CompactScan(chosen, nearest_by_direction(at_most(near, _RETURNS)), described)
 
 
@@ -70,7 +70,7 @@ def describe(
     if parameters.descriptor is None:
         raise InvalidOption("a descriptor needs the map's parameters: see DescriptorParameters.from_engine")
     near = within_range(scan.points, parameters.min_range_m, parameters.max_range_m)
-    means = voxel_means(at_most(near, _VOXELLED), parameters.voxel_m)
+    means = voxel_means(at_most(near, _VOXELLED), parameters.voxel_m, BORDER_M)
     return _describe(near, means, parameters, parameters.descriptor, gravity)
 
 
@@ -99,7 +99,9 @@ def _against(gravity: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @accelerated
-def flat_patches(means: NDArray[np.float64], side_m: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def flat_patches(
+    means: NDArray[np.float64], side_m: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Points on flat surfaces, and their unit normals, (n, 3) each."""
     if not len(means):
         return means, means

@@ -1,6 +1,6 @@
 import numpy as np
 
-from firstfix.scan.voxel_filter import at_most, voxel_means, within_range
+from firstfix.scan.voxel_filter import BORDER_M, at_most, rows_by_voxel_hash, voxel_means, within_range
 
 
 def test_means_of_every_cube_in_order():
@@ -33,3 +33,69 @@ def test_a_part_of_a_scan_has_all_its_beams():
         taken = np.bincount(at_most(beams, count), minlength=64)
         assert taken.min() > 0.5 * count / 64
         assert taken.max() < 1.6 * count / 64
+
+
+RNG = np.random.default_rng(5)
+PLACES = RNG.uniform(-20, 20, (6000, 3))
+
+
+def test_a_sample_by_voxel_has_as_many_rows_as_asked_in_order():
+    for at_most_rows in (1, 7, 400, 5999, 6000, 9000):
+        rows = rows_by_voxel_hash(PLACES, 0.3, at_most_rows)
+        assert len(rows) == min(at_most_rows, len(PLACES))
+        assert (np.diff(rows) > 0).all()
+    assert len(rows_by_voxel_hash(PLACES[:0], 0.3, 10)) == 0
+
+
+def test_one_point_more_changes_one_point_of_a_sample_by_voxel():
+    rows = rows_by_voxel_hash(PLACES, 0.3, 2000)
+    for taken in (rows[1000], np.setdiff1d(np.arange(6000), rows)[1000]):
+        fewer = np.delete(PLACES, taken, axis=0)
+        again = fewer[rows_by_voxel_hash(fewer, 0.3, 2000)]
+        assert len({tuple(p) for p in PLACES[rows]} - {tuple(p) for p in again}) <= 1
+
+
+def test_a_smaller_sample_by_voxel_is_a_part_of_a_larger_one():
+    assert set(rows_by_voxel_hash(PLACES, 0.3, 400)) < set(rows_by_voxel_hash(PLACES, 0.3, 4000))
+
+
+def test_a_sample_by_voxel_is_an_even_part():
+    for axis in range(3):
+        taken = np.histogram(PLACES[rows_by_voxel_hash(PLACES, 0.3, 2000), axis], 5, (-20, 20))[0]
+        np.testing.assert_allclose(taken / np.histogram(PLACES[:, axis], 5, (-20, 20))[0], 1 / 3, atol=0.05)
+
+
+def test_of_one_voxel_the_first_points_are_taken():
+    inside = RNG.uniform(0.1, 0.2, (50, 3))
+    assert rows_by_voxel_hash(inside, 0.3, 3).tolist() == [0, 1, 2]
+
+
+def test_the_sample_by_voxel_is_that_of_the_protocol():
+    """Computed by hand from clients/protocol/on-the-robot.md: every client must take these."""
+    means = np.array([[0.1, 0.1, 0.1], [0.4, 0.1, 0.1], [-0.1, 0.1, 0.7], [5.0, -3.0, 1.0], [0.3, 0.3, 0.3]])
+
+    def hashed(x: int, y: int, z: int) -> int:
+        h = (x * 19349663 ^ y * 83492791 ^ z * 73856093) % 2**32
+        h = (h ^ h >> 16) * 0x85EBCA6B % 2**32
+        h = (h ^ h >> 13) * 0xC2B2AE35 % 2**32
+        return h ^ h >> 16
+
+    voxels = [
+        (0, 0, 0),
+        (1, 0, 0),
+        (-1, 0, 2),
+        (16, -11, 3),
+        (0, 0, 0),
+    ]  # 0.3 lies before the border at 0.3005
+    order = sorted(range(5), key=lambda row: (hashed(*voxels[row]), row))
+    for at_most_rows in range(1, 5):
+        assert rows_by_voxel_hash(means, 0.3, at_most_rows).tolist() == sorted(order[:at_most_rows])
+
+
+def test_points_in_whole_millimetres_lie_on_no_border():
+    """Half of these points lie on multiples of the voxel's size: there, any movement would change voxels."""
+    points = np.round(RNG.uniform(-5, 5, (2000, 3)) / 0.25) * 0.25
+    points += RNG.integers(0, 2, points.shape) * 0.001
+    for nudge_m in (-1e-5, 1e-5):
+        moved = voxel_means(points + nudge_m, 0.25, BORDER_M)
+        np.testing.assert_allclose(moved, voxel_means(points, 0.25, BORDER_M) + nudge_m, atol=2e-6)

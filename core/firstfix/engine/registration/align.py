@@ -21,7 +21,9 @@ from .surface import Surface
 from .surface_grid import SurfaceGrid
 
 _COARSE_POINTS = 200
-_COARSE_ANGLE, _FINE_ANGLE = 0.2, 0.06  # sine between normals at which a pair counts half
+# Sine between normals at which a pair counts half. The smaller, the more minima there are side by side.
+_COARSE_ANGLE, _ALIGN_ANGLE, _SMOOTH_ANGLE, _FINE_ANGLE = 0.2, 0.06, 0.5, 0.2
+_SMOOTH_ITERATIONS = 6
 _FINE_FILE, _COARSE_FILE = "surface_fine.safetensors", "surface_coarse.safetensors"
 
 
@@ -112,7 +114,8 @@ class MapSurface:
 
     def align_coarse(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> NDArray[np.float64]:
         """Aligns on the coarse grid: (k, 4, 4) starts within about a metre end within a few decimetres."""
-        reach_m, few = 1.5 * self.config.coarse_voxel_m, scan.at_most(_COARSE_POINTS)
+        voxel_m = self.config.coarse_voxel_m
+        reach_m, few = 1.5 * voxel_m, scan.at_most(_COARSE_POINTS, voxel_m)
         iterations = self.config.coarse_iterations
         found = self._align(self.coarse, few, T_level_sensor, iterations, reach_m, _COARSE_ANGLE)
         return found.T_level_sensor
@@ -120,7 +123,15 @@ class MapSurface:
     def align(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> Registrations:
         """Aligns on the map's own points, from (k, 4, 4) starts within a few decimetres."""
         reach_m, iterations = self.config.fine_distance_m, self.config.align_iterations
-        return self._align(self.fine, scan, T_level_sensor, iterations, reach_m, _FINE_ANGLE)
+        return self._align(self.fine, scan, T_level_sensor, iterations, reach_m, _ALIGN_ANGLE)
+
+    def align_smoothly(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> Registrations:
+        """Aligns on the map's own points with little regard to normals, from (k, 4, 4) aligned poses.
+
+        Starts within two decimetres end near one pose. From there ``align_fine`` goes to one of its minima.
+        """
+        reach_m = self.config.fine_distance_m
+        return self._align(self.fine, scan, T_level_sensor, _SMOOTH_ITERATIONS, reach_m, _SMOOTH_ANGLE)
 
     def align_fine(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> Registrations:
         """Aligns on the map's own points until convergence, from (k, 4, 4) aligned poses."""

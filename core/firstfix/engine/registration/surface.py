@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import native
-from ...portable.sample import rows_by_chance
+from ...scan.voxel_filter import rows_by_voxel_hash
 from ...transform import Matrix
 from .slabs import slabs
 
@@ -49,9 +49,9 @@ class Surface:
         """Surface of the given rows."""
         return Surface(self.points[rows], self.normals[rows], self.oriented[rows])
 
-    def at_most(self, count: int) -> Surface:
-        """Surface of at most ``count`` of the points (``rows_by_chance``)."""
-        return self if len(self) <= count else self.at(rows_by_chance(len(self), count))
+    def at_most(self, count: int, voxel_m: float) -> Surface:
+        """Surface of at most ``count`` of the points (``rows_by_voxel_hash``)."""
+        return self if len(self) <= count else self.at(rows_by_voxel_hash(self.points, voxel_m, count))
 
     def moved(self, T: Matrix) -> Surface:
         """Surface brought from the right frame of T to its left frame."""

@@ -15,7 +15,7 @@ inline std::vector<double> column_means(const double* rows, std::size_t count, s
   for (std::size_t row = 0; row < count; ++row) {
     for (std::size_t axis = 0; axis < 3; ++axis) points[3 * row + axis] = rows[columns * row + axis];
   }
-  detail::each_voxel(points.data(), count, voxel_m, detail::kXYZ, [&](const auto* first, const auto* last) {
+  detail::each_voxel(points.data(), count, voxel_m, 0.0, detail::kXYZ, [&](const auto* first, const auto* last) {
     const std::size_t start = means.size();
     means.resize(start + columns);
     for (const auto* entry = first; entry != last; ++entry) {

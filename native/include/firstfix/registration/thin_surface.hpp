@@ -24,7 +24,7 @@ inline SurfacePoints thin_surface(const float* points, const float* normals, con
   };
   constexpr std::size_t kWays = 9;  // axis of the normal; oriented forwards, backwards, or not
   SurfacePoints thinned;
-  detail::each_voxel(points, count, voxel_m, detail::kXYZ, [&](const auto* first, const auto* last) {
+  detail::each_voxel(points, count, voxel_m, 0.0, detail::kXYZ, [&](const auto* first, const auto* last) {
     Part parts[kWays];
     for (const auto* entry = first; entry != last; ++entry) {
       const std::size_t row = entry->row;

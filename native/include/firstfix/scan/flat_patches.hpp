@@ -25,7 +25,7 @@ inline Patches flat_patches(const double* means, std::size_t count, double side_
   std::vector<char> known(count);
   std::vector<detail::Vector3> normal(count);
   std::size_t found = 0;
-  detail::each_voxel(means, count, side_m, detail::kZYX, [&](const auto* first, const auto* last) {
+  detail::each_voxel(means, count, side_m, 0.0, detail::kZYX, [&](const auto* first, const auto* last) {
     if (last - first < kLeastPoints) return;
     detail::Vector3 centre{};
     for (const auto* entry = first; entry != last; ++entry) {

@@ -1,4 +1,5 @@
-// Points sorted by the voxel that they are in. A voxel's index on an axis is floor(coordinate / voxel_m), in double.
+// Points sorted by the voxel that they are in. A voxel's index on an axis is floor((coordinate - border_m) / voxel_m), in
+// double: border_m is the coordinate of a border between voxels.
 #pragma once
 
 #include <algorithm>
@@ -27,7 +28,7 @@ struct VoxelBox {
 
 // Throws std::invalid_argument for points that are not finite, or too far apart to be numbered.
 template <class T>
-VoxelBox voxel_box(const T* points, std::size_t count, double voxel_m) {
+VoxelBox voxel_box(const T* points, std::size_t count, double voxel_m, double border_m) {
   constexpr std::size_t kInStep = 24;  // eight points: a vector register of each axis in turn
   T least[kInStep], most[kInStep], not_finite[kInStep] = {};
   std::fill_n(least, kInStep, std::numeric_limits<T>::infinity());
@@ -51,8 +52,8 @@ VoxelBox voxel_box(const T* points, std::size_t count, double voxel_m) {
       most[axis] = std::max(most[axis], most[lane]);
       not_finite[axis] += not_finite[lane];
     }
-    box.low[axis] = std::floor(static_cast<double>(least[axis]) / voxel_m);
-    const double size = std::floor(static_cast<double>(most[axis]) / voxel_m) - box.low[axis] + 1;
+    box.low[axis] = std::floor((static_cast<double>(least[axis]) - border_m) / voxel_m);
+    const double size = std::floor((static_cast<double>(most[axis]) - border_m) / voxel_m) - box.low[axis] + 1;
     usable = usable && not_finite[axis] == 0 && size >= 1 && size <= kMostVoxels;
     box.size[axis] = usable ? static_cast<std::uint64_t>(size) : 1;
   }
@@ -91,8 +92,8 @@ void sort_by_key(std::vector<KeyedRow<Key>>& entries, unsigned bits) {
 }
 
 template <class Key, class T>
-std::vector<KeyedRow<Key>> rows_by_voxel(const T* points, std::size_t count, double voxel_m, const VoxelBox& box,
-                                         const AxisOrder& order) {
+std::vector<KeyedRow<Key>> rows_by_voxel(const T* points, std::size_t count, double voxel_m, double border_m,
+                                         const VoxelBox& box, const AxisOrder& order) {
   constexpr std::size_t kBlock = 256;
   std::vector<KeyedRow<Key>> entries(count);
   using Index = std::make_signed_t<Key>;
@@ -103,7 +104,7 @@ std::vector<KeyedRow<Key>> rows_by_voxel(const T* points, std::size_t count, dou
     for (std::size_t axis = 0; axis < 3; ++axis) {
       const double low = box.low[axis];
       for (std::size_t i = 0; i < block; ++i) {
-        cell[axis][i] = static_cast<Index>(std::floor(static_cast<double>(from[3 * i + axis]) / voxel_m) - low);
+        cell[axis][i] = static_cast<Index>(std::floor((static_cast<double>(from[3 * i + axis]) - border_m) / voxel_m) - low);
       }
     }
     const Index *slow = cell[order[0]], *middle = cell[order[1]], *fast = cell[order[2]];
@@ -121,9 +122,9 @@ std::vector<KeyedRow<Key>> rows_by_voxel(const T* points, std::size_t count, dou
 
 // Calls visit(first, last) for the entries of every occupied voxel: their `row` is ascending.
 template <class Key, class T, class Visit>
-void each_voxel_keyed(const T* points, std::size_t count, double voxel_m, const VoxelBox& box, const AxisOrder& order,
-                      Visit& visit) {
-  const auto entries = rows_by_voxel<Key>(points, count, voxel_m, box, order);
+void each_voxel_keyed(const T* points, std::size_t count, double voxel_m, double border_m, const VoxelBox& box,
+                      const AxisOrder& order, Visit& visit) {
+  const auto entries = rows_by_voxel<Key>(points, count, voxel_m, border_m, box, order);
   const auto* const end = entries.data() + count;
   for (const auto* first = entries.data(); first != end;) {
     const auto* last = first;
@@ -134,13 +135,14 @@ void each_voxel_keyed(const T* points, std::size_t count, double voxel_m, const 
 }
 
 template <class T, class Visit>
-void each_voxel(const T* points, std::size_t count, double voxel_m, const AxisOrder& order, Visit visit) {
+void each_voxel(const T* points, std::size_t count, double voxel_m, double border_m, const AxisOrder& order,
+                Visit visit) {
   if (count == 0) return;
-  const VoxelBox box = voxel_box(points, count, voxel_m);
+  const VoxelBox box = voxel_box(points, count, voxel_m, border_m);
   if (box.count() <= std::uint64_t{1} << 31) {
-    each_voxel_keyed<std::uint32_t>(points, count, voxel_m, box, order, visit);
+    each_voxel_keyed<std::uint32_t>(points, count, voxel_m, border_m, box, order, visit);
   } else {
-    each_voxel_keyed<std::uint64_t>(points, count, voxel_m, box, order, visit);
+    each_voxel_keyed<std::uint64_t>(points, count, voxel_m, border_m, box, order, visit);
   }
 }
 

@@ -39,10 +39,10 @@ def test_a_part_has_at_most_so_many_points_and_keeps_their_normals():
     points = np.arange(300, dtype=np.float32).reshape(100, 3)
     surface = surface_of(points, points + 1)
     for count in (1, 7, 33, 99, 100, 1000):
-        part = surface.at_most(count)
+        part = surface.at_most(count, 0.5)
         assert 0 < len(part) <= count
         assert np.array_equal(part.normals, part.points + 1)
-    assert len(surface.at_most(1000)) == 100
+    assert len(surface.at_most(1000, 0.5)) == 100
 
 
 def test_moving_turns_points_and_normals():
