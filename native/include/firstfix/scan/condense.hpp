@@ -66,7 +66,7 @@ inline CompactScan condense(const Scan& scan, const DescriptorParameters& parame
   const auto near = detail::within_range(scan.points, parameters.min_range_m, parameters.max_range_m);
   const auto means = detail::voxel_means(detail::at_most(near, detail::kVoxelFilterPoints), parameters.voxel_m);
   CompactScan compact;
-  for (const auto row : rows_by_voxel_hash(detail::coordinates(means), means.size(), parameters.voxel_m, points)) {
+  for (const auto row : rows_by_voxel_hash(detail::numbers_of(means), means.size(), parameters.voxel_m, points)) {
     const auto& [x, y, z] = means[static_cast<std::size_t>(row)];
     compact.points.push_back({static_cast<float>(x), static_cast<float>(y), static_cast<float>(z)});
   }
