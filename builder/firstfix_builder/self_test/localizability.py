@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.portable.sample import rows_by_chance
+from ..index.top_view import TopView
 
 CELL_M = 4.0
-MAX_POINTS = 200_000
 _COLOURS = {"localized": "tab:green", "unsure": "tab:orange", "wrong": "tab:red"}
 
 
@@ -64,11 +63,11 @@ def draw_localizability(map_points: NDArray[np.floating], spots: Sequence[Spot],
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    shown = map_points[rows_by_chance(len(map_points), MAX_POINTS)]
+    view = TopView.of(map_points)
     figure = Figure(figsize=(9, 9), dpi=120, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    axes.scatter(shown[:, 0], shown[:, 1], s=0.1, c="0.8", lw=0)
+    axes.imshow(view.opacity, origin="lower", extent=view.extent_m, cmap="gray_r", vmin=0, vmax=3)
     for spot in spots:
         if spot.outcome != "localized" and spot.rival_m is not None:
             ends = np.stack([spot.position_m, spot.rival_m])
@@ -76,7 +75,6 @@ def draw_localizability(map_points: NDArray[np.floating], spots: Sequence[Spot],
     for outcome, colour in _COLOURS.items():
         at = np.array([spot.position_m for spot in spots if spot.outcome == outcome]).reshape(-1, 3)
         axes.scatter(at[:, 0], at[:, 1], s=14, c=colour, lw=0, label=f"{outcome}: {len(at)}")
-    axes.set_aspect("equal")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
     axes.legend(loc="upper right")

@@ -90,9 +90,7 @@ class Simulator:
             else:
                 yield np.concatenate([self._ranges(one[None, :3, 3], rays.turned(one), sensor) for one in T])
 
-    def _ranges(
-        self, origins: NDArray[np.floating], rays: Rays, sensor: SensorModel
-    ) -> NDArray[np.float32]:
+    def _ranges(self, origins: NDArray[np.floating], rays: Rays, sensor: SensorModel) -> NDArray[np.float32]:
         """(k, rays) ranges of rays in the map's directions from (k, 3) origins."""
         return self._tree.ranges(
             np.ascontiguousarray(origins, np.float32),

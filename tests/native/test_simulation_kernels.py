@@ -1,0 +1,181 @@
+"""The ray caster against Embree, and the surfaces that returns lie on against NumPy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+
+from every_case import every_case
+from firstfix.native import SeenSurface, TriangleTree, bundle_rays, column_means
+from firstfix.sensor import preset
+from firstfix_builder.simulation.perturb import elsewhere
+from firstfix_builder.simulation.rays import Rays
+from firstfix_builder.simulation.simulate import Simulator
+
+NO_LIMIT_M = 1e6
+
+
+@pytest.fixture(scope="module")
+def yard() -> Simulator:
+    return Simulator(*elsewhere(np.random.default_rng(3)))
+
+
+@pytest.fixture(scope="module")
+def hills() -> Simulator:
+    """80,000 small triangles without a gap."""
+    x, y = np.meshgrid(np.linspace(-20, 20, 201), np.linspace(-20, 20, 201), indexing="ij")
+    z = np.sin(x) * np.cos(1.3 * y) + 0.3 * np.sin(5 * x + y) - 2
+    row = np.arange(201 * 201).reshape(201, 201)
+    a, b, c, d = (part.ravel() for part in (row[:-1, :-1], row[1:, :-1], row[:-1, 1:], row[1:, 1:]))
+    triangles = np.concatenate([np.column_stack([a, b, c]), np.column_stack([b, d, c])])
+    return Simulator(np.column_stack([x.ravel(), y.ravel(), z.ravel()]), triangles)
+
+
+def directions(count: int, seed: int = 0) -> np.ndarray:
+    rays = np.random.default_rng(seed).normal(size=(count, 3))
+    return (rays / np.linalg.norm(rays, axis=1, keepdims=True)).astype(np.float32)
+
+
+@pytest.mark.parametrize("place", ["yard", "hills"])
+def test_ranges_are_embrees(place: str, request: pytest.FixtureRequest):
+    simulator = request.getfixturevalue(place)
+    origins = np.random.default_rng(1).uniform([-18, -18, -1.5], [18, 18, 4], (40, 3))
+    for rays in (
+        Rays.of_sensor(preset("os0-64").coarser(4000)),
+        Rays.of(directions(999)),
+        Rays.of(directions(5)),
+    ):
+        found = simulator._tree.ranges(origins.astype(np.float32), rays.directions, rays.order, 0, NO_LIMIT_M)
+        wanted = simulator.cast(
+            np.repeat(origins, len(rays), axis=0), np.tile(rays.directions, (len(origins), 1))
+        ).reshape(found.shape)
+        met = np.isfinite(wanted)
+        assert met.any()
+        edges = np.isfinite(found) != met  # a ray along an edge may be met by one alone
+        assert edges.mean() < 1e-4
+        off_m = np.abs(found[met & ~edges] - wanted[met & ~edges])
+        assert np.percentile(off_m, 99.9) < 1e-3
+        assert (off_m > 0.01).mean() < 1e-4  # past an edge: then it is another surface's range
+
+
+def test_no_ray_slips_between_triangles():
+    """Rays through the edges of a closed rock around the origin."""
+    rng = np.random.default_rng(2)
+    points = directions(5000, seed=2) * rng.uniform(4, 5, (5000, 1)).astype(np.float32)
+    triangles = ConvexHull(points / np.linalg.norm(points, axis=1, keepdims=True)).simplices.astype(np.uint32)
+    tree, origin = TriangleTree(points, triangles), np.zeros((1, 3), np.float32)
+    corners = points[triangles]
+    on_edge = corners[:, 0] + (corners[:, 1] - corners[:, 0]) * rng.uniform(0, 1, (len(corners), 1))
+    rays = (on_edge / np.linalg.norm(on_edge, axis=1, keepdims=True)).astype(np.float32)
+    ranges = tree.ranges(origin, rays, bundle_rays(rays), 0, NO_LIMIT_M)[0]
+    assert np.abs(ranges - np.linalg.norm(on_edge, axis=1)).max() < 1e-3
+
+
+def test_the_order_of_rays_and_origins_changes_no_bit(hills: Simulator):
+    rays, origins = directions(1003), np.random.default_rng(4).uniform(-9, 9, (37, 3)).astype(np.float32)
+    whole = hills._tree.ranges(origins, rays, bundle_rays(rays), 0.5, 30)
+    shuffled = np.random.default_rng(5).permutation(len(rays)).astype(np.uint32)
+    assert np.array_equal(whole, hills._tree.ranges(origins, rays, shuffled, 0.5, 30))
+    single = [hills._tree.ranges(one[None], rays, bundle_rays(rays), 0.5, 30) for one in origins]
+    assert np.array_equal(whole, np.concatenate(single))
+
+
+def test_bundles_hold_each_ray_once_and_neighbours():
+    rays = preset("os1-128").directions()
+    order = bundle_rays(rays)
+    assert np.array_equal(np.sort(order), np.arange(len(rays)))
+    bundles = rays[order].reshape(-1, 16, 3)
+    middle = bundles.mean(axis=1, keepdims=True)
+    cosine = (bundles * middle).sum(axis=2) / np.linalg.norm(middle, axis=2)
+    assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).max() < 3
+
+
+def test_ranges_end_at_the_limits():
+    floor = np.float32([[-50, -50, 0], [50, -50, 0], [0, 80, 0]])
+    tree = TriangleTree(floor, np.uint32([[0, 1, 2]]))
+    down = np.float32([[0, 0, -1]])
+    heights = np.float32([[0, 0, h] for h in (0.5, 1.0, 2.0, 3.0, 3.001)])
+    found = tree.ranges(heights, down, np.uint32([0]), 1.0, 3.0)[:, 0]
+    assert np.array_equal(found, np.float32([np.inf, 1, 2, 3, np.inf]))
+
+
+def test_a_tree_of_any_shape_is_searched():
+    """Triangles in one place, along a line at growing steps, and flat ones."""
+    x = np.float32(2.0) ** np.arange(-60, 29)
+    far = np.stack(
+        [np.column_stack([x, 0 * x + dy, 0 * x + dz]) for dy, dz in ((-1, -1), (1, -1), (0, 1))], axis=1
+    )
+    same = np.tile(np.float32([[[4, -1, -1], [4, 1, -1], [4, 0, 1]]]), (300, 1, 1))
+    flat = np.zeros((20, 3, 3), np.float32)
+    vertices = np.concatenate([far, same, flat]).reshape(-1, 3)
+    tree = TriangleTree(vertices, np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3))
+    ahead = np.float32([[1, 0, 0]])
+    found = tree.ranges(np.float32([[3, 0, 0], [5, 0, 0]]), ahead, np.uint32([0]), 0, 1e8)
+    assert np.array_equal(found, np.float32([[1], [3]]))
+
+
+def test_near_surfaces_are_embrees(yard: Simulator):
+    points = np.random.default_rng(6).uniform([-30, -30, 0], [30, 30, 6], (3000, 3))
+    distance = yard.distance(points)
+    for radius_m in (0.05, 0.3, 2.0):
+        sure = np.abs(distance - radius_m) > 1e-5
+        assert np.array_equal(yard.is_free(points, radius_m)[sure], (distance >= radius_m)[sure])
+
+
+def test_means_of_what_is_seen():
+    rng = np.random.default_rng(7)
+    origins, rays = rng.uniform(-3, 3, (60, 3)).astype(np.float32), directions(500)
+    ranges = rng.uniform(0.5, 9, (60, 500)).astype(np.float32)
+    ranges[rng.random(ranges.shape) < 0.2] = np.inf
+    surface = SeenSurface(0.25)
+    for start in range(0, 60, 7):  # in parts
+        surface.add(origins[start : start + 7], rays, ranges[start : start + 7])
+    scan, ray = np.nonzero(np.isfinite(ranges))
+    points = origins[scan].astype(np.float64) + rays[ray] * ranges[scan, ray][:, None]
+    wanted = column_means(np.column_stack([points, -rays[ray]]), 0.25)
+    found = surface.means()
+    assert found.shape == wanted.shape
+    assert np.abs(found - wanted).max() < 1e-6
+    assert SeenSurface(0.25).means().shape == (0, 6)
+
+
+def test_column_means_are_numpys():
+    rng = np.random.default_rng(8)
+    rows = np.column_stack([rng.uniform(-5, 5, (20_000, 3)), rng.normal(size=(20_000, 2))])
+    cell = np.floor(rows[:, :3] / 0.3).astype(np.int64)
+    _, voxel, count = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
+    sums = np.stack([np.bincount(voxel.ravel(), weights=column) for column in rows.T], axis=1)
+    assert np.array_equal(column_means(rows, 0.3), sums / count[:, None])
+
+
+FLOOR = np.float32([[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+CORNERS = np.uint32([[0, 1, 2]])
+TREE = TriangleTree(FLOOR, CORNERS)
+UP, FIRST = np.float32([[0, 0, 1]]), np.uint32([0])
+REFUSED = {
+    "no triangle": lambda: TriangleTree(FLOOR, CORNERS[:0]),
+    "a vertex that is not there": lambda: TriangleTree(FLOOR, CORNERS + np.uint32(1)),
+    "a vertex that is no number": lambda: TriangleTree(FLOOR * np.float32(np.nan), CORNERS),
+    "a vertex too far away": lambda: TriangleTree(FLOOR * np.float32(3e9), CORNERS),
+    "an origin that is no number": lambda: TREE.ranges(UP * np.nan, UP, FIRST, 0, 9),
+    "a direction that is none": lambda: TREE.ranges(UP, UP * 3, FIRST, 0, 9),
+    "a row that is not there": lambda: TREE.ranges(UP, UP, FIRST + np.uint32(1), 0, 9),
+    "rows of other rays": lambda: TREE.ranges(UP, UP, FIRST[:0], 0, 9),
+    "limits out of order": lambda: TREE.ranges(UP, UP, FIRST, 9, 0),
+    "a limit that is no number": lambda: TREE.ranges(UP, UP, FIRST, 0, np.nan),
+    "a point that is no number": lambda: TREE.near_surface(UP * np.nan, 1),
+    "bundles of no rays": lambda: bundle_rays(UP * np.nan),
+    "voxels of no size": lambda: SeenSurface(0),
+    "ranges of other rays": lambda: SeenSurface(1).add(UP, UP, np.zeros((1, 2), np.float32)),
+    "returns too far away": lambda: SeenSurface(1e-6).add(UP, UP, np.float32([[99]])),
+    "rows that are too short": lambda: column_means(np.zeros((4, 2)), 0.1),
+    "rows that are no numbers": lambda: column_means(np.full((4, 3), np.nan), 0.1),
+    "rows too far apart": lambda: column_means(np.array([[0, 0, 0], [1e30, 0, 0.0]]), 0.1),
+}
+
+
+@every_case("name", REFUSED)
+def test_the_border_refuses(name: str):
+    with pytest.raises((ValueError, IndexError, TypeError)):
+        REFUSED[name]()
