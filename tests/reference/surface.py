@@ -11,16 +11,23 @@ from firstfix.engine.registration.surface import Surface
 NEIGHBOURS = 10
 
 
-def neighbour_scatter(points: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Scatter (n, 3, 3) of every point's ten nearest, itself among them, and all that are no further."""
+def neighbour_scatter(points: NDArray[np.floating]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Scatter (n, 3, 3) of every point's ten nearest, itself among them, and all that are no further.
+
+    Returns:
+        The scatter, and (n,) whether it is clear which points these are. A next one that is further by less
+        than float32 can tell may or may not be among them.
+    """
     exact = np.asarray(points, np.float64)
     tree = cKDTree(exact)
     reach = tree.query(exact, k=[min(NEIGHBOURS, len(exact))])[0][:, 0]
     scatter = np.empty((len(exact), 3, 3))
-    for row, near in enumerate(tree.query_ball_point(exact, reach * (1 + 1e-6))):
+    nearest = tree.query_ball_point(exact, reach * (1 + 1e-12))
+    clear = tree.query_ball_point(exact, reach * (1 + 1e-5), return_length=True) == list(map(len, nearest))
+    for row, near in enumerate(nearest):
         off = exact[near] - exact[near].mean(axis=0)
         scatter[row] = off.T @ off
-    return scatter
+    return scatter, clear
 
 
 def thinned(surface: Surface, voxel_m: float) -> Surface:

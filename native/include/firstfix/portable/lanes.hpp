@@ -43,10 +43,11 @@ inline FloatLanes root_lanes(FloatLanes of) {
 
 // Whether any lane of a comparison's result holds.
 inline bool any_lane(IntLanes holds) {
-  std::int64_t words[sizeof holds / 8], any = 0;
-  std::memcpy(words, &holds, sizeof holds);
-  for (const std::int64_t word : words) any |= word;
-  return any != 0;
+  typedef std::int64_t Words __attribute__((vector_size(16)));
+  Words quarters[sizeof holds / 16];
+  std::memcpy(quarters, &holds, sizeof holds);
+  for (std::size_t i = 1; i < sizeof holds / 16; ++i) quarters[0] |= quarters[i];
+  return (quarters[0][0] | quarters[0][1]) != 0;
 }
 
 }  // namespace firstfix::detail

@@ -115,7 +115,6 @@ class NeighbourSearch {
       for (std::uint32_t i = nodes[leaf.node].begin; i < nodes[leaf.node].end; ++i) {
         FloatLanes dx = tree_.x()[i] - x_, dy = tree_.y()[i] - y_, dz = tree_.z()[i] - z_;
         const IntLanes inside = dx * dx + dy * dy + dz * dz <= reach2_;
-        if (!any_lane(inside)) continue;
         dx = inside ? dx : zero;
         dy = inside ? dy : zero;
         dz = inside ? dz : zero;
