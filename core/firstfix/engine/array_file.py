@@ -47,7 +47,7 @@ def map_arrays(path: Path) -> dict[str, NDArray[Any]]:
     """Maps the arrays of a file that ``save_arrays`` wrote, read-only.
 
     Raises:
-        ValueError: the file has another format or is cut off.
+        ValueError: the file has another format, is cut off or has an array that is not aligned.
         OSError: the file cannot be read.
     """
     data = np.memmap(path, np.uint8, "r")
@@ -68,4 +68,6 @@ def _mapped(content: NDArray[np.uint8], entry: Mapping[str, Any]) -> NDArray[Any
     if not 0 <= begin <= end <= len(content) or end - begin != prod(shape) * dtype.itemsize:
         raise ValueError("an array is cut off")
     array: NDArray[Any] = np.asarray(content[begin:end]).view(dtype).reshape(shape)
+    if not array.flags.aligned:
+        raise ValueError("an array is not aligned")
     return array

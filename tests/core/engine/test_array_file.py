@@ -80,3 +80,13 @@ def test_a_cut_off_file_is_refused(tmp_path):
     path.write_bytes(path.read_bytes()[:-1])
     with pytest.raises(ValueError, match="cut off"):
         map_arrays(path)
+
+
+def test_an_array_at_an_odd_place_is_refused(tmp_path):
+    """A kernel reads whole numbers, which start where the processor wants them."""
+    path = tmp_path / "a"
+    save_arrays(path, {"x": np.arange(3, dtype=np.int32)})
+    header = b'{"x":{"dtype":"I32","shape":[2],"data_offsets":[1,9]}}'
+    path.write_bytes(len(header).to_bytes(8, "little") + header + path.read_bytes()[-12:])
+    with pytest.raises(ValueError, match="not aligned"):
+        map_arrays(path)

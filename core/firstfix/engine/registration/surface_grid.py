@@ -57,7 +57,7 @@ class SurfaceGrid:
     def tables(self) -> native.SurfaceGrid:
         """The arrays as the kernels read them."""
         return native.SurfaceGrid(
-            float(self.cell[0]),
+            float(self.cell.item()),
             self.corner,
             self.planes,
             self.oriented,

@@ -166,6 +166,7 @@ def test_no_point_and_no_pose():
 def test_tables_of_another_shape_or_type_are_refused():
     grid, scan = slab()
     for wrong in (
+        {"cell": np.zeros(0, np.float32)},
         {"cell": np.zeros(1, np.float32)},
         {"cell": np.full(1, np.nan, np.float32)},
         {"planes": grid.planes[:-1]},
