@@ -55,6 +55,9 @@ class BestShifts {
         group[lane] = {templates + static_cast<std::size_t>(rows[first + std::min(lane, lanes - 1)]) * bytes_, bytes_};
       }
       lay_out(group);
+      for (std::size_t next = first + lanes; next < std::min(first + lanes + detail::kLanes, count); ++next) {
+        fetch(templates + static_cast<std::size_t>(rows[next]) * bytes_);
+      }
       for (std::size_t word = 0; word < words_; ++word) count_shared(word);
       const Words most = keep_best();
       for (std::size_t lane = 0; lane < lanes; ++lane) {
@@ -81,6 +84,11 @@ class BestShifts {
   static Sum add(Words a, Words b, Words c) {
     const Words differ = a ^ b;
     return {differ ^ c, (a & b) | (differ & c)};
+  }
+
+  // Asks for a template's bytes, which come from memory while the templates before it are compared.
+  void fetch(const std::uint8_t* bits) const {
+    for (std::size_t byte = 0; byte < bytes_; byte += 64) __builtin_prefetch(bits + byte);
   }
 
   // The rings that the query uses, each twice in a row, so that every turn of it can be read from there.
