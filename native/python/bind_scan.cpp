@@ -114,7 +114,7 @@ void bind_scan(nb::module_& module) {
   module.def(
       "rows_by_chance",
       [](std::uint64_t count, std::uint64_t at_most) {
-        constexpr std::uint64_t kMost = std::uint64_t{1} << 32;
+        constexpr std::uint64_t kMost = std::uint64_t{1} << 30;
         require(std::min(count, at_most) < kMost, "a list has too many rows");
         std::vector<std::int64_t> rows;
         {

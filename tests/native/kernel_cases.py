@@ -66,6 +66,17 @@ def _cast(native: Any) -> Any:
     return tree.ranges(FEW[:2] / 9, NORMALS, order, 0.1, 60.0), tree.near_surface(FEW[::2] / 2, 0.3)
 
 
+def _grid(native: Any) -> Any:
+    grid = SurfaceGrid.of(SURFACE, 0.5)
+    tables = (grid.corner, grid.planes, grid.oriented, grid.group, grid.block, grid.point)
+    return native.SurfaceGrid(float(grid.cell[0]), *tables)
+
+
+def _tiles(native: Any, voxel_m: float) -> Any:
+    tiles = PointTiles.of(FEW, voxel_m)
+    return native.PointTiles(tiles.points, tiles.begin, tiles.low)
+
+
 def _aligned() -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
     return FEW[::5] + np.float32(0.05), NORMALS[::5], SURFACE.oriented[::5]
 
@@ -129,16 +140,14 @@ CASES: dict[str, Callable[[Any], Any]] = {
     "SeenSurface": _seen_surface,
     "bundle_rays": lambda native: native.bundle_rays(NORMALS),
     "TriangleTree": _cast,
-    "SurfaceGrid": lambda native: SurfaceGrid.of(SURFACE, 0.5).nearest(FEW[::3]),
-    "align": lambda native: native.align(
-        SurfaceGrid.of(SURFACE, 0.5).tables, *_aligned(), np.eye(4)[None], 5, 0.4, 0.5, 0.13
-    ),
+    "SurfaceGrid": lambda native: _grid(native).nearest(FEW[::3]),
+    "align": lambda native: native.align(_grid(native), *_aligned(), np.eye(4)[None], 5, 0.4, 0.5, 0.13),
     "distinct_poses": lambda native: native.distinct_poses(
         np.array([make_transform(np.eye(3), at) for at in FEW[:200] / 20]), 0.5, 0.2, 50
     ),
-    "PointTiles": lambda native: PointTiles.of(FEW, 0.2).tables.nearest_by_direction(T_MAP_SENSOR, 30.0),
+    "PointTiles": lambda native: _tiles(native, 0.2).nearest_by_direction(T_MAP_SENSOR, 30.0),
     "free_space_violation": lambda native: native.free_space_violation(
-        PointTiles.of(FEW, 0.2).tables, PointTiles.of(FEW, 0.4).tables, 40.0, *_view(), T_MAP_SENSOR
+        _tiles(native, 0.2), _tiles(native, 0.4), 40.0, *_view(), T_MAP_SENSOR
     ),
 }
 

@@ -37,4 +37,4 @@ def test_no_kernel_reads_outside_an_array(folder: Path, program: str):
 
 
 def test_every_room_with_kernels_is_tried():
-    assert {"fuzz_descriptor", "fuzz_registration", "fuzz_scan"} <= set(PROGRAMS)
+    assert {"fuzz_descriptor", "fuzz_registration", "fuzz_scan", "fuzz_wire"} <= set(PROGRAMS)

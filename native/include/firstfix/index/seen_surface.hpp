@@ -18,7 +18,7 @@ class SeenSurface {
   explicit SeenSurface(double voxel_m) : voxel_m_(voxel_m), voxels_(std::size_t{1} << kLeastBits) {}
 
   // Origins (number, 3), unit directions (count, 3), ranges (number, count), infinite where there is no return.
-  // Throws std::out_of_range for a return more than 2^20 voxels away from the frame's origin.
+  // Throws std::invalid_argument for a return more than 2^20 voxels away from the frame's origin.
   void add(const float* origins, std::size_t number, const float* directions, std::size_t count, const float* ranges) {
     for (std::size_t scan = 0; scan < number; ++scan) {
       for (std::size_t start = 0; start < count; start += kBlock) {
@@ -70,7 +70,7 @@ class SeenSurface {
       for (int a = 0; a < 3; ++a) {
         points[seen][a] = static_cast<double>(origin[a]) + static_cast<double>(directions[3 * ray + a] * ranges[ray]);
         const double cell = std::floor(points[seen][a] / voxel_m_);
-        if (!(std::fabs(cell) < kReach)) throw std::out_of_range("a return is too far from the frame's origin");
+        if (!(std::fabs(cell) < kReach)) throw std::invalid_argument("a return is too far from the frame's origin");
         key = key << 21 | static_cast<std::uint64_t>(cell + kReach);
       }
       keys[seen] = key;

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 
 #include "firstfix/simulation/triangle_tree.hpp"
 #include "firstfix/simulation/wide.hpp"
@@ -49,7 +50,8 @@ inline float squared_to_triangle(const Vector& a, const Vector& b, const Vector&
 
 // Whether any triangle is within `radius_m` of a point (3,).
 inline bool is_near_surface(const TriangleTree& tree, const float* point, float radius_m) {
-  const float limit = radius_m * radius_m;
+  // A number even for an endless radius: the empty boxes of a node are endlessly far away, and must stay outside.
+  const float limit = std::min(radius_m * radius_m, std::numeric_limits<float>::max());
   std::int32_t stack[TriangleTree::kWidth * TriangleTree::kMostLevels];
   int depth = 0;
   stack[depth++] = 0;

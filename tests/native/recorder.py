@@ -1,0 +1,57 @@
+"""Record of the calls of kernels that the cases of ``kernel_cases`` make."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import kernel_cases
+
+
+@dataclass(frozen=True)
+class Call:
+    """A call of a kernel, a constructor or a method, that gave a result."""
+
+    name: str
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+
+
+class Recorder:
+    """Stands for the module, or for one of its objects, in a case, and keeps the calls."""
+
+    def __init__(self, real: Any, calls: list[Call], prefix: str = "") -> None:
+        self._real, self._calls, self._prefix = real, calls, prefix
+
+    def __getattr__(self, name: str) -> Any:
+        function, path = getattr(self._real, name), self._prefix + name
+
+        def call(*arguments: Any) -> Any:
+            real = tuple(one._real if isinstance(one, Recorder) else one for one in arguments)
+            self._calls.append(Call(path, function, real))
+            result = function(*real)
+            return Recorder(result, self._calls, f"{path}.") if isinstance(function, type) else result
+
+        return call
+
+
+def recorded(native: ModuleType) -> list[Call]:
+    """Returns the calls of all cases."""
+    calls: list[Call] = []
+    for case in kernel_cases.CASES.values():
+        case(Recorder(native, calls))
+    return calls
+
+
+def kernels(native: ModuleType) -> set[str]:
+    """Returns the names of all functions and classes of the compiled core, and of the classes' methods."""
+    found = set()
+    for name, value in vars(native).items():
+        if type(value).__name__ == "nb_func":
+            found.add(name)
+        if isinstance(value, type):
+            methods = (method for method in vars(value) if not method.startswith("_"))
+            found |= {name, *(f"{name}.{method}" for method in methods)}
+    return found

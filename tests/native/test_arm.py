@@ -1,0 +1,69 @@
+"""The kernels on a 64-bit ARM processor: they compile, and a robot there computes what one here does.
+
+That one here passes the golden vectors is tested in ``tests/cpp``.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from waiting import LIMIT_S
+
+REPO = Path(__file__).resolve().parents[2]
+HEADERS = REPO / "native" / "include"
+SCANS = sorted((REPO / "clients/conformance/vectors/inputs").glob("*.f32"))
+CROSS, EMULATOR = "aarch64-linux-gnu-g++", "qemu-aarch64"
+# -fno-trapping-math lets the compiler use vectors: NEON is in every such processor.
+FLAGS = ["-std=c++17", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-Wno-psabi"]
+pytestmark = pytest.mark.slow
+
+
+def run(*command: str | Path) -> str:
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=LIMIT_S)
+    assert done.returncode == 0, done.stderr[-3000:]
+    return done.stdout
+
+
+def need(*programs: str) -> None:
+    for program in programs:
+        if shutil.which(program) is None:
+            pytest.skip(f"{program} is not here: sudo apt-get install g++-aarch64-linux-gnu qemu-user")
+
+
+def test_every_header_compiles(tmp_path: Path):
+    need(CROSS)
+    names = [path.relative_to(HEADERS).as_posix() for path in sorted(HEADERS.rglob("*.hpp"))]
+    needs_zstd = {
+        "points",
+        "query",
+        "range_image",
+        "scan",
+        "sequence",
+        "zstd_frame",
+    }  # no library for ARM is here
+    chosen = [
+        name for name in names if not (name.startswith("firstfix/wire/") and Path(name).stem in needs_zstd)
+    ]
+    assert len(chosen) > 20
+    source = tmp_path / "all.cpp"
+    source.write_text("".join(f'#include "{name}"\n' for name in chosen))
+    run(CROSS, *FLAGS, "-Wall", "-Wextra", "-Werror", "-fsyntax-only", f"-I{HEADERS}", source)
+
+
+def test_a_robot_computes_the_same(tmp_path: Path):
+    need("c++", CROSS, EMULATOR)
+    scans = [path for path in SCANS if path.stat().st_size % 12 == 0]  # the others hold intensities
+    assert {"room", "street"} <= {path.stem for path in scans}
+    printed = []
+    for compiler, runner in (("c++", []), (CROSS, [EMULATOR])):
+        program = tmp_path / compiler
+        source = REPO / "native/tests/digests.cpp"
+        run(compiler, *FLAGS, "-static", f"-I{HEADERS}", source, "-o", program)
+        printed.append(run(*runner, program, *scans))
+    here, there = printed
+    assert here.count("\n") == 3 * len(scans) + 3
+    assert here == there
