@@ -8,6 +8,7 @@ from ipaddress import IPv4Address, IPv4Network, IPv6Address, IPv6Network, ip_add
 
 Network = IPv4Network | IPv6Network
 _IPV6_SITE_BITS = 64  # the smallest network of one subscriber: each caller has one name, not 2**64
+_MAX_CHARS = 80  # of an address with the name of its network interface
 UNKNOWN = "unknown"
 
 
@@ -41,8 +42,12 @@ def _is_in(address: IPv4Address | IPv6Address, networks: Iterable[Network]) -> b
     return any(address in network for network in networks)
 
 
-@lru_cache(4096)  # callers come again, and reading an address takes longer than all else here
 def _parsed(text: str) -> IPv4Address | IPv6Address | None:
+    return _read(text) if len(text) <= _MAX_CHARS else None
+
+
+@lru_cache(4096)  # callers come again, and reading an address takes longer than all else here
+def _read(text: str) -> IPv4Address | IPv6Address | None:
     try:
         address = ip_address(text)
     except ValueError:

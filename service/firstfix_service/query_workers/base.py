@@ -65,6 +65,11 @@ class QueryWorkerThreads:
         self._localizers = Localizers(load)
         self._threads = ThreadPoolExecutor(count, thread_name_prefix="query")
 
+    @property
+    def loaded(self) -> tuple[ServedVersion, ...]:
+        """The versions in memory, in the order in which they were loaded."""
+        return self._localizers.loaded
+
     def load(self, version: ServedVersion) -> int:
         """Loads a version; returns its bytes in memory."""
         return self._localizers.load(version)

@@ -65,6 +65,7 @@ class QueryWorkerHandle:
                 stdin=subprocess.DEVNULL,
                 env={**dict.fromkeys(_ONE_THREAD, "1"), **os.environ},
             )
+        self._reader = MessageReader()
         self._query_lock = threading.Lock()  # held by ``close`` too, or another file could get its number
         self._control_lock = threading.Lock()
         self.started = time.monotonic()
@@ -161,11 +162,10 @@ class QueryWorkerHandle:
         """
         loop = asyncio.get_running_loop()
         replied: asyncio.Future[tuple[bool, Any]] = loop.create_future()
-        reader = MessageReader()
 
         def read() -> None:
             try:
-                received = reader.receive(self._queries)
+                received = self._reader.receive(self._queries)
             except (BlockingIOError, InterruptedError):
                 return
             except Exception as error:
@@ -182,6 +182,7 @@ class QueryWorkerHandle:
         finally:
             loop.remove_reader(self._queries)
             timer.cancel()
+            self._reader.forget()
 
     def _tell(self, what: str, version: ServedVersion | None) -> Any:
         with self._control_lock:

@@ -27,6 +27,12 @@ class Localizers:
         self._lock = threading.Lock()
         self._loads: dict[ServedVersion, threading.Lock] = {}
 
+    @property
+    def loaded(self) -> tuple[ServedVersion, ...]:
+        """The versions in memory, in the order in which they were loaded."""
+        with self._lock:
+            return tuple(self._localizers)
+
     def load(self, version: ServedVersion) -> int:
         """Loads a version; returns its bytes in memory, without the mapped files."""
         localizer = self._localizer(version)

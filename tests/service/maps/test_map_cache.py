@@ -279,10 +279,10 @@ def test_a_version_that_a_query_uses_stays_until_it_is_given_back(world: World):
     asked = cache.lease(["b"])
     let_pass(0.1)
     assert not asked.done(), "the limit holds also while a query goes on"
-    assert list(world.workers._localizers) == list(leases.served)
+    assert list(world.workers.loaded) == list(leases.served)
     leases.close()
     asked.result(LIMIT_S).close()
-    assert len(world.workers._localizers) == 1
+    assert len(world.workers.loaded) == 1
 
 
 def test_an_evicted_version_is_loaded_again_for_a_new_query(world: World):
@@ -309,7 +309,7 @@ def test_a_query_over_more_maps_than_the_limit_gets_them_all(world: World):
     both.close()
     leases.close()
     cache.get("a")
-    wait_until(lambda: len(world.workers._localizers) == 1)
+    wait_until(lambda: len(world.workers.loaded) == 1)
 
 
 def test_one_bad_map_of_several_gives_the_others_back(world: World):
@@ -320,7 +320,7 @@ def test_one_bad_map_of_several_gives_the_others_back(world: World):
         cache.leased("good", "bad")
     world.publish("next", "2")
     cache.get("next")
-    assert len(world.workers._localizers) == 1, "no lease of the good one is left"
+    assert len(world.workers.loaded) == 1, "no lease of the good one is left"
 
 
 def test_ten_maps_of_which_three_fit_are_all_answered_within_the_limit(world: World):
@@ -331,7 +331,7 @@ def test_ten_maps_of_which_three_fit_are_all_answered_within_the_limit(world: Wo
 
     def load(directory: Path) -> FakeLocalizer:
         nonlocal most
-        most = max(most, len(world.workers._localizers) + 1)
+        most = max(most, len(world.workers.loaded) + 1)
         let_pass(0.002)
         return world.behaviour.load(directory)
 
@@ -341,7 +341,7 @@ def test_ten_maps_of_which_three_fit_are_all_answered_within_the_limit(world: Wo
     def ask(k: int) -> None:
         leases = cache.leased(names[k])
         assert label(leases.served[0]) == k
-        assert leases.served[0] in world.workers._localizers
+        assert leases.served[0] in world.workers.loaded
         leases.close()
 
     rng = random.Random(1)
@@ -393,7 +393,7 @@ def test_the_old_version_serves_until_the_new_one_is_loaded(world: World):
     polling.join(LIMIT_S)
     assert cache.get("hall").version == second
     lease.result().close()
-    wait_until(lambda: len(world.workers._localizers) == 1)
+    wait_until(lambda: len(world.workers.loaded) == 1)
 
 
 def test_a_slow_load_delays_no_other(world: World):
