@@ -57,9 +57,12 @@ void filter_once(Hostile& random) {
   refused_or(usable, [&] {
     const std::vector<std::int64_t> rows = first_in_voxel(points.data(), count, voxel_m);
     for (std::size_t i = 1; i < rows.size(); ++i) expect(rows[i] > rows[i - 1], "ascending rows");
-    const std::vector<double> means = voxel_means(points.data(), count, voxel_m);
+    const std::vector<double> means = voxel_means(points.data(), count, voxel_m, 0.0);
     expect(means.size() == 3 * rows.size(), "a mean for each voxel");
     const Patches flat = flat_patches(means.data(), rows.size(), 3 * voxel_m);
+    const auto most = static_cast<std::size_t>(random.number(0, 60));
+    const std::vector<std::int64_t> chosen = rows_by_voxel_hash(points.data(), count, voxel_m, most);
+    expect(chosen.size() == std::min(most, count), "as many rows as asked for");
     expect(flat.points.size() == flat.normals.size() && flat.points.size() <= means.size(), "a normal for each point");
   });
   std::vector<float> kept(points.size());
