@@ -14,7 +14,7 @@ from firstfix.errors import (
     StoreUnavailable,
     WorkerLost,
 )
-from firstfix.redact import redact
+from firstfix.telemetry.redact import redact
 
 from .arguments import examples
 from .commands import (

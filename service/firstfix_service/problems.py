@@ -13,7 +13,7 @@ from starlette.exceptions import HTTPException
 
 from firstfix import errors
 from firstfix.errors import FirstfixError
-from firstfix.redact import redact
+from firstfix.telemetry.redact import redact
 
 from .telemetry.request_scope import note
 

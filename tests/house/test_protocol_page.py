@@ -34,7 +34,7 @@ def test_the_page_names_it(name: str):
 
 def test_the_arctangent_is_the_one_that_is_computed():
     page = (CLIENTS / "protocol" / "on-the-robot.md").read_text()
-    header = (CLIENTS / "cpp" / "include" / "firstfix" / "portable" / "atan2.hpp").read_text()
+    header = (CLIENTS.parent / "native" / "include" / "firstfix" / "portable" / "atan2.hpp").read_text()
     for coefficient in map(str, COEFFICIENTS):
         assert coefficient in page
         assert f"{coefficient}F" in header

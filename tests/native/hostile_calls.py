@@ -81,7 +81,7 @@ def wrong_content(array: NDArray[Any]) -> Iterator[Any]:
 
 
 def tried(call: Call, arguments: tuple[Any, ...]) -> bool:
-    """Whether the kernel gave a result."""
+    """Returns whether the kernel gave a result."""
     try:
         with np.errstate(all="ignore"):
             call.function(*arguments)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import firstfix
-from firstfix.trace_context import TraceContext, is_tracing_wanted
+from firstfix.telemetry.trace_context import TraceContext, is_tracing_wanted
 
 if TYPE_CHECKING:
     from opentelemetry.sdk.trace import TracerProvider

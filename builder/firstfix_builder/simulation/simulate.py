@@ -68,7 +68,7 @@ class Simulator:
         return distances
 
     def is_free(self, points: NDArray[np.floating], radius_m: float) -> NDArray[np.bool_]:
-        """Whether there is no surface within a radius of each of (n, 3) points."""
+        """Returns whether no surface is within a radius of each of (n, 3) points."""
         return self._tree.near_surface(np.ascontiguousarray(points, np.float32), radius_m) == 0
 
     def ranges(

@@ -21,9 +21,9 @@ from typing import Any
 
 from ..errors import Conflict, NotFound, UnreadableRecord
 from ..ids import check_build_id, check_version, is_name
-from ..redact import redact
 from ..store.json_record import RecordKind, read_record, text_of
 from ..store.store import Store
+from ..telemetry.redact import redact
 
 STATES = ("queued", "running", "succeeded", "failed", "cancelled")
 FINAL_STATES = frozenset({"succeeded", "failed", "cancelled"})

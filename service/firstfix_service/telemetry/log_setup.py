@@ -9,7 +9,7 @@ from typing import Any
 
 import structlog
 
-from firstfix.redact import redactor
+from firstfix.telemetry.redact import redactor
 
 
 def set_up_logging(level: str, *, as_json: bool) -> None:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import structlog
 
-from firstfix.trace_context import TraceContext
+from firstfix.telemetry.trace_context import TraceContext
 
 from .tracing import Tracing, started_ns
 

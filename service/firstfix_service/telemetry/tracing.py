@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import firstfix
-from firstfix.trace_context import TraceContext, is_tracing_wanted
+from firstfix.telemetry.trace_context import TraceContext, is_tracing_wanted
 
 if TYPE_CHECKING:
     from opentelemetry.sdk.trace import TracerProvider

@@ -24,7 +24,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 
 def outcome(function: Any, *arguments: Any) -> Any:
-    """What the function returns, or the class and message of its error."""
+    """Returns the function's result, or the class and message of its error."""
     try:
         return function(*arguments)
     except FirstfixError as error:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from every_case import every_case
-from firstfix.redact import _PATTERNS, HIDDEN, redact, redactor
+from firstfix.telemetry.redact import _PATTERNS, HIDDEN, redact, redactor
 
 KEY = f"ffx_0123456789ab_{'5e' * 32}"
 JWT = "eyJhbGciOiJFUzI1NiJ9.eyJzdWIiOiJyb2JvdCJ9.c2lnbmF0dXJl-_A"
@@ -166,7 +166,7 @@ def test_a_message_names_the_file_that_a_secret_is_in():
     assert redactor(places)(message) == message
 
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 FILL = "hall-2"
 
 
