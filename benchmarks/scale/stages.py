@@ -175,7 +175,7 @@ def _simulated(
     sensor: SensorModel,
     descriptor: Descriptor,
 ) -> Templates:
-    """Templates at (n, 3) positions, (n,) above their floors; Embree takes all processors."""
+    """Templates at (n, 3) positions, (n,) above their floors."""
     directions = sensor.directions()
     made = []
     for start in range(0, len(positions), SCANS_AT_ONCE):

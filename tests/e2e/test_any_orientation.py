@@ -201,9 +201,10 @@ def test_a_map_is_built_for_a_sensor_that_hangs_head_down(small_world, small_map
         hanging,
         localizer.index.cascade.templates.position_m,
         1.0,
-        8,
+        40,
         PerturbConfig(occluders=3),
         np.random.default_rng(11),
     )
     assert all(T[2, 2] < -0.9 for _, T in scans)
-    assert sum(is_right(localizer.localize(scan), T) for scan, T in scans) >= 7
+    # of 300 such scans 274 are right: of eight alone, 7 is a matter of luck
+    assert sum(is_right(localizer.localize(scan), T) for scan, T in scans) >= 35

@@ -35,9 +35,10 @@ class TopView:
         pixel = row * columns + column
         count = np.bincount(pixel, minlength=rows * columns)
         height_m = np.bincount(pixel, points[:, 2], minlength=rows * columns) / np.maximum(count, 1)
+        opacity: NDArray[np.float64] = 1 - (1 - _OPACITY) ** count
         west, south = (float(corner) for corner in low)
         return cls(
-            (1 - (1 - _OPACITY) ** count).reshape(rows, columns),
+            opacity.reshape(rows, columns),
             height_m.reshape(rows, columns),
             (west, west + columns * pixel_m, south, south + rows * pixel_m),
         )

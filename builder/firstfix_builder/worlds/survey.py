@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from firstfix.sensor import SensorModel
 from firstfix.transform import rotation_z
+from firstfix_builder.simulation.rays import Rays
 from firstfix_builder.simulation.simulate import Simulator
 
 RAYS_PER_SCAN = 12_000  # of a mapping scan; the voxel grid would swallow more
@@ -62,7 +63,7 @@ def measure(
     """Clean ranges (rays,) to noisy points (n, 3) in the sensor frame, a share of them lost."""
     noisy = ranges + rng.normal(0, sensor.range_noise_m, len(ranges))
     heard = np.isfinite(ranges) & (rng.uniform(size=len(ranges)) > DROPOUT)
-    points: NDArray[np.float64] = noisy[heard, None] * sensor.directions()[heard]
+    points: NDArray[np.float64] = noisy[heard, None] * Rays.of_sensor(sensor).directions[heard]
     return points
 
 
