@@ -21,8 +21,8 @@ class TopView:
         extent_m: west, east, south and north end.
     """
 
-    opacity: NDArray[np.float64]
-    height_m: NDArray[np.float64]
+    opacity: NDArray[np.floating]
+    height_m: NDArray[np.floating]
     extent_m: tuple[float, float, float, float]
 
     @classmethod
@@ -35,7 +35,7 @@ class TopView:
         pixel = row * columns + column
         count = np.bincount(pixel, minlength=rows * columns)
         height_m = np.bincount(pixel, points[:, 2], minlength=rows * columns) / np.maximum(count, 1)
-        opacity: NDArray[np.float64] = 1 - (1 - _OPACITY) ** count
+        opacity = 1 - (1 - _OPACITY) ** count
         west, south = (float(corner) for corner in low)
         return cls(
             opacity.reshape(rows, columns),
