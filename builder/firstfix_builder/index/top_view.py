@@ -21,8 +21,8 @@ class TopView:
         extent_m: west, east, south and north end.
     """
 
-    opacity: NDArray[np.floating]
-    height_m: NDArray[np.floating]
+    opacity: NDArray[np.float64]
+    height_m: NDArray[np.float64]
     extent_m: tuple[float, float, float, float]
 
     @classmethod
@@ -33,9 +33,9 @@ class TopView:
         column, row = ((points[:, :2] - low) / pixel_m).astype(np.int64).T
         columns, rows = int(column.max()) + 1, int(row.max()) + 1
         pixel = row * columns + column
-        count = np.bincount(pixel, minlength=rows * columns)
+        count = np.bincount(pixel, minlength=rows * columns).astype(np.float64)
         height_m = np.bincount(pixel, points[:, 2], minlength=rows * columns) / np.maximum(count, 1)
-        opacity = 1 - (1 - _OPACITY) ** count
+        opacity: NDArray[np.float64] = 1 - np.power(1 - _OPACITY, count)
         west, south = (float(corner) for corner in low)
         return cls(
             opacity.reshape(rows, columns),
