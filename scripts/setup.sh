@@ -100,6 +100,8 @@ say "installing the locked packages into .venv ($(.venv/bin/python --version))"
 .venv/bin/pip install --quiet --disable-pip-version-check --require-hashes -r deploy/locks/setup.txt
 install_with_uv || install_with_pip
 .venv/bin/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+# The import hook of an editable install would come before PYTHONPATH. Its path file alone does not.
+sed -i '/^import /d' .venv/lib/python3.*/site-packages/_editable_skbc_firstfix.pth
 say "building the compiled core"
 scripts/native.sh
 touch .venv/.ready

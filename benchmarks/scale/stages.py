@@ -24,6 +24,7 @@ from firstfix_builder.build_stages import BuildStages
 from firstfix_builder.execution.local_executor import LocalExecutor
 from firstfix_builder.execution.stage_cache import StageCache, StageResult
 from firstfix_builder.mesh.mesh import Mesh
+from firstfix_builder.mesh.tiled_mesh import TiledMesh
 from firstfix_builder.simulation.simulate import Simulator
 from firstfix_builder.stage_files import simulator_of
 from firstfix_builder.templates.fit_spacing import sample_fitting_viewpoints
@@ -73,7 +74,7 @@ class ScaleStages(BuildStages):
         """The source is a mesh: taken as it is."""
 
         def produce(out: Path) -> None:
-            Mesh.load(read.directory).save(out)
+            TiledMesh.of(Mesh.load(read.directory)).save(out)
 
         return self._stage("reconstruct_mesh", {"map": read.digest}, self._plain("reconstruct"), produce)
 

@@ -64,9 +64,6 @@ void filter_once(Hostile& random) {
     expect(sample.size() == std::min(count, most), "as many rows as asked for");
     for (const std::int64_t row : sample) expect(row >= 0 && static_cast<std::size_t>(row) < count, "a row of the points");
     const Patches flat = flat_patches(means.data(), rows.size(), 3 * voxel_m);
-    const auto most = static_cast<std::size_t>(random.number(0, 60));
-    const std::vector<std::int64_t> chosen = rows_by_voxel_hash(points.data(), count, voxel_m, most);
-    expect(chosen.size() == std::min(most, count), "as many rows as asked for");
     expect(flat.points.size() == flat.normals.size() && flat.points.size() <= means.size(), "a normal for each point");
   });
   std::vector<float> kept(points.size());
