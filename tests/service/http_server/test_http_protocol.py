@@ -7,9 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from raw_connection import all_of, connect
 from service_world import SCAN_BODY, XYZ, Service, publish, running_service
 
-from waiting import LIMIT_S, wait_until
+from waiting import wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -23,22 +24,6 @@ def service(tmp_path: Path) -> Iterator[Service]:
     with running_service(tmp_path, zenoh=False, body_timeout_s=1.0) as running:
         publish(running.catalog, "hall", "1", running.scratch)
         yield running
-
-
-def connect(service: Service) -> socket.socket:
-    port = int(service.url.rpartition(":")[2])
-    return socket.create_connection(("127.0.0.1", port), timeout=LIMIT_S)
-
-
-def all_of(connection: socket.socket) -> bytes:
-    """Reads until the service closes."""
-    found = b""
-    try:
-        while piece := connection.recv(1 << 16):
-            found += piece
-    except ConnectionError:  # closed while we were still sending
-        pass
-    return found
 
 
 def exchange(service: Service, *pieces: bytes) -> bytes:

@@ -8,10 +8,11 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from raw_connection import all_of, connect
 from service_world import XYZ, Service, publish, running_service
 
 from firstfix_service.http_api.bodies.request_body import LONG_BYTES
-from waiting import LIMIT_S, let_pass, wait_until
+from waiting import let_pass, wait_until
 
 POINTS = 100_000
 BODY = bytes(12 * POINTS)
@@ -24,11 +25,6 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
         publish(running.catalog, "hall", "1", running.scratch)
         assert running.ask_http().ok
         yield running
-
-
-def connect(service: Service) -> socket.socket:
-    port = int(service.url.rpartition(":")[2])
-    return socket.create_connection(("127.0.0.1", port), timeout=LIMIT_S)
 
 
 def head(length: int, *headers: str) -> bytes:
@@ -44,16 +40,6 @@ def answers(connection: socket.socket, count: int) -> bytes:
         if not piece:
             return found
         found += piece
-    return found
-
-
-def all_of(connection: socket.socket) -> bytes:
-    found = b""
-    try:
-        while piece := connection.recv(1 << 16):
-            found += piece
-    except ConnectionError:  # closed while we were still sending
-        pass
     return found
 
 

@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "firstfix/descriptor/bit_string.hpp"
-#include "firstfix/portable/vectors.hpp"
+#include "firstfix/portable/lanes.hpp"
 
 namespace firstfix {
 
@@ -48,18 +48,18 @@ class BestShifts {
   // rows: of the templates, (n, bytes).
   void compare(const std::uint8_t* templates, const std::int64_t* rows, std::size_t count, std::int64_t* shift,
                float* score) {
-    for (std::size_t first = 0; first < count; first += detail::kLanes) {
-      const std::size_t lanes = std::min(detail::kLanes, count - first);
-      std::array<detail::BitString, detail::kLanes> group;
-      for (std::size_t lane = 0; lane < detail::kLanes; ++lane) {
+    for (std::size_t first = 0; first < count; first += detail::kWordLanes) {
+      const std::size_t lanes = std::min(detail::kWordLanes, count - first);
+      std::array<detail::BitString, detail::kWordLanes> group;
+      for (std::size_t lane = 0; lane < detail::kWordLanes; ++lane) {
         group[lane] = {templates + static_cast<std::size_t>(rows[first + std::min(lane, lanes - 1)]) * bytes_, bytes_};
       }
       lay_out(group);
-      for (std::size_t next = first + lanes; next < std::min(first + lanes + detail::kLanes, count); ++next) {
+      for (std::size_t next = first + lanes; next < std::min(first + lanes + detail::kWordLanes, count); ++next) {
         fetch(templates + static_cast<std::size_t>(rows[next]) * bytes_);
       }
       for (std::size_t word = 0; word < words_; ++word) count_shared(word);
-      const Words most = keep_best();
+      const WordLanes most = keep_best();
       for (std::size_t lane = 0; lane < lanes; ++lane) {
         const auto shared = static_cast<float>(most[lane]), asked = static_cast<float>(cells_.size()),
                    filled = static_cast<float>(group[lane].ones(rings_ * sectors_));
@@ -70,7 +70,7 @@ class BestShifts {
   }
 
  private:
-  using Words = detail::Words;
+  using WordLanes = detail::WordLanes;
 
   struct Cell {
     std::uint32_t at;           // of the words in which the ring turned by this sector begins
@@ -78,11 +78,11 @@ class BestShifts {
   };
 
   struct Sum {
-    Words bit, carry;
+    WordLanes bit, carry;
   };
 
-  static Sum add(Words a, Words b, Words c) {
-    const Words differ = a ^ b;
+  static Sum add(WordLanes a, WordLanes b, WordLanes c) {
+    const WordLanes differ = a ^ b;
     return {differ ^ c, (a & b) | (differ & c)};
   }
 
@@ -92,8 +92,8 @@ class BestShifts {
   }
 
   // The rings that the query uses, each twice in a row, so that every turn of it can be read from there.
-  void lay_out(const std::array<detail::BitString, detail::kLanes>& group) {
-    for (std::size_t lane = 0; lane < detail::kLanes; ++lane) {
+  void lay_out(const std::array<detail::BitString, detail::kWordLanes>& group) {
+    for (std::size_t lane = 0; lane < detail::kWordLanes; ++lane) {
       const detail::BitString bits = group[lane];
       for (std::size_t ring = 0; ring < used_.size(); ++ring) {
         for (std::size_t word = 0; word < words_; ++word) {
@@ -104,11 +104,11 @@ class BestShifts {
     }
     const std::size_t off = sectors_ % 64, whole = sectors_ / 64;
     for (std::size_t ring = 0; ring < used_.size(); ++ring) {
-      Words* left = &left_[ring * doubled_];
-      Words* right = &right_[ring * doubled_];
-      for (std::size_t word = words_; word < doubled_; ++word) left[word] = Words{};
+      WordLanes* left = &left_[ring * doubled_];
+      WordLanes* right = &right_[ring * doubled_];
+      for (std::size_t word = words_; word < doubled_; ++word) left[word] = WordLanes{};
       for (std::size_t word = words_; word-- > 0;) {  // downwards: a word may receive bits of itself
-        const Words once = left[word];
+        const WordLanes once = left[word];
         if (off == 0) {
           left[word + whole] |= once;
         } else {
@@ -117,19 +117,19 @@ class BestShifts {
         }
       }
       for (std::size_t word = 0; word + 1 < doubled_; ++word) right[word] = left[word + 1] >> 1;
-      right[doubled_ - 1] = Words{};
+      right[doubled_ - 1] = WordLanes{};
     }
   }
 
   // Counts the shared cells at 64 shifts.
   void count_shared(std::size_t word) {
-    const Words *left = left_.data() + word, *right = right_.data() + word;
+    const WordLanes *left = left_.data() + word, *right = right_.data() + word;
     const auto turned = [left, right](const Cell& cell) {
       return left[cell.at] << cell.left | right[cell.at] >> cell.right;
     };
-    Words* counts = counts_.data() + word * planes_;
-    std::fill(counts, counts + planes_, Words{});
-    Words ones{}, twos{}, fours{}, eights{};
+    WordLanes* counts = counts_.data() + word * planes_;
+    std::fill(counts, counts + planes_, WordLanes{});
+    WordLanes ones{}, twos{}, fours{}, eights{};
     const Cell* cell = cells_.data();
     const Cell* const end = cell + cells_.size();
     for (; end - cell >= 16; cell += 16) {
@@ -139,44 +139,44 @@ class BestShifts {
         return sum.carry;
       };
       const auto four = [&](const Cell* c) {
-        const Words a = two(c), b = two(c + 2);
+        const WordLanes a = two(c), b = two(c + 2);
         const Sum sum = add(twos, a, b);
         twos = sum.bit;
         return sum.carry;
       };
       const auto eight = [&](const Cell* c) {
-        const Words a = four(c), b = four(c + 4);
+        const WordLanes a = four(c), b = four(c + 4);
         const Sum sum = add(fours, a, b);
         fours = sum.bit;
         return sum.carry;
       };
-      const Words a = eight(cell), b = eight(cell + 8);
+      const WordLanes a = eight(cell), b = eight(cell + 8);
       const Sum sum = add(eights, a, b);
       eights = sum.bit;
       carry_into(counts, 4, sum.carry);
     }
-    const std::array<Words, 4> low{ones, twos, fours, eights};
+    const std::array<WordLanes, 4> low{ones, twos, fours, eights};
     for (std::size_t plane = 0; plane < std::min(planes_, low.size()); ++plane) counts[plane] = low[plane];
     for (; cell != end; ++cell) carry_into(counts, 0, turned(*cell));
   }
 
-  void carry_into(Words* counts, std::size_t plane, Words carry) const {
+  void carry_into(WordLanes* counts, std::size_t plane, WordLanes carry) const {
     for (; plane < planes_; ++plane) {
-      const Words next = counts[plane] & carry;
+      const WordLanes next = counts[plane] & carry;
       counts[plane] ^= carry;
       carry = next;
     }
   }
 
   // Leaves in the first plane of every word the shifts with the largest count, and returns that count.
-  Words keep_best() {
-    best_.assign(words_, ~Words{});
-    best_.back() = Words{} + detail::highest(sectors_ - 64 * (words_ - 1));
-    Words most{};
+  WordLanes keep_best() {
+    best_.assign(words_, ~WordLanes{});
+    best_.back() = WordLanes{} + detail::highest(sectors_ - 64 * (words_ - 1));
+    WordLanes most{};
     for (std::size_t plane = planes_; plane-- > 0;) {
-      Words any{};
+      WordLanes any{};
       for (std::size_t word = 0; word < words_; ++word) any |= best_[word] & counts_[word * planes_ + plane];
-      const Words some = reinterpret_cast<Words>(any != 0);  // all bits of a lane, or none
+      const WordLanes some = reinterpret_cast<WordLanes>(any != 0);  // all bits of a lane, or none
       for (std::size_t word = 0; word < words_; ++word) {
         best_[word] &= counts_[word * planes_ + plane] | ~some;
       }
@@ -194,9 +194,9 @@ class BestShifts {
   std::size_t bytes_, rings_, sectors_, words_, doubled_, planes_ = 0;
   std::vector<std::size_t> used_;  // rings with any cell of the query
   std::vector<Cell> cells_;        // of the query
-  std::vector<Words> left_, right_;  // (used rings, doubled): words of rings, and the words after them one bit right
-  std::vector<Words> counts_;        // (words, planes)
-  std::vector<Words> best_;          // (words)
+  std::vector<WordLanes> left_, right_;  // (used rings, doubled): words of rings, and the words after them one bit right
+  std::vector<WordLanes> counts_;        // (words, planes)
+  std::vector<WordLanes> best_;          // (words)
 };
 
 }  // namespace firstfix

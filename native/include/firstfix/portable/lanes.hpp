@@ -10,15 +10,18 @@
 namespace firstfix::detail {
 
 #if defined(__AVX512F__)
-constexpr std::size_t kFloatLanes = 16;
-#elif defined(__AVX__)
-constexpr std::size_t kFloatLanes = 8;
+constexpr std::size_t kVectorBytes = 64;
+#elif defined(__AVX2__)
+constexpr std::size_t kVectorBytes = 32;
 #else
-constexpr std::size_t kFloatLanes = 4;
+constexpr std::size_t kVectorBytes = 16;
 #endif
 
-typedef float FloatLanes __attribute__((vector_size(kFloatLanes * sizeof(float))));
-typedef std::int32_t IntLanes __attribute__((vector_size(kFloatLanes * sizeof(float))));
+constexpr std::size_t kFloatLanes = kVectorBytes / sizeof(float), kWordLanes = kVectorBytes / sizeof(std::uint64_t);
+
+typedef float FloatLanes __attribute__((vector_size(kVectorBytes)));
+typedef std::int32_t IntLanes __attribute__((vector_size(kVectorBytes)));
+typedef std::uint64_t WordLanes __attribute__((vector_size(kVectorBytes)));
 
 inline FloatLanes load_lanes(const float* from) {
   FloatLanes lanes;
