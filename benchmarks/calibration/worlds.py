@@ -1,8 +1,8 @@
 """The worlds that the prior is fitted to: places, maps of them, and the same places on another day.
 
-Of the worlds of the robust suite, the project's own have other seeds here, and so other layouts. Some maps are
-meshes of everything. Others are the clouds of a simulated mapping run, which missed surfaces: there the world has
-more than the map. On another day some things have left: then it has less.
+Of the worlds of the robust suite, the project's own have other seeds here, and so other layouts. Some maps
+are meshes of everything. Others are the clouds of a simulated mapping run, which missed surfaces: there the
+world has more than the map. On another day some things have left: then it has less.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -75,7 +74,9 @@ def _shared(name: str, changed: str | None = None) -> FittedWorld:
     mesh, other_day = (SHARED / "worlds" / f"{one}.ply" for one in (name, changed or name))
 
     def make(folder: Path) -> MappedWorld:
-        sceneries = {"as mapped": Scenery(mesh)} | ({} if changed is None else {"another day": Scenery(other_day)})
+        sceneries = {"as mapped": Scenery(mesh)} | (
+            {} if changed is None else {"another day": Scenery(other_day)}
+        )
         return MappedWorld(mesh, None, sceneries)
 
     missing = None if mesh.exists() and other_day.exists() else f"{name} is not beside the checkout"

@@ -9,12 +9,12 @@ from math import log
 import numpy as np
 from numpy.typing import NDArray
 
-# Weights of the logarithms in a pose's support: those that best tell the true place from its rivals
-# (docs/method.md section 7; ``python -m benchmarks.run calibration`` fits them), on a scale on which 0.01 of a
-# good alignment score is about 0.01 of support.
-ALIGNMENT_WEIGHT, REMOVED_WEIGHT, VIOLATION_WEIGHT = 0.25, 0.055, 0.084
+# Weights of the logarithms in a pose's support: those that most often tell the true place from its rivals in
+# ``python -m benchmarks.run calibration`` (docs/method.md section 7), on a scale on which 0.01 of a good
+# alignment score is about 0.01 of support.
+ALIGNMENT_WEIGHT, REMOVED_WEIGHT, VIOLATION_WEIGHT = 0.25, 0.04, 0.06
 BEST_SCORE = 1.05  # the logarithms of perfect values stay finite
-LEAST_SHARE = 0.001
+LEAST_SHARE = 0.0003
 MAX_MARGIN = 0.5
 
 

@@ -36,9 +36,9 @@ class Calibration:
         cases: number of self-test cases it was fitted on; 0: it is the prior.
     """
 
-    bias: float = -14.4
-    support: float = 11.6
-    margin: float = 17.0
+    bias: float = -9.75
+    support: float = 9.34
+    margin: float = 17.62
     min_probability: float = 0.99
     min_inlier_ratio: float = 0.4
     min_margin: float = 0.05
@@ -89,7 +89,8 @@ class Calibration:
 
         bounds = [(None, None)] + [(0, None)] * (len(prior) - 1)
         found = minimize(loss, prior, jac=True, method="L-BFGS-B", bounds=bounds).x
-        return cls(*(round(float(v), 4) for v in found), cases=len(truth))
+        bias, support, margin = (round(float(v), 4) for v in found)
+        return cls(bias, support, margin, cases=len(truth))
 
     def to_mapping(self) -> dict[str, Any]:
         """Values by name, ready for JSON."""

@@ -18,6 +18,7 @@ from .verification.free_space import SeenThrough
 
 SAME_POSE_M = 1.0
 SAME_POSE_DEG = 15.0
+NOT_CHECKED = SeenThrough(0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class RegisteredCandidate:
     map_id: str
     template: int
     registration: Registration
-    seen_through: SeenThrough = SeenThrough(0.0, 0.0)
+    seen_through: SeenThrough = NOT_CHECKED
 
     @property
     def quality(self) -> AlignmentQuality:

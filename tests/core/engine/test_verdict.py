@@ -10,6 +10,7 @@ from firstfix.engine.index import MapIndex
 from firstfix.engine.registered_candidate import RegisteredCandidate
 from firstfix.engine.registration.align import Registration
 from firstfix.engine.verdict import judge
+from firstfix.engine.verification.free_space import SeenThrough
 from firstfix.transform import make_transform
 
 CALIBRATION = Calibration(min_inlier_ratio=0.5)
@@ -20,7 +21,7 @@ INDEX = MapIndex(EngineConfig(T_map_level=tuple(T_MAP_LEVEL.ravel())), CALIBRATI
 def place(number: int, inlier_ratio: float, through: float = 0.005) -> RegisteredCandidate:
     T_level_sensor = make_transform(np.eye(3), [10.0 * number, 0, 0])
     registration = Registration(T_level_sensor, inlier_ratio, inlier_ratio * 0.85, np.eye(6))
-    return RegisteredCandidate(INDEX, "yard", number, registration, through)
+    return RegisteredCandidate(INDEX, "yard", number, registration, SeenThrough(through, 0.0))
 
 
 def judged(
@@ -62,7 +63,7 @@ def test_a_twin_with_a_wall_in_the_way_is_no_rival():
 
 
 def test_a_twin_makes_it_ambiguous_however_sure_the_model_is():
-    sure = Calibration(bias=0, alignment_score=50, free_space=0, margin=0, min_margin=0.1)
+    sure = Calibration(bias=0, support=50, margin=0, min_margin=0.1)
     assert judged(place(0, 0.99), place(1, 0.95), calibration=sure).verdict is Verdict.AMBIGUOUS
     assert judged(place(0, 0.99), place(1, 0.80), calibration=sure).verdict is Verdict.LOCALIZED
 

@@ -52,7 +52,9 @@ def test_where_a_mapped_wall_has_left_the_scan_ends_at_the_wall_behind_it():
     wall = box_surface(np.array([0.1, 8.0, 3.0])) + [2.0, 0, 0]
     T = make_transform(np.eye(3), [0.0, 0, 0])
     found = seen_through(np.concatenate([WALLS, wall]), scan_of(WALLS, T), T)
-    assert 0.08 < found.onto_surface < 0.5  # it stood before the far wall and before what lies on the way there
+    assert (
+        0.08 < found.onto_surface < 0.5
+    )  # it stood before the far wall and before what lies on the way there
     assert found.onto_nothing < 0.001
 
 
@@ -137,7 +139,10 @@ def test_a_scan_of_few_elevations_is_checked_there(band_deg):
     scan = RangeView.of(away[(elevation_deg > band_deg[0]) & (elevation_deg < band_deg[1])])
     for _ in range(5):
         T = make_transform(Rotation.random(rng=rng).as_matrix(), rng.uniform(-5, 5, 3))
-        wanted, found = reference.seen_through(view, surface.coarse, scan, T), view.seen_through(surface, scan, T)
+        wanted, found = (
+            reference.seen_through(view, surface.coarse, scan, T),
+            view.seen_through(surface, scan, T),
+        )
         assert found.onto_nothing == pytest.approx(wanted.onto_nothing, abs=1e-3)
         assert found.onto_nothing + found.onto_surface == pytest.approx(
             wanted.onto_nothing + wanted.onto_surface, abs=1e-9
