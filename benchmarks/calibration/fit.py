@@ -19,6 +19,7 @@ from ..robust.figures import calibration_error
 from .cases import Case
 
 ABSENT_WEIGHT = 0.25  # of a scan as if its place were not in the map: robots are mostly where their map is
+WEIGHTS = ("bias", "alignment_score", "free_space", "margin")  # of ``Calibration``
 RIDGE = 1e-3  # keeps the fit finite where all cases are told apart
 _REMOVED, _VIOLATION = (0.02, 0.03, 0.04, 0.055, 0.08), (0.03, 0.045, 0.06, 0.085, 0.12)
 
@@ -55,9 +56,10 @@ def fit(judged: Sequence[Judged]) -> Calibration:
         log_odds = inputs @ weights
         return float(counts @ (np.logaddexp(0, log_odds) - truth * log_odds) + RIDGE * weights @ weights)
 
-    bounds = [(None, None), (0, None), (0, None)]
-    bias, of_support, margin = minimize(loss, Calibration().weights, method="L-BFGS-B", bounds=bounds).x
-    return replace(Calibration(), bias=round(bias, 2), support=round(of_support, 2), margin=round(margin, 2))
+    prior = Calibration().weights
+    bounds = [(None, None)] + [(0, None)] * (len(prior) - 1)
+    found = minimize(loss, prior, method="L-BFGS-B", bounds=bounds).x
+    return replace(Calibration(), **dict(zip(WEIGHTS, (round(float(v), 2) for v in found), strict=True)))
 
 
 def figures(judged: Sequence[Judged], calibration: Calibration) -> dict[str, Any]:
@@ -141,4 +143,4 @@ def _is_right_first(case: Case, support_of: Callable[[AlignmentQuality], float])
 def defaults_of(calibration: Calibration) -> dict[str, float]:
     """The numbers for ``Calibration``'s defaults."""
     values = asdict(calibration)
-    return {name: values[name] for name in ("bias", "support", "margin")}
+    return {name: values[name] for name in WEIGHTS}

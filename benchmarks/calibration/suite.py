@@ -4,7 +4,7 @@
     python -m benchmarks.calibration --work DIR --scans 24 [--world NAME ...] [--again] [--json FILE]
 
 In every world of ``worlds.py`` scans are simulated and localized with the prior in use. The places that the
-engine finds are kept in DIR/WORLD/cases.pkl; ``--again`` asks anew, as is due when the engine has changed. The
+engine finds are kept in DIR/WORLD/cases.pkl. ``--again`` asks anew: do so when the engine has changed. The
 built versions in DIR stay, too: remove a world's folder to have it built again.
 
 Change ``Calibration``'s defaults to the printed ones, then run it again: what the prior accepts at once is

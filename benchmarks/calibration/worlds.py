@@ -16,6 +16,7 @@ import numpy as np
 from firstfix.builds.config import BuildConfig
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.index import MapIndex
+from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.pipeline import build_version
 from firstfix_builder.worlds import NAMES, make_world
 from firstfix_builder.worlds.write_world import ply_of_mesh, write_world
@@ -84,18 +85,21 @@ def _shared(name: str, changed: str | None = None) -> FittedWorld:
 
 
 def _own(kind: str, seed: int, *, from_cloud: bool) -> FittedWorld:
-    """A world of ``firstfix world`` with its other day."""
+    """A world of ``firstfix world``, the same on another day, and with all gone that can be moved."""
     name = f"{kind}_{seed}_{'cloud' if from_cloud else 'mesh'}"
 
     def make(folder: Path) -> MappedWorld:
-        if not (folder / "changed.ply").exists():
+        if not (folder / "emptied.ply").exists():
             write_world(make_world(kind, seed=seed), folder)
-            changed = layout(kind, seed).changed_mesh(np.random.default_rng([seed, NAMES.index(kind), 2]))
+            place = layout(kind, seed)
+            changed = place.changed_mesh(np.random.default_rng([seed, NAMES.index(kind), 2]))
             (folder / "changed.ply").write_bytes(ply_of_mesh(changed))
+            (folder / "emptied.ply").write_bytes(ply_of_mesh(Mesh.joined(place.fixed)))
         trajectory = folder / "trajectory.txt"
         sceneries = {
             "as mapped": Scenery(folder / "mesh.ply", trajectory),
             "another day": Scenery(folder / "changed.ply", trajectory),
+            "emptied": Scenery(folder / "emptied.ply", trajectory),
         }
         return MappedWorld(folder / ("map.ply" if from_cloud else "mesh.ply"), trajectory, sceneries)
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 ALIGNMENT_WEIGHT, REMOVED_WEIGHT, VIOLATION_WEIGHT = 0.25, 0.04, 0.06
 BEST_SCORE = 1.05  # the logarithms of perfect values stay finite
 LEAST_SHARE = 0.0003
+_WORST_SCORE, _VIOLATION_OFFSET = 0.02, 0.005  # in the inputs of the probability
 MAX_MARGIN = 0.5
 
 
@@ -38,7 +39,7 @@ class AlignmentQuality:
 
     @property
     def support(self) -> float:
-        """Score by which poses are ranked, and from which their probability is computed (equation 7.1).
+        """Score by which poses are ranked (equation 7.1). Only differences of it mean something.
 
         Logarithms of the misfit spread good values: from 98 to 99 % is as far as from 80 to 90 %.
         """
@@ -67,8 +68,18 @@ class MatchFeatures:
 
     @property
     def vector(self) -> NDArray[np.float64]:
-        """(2,) inputs of the logistic model (equation 7.2). A larger value never lowers the probability."""
-        return np.array([self.quality.support, min(self.margin, MAX_MARGIN)])
+        """(3,) inputs of the logistic model (equation 7.2). A larger value never lowers the probability.
+
+        A removed surface does not count here, but in the margin: things leave, wherever the scan was taken.
+        """
+        score, violation = self.quality.alignment_score, self.quality.free_space_violation
+        return np.array(
+            [
+                log((_WORST_SCORE + score) / (BEST_SCORE - score)),
+                -log(_VIOLATION_OFFSET + violation),
+                min(self.margin, MAX_MARGIN),
+            ]
+        )
 
 
 def match_features(

@@ -28,7 +28,8 @@ class Calibration:
 
     Attributes:
         bias: of the model.
-        support, margin: its weights. They are never negative: a better fit never makes an answer less likely.
+        alignment_score, free_space, margin: its weights. They are never negative: a better fit never makes an
+            answer less likely.
         min_probability: below it an answer is not ``localized``, unless the query gives its own threshold.
         min_inlier_ratio: below it a pose does not explain the scan at all.
         min_margin: poses tie if their support differs by less: the answer is then ambiguous, however good
@@ -36,9 +37,10 @@ class Calibration:
         cases: number of self-test cases it was fitted on; 0: it is the prior.
     """
 
-    bias: float = -9.75
-    support: float = 9.34
-    margin: float = 17.62
+    bias: float = -14.1
+    alignment_score: float = 2.25
+    free_space: float = 2.43
+    margin: float = 13.43
     min_probability: float = 0.99
     min_inlier_ratio: float = 0.4
     min_margin: float = 0.05
@@ -46,8 +48,8 @@ class Calibration:
 
     @property
     def weights(self) -> NDArray[np.float64]:
-        """(3,) weights of the model, bias first."""
-        return np.array([self.bias, self.support, self.margin])
+        """(4,) weights of the model, bias first."""
+        return np.array([self.bias, self.alignment_score, self.free_space, self.margin])
 
     def match_features(self, qualities: Sequence[AlignmentQuality], number: int = 0) -> MatchFeatures:
         """Match features of one of the competing poses. Poses that tie with it count as one pose."""
@@ -89,8 +91,8 @@ class Calibration:
 
         bounds = [(None, None)] + [(0, None)] * (len(prior) - 1)
         found = minimize(loss, prior, jac=True, method="L-BFGS-B", bounds=bounds).x
-        bias, support, margin = (round(float(v), 4) for v in found)
-        return cls(bias, support, margin, cases=len(truth))
+        bias, alignment_score, free_space, margin = (round(float(v), 4) for v in found)
+        return cls(bias, alignment_score, free_space, margin, cases=len(truth))
 
     def to_mapping(self) -> dict[str, Any]:
         """Values by name, ready for JSON."""

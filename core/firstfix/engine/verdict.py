@@ -60,7 +60,7 @@ def _why_not_localized(
         return None
     if would_do(replace(best, margin=MAX_MARGIN)):  # without its rivals, tied or not
         return Reason.SEVERAL_PLACES
-    if would_do(replace(best, quality=replace(best.quality, free_space_violation=0.0, removed_surface=0.0))):
+    if would_do(replace(best, quality=replace(best.quality, free_space_violation=0.0))):
         return Reason.FREE_SPACE_VIOLATION
     return Reason.LOW_PROBABILITY
 

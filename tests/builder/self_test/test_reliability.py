@@ -4,7 +4,7 @@ from firstfix.answer.quality import AlignmentQuality, MatchFeatures
 from firstfix.engine.calibration import Calibration
 from firstfix_builder.self_test.reliability import Case, draw_reliability, fit, reliability_of
 
-TRUE = Calibration(bias=-9.0, support=8.0, margin=15.0)
+TRUE = Calibration(bias=-12.0, alignment_score=3.0, free_space=1.5, margin=15.0)
 
 
 def cases(n: int, seed: int, honest: bool = True) -> list[Case]:

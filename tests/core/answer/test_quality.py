@@ -29,7 +29,7 @@ def test_support_falls_with_every_wall_that_is_seen_through():
 
 
 def test_a_few_directions_seen_through_outweigh_surfaces_that_the_map_lacks():
-    """Where mapping missed surfaces, the true place aligns worse than its look-alike, but is seen as mapped."""
+    """Where mapping missed surfaces, the true place aligns worse than its look-alike, but no wall is passed."""
     true_place, look_alike = AlignmentQuality(0.8, 0.68, 0.0, 0.0), AlignmentQuality(0.9, 0.78, 0.004, 0.016)
     assert true_place.support > look_alike.support + TIED
 
@@ -61,12 +61,17 @@ def test_where_all_places_tie_no_margin_is_claimed():
     [
         (AlignmentQuality(0.95, 0.81, 0.01), AlignmentQuality(0.95, 0.8, 0.01)),
         (AlignmentQuality(0.95, 0.8, 0.0), AlignmentQuality(0.95, 0.8, 0.01)),
-        (AlignmentQuality(0.95, 0.8, 0.0, 0.1), AlignmentQuality(0.95, 0.8, 0.0, 0.11)),
     ],
 )
 def test_no_feature_falls_as_the_fit_gets_better(better, worse):
     assert (match_features([better], TIED).vector >= match_features([worse], TIED).vector).all()
     assert (match_features([better], TIED).vector > match_features([worse], TIED).vector).any()
+
+
+def test_what_has_left_counts_among_places_only():
+    here, elsewhere = AlignmentQuality(0.95, 0.8, 0.0, 0.0), AlignmentQuality(0.95, 0.8, 0.0, 0.1)
+    assert (match_features([elsewhere], TIED).vector == match_features([here], TIED).vector).all()
+    assert match_features([here, elsewhere], TIED).margin > TIED
 
 
 @pytest.mark.parametrize("fit", [AlignmentQuality(0.0, 0.0, 1.0, 1.0), AlignmentQuality(1.0, 1.0, 0.0, 0.0)])

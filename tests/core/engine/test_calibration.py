@@ -17,7 +17,7 @@ def cases(n: int, seed: int):
             strict=True,
         )
     ]
-    true_model = Calibration(bias=-5.0, support=6.0, margin=8.0)
+    true_model = Calibration(bias=-9.0, alignment_score=2.0, free_space=1.5, margin=5.0)
     truth = rng.random(n) < [true_model.probability(e) for e in found]
     return found, truth, np.ones(n)
 
@@ -70,7 +70,7 @@ def test_round_trip():
     assert fitted.cases == 200
     for wrong in (
         {"nonsense": 1},
-        {"bias": -18.8, "alignment_score": 2.9, "free_space": 2.7, "margin": 21.4},
+        {"bias": -12.0, "inlier_ratio": 18.0, "margin": 8.0},
     ):
         with pytest.raises(ValueError, match="fields"):
             Calibration.from_mapping(wrong)

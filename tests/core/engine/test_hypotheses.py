@@ -99,7 +99,12 @@ def test_free_space_is_not_checked_where_no_rival_can_be():
 
 def test_the_check_ends_where_the_answer_is_clear():
     made_up = MadeUpMap([0.95, 0.4, 0.3, 0.2], [0.0, 0.3, 0.3, 0.3])
-    assert search(made_up, calibration=Calibration(bias=-8, support=8, margin=15))[0].template == 0
+    assert (
+        search(made_up, calibration=Calibration(bias=-9, alignment_score=3, free_space=2, margin=15))[
+            0
+        ].template
+        == 0
+    )
     assert set(made_up.checked) == {0, 1}
     search(made_up, calibration=NEVER_SURE)
     assert set(made_up.checked) == {0, 1, 2, 3}

@@ -59,11 +59,11 @@ def test_of_places_that_tie_the_probability_is_that_the_truth_is_among_them():
 
 
 def test_a_twin_with_a_wall_in_the_way_is_no_rival():
-    assert judged(place(0, 0.95), place(1, 0.94, 0.2)).verdict is Verdict.LOCALIZED
+    assert judged(place(0, 0.97, 0.001), place(1, 0.96, 0.2)).verdict is Verdict.LOCALIZED
 
 
 def test_a_twin_makes_it_ambiguous_however_sure_the_model_is():
-    sure = Calibration(bias=0, support=50, margin=0, min_margin=0.1)
+    sure = Calibration(bias=0, alignment_score=50, free_space=0, margin=0, min_margin=0.1)
     assert judged(place(0, 0.99), place(1, 0.95), calibration=sure).verdict is Verdict.AMBIGUOUS
     assert judged(place(0, 0.99), place(1, 0.80), calibration=sure).verdict is Verdict.LOCALIZED
 
@@ -79,7 +79,7 @@ def test_little_overlap_is_rejected_whatever_the_caller_asks():
 
 
 def test_a_doubtful_place_is_rejected_unless_the_caller_takes_it():
-    doubtful, strict = place(0, 0.6), Calibration(bias=-26)
+    doubtful, strict = place(0, 0.6), Calibration(bias=-20)
     assert judged(doubtful, calibration=strict).reasons == (Reason.LOW_PROBABILITY,)
     assert judged(doubtful, calibration=strict, min_probability=0.01).verdict is Verdict.LOCALIZED
 
