@@ -17,7 +17,7 @@ from .registered_candidate import RegisteredCandidate, distinct, features_of, ra
 from .verification.free_space import SeenThrough
 
 RIVAL_WITHIN = 0.3  # of the best candidate's support
-MAX_REFINED = 4
+MAX_REFINED = 3
 NEIGHBOUR_M = 0.3  # to the minima beside the right one: the next panel, a wall's other face
 _BESIDE_M = NEIGHBOUR_M * np.array(list(product((0, -1, 1), repeat=2)))  # (9, 2), itself first
 BETTER_BY = 0.02  # of alignment_score: a scan distorted by motion has several minima nearly as good
