@@ -9,6 +9,7 @@ import argparse
 import json
 from pathlib import Path
 
+from .calibration import suite as calibration
 from .encodings import suite as encodings
 from .hostile import suite as hostile
 from .native import suite as native
@@ -21,6 +22,7 @@ from .scale import suite as scale
 from .service import suite as service
 
 SUITES = {
+    "calibration": calibration.run,
     "encodings": encodings.run,
     "hostile": hostile.run,
     "native": native.run,

@@ -123,11 +123,11 @@ def own_world(name: str) -> BenchWorld:
     """A world of ``firstfix world``: another day of it, another seed as its look-alike, its own queries."""
 
     def produce(out: Path) -> None:
-        world, place = make_world(name, seed=SEED), _layout(name, SEED)
+        world, place = make_world(name, seed=SEED), layout(name, SEED)
         write_world(world, out)
         other_day = place.changed_mesh(np.random.default_rng([SEED, NAMES.index(name), 2]))
         (out / "changed.ply").write_bytes(ply_of_mesh(other_day))
-        other = _layout(name, OTHER_SEED)
+        other = layout(name, OTHER_SEED)
         (out / "look_alike.ply").write_bytes(ply_of_mesh(other.mesh()))
         _write_drive(other, out / "look_alike.txt")
 
@@ -148,7 +148,7 @@ def ground_floor() -> BenchWorld:
     """The office cut below its upper storey, which is then the look-alike."""
 
     def produce(out: Path) -> None:
-        place = _layout("office", SEED)
+        place = layout("office", SEED)
         mesh = place.mesh()
         (out / "whole.ply").write_bytes(ply_of_mesh(mesh))
         (out / "mesh.ply").write_bytes(ply_of_mesh(_without_upper_storey(mesh)))
@@ -172,7 +172,7 @@ def _without_upper_storey(mesh: Mesh) -> Mesh:
     return mesh.with_triangles((corners[:, :, 2] <= CLEAR_M + 0.01).all(axis=1) & ~stair)
 
 
-def _layout(name: str, seed: int) -> Place:
+def layout(name: str, seed: int) -> Place:
     """The place that ``make_world`` drives through."""
     return _LAYOUTS[name](np.random.default_rng([seed, NAMES.index(name), 0]))
 

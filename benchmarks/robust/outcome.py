@@ -111,10 +111,12 @@ def _has_alias(localizer: Localizer, scan: Scan, T_map_sensor: Matrix, answer: L
     if prepared is None:
         return True
     (found,) = index.surface.align_fine(prepared.dense, (inverse(index.T_map_level) @ T_map_sensor)[None])
-    through = index.view.free_space_violation(prepared.scans[0].view, found.T_level_sensor)
-    support = AlignmentQuality(found.inlier_ratio, found.alignment_score, through).support
+    through = index.view.seen_through(index.surface, prepared.scans[0].view, found.T_level_sensor)
+    quality = AlignmentQuality(
+        found.inlier_ratio, found.alignment_score, through.onto_nothing, through.onto_surface
+    )
     return any(
-        hypothesis.quality.support > support - ALIAS_WITHIN
+        hypothesis.quality.support > quality.support - ALIAS_WITHIN
         for hypothesis in answer.hypotheses
         if pose_error(T_map_sensor, hypothesis.T_map_sensor)[0] > RIGHT_M
     )

@@ -28,8 +28,8 @@ _ANSWERS = {
         covariance=np.diag([1e-4, 1e-4, 4e-4, 1e-5, 1e-5, 2.5e-6]),
         probability=0.998,
         hypotheses=(
-            Hypothesis(_HERE, AlignmentQuality(0.93, 0.81, 0.004), 0.998, 4711),
-            Hypothesis(_THERE, AlignmentQuality(0.61, 0.37, 0.09), 0.002, 12, "yard"),
+            Hypothesis(_HERE, AlignmentQuality(0.93, 0.81, 0.004, 0.011), 0.998, 4711),
+            Hypothesis(_THERE, AlignmentQuality(0.61, 0.37, 0.09, 0.12), 0.002, 12, "yard"),
         ),
         map_id="hall",
         map_version=_VERSION,
@@ -40,8 +40,8 @@ _ANSWERS = {
         (Reason.LOW_PROBABILITY, Reason.SEVERAL_PLACES),
         probability=0.51,
         hypotheses=(
-            Hypothesis(_HERE, AlignmentQuality(0.93, 0.81, 0.004), 0.51, 4711),
-            Hypothesis(_THERE, AlignmentQuality(0.92, 0.8, 0.003), 0.49, 12),
+            Hypothesis(_HERE, AlignmentQuality(0.93, 0.81, 0.004, 0.011), 0.51, 4711),
+            Hypothesis(_THERE, AlignmentQuality(0.92, 0.8, 0.003, 0.0), 0.49, 12),
         ),
         map_id="hall",
         map_version=_VERSION,

@@ -1,9 +1,13 @@
+#include <nanobind/stl/tuple.h>
+
 #include <limits>
+#include <tuple>
 
 #include "arrays.hpp"
 #include "firstfix/verification/free_space.hpp"
 #include "firstfix/verification/map_view.hpp"
 #include "firstfix/verification/point_tiles.hpp"
+#include "grid.hpp"
 #include "rooms.hpp"
 
 namespace firstfix::python {
@@ -51,14 +55,17 @@ void bind_verification(nb::module_& module) {
           },
           nb::arg("T_map_sensor"), nb::arg("reach_m"));
   module.def(
-      "free_space_violation",
-      [](const Tiles& near, const Tiles& far, double reach_m, In<bool, Directions> returned, In<float, Directions> least,
-         Pose T_map_sensor) {
+      "seen_through",
+      [](const Tiles& near, const Tiles& far, double reach_m, const Grid& surface, In<bool, Directions> returned,
+         In<float, Directions> least, Pose T_map_sensor) {
         nb::gil_scoped_release release;
-        return free_space_violation(near.view, far.view, reach_m, reinterpret_cast<const std::uint8_t*>(returned.data()),
-                                    least.data(), T_map_sensor.data());
+        const SeenThrough found =
+            seen_through(near.view, far.view, reach_m, surface.view, reinterpret_cast<const std::uint8_t*>(returned.data()),
+                         least.data(), T_map_sensor.data());
+        return std::make_tuple(found.onto_nothing, found.onto_surface);
       },
-      nb::arg("near"), nb::arg("far"), nb::arg("reach_m"), nb::arg("returned"), nb::arg("least"), nb::arg("T_map_sensor"));
+      nb::arg("near"), nb::arg("far"), nb::arg("reach_m"), nb::arg("surface"), nb::arg("returned"), nb::arg("least"),
+      nb::arg("T_map_sensor"));
 }
 
 }  // namespace firstfix::python

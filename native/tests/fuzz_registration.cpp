@@ -97,10 +97,12 @@ void look_once(Hostile& random) {
   std::vector<float> least(kDirections, 5.0F);
   const std::int64_t lowest = random.number(0, kDirections - 1), highest = random.number(lowest, kDirections - 1);
   for (std::int64_t i = lowest; i <= highest; ++i) returned[i] = static_cast<std::uint8_t>(i % 3);
-  const double violation =
-      free_space_violation(tiles, tiles, random.chance(0.1) ? 200.0 : 25.0, returned.data(), least.data(),
-                           pose(random, random.chance(0.5) ? 0.2 : 0).data());
-  expect(violation >= 0 && violation <= 1, "free-space violation within 0 and 1");
+  const RandomGrid surface(random, wrong);
+  const SeenThrough found =
+      seen_through(tiles, tiles, random.chance(0.1) ? 200.0 : 25.0, surface.grid, returned.data(), least.data(),
+                   pose(random, random.chance(0.5) ? 0.2 : 0).data());
+  expect(found.onto_nothing >= 0 && found.onto_surface >= 0, "no share of directions below 0");
+  expect(found.onto_nothing + found.onto_surface <= 1.00001, "shares of directions within 0 and 1");
 }
 
 void choose_once(Hostile& random) {

@@ -146,8 +146,8 @@ CASES: dict[str, Callable[[Any], Any]] = {
         np.array([make_transform(np.eye(3), at) for at in FEW[:200] / 20]), 0.5, 0.2, 50
     ),
     "PointTiles": lambda native: _tiles(native, 0.2).nearest_by_direction(T_MAP_SENSOR, 30.0),
-    "free_space_violation": lambda native: native.free_space_violation(
-        _tiles(native, 0.2), _tiles(native, 0.4), 40.0, *_view(), T_MAP_SENSOR
+    "seen_through": lambda native: native.seen_through(
+        _tiles(native, 0.2), _tiles(native, 0.4), 40.0, _grid(native), *_view(), T_MAP_SENSOR
     ),
 }
 

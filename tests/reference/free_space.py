@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from firstfix.engine.registration.surface_grid import SurfaceGrid
 from firstfix.engine.retrieval.tile_table import runs_around
-from firstfix.engine.verification.free_space import MapView
+from firstfix.engine.verification.free_space import MapView, SeenThrough
 from firstfix.engine.verification.point_tiles import PointTiles
 from firstfix.scan.levelling import turned
-from firstfix.scan.range_view import RangeView, nearest_by_direction
+from firstfix.scan.range_view import RangeView, directions, nearest_by_direction
 from firstfix.transform import Matrix
 
 NEAR_M = 9.0
@@ -25,14 +26,20 @@ def around(tiles: PointTiles, centre: NDArray[np.float64], reach_m: float) -> ND
     return near
 
 
-def free_space_violation(view: MapView, scan: RangeView, T_level_sensor: Matrix) -> float:
-    """Share of directions in which the scan sees through the map; 1 if they have no direction in common."""
+def seen_through(view: MapView, grid: SurfaceGrid, scan: RangeView, T_level_sensor: Matrix) -> SeenThrough:
+    """Shares of directions in which the scan sees through the map; 1 and 0 if they have none in common."""
     R, centre = T_level_sensor[:3, :3].astype(np.float32), T_level_sensor[:3, 3]
     near = around(view.near, centre, min(NEAR_M, view.reach_m))
     away = np.concatenate([near, around(view.far, centre, view.reach_m)])
     mapped = nearest_by_direction(turned(away, R.T))
     both = np.isfinite(mapped) & scan.returned
     if not both.any():
-        return 1.0
-    beyond = scan.least[both] > mapped[both] * np.float32(1 + TOLERANCE) + np.float32(TOLERANCE_M)
-    return float(beyond.mean())
+        return SeenThrough(1.0, 0.0)
+    beyond = both & (scan.least > mapped * np.float32(1 + TOLERANCE) + np.float32(TOLERANCE_M))
+    returns = directions()[beyond] * scan.least[beyond, None]
+    from_corner = turned(returns, R) + (centre - grid.corner).astype(np.float32)
+    cells = np.array(grid.group.shape) * grid.block.shape[1] * grid.point.shape[1]
+    scaled = from_corner / grid.cell
+    inside = ((scaled >= 0) & (scaled < cells)).all(axis=1)
+    onto_surface = int((grid.nearest(from_corner[inside]) >= 0).sum())
+    return SeenThrough((int(beyond.sum()) - onto_surface) / both.sum(), onto_surface / both.sum())

@@ -74,7 +74,8 @@ Hypothesis hypothesis_of(const Json& data) {
   if (pose == nullptr) unreadable("a hypothesis has no pose");
   Hypothesis made{pose_of(*pose), std::nullopt, number(data, "probability"), 0, text(data, "map_id")};
   if (member(data, "inlier_ratio") != nullptr) {
-    made.quality = AlignmentQuality{number(data, "inlier_ratio"), number(data, "alignment_score"), number(data, "free_space_violation")};
+    made.quality = AlignmentQuality{number(data, "inlier_ratio"), number(data, "alignment_score"), number(data, "free_space_violation"),
+                                    member(data, "removed_surface") == nullptr ? 0.0 : number(data, "removed_surface")};  // older services
   }
   const Json* row = member(data, "template");
   if (row == nullptr || !row->is_number_integer()) unreadable("a hypothesis has no template");

@@ -158,6 +158,7 @@ Result answer_vector(const std::string& folder, const Json& input, const Json&) 
                           {"inlier_ratio", laid ? Json(h.quality->inlier_ratio) : Json()},
                           {"alignment_score", laid ? Json(h.quality->alignment_score) : Json()},
                           {"free_space_violation", laid ? Json(h.quality->free_space_violation) : Json()},
+                          {"removed_surface", laid ? Json(h.quality->removed_surface) : Json()},
                           {"probability", h.probability},
                           {"template", h.template_row},
                           {"map_id", h.map_id}});

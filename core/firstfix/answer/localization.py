@@ -103,6 +103,7 @@ class Localization:
                     "inlier_ratio": None if h.quality is None else h.quality.inlier_ratio,
                     "alignment_score": None if h.quality is None else h.quality.alignment_score,
                     "free_space_violation": None if h.quality is None else h.quality.free_space_violation,
+                    "removed_surface": None if h.quality is None else h.quality.removed_surface,
                     "probability": h.probability,
                     "template": h.template,
                     "map_id": h.map_id,
@@ -159,5 +160,8 @@ def _quality_from_mapping(data: Mapping[str, Any]) -> AlignmentQuality | None:
     if data["inlier_ratio"] is None:
         return None
     return AlignmentQuality(
-        float(data["inlier_ratio"]), float(data["alignment_score"]), float(data["free_space_violation"])
+        float(data["inlier_ratio"]),
+        float(data["alignment_score"]),
+        float(data["free_space_violation"]),
+        float(data.get("removed_surface", 0.0)),  # an older service does not tell
     )

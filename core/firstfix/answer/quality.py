@@ -4,12 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import log
 
 import numpy as np
 from numpy.typing import NDArray
 
-FREE_SPACE_WEIGHT = 2.0  # of free_space_violation against alignment_score, when poses are ranked
-MAX_FREE_SPACE_VIOLATION = 0.2  # more than this counts as this
+# Weights of the logarithms in a pose's support: those that most often tell the true place from its rivals in
+# ``python -m benchmarks.run calibration`` (docs/method.md section 7), on a scale on which 0.01 of a good
+# alignment score is about 0.01 of support.
+ALIGNMENT_WEIGHT, REMOVED_WEIGHT, VIOLATION_WEIGHT = 0.25, 0.04, 0.06
+BEST_SCORE = 1.05  # the logarithms of perfect values stay finite
+LEAST_SHARE = 0.0003
+_WORST_SCORE, _VIOLATION_OFFSET = 0.02, 0.005  # in the inputs of the probability
 MAX_MARGIN = 0.5
 
 
@@ -20,18 +26,27 @@ class AlignmentQuality:
     Attributes:
         inlier_ratio: 0..1, share of the scan's points within the inlier distance of the map.
         alignment_score: 0..1, the same, but a point counts less the further it lies from the map.
-        free_space_violation: 0..1, share of the scan's directions that pass through a surface of the map.
+        free_space_violation: 0..1, share of the scan's directions that pass through a surface of the map and
+            end where the map has nothing.
+        removed_surface: 0..1, share of the scan's directions that pass through a surface of the map and end
+            at another one: something may have left.
     """
 
     inlier_ratio: float
     alignment_score: float
     free_space_violation: float
+    removed_surface: float = 0.0
 
     @property
     def support(self) -> float:
-        """Score by which poses are ranked: alignment score less a penalty for free-space violation."""
-        return self.alignment_score - FREE_SPACE_WEIGHT * min(
-            self.free_space_violation, MAX_FREE_SPACE_VIOLATION
+        """Score by which poses are ranked (equation 7.1). Only differences of it mean something.
+
+        Logarithms of the misfit spread good values: from 98 to 99 % is as far as from 80 to 90 %.
+        """
+        return -(
+            ALIGNMENT_WEIGHT * log(BEST_SCORE - self.alignment_score)
+            + REMOVED_WEIGHT * log(LEAST_SHARE + self.removed_surface)
+            + VIOLATION_WEIGHT * log(LEAST_SHARE + self.free_space_violation)
         )
 
 
@@ -53,14 +68,15 @@ class MatchFeatures:
 
     @property
     def vector(self) -> NDArray[np.float64]:
-        """(3,) inputs of the logistic model (equation 7.1). A larger value never lowers the probability.
+        """(3,) inputs of the logistic model (equation 7.2). A larger value never lowers the probability.
 
-        Logarithms of the misfit spread good values: from 98 to 99 % is as far as from 80 to 90 %.
+        A removed surface does not count here, but in the margin: things leave, wherever the scan was taken.
         """
+        score, violation = self.quality.alignment_score, self.quality.free_space_violation
         return np.array(
             [
-                -np.log(1.05 - self.quality.alignment_score),
-                -np.log(0.005 + min(self.quality.free_space_violation, MAX_FREE_SPACE_VIOLATION)),
+                log((_WORST_SCORE + score) / (BEST_SCORE - score)),
+                -log(_VIOLATION_OFFSET + violation),
                 min(self.margin, MAX_MARGIN),
             ]
         )
@@ -71,11 +87,15 @@ def match_features(
 ) -> MatchFeatures:
     """Match features of one pose, given the qualities of all poses that compete.
 
+    If several poses compete and all of them tie, the best rival was not compared. Then the margin is what is
+    known of it: by how much the pose exceeds the weakest one.
+
     Args:
         tied_within: poses tie if their support differs by less.
         number: of the pose.
     """
-    own = qualities[number].support
-    rivals = [quality.support for quality in qualities if abs(quality.support - own) >= tied_within]
-    margin = own - max(rivals) if rivals else MAX_MARGIN
-    return MatchFeatures(qualities[number], margin, len(qualities) - len(rivals))
+    supports = [quality.support for quality in qualities]
+    own = supports[number]
+    rivals = [support for support in supports if abs(support - own) >= tied_within]
+    margin = MAX_MARGIN if len(supports) == 1 else own - (max(rivals) if rivals else min(supports))
+    return MatchFeatures(qualities[number], margin, len(supports) - len(rivals))

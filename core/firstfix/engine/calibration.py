@@ -37,10 +37,10 @@ class Calibration:
         cases: number of self-test cases it was fitted on; 0: it is the prior.
     """
 
-    bias: float = -18.8
-    alignment_score: float = 2.94
-    free_space: float = 2.74
-    margin: float = 21.35
+    bias: float = -14.1
+    alignment_score: float = 2.25
+    free_space: float = 2.43
+    margin: float = 13.43
     min_probability: float = 0.99
     min_inlier_ratio: float = 0.4
     min_margin: float = 0.05

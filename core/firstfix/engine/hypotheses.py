@@ -14,8 +14,9 @@ from .candidates import Candidates
 from .index import MapIndex
 from .preprocess import PreparedQuery
 from .registered_candidate import RegisteredCandidate, distinct, features_of, ranked
+from .verification.free_space import SeenThrough
 
-RIVAL_WITHIN = 0.15  # of the best candidate's support
+RIVAL_WITHIN = 0.3  # of the best candidate's support
 MAX_REFINED = 3
 NEIGHBOUR_M = 0.3  # to the minima beside the right one: the next panel, a wall's other face
 _BESIDE_M = NEIGHBOUR_M * np.array(list(product((0, -1, 1), repeat=2)))  # (9, 2), itself first
@@ -66,16 +67,21 @@ class HypothesisSearch:
         return [one for one in registered if prior is None or prior.allows(one.T_map_sensor)]
 
     def _check_free_space(self, registered: Sequence[RegisteredCandidate]) -> list[RegisteredCandidate]:
-        """The candidates that may be the best or its best rival, with their free-space violation.
+        """The candidates that may be the best or its best rival, with their free space checked.
 
-        The check only lowers support, so it stops at the first candidate that is too weak already.
+        The check only lowers support. So it stops at the first candidate that is too weak already, or that
+        could not keep the best one from being accepted.
         """
         checked: list[RegisteredCandidate] = []
         for candidate in registered:
-            supports = sorted((other.quality.support for other in checked), reverse=True)
-            if len(supports) > 1 and candidate.quality.support < min(supports[1], supports[0] - RIVAL_WITHIN):
-                break
+            if len(checked) > 1:
+                supports = [other.quality.support for other in checked]
+                if candidate.quality.support < min(supports[1], supports[0] - RIVAL_WITHIN):
+                    break
+                if self._index.calibration.accepts(features_of([*checked, candidate])):
+                    break
             checked.append(self._with_free_space(candidate))
+            checked.sort(key=lambda one: -one.quality.support)
         return checked
 
     def _may_be_accepted(self, checked: Sequence[RegisteredCandidate]) -> bool:
@@ -116,10 +122,10 @@ class HypothesisSearch:
         return smooth.T_level_sensor[best]
 
     def _with_free_space(self, candidate: RegisteredCandidate) -> RegisteredCandidate:
-        """The candidate with its free-space violation, averaged over the query's scans."""
+        """The candidate with the shares of directions that pass through the map, over the query's scans."""
         T_level_last = candidate.registration.T_level_sensor
-        violations = [
-            self._index.view.free_space_violation(scan.view, T_level_last @ scan.T_last_scan)
+        shares = [
+            self._index.view.seen_through(self._index.surface, scan.view, T_level_last @ scan.T_last_scan)
             for scan in self._prepared.scans
         ]
-        return replace(candidate, free_space_violation=sum(violations) / len(violations))
+        return replace(candidate, seen_through=SeenThrough.mean(shares))

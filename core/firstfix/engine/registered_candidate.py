@@ -14,9 +14,11 @@ from ..answer.quality import AlignmentQuality, MatchFeatures
 from ..transform import Matrix
 from .index import MapIndex
 from .registration.align import Registration
+from .verification.free_space import SeenThrough
 
 SAME_POSE_M = 1.0
 SAME_POSE_DEG = 15.0
+NOT_CHECKED = SeenThrough(0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -28,20 +30,23 @@ class RegisteredCandidate:
         map_id: its id, where several maps compete.
         template: row of the template that the candidate came from.
         registration: the aligned pose, and how well the scan fits there.
-        free_space_violation: 0..1; 0 until free space is checked.
+        seen_through: shares of directions that pass through the map; 0 until free space is checked.
     """
 
     index: MapIndex
     map_id: str
     template: int
     registration: Registration
-    free_space_violation: float = 0.0
+    seen_through: SeenThrough = NOT_CHECKED
 
     @property
     def quality(self) -> AlignmentQuality:
         """Fit of the scan to the map at this pose."""
         return AlignmentQuality(
-            self.registration.inlier_ratio, self.registration.alignment_score, self.free_space_violation
+            self.registration.inlier_ratio,
+            self.registration.alignment_score,
+            self.seen_through.onto_nothing,
+            self.seen_through.onto_surface,
         )
 
     @property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 
 import numpy as np
 import orjson
@@ -97,8 +97,7 @@ def _is_finite(answer: Localization) -> bool:
     numbers = [answer.probability, *(one.probability for one in answer.hypotheses)]
     for one in answer.hypotheses:
         if one.quality is not None:
-            quality = one.quality
-            numbers += quality.inlier_ratio, quality.alignment_score, quality.free_space_violation
+            numbers += astuple(one.quality)
     return (
         all(map(math.isfinite, numbers))
         and bool(np.isfinite([T for T in poses if T is not None]).all())

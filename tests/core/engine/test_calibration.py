@@ -68,17 +68,20 @@ def test_round_trip():
     fitted = Calibration.fit(*cases(200, 3))
     assert Calibration.from_mapping(fitted.to_mapping()) == fitted
     assert fitted.cases == 200
-    for wrong in ({"nonsense": 1}, {"bias": -12.0, "inlier_ratio": 18.0, "margin": 8.0}):
+    for wrong in (
+        {"nonsense": 1},
+        {"bias": -12.0, "inlier_ratio": 18.0, "margin": 8.0},
+    ):
         with pytest.raises(ValueError, match="fields"):
             Calibration.from_mapping(wrong)
 
 
 def test_accepting_takes_overlap_margin_and_probability():
     calibration = Calibration(min_inlier_ratio=0.5, min_margin=0.1)
-    good = MatchFeatures(AlignmentQuality(0.97, 0.85, 0.0), 0.3)
+    good = MatchFeatures(AlignmentQuality(0.97, 0.85, 0.0), 0.4)
     assert calibration.accepts(good)
-    assert not calibration.accepts(MatchFeatures(good.quality, 0.3, tied=2))
-    assert not calibration.accepts(MatchFeatures(AlignmentQuality(0.49, 0.85, 0.0), 0.3), min_probability=0.0)
-    doubtful = MatchFeatures(AlignmentQuality(0.7, 0.6, 0.02), 0.2)
+    assert not calibration.accepts(MatchFeatures(good.quality, 0.4, tied=2))
+    assert not calibration.accepts(MatchFeatures(AlignmentQuality(0.49, 0.85, 0.0), 0.4), min_probability=0.0)
+    doubtful = MatchFeatures(AlignmentQuality(0.7, 0.6, 0.02, 0.02), 0.1)
     assert not calibration.accepts(doubtful)
     assert calibration.accepts(doubtful, min_probability=0.0)

@@ -12,9 +12,11 @@ from firstfix.engine.config import EngineConfig
 from firstfix.engine.hypotheses import MAX_REFINED, NEIGHBOUR_M, HypothesisSearch
 from firstfix.engine.index import MapIndex
 from firstfix.engine.registration.align import Registrations
+from firstfix.engine.verification.free_space import SeenThrough
 from firstfix.transform import make_transform
 
 APART_M = 10.0  # candidate i stands at x = 10 i
+NEVER_SURE = Calibration(bias=-100)
 SCAN = SimpleNamespace(view=None, T_last_scan=np.eye(4))
 PREPARED = SimpleNamespace(sparse=None, dense=None, scans=(SCAN,))
 
@@ -58,9 +60,9 @@ class MadeUpMap:
         self.refined += starts[:, 0, 3].tolist()
         return self.align(scan, starts)
 
-    def free_space_violation(self, view, T):
+    def seen_through(self, surface, view, T):
         self.checked.append(number_of(T))
-        return self.violations[number_of(T)]
+        return SeenThrough(self.violations[number_of(T)], 0.0)
 
     def _score(self, T):
         number = number_of(T)
@@ -86,18 +88,40 @@ def test_candidates_are_ranked_by_alignment_and_free_space():
 
 
 def test_free_space_is_not_checked_where_no_rival_can_be():
-    made_up = MadeUpMap([0.9, 0.5, 0.6, 0.4], [0.0] * 4)
-    search(made_up)
-    assert made_up.checked[:2] == [0, 2]
-    assert not {1, 3} & set(made_up.checked)
+    """Not even without any violation would the others be the best rival, or within reach of the best."""
+    made_up = MadeUpMap([0.95, 0.94, 0.3, 0.4], [0.0] * 4)
+    search(made_up, calibration=NEVER_SURE)
+    assert set(made_up.checked) == {0, 1}
+    unsure = MadeUpMap([0.95, 0.94, 0.3, 0.4], [0.0, 0.9, 0.0, 0.0])
+    search(unsure, calibration=NEVER_SURE)
+    assert set(unsure.checked) == {0, 1, 3}  # the fourth is a better rival than the second, the third is not
+
+
+def test_the_check_ends_where_the_answer_is_clear():
+    made_up = MadeUpMap([0.95, 0.4, 0.3, 0.2], [0.0, 0.3, 0.3, 0.3])
+    assert (
+        search(made_up, calibration=Calibration(bias=-9, alignment_score=3, free_space=2, margin=15))[
+            0
+        ].template
+        == 0
+    )
+    assert set(made_up.checked) == {0, 1}
+    search(made_up, calibration=NEVER_SURE)
+    assert set(made_up.checked) == {0, 1, 2, 3}
+
+
+def test_a_place_that_aligns_worse_but_contradicts_nothing_is_found():
+    """However clear the look-alike seems before the others are checked."""
+    made_up = MadeUpMap([0.85, 0.5, 0.45, 0.72], [0.01, 0.2, 0.2, 0.0])
+    assert search(made_up)[0].template == 3
 
 
 def test_only_the_best_and_close_rivals_are_refined():
-    made_up = MadeUpMap([0.9, 0.88, 0.7], [0.0] * 3)
+    made_up = MadeUpMap([0.9, 0.88, 0.2], [0.0] * 3)
     search(made_up)
     assert made_up.refined == [0.0, APART_M]
-    crowded = MadeUpMap([0.9, 0.89, 0.88, 0.87, 0.86], [0.0] * 5)
-    assert len(search(crowded)) == 5
+    crowded = MadeUpMap([0.9, 0.89, 0.88, 0.87, 0.86, 0.85], [0.0] * 6)
+    assert len(search(crowded)) == 6
     assert len(crowded.refined) == MAX_REFINED
 
 

@@ -10,6 +10,7 @@ from firstfix.engine.index import MapIndex
 from firstfix.engine.registered_candidate import RegisteredCandidate
 from firstfix.engine.registration.align import Registration
 from firstfix.engine.verdict import judge
+from firstfix.engine.verification.free_space import SeenThrough
 from firstfix.transform import make_transform
 
 CALIBRATION = Calibration(min_inlier_ratio=0.5)
@@ -20,7 +21,7 @@ INDEX = MapIndex(EngineConfig(T_map_level=tuple(T_MAP_LEVEL.ravel())), CALIBRATI
 def place(number: int, inlier_ratio: float, through: float = 0.005) -> RegisteredCandidate:
     T_level_sensor = make_transform(np.eye(3), [10.0 * number, 0, 0])
     registration = Registration(T_level_sensor, inlier_ratio, inlier_ratio * 0.85, np.eye(6))
-    return RegisteredCandidate(INDEX, "yard", number, registration, through)
+    return RegisteredCandidate(INDEX, "yard", number, registration, SeenThrough(through, 0.0))
 
 
 def judged(
@@ -58,7 +59,7 @@ def test_of_places_that_tie_the_probability_is_that_the_truth_is_among_them():
 
 
 def test_a_twin_with_a_wall_in_the_way_is_no_rival():
-    assert judged(place(0, 0.95), place(1, 0.94, 0.2)).verdict is Verdict.LOCALIZED
+    assert judged(place(0, 0.97, 0.001), place(1, 0.96, 0.2)).verdict is Verdict.LOCALIZED
 
 
 def test_a_twin_makes_it_ambiguous_however_sure_the_model_is():
@@ -78,7 +79,7 @@ def test_little_overlap_is_rejected_whatever_the_caller_asks():
 
 
 def test_a_doubtful_place_is_rejected_unless_the_caller_takes_it():
-    doubtful, strict = place(0, 0.6), Calibration(bias=-26)
+    doubtful, strict = place(0, 0.6), Calibration(bias=-20)
     assert judged(doubtful, calibration=strict).reasons == (Reason.LOW_PROBABILITY,)
     assert judged(doubtful, calibration=strict, min_probability=0.01).verdict is Verdict.LOCALIZED
 

@@ -1,11 +1,13 @@
 """Free-space check: do rays of the scan pass through surfaces of the map?
 
 A wrong pose in a place that looks alike may have a high inlier ratio, because that looks only at the ends of
-rays. But there some rays nearly always pass through walls of the map; at right poses almost none do.
+rays. But there some rays nearly always pass through walls of the map; at right poses almost none do, unless
+something has left: then they end at the surface behind it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,10 +17,32 @@ from numpy.typing import NDArray
 from ... import native
 from ...scan.range_view import RangeView
 from ...transform import Matrix
+from ..registration.align import MapSurface
 from .point_tiles import PointTiles
 
 NEAR_VOXEL_M, FAR_VOXEL_M = 0.2, 0.4  # of the map's points: at 6 and at 12 m a cell is as wide
 _NEAR_FILE, _FAR_FILE = "view_near.safetensors", "view_far.safetensors"
+
+
+@dataclass(frozen=True)
+class SeenThrough:
+    """Shares, 0..1, of the directions of a scan that pass through a surface of the map.
+
+    Attributes:
+        onto_nothing: the scan's return lies where the map has nothing.
+        onto_surface: the scan's return lies near another surface of the map.
+    """
+
+    onto_nothing: float
+    onto_surface: float
+
+    @classmethod
+    def mean(cls, shares: Sequence[SeenThrough]) -> SeenThrough:
+        """Mean over several scans, at least one."""
+        count = len(shares)
+        return cls(
+            sum(one.onto_nothing for one in shares) / count, sum(one.onto_surface for one in shares) / count
+        )
 
 
 @dataclass(frozen=True)
@@ -55,14 +79,20 @@ class MapView:
         """Reads a version's files, memory-mapped."""
         return cls(PointTiles.load(directory / _NEAR_FILE), PointTiles.load(directory / _FAR_FILE), reach_m)
 
-    def free_space_violation(self, scan: RangeView, T_level_sensor: Matrix) -> float:
-        """Share of directions in which the scan sees through the map.
+    def seen_through(self, surface: MapSurface, scan: RangeView, T_level_sensor: Matrix) -> SeenThrough:
+        """Shares of directions in which the scan sees through the map.
 
         Directions count in which both scan and map have a surface. The scan sees through the map if its
-        nearest return in and around the direction lies beyond the map's surface by 0.3 m and 3 %.
+        nearest return in and around the direction lies beyond the map's surface by 0.3 m and 3 %. The return
+        lies near another surface if the coarse grid has a point for its cell.
+
+        Args:
+            surface: of the same map.
 
         Returns:
-            0..1; 1 if scan and map have no direction in common.
+            1 and 0 if scan and map have no direction in common.
         """
-        near, far = self.near.tables, self.far.tables
-        return native.free_space_violation(near, far, self.reach_m, scan.returned, scan.least, T_level_sensor)
+        near, far, coarse = self.near.tables, self.far.tables, surface.coarse.tables
+        return SeenThrough(
+            *native.seen_through(near, far, self.reach_m, coarse, scan.returned, scan.least, T_level_sensor)
+        )

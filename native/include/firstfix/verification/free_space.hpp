@@ -2,11 +2,14 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <vector>
 
+#include "firstfix/portable/atan2.hpp"
+#include "firstfix/registration/surface_grid.hpp"
 #include "firstfix/scan/range_view.hpp"
 #include "firstfix/verification/map_view.hpp"
 #include "firstfix/verification/point_tiles.hpp"
@@ -16,23 +19,87 @@ namespace firstfix {
 constexpr double kNearM = 9.0;                             // up to which the fine points are drawn, too
 constexpr float kToleranceM = 0.3F, kTolerance = 0.03F;  // a return beyond a surface is further by this and this share
 
-// Share of the directions with a return and a mapped surface in which the scan's nearest return, in and around the
-// direction, lies beyond the surface; 1 if there is no such direction.
+// Shares of directions that pass through a surface of the map.
+struct SeenThrough {
+  double onto_nothing = 1, onto_surface = 0;
+};
+
+namespace detail {
+
+// Unit vectors, x y z x y z, through the middles of the cells of a range view.
+inline const std::vector<float>& view_directions() {
+  static const std::vector<float> made = [] {
+    constexpr double kCellRad = 2 * kPi / static_cast<double>(kViewColumns);
+    std::vector<float> directions;
+    for (std::size_t row = 0; row < kViewRows; ++row) {
+      for (std::size_t column = 0; column < kViewColumns; ++column) {
+        const double azimuth = (static_cast<double>(column) + 0.5) * kCellRad - kPi;
+        const double elevation = (static_cast<double>(row) + 0.5) * kCellRad - kPi / 2;
+        directions.push_back(static_cast<float>(std::cos(elevation) * std::cos(azimuth)));
+        directions.push_back(static_cast<float>(std::cos(elevation) * std::sin(azimuth)));
+        directions.push_back(static_cast<float>(std::sin(elevation)));
+      }
+    }
+    return directions;
+  }();
+  return made;
+}
+
+}  // namespace detail
+
+// Number of a scan's returns whose cell of the grid has a surface point. Returns outside of the grid have none.
 //
-// returned, least: (directions,) of the scan.
-inline double free_space_violation(const PointTiles& near, const PointTiles& far, double reach_m,
-                                   const std::uint8_t* returned, const float* least, const double* T_map_sensor) {
+// directions: (count,) of the returns. least: (directions,) of the scan.
+inline std::size_t returns_near_surface(const SurfaceGrid& grid, const std::vector<std::int32_t>& directions,
+                                        const float* least, const double* T_map_sensor) {
+  const float per_m = 1 / grid.cell_m;
+  float R[9], from_corner[3];
+  for (int row = 0; row < 3; ++row) {
+    for (int column = 0; column < 3; ++column) R[3 * row + column] = static_cast<float>(T_map_sensor[4 * row + column]);
+    from_corner[row] = static_cast<float>(T_map_sensor[4 * row + 3] - grid.corner_m[row]);
+  }
+  const std::vector<float>& unit = detail::view_directions();
+  std::vector<std::int32_t> cell[3];
+  for (const std::int32_t direction : directions) {
+    const float* d = &unit[3 * static_cast<std::size_t>(direction)];
+    float scaled[3];
+    bool is_inside = true;
+    for (int axis = 0; axis < 3; ++axis) {
+      const float* r = R + 3 * axis;
+      scaled[axis] = ((r[0] * d[0] + r[1] * d[1] + r[2] * d[2]) * least[direction] + from_corner[axis]) * per_m;
+      is_inside = is_inside && scaled[axis] >= 0 && scaled[axis] < grid.last(axis) + 1;
+    }
+    if (!is_inside) continue;
+    for (int axis = 0; axis < 3; ++axis) cell[axis].push_back(cell_at(scaled[axis], grid.last(axis)));
+  }
+  std::vector<std::int32_t> row(cell[0].size());
+  grid.nearest(cell[0].data(), cell[1].data(), cell[2].data(), row.size(), row.data());
+  return row.size() - static_cast<std::size_t>(std::count(row.begin(), row.end(), -1));
+}
+
+// Of the directions with a return and a mapped surface, the shares in which the scan's nearest return, in and around the
+// direction, lies beyond the surface: where the map has nothing, or near another surface of it.
+//
+// surface: a grid of the same map. returned, least: (directions,) of the scan.
+inline SeenThrough seen_through(const PointTiles& near, const PointTiles& far, double reach_m, const SurfaceGrid& surface,
+                                const std::uint8_t* returned, const float* least, const double* T_map_sensor) {
   std::vector<float> mapped(kDirections, std::numeric_limits<float>::infinity());
   MapView view(T_map_sensor, RowBand::of(returned), mapped.data());
   view.draw(near, std::min(kNearM, reach_m));
   view.draw(far, reach_m);
-  std::int32_t both = 0, beyond = 0;
+  std::int32_t both = 0;
+  std::vector<std::int32_t> beyond(kDirections);
+  std::size_t count = 0;
   for (std::size_t i = 0; i < kDirections; ++i) {
     const bool is_common = (mapped[i] < std::numeric_limits<float>::infinity()) & (returned[i] != 0);
     both += is_common;
-    beyond += is_common & (least[i] > mapped[i] * (1 + kTolerance) + kToleranceM);
+    beyond[count] = static_cast<std::int32_t>(i);
+    count += is_common & (least[i] > mapped[i] * (1 + kTolerance) + kToleranceM);
   }
-  return both == 0 ? 1.0 : static_cast<double>(beyond) / both;
+  if (both == 0) return {};
+  beyond.resize(count);
+  const std::size_t onto_surface = returns_near_surface(surface, beyond, least, T_map_sensor);
+  return {static_cast<double>(count - onto_surface) / both, static_cast<double>(onto_surface) / both};
 }
 
 }  // namespace firstfix

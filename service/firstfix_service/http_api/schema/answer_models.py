@@ -27,7 +27,12 @@ class Hypothesis(BaseModel):
     T_map_sensor: Pose
     inlier_ratio: float = Field(description="share of the scan's points that lie on the map at this pose")
     alignment_score: float = Field(description="the inlier ratio, with closer matches counting more")
-    free_space_violation: float = Field(description="share of directions that pass through a mapped surface")
+    free_space_violation: float = Field(
+        description="share of directions that pass through a mapped surface and end where the map has nothing"
+    )
+    removed_surface: float = Field(
+        description="share of directions that pass through a mapped surface and end at another one"
+    )
     probability: float
     template: int
     map_id: str
@@ -52,6 +57,7 @@ class Answer(BaseModel):
                             "inlier_ratio": 0.93,
                             "alignment_score": 0.81,
                             "free_space_violation": 0.004,
+                            "removed_surface": 0.011,
                             "probability": 0.998,
                             "template": 4711,
                             "map_id": "",

@@ -18,7 +18,7 @@ enum class Verdict { localized, ambiguous, rejected };
 
 // How well a scan fits the map at a pose; shares, 0 to 1.
 struct AlignmentQuality {
-  double inlier_ratio = 0, alignment_score = 0, free_space_violation = 0;
+  double inlier_ratio = 0, alignment_score = 0, free_space_violation = 0, removed_surface = 0;
 };
 
 // A pose where the scan may have been taken.

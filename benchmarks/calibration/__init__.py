@@ -1,0 +1,1 @@
+"""Fits the prior of the calibration, and measures how well it holds in worlds that it was not fitted to."""
