@@ -84,12 +84,12 @@ class ScanSimulation:
         rng, config, rays = np.random.default_rng(case.seed), self.config, Rays.of_sensor(self.sensor)
         ranges = next(self.simulator.ranges(case.T_level_sensor[None], self.sensor, rays))[0]
         ranges += config.noise_m * rng.standard_normal(len(ranges), np.float32)
-        ranges[rng.random(len(ranges), np.float32) < config.dropout] = np.inf
+        lost = rng.random(len(ranges), np.float32) < config.dropout
         severity = rng.uniform(0, 2)  # a quiet night, a rush hour: real overlaps vary as widely
         around = _Panorama.of(self.sensor)
         around.occlude(ranges, rng.poisson(config.occluders * severity), _PERSON, rng)
         around.occlude(ranges, rng.poisson(config.strangers * severity), _STRANGER, rng)
-        seen = np.isfinite(ranges)
+        seen = np.isfinite(ranges) & ~lost
         return Scan.from_points(rays.directions[seen] * ranges[seen, None])
 
 

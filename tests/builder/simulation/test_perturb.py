@@ -78,6 +78,17 @@ def test_noise_and_dropout_are_as_large_as_asked():
     assert np.std(np.concatenate(off)) == pytest.approx(0.05, rel=0.05)
 
 
+def test_a_lost_return_does_not_come_back_beyond_a_wall():
+    """A passer-by further away than the wall stops no ray, not even one whose return is lost."""
+    crowd = CLEAN.model_copy(update={"occluders": 8.0, "strangers": 4.0, "dropout": 0.5})
+    simulation, found = cases(crowd, 40, ((0, 0, 0.8),))
+    for case in found:
+        T = case.T_level_sensor
+        points = simulation.scan(case).points @ T[:3, :3].T + T[:3, 3]
+        assert (np.abs(points[:, :2]) < [9.01, 7.01]).all()
+        assert (np.abs(points[:, 2] - 1.5) < 1.51).all()
+
+
 def test_what_stands_in_the_way_stops_rays_at_every_azimuth():
     """Also where the azimuth jumps from 180 to -180 degrees."""
     simulation, found = cases(
