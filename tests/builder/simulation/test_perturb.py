@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from firstfix.builds.config import PerturbConfig
-from firstfix.sensor import SensorModel
+from firstfix.sensor import SensorModel, preset
 from firstfix.transform import rotation_angle_deg
-from firstfix_builder.simulation.perturb import ScanSimulation
+from firstfix_builder.simulation.perturb import ScanCase, ScanSimulation
 from firstfix_builder.simulation.simulate import Simulator
 
 SENSOR = SensorModel("ring-3", (-10.0, 0.0, 10.0), 1.0, 0.3, 60.0, 0.8)
@@ -62,6 +62,14 @@ def test_a_case_gives_the_same_scan_in_any_order():
     again = [simulation.scan(case).points for case in reversed(found)]
     assert all(np.array_equal(one, other) for one, other in zip(scans, reversed(again), strict=True))
     assert len({len(scan) for scan in scans}) > 1
+
+
+def test_a_mid_360_scans_at_any_moment_of_its_pattern():
+    simulation = ScanSimulation(room(), preset("mid-360"), CLEAN)
+    found = simulation.cases(np.array([[0, 0, 0.8]]), REACH_M, 12, np.random.default_rng(1))
+    here = found[0].T_level_sensor
+    scans = [simulation.scan(ScanCase(here, case.seed)).points for case in found]
+    assert len({scan.tobytes() for scan in scans}) > 4
 
 
 def test_noise_and_dropout_are_as_large_as_asked():
