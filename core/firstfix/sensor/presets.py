@@ -22,7 +22,7 @@ def _spinning(
     }
 
 
-# At 10 turns a second. The heights are those of a robot that often has the sensor (HDL-64E, Pandar64: of a car).
+# At 10 turns a second, on a robot that often has the sensor (HDL-64E, Pandar64: on a car).
 _SPINNING = {
     "vlp-16": _spinning(even(-15, 15, 16), 0.2, (0.5, 100), 0.6),
     "hdl-32e": _spinning(even(-30.67, 10.67, 32), 0.2, (1.0, 100), 1.0),

@@ -1,9 +1,9 @@
 """The pattern of a Livox Mid-360: four beams, no row is scanned twice.
 
-An approximation of the table that Livox gives to simulators (``livox_laser_simulation``,
-``scan_mode/mid360.csv``, a point every 5 microseconds). The beams turn backwards 182.5 times a second. Together
-they sweep over the field of view, up and down, ten times a second. In every turn the outer beams rise and sink by
-4 degrees where the sweep turns round and by 1.4 degrees in its middle, the inner ones by a third of it.
+An approximation of the table that Livox gives to simulators (``scan_mode/mid360.csv`` of
+``livox_laser_simulation``, a point every 5 microseconds). The beams turn backwards 182.5 times a second.
+Together they sweep over the field of view, up and down, ten times a second. In every turn the outer beams rise
+and sink by 4 degrees where the sweep turns round and by 1.4 degrees in its middle, the inner ones by a third.
 Elevations lie within 4 degrees of the table's, azimuths within 10.
 """
 
