@@ -29,7 +29,7 @@ _FLOOR_BIN_M = 0.1
 _LEVEL_COSINE = 0.9659258262890683  # of 15 degrees
 _UPRIGHT_COSINE = 0.25881904510252074  # of 75 degrees
 _FOOT_M = 0.15  # walls that reach further below a level surface stand on another one
-_MIN_BELOW, _MIN_BELOW_SHARE = 20, 0.02  # of the points on upright surfaces
+_MIN_BELOW, _MIN_BELOW_SHARE = 20, 0.01  # of the points on upright surfaces
 _UPSIDE_DOWN = -1 + 1e-12
 
 

@@ -2,9 +2,9 @@
 
 An approximation of the table that Livox gives to simulators (``scan_mode/mid360.csv`` of
 ``livox_laser_simulation``, a point every 5 microseconds). The beams turn backwards 182.5 times a second.
-Together they sweep over the field of view, up and down, ten times a second. In every turn the outer beams rise
-and sink by 4 degrees where the sweep turns round and by 1.4 degrees in its middle, the inner ones by a third.
-Elevations lie within 4 degrees of the table's, azimuths within 10.
+Together they sweep over the field of view, up and down, ten times a second. In every turn the outer beams
+rise and sink by 4 degrees where the sweep turns round and by 1.4 degrees in its middle, the inner ones by a
+third of that. Elevations lie within 4 degrees of the table's, azimuths within 10.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ template <class T>
 std::optional<double> floor_height(const T* points, const T* normals, std::size_t count, double max_height_m = 4.0) {
   constexpr T kRadius2 = 144, kLevelCosine = static_cast<T>(0.9659258262890683), kBinM = static_cast<T>(0.1);
   constexpr T kHighest = static_cast<T>(-0.05), kUprightCosine = static_cast<T>(0.25881904510252074);
-  constexpr double kFootM = 0.15, kMinBelow = 20, kMinBelowShare = 0.02;
+  constexpr double kFootM = 0.15, kMinBelow = 20, kMinBelowShare = 0.01;
   const T lowest = static_cast<T>(-max_height_m);
   std::vector<T> heights, upright;
   for (std::size_t i = 0; i < 3 * count; i += 3) {
