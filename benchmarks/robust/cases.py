@@ -34,7 +34,7 @@ class Case:
     Attributes:
         where: the scans are taken. In the map as it was, on another day ("changed"), as the world's own
             queries (which have their own perturbations); the rest lies outside the map.
-        templates, queries: the sensor presets; None: the world's own. OTHER: one that is drawn for the world.
+        templates, queries: the sensor presets; None: the world's own. OTHER: one of another kind.
             ANY: many, some scans of each.
         own_height: whether the asking sensor stands as high as its preset does, not as the templates do.
     """
