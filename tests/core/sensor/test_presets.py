@@ -63,5 +63,5 @@ def test_a_name_is_read_in_any_case_and_another_is_refused():
 
 def test_the_tutorial_lists_all_presets():
     tutorial = Path(__file__).resolve().parents[3] / "docs/tutorials/your-own-map.md"
-    listed = tutorial.read_text().split("There are presets:")[1].split("For a preset")[0]
+    listed = tutorial.read_text().split("There are presets:")[1].split("Any of these")[0]
     assert sorted(re.findall(r"`([^`]+)`", listed)) == presets()
