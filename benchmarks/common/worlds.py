@@ -90,7 +90,7 @@ class WorldFiles:
 
     @property
     def source(self) -> Path:
-        """What a build reads."""
+        """File that a build reads."""
         return self.map.mesh if self.cloud is None else self.cloud
 
     def own_queries(self) -> list[tuple[Scan, NDArray[np.float64] | None]]:

@@ -25,7 +25,7 @@ _READ = {
 
 @dataclass(frozen=True)
 class Part:
-    """What was measured in one world.
+    """Outcomes of one world, with the conditions of the run.
 
     Attributes:
         templates: sensor to number of templates.

@@ -1,4 +1,4 @@
-"""Which sensors a case has in a world. They depend on its name alone, not on other worlds or cases."""
+"""Sensors of a case in a world. They depend on its name alone, not on other worlds or cases."""
 
 from __future__ import annotations
 
