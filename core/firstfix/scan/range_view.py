@@ -15,7 +15,7 @@ CELL_DEG = 2.0
 COLUMNS = round(360 / CELL_DEG)
 ROWS = round(180 / CELL_DEG)
 NEAREST_M = 0.3
-ENOUGH = 7  # of a cell and its eight neighbours: fewer at the edge of the field of view and beside holes
+ENOUGH = 7  # of a cell and its eight neighbours; fewer lie at the edge of the field of view or beside holes
 
 _RADIANS_A_CELL = 2 * np.pi / COLUMNS
 
