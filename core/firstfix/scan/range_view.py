@@ -25,8 +25,8 @@ class RangeView:
     """Ranges of one scan by direction, made once for all the poses at which it is checked.
 
     Attributes:
-        returned: (cells,) whether there are returns in that direction and around it, in ENOUGH cells. Beside a
-            hole nobody knows what a ray would have met. In a scan that is mostly holes: in that direction.
+        returned: (cells,) whether there are returns in that direction and around it, in ENOUGH cells. Beside
+            a hole nobody knows what a ray would have met. In a scan that is mostly holes: in that direction.
         least: (cells,) nearest range in and around the direction, metres.
     """
 
