@@ -75,7 +75,8 @@ class WorldFiles:
     """A world on disk.
 
     Attributes:
-        map: what the templates are made of.
+        map: the surfaces, and what the templates are made of if there is no cloud.
+        cloud: what a mapping run left of the map, for the build to start from, or None.
         changed: the same place on another day, or None.
         look_alikes: places outside the map that look like it.
         poses: ``poses.csv`` of the world's own query scans, or None.
@@ -85,6 +86,12 @@ class WorldFiles:
     changed: Scenery | None = None
     look_alikes: tuple[Scenery, ...] = ()
     poses: Path | None = None
+    cloud: Path | None = None
+
+    @property
+    def source(self) -> Path:
+        """File that a build reads."""
+        return self.map.mesh if self.cloud is None else self.cloud
 
     def own_queries(self) -> list[tuple[Scan, NDArray[np.float64] | None]]:
         """Scans with T_map_sensor, None where they are not of this map."""
@@ -101,6 +108,7 @@ class BenchWorld:
         config: of the build; its sensor is the world's own.
         make: a cache to the files; the shared ones lie there already.
         missing: why there is nothing, or None.
+        large: its build takes minutes. The suite runs it only when it is named.
     """
 
     name: str
@@ -108,19 +116,25 @@ class BenchWorld:
     config: dict[str, Any]
     make: Callable[[StageCache], WorldFiles]
     missing: str | None = None
+    large: bool = False
 
 
-def shared_world(name: str, changed: str | None = None) -> BenchWorld:
+def shared_world(name: str, changed: str | None = None, **config: Any) -> BenchWorld:
     folder = SHARED / "worlds"
     other_day = None if changed is None else Scenery(folder / f"{changed}.ply")
     files = WorldFiles(Scenery(folder / f"{name}.ply"), other_day)
     there = files.map.mesh.exists() and (other_day is None or other_day.mesh.exists())
     missing = None if there else f"{name} is not beside the checkout"
-    return BenchWorld(name, name, {"sensor": "os1-64"}, lambda cache: files, missing)
+    return BenchWorld(name, name, {"sensor": "os1-64"} | config, lambda cache: files, missing)
 
 
-def own_world(name: str) -> BenchWorld:
-    """A world of ``firstfix world``: another day of it, another seed as its look-alike, its own queries."""
+def own_world(name: str, large: bool = False, mapped: bool = False) -> BenchWorld:
+    """A world of ``firstfix world``: another day of it, another seed as its look-alike, its own queries.
+
+    Args:
+        mapped: built from the cloud of the mapping run, which missed surfaces and drifted a little. The scans
+            are still of the true surfaces.
+    """
 
     def produce(out: Path) -> None:
         world, place = make_world(name, seed=SEED), layout(name, SEED)
@@ -139,9 +153,11 @@ def own_world(name: str) -> BenchWorld:
             Scenery(out / "changed.ply", trajectory),
             (Scenery(out / "look_alike.ply", out / "look_alike.txt"),),
             out / "poses.csv",
+            out / "map.ply" if mapped else None,
         )
 
-    return BenchWorld(name, name, {"sensor": _SENSORS[name]} | _CONFIGS.get(name, {}), make)
+    config = {"sensor": _SENSORS[name]} | _CONFIGS.get(name, {})
+    return BenchWorld(f"{name}_mapped" if mapped else name, name, config, make, large=large)
 
 
 def ground_floor() -> BenchWorld:
@@ -195,5 +211,7 @@ WORLDS = (
     own_world("factory"),
     own_world("office"),
     ground_floor(),
-    own_world("campus"),
+    own_world("campus", large=True),
+    shared_world("inspection_clearpath", sensor="vlp-16", viewpoints={"spacing_m": 1.0}),
+    own_world("office", mapped=True),
 )

@@ -147,7 +147,7 @@ def _real(dataset: Dataset, yaws: Sequence[int]) -> tuple[Localizer, list[Query]
 def _simulated() -> Iterator[tuple[str, Localizer, list[Query]]]:
     world = next(world for world in WORLDS if world.name == WORLD)
     files = world.make(StageCache(WORK))
-    versions = Versions(world, files.map, WORK / world.name)
+    versions = Versions(world, files, WORK / world.name)
     for number, name in enumerate(WORLD_CASES):
         case: Case = next(case for case in CASES if case.name == name)
         localizer, rng = versions.localizer(case.templates), np.random.default_rng([SEED, number])

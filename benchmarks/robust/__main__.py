@@ -1,24 +1,32 @@
-"""``python -m benchmarks.robust``: some worlds, some cases, so many queries."""
+"""``python -m benchmarks.robust``: some worlds, some cases, so many queries, and a report over all parts."""
 
 from __future__ import annotations
 
 import argparse
+import os
 
 from ..common.worlds import WORLDS
-from .cases import CASES, Sizes
-from .suite import WORK, measure
+from .cases import CASES, FULL, Sizes
+from .suite import WORK, measure_in_processes, summarize
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="benchmarks.robust", description="Parts of the robust suite.")
     parser.add_argument("--world", action="append", choices=[world.name for world in WORLDS])
     parser.add_argument("--case", action="append", choices=[case.name for case in CASES])
-    parser.add_argument("--queries", type=int, default=50, help="of each case")
+    parser.add_argument("--queries", type=int, help="of each case, in place of the full suite's numbers")
+    parser.add_argument("--processes", type=int, default=os.cpu_count(), help="worlds at a time")
+    parser.add_argument("--resume", action="store_true", help="skip worlds that this program has measured so")
+    parser.add_argument("--report", action="store_true", help="measure nothing: report the parts there are")
     arguments = parser.parse_args()
-    worlds = [world for world in WORLDS if arguments.world is None or world.name in arguments.world]
+    everywhere = [world for world in WORLDS if not world.large]
+    worlds = [world for world in WORLDS if world.name in (arguments.world or [w.name for w in everywhere])]
     cases = [case for case in CASES if arguments.case is None or case.name in arguments.case]
     count = arguments.queries
-    measure(worlds, cases, Sizes(count, count, count), WORK, others=WORLDS)
+    sizes = FULL if count is None else Sizes(count, count, count)
+    if not arguments.report:
+        measure_in_processes(worlds, cases, sizes, WORK, everywhere, arguments.processes, arguments.resume)
+    summarize(WORLDS, WORK)
     print((WORK / "report.md").read_text())
 
 

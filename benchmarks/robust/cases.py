@@ -1,4 +1,4 @@
-"""The cases of the suite, one row of the report each: perturbations, and where scans are taken."""
+"""The cases of the suite, one row of the report each: perturbations, sensors, and where scans are taken."""
 
 from __future__ import annotations
 
@@ -9,6 +9,21 @@ from firstfix.builds.config import PerturbConfig
 
 CLEAN = PerturbConfig(noise_m=0, dropout=0, occluders=0, strangers=0, height_m=0, tilt_deg=0)
 ALL = PerturbConfig(noise_m=0.02, dropout=0.1, occluders=6, strangers=0, height_m=0.05, tilt_deg=2)
+ANY, OTHER = "any", "other"
+SENSORS = (
+    "vlp-16",
+    "hdl-32e",
+    "hdl-64e",
+    "os0-32",
+    "os0-128",
+    "os1-32",
+    "os1-64",
+    "xt16",
+    "xt32",
+    "qt64",
+    "qt128",
+    "mid-360",
+)
 Where = Literal["map", "changed", "own queries", "strange yard", "other worlds", "look-alikes"]
 
 
@@ -19,7 +34,9 @@ class Case:
     Attributes:
         where: the scans are taken. In the map as it was, on another day ("changed"), as the world's own
             queries (which have their own perturbations); the rest lies outside the map.
-        templates, queries: the sensor presets; None: the world's own.
+        templates, queries: the sensor presets; None: the world's own. OTHER: one of another kind.
+            ANY: many, some scans of each.
+        own_height: whether the asking sensor stands as high as its preset does, not as the templates do.
     """
 
     name: str
@@ -27,6 +44,7 @@ class Case:
     where: Where = "map"
     templates: str | None = None
     queries: str | None = None
+    own_height: bool = False
 
     @property
     def is_outside(self) -> bool:
@@ -52,8 +70,9 @@ CASES = (
     Case("vlp-16 asks, all at once", ALL, queries="vlp-16"),
     Case("mid-360 asks", _only(noise_m=0.02), queries="mid-360"),
     Case("mid-360 asks, all at once", ALL, queries="mid-360"),
-    Case("vlp-16 templates", _only(noise_m=0.02), templates="vlp-16"),
-    Case("vlp-16 templates, all at once", ALL, templates="vlp-16"),
+    Case("any sensor asks", _only(noise_m=0.02), queries=ANY, own_height=True),
+    Case("any sensor asks, all at once", ALL, queries=ANY, own_height=True),
+    Case("any sensor on another's templates", ALL, templates=OTHER, queries=ANY, own_height=True),
     Case("changed", _only(noise_m=0.02), "changed"),
     Case("changed, all at once", ALL, "changed"),
     Case("the world's own queries", CLEAN, "own queries"),
@@ -77,5 +96,5 @@ class Sizes:
         return self.all_at_once if case.name == "all at once" else self.single
 
 
-FULL = Sizes(300, 100, 100)
+FULL = Sizes(120, 40, 80)  # some 9,000 scans in all
 QUICK = Sizes(20, 20, 20)

@@ -3,24 +3,42 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from firstfix.answer.localization import Localization, Verdict
+from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.quality import AlignmentQuality
+from firstfix.engine.candidates import find_candidates
 from firstfix.engine.localizer import Localizer
-from firstfix.engine.preprocess import preprocess
+from firstfix.engine.preprocess import PreparedQuery, preprocess
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import Matrix, inverse, pose_error, quaternion_of
 
 RIGHT_M, RIGHT_DEG = 1.0, 10.0  # further off, an answer "localized" is a false accept
+NEAR_M, NEAR_DEG = 1.5, 20.0  # a candidate so near can be aligned to the truth
 SUCCESS_YAW_DEG = 5.0
-ALIAS_WITHIN = 0.02  # of the truth's support
+ALIAS_WITHIN = 0.02  # of the truth's alignment score
 NEVER = (np.inf, np.inf, np.inf)
+
+
+class Standing(Enum):
+    """The true pose among the other places that were found, when the scan is registered from the truth.
+
+    DISTINCT: it explains the scan best, by more than ALIAS_WITHIN of its alignment score.
+    TWIN: another place explains it as well.
+    OUTSHONE: another explains it better, because the map lacks what the scan shows.
+    """
+
+    DISTINCT = "distinct"
+    TWIN = "twin"
+    OUTSHONE = "outshone"
 
 
 @dataclass(frozen=True)
@@ -28,19 +46,23 @@ class Outcome:
     """One query's answer compared with the truth.
 
     Attributes:
+        templates, sensor: of the map and of the scan.
         inside: whether the scan is of this map.
         verdict, probability: the answer's.
         hypotheses: how many came back.
         error_m, error_deg, yaw_error_deg: of the best hypothesis; inf without one, or outside.
         nearest_m: least error among all hypotheses whose yaw is right; inf without one.
-        has_alias: another place explains the scan as well as the true pose does, registered from the truth:
-            then no matcher can tell.
+        among_candidates: a candidate of the widest search is near the truth.
+        standing: of the truth among the other places; no matcher can be sure where it is not DISTINCT.
+            Outside the map: DISTINCT.
         nees: e' P^-1 e of an answer with a covariance (6 degrees of freedom), nan without one.
         ms: of the query, in this process.
     """
 
     world: str
     case: str
+    templates: str
+    sensor: str
     inside: bool
     verdict: Verdict
     probability: float
@@ -49,9 +71,15 @@ class Outcome:
     error_deg: float
     yaw_error_deg: float
     nearest_m: float
-    has_alias: bool
+    among_candidates: bool
+    standing: Standing
     nees: float
     ms: float
+
+    @property
+    def has_alias(self) -> bool:
+        """Another place explains the scan as well as the true pose does, or better."""
+        return self.standing is not Standing.DISTINCT
 
     @property
     def is_localized(self) -> bool:
@@ -70,8 +98,16 @@ class Outcome:
         return self.error_m <= limit_m and self.yaw_error_deg <= SUCCESS_YAW_DEG
 
 
-def ask(localizer: Localizer, scan: Scan, T_map_sensor: Matrix | None, world: str, case: str) -> Outcome:
-    """Localizes a scan; None: it is not of this map."""
+def ask(
+    localizer: Localizer,
+    scan: Scan,
+    T_map_sensor: Matrix | None,
+    world: str,
+    case: str,
+    templates: str = "",
+    sensor: str = "",
+) -> Outcome:
+    """Localizes a scan; T_map_sensor None: it is not of this map."""
     began = time.perf_counter()
     answer = localizer.localize(scan)
     ms = 1e3 * (time.perf_counter() - began)
@@ -79,16 +115,22 @@ def ask(localizer: Localizer, scan: Scan, T_map_sensor: Matrix | None, world: st
         NEVER if T_map_sensor is None else _errors(T_map_sensor, h.T_map_sensor) for h in answer.hypotheses
     ]
     best = errors[0] if errors else NEVER
+    standing, found = Standing.DISTINCT, False
+    if T_map_sensor is not None:
+        standing, found = _standing_and_found(localizer, scan, T_map_sensor, answer)
     return Outcome(
         world,
         case,
+        templates,
+        sensor,
         T_map_sensor is not None,
         answer.verdict,
         answer.probability,
         len(errors),
         *best,
         min((m for m, _, yaw_deg in errors if yaw_deg <= SUCCESS_YAW_DEG), default=np.inf),
-        T_map_sensor is not None and _has_alias(localizer, scan, T_map_sensor, answer),
+        found,
+        standing,
         np.nan if T_map_sensor is None else nees(T_map_sensor, answer),
         ms,
     )
@@ -105,21 +147,53 @@ def nees(T_map_sensor: Matrix, answer: Localization) -> float:
     return float(error @ np.linalg.solve(answer.covariance, error))
 
 
-def _has_alias(localizer: Localizer, scan: Scan, T_map_sensor: Matrix, answer: Localization) -> bool:
-    index = localizer.index
-    prepared = preprocess(ScanSequence.single(scan), None, index.config.preprocess)
+def standing_of(true: AlignmentQuality, rivals: Sequence[AlignmentQuality]) -> Standing:
+    """Standing of the true pose among other places.
+
+    Compared by support, whatever its formula: with what it would be if ALIAS_WITHIN more or less of the scan
+    fitted.
+    """
+    best = max((rival.support for rival in rivals), default=-np.inf)
+    score = true.alignment_score
+    if best <= replace(true, alignment_score=max(0.0, score - ALIAS_WITHIN)).support:
+        return Standing.DISTINCT
+    is_twin = best <= replace(true, alignment_score=min(1.0, score + ALIAS_WITHIN)).support
+    return Standing.TWIN if is_twin else Standing.OUTSHONE
+
+
+def _standing_and_found(
+    localizer: Localizer, scan: Scan, T_map_sensor: Matrix, answer: Localization
+) -> tuple[Standing, bool]:
+    """Standing of the truth, and whether it is among the candidates. Too few points never speak for it."""
+    prepared = preprocess(ScanSequence.single(scan), None, localizer.index.config.preprocess)
     if prepared is None:
-        return True
+        return Standing.OUTSHONE, False
+    return (
+        _standing(localizer, prepared, T_map_sensor, answer),
+        _among_candidates(localizer, prepared, T_map_sensor),
+    )
+
+
+def _standing(
+    localizer: Localizer, prepared: PreparedQuery, T_map_sensor: Matrix, answer: Localization
+) -> Standing:
+    index = localizer.index
     (found,) = index.surface.align_fine(prepared.dense, (inverse(index.T_map_level) @ T_map_sensor)[None])
     through = index.view.seen_through(index.surface, prepared.scans[0].view, found.T_level_sensor)
-    quality = AlignmentQuality(
+    true = AlignmentQuality(
         found.inlier_ratio, found.alignment_score, through.onto_nothing, through.onto_surface
     )
-    return any(
-        hypothesis.quality.support > quality.support - ALIAS_WITHIN
-        for hypothesis in answer.hypotheses
-        if pose_error(T_map_sensor, hypothesis.T_map_sensor)[0] > RIGHT_M
-    )
+    elsewhere = [h for h in answer.hypotheses if pose_error(T_map_sensor, h.T_map_sensor)[0] > RIGHT_M]
+    return standing_of(true, [hypothesis.quality for hypothesis in elsewhere])
+
+
+def _among_candidates(localizer: Localizer, prepared: PreparedQuery, T_map_sensor: Matrix) -> bool:
+    index, scans = localizer.index, prepared.scans
+    described = [scan.described_by(index.cascade.descriptor) for scan in scans]
+    found = find_candidates(index, described, scans, LocalizeOptions(), index.config.search.widened)
+    T_level_sensor = inverse(index.T_map_level) @ T_map_sensor
+    errors = (pose_error(T_level_sensor, T) for T in found.T_level_sensor)
+    return any(off_m <= NEAR_M and off_deg <= NEAR_DEG for off_m, off_deg in errors)
 
 
 def _errors(T_true: Matrix | None, T_found: Matrix) -> tuple[float, float, float]:

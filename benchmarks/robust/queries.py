@@ -46,7 +46,10 @@ def queries_of(
     scenery = files.map if case.where == "map" else files.changed
     if scenery is None:
         return []
-    at_m = transform_points(index.T_map_level, index.cascade.templates.position_m)
+    templates = index.cascade.templates
+    at_m = transform_points(index.T_map_level, templates.position_m)
+    if case.own_height:
+        at_m[:, 2] += sensor.mount_height_m - templates.height_m
     spacing_m = index.config.spacing_m
     return list(perturbed_scans(scenery.simulator(), sensor, at_m, spacing_m, count, case.perturb, rng))
 

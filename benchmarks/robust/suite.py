@@ -1,34 +1,38 @@
-"""Every world through every case.
+"""Every world through every case, a process a world.
 
     python -m benchmarks.run robust [--quick] [--json FILE]
     python -m benchmarks.robust --world factory --case "all at once" --queries 50
 
-Leaves ``report.md``, ``figures.json`` and ``outcomes.csv`` (one row a query) in ``build/bench/robust``.
+Leaves ``report.md``, ``figures.json``, ``outcomes.csv`` (one row a query) and each world's part of them in
+``build/bench/robust`` (the quick suite: in ``quick`` below it).
 """
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import sys
-from collections.abc import Iterable, Sequence
-from dataclasses import fields
+import time
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from itertools import groupby
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 from zlib import crc32
 
 import numpy as np
 
-from firstfix_builder.execution.stage_cache import StageCache
+from firstfix_builder.execution.stage_cache import StageCache, source_hash
 
-from ..common.worlds import WORLDS, BenchWorld, Scenery
+from ..common.worlds import WORLDS, BenchWorld, Scenery, WorldFiles
 from .cases import CASES, FULL, QUICK, Case, Sizes
-from .figures import figures_of
+from .figures import bars_of, figures_of
 from .outcome import Outcome, ask
+from .parts import Part, write_outcomes
 from .queries import queries_of
 from .report import report
+from .sensors import asking_sensors, template_sensor
 from .versions import Versions
 
 WORK = Path(__file__).parents[2] / "build" / "bench" / "robust"
@@ -36,66 +40,144 @@ SEED = 4
 
 
 def run(quick: bool) -> dict[str, Any]:
-    """The quick suite is the warehouse alone."""
-    worlds = WORLDS[:1] if quick else WORLDS
-    return measure(worlds, CASES, QUICK if quick else FULL, WORK, others=WORLDS[:4] if quick else WORLDS)
+    """All worlds but the large ones. The quick suite is the warehouse alone."""
+    if quick:
+        return measure(WORLDS[:1], CASES, QUICK, WORK / "quick", others=WORLDS[:4])
+    worlds = [world for world in WORLDS if not world.large]
+    measure_in_processes(worlds, CASES, FULL, WORK, others=worlds, processes=os.cpu_count() or 1)
+    return summarize(worlds, WORK)
 
 
 def measure(
-    worlds: Iterable[BenchWorld],
+    worlds: Sequence[BenchWorld],
     cases: Sequence[Case],
     sizes: Sizes,
     work: Path,
     others: Sequence[BenchWorld],
 ) -> dict[str, Any]:
-    """Runs the cases in every world.
+    """Runs the cases in every world, one after the other, and returns the figures of them all.
 
     Args:
         others: worlds whose scans are outside the map, where they are another place.
     """
-    cache = StageCache(work)
-    figures: dict[str, Any] = {"machine": {"cpus": os.cpu_count()}, "seed": SEED, "sizes": vars(sizes)}
-    figures["worlds"], outcomes = {}, []
     for world in worlds:
+        if world.missing is None:
+            measure_world(world, cases, sizes, work, others)
+    return summarize(worlds, work)
+
+
+def measure_in_processes(
+    worlds: Sequence[BenchWorld],
+    cases: Sequence[Case],
+    sizes: Sizes,
+    work: Path,
+    others: Sequence[BenchWorld],
+    processes: int,
+    resume: bool = False,
+) -> None:
+    """Runs the cases, as many worlds at a time as there are processes. The worlds are those of ``WORLDS``.
+
+    Args:
+        resume: skip worlds whose part was made under the same conditions.
+    """
+    tasks = [world.name for world in worlds if world.missing is None]
+    if resume:
+        wanted = _conditions(cases, sizes, others)
+        parts = {name: Part.load(work / "parts", name) for name in tasks}
+        tasks = [name for name, part in parts.items() if part is None or part.conditions != wanted]
+    names = [world.name for world in others]
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn"), max_tasks_per_child=1) as pool:
+        running = [pool.submit(_measure_named, name, cases, sizes, work, names) for name in tasks]
+        for one in running:
+            one.result()
+
+
+def measure_world(
+    world: BenchWorld, cases: Sequence[Case], sizes: Sizes, work: Path, others: Sequence[BenchWorld]
+) -> Part:
+    """Every query's outcome, case by case, kept as the world's part."""
+    began, cache = time.perf_counter(), StageCache(work)
+    files = world.make(cache)
+    abroad = [o.make(cache).map for o in others if o.missing is None and o.place != world.place]
+    versions = Versions(world, files, work / world.name)
+    outcomes: list[Outcome] = []
+    for case in cases:
+        found = list(_outcomes(world, case, sizes.of(case), files, abroad, versions))
+        if found:
+            print(world.name, case.name, figures_of(found), file=sys.stderr, flush=True)
+        outcomes += found
+    seconds = time.perf_counter() - began
+    part = Part(world.name, tuple(outcomes), versions.templates, _conditions(cases, sizes, others), seconds)
+    part.save(work / "parts")
+    return part
+
+
+def summarize(worlds: Sequence[BenchWorld], work: Path) -> dict[str, Any]:
+    """Figures of the worlds' parts, which are kept as the report. A world without a part is left out."""
+    figures: dict[str, Any] = {"machine": {"cpus": os.cpu_count()}, "seed": SEED, "worlds": {}}
+    everything: list[Outcome] = []
+    for world in worlds:
+        part = Part.load(work / "parts", world.name)
         if world.missing is not None:
             figures["worlds"][world.name] = f"skipped: {world.missing}"
-            continue
-        abroad = [o.make(cache).map for o in others if o.missing is None and o.place != world.place]
-        found, templates = measure_world(world, cases, sizes, cache, work / world.name, abroad)
-        outcomes += found
-        by_case = {case: figures_of(list(rows)) for case, rows in groupby(found, lambda o: o.case)}
-        figures["worlds"][world.name] = {"templates": templates, "cases": by_case}
-    figures["total"] = _totals(outcomes)
-    _write_outcomes(work / "outcomes.csv", outcomes)
+        elif part is not None:
+            figures["worlds"][world.name] = _of_part(part)
+            everything += part.outcomes
+    figures["bars"] = bars_of(everything) if everything else None
+    figures["total"] = _totals(everything)
+    figures["sensors"] = _by(everything, lambda o: o.sensor)
+    figures["pairs"] = _by(
+        [o for o in everything if o.templates != o.sensor], lambda o: f"{o.sensor} asks {o.templates}"
+    )
+    write_outcomes(work / "outcomes.csv", everything)
     (work / "figures.json").write_text(json.dumps(figures, indent=1) + "\n")
     (work / "report.md").write_text(report(figures))
     return figures
 
 
-def measure_world(
+def _measure_named(name: str, cases: Sequence[Case], sizes: Sizes, work: Path, others: Sequence[str]) -> None:
+    by_name = {world.name: world for world in WORLDS}
+    measure_world(by_name[name], cases, sizes, work, [by_name[other] for other in others])
+
+
+def _outcomes(
     world: BenchWorld,
-    cases: Sequence[Case],
-    sizes: Sizes,
-    cache: StageCache,
-    work: Path,
+    case: Case,
+    count: int,
+    files: WorldFiles,
     abroad: Sequence[Scenery],
-) -> tuple[list[Outcome], dict[str, int]]:
-    """Every query's outcome, case by case, and the number of templates by their sensor."""
-    files = world.make(cache)
-    versions = Versions(world, files.map, work)
-    outcomes = []
-    for case in cases:
-        localizer = versions.localizer(case.templates)
-        rng = np.random.default_rng([SEED, crc32(world.name.encode()), crc32(case.name.encode())])
-        queries = queries_of(
-            case, localizer.index, versions.sensor(case.queries), files, abroad, sizes.of(case), rng
-        )
+    versions: Versions,
+) -> Iterable[Outcome]:
+    templates = template_sensor(case, world)
+    localizer, made_for = versions.localizer(templates), versions.sensor(templates).name
+    for sensor, share in asking_sensors(case, world, count):
+        model = versions.sensor(sensor)
+        seed = [SEED, *(crc32(text.encode()) for text in (world.name, case.name, model.name))]
+        rng = np.random.default_rng(seed)
+        queries = queries_of(case, localizer.index, model, files, abroad, share, rng)
         if queries:
             localizer.localize(queries[0][0])  # the first pays for what is loaded late
-            found = [ask(localizer, scan, T, world.name, case.name) for scan, T in queries]
-            print(world.name, case.name, figures_of(found), file=sys.stderr, flush=True)
-            outcomes += found
-    return outcomes, versions.templates
+        for scan, T_map_sensor in queries:
+            yield ask(localizer, scan, T_map_sensor, world.name, case.name, made_for, model.name)
+
+
+def _conditions(cases: Sequence[Case], sizes: Sizes, others: Sequence[BenchWorld]) -> dict[str, Any]:
+    return {
+        "program": source_hash(),
+        "cases": [case.name for case in cases],
+        "sizes": vars(sizes),
+        "others": [world.name for world in others],
+    }
+
+
+def _of_part(part: Part) -> dict[str, Any]:
+    by_case = {case: figures_of(list(rows)) for case, rows in groupby(part.outcomes, lambda o: o.case)}
+    return {
+        "templates": part.templates,
+        "seconds": part.seconds,
+        "bars": bars_of(part.outcomes),
+        "cases": by_case,
+    }
 
 
 def _totals(outcomes: Sequence[Outcome]) -> dict[str, Any]:
@@ -108,11 +190,7 @@ def _totals(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     return {name: figures_of(part) for name, part in parts.items() if part}
 
 
-def _write_outcomes(path: Path, outcomes: Sequence[Outcome]) -> None:
-    names = [f.name for f in fields(Outcome)]
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(names)
-        for outcome in outcomes:
-            values = (getattr(outcome, name) for name in names)
-            writer.writerow([f"{v:.5g}" if isinstance(v, float) else getattr(v, "value", v) for v in values])
+def _by(outcomes: Sequence[Outcome], key: Callable[[Outcome], str]) -> dict[str, Any]:
+    """Bars of the map's scans, by what the key says of them."""
+    inside = sorted((o for o in outcomes if o.inside), key=key)
+    return {name: bars_of(list(rows)) for name, rows in groupby(inside, key)}

@@ -11,19 +11,19 @@ from firstfix.engine.localizer import Localizer
 from firstfix.sensor import SensorModel, preset
 from firstfix_builder.pipeline import build_version
 
-from ..common.worlds import BenchWorld, Scenery
+from ..common.worlds import BenchWorld, WorldFiles
 
 
 class Versions:
     """Built versions of one world, for each sensor preset.
 
     Args:
-        map: what the templates are made of.
+        files: of the world.
         work: folder of the builds; their stage caches make a second run quick.
     """
 
-    def __init__(self, world: BenchWorld, map: Scenery, work: Path) -> None:  # noqa: A002
-        self._world, self._map, self._work = world, map, work
+    def __init__(self, world: BenchWorld, files: WorldFiles, work: Path) -> None:
+        self._world, self._files, self._work = world, files, work
         self._loaded: dict[str | None, Localizer] = {}
 
     def localizer(self, sensor: str | None) -> Localizer:
@@ -33,10 +33,10 @@ class Versions:
             name = BuildConfig.parse(config).sensor_model.name
             print(f"{self._world.name}: templates for {name}", file=sys.stderr, flush=True)
             built = build_version(
-                self._map.mesh,
+                self._files.source,
                 BuildConfig.parse(config),
                 self._work / name,
-                trajectory=self._map.trajectory,
+                trajectory=self._files.map.trajectory,
             )
             self._loaded[sensor] = Localizer(MapIndex.load(built.directory))
         return self._loaded[sensor]

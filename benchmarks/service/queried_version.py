@@ -67,7 +67,7 @@ class QueriedVersion:
 def make_queried_version(world: BenchWorld, work: Path, count: int) -> QueriedVersion:
     """Builds the world's map, and takes scans in it with everything perturbed at once."""
     files = world.make(StageCache(work))
-    versions = Versions(world, files.map, work / world.name)
+    versions = Versions(world, files, work / world.name)
     index = versions.localizer(None).index
     rng = np.random.default_rng([SEED, crc32(world.name.encode())])
     taken = queries_of(CASE, index, versions.sensor(None), files, (), count, rng)

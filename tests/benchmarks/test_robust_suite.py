@@ -7,12 +7,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.common.worlds import BenchWorld, Scenery, WorldFiles
-from benchmarks.robust.cases import ALL, CASES, CLEAN, Case, Sizes
-from benchmarks.robust.figures import calibration_error, figures_of
-from benchmarks.robust.outcome import Outcome, ask, nees
+from benchmarks.common.worlds import WORLDS, BenchWorld, Scenery, WorldFiles
+from benchmarks.robust.cases import ALL, ANY, CASES, CLEAN, OTHER, SENSORS, Case, Sizes
+from benchmarks.robust.figures import LOOK_ALIKES, bars_of, calibration_error, figures_of, highest_share
+from benchmarks.robust.outcome import Outcome, Standing, ask, nees, standing_of
+from benchmarks.robust.parts import Part, read_outcomes
+from benchmarks.robust.sensors import asking_sensors, template_sensor
 from benchmarks.robust.suite import measure
 from firstfix.answer.localization import Localization, Verdict
+from firstfix.answer.quality import AlignmentQuality
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.transform import make_transform, rotation_z
@@ -22,11 +25,29 @@ SOME = (
     Case("clean", CLEAN),
     Case("all at once", ALL),
     Case("vlp-16 asks", CLEAN, queries="vlp-16"),
+    Case("any sensor asks", CLEAN, queries=ANY, own_height=True),
     Case("changed", ALL, "changed"),
     Case("outside: a strange yard", ALL, "strange yard"),
     Case("outside: other worlds", ALL, "other worlds"),
 )
-RIGHT = Outcome("w", "c", True, Verdict.LOCALIZED, 0.95, 2, 0.03, 0.5, 0.4, 0.03, False, 5.0, 10.0)
+RIGHT = Outcome(
+    "w",
+    "c",
+    "t",
+    "s",
+    True,
+    Verdict.LOCALIZED,
+    0.95,
+    2,
+    0.03,
+    0.5,
+    0.4,
+    0.03,
+    True,
+    Standing.DISTINCT,
+    5.0,
+    10.0,
+)
 WRONG = replace(RIGHT, error_m=3.0, error_deg=90.0, yaw_error_deg=90.0, nearest_m=0.1, nees=1e4)
 NOT_OURS = replace(WRONG, inside=False, error_m=np.inf, error_deg=np.inf, yaw_error_deg=np.inf, nees=np.nan)
 
@@ -49,7 +70,7 @@ def figures(small_map: Path, small_version, tmp_path_factory: pytest.TempPathFac
 def test_every_case_has_its_row(figures):
     rows = figures["worlds"]["yard"]["cases"]
     assert list(rows) == [case.name for case in SOME]
-    assert [row["n"] for row in rows.values()] == [4, 6, 4, 4, 3, 3]
+    assert [row["n"] for row in rows.values()] == [4, 6, 4, 4, 4, 3, 3]
     assert figures["worlds"]["absent"] == "skipped: not here"
 
 
@@ -67,6 +88,13 @@ def test_a_right_looking_scan_from_outside_is_a_false_accept(figures):
     assert figures["total"]["everything"]["false_accepts"] >= row["false_accepts"]
 
 
+def test_many_sensors_ask(figures):
+    asked = {name for name, row in figures["sensors"].items() if name != SENSOR["name"] and row["answers"]}
+    assert len(asked) >= 4
+    assert all(name.endswith(f"asks {SENSOR['name']}") for name in figures["pairs"])
+    assert figures["worlds"]["yard"]["cases"]["any sensor asks"]["success_0.2m"] >= 0.75
+
+
 def test_the_same_seed_gives_the_same_scans(figures, small_map, small_version, tmp_path):
     begun_as(small_version, tmp_path / "yard" / SENSOR["name"])
     files = WorldFiles(Scenery(small_map))
@@ -77,7 +105,8 @@ def test_the_same_seed_gives_the_same_scans(figures, small_map, small_version, t
     first = figures["worlds"]["yard"]["cases"]["all at once"]
     assert {**again, "ms": None} == {**first, "ms": None}
     assert "| all at once | 6 |" in (tmp_path / "report.md").read_text()
-    assert len((tmp_path / "outcomes.csv").read_text().splitlines()) == 7
+    assert len(read_outcomes(tmp_path / "outcomes.csv")) == 6
+    assert "| all worlds | 6 |" in (tmp_path / "report.md").read_text()
 
 
 def test_cases_have_names_of_their_own():
@@ -96,8 +125,8 @@ def test_figures_of_known_answers():
 
 
 def test_an_alias_is_recognised_when_the_answer_is_not_localized():
-    told = replace(WRONG, has_alias=True, verdict=Verdict.AMBIGUOUS)
-    guessed, lost = replace(RIGHT, has_alias=True), replace(told, nearest_m=5.0)
+    told = replace(WRONG, standing=Standing.TWIN, verdict=Verdict.AMBIGUOUS)
+    guessed, lost = replace(RIGHT, standing=Standing.OUTSHONE), replace(told, nearest_m=5.0)
     row = figures_of([RIGHT, WRONG, told, guessed, lost])
     assert row["distinct"] == 2
     assert row["distinct_0.2m_2deg"] == 0.5
@@ -106,9 +135,71 @@ def test_an_alias_is_recognised_when_the_answer_is_not_localized():
 
 def test_a_second_place_just_as_good_is_an_alias(small_version, small_scans):
     localizer, (scan, T) = Localizer(MapIndex.load(small_version.directory)), small_scans[0]
-    assert not ask(localizer, scan, T, "w", "c").has_alias
-    elsewhere = T @ make_transform(np.eye(3), [3.0, 0, 0])  # were the truth there, the answer would be better
-    assert ask(localizer, scan, elsewhere, "w", "c").has_alias
+    right = ask(localizer, scan, T, "w", "c")
+    assert right.standing is Standing.DISTINCT
+    assert right.among_candidates
+    elsewhere = T @ make_transform(
+        np.eye(3), [30.0, 0, 0]
+    )  # were the truth there, the answer would be better
+    wrong = ask(localizer, scan, elsewhere, "w", "c")
+    assert wrong.standing is Standing.OUTSHONE
+    assert not wrong.among_candidates
+
+
+def test_a_twin_fits_nearly_as_well_or_a_little_better():
+    true = AlignmentQuality(0.9, 0.85, 0.01)
+    assert standing_of(true, []) is Standing.DISTINCT
+    for score, wanted in ((0.8, Standing.DISTINCT), (0.84, Standing.TWIN), (0.86, Standing.TWIN)):
+        assert (
+            standing_of(true, [AlignmentQuality(0.5, 0.3, 0.0), replace(true, alignment_score=score)])
+            is wanted
+        )
+    assert standing_of(true, [replace(true, alignment_score=0.9)]) is Standing.OUTSHONE
+    assert standing_of(true, [replace(true, free_space_violation=0.05)]) is Standing.DISTINCT
+
+
+def test_bars_of_known_answers():
+    twin = replace(WRONG, standing=Standing.TWIN, verdict=Verdict.AMBIGUOUS)
+    doubted = replace(RIGHT, verdict=Verdict.AMBIGUOUS)
+    look_alike = replace(NOT_OURS, case=LOOK_ALIKES, verdict=Verdict.REJECTED, probability=0.2)
+    row = bars_of([RIGHT, RIGHT, doubted, WRONG, twin, replace(twin, nearest_m=2.0), look_alike])
+    assert (row["answers"], row["distinct"], row["twins"], row["outshone"]) == (7, 4, 2, 0)
+    assert (row["first"], row["localized"], row["twins_told"]) == (0.75, 0.5, 0.5)
+    assert row["outshone_told"] is None
+    assert row["false_accepts"] == 1
+    assert row["false_accepts_at_most"] == pytest.approx(highest_share(1, 7), abs=1e-6)
+    assert row["look_alikes_ece"] == pytest.approx(0.2)
+
+
+def test_the_highest_share_is_clopper_and_pearsons():
+    assert highest_share(0, 8000) == pytest.approx(1 - 0.05 ** (1 / 8000))  # the rule of three: 3.7 in 10,000
+    assert highest_share(3, 3) == 1.0
+    rng = np.random.default_rng(8)
+    shares = [highest_share(int(events), 50) for events in rng.binomial(50, 0.1, 4000)]
+    assert np.mean(np.array(shares) >= 0.1) > 0.94
+
+
+def test_a_part_is_read_as_it_was_kept(tmp_path):
+    part = Part("w", (RIGHT, replace(NOT_OURS, standing=Standing.OUTSHONE)), {"t": 3}, {"cases": ["c"]}, 2)
+    part.save(tmp_path)
+    found = Part.load(tmp_path, "w")
+    assert found is not None
+    assert found.outcomes[0] == part.outcomes[0]
+    assert repr(found) == repr(part)  # nan is not nan
+    assert Part.load(tmp_path, "v") is None
+
+
+def test_sensors_are_drawn_for_each_world_alone():
+    case = Case("c", CLEAN, templates=OTHER, queries=ANY)
+    drawn = {world.name: template_sensor(case, world) for world in WORLDS}
+    assert all(drawn[world.name] != world.config["sensor"] for world in WORLDS)
+    assert len(set(drawn.values())) > 3
+    assert [template_sensor(case, world) for world in WORLDS] == list(drawn.values())
+    shares = dict(asking_sensors(case, WORLDS[0], 100))
+    assert set(shares) == set(SENSORS)
+    assert sum(shares.values()) == 100
+    assert len(list(asking_sensors(case, WORLDS[0], 5))) == 5
+    assert list(asking_sensors(Case("d", CLEAN), WORLDS[0], 7)) == [(None, 7)]
 
 
 def test_calibration_error_is_zero_for_an_honest_forecaster_and_the_gap_for_another():

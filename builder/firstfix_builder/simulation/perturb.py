@@ -81,15 +81,17 @@ class ScanSimulation:
 
     def scan(self, case: ScanCase) -> Scan:
         """Simulates the scan of a case."""
-        rng, config, rays = np.random.default_rng(case.seed), self.config, Rays.of_sensor(self.sensor)
+        rng, config, moments = np.random.default_rng(case.seed), self.config, self.sensor.moments
+        moment = int(rng.integers(moments)) if moments > 1 else 0
+        rays = Rays.of_scan(self.sensor, moment)
         ranges = next(self.simulator.ranges(case.T_level_sensor[None], self.sensor, rays))[0]
         ranges += config.noise_m * rng.standard_normal(len(ranges), np.float32)
-        ranges[rng.random(len(ranges), np.float32) < config.dropout] = np.inf
+        lost = rng.random(len(ranges), np.float32) < config.dropout
         severity = rng.uniform(0, 2)  # a quiet night, a rush hour: real overlaps vary as widely
-        around = _Panorama.of(self.sensor)
+        around = _Panorama.of(self.sensor, moment)
         around.occlude(ranges, rng.poisson(config.occluders * severity), _PERSON, rng)
         around.occlude(ranges, rng.poisson(config.strangers * severity), _STRANGER, rng)
-        seen = np.isfinite(ranges)
+        seen = np.isfinite(ranges) & ~lost
         return Scan.from_points(rays.directions[seen] * ranges[seen, None])
 
 
@@ -130,8 +132,8 @@ class _Panorama:
     rise: NDArray[np.float32]
 
     @staticmethod
-    def of(sensor: SensorModel) -> _Panorama:
-        return _panorama(sensor)
+    def of(sensor: SensorModel, moment: int) -> _Panorama:
+        return _panorama(sensor, moment)
 
     def occlude(
         self, ranges: NDArray[np.float32], count: int, kind: _Occluder, rng: np.random.Generator
@@ -148,8 +150,8 @@ class _Panorama:
 
 
 @lru_cache(KEPT)
-def _panorama(sensor: SensorModel) -> _Panorama:
-    x, y, z = turned(sensor.directions(), sensor.R_base_sensor).T
+def _panorama(sensor: SensorModel, moment: int) -> _Panorama:
+    x, y, z = turned(Rays.of_scan(sensor, moment).directions, sensor.R_base_sensor).T
     azimuth = np.arctan2(y, x)
     row = np.argsort(azimuth, kind="stable")
     return _Panorama(row, azimuth[row], z[row])

@@ -13,7 +13,7 @@ from firstfix.scan.levelling import turned
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix
 
-KEPT = 8  # sensors
+KEPT = 24  # sensors, and moments of those that scan no rows
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,11 @@ class Rays:
         return _of_sensor(sensor)
 
     @staticmethod
+    def of_scan(sensor: SensorModel, moment: int) -> Rays:
+        """``sensor.scan_directions(moment)``, in the sensor frame."""
+        return _of_scan(sensor, moment) if sensor.moments > 1 else _of_sensor(sensor)
+
+    @staticmethod
     def at_any_heading(sensor: SensorModel) -> Rays:
         """``sensor.directions_at_any_heading()``, in the frame of a level robot."""
         return _at_any_heading(sensor)
@@ -56,6 +61,11 @@ class Rays:
 @lru_cache(KEPT)
 def _of_sensor(sensor: SensorModel) -> Rays:
     return Rays.of(sensor.directions())
+
+
+@lru_cache(KEPT)
+def _of_scan(sensor: SensorModel, moment: int) -> Rays:
+    return Rays.of(sensor.scan_directions(moment))
 
 
 @lru_cache(KEPT)

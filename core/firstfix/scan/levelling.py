@@ -27,6 +27,9 @@ _VOTERS = 2000  # normals that vote: all 10,000 of a scan give the same up withi
 _FLOOR_RADIUS_M = 12.0
 _FLOOR_BIN_M = 0.1
 _LEVEL_COSINE = 0.9659258262890683  # of 15 degrees
+_UPRIGHT_COSINE = 0.25881904510252074  # of 75 degrees
+_FOOT_M = 0.15  # walls that reach further below a level surface stand on another one
+_MIN_BELOW, _MIN_BELOW_SHARE = 20, 0.01  # of the points on upright surfaces
 _UPSIDE_DOWN = -1 + 1e-12
 
 
@@ -112,13 +115,15 @@ def floor_height(
 ) -> float | None:
     """Height of the sensor above the floor around it, or None if no floor is seen.
 
-    The floor is the lowest height with many points on level surfaces below the sensor.
+    The floor is the lowest height with many points on level surfaces below the sensor. A table is not: walls
+    reach further down. A sensor that looks down a few degrees often sees tables and no floor.
 
     Args:
         points, normals: (n, 3) in the levelled sensor frame.
     """
     x, y, z = points.T
     near = x * x + y * y < _FLOOR_RADIUS_M * _FLOOR_RADIUS_M
+    upright_z = z[near & (np.abs(normals[:, 2]) < _UPRIGHT_COSINE)]
     z = z[near & (np.abs(normals[:, 2]) > _LEVEL_COSINE)]
     z = z[(z < -0.05) & (z > -max_height_m)]
     if len(z) < 20:
@@ -133,7 +138,11 @@ def floor_height(
     while deepest > 0 and smooth[deepest - 1] > smooth[deepest]:  # climb to the top of that hump
         deepest -= 1
     members = z[np.abs(bins - deepest) <= 1]
-    return float(-np.median(members)) if len(members) else None
+    if not len(members):
+        return None
+    height_m = float(-np.median(members))
+    below = np.count_nonzero(upright_z < -(height_m + _FOOT_M))
+    return None if below >= max(_MIN_BELOW, _MIN_BELOW_SHARE * len(upright_z)) else height_m
 
 
 @cache

@@ -15,6 +15,7 @@ CELL_DEG = 2.0
 COLUMNS = round(360 / CELL_DEG)
 ROWS = round(180 / CELL_DEG)
 NEAREST_M = 0.3
+ENOUGH = 7  # of a cell and its eight neighbours; fewer lie at the edge of the field of view or beside holes
 
 _RADIANS_A_CELL = 2 * np.pi / COLUMNS
 
@@ -24,7 +25,8 @@ class RangeView:
     """Ranges of one scan by direction, made once for all the poses at which it is checked.
 
     Attributes:
-        returned: (cells,) whether there is a return in that direction.
+        returned: (cells,) whether there are returns in that direction and around it, in ENOUGH cells. Beside
+            a hole nobody knows what a ray would have met. In a scan that is mostly holes: in that direction.
         least: (cells,) nearest range in and around the direction, metres.
     """
 
@@ -43,7 +45,29 @@ class RangeView:
     @classmethod
     def of_nearest(cls, nearest: NDArray[np.float32]) -> RangeView:
         """Range view of (cells,) nearest ranges, infinite in directions without a return."""
-        return cls(np.isfinite(nearest), least_of_neighbours(nearest.reshape(ROWS, COLUMNS)).ravel())
+        image = nearest.reshape(ROWS, COLUMNS)
+        around = _with_neighbours(np.isfinite(image))
+        numbers = np.bincount(around.ravel(), minlength=10)[
+            1:
+        ].cumsum()  # of the seen cells, by their neighbours
+        usual = 1 + int(np.searchsorted(numbers, numbers[-1] / 2))
+        enough = ENOUGH if usual >= ENOUGH else 1
+        return cls((around >= enough).ravel(), least_of_neighbours(image).ravel())
+
+
+def _with_neighbours(seen: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Number of seen cells among each seen cell and its eight neighbours, else 0; columns wrap around."""
+    one = seen.view(np.uint8)
+    across = one.copy()
+    across[:, 1:] += one[:, :-1]
+    across[:, :-1] += one[:, 1:]
+    across[:, 0] += one[:, -1]
+    across[:, -1] += one[:, 0]
+    around = across.copy()
+    around[1:] += across[:-1]
+    around[:-1] += across[1:]
+    around *= one
+    return around
 
 
 @accelerated

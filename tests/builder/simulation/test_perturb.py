@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from firstfix.builds.config import PerturbConfig
-from firstfix.sensor import SensorModel
+from firstfix.sensor import SensorModel, preset
 from firstfix.transform import rotation_angle_deg
-from firstfix_builder.simulation.perturb import ScanSimulation
+from firstfix_builder.simulation.perturb import ScanCase, ScanSimulation
 from firstfix_builder.simulation.simulate import Simulator
 
 SENSOR = SensorModel("ring-3", (-10.0, 0.0, 10.0), 1.0, 0.3, 60.0, 0.8)
@@ -64,6 +64,14 @@ def test_a_case_gives_the_same_scan_in_any_order():
     assert len({len(scan) for scan in scans}) > 1
 
 
+def test_a_mid_360_scans_at_any_moment_of_its_pattern():
+    simulation = ScanSimulation(room(), preset("mid-360"), CLEAN)
+    found = simulation.cases(np.array([[0, 0, 0.8]]), REACH_M, 12, np.random.default_rng(1))
+    here = found[0].T_level_sensor
+    scans = [simulation.scan(ScanCase(here, case.seed)).points for case in found]
+    assert len({scan.tobytes() for scan in scans}) > 4
+
+
 def test_noise_and_dropout_are_as_large_as_asked():
     simulation, found = cases(CLEAN.model_copy(update={"noise_m": 0.05, "dropout": 0.3}), 12)
     clean = ScanSimulation(simulation.simulator, SENSOR, CLEAN)
@@ -76,6 +84,17 @@ def test_noise_and_dropout_are_as_large_as_asked():
         off.append(np.linalg.norm(noisy, axis=1) - np.linalg.norm(exact[row], axis=1))
     assert np.mean(kept) == pytest.approx(0.7, abs=0.02)
     assert np.std(np.concatenate(off)) == pytest.approx(0.05, rel=0.05)
+
+
+def test_a_lost_return_does_not_come_back_beyond_a_wall():
+    """A passer-by further away than the wall stops no ray, not even one whose return is lost."""
+    crowd = CLEAN.model_copy(update={"occluders": 8.0, "strangers": 4.0, "dropout": 0.5})
+    simulation, found = cases(crowd, 40, ((0, 0, 0.8),))
+    for case in found:
+        T = case.T_level_sensor
+        points = simulation.scan(case).points @ T[:3, :3].T + T[:3, 3]
+        assert (np.abs(points[:, :2]) < [9.01, 7.01]).all()
+        assert (np.abs(points[:, 2] - 1.5) < 1.51).all()
 
 
 def test_what_stands_in_the_way_stops_rays_at_every_azimuth():

@@ -59,6 +59,19 @@ def test_the_floor_is_the_lowest_level_surface_not_the_table(height_m, table):
     assert floor_height(*room_points(height_m, table)) == pytest.approx(height_m, abs=0.03)
 
 
+def test_a_table_is_not_the_floor_where_walls_reach_further_down():
+    points, normals = room_points(1.0, table=True)
+    above = points[:, 2] > -0.7  # a sensor that looks down a few degrees
+    assert floor_height(points[above], normals[above]) is None
+
+
+def test_a_few_points_below_the_floor_do_not_hide_it():
+    points, normals = room_points(1.0, table=False)
+    wall = np.flatnonzero(np.abs(normals[:, 2]) < 0.5)
+    points[wall[:10], 2] = -1.5  # reflections, stairs
+    assert floor_height(points, normals) == pytest.approx(1.0, abs=0.03)
+
+
 def test_no_floor_in_sight_is_none():
     rng = np.random.default_rng(0)
     points = rng.uniform([-8, -8, 0], [8, 8, 3], (500, 3))

@@ -25,17 +25,19 @@ void turned(const T* vectors, std::size_t count, const double* R, T* rotated) {
   }
 }
 
-// Height of the sensor above the floor near it: the lowest height with many points on level surfaces. Points and
-// normals are levelled; `max_height_m` is at most 1000.
+// Height of the sensor above the floor near it: the lowest height with many points on level surfaces, unless walls reach
+// further down. Points and normals are levelled; `max_height_m` is at most 1000.
 template <class T>
 std::optional<double> floor_height(const T* points, const T* normals, std::size_t count, double max_height_m = 4.0) {
   constexpr T kRadius2 = 144, kLevelCosine = static_cast<T>(0.9659258262890683), kBinM = static_cast<T>(0.1);
-  constexpr T kHighest = static_cast<T>(-0.05);
+  constexpr T kHighest = static_cast<T>(-0.05), kUprightCosine = static_cast<T>(0.25881904510252074);
+  constexpr double kFootM = 0.15, kMinBelow = 20, kMinBelowShare = 0.01;
   const T lowest = static_cast<T>(-max_height_m);
-  std::vector<T> heights;
+  std::vector<T> heights, upright;
   for (std::size_t i = 0; i < 3 * count; i += 3) {
     const T x = points[i], y = points[i + 1], z = points[i + 2];
     const bool near = x * x + y * y < kRadius2;
+    if (near && std::fabs(normals[i + 2]) < kUprightCosine) upright.push_back(z);
     if (near && std::fabs(normals[i + 2]) > kLevelCosine && z < kHighest && z > lowest) heights.push_back(z);
   }
   if (heights.size() < 20) return std::nullopt;
@@ -62,8 +64,14 @@ std::optional<double> floor_height(const T* points, const T* normals, std::size_
   if (members.empty()) return std::nullopt;
   const auto half = members.begin() + static_cast<std::ptrdiff_t>(members.size() / 2);
   std::nth_element(members.begin(), half, members.end());
-  if (members.size() % 2 == 1) return static_cast<double>(-*half);
-  return static_cast<double>(-((*std::max_element(members.begin(), half) + *half) / 2));
+  const bool odd = members.size() % 2 == 1;
+  const T middle = odd ? *half : (*std::max_element(members.begin(), half) + *half) / 2;
+  const auto height_m = static_cast<double>(-middle);
+  const auto foot = static_cast<T>(-(height_m + kFootM));
+  const auto below = std::count_if(upright.begin(), upright.end(), [foot](T z) { return z < foot; });
+  const double too_many = std::max(kMinBelow, kMinBelowShare * static_cast<double>(upright.size()));
+  if (static_cast<double>(below) >= too_many) return std::nullopt;
+  return height_m;
 }
 
 namespace detail {

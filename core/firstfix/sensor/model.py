@@ -1,18 +1,21 @@
-"""Sensor models: the rays of a LiDAR and its mounting, for the simulator."""
+"""A sensor model: the rays of a LiDAR and its mounting, for the simulator."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import InvalidOption
-from .scan.levelling import MAX_TILT_DEG, turned
-from .transform import rotation_z
+from ..errors import InvalidOption
+from ..scan.levelling import MAX_TILT_DEG, turned
+from ..transform import rotation_z
+from .presets import PRESETS
+from .rosette import MOMENTS, rosette
 
+Pattern = Literal["rows", "rosette"]
 MIN_FAN_DEG = 15.0  # between headings of a sensor on its side, even if its beams are narrower
 
 
@@ -29,6 +32,8 @@ class SensorModel:
         range_noise_m: standard deviation of a range.
         mount_roll_deg, mount_pitch_deg: mounting on a robot that stands level: roll about x, then pitch about
             y. With roll 180 the sensor hangs head down.
+        pattern: of a scan. "rows": every elevation at every azimuth. "rosette": as many rays between the
+            lowest and the highest elevation, as a Mid-360 casts them. Each scan has others.
     """
 
     name: str
@@ -40,6 +45,7 @@ class SensorModel:
     range_noise_m: float = 0.02
     mount_roll_deg: float = 0.0
     mount_pitch_deg: float = 0.0
+    pattern: Pattern = "rows"
 
     def __post_init__(self) -> None:
         elevations = np.asarray(self.elevations_deg, np.float64)
@@ -52,19 +58,41 @@ class SensorModel:
             "range_noise_m": 0 <= self.range_noise_m <= 1,
             "mount_roll_deg": abs(self.mount_roll_deg) <= 180,
             "mount_pitch_deg": abs(self.mount_pitch_deg) <= 180,
+            "pattern": self.pattern in get_args(Pattern),
         }
         for name, ok in checks.items():
             if not ok:
                 raise InvalidOption(f"sensor {self.name!r}: {name} = {getattr(self, name)!r} is out of range")
 
     def directions(self) -> NDArray[np.float32]:
-        """Unit rays (beams * columns, 3) in the sensor frame, beam by beam."""
-        columns = round(360 / self.azimuth_step_deg)
-        azimuth = np.linspace(-np.pi, np.pi, columns, endpoint=False)
+        """Unit rays (beams * columns, 3) in the sensor frame, beam by beam: all that the sensor can see.
+
+        They are rows whatever the pattern, because a template shows the whole field of view.
+        """
+        azimuth = np.linspace(-np.pi, np.pi, self._columns, endpoint=False)
         elevation = np.radians(self.elevations_deg)
-        e, a = np.meshgrid(elevation, azimuth, indexing="ij")
-        rays = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=-1)
-        return np.ascontiguousarray(rays.reshape(-1, 3), np.float32)
+        return _unit(*np.meshgrid(elevation, azimuth, indexing="ij"))
+
+    @property
+    def moments(self) -> int:
+        """Number of different scans that ``scan_directions`` knows."""
+        return MOMENTS if self.pattern == "rosette" else 1
+
+    def scan_directions(self, moment: int = 0) -> NDArray[np.float32]:
+        """Unit rays (beams * columns, 3) of one scan in the sensor frame.
+
+        Args:
+            moment: 0 to ``moments - 1``, when the scan begins.
+        """
+        if self.pattern == "rows":
+            return self.directions()
+        low_deg, high_deg = min(self.elevations_deg), max(self.elevations_deg)
+        azimuth, elevation = rosette(low_deg, high_deg, len(self.elevations_deg) * self._columns, moment)
+        return _unit(elevation, azimuth)
+
+    @property
+    def _columns(self) -> int:
+        return round(360 / self.azimuth_step_deg)
 
     @property
     def R_base_sensor(self) -> NDArray[np.float64]:
@@ -90,7 +118,7 @@ class SensorModel:
 
     def coarser(self, max_rays: int) -> SensorModel:
         """Model with the same field of view and fewer rays, which keeps the simulation of templates cheap."""
-        beams, columns = len(self.elevations_deg), round(360 / self.azimuth_step_deg)
+        beams, columns = len(self.elevations_deg), self._columns
         if beams * columns <= max_rays:
             return self
         columns = min(columns, max(360, max_rays // beams))
@@ -123,33 +151,16 @@ class SensorModel:
             raise InvalidOption(f"sensor model: {error}") from error
 
 
-def _even(low_deg: float, high_deg: float, beams: int) -> tuple[float, ...]:
-    return tuple(round(float(v), 4) for v in np.linspace(low_deg, high_deg, beams))
-
-
-# The HDL-64E has two blocks of 32: 1/3 degree apart above -8.83, 1/2 degree below (Velodyne's manual).
-_HDL64 = tuple(round(2.0 - i / 3, 4) for i in range(32)) + tuple(round(-8.83 - i / 2, 4) for i in range(32))
-# The OS0 and OS1 are evenly spaced to within 0.3 degrees; real units ship their own calibration.
-_PRESETS = {
-    model.name: model
-    for model in (
-        SensorModel("vlp-16", _even(-15, 15, 16), 0.2, 0.5, 100, 0.6),
-        SensorModel("hdl-32e", _even(-30.67, 10.67, 32), 0.2, 1.0, 100, 1.0),
-        SensorModel("hdl-64e", _HDL64, 0.2, 1.5, 120, 1.73),
-        SensorModel("os0-64", _even(-45, 45, 64), 360 / 1024, 0.3, 50, 1.0),
-        SensorModel("os0-128", _even(-45, 45, 128), 360 / 1024, 0.3, 50, 1.0),
-        SensorModel("os1-64", _even(-22.5, 22.5, 64), 360 / 1024, 0.3, 120, 1.0),
-        SensorModel("os1-128", _even(-22.5, 22.5, 128), 360 / 1024, 0.3, 120, 1.0),
-        SensorModel("xt32", _even(-16, 15, 32), 0.18, 0.3, 120, 0.8),
-        # Not a spinning scanner: a rosette that fills this band; 40 rows stand for 0.1 s of it.
-        SensorModel("mid-360", _even(-7, 52, 40), 0.72, 0.2, 70, 0.5),
-    )
-}
+def _unit(elevation: NDArray[np.float64], azimuth: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Angles in radians, of any shape, to unit vectors (n, 3)."""
+    level = np.cos(elevation)
+    rays = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1)
+    return np.ascontiguousarray(rays.reshape(-1, 3), np.float32)
 
 
 def presets() -> list[str]:
     """Names of the presets, sorted."""
-    return sorted(_PRESETS)
+    return sorted(PRESETS)
 
 
 def preset(name: str) -> SensorModel:
@@ -159,6 +170,6 @@ def preset(name: str) -> SensorModel:
         InvalidOption: no preset has this name.
     """
     try:
-        return _PRESETS[name.lower()]
+        return SensorModel(name.lower(), **PRESETS[name.lower()])
     except KeyError:
         raise InvalidOption(f"no sensor preset {name!r}; there are {', '.join(presets())}") from None
