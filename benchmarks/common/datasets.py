@@ -6,7 +6,6 @@ import csv
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -141,7 +140,7 @@ def _write(path: Path, header: tuple[str, ...], rows: list[list[str]]) -> Path:
 
 
 _QUERY, _MAP = ("query",), ("map", "map_thin")
-_NEAR_THE_TRACK = MappingProxyType({"spacing_m": 1.0, "max_distance_to_trajectory_m": 5.0})
+_NEAR_THE_TRACK = {"spacing_m": 1.0, "max_distance_to_trajectory_m": 5.0}
 
 STREET = Dataset(
     "street",
@@ -195,7 +194,7 @@ TURNING = Dataset(
     {"as given": PoseTable("eval.csv")},
     PoseTable("trajectory.csv"),
     "mid-360",
-    MappingProxyType({"spacing_m": 1.0, "max_distance_to_trajectory_m": 4.0}),
+    {"spacing_m": 1.0, "max_distance_to_trajectory_m": 4.0},
     kept_share=0.25,
     convert=write_turning_robot,
 )

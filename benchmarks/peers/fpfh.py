@@ -24,7 +24,7 @@ class Fpfh:
         self._map, self._features = self._described(points)
         self._icp = Icp(points, 1.5 * self._voxel_m)
 
-    def __call__(self, scan: Scan) -> Matrix | None:
+    def __call__(self, scan: Scan, gravity: NDArray[np.float64]) -> Matrix | None:
         points = self._given.cropped(scan)
         cloud, features = self._described(points)
         registration, reach_m = o3d.pipelines.registration, 1.5 * self._voxel_m

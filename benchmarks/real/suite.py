@@ -24,9 +24,10 @@ from firstfix.engine.localizer import Localizer
 from firstfix.store.store import Store
 from firstfix_cli.local_service import local_service
 
+from ..common.asked import Asked, figures_of
 from ..common.datasets import DATASETS, HALL, Dataset
 from ..common.memory import PeakMemory
-from .asked import GRAVITY, Asked, ask, figures_of
+from .ask import GRAVITY, ask
 from .report import report
 from .variants import SEED
 

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.common.asked import Asked, figures_of
 from benchmarks.common.datasets import Dataset, PoseTable
-from benchmarks.real.asked import GRAVITY, Asked, figures_of
+from benchmarks.real.ask import GRAVITY
 from benchmarks.real.report import report
 from benchmarks.real.suite import in_process
 from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict

@@ -1,30 +1,19 @@
-"""Held-out scans asked in this process, and the figures of the answers."""
+"""Scans with true poses that were asked, and the figures of the answers."""
 
 from __future__ import annotations
 
-import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from firstfix.answer.localization import Localization, Verdict
-from firstfix.answer.options import LocalizeOptions
-from firstfix.decode import read_scan_file
-from firstfix.engine.localizer import Localizer
 from firstfix.transform import Matrix, pose_error
 from firstfix_cli.evaluate import FALSE_DEG, FALSE_M
-from firstfix_cli.pose_gravity import gravity_at, imu_errors
-from firstfix_cli.poses_csv import read_poses_csv
-
-from ..common.datasets import Dataset
-from .variants import variants
 
 RIGHT_M, RIGHT_DEG = 0.2, 1.0  # of the whole rotation
-GRAVITY: Mapping[str, float | None] = {"estimated": None, "given": 1.0}  # degrees of noise, as of an IMU
 
 
 @dataclass(frozen=True)
@@ -32,7 +21,7 @@ class Asked:
     """One query and its answer.
 
     Attributes:
-        gravity: a key of ``GRAVITY``.
+        gravity: "estimated" by the engine, or "given".
         T_map_sensor: true poses by the name of the reference; the first one is judged by.
         ms: in process.
     """
@@ -71,31 +60,6 @@ class Asked:
     def _errors(self, reference: str) -> list[tuple[float, float]]:
         true = self.T_map_sensor[reference]
         return [pose_error(true, hypothesis.T_map_sensor) for hypothesis in self.answer.hypotheses]
-
-
-def ask(dataset: Dataset, localizer: Localizer, work: Path) -> Iterator[Asked]:
-    """Asks every held-out scan in every variant, by each source of gravity.
-
-    Args:
-        work: an existing folder.
-    """
-    tables = {
-        reference: read_poses_csv(dataset.write_queries(work / "truth.csv", reference))
-        for reference in dataset.references
-    }
-    errors = {name: imu_errors(len(next(iter(tables.values()))), noise) for name, noise in GRAVITY.items()}
-    for number, rows in enumerate(zip(*tables.values(), strict=True)):
-        scan = read_scan_file(rows[0].path)
-        truth = {name: row.T_map_sensor for name, row in zip(tables, rows, strict=True)}
-        for variant, worse, T_scan_sensor in variants(dataset, scan, number):
-            true = {name: T @ T_scan_sensor for name, T in truth.items() if T is not None}
-            for gravity, error_rad in errors.items():
-                off_rad = error_rad[number]
-                down = None if off_rad is None else gravity_at(next(iter(true.values())), off_rad)
-                began = time.perf_counter()
-                answer = localizer.localize(worse, LocalizeOptions(gravity=down))
-                ms = 1e3 * (time.perf_counter() - began)
-                yield Asked(rows[0].path.name, variant, gravity, true, answer, ms)
 
 
 def figures_of(asked: Sequence[Asked]) -> dict[str, Any]:
