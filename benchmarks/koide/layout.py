@@ -1,4 +1,4 @@
-"""Where the maps, bags and true poses of the downloaded data set are. README.md names the sources."""
+"""Layout of the downloaded data set: its maps, bags and true poses. README.md names the sources."""
 
 from __future__ import annotations
 

@@ -13,7 +13,6 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
-import small_gicp
 from numpy.typing import NDArray
 
 from firstfix.scan.levelling import levelling_rotation
@@ -21,6 +20,7 @@ from firstfix.scan.scan import Scan
 from firstfix.scan.voxel_filter import voxel_means
 from firstfix.transform import Matrix, make_transform
 
+from .icp import Gicp
 from .peer_input import PeerInput
 
 SOURCE = Path(__file__).with_name("bbs_driver.cpp")
@@ -31,8 +31,8 @@ SCORE = 0.8
 LIMIT_S = 40.0
 MAP_VOXEL_M = 0.1
 SCAN_VOXEL_M = 2.0
-GICP_VOXEL_M = 0.25
-REACHES_M = (1.0, 0.3)  # of GICP, one after the other
+GICP_REACH_M = 1.0
+REPLY_BYTES = 17 * 8
 
 
 def why_not(prefix: Path | None) -> str | None:
@@ -85,31 +85,20 @@ class Bbs:
         self._to, self._from = self._driver.stdin, self._driver.stdout
         if self._from.readline() != b"ready\n":
             raise RuntimeError("bbs_driver did not start: see above")
-        self._map, self._tree = small_gicp.preprocess_points(points, GICP_VOXEL_M)
+        self._gicp = Gicp(points, GICP_REACH_M)
 
     def __call__(self, scan: Scan, gravity: NDArray[np.float64]) -> Matrix | None:
         points = self._given.cropped(scan)
         T_level_sensor = make_transform(levelling_rotation(-gravity), np.zeros(3))
         T_map_level = self._search(points @ T_level_sensor[:3, :3].T)
-        return None if T_map_level is None else self._refined(points, T_map_level @ T_level_sensor)
+        return None if T_map_level is None else self._gicp.refine(points, T_map_level @ T_level_sensor)
 
     def _search(self, points: NDArray[np.float64]) -> Matrix | None:
         thinned = voxel_means(points, SCAN_VOXEL_M)
         self._to.write(np.uint64(len(thinned)).tobytes() + thinned.astype("<f8").tobytes())
         self._to.flush()
-        localized, *pose = np.frombuffer(self._from.read(17 * 8), "<f8")
+        reply = self._from.read(REPLY_BYTES)
+        if len(reply) < REPLY_BYTES:
+            raise RuntimeError("bbs_driver ended: see above")
+        localized, *pose = np.frombuffer(reply, "<f8")
         return np.reshape(pose, (4, 4)) if localized else None
-
-    def _refined(self, points: NDArray[np.float64], T_map_sensor: Matrix) -> Matrix:
-        source, _ = small_gicp.preprocess_points(points, GICP_VOXEL_M)
-        for reach_m in REACHES_M:
-            found = small_gicp.align(
-                self._map,
-                source,
-                self._tree,
-                T_map_sensor,
-                max_correspondence_distance=reach_m,
-                num_threads=os.cpu_count() or 1,
-            )
-            T_map_sensor = found.T_target_source
-        return T_map_sensor

@@ -102,7 +102,7 @@ def _build(dataset: Dataset, scratch: Path, store: Path) -> dict[str, Any]:
 
 
 def _over_http(dataset: Dataset, scratch: Path, store: Path) -> dict[str, Any]:
-    """What ``firstfix evaluate --url --random-yaw`` says, by the source of gravity."""
+    """Returns the figures of ``firstfix evaluate --url --random-yaw``, by the source of gravity."""
     queries = dataset.write_queries(scratch / "poses.csv")
     figures = {}
     with local_service(scratch / "service", store) as service:
