@@ -191,7 +191,7 @@ TURNING = Dataset(
     "rotation_in_place_11",
     "map.xyz",
     "{}",
-    {"as given": PoseTable("eval.csv")},
+    {"authors": PoseTable("eval.csv")},
     PoseTable("trajectory.csv"),
     "mid-360",
     {"spacing_m": 1.0, "max_distance_to_trajectory_m": 4.0},
