@@ -60,6 +60,12 @@ def _sets(text: str) -> tuple[str, ...]:
     return _names(tuple(dataset.name for dataset in DATASETS), text)
 
 
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"must be a whole number above 0, not {text}")
+    return int(text)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(prog="benchmarks.run", description="Runs an evaluation suite.")
     parser.add_argument("suite", choices=sorted(SUITES))
@@ -71,7 +77,7 @@ def main() -> None:
     )
     parser.add_argument("--sets", type=_sets, metavar="NAMES", help="real, peers: some of the data sets")
     parser.add_argument(
-        "--scans", type=int, metavar="N", help="peers, koide: queries of each set or sequence"
+        "--scans", type=_count, metavar="N", help="peers, koide: queries of each set or sequence"
     )
     parser.add_argument("--bbs", type=Path, metavar="PREFIX", help="peers: where 3D-BBS is installed")
     parser.add_argument(

@@ -48,7 +48,7 @@ def _cells(name: str, gravity: str, found: Mapping[str, Any]) -> tuple[str, ...]
         gravity,
         str(found["n"]),
         *success,
-        f"{found['against']['given']['right_first']:.3f}",
+        f"{found['against']['truth']['right_first']:.3f}",
         " / ".join(str(number) for number in found["verdicts"].values()),
         str(found["wrong"]),
         f"{found['mean_ms']:.0f}",

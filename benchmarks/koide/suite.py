@@ -104,7 +104,7 @@ def _ask_all(localizer: Localizer, recording: Recording, files: Files, count: in
             answer = _ask(localizer, one, down)
             ms = 1e3 * (time.perf_counter() - began)
             name = f"{recording.name} {one.cloud.header.stamp}"
-            asked.append(Asked(name, recording.name, gravity, {"given": one.T_map_sensor}, answer, ms))
+            asked.append(Asked(name, recording.name, gravity, {"truth": one.T_map_sensor}, answer, ms))
     return asked
 
 
@@ -130,7 +130,7 @@ def _by_gravity(asked: Sequence[Asked]) -> dict[str, Any]:
 
 def _success(asked: Sequence[Asked]) -> dict[str, float]:
     """Shares of all scans that are localized within so many metres and degrees of the whole rotation."""
-    errors = [error for a in asked if (error := a.answer_error("given")) is not None]
+    errors = [error for a in asked if (error := a.answer_error("truth")) is not None]
     return {
         name: round(sum(m <= most_m and deg <= most_deg for m, deg in errors) / len(asked), 4)
         for name, (most_m, most_deg) in SUCCESS.items()

@@ -101,7 +101,7 @@ def test_the_figures_of_a_small_copy(data: Path):
     for gravity in ("estimated", "given"):
         assert found[gravity]["n"] == 4
         assert found[gravity]["wrong"] == 0
-        assert found[gravity]["against"]["given"]["right_first"] >= 0.75
+        assert found[gravity]["against"]["truth"]["right_first"] >= 0.75
         assert found[gravity]["success"]["1m_5deg"] >= found[gravity]["success"]["0.2m_1deg"]
     assert figures["total"]["given"]["n"] == 4
     text = report(figures)

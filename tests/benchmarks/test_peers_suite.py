@@ -15,6 +15,7 @@ from benchmarks.peers.peer_input import PeerInput
 from benchmarks.peers.report import report
 from benchmarks.peers.suite import queries_of
 from benchmarks.peers.trial import LIMIT_S, Found
+from benchmarks.run import main
 from firstfix.scan.scan import Scan
 from firstfix.transform import from_quaternion, inverse, make_transform, pose_error, transform_points
 
@@ -79,6 +80,21 @@ def test_a_missing_library_is_named(prefix, tmp_path: Path):
     reason = bbs.why_not(None if prefix is None else tmp_path)
     assert reason is not None
     assert "--bbs" in reason if prefix is None else "libcpu_bbs3d.so" in reason
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["koide", "--bbs", "x"], "--bbs belongs to peers, not to koide"),
+        (["real", "--sets", "hall,moon"], "moon"),
+        (["peers", "--scans", "0"], "above 0"),
+    ],
+)
+def test_options_that_make_no_sense_are_refused(arguments, message, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["benchmarks.run", *arguments])
+    with pytest.raises(SystemExit):
+        main()
+    assert message in capsys.readouterr().err
 
 
 # What bbs_driver.cpp reads and writes; it says that it found the place half a metre aside.
