@@ -44,7 +44,7 @@ from .trial import LIMIT_S, Found, Peer, Trial
 
 WORK = Path(__file__).parents[2] / "build" / "bench" / "peers"
 SEED = 1  # of the scans that are asked, and of the yaw that each is turned by
-SCANS, QUICK_SCANS = 10, 3
+SCANS, QUICK_SCANS = 6, 3
 OURS, WITH_GRAVITY = "firstfix", "firstfix, gravity given"
 PEERS: dict[str, type[Peer]] = {
     OURS: Ours,
