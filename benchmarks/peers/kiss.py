@@ -21,13 +21,13 @@ class Kiss:
     def __init__(self, given: PeerInput) -> None:
         points = given.map_points()
         self._given, self._map = given, points.astype(np.float32)
-        self._icp = Icp(points, 1.5 * given.feature_voxel_m)
+        self._icp = Icp(points, 1.5 * given.kiss_voxel_m)
 
     def __call__(self, scan: Scan, gravity: NDArray[np.float64]) -> Matrix | None:
         import kiss_matcher  # not among the project's needs
 
         points = self._given.cropped(scan)
-        matcher = kiss_matcher.KISSMatcher(kiss_matcher.KISSMatcherConfig(self._given.feature_voxel_m))
+        matcher = kiss_matcher.KISSMatcher(kiss_matcher.KISSMatcherConfig(self._given.kiss_voxel_m))
         found = matcher.estimate(points.astype(np.float32), self._map)
         if matcher.get_num_final_inliers() < LEAST_INLIERS:
             return None

@@ -24,7 +24,7 @@ class PeerInput:
     Attributes:
         work: folder with the map's points; peers may write to it.
         version: folder of firstfix's version of the map.
-        feature_voxel_m: for feature matching.
+        fpfh_voxel_m, kiss_voxel_m: for feature matching.
         bbs_level_m: edge of the finest voxels of 3D-BBS.
         near_m: closer points are the carrier's own.
         bbs_driver: program that serves 3D-BBS; None: it is not asked.
@@ -33,7 +33,8 @@ class PeerInput:
     dataset: Dataset
     work: Path
     version: Path
-    feature_voxel_m: float
+    fpfh_voxel_m: float
+    kiss_voxel_m: float
     bbs_level_m: float
     near_m: float
     bbs_driver: Path | None = None

@@ -128,7 +128,7 @@ def test_a_levelled_scan_goes_to_the_driver_and_its_pose_is_refined(tmp_path: Pa
     driver.write_text(STAND_IN.format(python=sys.executable, at=[1.4, 1.8, 1.0]))
     driver.chmod(0o755)
     dataset = Dataset("place", ".", "", "{}", *TABLES, "vlp-16", root=tmp_path)
-    given = PeerInput(dataset, tmp_path, tmp_path, 0.5, 0.5, 0.1, driver)
+    given = PeerInput(dataset, tmp_path, tmp_path, 0.5, 0.5, 0.5, 0.1, driver)
     np.save(tmp_path / "map.npy", points)
     scan = Scan.from_points(transform_points(inverse(true), points[::5]))
     peer = bbs.Bbs(given)
