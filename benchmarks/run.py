@@ -1,6 +1,6 @@
 """Runs an evaluation suite: ``python -m benchmarks.run SUITE [--quick] [--json FILE]``.
 
-The suite ``native`` takes another checkout, too: ``--beside DIR [--parts street,factory,campus]``.
+Some suites take more options, see ``OPTIONS``.
 """
 
 from __future__ import annotations
@@ -10,8 +10,10 @@ import json
 from pathlib import Path
 
 from .calibration import suite as calibration
+from .common.datasets import DATASETS
 from .encodings import suite as encodings
 from .hostile import suite as hostile
+from .koide import suite as koide
 from .native import suite as native
 from .paper import suite as paper
 from .peers import suite as peers
@@ -25,6 +27,7 @@ SUITES = {
     "calibration": calibration.run,
     "encodings": encodings.run,
     "hostile": hostile.run,
+    "koide": koide.run,
     "native": native.run,
     "paper": paper.run,
     "peers": peers.run,
@@ -34,13 +37,35 @@ SUITES = {
     "scale": scale.run,
     "service": service.run,
 }
+OPTIONS = {
+    "beside": ("native",),
+    "parts": ("native",),
+    "sets": ("real", "peers"),
+    "scans": ("peers", "koide"),
+    "bbs": ("peers",),
+    "data": ("koide",),
+}
 
 
-def _parts(names: str) -> tuple[str, ...]:
-    parts = tuple(names.split(","))
-    if unknown := set(parts) - set(native.PARTS):
-        raise argparse.ArgumentTypeError(f"no such part: {', '.join(sorted(unknown))}")
-    return parts
+def _names(known: tuple[str, ...], text: str) -> tuple[str, ...]:
+    names = tuple(text.split(","))
+    if unknown := set(names) - set(known):
+        raise argparse.ArgumentTypeError(f"not among {', '.join(known)}: {', '.join(sorted(unknown))}")
+    return names
+
+
+def _parts(text: str) -> tuple[str, ...]:
+    return _names(tuple(native.PARTS), text)
+
+
+def _sets(text: str) -> tuple[str, ...]:
+    return _names(tuple(dataset.name for dataset in DATASETS), text)
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"must be a whole number above 0, not {text}")
+    return int(text)
 
 
 def main() -> None:
@@ -50,16 +75,22 @@ def main() -> None:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
     parser.add_argument("--beside", type=Path, metavar="DIR", help="native: another checkout, asked in turns")
     parser.add_argument(
-        "--parts", type=_parts, default=(), metavar="NAMES", help=f"native: some of {','.join(native.PARTS)}"
+        "--parts", type=_parts, metavar="NAMES", help=f"native: some of {','.join(native.PARTS)}"
+    )
+    parser.add_argument("--sets", type=_sets, metavar="NAMES", help="real, peers: some of the data sets")
+    parser.add_argument(
+        "--scans", type=_count, metavar="N", help="peers, koide: queries of each set or sequence"
+    )
+    parser.add_argument("--bbs", type=Path, metavar="PREFIX", help="peers: where 3D-BBS is installed")
+    parser.add_argument(
+        "--data", type=Path, metavar="FOLDER", help="koide: folder of the downloaded data set"
     )
     arguments = parser.parse_args()
-    if arguments.suite == "native":
-        figures = native.run(arguments.quick, arguments.beside, arguments.parts)
-    elif arguments.beside or arguments.parts:
-        parser.error("--beside and --parts belong to the suite native")
-    else:
-        figures = SUITES[arguments.suite](arguments.quick)
-    text = json.dumps(figures, indent=1)
+    given = {name: getattr(arguments, name) for name in OPTIONS if getattr(arguments, name) is not None}
+    for name in given:
+        if arguments.suite not in OPTIONS[name]:
+            parser.error(f"--{name} belongs to {' and '.join(OPTIONS[name])}, not to {arguments.suite}")
+    text = json.dumps(SUITES[arguments.suite](arguments.quick, **given), indent=1)
     print(text)
     if arguments.json:
         arguments.json.write_text(text + "\n")

@@ -19,12 +19,12 @@ EDGES_ALIKE = 0.9
 class Fpfh:
     def __init__(self, given: PeerInput) -> None:
         o3d.utility.random.seed(0)
-        self._given, self._voxel_m = given, given.feature_voxel_m
+        self._given, self._voxel_m = given, given.fpfh_voxel_m
         points = given.map_points()
         self._map, self._features = self._described(points)
         self._icp = Icp(points, 1.5 * self._voxel_m)
 
-    def __call__(self, scan: Scan) -> Matrix | None:
+    def __call__(self, scan: Scan, gravity: NDArray[np.float64]) -> Matrix | None:
         points = self._given.cropped(scan)
         cloud, features = self._described(points)
         registration, reach_m = o3d.pipelines.registration, 1.5 * self._voxel_m

@@ -1,4 +1,4 @@
-"""Open3D's point-to-plane ICP against the map cloud: what a matcher of features is followed by."""
+"""Open3D's fine registration against the map cloud, for peers whose own answer is coarse."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def cloud_of(points: NDArray[np.float64], voxel_m: float, normal_radius_m: float
 
 
 class Icp:
-    """Fine registration by ICP in two rounds.
+    """Point-to-plane ICP in two rounds.
 
     Args:
         map_points: (m, 3).
@@ -34,8 +34,21 @@ class Icp:
     def refine(self, points: NDArray[np.float64], T_map_sensor: Matrix) -> Matrix:
         """(n, 3) points in the sensor frame and where they are about, to where they are."""
         scan = cloud_of(points, SCAN_VOXEL_M, NORMAL_RADIUS_M)
-        plane = o3d.pipelines.registration.TransformationEstimationPointToPlane()
         for reach_m in (self._reach_m, self._reach_m / 3):
-            found = o3d.pipelines.registration.registration_icp(scan, self._map, reach_m, T_map_sensor, plane)
-            T_map_sensor = found.transformation
+            T_map_sensor = self._round(scan, T_map_sensor, reach_m)
         return T_map_sensor
+
+    def _round(self, scan: o3d.geometry.PointCloud, T_map_sensor: Matrix, reach_m: float) -> Matrix:
+        plane = o3d.pipelines.registration.TransformationEstimationPointToPlane()
+        found = o3d.pipelines.registration.registration_icp(scan, self._map, reach_m, T_map_sensor, plane)
+        return found.transformation
+
+
+class Gicp(Icp):
+    """Generalized ICP (Segal et al. 2009) in the same two rounds."""
+
+    def _round(self, scan: o3d.geometry.PointCloud, T_map_sensor: Matrix, reach_m: float) -> Matrix:
+        found = o3d.pipelines.registration.registration_generalized_icp(
+            scan, self._map, reach_m, T_map_sensor
+        )
+        return found.transformation

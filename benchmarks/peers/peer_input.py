@@ -14,27 +14,40 @@ from firstfix_builder.read_map import read_map
 
 from ..common.datasets import Dataset
 
+MAP_FILE = "map.npy"
+
 
 @dataclass(frozen=True)
 class PeerInput:
     """Map, scans and parameters for one peer.
 
     Attributes:
+        work: folder with the map's points; peers may write to it.
         version: folder of firstfix's version of the map.
-        feature_voxel_m: for feature matching.
+        fpfh_voxel_m, kiss_voxel_m: for feature matching.
+        bbs_level_m: edge of the finest voxels of 3D-BBS.
         near_m: closer points are the carrier's own.
+        bbs_driver: program that serves 3D-BBS; None: it is not asked.
     """
 
     dataset: Dataset
+    work: Path
     version: Path
-    feature_voxel_m: float
+    fpfh_voxel_m: float
+    kiss_voxel_m: float
+    bbs_level_m: float
     near_m: float
+    bbs_driver: Path | None = None
+
+    def write_map_points(self) -> None:
+        """Reads the map's file once for all peers, whose own preparation is timed."""
+        data = read_map(self.dataset.map_path)
+        assert data.points is not None
+        np.save(self.work / MAP_FILE, data.points + data.origin)
 
     def map_points(self) -> NDArray[np.float64]:
         """(m, 3) in the map frame."""
-        data = read_map(self.dataset.map_path)
-        assert data.points is not None
-        return data.points + data.origin
+        return np.load(self.work / MAP_FILE)
 
     def cropped(self, scan: Scan) -> NDArray[np.float64]:
         """(n, 3) points that are neither the carrier's nor beyond the sensor's range."""

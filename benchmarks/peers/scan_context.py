@@ -34,7 +34,7 @@ class ScanContextPeer:
         self._keys = cKDTree(ring_key(self._contexts))
         self._index = MapIndex.load(given.version)
 
-    def __call__(self, scan: Scan) -> Matrix | None:
+    def __call__(self, scan: Scan, gravity: NDArray[np.float64]) -> Matrix | None:
         context = self._describe(self._given.cropped(scan))
         near = self._keys.query(ring_key(context), min(CANDIDATES, len(self._contexts)))[1]
         distance, yaw_rad = np.array([match(context, self._contexts[row]) for row in near]).T

@@ -1,140 +1,180 @@
-"""Every peer over the held-out scans of the street and the hall, in one run.
+"""Every peer over held-out scans of the real maps, in one run.
 
-    python -m benchmarks.run peers [--quick] [--json FILE]
+    python -m benchmarks.run peers [--quick] [--sets street,hall] [--scans N] [--bbs PREFIX] [--json FILE]
 
-Leaves ``report.md`` in ``build/bench/peers``, beside the build's stage cache.
+KISS-Matcher and 3D-BBS are asked if they are installed; 3D-BBS as its README says, at PREFIX. Leaves
+``report.md`` in ``build/bench/peers``.
 """
 
 from __future__ import annotations
 
 import os
 import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firstfix.builds.config import BuildConfig
 from firstfix.decode import read_scan_file
 from firstfix.scan.scan import Scan
-from firstfix.transform import Matrix, pose_error
+from firstfix.transform import Matrix
 from firstfix_builder.pipeline import build_version
 from firstfix_cli.evaluate import random_yaws, turned
+from firstfix_cli.pose_gravity import gravity_at
 from firstfix_cli.poses_csv import read_poses_csv
 
-from ..common.datasets import HALL, STREET, Dataset
+from ..common.datasets import DATASETS, GARAGE, HALL, STREET, YARD, Dataset
+from . import bbs
+from .figures import figures_of
 from .fpfh import Fpfh
 from .kiss import Kiss
-from .ours import Ours
+from .ours import Ours, OursWithGravity
 from .peer_input import PeerInput
+from .report import report
 from .scan_context import ScanContextPeer
-from .trial import LIMIT_S, Peer, Trial
+from .trial import LIMIT_S, Found, Peer, Trial
 
 WORK = Path(__file__).parents[2] / "build" / "bench" / "peers"
-SEED = 1  # of the yaw that each scan is turned by
-QUICK_SCANS = 3
-RIGHT_M, RIGHT_DEG = 0.2, 1.0
-OURS = "firstfix"
+SEED = 1  # of the scans that are asked, and of the yaw that each is turned by
+SCANS, QUICK_SCANS = 6, 3
+OURS, WITH_GRAVITY = "firstfix", "firstfix, gravity given"
 PEERS: dict[str, type[Peer]] = {
     OURS: Ours,
+    WITH_GRAVITY: OursWithGravity,
     "Scan Context + our registration": ScanContextPeer,
     "FPFH + RANSAC + ICP": Fpfh,
     "KISS-Matcher + ICP": Kiss,
+    "3D-BBS (CPU) + GICP, gravity given": bbs.Bbs,
 }
-FEATURE_VOXEL_M = {STREET.name: 1.0, HALL.name: 0.5}
-NEAR_M = {STREET.name: 2.5, HALL.name: 0.5}
 
 
-def run(quick: bool) -> dict[str, Any]:
-    """The quick suite asks three scans of the hall."""
+@dataclass(frozen=True)
+class Scale:
+    """Lengths for one place, as the peers' authors choose them for streets and for rooms.
+
+    In the yard FPFH finds some of the thin scans at 0.5 m and none at 1 m; KISS-Matcher finds none at either.
+    """
+
+    fpfh_voxel_m: float
+    kiss_voxel_m: float
+    bbs_level_m: float
+    near_m: float
+
+
+SCALES = {
+    STREET.name: Scale(1.0, 1.0, 1.0, 2.5),
+    HALL.name: Scale(0.5, 0.5, 0.5, 0.5),
+    YARD.name: Scale(0.5, 1.0, 1.0, 0.5),
+    GARAGE.name: Scale(0.5, 0.5, 0.5, 1.0),
+}
+
+
+@dataclass(frozen=True)
+class Query:
+    """A held-out scan, its true pose, and the direction of gravity there."""
+
+    name: str
+    scan: Scan
+    T_map_sensor: Matrix
+    gravity: NDArray[np.float64]
+
+
+def run(quick: bool, sets: Sequence[str] = (), scans: int = SCANS, bbs: Path | None = None) -> dict[str, Any]:
+    """The quick suite asks three scans of the hall.
+
+    Args:
+        sets: names of the data sets; empty: all that have a scale.
+        scans: queries of each data set at most.
+        bbs: where 3D-BBS is installed.
+    """
     figures: dict[str, Any] = {"machine": {"cpus": os.cpu_count()}, "seed": SEED, "limit_s": LIMIT_S}
-    for dataset in (HALL,) if quick else (STREET, HALL):
+    for dataset in (HALL,) if quick else [d for d in DATASETS if d.name in SCALES]:
+        if sets and dataset.name not in sets:
+            continue
         if not dataset.available:
             figures[dataset.name] = f"skipped: {dataset.folder} is not beside the checkout"
             continue
-        figures[dataset.name] = measure(dataset, QUICK_SCANS if quick else None, WORK / dataset.name)
+        with tempfile.TemporaryDirectory(prefix="firstfix-peers-") as folder:
+            figures[dataset.name] = measure(dataset, QUICK_SCANS if quick else scans, bbs, Path(folder))
     WORK.mkdir(parents=True, exist_ok=True)
     (WORK / "report.md").write_text(report(figures))
     return figures
 
 
-def measure(dataset: Dataset, count: int | None, work: Path) -> dict[str, Any]:
-    """Measures every peer on one data set.
+def measure(dataset: Dataset, count: int, bbs_prefix: Path | None, work: Path) -> dict[str, Any]:
+    """Builds our version of a map from nothing, then asks every peer.
 
     Args:
-        count: of the scans; None: all.
+        count: of the scans, at most.
+        work: an empty folder.
     """
-    work.mkdir(parents=True, exist_ok=True)
     trajectory = dataset.write_trajectory(work / "trajectory.csv")
-    config = BuildConfig.parse(dataset.config)
-    built = build_version(dataset.map_path, config, work, trajectory=trajectory)
-    given = PeerInput(dataset, built.directory, FEATURE_VOXEL_M[dataset.name], NEAR_M[dataset.name])
-    queries = _queries(dataset, count, work)
-    figures: dict[str, Any] = {}
-    for name, make in PEERS.items():
-        if make is Kiss and find_spec("kiss_matcher") is None:
-            figures[name] = "skipped: kiss-matcher is not installed"
-            continue
-        figures[name] = _trial(make, given, queries)
-        print(dataset.name, name, figures[name], file=sys.stderr, flush=True)
-    ours_s = figures[OURS]["median_s"]
-    for row in figures.values():
-        if isinstance(row, dict):
-            row["times_ours"] = round(row["median_s"] / ours_s, 1)
+    began = time.monotonic()
+    built = build_version(
+        dataset.map_path, BuildConfig.parse(dataset.config), work / "build", trajectory=trajectory
+    )
+    build_s = time.monotonic() - began
+    figures = compare(dataset, built.directory, queries_of(dataset, count, work), bbs_prefix, work)
+    for name in (OURS, WITH_GRAVITY):
+        figures[name]["preparation_s"] = round(build_s, 2)
     return figures
 
 
-def _queries(dataset: Dataset, count: int | None, work: Path) -> list[tuple[Scan, Matrix]]:
-    """Held-out scans, turned by a random yaw, and T_map_sensor; ``count`` of them evenly spread."""
+def compare(
+    dataset: Dataset, version: Path, queries: Sequence[Query], bbs_prefix: Path | None, work: Path
+) -> dict[str, Any]:
+    """Asks every peer the same queries, one peer after the other.
+
+    Args:
+        version: folder of our version of the map.
+    """
+    scale = SCALES[dataset.name]
+    no_bbs = bbs.why_not(bbs_prefix)
+    driver = None if no_bbs or bbs_prefix is None else bbs.build_driver(bbs_prefix, work)
+    given = PeerInput(dataset, work, version, **vars(scale), bbs_driver=driver)
+    given.write_map_points()
+    skipped = {
+        bbs.Bbs: no_bbs,
+        Kiss: None if find_spec("kiss_matcher") else "kiss-matcher is not installed",
+        ScanContextPeer: None if dataset.mapping_file else "the data set has no scans of the mapping run",
+    }
+    figures: dict[str, Any] = {"asked": [query.name for query in queries]}
+    print(dataset.name, "asked:", *figures["asked"], file=sys.stderr, flush=True)
+    for name, make in PEERS.items():
+        why_not = skipped.get(make)
+        figures[name] = f"skipped: {why_not}" if why_not else _trial(make, given, queries)
+        print(dataset.name, name, figures[name], file=sys.stderr, flush=True)
+    return figures
+
+
+def queries_of(dataset: Dataset, count: int, work: Path) -> list[Query]:
+    """``count`` held-out scans at most, drawn by a seed, each turned by a random yaw."""
     rows = read_poses_csv(dataset.write_queries(work / "poses.csv"))
     yaws = random_yaws(len(rows), SEED)
-    found = []
-    for k in np.linspace(0, len(rows) - 1, count or len(rows)).round().astype(int):
+    rng = np.random.default_rng([SEED, crc32(dataset.name.encode())])
+    queries = []
+    for k in sorted(rng.permutation(len(rows))[:count]):
         scan, T_map_sensor = turned(read_scan_file(rows[k].path), rows[k].T_map_sensor, float(yaws[k]))
+        gravity = gravity_at(T_map_sensor, np.zeros(2))
         assert T_map_sensor is not None
-        found.append((scan, T_map_sensor))
-    return found
+        assert gravity is not None
+        queries.append(Query(rows[k].path.name, scan, T_map_sensor, gravity))
+    return queries
 
 
-def _trial(make: type[Peer], given: PeerInput, queries: list[tuple[Scan, Matrix]]) -> dict[str, Any]:
-    errors, seconds = [], []
+def _trial(make: type[Peer], given: PeerInput, queries: Sequence[Query]) -> dict[str, Any]:
+    found: list[Found] = []
     with Trial(make, given) as trial:
-        for scan, T_map_sensor in queries:
-            found = trial.ask(scan)
-            answered = found.T_map_sensor is not None
-            errors.append(pose_error(T_map_sensor, found.T_map_sensor) if answered else (np.inf, np.inf))
-            seconds.append(found.seconds)
-    median_m = float(np.median([m for m, _ in errors]))
-    return {
-        "n": len(queries),
-        "success_0.2m_1deg": round(
-            float(np.mean([m <= RIGHT_M and deg <= RIGHT_DEG for m, deg in errors])), 4
-        ),
-        "median_error_m": round(median_m, 4) if np.isfinite(median_m) else None,
-        "median_s": round(float(np.median(seconds)), 4),
-        "timed_out": sum(s >= LIMIT_S for s in seconds),
-    }
-
-
-def report(figures: dict[str, Any]) -> str:
-    """A Markdown table a data set."""
-    parts = []
-    for name in (STREET.name, HALL.name):
-        rows = figures.get(name)
-        if isinstance(rows, str):
-            parts.append(f"### {name}\n\n{rows}\n")
-        if not isinstance(rows, dict):
-            continue
-        lines = [
-            f"### {name}",
-            "",
-            "| method | scans | 0.2 m, 1 deg | median error m | median s | times ours | timed out |",
-            "|---|---|---|---|---|---|---|",
-        ]
-        for peer, row in rows.items():
-            keys = ("n", "success_0.2m_1deg", "median_error_m", "median_s", "times_ours", "timed_out")
-            cells = [row] if isinstance(row, str) else [str(row[key]) for key in keys]
-            lines.append(f"| {peer} | " + " | ".join(cells) + " |")
-        parts.append("\n".join(lines) + "\n")
-    return "\n".join(parts)
+        preparation_s = trial.preparation_s
+        for query in queries:
+            found.append(trial.ask(query.scan, query.gravity))
+    figures = figures_of([query.T_map_sensor for query in queries], found)
+    return {**figures, "preparation_s": round(preparation_s, 2)}

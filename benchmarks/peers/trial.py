@@ -9,6 +9,9 @@ from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix
 
@@ -18,11 +21,17 @@ LIMIT_S = 60.0
 
 
 class Peer(Protocol):
-    """A system that localizes scans. Its preparation of the map is not timed."""
+    """A system that localizes scans. Its preparation of the map is timed apart from its answers."""
 
     def __init__(self, given: PeerInput) -> None: ...
 
-    def __call__(self, scan: Scan) -> Matrix | None: ...
+    def __call__(self, scan: Scan, gravity: NDArray[np.float64]) -> Matrix | None:
+        """Returns the (4, 4) pose T_map_sensor, or None: no answer.
+
+        Args:
+            gravity: (3,) unit vector in the sensor frame, pointing down.
+        """
+        ...
 
 
 @dataclass(frozen=True)
@@ -39,7 +48,11 @@ class Found:
 
 
 class Trial:
-    """Asks a peer, scan after scan."""
+    """Asks a peer, scan after scan.
+
+    Attributes:
+        preparation_s: time that the peer took for the map, when it was made last.
+    """
 
     def __init__(self, make: type[Peer], given: PeerInput) -> None:
         self._make, self._given = make, given
@@ -50,7 +63,7 @@ class Trial:
         self._process = context.Process(target=_serve, args=(theirs, self._make, self._given), daemon=True)
         self._process.start()
         theirs.close()
-        self._pipe.recv()  # it is ready
+        self.preparation_s: float = self._pipe.recv()
         return self
 
     def __exit__(
@@ -60,13 +73,13 @@ class Trial:
         self._process.join()
         self._pipe.close()
 
-    def ask(self, scan: Scan) -> Found:
+    def ask(self, scan: Scan, gravity: NDArray[np.float64]) -> Found:
         """Asks the peer for a pose.
 
         Raises:
             RuntimeError: the peer raised, which is the suite's fault; native code that crashes is its own.
         """
-        self._pipe.send(scan)
+        self._pipe.send((scan, gravity))
         try:
             if self._pipe.poll(LIMIT_S):
                 return self._pipe.recv()
@@ -80,10 +93,11 @@ class Trial:
 
 
 def _serve(pipe: Connection, make: type[Peer], given: PeerInput) -> None:
+    began = time.perf_counter()
     peer = make(given)
-    pipe.send("ready")
+    pipe.send(time.perf_counter() - began)
     while True:
-        scan: Scan = pipe.recv()
+        scan, gravity = pipe.recv()
         began = time.perf_counter()
-        T_map_sensor = peer(scan)
+        T_map_sensor = peer(scan, gravity)
         pipe.send(Found(T_map_sensor, time.perf_counter() - began))

@@ -1,0 +1,45 @@
+"""The figures of the peers as Markdown: a table for each data set."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+COLUMNS = {
+    "success_0.2m_1deg": "0.2 m, 1 deg",
+    "success_1m_5deg": "1 m, 5 deg",
+    "wrong": "wrong by over 1 m",
+    "no_answer": "no answer",
+    "timed_out": "timed out",
+    "median_error_m": "median error m",
+    "median_s": "median s",
+    "p95_s": "p95 s",
+    "preparation_s": "map prepared, s",
+}
+
+
+def report(figures: Mapping[str, Any]) -> str:
+    """Returns a section for each data set of ``suite.run``."""
+    sections = []
+    for name, rows in figures.items():
+        if isinstance(rows, str):
+            sections.append(f"### {name}\n\n{rows}\n")
+        elif isinstance(rows, dict) and "asked" in rows:
+            sections.append(_section(name, rows))
+    return "\n".join(sections)
+
+
+def _section(name: str, rows: Mapping[str, Any]) -> str:
+    lines = [
+        f"### {name}",
+        "",
+        f"{len(rows['asked'])} scans: {', '.join(rows['asked'])}",
+        "",
+        f"| method | {' | '.join(COLUMNS.values())} |",
+        "|---" * (1 + len(COLUMNS)) + "|",
+    ]
+    for peer, row in rows.items():
+        if peer != "asked":
+            cells = [row] if isinstance(row, str) else [str(row[key]) for key in COLUMNS]
+            lines.append(f"| {peer} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,161 @@
+"""Data sets in both layouts, and the figures of a small world's scans."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.common.asked import Asked, figures_of
+from benchmarks.common.datasets import Dataset, PoseTable
+from benchmarks.real.ask import GRAVITY
+from benchmarks.real.report import report
+from benchmarks.real.suite import in_process
+from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
+from firstfix.engine.index import MapIndex
+from firstfix.engine.localizer import Localizer
+from firstfix.transform import make_transform, quaternion_of
+from firstfix_cli.poses_csv import read_poses_csv
+from small_world import SENSOR
+
+POSES = "tx,ty,tz,qx,qy,qz,qw"
+NUMBERED = f"""scan,split,{POSES},fine_tx,fine_ty,fine_tz,fine_qx,fine_qy,fine_qz,fine_qw
+0,map,0,0,0,0,0,0,1,,,,,,,
+1,query,1,0,0,0,0,0,1,1.5,0,0,0,0,0,1
+2,map_thin,2,0,0,0,0,0,1,,,,,,,
+3,query,3,0,0,0,0,0,1,3.5,0,0,0,0,0,1
+"""
+
+
+def numbered(root: Path) -> Dataset:
+    """One table with numbers of scans, two poses and splits. The file of scan 3 is not there."""
+    folder = root / "place"
+    (folder / "queries").mkdir(parents=True)
+    (folder / "poses.csv").write_text(NUMBERED)
+    (folder / "queries" / "scan_001.pcd").touch()
+    references = {
+        "fine": PoseTable("poses.csv", "fine_", ("query",)),
+        "raw": PoseTable("poses.csv", "", ("query",)),
+    }
+    trajectory = PoseTable("poses.csv", splits=("map", "map_thin"))
+    return Dataset(
+        "place", "place", "map.laz", "queries/scan_{:0>3}.*", references, trajectory, "vlp-16", root=root
+    )
+
+
+def test_a_table_of_numbered_scans(tmp_path: Path):
+    dataset = numbered(tmp_path)
+    assert dataset.write_trajectory(tmp_path / "t.csv").read_text().split() == [
+        POSES,
+        "0,0,0,0,0,0,1",
+        "2,0,0,0,0,0,1",
+    ]
+    for reference, x_m in ((None, 1.5), ("fine", 1.5), ("raw", 1.0)):
+        (row,) = read_poses_csv(dataset.write_queries(tmp_path / "q.csv", reference))
+        assert row.path == tmp_path / "place" / "queries" / "scan_001.pcd"
+        assert row.T_map_sensor[0, 3] == x_m
+    assert dataset.config == {"sensor": "vlp-16"}
+
+
+def test_tables_of_the_queries_and_of_the_trajectory(tmp_path: Path):
+    folder = tmp_path / "place"
+    (folder / "queries").mkdir(parents=True)
+    (folder / "queries" / "far.pcd").touch()
+    (folder / "eval.csv").write_text(f"scan,{POSES}\nqueries/far.pcd,7,0,0,0,0,0,1\n")
+    (folder / "trajectory.csv").write_text(f"{POSES}\n4,0,0,0,0,0,1\n")
+    (folder / "sensor.yaml").write_text("preset: vlp-16\nmount_height_m: 2.0\n")
+    tables = {"ICP": PoseTable("eval.csv")}, PoseTable("trajectory.csv")
+    dataset = Dataset(
+        "place", "place", "map.laz", "{}", *tables, "sensor.yaml", {"spacing_m": 2.0}, root=tmp_path
+    )
+    (row,) = read_poses_csv(dataset.write_queries(tmp_path / "q.csv"))
+    assert row.path == folder / "queries" / "far.pcd"
+    assert row.T_map_sensor[0, 3] == 7
+    assert dataset.write_trajectory(tmp_path / "t.csv").read_text().split() == [POSES, "4,0,0,0,0,0,1"]
+    assert dataset.config == {
+        "sensor": {"preset": "vlp-16", "mount_height_m": 2.0},
+        "viewpoints": {"spacing_m": 2.0},
+    }
+
+
+def test_a_data_set_is_converted_into_a_folder_of_its_own(tmp_path: Path):
+    def convert(source: Path, out: Path) -> None:
+        (out / "eval.csv").write_text((source / "raw.csv").read_text())
+
+    (tmp_path / "place").mkdir()
+    (tmp_path / "place" / "raw.csv").write_text("as it was")
+    tables = {"ICP": PoseTable("eval.csv")}, PoseTable("trajectory.csv")
+    raw = Dataset("turning", "place", "map.xyz", "{}", *tables, "mid-360", root=tmp_path, convert=convert)
+    ready = raw.converted(tmp_path / "work")
+    assert (ready.path / "eval.csv").read_text() == "as it was"
+    assert ready.path == tmp_path / "work" / "turning"
+    assert ready.converted(tmp_path / "again") is ready
+
+
+def answered(off_m: float, verdict: Verdict = Verdict.LOCALIZED, first_off_m: float = 0.0) -> Asked:
+    """An answer ``off_m`` from the first reference; the second is half a metre further on."""
+    poses = [make_transform(np.eye(3), [x, 0, 0]) for x in (first_off_m or off_m, off_m)]
+    hypotheses = tuple(Hypothesis(T, None, 0.5, 0) for T in poses)
+    localized = verdict is Verdict.LOCALIZED
+    reasons = () if localized else (Reason.SEVERAL_PLACES,)
+    answer = Localization(verdict, reasons, poses[1] if localized else None, hypotheses=hypotheses)
+    true = {"fine": np.eye(4), "raw": make_transform(np.eye(3), [0.5, 0, 0])}
+    return Asked("scan", "as it is", "estimated", true, answer, 10.0)
+
+
+def test_figures_keep_right_wrong_and_not_answered_apart():
+    asked = [answered(0.1), answered(0.4), answered(3.0), answered(0.0, Verdict.AMBIGUOUS, first_off_m=9.0)]
+    figures = figures_of(asked)
+    assert figures["verdicts"] == {"localized": 3, "ambiguous": 1, "rejected": 0}
+    assert figures["reasons"] == {"several_places": 1}
+    assert figures["wrong"] == 1
+    fine, raw = figures["against"]["fine"], figures["against"]["raw"]
+    assert (fine["right_first"], fine["right_among"], fine["localized_right"]) == (0.25, 0.5, 0.25)
+    assert fine["error_m"]["p50"] == pytest.approx(0.4)
+    assert (raw["right_first"], raw["localized_right"]) == (0.25, 0.25)  # the one 0.4 m off
+
+
+def test_a_place_without_a_localized_scan_has_no_errors():
+    figures = figures_of([answered(0.1, Verdict.AMBIGUOUS)])
+    assert figures["against"]["fine"]["error_m"] is None
+    assert figures["against"]["fine"]["right_first"] == 1.0
+
+
+def test_scans_of_the_small_world(small_version, small_scans, tmp_path: Path):
+    folder = tmp_path / "small"
+    folder.mkdir()
+    rows = []
+    for number, (scan, T_map_sensor) in enumerate(small_scans[:4]):
+        np.savetxt(folder / f"{number}.xyz", scan.points, fmt="%.4f")
+        numbers = (*T_map_sensor[:3, 3], *quaternion_of(T_map_sensor))
+        rows.append(",".join([f"{number}.xyz", *(f"{v:.9f}" for v in numbers)]))
+    (folder / "eval.csv").write_text("\n".join([f"scan,{POSES}", *rows]) + "\n")
+    (folder / "sensor.yaml").write_text(str(SENSOR))
+    tables = {"truth": PoseTable("eval.csv")}, PoseTable("trajectory.csv")
+    dataset = Dataset("small", "small", "", "{}", *tables, "sensor.yaml", kept_share=0.5, root=tmp_path)
+
+    figures, answers = in_process(dataset, Localizer(MapIndex.load(small_version.directory)), tmp_path)
+
+    assert list(figures) == [
+        "as it is",
+        "turned",
+        "50 % of the points",
+        "30 % lost in sectors",
+        "rolled and pitched by 5 deg",
+    ]
+    assert len(answers) == 4 * 5 * len(GRAVITY)
+    for by_gravity in figures.values():
+        assert list(by_gravity) == list(GRAVITY)
+        for found in by_gravity.values():
+            assert found["n"] == 4
+            assert found["wrong"] == 0
+            assert found["against"]["truth"]["right_first"] >= 0.75
+    text = report(
+        {"seed": 1, "small": {"build": BUILD, "over_http": {}, "variants": figures}, "gone": "skipped: x"}
+    )
+    assert text.count("| as it is (4) |") == len(GRAVITY)
+    assert "### gone\n\nskipped: x" in text
+
+
+BUILD = {"build_s": 3.0, "build_peak_gb": 0.1, "bytes": 2_000_000}
