@@ -141,7 +141,7 @@ class SearchConfig(Stage):
         4, ge=1, le=100, description="factor on both for a descriptor alone; 1: no scan is searched for twice"
     )
     wide: EffortConfig = EffortConfig(clusters=10_000, screened=2000, candidates=60)
-    exhaustive: EffortConfig = EffortConfig(clusters=200_000, screened=6000, candidates=100)
+    exhaustive: EffortConfig = EffortConfig(clusters=30_000, screened=3500, candidates=60)
 
 
 class RegistrationConfig(Stage):

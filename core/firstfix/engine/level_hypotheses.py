@@ -20,6 +20,7 @@ TILT_DEG = 5.0
 TILTS = 6
 _APART_COSINE = np.cos(np.radians(2.0))  # of two ups that are worth two searches
 _APART_M = 0.25  # of two heights
+_MOST_LEVELLED = 18  # each has a descriptor and a key search of its own
 _GROUND_WITHIN_M = 10.0
 _GROUND_COSINE = 0.8  # of the ground's normals with up, at least
 _LEAST_GROUND = 20  # points
@@ -28,7 +29,9 @@ _LEAST_GROUND = 20  # points
 def level_hypotheses(
     prepared: PreparedQuery, expected_up: NDArray[np.float64] | None, usual_height_m: float, *, tilted: bool
 ) -> tuple[PreparedScan, ...]:
-    """Every scan of the query, levelled in each way that is worth a search.
+    """The query's scans, levelled in each way that is worth a search.
+
+    Of a long sequence only the last scans are taken, so that the work has a limit.
 
     Args:
         expected_up: (3,) unit vector in the last scan's frame, by the mounting; None: up is measured, and
@@ -42,10 +45,12 @@ def level_hypotheses(
         ups += [expected_up, ground_normal(prepared.dense, expected_up)]
         if tilted:
             ups += [up for about in ups[:2] for up in tilts(about)]
+    ups = _apart(ups)
+    scans = prepared.scans[-max(1, _MOST_LEVELLED // len(ups)) :]
     return tuple(
         levelled
-        for up in _apart(ups)
-        for scan in prepared.scans
+        for up in ups
+        for scan in scans
         for levelled in _at_heights(scan, up, usual_height_m, as_seen=not tilted)
     )
 

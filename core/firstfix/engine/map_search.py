@@ -90,7 +90,7 @@ class MapSearch:
         registrations = (
             effort.candidates
             + effort.screened / SCREENED_PER_REGISTERED
-            + min(effort.clusters, len(self._index.cascade.templates)) / COMPARED_PER_REGISTERED
+            + effort.clusters / COMPARED_PER_REGISTERED
         )
         return SLOWER * self._narrow_ms * registrations / search.candidates
 
