@@ -18,10 +18,10 @@ from .props import tank, tree
 TRACKS_M = (-58.0, 0.0, 58.0)  # lines of the farm tracks before they are bent
 FIELDS_M = (-29.0, 29.0)
 FIELD_HALF_M = 24.0
-# A tour of the corners (column, row) that drives every track once.
+# A tour of the corners (column, row) that drives every track, without turning on the spot.
 TOUR = (
     *((0, 0), (1, 0), (2, 0), (2, 1), (2, 2), (1, 2), (0, 2), (0, 1), (0, 0)),
-    *((1, 0), (1, 1), (2, 1), (1, 1), (1, 2), (1, 1), (0, 1)),
+    *((1, 0), (1, 1), (1, 2), (0, 2), (0, 1), (1, 1), (2, 1)),
 )
 FOUNDATION_M = 4.0  # walls reach this far down, so that no gap opens on the low side of a slope
 

@@ -158,8 +158,8 @@ def test_both_storeys_of_the_office_are_visited(world: World) -> None:
     assert ((driven > 1.5) & (driven < 4.0)).sum() > 10  # on the stair, not through the ceiling
 
 
-@pytest.mark.parametrize("world", ["campus"], indirect=True)
-def test_the_campus_is_hilly(world: World) -> None:
+@pytest.mark.parametrize("world", ["campus", "farm"], indirect=True)
+def test_the_open_places_are_hilly(world: World) -> None:
     assert np.ptp(world.trajectory[:, 2, 3]) > 2
     assert np.degrees(np.arccos(world.trajectory[:, 2, 2].min())) > 2
 
