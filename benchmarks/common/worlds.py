@@ -26,6 +26,7 @@ from firstfix_builder.worlds import NAMES, make_world
 from firstfix_builder.worlds.campus import campus
 from firstfix_builder.worlds.drive import drive
 from firstfix_builder.worlds.factory import factory
+from firstfix_builder.worlds.farm import farm
 from firstfix_builder.worlds.office import CLEAR_M, CORRIDOR, STAIR_X, STAIR_Y, STOREY_M, office
 from firstfix_builder.worlds.place import Place
 from firstfix_builder.worlds.write_world import ply_of_mesh, write_world
@@ -39,6 +40,7 @@ _LAYOUTS: dict[str, Callable[[np.random.Generator], Place]] = {
     "factory": factory,
     "office": office,
     "campus": campus,
+    "farm": farm,
 }
 
 
@@ -201,7 +203,7 @@ def _write_drive(place: Place, path: Path, below_m: float = np.inf) -> None:
     path.write_text("\n".join(lines) + "\n")
 
 
-_SENSORS = {"factory": "os1-64", "office": "os0-64", "campus": "os1-64"}
+_SENSORS = {"factory": "os1-64", "office": "os0-64", "campus": "os1-64", "farm": "vlp-16"}
 _CONFIGS = {"campus": {"viewpoints": {"spacing_m": 0.45}}}  # 108,000 templates
 WORLDS = (
     shared_world("warehouse_aws_small"),
@@ -212,6 +214,7 @@ WORLDS = (
     own_world("office"),
     ground_floor(),
     own_world("campus", large=True),
+    own_world("farm"),
     shared_world("inspection_clearpath", sensor="vlp-16", viewpoints={"spacing_m": 1.0}),
     own_world("office", mapped=True),
 )

@@ -1,6 +1,7 @@
 """Poses that the search for candidates returns, and when it runs a second time."""
 
 from dataclasses import fields, replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -79,12 +80,23 @@ def test_a_convincing_answer_is_searched_for_once(index, small_scans):
     assert asked == [index.config.search.clusters]
 
 
-def test_another_is_searched_for_once_more_and_wider(index, foreign_scan):
+def test_another_is_searched_for_step_by_step(index, foreign_scan):
     localizer, asked = searched(index)
     assert localizer.localize(foreign_scan).verdict is not Verdict.LOCALIZED
-    clusters = index.config.search.clusters
-    assert asked[:2] == [clusters, index.config.search.widened * clusters]
-    assert set(asked[2:]) == {clusters}, "then once by each other way that may be up"
+    search = index.config.search
+    steps = [asked[0], *(b for a, b in pairwise(asked) if a != b)]
+    ups, wide, last = steps[2], steps[1] * asked.count(steps[1]), steps[3] * asked.count(steps[3])
+    assert steps[0] == ups == search.clusters
+    assert search.wide.clusters * 0.9 <= wide <= search.wide.clusters, "shared by the ways to level the scan"
+    assert search.exhaustive.clusters * 0.9 <= last <= search.exhaustive.clusters
+
+
+def test_a_version_may_forbid_the_later_steps(index, foreign_scan):
+    config = index.config
+    search = config.search.model_copy(update={"widened": 1})
+    localizer, asked = searched(replace(index, config=config.model_copy(update={"search": search})))
+    localizer.localize(foreign_scan)
+    assert set(asked) == {search.clusters}
 
 
 def test_who_limits_the_candidates_is_not_overruled(index, foreign_scan):

@@ -15,12 +15,13 @@ from firstfix_builder.simulation.simulate import Simulator
 from .campus import campus
 from .drive import drive
 from .factory import factory
+from .farm import farm
 from .office import office
 from .place import Place
 from .query import WorldQuery, foreign_scan, queries
 from .survey import survey
 
-_PLACES = {"factory": factory, "office": office, "campus": campus}
+_PLACES = {"factory": factory, "office": office, "campus": campus, "farm": farm}
 NAMES = tuple(_PLACES)
 QUERIES = 26
 OTHER_SEED = 7919  # added to the seed for the places that are not in the map
@@ -79,5 +80,5 @@ def _place(name: str, seed: int) -> Place:
 
 def _elsewhere(name: str, seed: int) -> list[tuple[str, int]]:
     """Worlds of the scans outside the map: two of the same kind, two of others."""
-    others = [other for other in NAMES if other != name]
+    others = [other for other in NAMES if other != name][:2]
     return [(name, seed + OTHER_SEED), (name, seed + 2 * OTHER_SEED), *((other, seed) for other in others)]

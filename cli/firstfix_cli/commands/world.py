@@ -16,7 +16,7 @@ EXAMPLES = examples(
 
 
 def world(
-    name: Annotated[str, typer.Argument(help="Kind of world: factory, office or campus.")],
+    name: Annotated[str, typer.Argument(help="Kind of world: factory, office, campus or farm.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder to write; made if missing.")],
     seed: Annotated[int, typer.Option(help="Each seed gives another place of the same kind.", min=0)] = 0,
 ) -> None:

@@ -89,23 +89,32 @@ def find_candidates(
     """
     count = options.max_candidates or effort * index.config.search.candidates
     each = max(MIN_PER_SCAN, 2 * count // len(described)) if len(described) > 1 else count
+    clusters = effort * index.config.search.clusters
     return Candidates.merged(
         [
-            _of_scan(index, one, scan, options.prior, each, effort)
+            candidates_of_scan(index, one, scan, options.prior, each, clusters)
             for scan, one in zip(scans, described, strict=True)
         ]
     )
 
 
-def _of_scan(
+def candidates_of_scan(
     index: MapIndex,
     described: Described,
     scan: LevelledScan,
     prior: Prior | None,
     count: int,
-    effort: int,
+    clusters: int,
+    per_spot: int | None = MAX_PER_SPOT,
 ) -> Candidates:
-    templates, matches = index.cascade.templates, _matches(index, described, scan, prior, effort)
+    """Candidates of one scan that the prior allows, best first.
+
+    Args:
+        count: at most.
+        clusters: whose templates are compared, nearest by key.
+        per_spot: candidates of one spot at most; None: any number.
+    """
+    templates, matches = index.cascade.templates, _matches(index, described, scan, prior, clusters)
     # the template's floor counts, not its mount: this sensor may sit higher
     position_m = np.array(templates.position_m[matches.rows], np.float64)
     position_m[:, 2] += scan.height_m - templates.height_m[matches.rows]
@@ -119,7 +128,10 @@ def _of_scan(
     rows = np.arange(len(matches.rows))
     if prior is not None:
         rows = rows[prior.allows_each(index.T_map_level @ poses(rows), np.inf, YAW_SLACK_DEG)]
-    rows = rows[spread_out(position_m[rows], yaw_rad[rows], count, SPOT_M, _SPOT_COS, MAX_PER_SPOT)]
+    if per_spot is None:
+        rows = rows[:count]
+    else:
+        rows = rows[spread_out(position_m[rows], yaw_rad[rows], count, SPOT_M, _SPOT_COS, per_spot)]
     return Candidates(matches.rows[rows], poses(rows), matches.score[rows])
 
 
@@ -137,9 +149,8 @@ def _upright_poses(
 
 
 def _matches(
-    index: MapIndex, described: Described, scan: LevelledScan, prior: Prior | None, effort: int
+    index: MapIndex, described: Described, scan: LevelledScan, prior: Prior | None, clusters: int
 ) -> Matches:
-    clusters = effort * index.config.search.clusters
     if prior is None:
         return index.cascade.search(described, clusters)
     centre = transform_points(inverse(index.T_map_level), prior.position_m[None])[0]

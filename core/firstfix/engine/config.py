@@ -101,12 +101,24 @@ class LshConfig(Stage):
     seed: int = Field(0, ge=0)
 
 
+class EffortConfig(Stage):
+    """Work of one step of the effort ladder (docs/method.md section 7.1), however large the map is.
+
+    The scan is levelled in several ways, which share the first two numbers.
+    """
+
+    clusters: int = Field(ge=1, le=1_000_000, description="clusters whose templates are compared")
+    screened: int = Field(ge=1, le=100_000, description="poses that are scored on the coarse grid")
+    candidates: int = Field(ge=1, le=1000, description="best of them, which are registered")
+
+
 class SearchConfig(Stage):
     """Parameters of the cascade: find the clusters nearest by key, then compare their templates.
 
     Attributes:
         engine: search engine of the keys. "auto": "faiss_sq8", or "faiss_ivf_sq8" if there are too many keys
             to read them all.
+        wide, exhaustive: the next steps of the ladder, if the first search is not convincing.
     """
 
     engine: Literal[
@@ -126,8 +138,10 @@ class SearchConfig(Stage):
     clusters: int = Field(400, ge=1, le=100_000, description="clusters whose templates are compared")
     candidates: int = Field(20, ge=1, le=100, description="candidates that are registered")
     widened: int = Field(
-        4, ge=1, le=100, description="factor on both if the first search is not convincing; 1: search once"
+        4, ge=1, le=100, description="factor on both for a descriptor alone; 1: no scan is searched for twice"
     )
+    wide: EffortConfig = EffortConfig(clusters=10_000, screened=2000, candidates=60)
+    exhaustive: EffortConfig = EffortConfig(clusters=30_000, screened=3500, candidates=60)
 
 
 class RegistrationConfig(Stage):

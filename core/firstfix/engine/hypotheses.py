@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import product
@@ -14,8 +15,11 @@ from .candidates import Candidates
 from .index import MapIndex
 from .preprocess import PreparedQuery
 from .registered_candidate import RegisteredCandidate, distinct, features_of, ranked
+from .registration.align import Registrations
 from .verification.free_space import SeenThrough
 
+SAME_START_M, SAME_START_DEG = 0.3, 3.0  # nearer starts end at one pose
+_SAME_START_COS = math.cos(math.radians(SAME_START_DEG))
 RIVAL_WITHIN = 0.3  # of the best candidate's support
 MAX_REFINED = 3
 NEIGHBOUR_M = 0.3  # to the minima beside the right one: the next panel, a wall's other face
@@ -32,34 +36,55 @@ class HypothesisSearch:
         self, index: MapIndex, prepared: PreparedQuery, prior: Prior | None = None, map_id: str = ""
     ) -> None:
         self._index, self._prepared, self._prior, self._map_id = index, prepared, prior, map_id
+        self._starts = np.empty((0, 4, 4))
+        self._template = np.empty(0, np.int64)
+        self._aligned: list[Registrations] = []  # of all starts, batch by batch
 
     def run(self, candidates: Candidates) -> list[RegisteredCandidate]:
-        """Distinct poses that the prior allows, best first.
+        """Distinct poses that the prior allows, best first: of these candidates and of all earlier runs.
 
         Only the best and its close rivals are aligned finely, and only if the best may still be accepted.
         """
-        if not len(candidates):
-            return []
         checked = ranked(self._check_free_space(self._register(candidates)))
         if not checked or not self._may_be_accepted(checked):
             return checked
         return ranked(self._allowed(self._refine(checked)))
 
     def _register(self, candidates: Candidates) -> list[RegisteredCandidate]:
-        """Aligns all candidates with few points: coarsely, then on the map's own points.
+        """Aligns all new candidates with few points: coarsely, then on the map's own points.
 
-        Returns the best ones that may compete: distinct poses that the prior allows, best first.
+        Returns the best ones that may compete, of all runs: distinct poses that the prior allows, best first.
         """
-        surface, sparse = self._index.surface, self._prepared.sparse
-        aligned = surface.align(sparse, surface.align_coarse(sparse, candidates.T_level_sensor))
+        self._align(candidates.at(self._untried(candidates.T_level_sensor)))
+        if not self._aligned:
+            return []
+        aligned = Registrations.together(self._aligned)
         rows = np.argsort(-aligned.alignment_score, kind="stable")
         if self._prior is not None:
             rows = rows[self._prior.allows_each(self._index.T_map_level @ aligned.T_level_sensor[rows])]
         first = distinct(aligned.T_level_sensor[rows], most=self._index.config.verification.compared)
         return [
-            RegisteredCandidate(self._index, self._map_id, int(candidates.template[row]), aligned[row])
+            RegisteredCandidate(self._index, self._map_id, int(self._template[row]), aligned[row])
             for row in rows[first].tolist()
         ]
+
+    def _align(self, candidates: Candidates) -> None:
+        if not len(candidates):
+            return
+        surface, sparse, T = self._index.surface, self._prepared.sparse, candidates.T_level_sensor
+        self._aligned.append(surface.align(sparse, surface.align_coarse(sparse, T)))
+        self._starts = np.concatenate([self._starts, T])
+        self._template = np.concatenate([self._template, candidates.template])
+
+    def _untried(self, T_level_sensor: NDArray[np.float64]) -> NDArray[np.intp]:
+        """Rows of (k, 4, 4) starts that are near no start, and no aligned pose, of an earlier run."""
+        if not self._aligned:
+            return np.arange(len(T_level_sensor))
+        known = np.concatenate([self._starts, *(part.T_level_sensor for part in self._aligned)])
+        off_m = np.linalg.norm(T_level_sensor[:, None, :3, 3] - known[None, :, :3, 3], axis=2)
+        trace = np.einsum("kij,nij->kn", T_level_sensor[:, :3, :3], known[:, :3, :3])
+        is_known = (off_m < SAME_START_M) & (trace > 1 + 2 * _SAME_START_COS)
+        return np.flatnonzero(~is_known.any(axis=1))
 
     def _allowed(self, registered: Iterable[RegisteredCandidate]) -> list[RegisteredCandidate]:
         """The candidates that the prior allows."""

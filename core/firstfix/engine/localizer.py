@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -13,12 +13,11 @@ from ..errors import InvalidOption
 from ..scan.compact import CompactScan, ScanDescriptor
 from ..scan.scan import Scan
 from ..scan.sequence import AnyScan, ScanSequence
-from .candidates import find_candidates
 from .descriptor_only import UnregisteredCandidate, answer_unregistered, find_unregistered
-from .hypotheses import HypothesisSearch
 from .index import MapIndex
+from .map_search import MapSearch, Step
 from .preprocess import PreparedQuery, preprocess
-from .registered_candidate import RegisteredCandidate, features_of, ranked
+from .registered_candidate import RegisteredCandidate, features_of
 from .stopwatch import Stopwatch
 from .verdict import judge
 
@@ -34,15 +33,10 @@ class SearchesMap(Protocol):
         """See ``Localizer.prepare``."""
         ...
 
-    def register(
-        self,
-        prepared: PreparedQuery,
-        options: LocalizeOptions,
-        watch: Stopwatch,
-        map_id: str = "",
-        other_ups: bool = False,
-    ) -> list[RegisteredCandidate]:
-        """See ``Localizer.register``."""
+    def search(
+        self, prepared: PreparedQuery, options: LocalizeOptions, watch: Stopwatch, map_id: str = ""
+    ) -> MapSearch:
+        """See ``Localizer.search``."""
         ...
 
     def unregistered(
@@ -71,37 +65,15 @@ class Localizer:
         with watch.stage("preprocess"):
             return preprocess(sequence, options.gravity, self.index.config.preprocess, R_base_sensor)
 
-    def register(
-        self,
-        prepared: PreparedQuery,
-        options: LocalizeOptions,
-        watch: Stopwatch,
-        map_id: str = "",
-        other_ups: bool = False,
-    ) -> list[RegisteredCandidate]:
-        """Registered candidates in this map, best first.
+    def search(
+        self, prepared: PreparedQuery, options: LocalizeOptions, watch: Stopwatch, map_id: str = ""
+    ) -> MapSearch:
+        """Search of this map, by steps.
 
         Args:
             prepared: by this localizer's ``prepare``.
-            other_ups: level the scans by the other directions that may be up, not by the likeliest one.
         """
-        index = self.index
-        with watch.stage("preprocess"):
-            scans = prepared.scans
-            if other_ups:
-                scans = prepared.with_other_ups(options.gravity, index.config.preprocess)
-        with watch.stage("describe"):
-            described = [one.described_by(index.cascade.descriptor) for one in scans]
-        search = HypothesisSearch(index, prepared, options.prior, map_id)
-        registered: list[RegisteredCandidate] = []
-        for effort in (1,) if other_ups else self._efforts(options):
-            with watch.stage("search"):
-                candidates = find_candidates(index, described, scans, options, effort)
-            with watch.stage("register"):
-                registered = search.run(candidates)
-            if registered and index.calibration.accepts(features_of(registered)):
-                break
-        return registered
+        return MapSearch(self.index, prepared, options, watch, map_id)
 
     def unregistered(
         self, scan: ScanDescriptor, options: LocalizeOptions, watch: Stopwatch, map_id: str = ""
@@ -109,11 +81,6 @@ class Localizer:
         """Candidate poses for a descriptor-only query, best first."""
         with watch.stage("search"):
             return find_unregistered(self.index, scan, options, map_id)
-
-    def _efforts(self, options: LocalizeOptions) -> Iterable[int]:
-        """Widths of the searches to try. One scan in ten is hard and worth a search several times as wide."""
-        widened = self.index.config.search.widened
-        return (1,) if widened == 1 or options.max_candidates is not None else (1, widened)
 
 
 def localize_among(
@@ -128,7 +95,8 @@ def localize_among(
         InvalidOption: a prior or a version was given for more than one map.
         DescriptorMismatch: a descriptor-only query whose parameters are not those of every map.
     """
-    options, watch = options or LocalizeOptions(), Stopwatch()
+    options = options or LocalizeOptions()
+    watch = Stopwatch(options.deadline_ms)
     if len(maps) > 1 and (options.prior is not None or options.version is not None):
         raise InvalidOption("a prior and a version belong to one map: name it")
     if isinstance(scan, ScanDescriptor):
@@ -141,18 +109,26 @@ def localize_among(
     prepared = {map_id: query for map_id, query in queries.items() if query is not None}
     if not prepared:
         return Localization(Verdict.REJECTED, (Reason.TOO_FEW_POINTS,), timings_ms=watch.ms)
-    registered = {
-        map_id: maps[map_id].register(query, options, watch, map_id) for map_id, query in prepared.items()
-    }
-    if not any(_explain_scan(of_map) for of_map in registered.values() if of_map):
-        for map_id, query in prepared.items():
-            others = maps[map_id].register(query, options, watch, map_id, other_ups=True)
-            registered[map_id] = ranked([*registered[map_id], *others])
+    searches = [maps[map_id].search(query, options, watch, map_id) for map_id, query in prepared.items()]
+    _search(searches)
     with watch.stage("verify"):
-        together = [candidate for of_map in registered.values() for candidate in of_map]
+        together = [candidate for search in searches for candidate in search.registered]
         together.sort(key=lambda candidate: -candidate.quality.support)
         answer = judge(together, options)
     return replace(answer, timings_ms=watch.ms)
+
+
+def _search(searches: Sequence[MapSearch]) -> None:
+    """Climbs the effort ladder until a place explains the scan: most scans need the first step alone."""
+    for search in searches:
+        search.take(Step.NARROW)
+        if not search.is_accepted:
+            search.take(Step.WIDE)
+    for step in (Step.OTHER_UPS, Step.EXHAUSTIVE):
+        if any(_explain_scan(search.registered) for search in searches if search.registered):
+            return
+        for search in searches:
+            search.take(step)
 
 
 def _explain_scan(registered: Sequence[RegisteredCandidate]) -> bool:

@@ -69,9 +69,16 @@ class PreparedScan:
         """(3,) unit vector against gravity in the sensor frame."""
         return self.R_level_sensor[2]
 
-    def with_up(self, up: NDArray[np.float64], default_height_m: float) -> PreparedScan:
-        """Returns the scan levelled by another up direction, (3,) in the sensor frame."""
-        height_m = _height_by(up, self.thinned, default_height_m)
+    def with_up(
+        self, up: NDArray[np.float64], default_height_m: float, height_m: float | None = None
+    ) -> PreparedScan:
+        """Returns the scan levelled by another up direction, (3,) in the sensor frame.
+
+        Args:
+            height_m: of the sensor above the floor; None: as the scan shows it.
+        """
+        if height_m is None:
+            height_m = _height_by(up, self.thinned, default_height_m)
         return replace(self, R_level_sensor=levelling_rotation(up), height_m=height_m, described=None)
 
 

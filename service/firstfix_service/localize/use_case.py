@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import time
 from concurrent.futures import Future
+from dataclasses import replace
+
+from firstfix.answer.options import LocalizeOptions
 
 from ..auth.principal import Principal
 from ..maps.leases import Leases
@@ -70,7 +73,7 @@ class LocalizeUseCase:
                 Query(
                     body,
                     admission.body_format,
-                    options,
+                    _with_time_left(options, admission.deadline),
                     leases.served,
                     self._max_decoded_bytes,
                     form,
@@ -85,3 +88,10 @@ class LocalizeUseCase:
     def count(self, transport: str, outcome: EncodedAnswer | BaseException) -> None:
         """Counts the end of one query in the metrics, the log and the trace."""
         self._recorder.count(transport, outcome)
+
+
+def _with_time_left(options: LocalizeOptions, deadline: float | None) -> LocalizeOptions:
+    """The options with the time that the wait has left: no search begins that would end too late."""
+    if deadline is None:
+        return options
+    return replace(options, deadline_ms=(deadline - time.monotonic()) * 1e3)

@@ -34,6 +34,7 @@ class Query:
 
     Attributes:
         body: as it came, with its content encoding.
+        options: as the caller gave them, with the time left for ``deadline_ms``.
         versions: of different maps; where there are several, their places compete.
         form: how the caller wants the answer.
         waits_ms: milliseconds that the query waited before, by stage. They become part of its timings.
@@ -62,16 +63,19 @@ def answer_query(query: Query, localizers: Sequence[Localizer]) -> EncodedAnswer
     Raises:
         InputError: the body or an option cannot be used.
     """
-    watch = Stopwatch()
+    watch = Stopwatch(query.options.deadline_ms)
     with watch.stage("decode"):
         plain = query.body_format.decompress(query.body, query.max_decoded_bytes)
         scan = query.body_format.decode(plain)
+    options = query.options
+    if options.deadline_ms is not None:
+        options = replace(options, deadline_ms=watch.left_ms)
     by_map = {one.map_id: one for one in query.versions}
     if len(localizers) == 1:
         (answered,) = query.versions
-        answer = localizers[0].localize(scan, query.options)
+        answer = localizers[0].localize(scan, options)
     else:
-        answer = localize_among(dict(zip(by_map, localizers, strict=True)), scan, query.options)
+        answer = localize_among(dict(zip(by_map, localizers, strict=True)), scan, options)
         # If no map is sure: the map of the best hypothesis, if there is one.
         answered = by_map[answer.hypotheses[0].map_id] if answer.hypotheses else query.versions[0]
     answer = replace(

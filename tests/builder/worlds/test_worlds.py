@@ -44,7 +44,7 @@ def test_it_has_the_promised_shape(world: World) -> None:
     assert len(known(world)) == QUERIES
     assert len(world.queries) == QUERIES + 4
     for query in world.queries:
-        assert len(query.scan) > 20_000
+        assert len(query.scan) > (10_000 if world.name == "farm" else 20_000)  # 16 beams, and much sky
         assert np.linalg.norm(query.scan.points, axis=1).max() < world.sensor.max_range_m + 0.2
     R = world.trajectory[:, :3, :3]
     assert np.allclose(R @ R.transpose(0, 2, 1), np.eye(3), atol=1e-9)
@@ -99,7 +99,7 @@ def test_queries_stand_free_and_beside_the_drive(world: World) -> None:
     assert away.max() < 2.0
     tilt = np.degrees([np.arccos(T[2, 2]) for _, T in known(world)])
     assert np.median(tilt) > 0.2
-    assert tilt.max() < (15 if world.name == "campus" else 2.1)
+    assert tilt.max() < {"campus": 15, "farm": 25}.get(world.name, 2.1)
     yaw = np.array([np.arctan2(T[1, 0], T[0, 0]) for _, T in known(world)])
     assert np.ptp(yaw) > np.pi
 
@@ -158,8 +158,8 @@ def test_both_storeys_of_the_office_are_visited(world: World) -> None:
     assert ((driven > 1.5) & (driven < 4.0)).sum() > 10  # on the stair, not through the ceiling
 
 
-@pytest.mark.parametrize("world", ["campus"], indirect=True)
-def test_the_campus_is_hilly(world: World) -> None:
+@pytest.mark.parametrize("world", ["campus", "farm"], indirect=True)
+def test_the_open_places_are_hilly(world: World) -> None:
     assert np.ptp(world.trajectory[:, 2, 3]) > 2
     assert np.degrees(np.arccos(world.trajectory[:, 2, 2].min())) > 2
 

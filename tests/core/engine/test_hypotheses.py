@@ -13,7 +13,7 @@ from firstfix.engine.hypotheses import MAX_REFINED, NEIGHBOUR_M, HypothesisSearc
 from firstfix.engine.index import MapIndex
 from firstfix.engine.registration.align import Registrations
 from firstfix.engine.verification.free_space import SeenThrough
-from firstfix.transform import make_transform
+from firstfix.transform import make_transform, rotation_z
 
 APART_M = 10.0  # candidate i stands at x = 10 i
 NEVER_SURE = Calibration(bias=-100)
@@ -42,9 +42,11 @@ class MadeUpMap:
     violations: list[float]
     better_beside: dict[int, float] = field(default_factory=dict)  # score of the minimum at larger x
     checked: list[int] = field(default_factory=list)
+    registered: list[float] = field(default_factory=list)  # x of the starts
     refined: list[float] = field(default_factory=list)  # x of the starts
 
     def align_coarse(self, scan, starts):
+        self.registered += starts[:, 0, 3].tolist()
         return starts
 
     def align(self, scan, starts):
@@ -151,3 +153,23 @@ def test_of_equal_poses_only_the_best_is_kept():
     index = MapIndex(EngineConfig(), Calibration(), None, made_up, made_up)
     candidates = standing_at([0.0, 0.1, 0.2])
     assert [one.template for one in HypothesisSearch(index, PREPARED).run(candidates)] == [0]
+
+
+def test_a_later_run_registers_only_new_candidates_and_forgets_none():
+    made_up = MadeUpMap([0.86, 0.9, 0.88], [0.0] * 3)
+    index = MapIndex(EngineConfig(), Calibration(), None, made_up, made_up)
+    found = HypothesisSearch(index, PREPARED)
+    assert [one.template for one in found.run(standing_at([0.0, APART_M]))] == [1, 0]
+    assert [one.template for one in found.run(standing_at([APART_M + 0.1, 2 * APART_M, 0.2]))] == [1, 1, 0]
+    assert made_up.registered == [0.0, APART_M, 2 * APART_M]
+    assert len(found.run(standing_at([]))) == 3
+
+
+def test_a_start_of_another_heading_is_new():
+    made_up = MadeUpMap([0.9], [0.0])
+    index = MapIndex(EngineConfig(), Calibration(), None, made_up, made_up)
+    found, candidates = HypothesisSearch(index, PREPARED), standing_at([0.0])
+    found.run(candidates)
+    turned = make_transform(rotation_z(np.radians(10)), [0, 0, 0])
+    found.run(Candidates(candidates.template, turned[None], candidates.score))
+    assert len(made_up.registered) == 2

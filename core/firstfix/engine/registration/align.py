@@ -7,8 +7,8 @@ the map's own points. The kernel is ``native/include/firstfix/registration/align
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,7 @@ from .surface import Surface
 from .surface_grid import SurfaceGrid
 
 _COARSE_POINTS = 200
+_SCREEN_POINTS, _SCREEN_ITERATIONS = 100, 2
 # Sine between normals at which a pair counts half. The smaller, the more minima there are side by side.
 _COARSE_ANGLE, _ALIGN_ANGLE, _SMOOTH_ANGLE, _FINE_ANGLE = 0.2, 0.06, 0.5, 0.2
 _SMOOTH_ITERATIONS = 6
@@ -72,6 +73,11 @@ class Registrations:
             self.information[number],
         )
 
+    @classmethod
+    def together(cls, parts: Sequence[Registrations]) -> Registrations:
+        """Registrations of all parts, in order."""
+        return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
+
     def __iter__(self) -> Iterator[Registration]:
         return (self[number] for number in range(len(self)))
 
@@ -112,6 +118,24 @@ class MapSurface:
         fine, coarse = SurfaceGrid.load(directory / _FINE_FILE), SurfaceGrid.load(directory / _COARSE_FILE)
         return cls(config, fine, coarse)
 
+    def screen(
+        self, scan: Surface, T_level_sensor: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Moves thousands of (k, 4, 4) starts a little towards the map, on the coarse grid with few points.
+
+        Without these steps a start half a metre off scores no better than a wrong one (docs/method.md
+        section 7.1).
+
+        Returns:
+            (k, 4, 4) poses, and (k,) their alignment scores, 0..1, within one coarse cell.
+        """
+        voxel_m = self.config.coarse_voxel_m
+        reach_m, few = 1.5 * voxel_m, scan.at_most(_SCREEN_POINTS, voxel_m)
+        found = self._align(
+            self.coarse, few, T_level_sensor, _SCREEN_ITERATIONS, reach_m, _COARSE_ANGLE, voxel_m
+        )
+        return found.T_level_sensor, found.alignment_score
+
     def align_coarse(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> NDArray[np.float64]:
         """Aligns on the coarse grid: (k, 4, 4) starts within about a metre end within a few decimetres."""
         voxel_m = self.config.coarse_voxel_m
@@ -146,6 +170,7 @@ class MapSurface:
         iterations: int,
         reach_m: float,
         half_angle: float,
+        inlier_distance_m: float | None = None,
     ) -> Registrations:
         aligned = native.align(
             grid.tables,
@@ -156,6 +181,6 @@ class MapSurface:
             iterations,
             reach_m,
             half_angle,
-            self.config.inlier_distance_m,
+            self.config.inlier_distance_m if inlier_distance_m is None else inlier_distance_m,
         )
         return Registrations(*aligned)

@@ -52,6 +52,8 @@ class Cascade:
 
     def search(self, described: Described, clusters: int) -> Matches:
         """Compares one described scan with all templates of the ``clusters`` nearest by key."""
+        if clusters >= len(self.clusters):
+            return self.compare(described, np.arange(len(self.templates)))
         return self.match(described, self.nearest(described, clusters))
 
     def nearest(self, described: Described, clusters: int) -> NDArray[np.int64]:

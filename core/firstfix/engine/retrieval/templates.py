@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,11 @@ class Templates:
 
     def __len__(self) -> int:
         return len(self.position_m)
+
+    @cached_property
+    def usual_height_m(self) -> float:
+        """Median height of the sensor above its floor."""
+        return float(np.median(self.height_m))
 
     def described_at(self, rows: NDArray[np.integer]) -> Described:
         """Descriptions of the given templates."""

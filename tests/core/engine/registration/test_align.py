@@ -142,3 +142,23 @@ def test_a_scan_of_one_face_is_not_laid_on_the_other():
     assert blind.inlier_ratio > 0.95  # and nothing would tell
     (found,) = MapSurface.of(Surface.around(both, to_viewer), CONFIG).align_fine(scan, start[None])
     assert pose_error(at, found.T_level_sensor)[0] < 0.02
+
+
+def test_screening_tells_starts_near_the_truth_from_others(room):
+    """Half a metre and 8 degrees off is nearer to the truth after two steps; elsewhere nothing fits."""
+    rng = np.random.default_rng(9)
+    near = np.array(
+        [
+            make_transform(rotation_z(rng.uniform(-0.14, 0.14)), rng.uniform(-0.35, 0.35, 3) * [1, 1, 0.3])
+            for _ in range(40)
+        ]
+    )
+    far = np.array(
+        [make_transform(rotation_z(rng.uniform(1.5, 5)), [*rng.uniform(-3, 3, 2), 0]) for _ in range(300)]
+    )
+    starts = np.concatenate([TRUE @ near, TRUE @ far])
+    moved, score = room.screen(scan_of(ROOM, TRUE), starts)
+    assert np.median(score[:40]) > np.quantile(score[40:], 0.95)
+    off_m = np.linalg.norm(moved[:40, :3, 3] - TRUE[:3, 3], axis=1)
+    assert np.median(off_m) < 0.5 * np.median(np.linalg.norm(starts[:40, :3, 3] - TRUE[:3, 3], axis=1))
+    assert 0 <= score.min() <= score.max() <= 1
