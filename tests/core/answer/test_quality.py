@@ -29,7 +29,7 @@ def test_support_falls_with_every_wall_that_is_seen_through():
 
 
 def test_a_few_directions_seen_through_outweigh_surfaces_that_the_map_lacks():
-    """Mapping missed surfaces: the true place aligns worse than its look-alike, but no wall is passed there."""
+    """Mapping missed surfaces: the true place aligns worse than its look-alike, but passes no wall."""
     true_place, look_alike = AlignmentQuality(0.8, 0.68, 0.0, 0.0), AlignmentQuality(0.9, 0.78, 0.004, 0.016)
     assert true_place.support > look_alike.support + TIED
 
