@@ -1,4 +1,4 @@
-"""What the engine finds in scans of known origin: the cases to which the prior is fitted."""
+"""Cases to which the prior is fitted: scans of known origin, and the places that the engine finds for them."""
 
 from __future__ import annotations
 

@@ -37,10 +37,10 @@ class Calibration:
         cases: number of self-test cases it was fitted on; 0: it is the prior.
     """
 
-    bias: float = -14.1
-    alignment_score: float = 2.25
-    free_space: float = 2.43
-    margin: float = 13.43
+    bias: float = -6.48
+    alignment_score: float = 2.3
+    free_space: float = 1.06
+    margin: float = 11.6
     min_probability: float = 0.99
     min_inlier_ratio: float = 0.4
     min_margin: float = 0.05

@@ -160,7 +160,7 @@ class VerificationConfig(Stage):
     """Verification of registered candidates."""
 
     reach_m: float = Field(25.0, gt=1, le=200, description="distance to which free space is checked")
-    compared: int = Field(40, ge=1, le=100, description="candidates that compete")
+    compared: int = Field(100, ge=1, le=1000, description="candidates that compete")
 
 
 class EngineConfig(Stage):

@@ -39,6 +39,7 @@ class HypothesisSearch:
         self._starts = np.empty((0, 4, 4))
         self._template = np.empty(0, np.int64)
         self._aligned: list[Registrations] = []  # of all starts, batch by batch
+        self._seen_through: dict[bytes, SeenThrough] = {}  # by pose: a later run does not check it again
 
     def run(self, candidates: Candidates) -> list[RegisteredCandidate]:
         """Distinct poses that the prior allows, best first: of these candidates and of all earlier runs.
@@ -149,8 +150,13 @@ class HypothesisSearch:
     def _with_free_space(self, candidate: RegisteredCandidate) -> RegisteredCandidate:
         """The candidate with the shares of directions that pass through the map, over the query's scans."""
         T_level_last = candidate.registration.T_level_sensor
-        shares = [
-            self._index.view.seen_through(self._index.surface, scan.view, T_level_last @ scan.T_last_scan)
-            for scan in self._prepared.scans
-        ]
-        return replace(candidate, seen_through=SeenThrough.mean(shares))
+        pose = T_level_last.tobytes()
+        if pose not in self._seen_through:
+            index = self._index
+            self._seen_through[pose] = SeenThrough.mean(
+                [
+                    index.view.seen_through(index.surface, scan.view, T_level_last @ scan.T_last_scan)
+                    for scan in self._prepared.scans
+                ]
+            )
+        return replace(candidate, seen_through=self._seen_through[pose])

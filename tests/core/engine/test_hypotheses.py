@@ -173,3 +173,13 @@ def test_a_start_of_another_heading_is_new():
     turned = make_transform(rotation_z(np.radians(10)), [0, 0, 0])
     found.run(Candidates(candidates.template, turned[None], candidates.score))
     assert len(made_up.registered) == 2
+
+
+def test_a_later_run_does_not_check_the_same_poses_again():
+    made_up = MadeUpMap([0.9, 0.88, 0.5], [0.0, 0.1, 0.1])
+    index = MapIndex(EngineConfig(), NEVER_SURE, None, made_up, made_up)
+    search_twice = HypothesisSearch(index, PREPARED)
+    search_twice.run(standing_at([0.0, APART_M]))
+    first = list(made_up.checked)
+    search_twice.run(standing_at([2 * APART_M]))
+    assert made_up.checked[len(first) :] == [2]
