@@ -30,7 +30,8 @@ class LocalizeOptions:
             searched near the robot's z first.
         max_candidates: largest number of candidates to register; None: the map's own default.
         min_probability: below it the answer is not ``localized``; None: the map's own default.
-        deadline_ms: time after which the caller no longer needs the answer; None: no deadline.
+        deadline_ms: time after which the caller no longer needs the answer; None: no deadline. A further
+            search for a hard scan that would end later does not begin.
         version: digest of the map version to use; None: the active version.
     """
 
