@@ -96,5 +96,5 @@ class Sizes:
         return self.all_at_once if case.name == "all at once" else self.single
 
 
-FULL = Sizes(120, 40, 80)  # some 9,000 scans in all
+FULL = Sizes(120, 36, 70)  # some 8,800 scans in all
 QUICK = Sizes(20, 20, 20)

@@ -87,7 +87,8 @@ def measure_in_processes(
         tasks = [name for name, part in parts.items() if part is None or part.conditions != wanted]
     names = [world.name for world in others]
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn"), max_tasks_per_child=1) as pool:
-        running = [pool.submit(_measure_named, name, cases, sizes, work, names) for name in tasks]
+        # the smallest worlds are listed first, and are best left to the end
+        running = [pool.submit(_measure_named, name, cases, sizes, work, names) for name in reversed(tasks)]
         for one in running:
             one.result()
 

@@ -24,6 +24,7 @@ RIVAL_WITHIN = 0.3  # of the best candidate's support
 MAX_REFINED = 3
 NEIGHBOUR_M = 0.3  # to the minima beside the right one: the next panel, a wall's other face
 _BESIDE_M = NEIGHBOUR_M * np.array(list(product((0, -1, 1), repeat=2)))  # (9, 2), itself first
+SLID_M = 0.25  # from the floor: where walls alone are seen, a scan slides up or down along them
 BETTER_BY = 0.02  # of alignment_score: a scan distorted by motion has several minima nearly as good
 MAYBE_BETTER_BY = 0.01  # the same, measured with few points
 PROMISING = 0.02  # probability before fine alignment, which raises the inlier ratio a little
@@ -65,7 +66,13 @@ class HypothesisSearch:
             rows = rows[self._prior.allows_each(self._index.T_map_level @ aligned.T_level_sensor[rows])]
         first = distinct(aligned.T_level_sensor[rows], most=self._index.config.verification.compared)
         return [
-            RegisteredCandidate(self._index, self._map_id, int(self._template[row]), aligned[row])
+            RegisteredCandidate(
+                self._index,
+                self._map_id,
+                int(self._template[row]),
+                aligned[row],
+                start_z_m=float(self._starts[row, 2, 3]),
+            )
             for row in rows[first].tolist()
         ]
 
@@ -130,10 +137,17 @@ class HypothesisSearch:
         return [*refined, *checked[len(near) :]]
 
     def _best_minima_near(self, candidates: Sequence[RegisteredCandidate]) -> NDArray[np.float64]:
-        """Each candidate's pose, or one beside it that is clearly better, aligned smoothly: (k, 4, 4)."""
+        """Each candidate's pose, or one beside it that is clearly better, aligned smoothly: (k, 4, 4).
+
+        One beside a pose that slid up or down is on the floor again.
+        """
         surface, count = self._index.surface, len(candidates)
-        starts = np.array([[one.registration.T_level_sensor] * len(_BESIDE_M) for one in candidates])
-        starts[..., :2, 3] += _BESIDE_M
+        risen_m = np.array([one.start_z_m - one.registration.T_level_sensor[2, 3] for one in candidates])
+        slid = np.abs(risen_m) > SLID_M
+        number = len(_BESIDE_M) + int(slid.any())
+        starts = np.array([[one.registration.T_level_sensor] * number for one in candidates])
+        starts[:, : len(_BESIDE_M), :2, 3] += _BESIDE_M
+        starts[slid, -1, 2, 3] += risen_m[slid]
         aligned = surface.align(self._prepared.sparse, starts.reshape(-1, 4, 4))
         T, score = aligned.T_level_sensor.reshape(starts.shape), aligned.alignment_score.reshape(count, -1)
         beside = 1 + score[:, 1:].argmax(axis=1)  # the first column is the pose itself

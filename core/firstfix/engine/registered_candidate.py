@@ -31,6 +31,8 @@ class RegisteredCandidate:
         template: row of the template that the candidate came from.
         registration: the aligned pose, and how well the scan fits there.
         seen_through: shares of directions that pass through the map; 0 until free space is checked.
+        start_z_m: height, in the level frame, at which the alignment began: the sensor's above the template's
+            floor. nan: not known.
     """
 
     index: MapIndex
@@ -38,6 +40,7 @@ class RegisteredCandidate:
     template: int
     registration: Registration
     seen_through: SeenThrough = NOT_CHECKED
+    start_z_m: float = math.nan
 
     @property
     def quality(self) -> AlignmentQuality:

@@ -143,6 +143,31 @@ def test_a_clearly_better_minimum_beside_a_candidate_is_taken():
     assert found.registration.T_level_sensor[0, 3] == 0
 
 
+class WallsAlone(MadeUpMap):
+    """Map in which a scan slides down by some metres, where it fits a little worse."""
+
+    slides_m, worse = 0.6, 0.05
+
+    def align_coarse(self, scan, starts):
+        return starts - self.slides_m * np.eye(4)[2][:, None] * np.eye(4)[3]
+
+    def _score(self, T):
+        return super()._score(T) - self.worse * (T[2, 3] < -0.2)
+
+
+def test_a_scan_that_slid_down_its_walls_stands_on_the_floor_again():
+    (found,) = search(WallsAlone([0.95], [0.0]))
+    assert found.registration.T_level_sensor[2, 3] == 0
+    assert found.quality.alignment_score == 0.95
+
+
+def test_a_scan_that_fits_below_the_floor_as_well_stays_there():
+    sloping = WallsAlone([0.95], [0.0])
+    sloping.worse = 0.0
+    (found,) = search(sloping)
+    assert found.registration.T_level_sensor[2, 3] == -0.6
+
+
 def test_a_prior_leaves_out_poses_elsewhere():
     found = search(MadeUpMap([0.9, 0.8], [0.0, 0.0]), prior=Prior(np.array([APART_M, 0, 0]), 2.0))
     assert [candidate.template for candidate in found] == [1]
