@@ -112,6 +112,8 @@ def _options(folder: Path, given: Vector, parameters: Vector) -> dict[str, str]:
     if "T_base_sensor" in values:
         pose = values["T_base_sensor"]
         values["T_base_sensor"] = from_quaternion(pose["position"], pose["quaternion"])
+    if "twist" in values:
+        values["twist"] = np.array(values["twist"], np.float64)
     return LocalizeOptions(**values).to_strings()
 
 

@@ -67,12 +67,12 @@ auto align_all(const Grid& grid, Points points, Points normals, Flags oriented, 
 }
 
 auto align_all_moving(const Grid& grid, Points points, Points normals, Flags oriented, Times time_s, Poses T_start,
-                      Twist deviation, int iterations, float reach_m, float half_angle, float inlier_distance_m) {
+                      Twist scale, int iterations, float reach_m, float half_angle, float inlier_distance_m) {
   const std::size_t scan_points = points.shape(0), poses = T_start.shape(0);
   check(points, normals, oriented, iterations, {reach_m, half_angle, inlier_distance_m});
   check_times(time_s, scan_points);
   for (std::size_t k = 0; k < 6; ++k) {
-    require(deviation.data()[k] >= 1e-9 && deviation.data()[k] <= 1e9, "a deviation of the twist is not positive, or too large");
+    require(scale.data()[k] >= 1e-9 && scale.data()[k] <= 1e9, "the scale of a twist is not positive, or too large");
   }
   std::vector<double> T(16 * poses), twist(6 * poses), information(36 * poses), inlier_ratio(poses), alignment_score(poses);
   {
@@ -81,7 +81,7 @@ auto align_all_moving(const Grid& grid, Points points, Points normals, Flags ori
     MovingScan scan(points.data(), normals.data(), bytes_of(oriented), time_s.data(), scan_points);
     PairFinder finder(grid.view, scan.seen());
     for (std::size_t pose = 0; pose < poses; ++pose) {
-      align_moving(finder, scan, {iterations, reach_m, half_angle}, deviation.data(), &T[16 * pose], &twist[6 * pose],
+      align_moving(finder, scan, {iterations, reach_m, half_angle}, scale.data(), &T[16 * pose], &twist[6 * pose],
                    &information[36 * pose]);
       const AlignmentQuality quality = quality_at(finder, scan_points, &T[16 * pose], inlier_distance_m);
       inlier_ratio[pose] = quality.inlier_ratio;
@@ -107,7 +107,7 @@ void bind_registration(nb::module_& module) {
              nb::arg("T_start"), nb::arg("iterations"), nb::arg("reach_m"), nb::arg("half_angle"),
              nb::arg("inlier_distance_m"));
   module.def("align_moving", &align_all_moving, nb::arg("grid"), nb::arg("points"), nb::arg("normals"),
-             nb::arg("oriented"), nb::arg("time_s"), nb::arg("T_start"), nb::arg("deviation"), nb::arg("iterations"),
+             nb::arg("oriented"), nb::arg("time_s"), nb::arg("T_start"), nb::arg("scale"), nb::arg("iterations"),
              nb::arg("reach_m"), nb::arg("half_angle"), nb::arg("inlier_distance_m"));
   module.def(
       "distinct_poses",

@@ -138,6 +138,10 @@ Result options_vector(const std::string&, const Json& input, const Json&) {
   if (input.contains("max_candidates")) options.max_candidates = input.at("max_candidates").get<int>();
   options.min_probability = optional_number(input, "min_probability");
   options.deadline_ms = optional_number(input, "deadline_ms");
+  if (input.contains("twist")) {
+    const auto six = input.at("twist").get<std::array<double, 6>>();
+    options.twist = Twist{{six[0], six[1], six[2]}, {six[3], six[4], six[5]}};
+  }
   if (input.contains("version")) options.version = input.at("version").get<std::string>();
   Json value = Json::object();
   for (const auto& [name, text] : strings_of(options)) value[name] = text;
@@ -147,6 +151,11 @@ Result options_vector(const std::string&, const Json& input, const Json&) {
 Json json_of(const std::optional<Pose>& pose) {
   if (!pose) return nullptr;
   return {{"position", pose->position}, {"quaternion", pose->quaternion}};
+}
+
+Json json_of(const std::optional<Twist>& twist) {
+  if (!twist) return nullptr;
+  return {{"linear", twist->linear}, {"angular", twist->angular}};
 }
 
 Result answer_vector(const std::string& folder, const Json& input, const Json&) {
@@ -173,7 +182,8 @@ Result answer_vector(const std::string& folder, const Json& input, const Json&) 
            {"hypotheses", hypotheses},
            {"map_id", fix.map_id},
            {"map_version", fix.map_version},
-           {"timings_ms", fix.timings_ms}}};
+           {"timings_ms", fix.timings_ms},
+           {"twist", json_of(fix.twist)}}};
 }
 
 Result geopose_vector(const std::string& folder, const Json& input, const Json&) {

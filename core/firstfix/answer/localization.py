@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from .. import transform
 from .quality import AlignmentQuality
+from .twist import twist_from_mapping, twist_to_mapping
 
 
 class Verdict(str, Enum):
@@ -66,6 +67,9 @@ class Localization:
             None.
         covariance: (6, 6) of the pose, over x, y, z, rotX, rotY, rotZ about the map's axes (m, rad),
             as in geometry_msgs/PoseWithCovariance; None without a pose.
+        twist: (6,) motion of the sensor during the scan, if it was solved with the pose or given by the
+            caller: m/s then rad/s, in the sensor frame at the scan's stamp. T_map_sensor is the pose at the
+            stamp. None without a pose, or where the times of the scan's points are not known.
         probability: 0..1, probability that the best hypothesis or one that ties with it is right.
         hypotheses: competing poses, best first, whatever the verdict. Empty if there was no candidate.
         map_id: map whose frame the pose is in.
@@ -83,6 +87,7 @@ class Localization:
     map_id: str = ""
     map_version: str = ""
     timings_ms: Mapping[str, float] = field(default_factory=dict)
+    twist: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         if (self.verdict is Verdict.LOCALIZED) != (self.T_map_sensor is not None):
@@ -96,6 +101,7 @@ class Localization:
             "T_map_sensor": _pose_to_mapping(self.T_map_sensor),
             "T_map_base": _pose_to_mapping(self.T_map_base),
             "covariance": None if self.covariance is None else self.covariance.ravel().tolist(),
+            "twist": twist_to_mapping(self.twist),
             "probability": self.probability,
             "hypotheses": [
                 {
@@ -139,6 +145,7 @@ class Localization:
             map_id=str(data.get("map_id", "")),
             map_version=str(data.get("map_version", "")),
             timings_ms=dict(data.get("timings_ms", {})),
+            twist=twist_from_mapping(data.get("twist")),
         )
 
 

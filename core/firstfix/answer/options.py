@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from .. import transform
 from ..errors import InvalidOption
 from .prior import Prior
+from .twist import checked_twist
 
 MAX_CANDIDATES = 100
 MAX_NUMBER = 1e9  # metres or degrees; more means nothing, and squares above 1e154 are infinite
@@ -32,6 +33,9 @@ class LocalizeOptions:
         min_probability: below it the answer is not ``localized``; None: the map's own default.
         deadline_ms: time after which the caller no longer needs the answer; None: no deadline.
         version: digest of the map version to use; None: the active version.
+        twist: (6,) motion of the sensor during the scan, which the caller knows from elsewhere: m/s then
+            rad/s, in the sensor frame at the scan's stamp. The scan is deskewed by it, so the times of its
+            points must be known. None: the motion is solved with the pose, where the times are known.
     """
 
     gravity: NDArray[np.float64] | None = None
@@ -41,14 +45,15 @@ class LocalizeOptions:
     min_probability: float | None = None
     deadline_ms: float | None = None
     version: str | None = None
+    twist: NDArray[np.float64] | None = None
 
     @classmethod
     def from_strings(cls, values: Mapping[str, str]) -> LocalizeOptions:
         """Options from query parameters.
 
         Forms: ``gravity=x,y,z`` or ``gravity=roll_deg,pitch_deg``; ``prior=x,y,z,radius_m`` or
-        ``prior=x,y,z,radius_m,yaw_deg,yaw_range_deg``; ``T_base_sensor=x,y,z,qx,qy,qz,qw``; the others are
-        plain numbers or text.
+        ``prior=x,y,z,radius_m,yaw_deg,yaw_range_deg``; ``T_base_sensor=x,y,z,qx,qy,qz,qw``;
+        ``twist=vx,vy,vz,wx,wy,wz``; the others are plain numbers or text.
 
         Raises:
             InvalidOption: an unknown name, or a value with a wrong form or out of range.
@@ -75,6 +80,8 @@ class LocalizeOptions:
             options["deadline_ms"] = _number("deadline_ms", values, 1, 600_000)
         if "version" in values:
             options["version"] = values["version"]
+        if "twist" in values:
+            options["twist"] = checked_twist(_numbers("twist", values["twist"], (6,)))
         return cls(**options)
 
     def to_strings(self) -> dict[str, str]:
@@ -91,6 +98,8 @@ class LocalizeOptions:
             value = getattr(self, name)
             if value is not None:
                 values[name] = value if isinstance(value, str) else json.dumps(value)
+        if self.twist is not None:
+            values["twist"] = _joined(self.twist)
         return values
 
 

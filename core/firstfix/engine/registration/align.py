@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ... import native
 from ...transform import Matrix
 from ..config import RegistrationConfig
-from .motion import TWIST_DEVIATION
+from .motion import TWIST_SCALE
 from .surface import Surface
 from .surface_grid import SurfaceGrid
 
@@ -191,7 +191,7 @@ class MapSurface:
     ) -> Registrations:
         parameters = iterations, reach_m, half_angle, self.config.inlier_distance_m
         points = self.fine.tables, scan.points, scan.normals, scan.oriented, scan.time_s
-        return Registrations(*native.align_moving(*points, T_start, TWIST_DEVIATION, *parameters))
+        return Registrations(*native.align_moving(*points, T_start, TWIST_SCALE, *parameters))
 
     def _align(
         self,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-# Standard deviation of the twist about 0, linear then angular, along the level axes. A robot drives and turns
-# on its floor: the other axes are kept still, so that noise is not taken for motion.
-TWIST_DEVIATION = np.array([2.0, 2.0, 1e-6, 1e-6, 1e-6, 2.0])  # m/s, rad/s
+# Scale of the twist about 0 (a Cauchy distribution), linear then angular, along the level axes. A robot drives
+# and turns on its floor: the other axes are kept still, so that noise is not taken for motion.
+TWIST_SCALE = np.array([1.0, 1.0, 1e-6, 1e-6, 1e-6, 1.0])  # m/s, rad/s
 MIN_SWEEP_S = 0.005  # between the first and the last point: in less, nothing moves far enough to be seen
 
 

@@ -140,10 +140,11 @@ inline void turn_twist(const double* T, bool inverse, const double* twist, doubl
 
 // Gauss-Newton as in `align`, with the twist as six further unknowns, along the level axes.
 //
-// finder: of scan.seen(). deviation: (6,) of the twist about 0, linear then angular, along the level axes: a tiny one keeps an axis still.
+// finder: of scan.seen(). scale: (6,) of the twist about 0, linear then angular, along the level axes: a tiny one keeps an axis still. The prior is
+// Cauchy's: it keeps a standing sensor still, and does not hold a fast one back.
 // T_level_sensor: (4, 4) the start, then the aligned pose at time 0. twist: (6,) of the sensor, linear then angular, in the
 // sensor frame; it starts at 0. information: (6, 6) of the pose, over rotation then translation.
-inline void align_moving(PairFinder& finder, MovingScan& scan, const AlignParameters& parameters, const double* deviation,
+inline void align_moving(PairFinder& finder, MovingScan& scan, const AlignParameters& parameters, const double* scale,
                          double* T_level_sensor, double* twist, double* information) {
   const auto points = static_cast<double>(scan.seen().count);
   double level_twist[6]{}, prior[6]{};  // linear then angular; prior: over rotation then translation
@@ -157,7 +158,8 @@ inline void align_moving(PairFinder& finder, MovingScan& scan, const AlignParame
     std::memcpy(step, equations.gradient, sizeof step);
     for (int k = 0; k < 6; ++k) {
       const int from = (k + 3) % 6;  // of the order linear then angular
-      prior[k] = kPairsPerObservation * equations.variance() / (deviation[from] * deviation[from]);
+      const double far = level_twist[from] / scale[from];
+      prior[k] = kPairsPerObservation * equations.variance() / (scale[from] * scale[from] * (1 + far * far));
       damped[13 * k] += kDamping * points;
       damped[13 * (6 + k)] += prior[k];
       step[6 + k] -= prior[k] * level_twist[from];
