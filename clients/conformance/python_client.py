@@ -42,7 +42,11 @@ def scan_of(folder: Path, given: Vector) -> Scan:
     points = np.fromfile(folder / given["points"], "<f4").reshape(-1, 3)
     points = np.tile(points, (given.get("repeat", 1), 1))
     intensity = None if "intensity" not in given else np.fromfile(folder / given["intensity"], "<f4")
-    return Scan(points, intensity, given.get("stamp_s"))
+    times = None
+    if "times" in given:
+        first_s, apart_s = given["times"]
+        times = (first_s + apart_s * np.arange(len(points))).astype(np.float32)
+    return Scan(points, intensity, given.get("stamp_s"), times)
 
 
 def _encode_scan(folder: Path, given: Vector, parameters: Vector) -> bytes:

@@ -25,6 +25,13 @@ Scan read_scan(const std::string& folder, const Json& given) {
     }
   }
   if (given.contains("intensity")) scan.intensity = read_floats(folder + given.at("intensity").get<std::string>());
+  if (given.contains("times")) {
+    const auto [first_s, apart_s] = given.at("times").get<std::array<double, 2>>();
+    scan.time_s.emplace();
+    for (std::size_t i = 0; i < scan.points.size(); ++i) {
+      scan.time_s->push_back(static_cast<float>(first_s + apart_s * static_cast<double>(i)));
+    }
+  }
   if (given.contains("stamp_s")) scan.stamp_s = given.at("stamp_s").get<double>();
   return scan;
 }

@@ -31,7 +31,7 @@ struct LocalizeOptions {
   std::optional<double> min_probability;
   std::optional<double> deadline_ms;
   std::optional<std::string> version;
-  std::optional<Twist> twist;  // of the sensor during the scan, whose points then need times
+  std::optional<Twist> twist{};  // of the sensor during the scan, whose points then need times
 };
 
 using Strings = std::vector<std::pair<std::string, std::string>>;
