@@ -22,7 +22,7 @@ TWIST = np.array([1.3, -0.4, 0.05, 0.1, -0.2, 1.7])
 
 
 def times_by_azimuth(points: np.ndarray) -> np.ndarray:
-    """Of a sensor that turns clockwise in 0.1 s and is half round at the stamp."""
+    """Times (n,) of a sensor that turns clockwise in 0.1 s and is half round at the stamp."""
     return (-np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) * 0.1).astype(np.float32)
 
 
