@@ -190,9 +190,7 @@ def damaged_sequences(good: bytes, described: bytes) -> Iterator[Damaged]:
     yield "a-descriptor-alone", "malformed_data", _with(alone, 64, "I", len(described)) + described
 
 
-def vectors(
-    kind: str, damaged: Iterable[Damaged], what: str = ""
-) -> tuple[list[Vector], dict[str, bytes]]:
+def vectors(kind: str, damaged: Iterable[Damaged], what: str = "") -> tuple[list[Vector], dict[str, bytes]]:
     """Vectors of ``decode_<kind>``, and the bodies by name.
 
     Args:

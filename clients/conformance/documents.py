@@ -81,7 +81,9 @@ def documents() -> dict[str, bytes]:
         "answer-of-no-verdict": localized.replace('"localized"', '"elsewhere"', 1),
         "answer-localized-without-pose": json.dumps({"verdict": "localized", "T_map_sensor": None}),
         "answer-rejected-with-pose": localized.replace('"localized"', '"rejected"', 1),
-        "answer-twist-too-short": json.dumps(answers["localized-in-motion"]).replace('"linear": [1.2, ', '"linear": ['),
+        "answer-twist-too-short": json.dumps(answers["localized-in-motion"]).replace(
+            '"linear": [1.2, ', '"linear": ['
+        ),
         "answer-covariance-too-short": localized.replace('"covariance": [0.0001, ', '"covariance": ['),
         "answer-without-quaternion": localized.replace('"quaternion"', '"euler"'),
         "answer-zero-quaternion": json.dumps(

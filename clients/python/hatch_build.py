@@ -21,8 +21,8 @@ from strip_types import strip_types  # noqa: E402
 DOCUMENTED = {"firstfix_client/client.py", "firstfix_client/calls/maps.py", "firstfix_client/calls/builds.py"}
 # Programs that call ``localize_body`` encode scans with this module.
 TYPED = {"firstfix/wire/scan.py"}
-# The other modules of these rooms, and these modules, are not used by robot programs: they lose the annotations
-# of all functions.
+# The other modules of these rooms, and these modules, are not used by robot programs: they lose the
+# annotations of all functions.
 INTERNAL = (
     "firstfix/answer/twist.py",
     "firstfix/descriptor/",

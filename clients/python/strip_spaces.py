@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import tokenize
 from collections.abc import Iterator
+from itertools import pairwise
 
 _LAYOUT = {tokenize.INDENT, tokenize.DEDENT, tokenize.NEWLINE, tokenize.NL, tokenize.ENDMARKER}
 
@@ -36,7 +37,7 @@ def strip_spaces(source: str) -> str:
 def _gaps(tokens: list[tokenize.TokenInfo]) -> Iterator[tuple[int, int, int]]:
     """Row, begin and end of the spaces beside operators, outside of formatted texts."""
     texts = 0  # formatted texts that are open: Python 3.12 has tokens of their parts
-    for before, token in zip(tokens, tokens[1:], strict=False):
+    for before, token in pairwise(tokens):
         name = tokenize.tok_name[before.type]
         texts += (name == "FSTRING_START") - (name == "FSTRING_END")
         beside = tokenize.OP in (before.type, token.type) and not {before.type, token.type} & _LAYOUT

@@ -29,8 +29,8 @@ EXTRAS = {"zenoh", "laspy", "lzf"}  # imported where they are used, with a word 
 
 sys.path.insert(0, str(CLIENT))
 from import_closure import import_closure  # noqa: E402
-from strip_text import strip_text  # noqa: E402
 from strip_spaces import strip_spaces  # noqa: E402
+from strip_text import strip_text  # noqa: E402
 from strip_types import strip_types  # noqa: E402
 
 

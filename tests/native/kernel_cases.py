@@ -105,7 +105,9 @@ CASES: dict[str, Callable[[Any], Any]] = {
     "refined_up": lambda native: native.refined_up(NORMALS, DIRECTIONS[0]),
     "deskew": lambda native: native.deskew(FEW, TIMES, TWIST),
     "voxel_mean_times, float": lambda native: native.voxel_mean_times(FEW, TIMES, 0.9),
-    "voxel_mean_times, double": lambda native: native.voxel_mean_times(FEW.astype(np.float64), TIMES, 0.9, 0.1),
+    "voxel_mean_times, double": lambda native: native.voxel_mean_times(
+        FEW.astype(np.float64), TIMES, 0.9, 0.1
+    ),
     "nearest_by_direction": lambda native: native.nearest_by_direction(STREET),
     "least_of_neighbours": lambda native: native.least_of_neighbours(
         native.nearest_by_direction(STREET).reshape(90, 180)

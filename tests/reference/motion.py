@@ -1,4 +1,4 @@
-"""Alignment of a scan in motion in NumPy: ``native.align_moving`` and ``native.deskew`` are held against it."""
+"""Alignment of a scan in motion, in NumPy: what ``native.align_moving`` and ``deskew`` are held against."""
 
 from __future__ import annotations
 

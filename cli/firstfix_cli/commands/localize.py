@@ -62,8 +62,8 @@ def localize(
         str | None,
         typer.Option(
             metavar="VX,VY,VZ,WX,WY,WZ",
-            help="Motion of the sensor during the scan, in m/s and rad/s [default: solved with the pose, where "
-            "the times of the points are known].",
+            help="Motion of the sensor during the scan, in m/s and rad/s [default: solved with the pose, "
+            "where the times of the points are known].",
         ),
     ] = None,
     encoding: SentAs = "scan",

@@ -1,6 +1,7 @@
-"""Twist: the steady motion of a sensor during its scan, as (6,) numbers: m/s along x, y, z, then rad/s about them.
+"""Twist: the steady motion of a sensor during its scan.
 
-The axes are those of the sensor at the scan's stamp.
+It has (6,) numbers: m/s along x, y, z, then rad/s about them. The axes are those of the sensor at the scan's
+stamp.
 """
 
 from __future__ import annotations

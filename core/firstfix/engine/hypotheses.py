@@ -64,9 +64,10 @@ class HypothesisSearch:
             rows = rows[self._prior.allows_each(self._index.T_map_level @ aligned.T_level_sensor[rows])]
         rows = rows[distinct(aligned.T_level_sensor[rows], most=self._index.config.verification.compared)]
         compared = self._with_motion(aligned.at(rows))
+        order = np.argsort(-compared.alignment_score, kind="stable")  # the motion may have changed it
         return [
             RegisteredCandidate(self._index, self._map_id, int(template), registration)
-            for template, registration in zip(self._template[rows], compared, strict=True)
+            for template, registration in zip(self._template[rows[order]], compared.at(order), strict=True)
         ]
 
     def _align(self, candidates: Candidates) -> None:

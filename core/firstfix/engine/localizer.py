@@ -104,7 +104,9 @@ def localize_among(
         raise InvalidOption("a prior and a version belong to one map: name it")
     if isinstance(scan, ScanDescriptor):
         if options.twist is not None:
-            raise InvalidOption("a twist needs the times of the scan's points, and a descriptor has no points")
+            raise InvalidOption(
+                "a twist needs the times of the scan's points, and a descriptor has no points"
+            )
         found = [
             one for map_id, each in maps.items() for one in each.unregistered(scan, options, watch, map_id)
         ]

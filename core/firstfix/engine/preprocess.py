@@ -21,6 +21,7 @@ from ..transform import Matrix
 from .config import PreprocessConfig
 from .registration.motion import sweep_times
 from .registration.surface import Surface
+from .timed_view import timed_view
 
 _SPARSE_POINTS = 400
 _DENSE_POINTS = 4000
@@ -133,7 +134,9 @@ def preprocess(
             z. None: near the sensor's z.
     """
     scans = []
-    still = [replace(scan, time_s=None) for scan in sequence.scans[:-1]]  # the answer's motion is the last one's
+    still = [
+        replace(scan, time_s=None) for scan in sequence.scans[:-1]
+    ]  # the answer's motion is the last one's
     for scan, T_last_scan in zip([*still, sequence.scans[-1]], sequence.T_last_scan, strict=True):
         down = None if gravity is None else T_last_scan[:3, :3].T @ gravity
         prepared = _prepare(scan, T_last_scan, down, config, R_base_sensor)
@@ -154,7 +157,7 @@ class _Returns:
         seen: (p, 3) float32, all points, for the descriptor.
         voxels: (v, 3) float32, some thousand points, one a voxel.
         view: ranges by direction.
-        viewed: points of the view; None: a compact scan, whose ranges have no times.
+        viewed: points of the view; None: a compact scan without times.
     """
 
     seen: NDArray[np.float32]
@@ -181,7 +184,8 @@ class _Returns:
         # the nearest return of every direction fills cells of the descriptor that the voxels leave empty
         seen = np.concatenate([timed.points, directions()[near] * nearest_m[near, None]])
         voxels = timed.by_voxel_hash(config.voxel_m, _DENSE_POINTS)
-        return cls(seen, voxels, RangeView.of_nearest(nearest_m))
+        viewed = None if timed.time_s is None else timed_view(timed, nearest_m)
+        return cls(seen, voxels, RangeView.of_nearest(nearest_m), viewed)
 
 
 def _prepare(

@@ -25,7 +25,8 @@ class PointTimes:
 
     Attributes:
         time_s: (n,) float32 seconds from the stamp; 0 for a point that is not finite.
-        stamp_s: the cloud's own stamp, or that of the first point if its time is one since the epoch, or None.
+        stamp_s: the cloud's own stamp; else the time of the first point, if it counts from the epoch; else
+            None.
     """
 
     time_s: NDArray[np.float32]

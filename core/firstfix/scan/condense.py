@@ -55,9 +55,10 @@ def condense(
     used = parameters or DescriptorParameters()
     timed = TimedPoints(scan.points, scan.time_s).within_range(used.min_range_m, used.max_range_m)
     means, near = timed.at_most(_VOXELLED).voxel_means(used.voxel_m), timed.points
-    described = (
-        None if used.descriptor is None else _describe(near, means.points, used, used.descriptor, gravity)
-    )
+    described = None
+    if used.descriptor is not None:
+        exact = np.asarray(means.points, np.float64)
+        described = _describe(near, exact, used, used.descriptor, gravity)
     chosen = means.by_voxel_hash(used.voxel_m, points)
     nearest_m = nearest_by_direction(at_most(near, _RETURNS))
     return CompactScan(chosen.points, nearest_m, described, chosen.time_s)

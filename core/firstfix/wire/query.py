@@ -106,7 +106,10 @@ def encode_query(query: CompactScan | ScanDescriptor, *, resolution_m: float = 0
     if query.described is not None:
         parts, body = parts | DESCRIPTOR, body + _descriptor_bytes(query.described)
     if query.time_s is not None:
-        parts, body = parts | TIMES, body + Times.of(query.time_s, len(query.points)).at(order).encode(_compressor())
+        parts, body = (
+            parts | TIMES,
+            body + Times.of(query.time_s, len(query.points)).at(order).encode(_compressor()),
+        )
     return _HEADER.pack(MAGIC, VERSION, parts, 0) + body
 
 

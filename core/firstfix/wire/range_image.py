@@ -38,8 +38,8 @@ a return is the middle of its cell:
     azimuth   = (column + 0.5) / columns turns - half a turn
     elevation = (row + 0.5) / rows half turns - a quarter turn
 
-Kind 6 has the times of the returns (``times``) at offset 6, in the order of their cells, and then the same. Of
-several returns of a cell with the same range in steps, the first one in time is kept.
+Kind 6 has the times of the returns (``times``) at offset 6, in the order of their cells, and then the same.
+Of several returns of a cell with the same range in steps, the first one in time is kept.
 """
 
 from __future__ import annotations

@@ -12,8 +12,8 @@ Layout, little-endian::
     time = first + step * level
 
 The encoder's step is a power of two, and its times are whole numbers of steps: so decoded times are exact.
-A revolution of 0.1 s has steps of 0.5 ms: at 2 rad/s the sensor turns by 0.06 degrees in one, and a vehicle at
-10 m/s drives 5 mm.
+A revolution of 0.1 s has steps of 0.5 ms: at 2 rad/s the sensor turns by 0.06 degrees in one, and a vehicle
+at 10 m/s drives 5 mm.
 """
 
 from __future__ import annotations

@@ -53,7 +53,7 @@ def surface(simulator: Simulator) -> MapSurface:
     return MapSurface.of(Surface.together(seen).thinned(config.map_voxel_m), config)
 
 
-def scan_of(simulator: Simulator, twist, config=NOISY, sweep: Sweep = Sweep()) -> Scan:  # noqa: B008
+def scan_of(simulator: Simulator, twist, config=NOISY, sweep: Sweep = Sweep()) -> Scan:
     return ScanSimulation(simulator, SENSOR, config).scan(ScanCase(HERE, 5), Motion(twist, sweep))
 
 

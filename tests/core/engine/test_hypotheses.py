@@ -177,7 +177,7 @@ def test_a_start_of_another_heading_is_new():
 
 
 def test_the_motion_is_solved_at_every_place_that_is_compared():
-    """The sparse points at all of them, the dense ones at those that are refined; free space as it is then."""
+    """Sparse points at all of them, dense ones at those that are refined. Free space is that of both."""
     twist, views = np.array([1.0, 0, 0, 0, 0, 0.5]), []
 
     class Moving(MadeUpMap):

@@ -85,7 +85,9 @@ def test_a_pcd_and_a_ply_have_times(tmp_path):
         "VERSION 0.7\nFIELDS x y z t\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\n"
         f"WIDTH {N}\nHEIGHT 1\nPOINTS {N}\nDATA binary\n"
     ).encode() + record.tobytes()
-    properties = "".join(f"property {kind} {name}\n" for kind, name in zip(("float",) * 3, "xyz", strict=True))
+    properties = "".join(
+        f"property {kind} {name}\n" for kind, name in zip(("float",) * 3, "xyz", strict=True)
+    )
     ply = (
         f"ply\nformat binary_little_endian 1.0\nelement vertex {N}\n{properties}property uint t\nend_header\n"
     ).encode() + record.tobytes()

@@ -14,7 +14,9 @@ from firstfix.wire.scan import decode_scan, encode_scan
 
 RNG = np.random.default_rng(2)
 AROUND = RNG.uniform(-np.pi, np.pi, 20_000)
-POINTS = np.column_stack([9 * np.cos(AROUND), 9 * np.sin(AROUND), RNG.uniform(-1, 2, 20_000)]).astype(np.float32)
+POINTS = np.column_stack([9 * np.cos(AROUND), 9 * np.sin(AROUND), RNG.uniform(-1, 2, 20_000)]).astype(
+    np.float32
+)
 SCAN = Scan(POINTS, None, 12.5, (AROUND / (2 * np.pi) * 0.1).astype(np.float32))
 
 

@@ -178,20 +178,32 @@ class MapSurface:
         """
         reach_m, iterations = self.config.fine_distance_m, self.config.fine_iterations
         if scan.time_s is not None:
-            return self._align_moving(scan, T_level_sensor, iterations, reach_m, _FINE_ANGLE)
+            return self._align_moving(scan, scan.time_s, T_level_sensor, iterations, reach_m, _FINE_ANGLE)
         return self._align(self.fine, scan, T_level_sensor, iterations, reach_m, _FINE_ANGLE)
 
     def _align_moving(
         self,
         scan: Surface,
+        time_s: NDArray[np.float32],
         T_start: NDArray[np.float64],
         iterations: int,
         reach_m: float,
         half_angle: float,
     ) -> Registrations:
-        parameters = iterations, reach_m, half_angle, self.config.inlier_distance_m
-        points = self.fine.tables, scan.points, scan.normals, scan.oriented, scan.time_s
-        return Registrations(*native.align_moving(*points, T_start, TWIST_SCALE, *parameters))
+        aligned = native.align_moving(
+            self.fine.tables,
+            scan.points,
+            scan.normals,
+            scan.oriented,
+            time_s,
+            T_start,
+            TWIST_SCALE,
+            iterations,
+            reach_m,
+            half_angle,
+            self.config.inlier_distance_m,
+        )
+        return Registrations(*aligned)
 
     def _align(
         self,

@@ -77,7 +77,9 @@ class Surface:
         """Surface of all points of several surfaces. Where one has times, the others are taken at time 0."""
         time_s = None
         if any(part.time_s is not None for part in parts):
-            still = (np.zeros(len(part), np.float32) if part.time_s is None else part.time_s for part in parts)
+            still = (
+                np.zeros(len(part), np.float32) if part.time_s is None else part.time_s for part in parts
+            )
             time_s = np.concatenate(list(still))
         return cls(
             np.concatenate([part.points for part in parts]),
