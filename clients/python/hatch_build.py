@@ -24,7 +24,6 @@ TYPED = {"firstfix/wire/scan.py"}
 # The other modules of these rooms, and these modules, are not used by robot programs: they lose the
 # annotations of all functions.
 INTERNAL = (
-    "firstfix/answer/twist.py",
     "firstfix/descriptor/",
     "firstfix/formats/",
     "firstfix/portable/",

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from .. import transform
 from .quality import AlignmentQuality
-from .twist import twist_from_mapping, twist_to_mapping
 
 
 class Verdict(str, Enum):
@@ -101,7 +100,7 @@ class Localization:
             "T_map_sensor": _pose_to_mapping(self.T_map_sensor),
             "T_map_base": _pose_to_mapping(self.T_map_base),
             "covariance": None if self.covariance is None else self.covariance.ravel().tolist(),
-            "twist": twist_to_mapping(self.twist),
+            "twist": _twist_to_mapping(self.twist),
             "probability": self.probability,
             "hypotheses": [
                 {
@@ -145,7 +144,7 @@ class Localization:
             map_id=str(data.get("map_id", "")),
             map_version=str(data.get("map_version", "")),
             timings_ms=dict(data.get("timings_ms", {})),
-            twist=twist_from_mapping(data.get("twist")),
+            twist=_twist_from_mapping(data.get("twist")),
         )
 
 
@@ -161,6 +160,14 @@ def _pose_to_mapping(T: NDArray[np.float64] | None) -> dict[str, list[float]] | 
 
 def _pose_from_mapping(data: Mapping[str, Any] | None) -> NDArray[np.float64] | None:
     return None if data is None else transform.from_quaternion(data["position"], data["quaternion"])
+
+
+def _twist_to_mapping(twist: NDArray[np.float64] | None) -> dict[str, list[float]] | None:
+    return None if twist is None else {"linear": twist[:3].tolist(), "angular": twist[3:].tolist()}
+
+
+def _twist_from_mapping(data: Mapping[str, Any] | None) -> NDArray[np.float64] | None:
+    return None if data is None else np.array([*data["linear"], *data["angular"]], np.float64).reshape(6)
 
 
 def _quality_from_mapping(data: Mapping[str, Any]) -> AlignmentQuality | None:

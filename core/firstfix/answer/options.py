@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from .. import transform
 from ..errors import InvalidOption
 from .prior import Prior
-from .twist import checked_twist
 
 MAX_CANDIDATES = 100
+MAX_LINEAR_M_S, MAX_ANGULAR_RAD_S = 100.0, 20.0  # of a twist, along each axis: as in the compiled core
 MAX_NUMBER = 1e9  # metres or degrees; more means nothing, and squares above 1e154 are infinite
 
 
@@ -81,7 +81,7 @@ class LocalizeOptions:
         if "version" in values:
             options["version"] = values["version"]
         if "twist" in values:
-            options["twist"] = checked_twist(_numbers("twist", values["twist"], (6,)))
+            options["twist"] = _twist(_numbers("twist", values["twist"], (6,)))
         return cls(**options)
 
     def to_strings(self) -> dict[str, str]:
@@ -134,3 +134,11 @@ def _gravity(numbers: list[float]) -> NDArray[np.float64]:
     if length < 1e-6:
         raise InvalidOption("gravity has no direction")
     return down / length
+
+
+def _twist(numbers: list[float]) -> NDArray[np.float64]:
+    twist = np.asarray(numbers, np.float64)
+    if not (np.abs(twist) <= np.repeat([MAX_LINEAR_M_S, MAX_ANGULAR_RAD_S], 3)).all():
+        limits = f"{MAX_LINEAR_M_S:g} m/s and {MAX_ANGULAR_RAD_S:g} rad/s"
+        raise InvalidOption(f"twist: at most {limits} along each axis")
+    return twist

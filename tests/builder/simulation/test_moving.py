@@ -19,6 +19,7 @@ from firstfix.sensor import preset
 from firstfix.transform import make_transform, pose_error, rotation_z
 from firstfix_builder.simulation.moving import Motion, Sweep, moving_ranges, poses_along
 from firstfix_builder.simulation.perturb import ScanCase, ScanSimulation
+from firstfix_builder.simulation.rays import Rays
 from firstfix_builder.simulation.simulate import Simulator
 from small_world import SmallWorld
 
@@ -78,7 +79,7 @@ def test_times_begin_and_end_at_the_cut():
 
 
 def test_a_sensor_at_rest_sees_what_it_sees_at_once(simulator):
-    moving = moving_ranges(simulator, SENSOR, HERE, Motion((0.0,) * 6))
+    moving = moving_ranges(simulator, SENSOR, HERE, Motion((0.0,) * 6), Rays.of_sensor(SENSOR))
     still = next(simulator.ranges(HERE[None], SENSOR))[0]
     assert np.array_equal(np.isfinite(moving), np.isfinite(still))
     seen = np.isfinite(still)
