@@ -119,7 +119,7 @@ def turned(scan: Scan, T_map_sensor: Matrix | None, yaw_rad: float) -> tuple[Sca
     T_turned_sensor = make_transform(rotation_z(yaw_rad), np.zeros(3))
     points = (scan.points @ T_turned_sensor[:3, :3].T).astype(np.float32)
     pose = None if T_map_sensor is None else T_map_sensor @ inverse(T_turned_sensor)
-    return Scan(points, scan.intensity, scan.stamp_s), pose
+    return Scan(points, scan.intensity, scan.stamp_s, scan.time_s), pose
 
 
 def random_yaws(count: int, seed: int | None) -> NDArray[np.float64]:

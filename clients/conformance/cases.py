@@ -162,6 +162,33 @@ def queries() -> Iterator[Vector]:
     yield {**_query("descriptor_query", "descriptor-of-no-map", "room"), **refused}
 
 
+def timed() -> Iterator[Vector]:
+    """Vectors of all encodings, for scans whose points have times: that of the first one, and between two."""
+    yield _scan("timed-scan-street-thinned", "street", times=[-0.05, 2.2e-5], voxel_m=5.0, stamp_s=0.25)
+    reflectivity = "inputs/reflectivity-8-bit.f32"
+    yield _scan("timed-scan-edges", "edges", times=[-0.9, 0.033], intensity=reflectivity)
+    yield _scan("timed-scan-across", "across", times=[1.0, -1.0])
+    yield _scan("timed-scan-without-points", "none", times=[0.0, 0.0])
+    yield _image("timed-image-of-all-directions", "all-directions", times=[0.0, 2e-7], stamp_s=0.5)
+    yield _image("timed-image-edges", "edges", times=[0.1, 1e-7])
+    yield _image("timed-image-without-points", "none", times=[0.0, 0.0])
+    yield _query("compact_query", "timed-compact-room", "room", times=[-0.1, 2.5e-5], points=51)
+    yield _query("compact_query", "timed-compact-edges", "near-edges", times=[0.0, 0.001])
+    yield _query("compact_query", "timed-compact-without-points", "none", times=[0.0, 0.0])
+    described = {"points": 20, "engine": ENGINE, "gravity": [0, 0, -9.81]}
+    yield _query("compact_query", "timed-compact-described", "near-edges", times=[0.0, 0.01], **described)
+    poses = [
+        {"position": [0.0, 0.0, 0.0], "quaternion": [0.0, 0.0, 0.0, 1.0]},
+        {"position": [1.5, -0.25, 0.125], "quaternion": [0.5, 0.5, 0.5, 0.5]},
+    ]
+    given = {"points": "inputs/near-edges.f32", "times": [-0.02, 0.001]}
+    yield _sequence("timed-scans", [{**given, "compact": True}, given], poses)
+    refused = {"expected": {"error": "invalid_scan"}}
+    yield {**_scan("timed-scan-too-late", "edges", times=[1.0, 0.001]), **refused}
+    yield {**_image("timed-image-too-early", "edges", times=[-1.001, 0.0]), **refused}
+    yield {**_query("compact_query", "timed-compact-too-late", "room", times=[2.0, 0.0]), **refused}
+
+
 def parameters() -> Iterator[Vector]:
     """Vectors of ``descriptor_parameters``, from a map's manifest."""
     for name, engine in (("usual", ENGINE), ("odd", ODD_ENGINE)):
@@ -183,7 +210,7 @@ def parameters() -> Iterator[Vector]:
 
 
 def _scan(name: str, scene: str, **more: Any) -> Vector:
-    given: Vector = {key: more.pop(key) for key in ("stamp_s", "intensity", "repeat") if key in more}
+    given: Vector = {key: more.pop(key) for key in ("stamp_s", "intensity", "repeat", "times") if key in more}
     given = {"points": f"inputs/{scene}.f32", **given}
     return {"name": name, "function": "encode_scan", "input": given, "parameters": more}
 
@@ -199,6 +226,5 @@ def _sequence(name: str, scans: list[Vector], poses: list[Vector], **parameters:
 
 def _query(function: str, name: str, scene: str, **more: Any) -> Vector:
     given: Vector = {"points": f"inputs/{scene}.f32"}
-    if "repeat" in more:
-        given["repeat"] = more.pop("repeat")
+    given |= {key: more.pop(key) for key in ("repeat", "times") if key in more}
     return {"name": name, "function": function, "input": given, "parameters": more}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import zstandard
@@ -99,6 +99,29 @@ def damaged_range_images(good: bytes) -> Iterator[Damaged]:
     yield "image-frames-swapped", "malformed_data", of(ranges, gaps)
 
 
+def damaged_times(good: bytes, at: int) -> Iterator[Damaged]:
+    """Damages the times of the points of a valid scan or compact query, which begin at an offset."""
+    (length,) = struct.unpack_from("<I", good, at + 8)
+    end = at + 12 + length
+    levels = zstandard.decompress(good[at + 12 : end])
+
+    def of(frame: bytes) -> bytes:
+        return _with(good[: at + 12], at + 8, "I", len(frame)) + frame + good[end:]
+
+    for name, value in (("too-early", -1.01), ("not-a-number", math.nan), ("infinite", math.inf)):
+        yield f"times-{name}", "malformed_data", _with(good, at, "f", value)
+    for name, value in (("below-zero", -1e-4), ("not-a-number", math.nan), ("of-two-seconds", 2.0)):
+        yield f"times-a-step-{name}", "malformed_data", _with(good, at + 4, "f", value)
+    yield "times-cut-off", "malformed_data", good[: at + 13]
+    yield "times-frame-too-long", "malformed_data", _with(good, at + 8, "I", 0xFFFFFFFF)
+    yield "times-frame-of-no-bytes", "malformed_data", of(b"")
+    yield "times-one-missing", "malformed_data", of(zstandard.compress(levels[:-1]))
+    yield "times-one-too-many", "malformed_data", of(zstandard.compress(levels + bytes(1)))
+    yield "times-of-two-million-points", "malformed_data", of(zstandard.compress(bytes(2_000_000)))
+    yield "times-of-undeclared-size", "malformed_data", of(_undeclared(levels))
+    yield "times-of-noise", "malformed_data", of(bytes(range(1, 40)))
+
+
 def _widest(gaps: bytes, halves: int) -> bytes:
     """Gaps with all wide ones at their largest value."""
     return gaps[:halves] + bytes([255]) * (len(gaps) - halves)
@@ -167,11 +190,16 @@ def damaged_sequences(good: bytes, described: bytes) -> Iterator[Damaged]:
     yield "a-descriptor-alone", "malformed_data", _with(alone, 64, "I", len(described)) + described
 
 
-def vectors(kind: str, damaged: Iterator[Damaged]) -> tuple[list[Vector], dict[str, bytes]]:
-    """Vectors of ``decode_<kind>``, and the bodies by name."""
+def vectors(kind: str, damaged: Iterable[Damaged], what: str = "") -> tuple[list[Vector], dict[str, bytes]]:
+    """Vectors of ``decode_<kind>``, and the bodies by name.
+
+    Args:
+        what: stands before each name.
+    """
     index: list[Vector] = []
     bodies: dict[str, bytes] = {}
-    for name, code, body in damaged:
+    for case, code, body in damaged:
+        name = what + case
         bodies[f"{kind}-{name}"] = body
         index.append(
             {

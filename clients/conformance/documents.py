@@ -35,6 +35,15 @@ _ANSWERS = {
         map_version=_VERSION,
         timings_ms={"preprocess": 9.1, "describe": 0.4, "search": 2.0, "register": 31.5, "verify": 0.125},
     ),
+    "localized-in-motion": Localization(
+        Verdict.LOCALIZED,
+        T_map_sensor=_HERE,
+        twist=np.array([1.2, -0.1, 0.0, 0.0, 0.0, 0.75]),
+        probability=0.995,
+        hypotheses=(Hypothesis(_HERE, AlignmentQuality(0.93, 0.81, 0.004), 0.995, 4711),),
+        map_id="hall",
+        map_version=_VERSION,
+    ),
     "ambiguous": Localization(
         Verdict.AMBIGUOUS,
         (Reason.LOW_PROBABILITY, Reason.SEVERAL_PLACES),
@@ -72,6 +81,9 @@ def documents() -> dict[str, bytes]:
         "answer-of-no-verdict": localized.replace('"localized"', '"elsewhere"', 1),
         "answer-localized-without-pose": json.dumps({"verdict": "localized", "T_map_sensor": None}),
         "answer-rejected-with-pose": localized.replace('"localized"', '"rejected"', 1),
+        "answer-twist-too-short": json.dumps(answers["localized-in-motion"]).replace(
+            '"linear": [1.2, ', '"linear": ['
+        ),
         "answer-covariance-too-short": localized.replace('"covariance": [0.0001, ', '"covariance": ['),
         "answer-without-quaternion": localized.replace('"quaternion"', '"euler"'),
         "answer-zero-quaternion": json.dumps(
@@ -98,6 +110,7 @@ def vectors() -> Iterator[Vector]:
         "prior-with-heading": {"prior": [1e-7, 123456.789, 0.0, 0.30000000000000004, -90.0, 15.0]},
         "mounting": {"T_base_sensor": {"position": [0.2, 0.0, 1.1], "quaternion": [0.0, 0.0, 0.6, 0.8]}},
         "version": {"version": _VERSION},
+        "twist": {"twist": [1.5, -0.25, 0.0, 0.0, 0.0, 0.7]},
     }.items():
         yield {"name": f"options-{name}", "function": "options", "input": given}
     for name in (*_ANSWERS, "of-a-later-service"):
@@ -108,6 +121,7 @@ def vectors() -> Iterator[Vector]:
         "localized-without-pose",
         "rejected-with-pose",
         "covariance-too-short",
+        "twist-too-short",
         "without-quaternion",
         "zero-quaternion",
         "of-a-list",

@@ -26,6 +26,7 @@ def write(folder: Path) -> None:
     """Writes all vectors and their index into an empty or missing folder."""
     _store(folder, {**cases.inputs(), **documents.documents()})
     encoded = [*cases.scans(), *cases.range_images(), *cases.sequences(), *cases.queries()]
+    encoded += cases.timed()
     index = [_expecting_body(folder, vector) for vector in encoded]
     index += [_read_back(vector) for vector in index if _can_be_read_back(vector)]
     index += _damaged(folder)
@@ -74,15 +75,22 @@ def _damaged(folder: Path) -> list[Vector]:
         (folder / f"bodies/{name}.bin").read_bytes()
         for name in ("scan-edges", "image-edges", "compact-edges", "descriptor-edges", "scans-three")
     )
+    timed_scan, timed_image, timed_query = (
+        (folder / f"bodies/timed-{name}.bin").read_bytes()
+        for name in ("scan-across", "image-edges", "compact-edges")
+    )
     index: list[Vector] = []
     bodies: dict[str, bytes] = {}
-    for kind, damaged in (
-        ("scan", damage.damaged_scans(scan)),
-        ("scan", damage.damaged_range_images(image)),
-        ("query", damage.damaged_queries(compact, described)),
-        ("scans", damage.damaged_sequences(sequence, described)),
+    for kind, damaged, what in (
+        ("scan", damage.damaged_scans(scan), ""),
+        ("scan", damage.damaged_range_images(image), ""),
+        ("query", damage.damaged_queries(compact, described), ""),
+        ("scans", damage.damaged_sequences(sequence, described), ""),
+        ("scan", damage.damaged_times(timed_scan, 6), "points-"),
+        ("scan", [*damage.damaged_times(timed_image, 6)][-3:], "image-"),
+        ("query", [*damage.damaged_times(timed_query, len(compact))][-4:], ""),
     ):
-        vectors, more = damage.vectors(kind, damaged)
+        vectors, more = damage.vectors(kind, damaged, what)
         index += vectors
         bodies |= more
     _store(folder, {files.DAMAGED: files.packed(bodies)})

@@ -17,10 +17,22 @@ def plain_form(body: bytes) -> bytes:
 
 
 def _scan(body: bytes) -> bytes:
-    if body[5] == 1:
-        return body[:64] + zstandard.decompress(body[64:])
-    end = 36 + struct.unpack_from("<I", body, 32)[0]
-    return body[:32] + bytes(4) + zstandard.decompress(body[36:end]) + zstandard.decompress(body[end:])
+    plain, rest = body[:6], body[6:]
+    if body[5] > 4:
+        times, rest = _times(rest)
+        plain += times
+    if body[5] % 4 == 1:
+        return plain + rest[:58] + zstandard.decompress(rest[58:])
+    end = 30 + struct.unpack_from("<I", rest, 26)[0]
+    return (
+        plain + rest[:26] + bytes(4) + zstandard.decompress(rest[30:end]) + zstandard.decompress(rest[end:])
+    )
+
+
+def _times(rest: bytes) -> tuple[bytes, bytes]:
+    """Plain form of the times of points, and what follows them."""
+    end = 12 + struct.unpack_from("<I", rest, 8)[0]
+    return rest[:8] + bytes(4) + zstandard.decompress(rest[12:end]), rest[end:]
 
 
 def _query(body: bytes) -> bytes:
@@ -36,8 +48,12 @@ def _query(body: bytes) -> bytes:
         plain += body[at : at + low_bytes]
         at += low_bytes
     if body[5] & 2:
-        end = at + 32 + 4 * body[at + 1]
-        plain += body[at : at + 6] + bytes(2) + body[at + 8 : end] + zstandard.decompress(body[end:])
+        head = at + 32 + 4 * body[at + 1]
+        end = head + struct.unpack_from("<H", body, at + 6)[0]
+        plain += body[at : at + 6] + bytes(2) + body[at + 8 : head] + zstandard.decompress(body[head:end])
+        at = end
+    if body[5] & 4:
+        plain += _times(body[at:])[0]
     return plain
 
 

@@ -42,7 +42,11 @@ def scan_of(folder: Path, given: Vector) -> Scan:
     points = np.fromfile(folder / given["points"], "<f4").reshape(-1, 3)
     points = np.tile(points, (given.get("repeat", 1), 1))
     intensity = None if "intensity" not in given else np.fromfile(folder / given["intensity"], "<f4")
-    return Scan(points, intensity, given.get("stamp_s"))
+    times = None
+    if "times" in given:
+        first_s, apart_s = given["times"]
+        times = (first_s + apart_s * np.arange(len(points))).astype(np.float32)
+    return Scan(points, intensity, given.get("stamp_s"), times)
 
 
 def _encode_scan(folder: Path, given: Vector, parameters: Vector) -> bytes:
@@ -112,6 +116,8 @@ def _options(folder: Path, given: Vector, parameters: Vector) -> dict[str, str]:
     if "T_base_sensor" in values:
         pose = values["T_base_sensor"]
         values["T_base_sensor"] = from_quaternion(pose["position"], pose["quaternion"])
+    if "twist" in values:
+        values["twist"] = np.array(values["twist"], np.float64)
     return LocalizeOptions(**values).to_strings()
 
 

@@ -13,6 +13,7 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 
 from import_closure import import_closure  # noqa: E402
+from strip_spaces import strip_spaces  # noqa: E402
 from strip_text import strip_text  # noqa: E402
 from strip_types import strip_types  # noqa: E402
 
@@ -20,12 +21,17 @@ from strip_types import strip_types  # noqa: E402
 DOCUMENTED = {"firstfix_client/client.py", "firstfix_client/calls/maps.py", "firstfix_client/calls/builds.py"}
 # Programs that call ``localize_body`` encode scans with this module.
 TYPED = {"firstfix/wire/scan.py"}
-# The other modules of these rooms are not used by robot programs: they lose the annotations of all functions.
+# The other modules of these rooms, and these modules, are not used by robot programs: they lose the
+# annotations of all functions.
 INTERNAL = (
     "firstfix/descriptor/",
     "firstfix/formats/",
     "firstfix/portable/",
     "firstfix/ros/",
+    "firstfix/scan/levelling.py",
+    "firstfix/scan/range_view.py",
+    "firstfix/scan/timed_points.py",
+    "firstfix/scan/voxel_filter.py",
     "firstfix/wire/",
     "firstfix_client/drivers/",
     "firstfix_client/steps/",
@@ -36,7 +42,8 @@ def shipped(name: str, source: str) -> str:
     """Returns a module's source as the wheel has it."""
     if name in DOCUMENTED:
         return source
-    return strip_types(strip_text(source), public=name.startswith(INTERNAL) and name not in TYPED)
+    typed = strip_types(strip_text(source), public=name.startswith(INTERNAL) and name not in TYPED)
+    return strip_spaces(typed)
 
 
 class RobotWheel(BuildHookInterface):  # type: ignore[misc]

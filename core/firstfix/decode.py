@@ -13,6 +13,7 @@ from .formats.npy import read_npy
 from .formats.pcd import decode_pcd
 from .formats.ply import decode_ply
 from .formats.point_cloud import SCAN_LIMITS, Body, Limits, PointCloud
+from .formats.point_times import point_times
 from .formats.raw_xyz import decode_xyz, decode_xyzi
 from .formats.scanner_bin import decode_scanner_bin
 from .formats.text import decode_text
@@ -67,8 +68,11 @@ def _by(decode: Callable[[Body, Limits], PointCloud]) -> Callable[[Body], Scan]:
 
 def _scan_of(cloud: PointCloud) -> Scan:
     with np.errstate(invalid="ignore", over="ignore"):  # an intensity may be any float32
-        columns = cloud.columns
-        return Scan.from_columns(columns["x"], columns["y"], columns["z"], cloud.intensity)
+        x, y, z = (cloud.columns[axis] for axis in "xyz")
+        times = point_times(cloud.columns, None)
+        if times is None:
+            return Scan.from_columns(x, y, z, cloud.intensity)
+        return Scan.from_columns(x, y, z, cloud.intensity, times.stamp_s, times.time_s)
 
 
 _SCAN_TYPES: dict[str, Callable[[Body], Scan]] = {
@@ -174,4 +178,4 @@ def _read_scan_file(path: Path) -> Scan:
 def _read_las(path: Path) -> Scan:
     from .formats.las import read_las
 
-    return _scan_of(read_las(path, SCAN_LIMITS))
+    return _scan_of(read_las(path, SCAN_LIMITS, with_times=True))

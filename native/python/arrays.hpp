@@ -23,6 +23,17 @@ inline void require(bool holds, const char* message) {
   if (!holds) throw nb::value_error(message);
 }
 
+// Times of a scan's points, in seconds from its stamp.
+using Times = In<float, nb::ndim<1>>;
+
+inline void check_times(const Times& time_s, std::size_t points) {
+  require(time_s.shape(0) == points, "there is not one time for each point");
+  constexpr float kMostS = 100.0F;
+  bool is_near = true;
+  for (std::size_t i = 0; i < points; ++i) is_near &= time_s.data()[i] >= -kMostS && time_s.data()[i] <= kMostS;
+  require(is_near, "a time is over 100 s from the scan's stamp, or not a number");
+}
+
 // Memory for numbers that a kernel writes, all of them.
 template <class T>
 std::unique_ptr<T[]> memory(std::size_t count) {

@@ -5,6 +5,7 @@
 
 #include "arrays.hpp"
 #include "firstfix/registration/align.hpp"
+#include "firstfix/registration/align_moving.hpp"
 #include "firstfix/registration/distinct_poses.hpp"
 #include "firstfix/registration/surface_grid.hpp"
 #include "grid.hpp"
@@ -16,6 +17,7 @@ namespace {
 
 using Points = In<float, nb::shape<-1, 3>>;
 using Poses = In<double, nb::shape<-1, 4, 4>>;
+using Twist = In<double, nb::shape<6>>;
 constexpr int kMostIterations = 1000;  // a caller's slip must not keep a thread for hours
 
 nb::ndarray<nb::numpy, std::int32_t> nearest(const Grid& grid, Points points) {
@@ -33,15 +35,20 @@ nb::ndarray<nb::numpy, std::int32_t> nearest(const Grid& grid, Points points) {
   return array_of(std::move(rows), {count});
 }
 
+void check(const Points& points, const Points& normals, const Flags& oriented, int iterations,
+           std::initializer_list<float> parameters) {
+  require(normals.shape(0) == points.shape(0) && oriented.shape(0) == points.shape(0),
+          "points, normals and oriented differ in length");
+  require(iterations >= 0 && iterations <= kMostIterations, "there must be 0 to 1000 iterations");
+  for (const float parameter : parameters) {
+    require(parameter > 1e-6F && parameter < 1e6F, "a parameter is not positive, or too large");
+  }
+}
+
 auto align_all(const Grid& grid, Points points, Points normals, Flags oriented, Poses T_start, int iterations,
                float reach_m, float half_angle, float inlier_distance_m) {
   const std::size_t scan_points = points.shape(0), poses = T_start.shape(0);
-  require(normals.shape(0) == scan_points && oriented.shape(0) == scan_points,
-          "points, normals and oriented differ in length");
-  require(iterations >= 0 && iterations <= kMostIterations, "there must be 0 to 1000 iterations");
-  for (const float parameter : {reach_m, half_angle, inlier_distance_m}) {
-    require(parameter > 1e-6F && parameter < 1e6F, "a parameter is not positive, or too large");
-  }
+  check(points, normals, oriented, iterations, {reach_m, half_angle, inlier_distance_m});
   std::vector<double> T(16 * poses), information(36 * poses), inlier_ratio(poses), alignment_score(poses);
   {
     nb::gil_scoped_release release;
@@ -59,6 +66,33 @@ auto align_all(const Grid& grid, Points points, Points normals, Flags oriented, 
                          array_of(std::move(alignment_score), {poses}), array_of(std::move(information), {poses, 6, 6}));
 }
 
+auto align_all_moving(const Grid& grid, Points points, Points normals, Flags oriented, Times time_s, Poses T_start,
+                      Twist scale, int iterations, float reach_m, float half_angle, float inlier_distance_m) {
+  const std::size_t scan_points = points.shape(0), poses = T_start.shape(0);
+  check(points, normals, oriented, iterations, {reach_m, half_angle, inlier_distance_m});
+  check_times(time_s, scan_points);
+  for (std::size_t k = 0; k < 6; ++k) {
+    require(scale.data()[k] >= 1e-9 && scale.data()[k] <= 1e9, "the scale of a twist is not positive, or too large");
+  }
+  std::vector<double> T(16 * poses), twist(6 * poses), information(36 * poses), inlier_ratio(poses), alignment_score(poses);
+  {
+    nb::gil_scoped_release release;
+    std::copy_n(T_start.data(), T.size(), T.data());
+    MovingScan scan(points.data(), normals.data(), bytes_of(oriented), time_s.data(), scan_points);
+    PairFinder finder(grid.view, scan.seen());
+    for (std::size_t pose = 0; pose < poses; ++pose) {
+      align_moving(finder, scan, {iterations, reach_m, half_angle}, scale.data(), &T[16 * pose], &twist[6 * pose],
+                   &information[36 * pose]);
+      const AlignmentQuality quality = quality_at(finder, scan_points, &T[16 * pose], inlier_distance_m);
+      inlier_ratio[pose] = quality.inlier_ratio;
+      alignment_score[pose] = quality.alignment_score;
+    }
+  }
+  return std::make_tuple(array_of(std::move(T), {poses, 4, 4}), array_of(std::move(inlier_ratio), {poses}),
+                         array_of(std::move(alignment_score), {poses}), array_of(std::move(information), {poses, 6, 6}),
+                         array_of(std::move(twist), {poses, 6}));
+}
+
 }  // namespace
 
 void bind_registration(nb::module_& module) {
@@ -72,6 +106,9 @@ void bind_registration(nb::module_& module) {
   module.def("align", &align_all, nb::arg("grid"), nb::arg("points"), nb::arg("normals"), nb::arg("oriented"),
              nb::arg("T_start"), nb::arg("iterations"), nb::arg("reach_m"), nb::arg("half_angle"),
              nb::arg("inlier_distance_m"));
+  module.def("align_moving", &align_all_moving, nb::arg("grid"), nb::arg("points"), nb::arg("normals"),
+             nb::arg("oriented"), nb::arg("time_s"), nb::arg("T_start"), nb::arg("scale"), nb::arg("iterations"),
+             nb::arg("reach_m"), nb::arg("half_angle"), nb::arg("inlier_distance_m"));
   module.def(
       "distinct_poses",
       [](Poses T, double within_m, double within_rad, std::size_t most) {

@@ -1,10 +1,12 @@
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/tuple.h>
 
+#include <cmath>
 #include <limits>
 
 #include "arrays.hpp"
 #include "firstfix/portable/sample.hpp"
+#include "firstfix/scan/deskew.hpp"
 #include "firstfix/scan/flat_patches.hpp"
 #include "firstfix/scan/levelling.hpp"
 #include "firstfix/scan/range_view.hpp"
@@ -50,6 +52,19 @@ void bind_vectors(nb::module_& module) {
         return array_of(std::move(means), {count, 3});
       },
       "points"_a, "voxel_m"_a, "border_m"_a = 0.0);
+  module.def(
+      "voxel_mean_times",
+      [](Vectors<T> points, Times time_s, double voxel_m, double border_m) {
+        check_times(time_s, points.shape(0));
+        std::vector<double> means;
+        {
+          nb::gil_scoped_release release;
+          means = voxel_mean_times(points.data(), time_s.data(), points.shape(0), voxel_m, border_m);
+        }
+        const std::size_t count = means.size();
+        return array_of(std::move(means), {count});
+      },
+      "points"_a, "time_s"_a, "voxel_m"_a, "border_m"_a = 0.0);
   module.def(
       "rows_by_voxel_hash",
       [](Vectors<T> points, double voxel_m, std::uint64_t at_most) {
@@ -161,6 +176,21 @@ void bind_scan(nb::module_& module) {
         return array_of(std::move(least_m), {kViewRows, kViewColumns});
       },
       "image"_a);
+  module.def(
+      "deskew",
+      [](Vectors<float> points, Times time_s, In<double, nb::shape<6>> twist) {
+        check_times(time_s, points.shape(0));
+        for (int k = 0; k < 6; ++k) {
+          require(std::fabs(twist.data()[k]) <= (k < 3 ? kMaxLinearMS : kMaxAngularRadS), "the twist is too fast");
+        }
+        std::vector<float> deskewed(points.size());
+        {
+          nb::gil_scoped_release release;
+          deskew(points.data(), time_s.data(), points.shape(0), twist.data(), deskewed.data());
+        }
+        return array_of(std::move(deskewed), {points.shape(0), 3});
+      },
+      "points"_a, "time_s"_a, "twist"_a);
   module.def(
       "flat_patches",
       [](Vectors<double> means, double side_m) {

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "firstfix/registration/align.hpp"
+#include "firstfix/registration/align_moving.hpp"
 #include "firstfix/registration/distinct_poses.hpp"
 #include "firstfix/verification/free_space.hpp"
 #include "hostile.hpp"
@@ -85,6 +86,32 @@ void align_once(Hostile& random) {
   }
 }
 
+void align_moving_once(Hostile& random) {
+  const double wrong_tables = random.chance(0.5) ? 0.3 : 0, wrong_scan = random.chance(0.5) ? 0.05 : 0;
+  const RandomGrid tables(random, wrong_tables);
+  const auto count = static_cast<std::size_t>(random.number(0, 300));
+  const std::vector<float> points = random.floats(3 * count, 4, wrong_scan);
+  const std::vector<float> normals = random.floats(3 * count, 1, wrong_scan);
+  std::vector<float> time_s = random.floats(count, 0.05, 0);
+  if (random.chance(0.2)) {
+    for (float& t : time_s) t = std::fmod(2000 * t, 100.0F);
+  }
+  const std::vector<std::uint8_t> oriented(count, 1);
+  MovingScan scan(points.data(), normals.data(), oriented.data(), time_s.data(), count);
+  PairFinder finder(tables.grid, scan.seen());
+  const double scale[6] = {1, 1, 1e-6, 1e-9, 1e9, 1};
+  for (int repeat = 0; repeat < 2; ++repeat) {
+    Pose T = pose(random, wrong_scan);
+    double information[36], twist[6];
+    const bool is_clean = are_numbers(T.data(), 16) && wrong_scan == 0;
+    align_moving(finder, scan, {static_cast<int>(random.number(0, 12)), 0.5F, 0.06F}, scale, T.data(), twist, information);
+    const AlignmentQuality quality = quality_at(finder, count, T.data(), 0.15F);
+    expect(quality.inlier_ratio >= 0 && quality.inlier_ratio <= 1, "inlier ratio within 0 and 1");
+    expect(!is_clean || (are_numbers(T.data(), 16) && are_numbers(twist, 6) && are_numbers(information, 36)),
+           "finite pose, twist and information");
+  }
+}
+
 void look_once(Hostile& random) {
   const double wrong = random.chance(0.5) ? 0.3 : 0;
   const std::int64_t columns = random.number(0, 12), rows = random.number(0, 12), count = random.number(0, 3000);
@@ -124,6 +151,7 @@ int main() {
   for (std::uint64_t seed = 0; seed < 1500; ++seed) {
     firstfix::tests::Hostile random(seed);
     firstfix::tests::align_once(random);
+    firstfix::tests::align_moving_once(random);
     firstfix::tests::look_once(random);
     firstfix::tests::choose_once(random);
   }

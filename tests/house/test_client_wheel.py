@@ -29,6 +29,7 @@ EXTRAS = {"zenoh", "laspy", "lzf"}  # imported where they are used, with a word 
 
 sys.path.insert(0, str(CLIENT))
 from import_closure import import_closure  # noqa: E402
+from strip_spaces import strip_spaces  # noqa: E402
 from strip_text import strip_text  # noqa: E402
 from strip_types import strip_types  # noqa: E402
 
@@ -295,3 +296,27 @@ def test_a_client_loads_less_than_its_dependencies():
     made = modules_after("from firstfix_client import Client\nClient('http://localhost:1')", *HERE) - before
     assert not {"asyncio", "zenoh"} & (made - modules_after(PLAIN, *HERE))
     assert third_party(made) <= third_party(modules_after(PLAIN, *HERE)) | KNOWN
+
+
+SPACED = '''
+def scaled(x: float, *, by: dict[str, int] | None = None, **rest: int) -> list[float]:
+    text = """first
+        second  line"""
+    if by is not None and "a  b" not in by:
+        return [x ** -1 if x else - x for _ in range(3)]
+    name = f"{x :.1f}  {{ {text!r} }}  = {by = }"
+    raise KeyError(
+        name, r" a ", b" b" if not rest else 1 .real
+    )
+'''
+
+
+def test_stripping_spaces_leaves_the_syntax_and_the_lines():
+    stripped = strip_spaces(SPACED)
+    assert ast.dump(ast.parse(stripped)) == ast.dump(ast.parse(SPACED))
+    assert [node.lineno for node in ast.walk(ast.parse(stripped)) if isinstance(node, ast.stmt)] == [
+        node.lineno for node in ast.walk(ast.parse(SPACED)) if isinstance(node, ast.stmt)
+    ]
+    assert '\n if by is not None and "a  b" not in by:\n' in stripped
+    assert "\n  return[x**-1 if x else-x for _ in range(3)]\n" in stripped
+    assert '\n        second  line"""\n' in stripped

@@ -51,6 +51,8 @@ CELLS = np.array([90, 90, 90])
 OCTETS = _RNG.integers(0, 256, (12, 500), np.uint8)
 SURFACE = Surface(FEW, NORMALS, NORMALS[:, 0] > 0)
 ANGLES = np.stack([np.cos(np.arange(100) / 16), np.sin(np.arange(100) / 16)])
+TIMES = _RNG.uniform(-0.05, 0.05, len(FEW)).astype(np.float32)
+TWIST = np.array([1.0, -2.0, 0.1, 0.2, -0.1, 1.5])
 T_MAP_SENSOR = make_transform(R_LEVEL_SENSOR, [1.0, -2.0, 0.5])
 
 
@@ -101,6 +103,11 @@ CASES: dict[str, Callable[[Any], Any]] = {
     "floor_height": lambda native: native.floor_height(FEW, np.tile(np.float32([0, 0, 1]), (len(FEW), 1))),
     "votes": lambda native: native.votes(NORMALS, DIRECTIONS),
     "refined_up": lambda native: native.refined_up(NORMALS, DIRECTIONS[0]),
+    "deskew": lambda native: native.deskew(FEW, TIMES, TWIST),
+    "voxel_mean_times, float": lambda native: native.voxel_mean_times(FEW, TIMES, 0.9),
+    "voxel_mean_times, double": lambda native: native.voxel_mean_times(
+        FEW.astype(np.float64), TIMES, 0.9, 0.1
+    ),
     "nearest_by_direction": lambda native: native.nearest_by_direction(STREET),
     "least_of_neighbours": lambda native: native.least_of_neighbours(
         native.nearest_by_direction(STREET).reshape(90, 180)
@@ -142,6 +149,9 @@ CASES: dict[str, Callable[[Any], Any]] = {
     "TriangleTree": _cast,
     "SurfaceGrid": lambda native: _grid(native).nearest(FEW[::3]),
     "align": lambda native: native.align(_grid(native), *_aligned(), np.eye(4)[None], 5, 0.4, 0.5, 0.13),
+    "align_moving": lambda native: native.align_moving(
+        _grid(native), *_aligned(), TIMES[::5], np.eye(4)[None], np.ones(6), 5, 0.4, 0.5, 0.13
+    ),
     "distinct_poses": lambda native: native.distinct_poses(
         np.array([make_transform(np.eye(3), at) for at in FEW[:200] / 20]), 0.5, 0.2, 50
     ),

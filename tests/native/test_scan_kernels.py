@@ -31,13 +31,15 @@ EXACT = {
     "within_range": lambda points: (points, 0.5, 30.0),
     "first_in_voxel": lambda points: (points, 0.3),
     "voxel_means": lambda points: (points, 0.3, 0.0005),
+    "voxel_mean_times": lambda points: (points, times_of(points), 0.3, 0.0005),
     "rows_by_voxel_hash": lambda points: (points, 0.3, len(points) // 3),
     "turned": lambda points: (points, R),
     "nearest_by_direction": lambda points: (points,),
     "flat_patches": lambda points: (points.astype(np.float64), 0.9),
     "floor_height": lambda points: (points, np.roll(points, 1, axis=0) / 50),
 }
-FINITE = {"first_in_voxel", "voxel_means", "rows_by_voxel_hash", "flat_patches"}  # they refuse what is not
+# They refuse what is not finite.
+FINITE = {"first_in_voxel", "voxel_means", "voxel_mean_times", "rows_by_voxel_hash", "flat_patches"}
 
 
 @cache
@@ -46,6 +48,11 @@ def scan(name: str) -> NDArray[np.float32]:
     if not path.is_file():
         pytest.skip(f"needs {path}")
     return read_scan_file(path).points
+
+
+def times_of(points: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Times (n,) of a revolution, however many points there are."""
+    return np.random.default_rng(len(points)).uniform(-0.1, 0.1, len(points)).astype(np.float32)
 
 
 def equal(found: Any, wanted: Any) -> bool:
@@ -120,9 +127,11 @@ def test_the_same_rows_by_chance(count: int, at_most: int):
 @every_case("corner_m", [(1e15, 0.0, 0.0), (1e9, 1e9, 1e9), (1e300, 0.0, 0.0), (1e308, 1e308, 1e308)])
 def test_points_too_far_apart_for_their_voxels_are_refused(corner_m: tuple[float, ...]):
     points = np.array([corner_m, np.negative(corner_m)])
-    for kernel in FINITE - {"rows_by_voxel_hash"}:
+    for kernel in FINITE - {"rows_by_voxel_hash", "voxel_mean_times"}:
         with pytest.raises(ValueError, match="too far apart"):
             getattr(native, kernel)(points, 0.1)
+    with pytest.raises(ValueError, match="too far apart"):
+        native.voxel_mean_times(points, times_of(points), 0.1)
 
 
 @every_case("far_m", [1e15, 1e300])

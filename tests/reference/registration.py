@@ -87,7 +87,7 @@ def align(
         off_m = found.off_m
         weight = np.maximum(1 - (off_m / np.float32(reach_m)) ** 2, 0) ** 2  # Tukey's; 0 without a surface
         weight /= 1 + np.maximum(1 - found.cosine**2, 0) / np.float32(half_angle**2)
-        jacobian = _jacobian(found.arms, found.normals)  # (k, 6, n)
+        jacobian = jacobian_of(found.arms, found.normals)  # (k, 6, n)
         weighted = jacobian * weight[:, None]
         off_m[weight == 0] = 0  # infinite ones
         pairs[moving] = weight.sum(axis=1)
@@ -124,7 +124,7 @@ def distinct_poses(T: NDArray[np.float64], within_m: float, within_deg: float, m
     return kept
 
 
-def _jacobian(arms: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.float32]:
+def jacobian_of(arms: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.float32]:
     """Jacobian (k, 6, n) of each pair's distance.
 
     By the rotation about the sensor it is the cross product of arm and normal, by the translation the normal.

@@ -14,6 +14,7 @@ from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, make_transform, rotation_z
 
+from .moving import Motion, moving_ranges
 from .rays import KEPT, Rays
 from .simulate import Simulator
 
@@ -79,12 +80,16 @@ class ScanSimulation:
                 found.append(ScanCase(make_transform(R, spot), int(rng.integers(2**63))))
         return found
 
-    def scan(self, case: ScanCase) -> Scan:
-        """Simulates the scan of a case."""
+    def scan(self, case: ScanCase, motion: Motion | None = None) -> Scan:
+        """Simulates the scan of a case. With a motion during it, its points have times."""
         rng, config, moments = np.random.default_rng(case.seed), self.config, self.sensor.moments
         moment = int(rng.integers(moments)) if moments > 1 else 0
-        rays = Rays.of_scan(self.sensor, moment)
-        ranges = next(self.simulator.ranges(case.T_level_sensor[None], self.sensor, rays))[0]
+        rays, time_s = Rays.of_scan(self.sensor, moment), None
+        if motion is None:
+            ranges = next(self.simulator.ranges(case.T_level_sensor[None], self.sensor, rays))[0]
+        else:
+            time_s = motion.sweep.times(rays.directions)
+            ranges = moving_ranges(self.simulator, self.sensor, case.T_level_sensor, motion, rays)
         ranges += config.noise_m * rng.standard_normal(len(ranges), np.float32)
         lost = rng.random(len(ranges), np.float32) < config.dropout
         severity = rng.uniform(0, 2)  # a quiet night, a rush hour: real overlaps vary as widely
@@ -92,7 +97,8 @@ class ScanSimulation:
         around.occlude(ranges, rng.poisson(config.occluders * severity), _PERSON, rng)
         around.occlude(ranges, rng.poisson(config.strangers * severity), _STRANGER, rng)
         seen = np.isfinite(ranges) & ~lost
-        return Scan.from_points(rays.directions[seen] * ranges[seen, None])
+        taken_s = None if time_s is None else time_s[seen]
+        return Scan.from_points(rays.directions[seen] * ranges[seen, None], time_s=taken_s)
 
 
 def perturbed_scans(

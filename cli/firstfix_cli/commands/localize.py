@@ -58,6 +58,14 @@ def localize(
     version: Annotated[
         str | None, typer.Option(help="Map version, 64 characters [default: the active one].")
     ] = None,
+    twist: Annotated[
+        str | None,
+        typer.Option(
+            metavar="VX,VY,VZ,WX,WY,WZ",
+            help="Motion of the sensor during the scan, in m/s and rad/s [default: solved with the pose, "
+            "where the times of the points are known].",
+        ),
+    ] = None,
     encoding: SentAs = "scan",
     timeout_s: TimeoutS = 30.0,
     as_json: AsJson = False,
@@ -125,6 +133,7 @@ def localize(
         "max_candidates": max_candidates,
         "min_probability": min_probability,
         "version": version,
+        "twist": twist,
     }
     options = LocalizeOptions.from_strings({k: str(v) for k, v in given.items() if v is not None})
     with answerer(map_id, url=url, zenoh=zenoh, store=store, timeout_s=timeout_s, encoding=encoding) as ask:

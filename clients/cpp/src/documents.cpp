@@ -155,6 +155,9 @@ Localization parse_localization(std::string_view document) {
     unreadable("an answer must have a pose if and only if it is localized");
   }
   if (member(data, "covariance") != nullptr) made.covariance = numbers<36>(data, "covariance");
+  if (const Json* twist = member(data, "twist")) {
+    made.twist = Twist{numbers<3>(*twist, "linear"), numbers<3>(*twist, "angular")};
+  }
   if (const Json* value = member(data, "probability")) made.probability = number(value, "probability");
   for (const Json& one : list_of(data, "hypotheses")) made.hypotheses.push_back(hypothesis_of(one));
   made.map_id = text(data, "map_id");

@@ -25,6 +25,13 @@ Scan read_scan(const std::string& folder, const Json& given) {
     }
   }
   if (given.contains("intensity")) scan.intensity = read_floats(folder + given.at("intensity").get<std::string>());
+  if (given.contains("times")) {
+    const auto [first_s, apart_s] = given.at("times").get<std::array<double, 2>>();
+    scan.time_s.emplace();
+    for (std::size_t i = 0; i < scan.points.size(); ++i) {
+      scan.time_s->push_back(static_cast<float>(first_s + apart_s * static_cast<double>(i)));
+    }
+  }
   if (given.contains("stamp_s")) scan.stamp_s = given.at("stamp_s").get<double>();
   return scan;
 }
@@ -138,6 +145,10 @@ Result options_vector(const std::string&, const Json& input, const Json&) {
   if (input.contains("max_candidates")) options.max_candidates = input.at("max_candidates").get<int>();
   options.min_probability = optional_number(input, "min_probability");
   options.deadline_ms = optional_number(input, "deadline_ms");
+  if (input.contains("twist")) {
+    const auto six = input.at("twist").get<std::array<double, 6>>();
+    options.twist = Twist{{six[0], six[1], six[2]}, {six[3], six[4], six[5]}};
+  }
   if (input.contains("version")) options.version = input.at("version").get<std::string>();
   Json value = Json::object();
   for (const auto& [name, text] : strings_of(options)) value[name] = text;
@@ -147,6 +158,11 @@ Result options_vector(const std::string&, const Json& input, const Json&) {
 Json json_of(const std::optional<Pose>& pose) {
   if (!pose) return nullptr;
   return {{"position", pose->position}, {"quaternion", pose->quaternion}};
+}
+
+Json json_of(const std::optional<Twist>& twist) {
+  if (!twist) return nullptr;
+  return {{"linear", twist->linear}, {"angular", twist->angular}};
 }
 
 Result answer_vector(const std::string& folder, const Json& input, const Json&) {
@@ -173,7 +189,8 @@ Result answer_vector(const std::string& folder, const Json& input, const Json&) 
            {"hypotheses", hypotheses},
            {"map_id", fix.map_id},
            {"map_version", fix.map_version},
-           {"timings_ms", fix.timings_ms}}};
+           {"timings_ms", fix.timings_ms},
+           {"twist", json_of(fix.twist)}}};
 }
 
 Result geopose_vector(const std::string& folder, const Json& input, const Json&) {

@@ -117,6 +117,12 @@ void calls() {
   check(refused([] { encode_scan(Scan{std::vector<Point>(3), std::vector<float>(2), {}}); }), "an intensity is missing");
   check(refused([] { cleaned(Scan{std::vector<Point>(3), std::vector<float>(4), {}}); }), "one intensity too many");
   check(refused([] { encode_query(CompactScan{{}, {}, {}}); }), "a compact scan without a view");
+  for (const ScanForm form : {ScanForm::points, ScanForm::range_image}) {
+    check(refused([form] { encode_scan(Scan{std::vector<Point>(3), {}, {}, std::vector<float>(2)}, {}, {}, form); }), "a time is missing");
+    check(refused([form] { encode_scan(Scan{std::vector<Point>(1), {}, {}, std::vector<float>{kNan}}, {}, {}, form); }), "no time");
+  }
+  check(refused([] { cleaned(Scan{std::vector<Point>(3), {}, {}, std::vector<float>(4)}); }), "one time too many");
+  check(refused([] { condense(Scan{std::vector<Point>(3), {}, {}, std::vector<float>(2)}); }), "a time of a voxel is missing");
   for (const double bad : {0.0, -1.0, 1e-300, 1e300, std::numeric_limits<double>::quiet_NaN()}) {
     DescriptorParameters parameters;
     parameters.voxel_m = bad;

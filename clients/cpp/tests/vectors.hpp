@@ -73,17 +73,27 @@ inline Bytes plain_form(detail::Span body) {
     detail::append(into, detail::decompressed({body.data + from, to - from}, 0, 100'000'000));
   };
   Bytes plain;
-  if (std::memcmp(body.data, "FFSC", 4) == 0 && body.data[5] == 2) {
-    const std::size_t end = 36 + length(32, 4);
-    copy(plain, 0, 32);
+  const auto times = [&](std::size_t from) {  // returns their end
+    const std::size_t end = from + 12 + length(from + 8, 4);
+    copy(plain, from, from + 8);
     plain.insert(plain.end(), 4, 0);
-    content(plain, 36, end);
-    content(plain, end, body.size);
-    return plain;
-  }
+    content(plain, from + 12, end);
+    return end;
+  };
   if (std::memcmp(body.data, "FFSC", 4) == 0) {
-    copy(plain, 0, 64);
-    content(plain, 64, body.size);
+    copy(plain, 0, 6);
+    const bool timed = body.data[5] > 4;
+    const std::size_t after = timed ? times(6) : 6;
+    if (body.data[5] % 4 == 2) {
+      const std::size_t end = after + 30 + length(after + 26, 4);
+      copy(plain, after, after + 26);
+      plain.insert(plain.end(), 4, 0);
+      content(plain, after + 30, end);
+      content(plain, end, body.size);
+      return plain;
+    }
+    copy(plain, after, after + 58);
+    content(plain, after + 58, body.size);
     return plain;
   }
   copy(plain, 0, 8);
@@ -110,12 +120,14 @@ inline Bytes plain_form(detail::Span body) {
     at += 3 * ((count + 1) / 2);
   }
   if ((body.data[5] & 2) != 0) {
-    const std::size_t end = at + 32 + 4 * std::size_t{body.data[at + 1]};
+    const std::size_t head = at + 32 + 4 * std::size_t{body.data[at + 1]}, end = head + length(at + 6, 2);
     copy(plain, at, at + 6);
     plain.insert(plain.end(), 2, 0);
-    copy(plain, at + 8, end);
-    content(plain, end, body.size);
+    copy(plain, at + 8, head);
+    content(plain, head, end);
+    at = end;
   }
+  if ((body.data[5] & 4) != 0) times(at);
   return plain;
 }
 

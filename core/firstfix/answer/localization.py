@@ -66,6 +66,9 @@ class Localization:
             None.
         covariance: (6, 6) of the pose, over x, y, z, rotX, rotY, rotZ about the map's axes (m, rad),
             as in geometry_msgs/PoseWithCovariance; None without a pose.
+        twist: (6,) motion of the sensor during the scan, if it was solved with the pose or given by the
+            caller: m/s then rad/s, in the sensor frame at the scan's stamp. T_map_sensor is the pose at the
+            stamp. None without a pose, or where the times of the scan's points are not known.
         probability: 0..1, probability that the best hypothesis or one that ties with it is right.
         hypotheses: competing poses, best first, whatever the verdict. Empty if there was no candidate.
         map_id: map whose frame the pose is in.
@@ -83,6 +86,7 @@ class Localization:
     map_id: str = ""
     map_version: str = ""
     timings_ms: Mapping[str, float] = field(default_factory=dict)
+    twist: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         if (self.verdict is Verdict.LOCALIZED) != (self.T_map_sensor is not None):
@@ -96,6 +100,7 @@ class Localization:
             "T_map_sensor": _pose_to_mapping(self.T_map_sensor),
             "T_map_base": _pose_to_mapping(self.T_map_base),
             "covariance": None if self.covariance is None else self.covariance.ravel().tolist(),
+            "twist": _twist_to_mapping(self.twist),
             "probability": self.probability,
             "hypotheses": [
                 {
@@ -139,6 +144,7 @@ class Localization:
             map_id=str(data.get("map_id", "")),
             map_version=str(data.get("map_version", "")),
             timings_ms=dict(data.get("timings_ms", {})),
+            twist=_twist_from_mapping(data.get("twist")),
         )
 
 
@@ -154,6 +160,14 @@ def _pose_to_mapping(T: NDArray[np.float64] | None) -> dict[str, list[float]] | 
 
 def _pose_from_mapping(data: Mapping[str, Any] | None) -> NDArray[np.float64] | None:
     return None if data is None else transform.from_quaternion(data["position"], data["quaternion"])
+
+
+def _twist_to_mapping(twist: NDArray[np.float64] | None) -> dict[str, list[float]] | None:
+    return None if twist is None else {"linear": twist[:3].tolist(), "angular": twist[3:].tolist()}
+
+
+def _twist_from_mapping(data: Mapping[str, Any] | None) -> NDArray[np.float64] | None:
+    return None if data is None else np.array([*data["linear"], *data["angular"]], np.float64).reshape(6)
 
 
 def _quality_from_mapping(data: Mapping[str, Any]) -> AlignmentQuality | None:

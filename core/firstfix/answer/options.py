@@ -15,6 +15,7 @@ from ..errors import InvalidOption
 from .prior import Prior
 
 MAX_CANDIDATES = 100
+MAX_LINEAR_M_S, MAX_ANGULAR_RAD_S = 100.0, 20.0  # of a twist, along each axis: as in the compiled core
 MAX_NUMBER = 1e9  # metres or degrees; more means nothing, and squares above 1e154 are infinite
 
 
@@ -33,6 +34,9 @@ class LocalizeOptions:
         deadline_ms: time after which the caller no longer needs the answer; None: no deadline. A further
             search for a hard scan that would end later does not begin.
         version: digest of the map version to use; None: the active version.
+        twist: (6,) motion of the sensor during the scan, which the caller knows from elsewhere: m/s then
+            rad/s, in the sensor frame at the scan's stamp. The scan is deskewed by it, so the times of its
+            points must be known. None: the motion is solved with the pose, where the times are known.
     """
 
     gravity: NDArray[np.float64] | None = None
@@ -42,14 +46,15 @@ class LocalizeOptions:
     min_probability: float | None = None
     deadline_ms: float | None = None
     version: str | None = None
+    twist: NDArray[np.float64] | None = None
 
     @classmethod
     def from_strings(cls, values: Mapping[str, str]) -> LocalizeOptions:
         """Options from query parameters.
 
         Forms: ``gravity=x,y,z`` or ``gravity=roll_deg,pitch_deg``; ``prior=x,y,z,radius_m`` or
-        ``prior=x,y,z,radius_m,yaw_deg,yaw_range_deg``; ``T_base_sensor=x,y,z,qx,qy,qz,qw``; the others are
-        plain numbers or text.
+        ``prior=x,y,z,radius_m,yaw_deg,yaw_range_deg``; ``T_base_sensor=x,y,z,qx,qy,qz,qw``;
+        ``twist=vx,vy,vz,wx,wy,wz``; the others are plain numbers or text.
 
         Raises:
             InvalidOption: an unknown name, or a value with a wrong form or out of range.
@@ -76,6 +81,8 @@ class LocalizeOptions:
             options["deadline_ms"] = _number("deadline_ms", values, 1, 600_000)
         if "version" in values:
             options["version"] = values["version"]
+        if "twist" in values:
+            options["twist"] = _twist(_numbers("twist", values["twist"], (6,)))
         return cls(**options)
 
     def to_strings(self) -> dict[str, str]:
@@ -92,6 +99,8 @@ class LocalizeOptions:
             value = getattr(self, name)
             if value is not None:
                 values[name] = value if isinstance(value, str) else json.dumps(value)
+        if self.twist is not None:
+            values["twist"] = _joined(self.twist)
         return values
 
 
@@ -126,3 +135,11 @@ def _gravity(numbers: list[float]) -> NDArray[np.float64]:
     if length < 1e-6:
         raise InvalidOption("gravity has no direction")
     return down / length
+
+
+def _twist(numbers: list[float]) -> NDArray[np.float64]:
+    twist = np.asarray(numbers, np.float64)
+    if not (np.abs(twist) <= np.repeat([MAX_LINEAR_M_S, MAX_ANGULAR_RAD_S], 3)).all():
+        limits = f"{MAX_LINEAR_M_S:g} m/s and {MAX_ANGULAR_RAD_S:g} rad/s"
+        raise InvalidOption(f"twist: at most {limits} along each axis")
+    return twist

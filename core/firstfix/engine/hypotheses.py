@@ -64,16 +64,18 @@ class HypothesisSearch:
         rows = np.argsort(-aligned.alignment_score, kind="stable")
         if self._prior is not None:
             rows = rows[self._prior.allows_each(self._index.T_map_level @ aligned.T_level_sensor[rows])]
-        first = distinct(aligned.T_level_sensor[rows], most=self._index.config.verification.compared)
+        rows = rows[distinct(aligned.T_level_sensor[rows], most=self._index.config.verification.compared)]
+        compared = self._with_motion(aligned.at(rows))
+        order = np.argsort(-compared.alignment_score, kind="stable")  # the motion may have changed it
         return [
             RegisteredCandidate(
                 self._index,
                 self._map_id,
                 int(self._template[row]),
-                aligned[row],
+                registration,
                 start_z_m=float(self._starts[row, 2, 3]),
             )
-            for row in rows[first].tolist()
+            for row, registration in zip(rows[order].tolist(), compared.at(order), strict=True)
         ]
 
     def _align(self, candidates: Candidates) -> None:
@@ -93,6 +95,16 @@ class HypothesisSearch:
         trace = np.einsum("kij,nij->kn", T_level_sensor[:, :3, :3], known[:, :3, :3])
         is_known = (off_m < SAME_START_M) & (trace > 1 + 2 * _SAME_START_COS)
         return np.flatnonzero(~is_known.any(axis=1))
+
+    def _with_motion(self, aligned: Registrations) -> Registrations:
+        """The same places, with the motion during the scan where the times of its points are known.
+
+        Wrong places gain by it as well as the right one, so all that are compared get it.
+        """
+        sparse = self._prepared.sparse
+        if sparse.time_s is None:
+            return aligned
+        return self._index.surface.align_fine(sparse, aligned.T_level_sensor)
 
     def _allowed(self, registered: Iterable[RegisteredCandidate]) -> list[RegisteredCandidate]:
         """The candidates that the prior allows."""
@@ -163,13 +175,13 @@ class HypothesisSearch:
 
     def _with_free_space(self, candidate: RegisteredCandidate) -> RegisteredCandidate:
         """The candidate with the shares of directions that pass through the map, over the query's scans."""
-        T_level_last = candidate.registration.T_level_sensor
+        T_level_last, twist = candidate.registration.T_level_sensor, candidate.registration.twist
         pose = T_level_last.tobytes()
         if pose not in self._seen_through:
-            index = self._index
+            surface, view = self._index.surface, self._index.view
             self._seen_through[pose] = SeenThrough.mean(
                 [
-                    index.view.seen_through(index.surface, scan.view, T_level_last @ scan.T_last_scan)
+                    view.seen_through(surface, scan.view_deskewed(twist), T_level_last @ scan.T_last_scan)
                     for scan in self._prepared.scans
                 ]
             )

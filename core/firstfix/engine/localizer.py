@@ -14,6 +14,7 @@ from ..scan.compact import CompactScan, ScanDescriptor
 from ..scan.scan import Scan
 from ..scan.sequence import AnyScan, ScanSequence
 from .descriptor_only import UnregisteredCandidate, answer_unregistered, find_unregistered
+from .deskewed import deskewed
 from .index import MapIndex
 from .map_search import MapSearch, Step
 from .preprocess import PreparedQuery, preprocess
@@ -63,7 +64,8 @@ class Localizer:
         mounting = options.T_base_sensor
         R_base_sensor = None if mounting is None else mounting[:3, :3]
         with watch.stage("preprocess"):
-            return preprocess(sequence, options.gravity, self.index.config.preprocess, R_base_sensor)
+            config = self.index.config.preprocess
+            return preprocess(deskewed(sequence, options.twist), options.gravity, config, R_base_sensor)
 
     def search(
         self, prepared: PreparedQuery, options: LocalizeOptions, watch: Stopwatch, map_id: str = ""
@@ -93,6 +95,7 @@ def localize_among(
 
     Raises:
         InvalidOption: a prior or a version was given for more than one map.
+        InvalidOption: a twist was given, and the times of the points are not known.
         DescriptorMismatch: a descriptor-only query whose parameters are not those of every map.
     """
     options = options or LocalizeOptions()
@@ -100,6 +103,10 @@ def localize_among(
     if len(maps) > 1 and (options.prior is not None or options.version is not None):
         raise InvalidOption("a prior and a version belong to one map: name it")
     if isinstance(scan, ScanDescriptor):
+        if options.twist is not None:
+            raise InvalidOption(
+                "a twist needs the times of the scan's points, and a descriptor has no points"
+            )
         found = [
             one for map_id, each in maps.items() for one in each.unregistered(scan, options, watch, map_id)
         ]

@@ -9,17 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..descriptor import Described, Descriptor, LayeredOccupancy, ScanBatch
-from ..native import turned_occupied_cells
+from ..native import deskew, turned_occupied_cells
 from ..scan.compact import CompactScan, ScanDescriptor
 from ..scan.levelling import estimate_up_near, floor_height, levelling_rotation, turned
 from ..scan.range_view import RangeView, directions
 from ..scan.scan import Scan
 from ..scan.sequence import ScanSequence
+from ..scan.timed_points import TimedPoints
 from ..scan.up_hypotheses import other_ups
-from ..scan.voxel_filter import BORDER_M, at_most, rows_by_voxel_hash, voxel_means, within_range
 from ..transform import Matrix
 from .config import PreprocessConfig
+from .registration.motion import sweep_times
 from .registration.surface import Surface
+from .timed_view import timed_view
 
 _SPARSE_POINTS = 400
 _DENSE_POINTS = 4000
@@ -39,6 +41,7 @@ class PreparedScan:
         described: the robot's own descriptor, or None. The robot had all points, ``seen`` may be coarser.
         view: ranges by direction, for the free-space check.
         thinned: points in the sensor frame, one a voxel.
+        returns: the points of the view with their times, if it can be deskewed.
     """
 
     T_last_scan: Matrix
@@ -48,6 +51,13 @@ class PreparedScan:
     described: ScanDescriptor | None
     view: RangeView
     thinned: Surface
+    returns: TimedPoints | None = None
+
+    def view_deskewed(self, twist: NDArray[np.float64] | None) -> RangeView:
+        """Ranges by direction as they would have been seen at the stamp, for a motion during the scan."""
+        if twist is None or self.returns is None or self.returns.time_s is None:
+            return self.view
+        return RangeView.of(deskew(self.returns.points, self.returns.time_s, twist))
 
     @cached_property
     def batch(self) -> ScanBatch:
@@ -124,7 +134,10 @@ def preprocess(
             z. None: near the sensor's z.
     """
     scans = []
-    for scan, T_last_scan in zip(sequence.scans, sequence.T_last_scan, strict=True):
+    still = [
+        replace(scan, time_s=None) for scan in sequence.scans[:-1]
+    ]  # the answer's motion is the last one's
+    for scan, T_last_scan in zip([*still, sequence.scans[-1]], sequence.T_last_scan, strict=True):
         down = None if gravity is None else T_last_scan[:3, :3].T @ gravity
         prepared = _prepare(scan, T_last_scan, down, config, R_base_sensor)
         if prepared is not None:
@@ -144,31 +157,35 @@ class _Returns:
         seen: (p, 3) float32, all points, for the descriptor.
         voxels: (v, 3) float32, some thousand points, one a voxel.
         view: ranges by direction.
+        viewed: points of the view; None: a compact scan without times.
     """
 
     seen: NDArray[np.float32]
-    voxels: NDArray[np.float32]
+    voxels: TimedPoints
     view: RangeView
+    viewed: TimedPoints | None = None
 
     @classmethod
     def of(cls, scan: Scan | CompactScan, config: PreprocessConfig) -> _Returns:
-        points = within_range(scan.points, config.min_range_m, config.max_range_m)
+        timed = TimedPoints(scan.points, sweep_times(scan.time_s))
+        near = timed.within_range(config.min_range_m, config.max_range_m)
         if isinstance(scan, CompactScan):
-            return cls._of_compact(points, scan.nearest_m, config)
-        means = voxel_means(at_most(points, _VOXELLED), config.voxel_m, BORDER_M)
-        means = means[rows_by_voxel_hash(means, config.voxel_m, _DENSE_POINTS)]
-        return cls(points, means.astype(np.float32), RangeView.of(at_most(points, _RETURNS)))
+            return cls._of_compact(near, scan.nearest_m, config)
+        means = near.at_most(_VOXELLED).voxel_means(config.voxel_m)
+        voxels, viewed = means.by_voxel_hash(config.voxel_m, _DENSE_POINTS), near.at_most(_RETURNS)
+        return cls(near.points, voxels, RangeView.of(viewed.points), viewed)
 
     @classmethod
     def _of_compact(
-        cls, points: NDArray[np.float32], nearest_m: NDArray[np.float32], config: PreprocessConfig
+        cls, timed: TimedPoints, nearest_m: NDArray[np.float32], config: PreprocessConfig
     ) -> _Returns:
         near = (nearest_m > config.min_range_m) & (nearest_m < config.max_range_m)
         nearest_m = np.where(near, nearest_m, np.float32(np.inf))
         # the nearest return of every direction fills cells of the descriptor that the voxels leave empty
-        seen = np.concatenate([points, directions()[near] * nearest_m[near, None]])
-        voxels = points[rows_by_voxel_hash(points, config.voxel_m, _DENSE_POINTS)]
-        return cls(seen, voxels, RangeView.of_nearest(nearest_m))
+        seen = np.concatenate([timed.points, directions()[near] * nearest_m[near, None]])
+        voxels = timed.by_voxel_hash(config.voxel_m, _DENSE_POINTS)
+        viewed = None if timed.time_s is None else timed_view(timed, nearest_m)
+        return cls(seen, voxels, RangeView.of_nearest(nearest_m), viewed)
 
 
 def _prepare(
@@ -179,9 +196,10 @@ def _prepare(
     R_base_sensor: NDArray[np.float64] | None,
 ) -> PreparedScan | None:
     returns = _Returns.of(scan, config)
-    if len(returns.voxels) < config.min_points:
+    voxels = returns.voxels.points
+    if len(voxels) < config.min_points:
         return None
-    thinned = Surface.around(returns.voxels, -returns.voxels)
+    thinned = replace(Surface.around(voxels, -voxels), time_s=returns.voxels.time_s)
     described = scan.described if isinstance(scan, CompactScan) else None
     if described is not None:
         up, height_m = described.up, described.height_m
@@ -190,7 +208,16 @@ def _prepare(
         up = estimate_up_near(thinned.normals, expected) if down is None else -down
         height_m = _height_by(up, thinned, config.default_height_m)
     R_level_sensor = levelling_rotation(up)
-    return PreparedScan(T_last_scan, R_level_sensor, height_m, returns.seen, described, returns.view, thinned)
+    return PreparedScan(
+        T_last_scan,
+        R_level_sensor,
+        height_m,
+        returns.seen,
+        described,
+        returns.view,
+        thinned,
+        returns.viewed,
+    )
 
 
 def _height_by(up: NDArray[np.float64], surface: Surface, default_height_m: float) -> float:

@@ -42,6 +42,7 @@ def judge(ranked: Sequence[RegisteredCandidate], options: LocalizeOptions) -> Lo
         probability=probability,
         hypotheses=hypotheses,
         map_id=best.map_id,
+        twist=best.registration.twist if options.twist is None else options.twist,
     )
 
 

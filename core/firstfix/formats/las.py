@@ -12,8 +12,11 @@ from .point_cloud import Limits, PointCloud
 _POINTS_AT_ONCE = 2_000_000
 
 
-def read_las(path: Path, limits: Limits) -> PointCloud:
+def read_las(path: Path, limits: Limits, *, with_times: bool = False) -> PointCloud:
     """Reads the columns x, y, z (float64, with scale and offset applied) and intensity of a file.
+
+    Args:
+        with_times: read gps_time too, where the points have it.
 
     Raises:
         MalformedData: the file is damaged or cut off.
@@ -27,13 +30,15 @@ def read_las(path: Path, limits: Limits) -> PointCloud:
     try:
         with laspy.open(path) as reader:
             points = int(reader.header.point_count)
-            limits.check("LAS", points, 8 * 4)
-            columns = {name: np.empty(points, np.float64) for name in "xyz"}
+            limits.check("LAS", points, 8 * (5 if with_times else 4))
+            has_times = with_times and "gps_time" in reader.header.point_format.dimension_names
+            names = (*"xyz", "gps_time") if has_times else tuple("xyz")
+            columns = {name: np.empty(points, np.float64) for name in names}
             intensity = np.empty(points, np.uint16)
             done = 0
             for chunk in reader.chunk_iterator(_POINTS_AT_ONCE):
                 part = slice(done, done + len(chunk))
-                for name in "xyz":
+                for name in names:
                     columns[name][part] = chunk[name]
                 intensity[part] = chunk.intensity
                 done += len(chunk)

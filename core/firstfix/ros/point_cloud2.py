@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import UnsupportedFormat
 from ..formats.point_cloud import INTENSITY_NAMES, Body, Column, Limits, PointCloud, require_xyz
+from ..formats.point_times import TIME_NAMES, point_times
 from ..scan.scan import Scan
 from .cdr import MessageReader
 from .header import Header, read_header
@@ -30,12 +31,18 @@ class StampedCloud:
     def scan(self) -> Scan:
         """Makes a scan. Points that are not finite are dropped, whatever ``is_dense`` says.
 
+        Times of the points are those of ``formats.point_times``.
+
         Raises:
             InvalidScan, TooLarge: as ``Scan.from_points``.
         """
         with np.errstate(invalid="ignore", over="ignore"):  # an intensity may be any float32
             x, y, z = (self.cloud.columns[axis] for axis in "xyz")
-            return Scan.from_columns(x, y, z, self.cloud.intensity, self.header.stamp.seconds)
+            stamp_s = self.header.stamp.seconds
+            # a driver without a clock leaves the stamp 0
+            times = point_times(self.cloud.columns, stamp_s or None)
+            time_s = None if times is None else times.time_s
+            return Scan.from_columns(x, y, z, self.cloud.intensity, stamp_s, time_s)
 
 
 @dataclass(frozen=True)
@@ -47,7 +54,7 @@ class _Field:
 
 
 def decode_point_cloud2(body: Body, limits: Limits, *, ros1: bool = False) -> StampedCloud:
-    """Decodes x, y, z and intensity of a message in the message's number types.
+    """Decodes x, y, z, intensity and times of a message in the message's number types.
 
     Fields may be in any order, with gaps. Rows may be padded (``row_step``). The numbers may be big-endian
     (``is_bigendian``), independent of the byte order of the CDR.
@@ -88,7 +95,7 @@ def _record(reader: MessageReader, fields: list[_Field], point_step: int, order:
     """Returns the layout of a point. Of two fields with one name, the first one counts."""
     single: dict[str, _Field] = {}
     for field in fields:
-        wanted = field.name in ("x", "y", "z") or field.name.lower() in INTENSITY_NAMES
+        wanted = field.name in ("x", "y", "z") or field.name.lower() in (*INTENSITY_NAMES, *TIME_NAMES)
         if wanted and field.count == 1 and field.datatype in _CODES:
             single.setdefault(field.name, field)
     require_xyz(_NAME, set(single))

@@ -22,7 +22,8 @@ from .descriptor_parameters import DescriptorParameters
 from .levelling import estimate_up, floor_height, levelling_rotation, turned
 from .range_view import nearest_by_direction
 from .scan import Scan
-from .voxel_filter import BORDER_M, at_most, rows_by_voxel_hash, voxel_means, within_range
+from .timed_points import TimedPoints
+from .voxel_filter import BORDER_M, at_most, voxel_means, within_range
 
 POINTS = 2500
 _RETURNS = 20_000  # points for the nearest ranges by direction
@@ -52,11 +53,15 @@ def condense(
     if not 1 <= points <= MAX_COMPACT_POINTS:
         raise InvalidOption(f"a compact query has 1 to {MAX_COMPACT_POINTS} points, not {points}")
     used = parameters or DescriptorParameters()
-    near = within_range(scan.points, used.min_range_m, used.max_range_m)
-    means = voxel_means(at_most(near, _VOXELLED), used.voxel_m, BORDER_M)
-    described = None if used.descriptor is None else _describe(near, means, used, used.descriptor, gravity)
-    chosen = means[rows_by_voxel_hash(means, used.voxel_m, points)].astype(np.float32)
-    return CompactScan(chosen, nearest_by_direction(at_most(near, _RETURNS)), described)
+    timed = TimedPoints(scan.points, scan.time_s).within_range(used.min_range_m, used.max_range_m)
+    means, near = timed.at_most(_VOXELLED).voxel_means(used.voxel_m), timed.points
+    described = None
+    if used.descriptor is not None:
+        exact = np.asarray(means.points, np.float64)
+        described = _describe(near, exact, used, used.descriptor, gravity)
+    chosen = means.by_voxel_hash(used.voxel_m, points)
+    nearest_m = nearest_by_direction(at_most(near, _RETURNS))
+    return CompactScan(chosen.points, nearest_m, described, chosen.time_s)
 
 
 def describe(

@@ -13,6 +13,7 @@ from ..portable.accelerated import accelerated
 
 MAX_POINTS = 2_000_000  # an OS1-128 at 2048 columns has 262,144; merged scans stay below this limit
 MAX_ABS_COORDINATE_M = 1_000.0  # beyond the range of any scanner on a robot
+MAX_ABS_TIME_S = 1.0  # of a point from its scan's stamp: revolutions take 0.05 to 0.2 s
 
 
 @accelerated
@@ -44,11 +45,14 @@ class Scan:
         points: (n, 3) float32, all finite.
         intensity: (n,) float32 or None.
         stamp_s: time of the scan in seconds since the epoch, or None.
+        time_s: (n,) float32, time of each point in seconds from the stamp, within MAX_ABS_TIME_S; None: not
+            known. With it, the motion of the sensor during the scan is solved with its pose.
     """
 
     points: NDArray[np.float32]
     intensity: NDArray[np.float32] | None = None
     stamp_s: float | None = None
+    time_s: NDArray[np.float32] | None = None
 
     @classmethod
     def from_points(
@@ -56,21 +60,24 @@ class Scan:
         points: ArrayLike,
         intensity: ArrayLike | None = None,
         stamp_s: float | None = None,
+        time_s: ArrayLike | None = None,
     ) -> Scan:
         """Checks points from a driver and drops returns that are NaN, infinite or impossibly far.
 
         Args:
             points: (n, 3 or more) numbers; the first three columns are x, y, z in metres.
             intensity: (n,) or None.
+            time_s: (n,) seconds from the stamp, or None.
 
         Raises:
-            InvalidScan: points of another shape, no numbers, or an intensity of another length.
+            InvalidScan: points of another shape, no numbers, an intensity or times of another length, or a
+                time of a point beyond MAX_ABS_TIME_S.
             TooLarge: over MAX_POINTS points.
         """
         array = np.asarray(points)
         if array.ndim != 2 or array.shape[1] < 3 or not np.issubdtype(array.dtype, np.number):
             raise InvalidScan(f"a scan must be an (n, 3) array of numbers, not {array.dtype} {array.shape}")
-        return cls.from_columns(array[:, 0], array[:, 1], array[:, 2], intensity, stamp_s)
+        return cls.from_columns(array[:, 0], array[:, 1], array[:, 2], intensity, stamp_s, time_s)
 
     @classmethod
     def from_columns(
@@ -80,6 +87,7 @@ class Scan:
         z: NDArray[Any],
         intensity: ArrayLike | None = None,
         stamp_s: float | None = None,
+        time_s: ArrayLike | None = None,
     ) -> Scan:
         """Like ``from_points``, with each axis in an array of its own.
 
@@ -91,18 +99,28 @@ class Scan:
         n = len(x)
         if n > MAX_POINTS:
             raise TooLarge(f"the scan has {n} points, the limit is {MAX_POINTS}")
-        values = None
-        if intensity is not None:
-            values = np.asarray(intensity)
-            if values.shape != (n,):
-                raise InvalidScan(f"{values.shape} intensities for {n} points")
+        values = _one_each("intensities", intensity, n)
+        times = _one_each("times", time_s, n)
         points, usable = usable_points(*_of_one_type(x, y, z))
         if values is not None:
             values = np.ascontiguousarray(values[usable], np.float32)
-        return cls(points, values, stamp_s)
+        if times is not None:
+            times = np.ascontiguousarray(times[usable], np.float32)
+            if not float(np.abs(times).max(initial=0)) <= MAX_ABS_TIME_S:
+                raise InvalidScan(f"a point's time is not within {MAX_ABS_TIME_S:g} s of the scan's stamp")
+        return cls(points, values, stamp_s, times)
 
     def __len__(self) -> int:
         return len(self.points)
+
+
+def _one_each(name: str, values: ArrayLike | None, count: int) -> NDArray[Any] | None:
+    if values is None:
+        return None
+    array = np.asarray(values)
+    if array.shape != (count,):
+        raise InvalidScan(f"{array.shape} {name} for {count} points")
+    return array
 
 
 def _of_one_type(*columns: NDArray[Any]) -> list[NDArray[np.floating]]:

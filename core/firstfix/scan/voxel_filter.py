@@ -18,16 +18,22 @@ _Float = TypeVar("_Float", bound=np.floating)
 
 BORDER_M = 0.0005  # scanners and files round to whole millimetres: no point of theirs lies on such a border
 _STEPS_A_METRE = 2.0**20
+_STEPS_A_SECOND = 2.0**20
 _PRIMES = np.array([[19_349_663], [83_492_791], [73_856_093]], np.uint32)
 
 
 @accelerated
 def within_range(points: NDArray[np.float32], min_range_m: float, max_range_m: float) -> NDArray[np.float32]:
     """Returns the points, of (n, 3), whose distance from the origin lies between two limits, in float32."""
+    return points[is_within_range(points, min_range_m, max_range_m)]
+
+
+def is_within_range(points: NDArray[np.float32], min_range_m: float, max_range_m: float) -> NDArray[np.bool_]:
+    """Returns for each of the points whether ``within_range`` keeps it: (n,)."""
     x, y, z = points.T
     range2 = x * x + y * y + z * z  # not einsum, whose order of steps depends on the processor
     least, most = np.float32(min_range_m * min_range_m), np.float32(max_range_m * max_range_m)
-    return points[(range2 > least) & (range2 < most)]
+    return (range2 > least) & (range2 < most)
 
 
 def at_most(points: NDArray[_Float], count: int) -> NDArray[_Float]:
@@ -86,12 +92,39 @@ def voxel_means(points: NDArray[np.floating], voxel_m: float, border_m: float = 
     """
     if len(points) == 0:
         return np.empty((0, 3))
+    order, start, count = _by_voxel(points, voxel_m, border_m)
+    steps = np.rint(np.asarray(points, np.float64) * _STEPS_A_METRE)
+    return np.add.reduceat(steps[order], start, axis=0) / (count * _STEPS_A_METRE)[:, None]
+
+
+@accelerated
+def voxel_mean_times(
+    points: NDArray[np.floating], time_s: NDArray[np.float32], voxel_m: float, border_m: float = 0.0
+) -> NDArray[np.float64]:
+    """Mean time (m,) of the points in every occupied voxel, in the order of ``voxel_means``.
+
+    Times are rounded to 2 ** -20 s.
+
+    Args:
+        points: (n, 3) finite metres.
+        time_s: (n,) finite seconds.
+        border_m: coordinate, on every axis, of a border between voxels.
+    """
+    if len(points) == 0:
+        return np.empty(0)
+    order, start, count = _by_voxel(points, voxel_m, border_m)
+    steps = np.rint(time_s.astype(np.float64) * _STEPS_A_SECOND)
+    return np.add.reduceat(steps[order], start) / (count * _STEPS_A_SECOND)
+
+
+def _by_voxel(
+    points: NDArray[np.floating], voxel_m: float, border_m: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Rows of the points voxel by voxel, and for each voxel where its rows begin and how many there are."""
     cells = np.floor((np.asarray(points, np.float64) - border_m) / voxel_m).astype(np.int64)
     cells -= cells.min(axis=0)
     size = cells.max(axis=0) + 1
     keys = (cells[:, 2] * size[1] + cells[:, 1]) * size[0] + cells[:, 0]
     order = np.argsort(keys, kind="stable")
     start = np.flatnonzero(np.diff(keys[order], prepend=-1))
-    count = np.diff(start, append=len(points))
-    steps = np.rint(np.asarray(points, np.float64) * _STEPS_A_METRE)
-    return np.add.reduceat(steps[order], start, axis=0) / (count * _STEPS_A_METRE)[:, None]
+    return order, start, np.diff(start, append=len(points))

@@ -1,4 +1,4 @@
-"""Kind 1 of ``application/vnd.firstfix.scan``: every point of a scan, in the sensor's order.
+"""Kinds 1 and 5 of ``application/vnd.firstfix.scan``: every point of a scan, in the sensor's order.
 
 Coordinates are rounded to a resolution (default 1 cm). Each point is written as its difference from the
 point before it. Bytes of equal weight are put side by side, so that zstd finds runs of equal bytes. A scan of
@@ -26,6 +26,8 @@ A difference is q[k] - q[k - 1] modulo 2 ** (8 c), with q[-1] = 0, and q is a si
 
 Two bytes reach 327 m to each side of the origin at 1 cm. For a scan that reaches further, the encoder moves
 the origin to the middle of the scan. If that is not enough, it takes four bytes. No point is dropped.
+
+Kind 5 has the times of the points (``times``) at offset 6, and then the same.
 """
 
 from __future__ import annotations
@@ -42,6 +44,7 @@ from ..portable.accelerated import accelerated
 from ..scan.scan import MAX_ABS_COORDINATE_M, MAX_POINTS, Scan
 from .frame_reader import FrameReader
 from .packing import joined, planes_of
+from .times import Times, TimesPart
 
 MIN_RESOLUTION_M, MAX_RESOLUTION_M = 1e-4, 1.0
 
@@ -55,10 +58,11 @@ def encode(scan: Scan, resolution_m: float) -> bytes:
     """Encodes a scan after its first six bytes. Coordinates are accurate to half the resolution.
 
     Args:
-        scan: its coordinates are within MAX_ABS_COORDINATE_M.
+        scan: its coordinates are within MAX_ABS_COORDINATE_M. With times, it begins with these.
 
     Raises:
         InvalidOption: a resolution outside 0.0001..1 m.
+        InvalidScan: a time beyond MAX_ABS_TIME_S.
     """
     if not MIN_RESOLUTION_M <= resolution_m <= MAX_RESOLUTION_M:
         raise InvalidOption(f"resolution_m must lie in [{MIN_RESOLUTION_M}, {MAX_RESOLUTION_M}]")
@@ -77,17 +81,22 @@ def encode(scan: Scan, resolution_m: float) -> bytes:
         levels = np.rint((intensity - offset) / scale)
         planes[3 * coordinate_bytes :] = planes_of(levels.astype(f"<u{intensity_bytes}"))
     compressor = zstandard.ZstdCompressor(level=_ZSTD_LEVEL, write_checksum=True)
-    return header + compressor.compress(planes.data)
+    times = b"" if scan.time_s is None else Times.of(scan.time_s, n).encode(compressor)
+    return times + header + compressor.compress(planes.data)
 
 
-def decode(rest: memoryview) -> Scan:
+def decode(rest: memoryview, *, timed: bool = False) -> Scan:
     """Decodes a scan after its first six bytes. Every size is checked before memory is allocated.
+
+    Args:
+        timed: it begins with the times of the points.
 
     Raises:
         MalformedData: the bytes contradict their header.
         TooLarge: over MAX_POINTS points.
     """
     reader = FrameReader(rest, "scan")
+    times = TimesPart.read(reader) if timed else None
     c, i, n, zero, resolution_m, *origin, stamp, scale, offset = reader.header(_HEADER)
     if n > MAX_POINTS:
         raise TooLarge(f"the scan has {n} points, the limit is {MAX_POINTS}")
@@ -107,7 +116,8 @@ def decode(rest: memoryview) -> Scan:
     planes = np.frombuffer(content, np.uint8).reshape(3 * c + i, n)
     points = points_of_planes(planes[: 3 * c], resolution_m, np.array(origin))
     intensity = intensity_of_planes(planes[3 * c :], scale, offset) if i else None
-    return Scan(points, intensity, None if math.isnan(stamp) else stamp)
+    stamp_s, time_s = None if math.isnan(stamp) else stamp, None if times is None else times.time_s(n)
+    return Scan(points, intensity, stamp_s, time_s)
 
 
 @accelerated

@@ -8,7 +8,8 @@ Layout, little-endian::
     offset  type   field
          0  4 s    magic "FFQY"
          4  u8     version, 1
-         5  u8     parts: 1 = compact scan, 2 = descriptor, 3 = both, in this order
+         5  u8     parts: 1 = compact scan, 2 = descriptor, 3 = both, in this order; 5 and 7: 1 and 3 with the
+                   times of the compact scan's points (``times``) after them
          6  u16    0
 
 Coordinates of the compact scan are rounded to a resolution, q = rint(metres / resolution). q is split into a
@@ -65,13 +66,15 @@ from ..scan.range_view import COLUMNS, ROWS
 from ..scan.scan import MAX_ABS_COORDINATE_M
 from .frame_reader import FrameReader
 from .packing import halves_of, joined, packed_halves, planes_of
+from .times import Times, TimesPart
 
 MEDIA_TYPE = "application/vnd.firstfix.query"
 MAGIC = b"FFQY"
 VERSION = 1
-COMPACT, DESCRIPTOR = 1, 2
+COMPACT, DESCRIPTOR, TIMES = 1, 2, 4
 MIN_RESOLUTION_M, MAX_RESOLUTION_M = 0.005, 0.1
 
+_PARTS = (COMPACT, DESCRIPTOR, COMPACT | DESCRIPTOR, COMPACT | TIMES, COMPACT | DESCRIPTOR | TIMES)
 _HEADER = struct.Struct("<4sBBH")
 _COMPACT = struct.Struct("<fH3h3HHH")
 _DESCRIPTOR = struct.Struct("<BBHHHf3ff")
@@ -92,17 +95,22 @@ def encode_query(query: CompactScan | ScanDescriptor, *, resolution_m: float = 0
 
     Raises:
         InvalidOption: a resolution outside 0.005..0.1 m.
-        InvalidScan: a point or range is not valid, or the points are too far apart for the resolution.
+        InvalidScan: a point, range or time is not valid, or the points are too far apart for the resolution.
         TooLarge: over MAX_COMPACT_POINTS points.
     """
     if not MIN_RESOLUTION_M <= resolution_m <= MAX_RESOLUTION_M:
         raise InvalidOption(f"resolution_m must lie in [{MIN_RESOLUTION_M}, {MAX_RESOLUTION_M}]")
     if isinstance(query, ScanDescriptor):
         return _HEADER.pack(MAGIC, VERSION, DESCRIPTOR, 0) + _descriptor_bytes(query)
-    body = _compact_bytes(query, resolution_m)
-    if query.described is None:
-        return _HEADER.pack(MAGIC, VERSION, COMPACT, 0) + body
-    return _HEADER.pack(MAGIC, VERSION, COMPACT | DESCRIPTOR, 0) + body + _descriptor_bytes(query.described)
+    parts, (body, order) = COMPACT, _compact_bytes(query, resolution_m)
+    if query.described is not None:
+        parts, body = parts | DESCRIPTOR, body + _descriptor_bytes(query.described)
+    if query.time_s is not None:
+        parts, body = (
+            parts | TIMES,
+            body + Times.of(query.time_s, len(query.points)).at(order).encode(_compressor()),
+        )
+    return _HEADER.pack(MAGIC, VERSION, parts, 0) + body
 
 
 def decode_query(body: bytes | memoryview) -> CompactScan | ScanDescriptor:
@@ -117,20 +125,24 @@ def decode_query(body: bytes | memoryview) -> CompactScan | ScanDescriptor:
     magic, version, parts, zero = rest.header(_HEADER)
     if magic != MAGIC or zero:
         raise MalformedData(f"not {MEDIA_TYPE}: it begins with {bytes(body[: _HEADER.size])!r}")
-    if version != VERSION or not 1 <= parts <= COMPACT | DESCRIPTOR:
+    if version != VERSION or parts not in _PARTS:
         raise UnsupportedFormat(
-            f"{MEDIA_TYPE} version {version} parts {parts}: only version {VERSION} and 1 to 3 are supported"
+            f"{MEDIA_TYPE} version {version} parts {parts}: only version {VERSION} and parts "
+            f"{', '.join(map(str, _PARTS))} are supported"
         )
     compact = _read_compact(rest) if parts & COMPACT else None
     described = _read_descriptor(rest) if parts & DESCRIPTOR else None
+    times = TimesPart.read(rest) if parts & TIMES else None
     rest.end()
     if compact is None:
         assert described is not None
         return described
-    return CompactScan(*compact, described)
+    points, nearest_m = compact
+    return CompactScan(points, nearest_m, described, None if times is None else times.time_s(len(points)))
 
 
-def _compact_bytes(query: CompactScan, resolution_m: float) -> bytes:
+def _compact_bytes(query: CompactScan, resolution_m: float) -> tuple[bytes, NDArray[np.intp]]:
+    """The compact scan, and the rows of its points in the order in which they are sent."""
     n = len(query.points)
     if n > MAX_COMPACT_POINTS:
         raise TooLarge(f"the query has {n} points, the limit is {MAX_COMPACT_POINTS}")
@@ -152,7 +164,7 @@ def _compact_bytes(query: CompactScan, resolution_m: float) -> bytes:
     planes = _compressed(planes_of(apart).tobytes())
     ranges = _compressed(_range_bytes(query.nearest_m))
     head = _COMPACT.pack(resolution_m, n, *lowest, *size, len(planes), len(ranges))
-    return head + planes + ranges + packed_halves(low)
+    return head + planes + ranges + packed_halves(low), order
 
 
 def _range_bytes(nearest_m: NDArray[np.float32]) -> bytes:
@@ -276,4 +288,8 @@ def _read_descriptor(rest: FrameReader) -> ScanDescriptor:
 
 
 def _compressed(content: bytes) -> bytes:
-    return zstandard.ZstdCompressor(level=_ZSTD_LEVEL).compress(content)
+    return _compressor().compress(content)
+
+
+def _compressor() -> zstandard.ZstdCompressor:
+    return zstandard.ZstdCompressor(level=_ZSTD_LEVEL)

@@ -1,4 +1,4 @@
-"""Kind 2 of ``application/vnd.firstfix.scan``: a range image.
+"""Kinds 2 and 6 of ``application/vnd.firstfix.scan``: a range image.
 
 Directions are cells of an angular grid: 4096 around and 1024 from nadir to zenith. A cell has 0.088 by
 0.176 degrees, about the accuracy of a LiDAR. Each cell keeps its nearest return. The range is rounded to a
@@ -37,12 +37,16 @@ a return is the middle of its cell:
 
     azimuth   = (column + 0.5) / columns turns - half a turn
     elevation = (row + 0.5) / rows half turns - a quarter turn
+
+Kind 6 has the times of the returns (``times``) at offset 6, in the order of their cells, and then the same.
+Of several returns of a cell with the same range in steps, the first one in time is kept.
 """
 
 from __future__ import annotations
 
 import math
 import struct
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -55,6 +59,7 @@ from ..portable.atan2 import atan2_turns
 from ..scan.scan import MAX_POINTS, Scan
 from .frame_reader import FrameReader
 from .packing import halves_of, joined, packed_halves, planes_of
+from .times import Times, TimesPart
 
 COLUMNS, ROWS = 4096, 1024
 MIN_RESOLUTION_M, MAX_RESOLUTION_M = 0.005, 1.0
@@ -72,31 +77,39 @@ def encode(scan: Scan, resolution_m: float) -> bytes:
     """Encodes a scan after its first six bytes.
 
     Args:
-        scan: its coordinates are within MAX_ABS_COORDINATE_M.
+        scan: its coordinates are within MAX_ABS_COORDINATE_M. With times, it begins with these.
 
     Raises:
         InvalidOption: a resolution outside 0.005..1 m.
+        InvalidScan: a time beyond MAX_ABS_TIME_S.
     """
     if not MIN_RESOLUTION_M <= resolution_m <= MAX_RESOLUTION_M:
         raise InvalidOption(
             f"resolution_m of a range image must lie in [{MIN_RESOLUTION_M}, {MAX_RESOLUTION_M}]"
         )
-    cells, steps = _nearest_by_cell(scan.points, resolution_m)
+    times = None if scan.time_s is None else Times.of(scan.time_s, len(scan.points))
+    cells, steps, level = _nearest_by_cell(scan.points, resolution_m, None if times is None else times.level)
     compressor = zstandard.ZstdCompressor(level=_ZSTD_LEVEL, write_checksum=True)
     gaps = compressor.compress(_packed_gaps(np.diff(cells, prepend=-1) - 1))
     ranges = compressor.compress(_packed_ranges(steps))
     stamp = math.nan if scan.stamp_s is None else scan.stamp_s
-    return _HEADER.pack(COLUMNS, len(cells), ROWS, 0, resolution_m, stamp, len(gaps)) + gaps + ranges
+    header = _HEADER.pack(COLUMNS, len(cells), ROWS, 0, resolution_m, stamp, len(gaps))
+    kept = b"" if times is None else replace(times, level=level).encode(compressor)
+    return kept + header + gaps + ranges
 
 
-def decode(rest: memoryview) -> Scan:
+def decode(rest: memoryview, *, timed: bool = False) -> Scan:
     """Decodes a scan after its first six bytes. Every size is checked before memory is allocated.
+
+    Args:
+        timed: it begins with the times of the returns.
 
     Raises:
         MalformedData: the bytes contradict their header.
         TooLarge: over MAX_POINTS points.
     """
     reader = FrameReader(rest, "range image")
+    times = TimesPart.read(reader) if timed else None
     columns, count, rows, zero, resolution_m, stamp, gap_bytes = reader.header(_HEADER)
     if count > MAX_POINTS:
         raise TooLarge(f"the scan has {count} points, the limit is {MAX_POINTS}")
@@ -119,7 +132,8 @@ def decode(rest: memoryview) -> Scan:
         _cosines_and_sines(columns, 2 * np.pi, np.pi),
         _cosines_and_sines(rows, np.pi, np.pi / 2),
     )
-    return Scan(points, None, None if math.isnan(stamp) else stamp)
+    stamp_s, time_s = None if math.isnan(stamp) else stamp, None if times is None else times.time_s(count)
+    return Scan(points, None, stamp_s, time_s)
 
 
 @accelerated
@@ -152,8 +166,14 @@ def range_image_points(
     return points
 
 
-def _nearest_by_cell(points: NDArray[np.float32], resolution_m: float) -> tuple[Integers, Integers]:
-    """(m,) numbers of the cells with a return, ascending, and its range in steps."""
+def _nearest_by_cell(
+    points: NDArray[np.float32], resolution_m: float, level: NDArray[np.uint8] | None
+) -> tuple[Integers, Integers, NDArray[np.uint8]]:
+    """(m,) numbers of the cells with a return, ascending, its range in steps and the level of its time.
+
+    Args:
+        level: (n,) levels of the points' times; None: they have no times, and the levels are 0.
+    """
     x, y, z = np.ascontiguousarray(points.T)
     across2 = x * x + y * y
     steps = np.rint(np.sqrt(across2 + z * z).astype(np.float64) * (1 / resolution_m)).astype(np.int64)
@@ -161,9 +181,12 @@ def _nearest_by_cell(points: NDArray[np.float32], resolution_m: float) -> tuple[
     row = ((atan2_turns(z, np.sqrt(across2)) + np.float32(0.25)) * np.float32(2 * ROWS)).astype(np.int64)
     cell = np.minimum(row, ROWS - 1) * COLUMNS + column
     # One number per return: sorting puts the nearest return of a cell first.
-    keys = np.sort(((cell << 16) | steps)[(steps > 0) & (steps <= _MAX_STEPS)])
-    first = np.flatnonzero(np.diff(keys >> 16, prepend=-1))
-    return keys[first] >> 16, keys[first] & _MAX_STEPS
+    numbers = cell << 24 | steps << 8
+    if level is not None:
+        numbers |= level
+    keys = np.sort(numbers[(steps > 0) & (steps <= _MAX_STEPS)])
+    nearest = keys[np.flatnonzero(np.diff(keys >> 24, prepend=-1))]
+    return nearest >> 24, nearest >> 8 & _MAX_STEPS, nearest.astype(np.uint8)
 
 
 def _packed_gaps(gaps: Integers) -> bytes:

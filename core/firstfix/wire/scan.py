@@ -8,7 +8,7 @@ point at 1 cm. ``range_image`` keeps the nearest return in each of 4 million dir
     offset  type   field
          0  4 s    magic "FFSC"
          4  u8     version, 1
-         5  u8     kind: 1 = points, 2 = range image
+         5  u8     kind: 1 = points, 2 = range image; 5 and 6: the same with the times of the points
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import struct
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InvalidOption, InvalidScan, MalformedData, TooLarge, UnsupportedFormat
 from ..scan.scan import MAX_ABS_COORDINATE_M, MAX_POINTS, Scan, all_within
@@ -28,6 +29,7 @@ MEDIA_TYPE = "application/vnd.firstfix.scan"
 MAGIC = b"FFSC"
 VERSION = 1
 KIND_POINTS, KIND_RANGE_IMAGE = 1, 2
+_TIMED = 4  # more than the kind of the same without times
 
 ScanForm = Literal["points", "range_image"]
 
@@ -50,7 +52,8 @@ def encode_scan(
     Raises:
         InvalidOption: an unknown form; a resolution outside 0.0001..1 m (points) or 0.005..1 m (range image);
             a voxel outside 0.01..10 m.
-        InvalidScan: a coordinate is not finite or beyond MAX_ABS_COORDINATE_M.
+        InvalidScan: a coordinate is not finite or beyond MAX_ABS_COORDINATE_M, or a time beyond
+            MAX_ABS_TIME_S.
         TooLarge: over MAX_POINTS points.
     """
     if form not in ("points", "range_image"):
@@ -65,12 +68,14 @@ def encode_scan(
     if voxel_m is not None:
         kept = first_in_voxel(scan.points, voxel_m)
         intensity = None if scan.intensity is None else scan.intensity[kept]
-        scan = Scan(scan.points[kept], intensity, scan.stamp_s)
+        time_s = None if scan.time_s is None else _one_each(scan.time_s, len(scan))[kept]
+        scan = Scan(scan.points[kept], intensity, scan.stamp_s, time_s)
     if form == "points":
-        rest = wire_points.encode(scan, 0.01 if resolution_m is None else resolution_m)
-        return _PREFIX.pack(MAGIC, VERSION, KIND_POINTS) + rest
-    rest = wire_range_image.encode(scan, 0.025 if resolution_m is None else resolution_m)
-    return _PREFIX.pack(MAGIC, VERSION, KIND_RANGE_IMAGE) + rest
+        kind, rest = KIND_POINTS, wire_points.encode(scan, 0.01 if resolution_m is None else resolution_m)
+    else:
+        kind = KIND_RANGE_IMAGE
+        rest = wire_range_image.encode(scan, 0.025 if resolution_m is None else resolution_m)
+    return _PREFIX.pack(MAGIC, VERSION, kind if scan.time_s is None else kind + _TIMED) + rest
 
 
 def decode_scan(body: bytes | memoryview) -> Scan:
@@ -86,12 +91,20 @@ def decode_scan(body: bytes | memoryview) -> Scan:
     magic, version, kind = _PREFIX.unpack_from(body)
     if magic != MAGIC:
         raise MalformedData(f"not {MEDIA_TYPE}: it begins with {magic!r}, not {MAGIC!r}")
-    if version != VERSION or kind not in (KIND_POINTS, KIND_RANGE_IMAGE):
+    timed = kind > _TIMED
+    form = kind - _TIMED if timed else kind
+    if version != VERSION or form not in (KIND_POINTS, KIND_RANGE_IMAGE):
         raise UnsupportedFormat(
-            f"{MEDIA_TYPE} version {version} kind {kind}: only version 1, kinds 1 and 2 are supported"
+            f"{MEDIA_TYPE} version {version} kind {kind}: only version 1, kinds 1, 2, 5 and 6 are supported"
         )
-    decode = wire_points.decode if kind == KIND_POINTS else wire_range_image.decode
-    scan = decode(memoryview(body)[_PREFIX.size :])
+    decode = wire_points.decode if form == KIND_POINTS else wire_range_image.decode
+    scan = decode(memoryview(body)[_PREFIX.size :], timed=timed)
     if not all_within(scan.points, MAX_ABS_COORDINATE_M * 1.001):
         raise MalformedData(f"the scan has coordinates beyond {MAX_ABS_COORDINATE_M:g} m")
     return scan
+
+
+def _one_each(time_s: NDArray[np.float32], points: int) -> NDArray[np.float32]:
+    if len(time_s) != points:
+        raise InvalidScan(f"{len(time_s)} times for {points} points")
+    return time_s

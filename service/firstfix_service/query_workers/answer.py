@@ -102,4 +102,5 @@ def _is_finite(answer: Localization) -> bool:
         all(map(math.isfinite, numbers))
         and bool(np.isfinite([T for T in poses if T is not None]).all())
         and (answer.covariance is None or bool(np.isfinite(answer.covariance).all()))
+        and (answer.twist is None or bool(np.isfinite(answer.twist).all()))
     )

@@ -1,6 +1,6 @@
 """Steps of the hypothesis search, on a map whose alignments and free space are made up."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,8 +17,9 @@ from firstfix.transform import make_transform, rotation_z
 
 APART_M = 10.0  # candidate i stands at x = 10 i
 NEVER_SURE = Calibration(bias=-100)
-SCAN = SimpleNamespace(view=None, T_last_scan=np.eye(4))
-PREPARED = SimpleNamespace(sparse=None, dense=None, scans=(SCAN,))
+SCAN = SimpleNamespace(view_deskewed=lambda twist: twist, T_last_scan=np.eye(4))
+STILL = SimpleNamespace(time_s=None)
+PREPARED = SimpleNamespace(sparse=STILL, dense=STILL, scans=(SCAN,))
 
 
 def at(x: float) -> np.ndarray:
@@ -208,3 +209,28 @@ def test_a_later_run_does_not_check_the_same_poses_again():
     first = list(made_up.checked)
     search_twice.run(standing_at([2 * APART_M]))
     assert made_up.checked[len(first) :] == [2]
+
+
+def test_the_motion_is_solved_at_every_place_that_is_compared():
+    """Sparse points at all of them, dense ones at those that are refined. Free space is that of both."""
+    twist, views = np.array([1.0, 0, 0, 0, 0, 0.5]), []
+
+    class Moving(MadeUpMap):
+        def align_fine(self, scan, starts):
+            found = super().align_fine(scan, starts)
+            return replace(found, twist=np.tile(twist, (len(starts), 1)))
+
+        def seen_through(self, surface, view, T):
+            views.append(view)
+            return super().seen_through(surface, view, T)
+
+    timed = SimpleNamespace(time_s=np.zeros(3))
+    made_up = Moving([0.9, 0.85, 0.7], [0.0] * 3)
+    index = MapIndex(EngineConfig(), Calibration(), None, made_up, made_up)
+    prepared = SimpleNamespace(sparse=timed, dense=timed, scans=(SCAN,))
+    found = HypothesisSearch(index, prepared).run(standing_at([0.0, APART_M, 2 * APART_M]))
+    assert made_up.refined[:3] == [0.0, APART_M, 2 * APART_M]
+    assert made_up.refined[3:5] == [0.0, APART_M]
+    assert all(candidate.registration.twist is not None for candidate in found)
+    assert len(views) >= 3
+    assert all(view is not None for view in views)

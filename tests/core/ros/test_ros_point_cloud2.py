@@ -180,3 +180,17 @@ def test_the_columns_are_views():
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < len(body) / 10
+
+
+def test_the_times_of_the_points_are_those_of_the_scan():
+    made = records(OUSTER)
+    made["t"] = np.linspace(0, 1e8, 50)
+    scan = decode_point_cloud2(cdr(cloud(made)), SCAN_LIMITS).scan()
+    np.testing.assert_allclose(scan.time_s, np.linspace(0, 0.1, 50), atol=1e-6)
+    assert scan.stamp_s == pytest.approx(1_700_000_000.25)
+    of_epoch = records([("x", "f4"), ("y", "f4"), ("z", "f4"), ("timestamp", "f8")], order=">")
+    of_epoch["timestamp"] = 1_700_000_000.25 + np.linspace(-0.1, 0, 50)
+    scan = decode_point_cloud2(cdr(cloud(of_epoch)), SCAN_LIMITS).scan()
+    np.testing.assert_allclose(scan.time_s, np.linspace(-0.1, 0, 50), atol=1e-6)
+    made["t"] = 0
+    assert decode_point_cloud2(cdr(cloud(made)), SCAN_LIMITS).scan().time_s is None

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ... import native
 from ...transform import Matrix
 from ..config import RegistrationConfig
+from .motion import TWIST_SCALE
 from .surface import Surface
 from .surface_grid import SurfaceGrid
 
@@ -38,12 +39,15 @@ class Registration:
         alignment_score: 0..1, the same, but a point counts less the further it lies from the surface. It
             tells the true minimum from one beside it, which the inlier ratio alone does not.
         information: (6, 6) over rotation then translation, about the sensor and along the level axes.
+        twist: (6,) of the sensor during the scan, if it was solved: m/s then rad/s, in the sensor frame at
+            the scan's stamp. The pose is that at the stamp, and the quality that of the deskewed scan.
     """
 
     T_level_sensor: Matrix
     inlier_ratio: float
     alignment_score: float
     information: NDArray[np.float64]
+    twist: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True)
@@ -55,12 +59,14 @@ class Registrations:
         inlier_ratio: (k,).
         alignment_score: (k,).
         information: (k, 6, 6).
+        twist: (k, 6), or None.
     """
 
     T_level_sensor: NDArray[np.float64]
     inlier_ratio: NDArray[np.float64]
     alignment_score: NDArray[np.float64]
     information: NDArray[np.float64]
+    twist: NDArray[np.float64] | None = None
 
     def __len__(self) -> int:
         return len(self.T_level_sensor)
@@ -71,12 +77,20 @@ class Registrations:
             float(self.inlier_ratio[number]),
             float(self.alignment_score[number]),
             self.information[number],
+            None if self.twist is None else self.twist[number],
         )
 
     @classmethod
     def together(cls, parts: Sequence[Registrations]) -> Registrations:
-        """Registrations of all parts, in order."""
-        return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
+        """Registrations of all parts, in order. None of them has a twist."""
+        names = [field.name for field in fields(cls) if field.name != "twist"]
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+    def at(self, rows: NDArray[np.integer]) -> Registrations:
+        """The given rows."""
+        twist = None if self.twist is None else self.twist[rows]
+        T, ratio, score = self.T_level_sensor[rows], self.inlier_ratio[rows], self.alignment_score[rows]
+        return Registrations(T, ratio, score, self.information[rows], twist)
 
     def __iter__(self) -> Iterator[Registration]:
         return (self[number] for number in range(len(self)))
@@ -158,9 +172,38 @@ class MapSurface:
         return self._align(self.fine, scan, T_level_sensor, _SMOOTH_ITERATIONS, reach_m, _SMOOTH_ANGLE)
 
     def align_fine(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> Registrations:
-        """Aligns on the map's own points until convergence, from (k, 4, 4) aligned poses."""
+        """Aligns on the map's own points until convergence, from (k, 4, 4) aligned poses.
+
+        Where the times of the scan's points are known, the motion during the scan is solved too.
+        """
         reach_m, iterations = self.config.fine_distance_m, self.config.fine_iterations
+        if scan.time_s is not None:
+            return self._align_moving(scan, scan.time_s, T_level_sensor, iterations, reach_m, _FINE_ANGLE)
         return self._align(self.fine, scan, T_level_sensor, iterations, reach_m, _FINE_ANGLE)
+
+    def _align_moving(
+        self,
+        scan: Surface,
+        time_s: NDArray[np.float32],
+        T_start: NDArray[np.float64],
+        iterations: int,
+        reach_m: float,
+        half_angle: float,
+    ) -> Registrations:
+        aligned = native.align_moving(
+            self.fine.tables,
+            scan.points,
+            scan.normals,
+            scan.oriented,
+            time_s,
+            T_start,
+            TWIST_SCALE,
+            iterations,
+            reach_m,
+            half_angle,
+            self.config.inlier_distance_m,
+        )
+        return Registrations(*aligned)
 
     def _align(
         self,

@@ -23,11 +23,14 @@ class Surface:
         normals: (n, 3) float32, unit.
         oriented: (n,) whether the normal is known to point towards the viewer. A wall has two faces, and a
             scan of one must not be aligned with the other.
+        time_s: (n,) float32, when a scan's points were taken, in seconds from its stamp; None: not known, or
+            a map.
     """
 
     points: NDArray[np.float32]
     normals: NDArray[np.float32]
     oriented: NDArray[np.bool_]
+    time_s: NDArray[np.float32] | None = None
 
     def __len__(self) -> int:
         return len(self.points)
@@ -47,7 +50,8 @@ class Surface:
 
     def at(self, rows: NDArray[np.integer] | slice) -> Surface:
         """Surface of the given rows."""
-        return Surface(self.points[rows], self.normals[rows], self.oriented[rows])
+        time_s = None if self.time_s is None else self.time_s[rows]
+        return Surface(self.points[rows], self.normals[rows], self.oriented[rows], time_s)
 
     def at_most(self, count: int, voxel_m: float) -> Surface:
         """Surface of at most ``count`` of the points (``rows_by_voxel_hash``)."""
@@ -56,7 +60,8 @@ class Surface:
     def moved(self, T: Matrix) -> Surface:
         """Surface brought from the right frame of T to its left frame."""
         R = T[:3, :3].astype(np.float32)
-        return Surface(self.points @ R.T + T[:3, 3].astype(np.float32), self.normals @ R.T, self.oriented)
+        points = self.points @ R.T + T[:3, 3].astype(np.float32)
+        return Surface(points, self.normals @ R.T, self.oriented, self.time_s)
 
     def thinned(self, voxel_m: float) -> Surface:
         """Surface of the mean point of every voxel, one for each main direction of its normals."""
@@ -69,9 +74,16 @@ class Surface:
 
     @classmethod
     def together(cls, parts: Sequence[Surface]) -> Surface:
-        """Surface of all points of several surfaces."""
+        """Surface of all points of several surfaces. Where one has times, the others are taken at time 0."""
+        time_s = None
+        if any(part.time_s is not None for part in parts):
+            still = (
+                np.zeros(len(part), np.float32) if part.time_s is None else part.time_s for part in parts
+            )
+            time_s = np.concatenate(list(still))
         return cls(
             np.concatenate([part.points for part in parts]),
             np.concatenate([part.normals for part in parts]),
             np.concatenate([part.oriented for part in parts]),
+            time_s,
         )

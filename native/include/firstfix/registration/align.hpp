@@ -6,9 +6,9 @@
 #include <cstddef>
 #include <cstring>
 
+#include "firstfix/portable/cholesky.hpp"
 #include "firstfix/portable/eight_lanes.hpp"
 #include "firstfix/portable/rigid_motion.hpp"
-#include "firstfix/portable/solve6.hpp"
 #include "firstfix/registration/normal_equations.hpp"
 #include "firstfix/registration/pairs.hpp"
 
@@ -42,7 +42,7 @@ inline void align(PairFinder& finder, std::size_t points, const AlignParameters&
     std::memcpy(damped, equations.hessian, sizeof damped);
     std::memcpy(step, equations.gradient, sizeof step);
     for (int k = 0; k < 6; ++k) damped[7 * k] += kDamping * static_cast<double>(points);
-    if (!solve6(damped, step)) break;
+    if (!solve_definite<6>(damped, step)) break;
     turn_left(step, T_level_sensor);
     for (int k = 0; k < 3; ++k) T_level_sensor[4 * k + 3] += step[3 + k];
     const double turned = std::max({std::fabs(step[0]), std::fabs(step[1]), std::fabs(step[2])});

@@ -27,6 +27,7 @@ struct CompactScan {
   std::vector<Point> points;     // evenly spread over the scan's voxel means
   std::vector<float> nearest_m;  // kDirections ranges, infinite where there is no return
   std::optional<ScanDescriptor> described;
+  std::optional<std::vector<float>> time_s{};  // one per point: the mean time of its voxel, in seconds from the stamp
 };
 
 }  // namespace firstfix

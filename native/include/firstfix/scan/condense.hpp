@@ -17,6 +17,7 @@
 #include "firstfix/scan/levelling.hpp"
 #include "firstfix/scan/range_view.hpp"
 #include "firstfix/scan/scan.hpp"
+#include "firstfix/scan/timed_points.hpp"
 #include "firstfix/scan/up_vote.hpp"
 #include "firstfix/scan/voxel_filter.hpp"
 
@@ -63,12 +64,17 @@ inline CompactScan condense(const Scan& scan, const DescriptorParameters& parame
   if (points < 1 || points > kMaxCompactPoints) {
     throw Error("invalid_option", "a compact query has 1 to 10000 points");
   }
-  const auto near = detail::within_range(scan.points, parameters.min_range_m, parameters.max_range_m);
-  const auto means = detail::voxel_means(detail::at_most(near, detail::kVoxelFilterPoints), parameters.voxel_m);
+  const detail::TimedPoints timed = detail::TimedPoints::within_range(scan, parameters.min_range_m, parameters.max_range_m);
+  const auto& near = timed.points;
+  const detail::TimedPoints some = timed.at_most(detail::kVoxelFilterPoints);
+  const auto means = detail::voxel_means(some.points, parameters.voxel_m);
+  const std::optional<std::vector<double>> times = some.voxel_mean_times(parameters.voxel_m);
   CompactScan compact;
+  if (times) compact.time_s.emplace();
   for (const auto row : rows_by_voxel_hash(detail::numbers_of(means), means.size(), parameters.voxel_m, points)) {
     const auto& [x, y, z] = means[static_cast<std::size_t>(row)];
     compact.points.push_back({static_cast<float>(x), static_cast<float>(y), static_cast<float>(z)});
+    if (times) compact.time_s->push_back(static_cast<float>((*times)[static_cast<std::size_t>(row)]));
   }
   compact.nearest_m = detail::nearest_by_direction(detail::at_most(near, detail::kRangeViewPoints));
   if (parameters.descriptor) compact.described = detail::described(near, means, parameters, gravity);

@@ -20,6 +20,7 @@ namespace firstfix {
 
 constexpr std::size_t kMaxPoints = 2'000'000;
 constexpr double kMaxAbsCoordinate = 1000.0;  // m
+constexpr double kMaxAbsTime = 1.0;           // s, of a point from its scan's stamp
 
 struct Point {
   float x = 0, y = 0, z = 0;
@@ -36,6 +37,7 @@ struct Scan {
   std::vector<Point> points;
   std::optional<std::vector<float>> intensity;  // one per point
   std::optional<double> stamp_s;                // since the epoch
+  std::optional<std::vector<float>> time_s{};   // one per point, in seconds from the stamp
 };
 
 inline bool usable(const Point& p) {
@@ -56,13 +58,18 @@ inline Scan cleaned(const Scan& scan) {
   if (scan.intensity && scan.intensity->size() != scan.points.size()) {
     throw Error("invalid_scan", "the number of intensities is not the number of points");
   }
+  if (scan.time_s && scan.time_s->size() != scan.points.size()) {
+    throw Error("invalid_scan", "the number of times is not the number of points");
+  }
   Scan kept{{}, std::nullopt, scan.stamp_s};
   kept.points.reserve(scan.points.size());
   if (scan.intensity) kept.intensity.emplace();
+  if (scan.time_s) kept.time_s.emplace();
   for (std::size_t i = 0; i < scan.points.size(); ++i) {
     if (!usable(scan.points[i])) continue;
     kept.points.push_back(scan.points[i]);
     if (scan.intensity) kept.intensity->push_back((*scan.intensity)[i]);
+    if (scan.time_s) kept.time_s->push_back((*scan.time_s)[i]);
   }
   return kept;
 }

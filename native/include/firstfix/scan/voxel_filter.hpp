@@ -111,6 +111,23 @@ std::vector<double> voxel_means(const T* points, std::size_t count, double voxel
   return means;
 }
 
+// The mean time of the points in every voxel, in the order of voxel_means. Times are rounded to steps of 2^-20 s. Throws as
+// voxel_box does.
+template <class T>
+std::vector<double> voxel_mean_times(const T* points, const float* time_s, std::size_t count, double voxel_m,
+                                     double border_m) {
+  constexpr double kStepsASecond = 1048576.0;
+  std::vector<double> means;
+  detail::each_voxel(points, count, voxel_m, border_m, detail::kZYX, [&](const auto* first, const auto* last) {
+    double sum = 0;
+    for (const auto* entry = first; entry != last; ++entry) {
+      sum += std::nearbyint(static_cast<double>(time_s[entry->row]) * kStepsASecond);
+    }
+    means.push_back(sum / (static_cast<double>(last - first) * kStepsASecond));
+  });
+  return means;
+}
+
 namespace detail {
 
 // Usable points between two distances from the origin.

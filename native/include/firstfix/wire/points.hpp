@@ -14,6 +14,7 @@
 #include "firstfix/scan/scan.hpp"
 #include "firstfix/wire/bytes.hpp"
 #include "firstfix/wire/planes.hpp"
+#include "firstfix/wire/times.hpp"
 #include "firstfix/wire/zstd_frame.hpp"
 
 namespace firstfix::detail {
@@ -94,6 +95,7 @@ inline void put_points(Bytes& body, const Scan& scan, double resolution_m) {
   choose_coordinates(points, resolution_m, form);
   if (intensity) choose_intensity(*intensity, form);
 
+  if (scan.time_s) put_times(body, times_of(*scan.time_s, points.size()), 1, true);
   put(body, static_cast<std::uint8_t>(form.coordinate_bytes));
   put(body, static_cast<std::uint8_t>(form.intensity_bytes));
   put(body, static_cast<std::uint32_t>(points.size()));
@@ -129,8 +131,10 @@ inline void put_points(Bytes& body, const Scan& scan, double resolution_m) {
   append(body, compressed(planes, 1, true));
 }
 
-// Reads the part of a scan after its first six bytes.
-inline Scan take_points(Reader& rest) {
+// Reads the part of a scan after its first six bytes. timed: it begins with the times of the points.
+inline Scan take_points(Reader& rest, bool timed) {
+  std::optional<TimesPart> times;
+  if (timed) times = TimesPart::read(rest);
   const std::size_t c = rest.get<std::uint8_t>(), i = rest.get<std::uint8_t>();
   const std::size_t count = rest.get<std::uint32_t>();
   const auto zero = rest.get<std::uint32_t>();
@@ -156,6 +160,7 @@ inline Scan take_points(Reader& rest) {
     intensity_of_planes(content.data() + 3 * c * count, count, i, scale, offset, scan.intensity->data());
   }
   if (!std::isnan(stamp_s)) scan.stamp_s = stamp_s;
+  if (times) scan.time_s = times->time_s(count);
   return scan;
 }
 

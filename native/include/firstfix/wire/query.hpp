@@ -18,6 +18,7 @@
 #include "firstfix/wire/bytes.hpp"
 #include "firstfix/wire/compact_points.hpp"
 #include "firstfix/wire/scan.hpp"
+#include "firstfix/wire/times.hpp"
 #include "firstfix/wire/zstd_frame.hpp"
 
 namespace firstfix {
@@ -29,7 +30,7 @@ namespace detail {
 constexpr std::size_t kMaskBytes = kDirections / 8;
 static_assert(kDirections % 8 == 0);
 constexpr int kQueryZstdLevel = 12;
-constexpr std::uint8_t kCompactPart = 1, kDescriptorPart = 2;
+constexpr std::uint8_t kCompactPart = 1, kDescriptorPart = 2, kTimesPart = 4;
 
 inline float range_of_level(double level) { return static_cast<float>(5 * std::expm1(0.012 * level)); }
 
@@ -66,7 +67,8 @@ inline std::uint16_t frame_length(const Bytes& frame) {
   return static_cast<std::uint16_t>(frame.size());
 }
 
-inline void put_compact(Bytes& body, const CompactScan& scan, double wanted_resolution_m) {
+// Returns the rows of the points in the order in which they are written.
+inline std::vector<std::size_t> put_compact(Bytes& body, const CompactScan& scan, double wanted_resolution_m) {
   const std::size_t n = scan.points.size();
   if (n > kMaxCompactPoints) throw Error("too_large", "the query has over 10,000 points");
   const auto resolution = static_cast<float>(wanted_resolution_m);
@@ -120,6 +122,14 @@ inline void put_compact(Bytes& body, const CompactScan& scan, double wanted_reso
   for (std::size_t i = 0; i < low.size(); i += 2) {
     body.push_back(static_cast<std::uint8_t>((low[i] << 4) | low[i + 1]));
   }
+  return order;
+}
+
+inline void put_compact_times(Bytes& body, const CompactScan& scan, const std::vector<std::size_t>& order) {
+  const Times times = times_of(*scan.time_s, scan.points.size());
+  Times sorted{times.first_s, times.step_s, {}};
+  for (const std::size_t row : order) sorted.level.push_back(times.level[row]);
+  put_times(body, sorted, kQueryZstdLevel, false);
 }
 
 inline void put_descriptor(Bytes& body, const ScanDescriptor& described) {
@@ -203,10 +213,12 @@ inline Bytes encode_query(const CompactScan& scan, double resolution_m = 0.02) {
   if (!(resolution_m >= 0.005 && resolution_m <= 0.1)) {
     throw Error("invalid_option", "the resolution of a compact query must be in [0.005, 0.1] m");
   }
-  const std::uint8_t parts = scan.described ? detail::kCompactPart | detail::kDescriptorPart : detail::kCompactPart;
-  Bytes body{'F', 'F', 'Q', 'Y', 1, parts, 0, 0};
-  detail::put_compact(body, scan, resolution_m);
+  const int parts = detail::kCompactPart + (scan.described ? detail::kDescriptorPart : 0) +
+                    (scan.time_s ? detail::kTimesPart : 0);
+  Bytes body{'F', 'F', 'Q', 'Y', 1, static_cast<std::uint8_t>(parts), 0, 0};
+  const std::vector<std::size_t> order = detail::put_compact(body, scan, resolution_m);
   if (scan.described) detail::put_descriptor(body, *scan.described);
+  if (scan.time_s) detail::put_compact_times(body, scan, order);
   return body;
 }
 
@@ -226,13 +238,15 @@ inline Query decode_query(const std::uint8_t* data, std::size_t size) {
   rest.magic("FFQY");
   const auto version = rest.get<std::uint8_t>(), parts = rest.get<std::uint8_t>();
   if (rest.get<std::uint16_t>() != 0) throw Error("malformed_data", "a reserved field of the query is not 0");
-  if (version != 1 || parts < 1 || parts > 3) {
-    throw Error("unsupported_format", "only version 1 with the parts 1 to 3 is supported");
+  const bool has_times_alone = (parts & detail::kTimesPart) != 0 && (parts & detail::kCompactPart) == 0;
+  if (version != 1 || parts < 1 || parts > 7 || has_times_alone) {
+    throw Error("unsupported_format", "only version 1 with the parts 1, 2, 3, 5 and 7 is supported");
   }
   Query query;
   if ((parts & detail::kCompactPart) != 0) {
     CompactScan scan = detail::read_compact(rest);
     if ((parts & detail::kDescriptorPart) != 0) scan.described = detail::read_descriptor(rest);
+    if ((parts & detail::kTimesPart) != 0) scan.time_s = detail::TimesPart::read(rest).time_s(scan.points.size());
     query = std::move(scan);
   } else {
     query = detail::read_descriptor(rest);

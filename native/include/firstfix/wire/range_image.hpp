@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <vector>
 
 #include "firstfix/errors.hpp"
@@ -13,6 +14,7 @@
 #include "firstfix/scan/scan.hpp"
 #include "firstfix/wire/bytes.hpp"
 #include "firstfix/wire/range_image_points.hpp"
+#include "firstfix/wire/times.hpp"
 #include "firstfix/wire/zstd_frame.hpp"
 
 namespace firstfix::detail {
@@ -36,12 +38,15 @@ inline void sort_keys(std::vector<std::uint64_t>& keys, unsigned bits) {
   }
 }
 
-// For every cell with a return: the cell number, and in the lower 16 bits the nearest range in steps. Ascending.
-inline std::vector<std::uint64_t> nearest_by_cell(const std::vector<Point>& points, double resolution_m) {
+// For every cell with a return: the cell number, the nearest range in steps (16 bits), and the level of its time (8 bits).
+// Ascending. times: of all points, or null: the levels are 0.
+inline std::vector<std::uint64_t> nearest_by_cell(const std::vector<Point>& points, double resolution_m,
+                                                  const Times* times) {
   std::vector<std::uint64_t> keys;
   keys.reserve(points.size());
   const double steps_a_metre = 1 / resolution_m;
-  for (const Point& p : points) {
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const Point& p = points[i];
     const float across2 = p.x * p.x + p.y * p.y;
     const float distance = std::sqrt(across2 + p.z * p.z);
     const double steps = std::nearbyint(static_cast<double>(distance) * steps_a_metre);
@@ -49,10 +54,11 @@ inline std::vector<std::uint64_t> nearest_by_cell(const std::vector<Point>& poin
     const auto column = static_cast<std::uint64_t>((atan2_turns(p.y, p.x) + 0.5F) * kImageColumns) % kImageColumns;
     const auto row = static_cast<std::uint64_t>((atan2_turns(p.z, std::sqrt(across2)) + 0.25F) * (2 * kImageRows));
     const std::uint64_t cell = std::min<std::uint64_t>(row, kImageRows - 1) * kImageColumns + column;
-    keys.push_back(cell << 16U | static_cast<std::uint64_t>(steps));
+    const std::uint64_t level = times == nullptr ? 0 : times->level[i];
+    keys.push_back(cell << 24U | static_cast<std::uint64_t>(steps) << 8U | level);
   }
-  sort_keys(keys, 38);  // 22 bits of the cell, 16 of the range
-  const auto same_cell = [](std::uint64_t a, std::uint64_t b) { return a >> 16U == b >> 16U; };
+  sort_keys(keys, 46);  // 22 bits of the cell, 16 of the range, 8 of the time
+  const auto same_cell = [](std::uint64_t a, std::uint64_t b) { return a >> 24U == b >> 24U; };
   keys.erase(std::unique(keys.begin(), keys.end(), same_cell), keys.end());
   return keys;
 }
@@ -86,17 +92,24 @@ inline Bytes packed_ranges(const std::vector<std::uint32_t>& zigzag) {
 
 // Writes the part of a scan after its first six bytes.
 inline void put_range_image(Bytes& body, const Scan& scan, double resolution_m) {
-  const std::vector<std::uint64_t> keys = nearest_by_cell(scan.points, resolution_m);
+  std::optional<Times> times;
+  if (scan.time_s) times = times_of(*scan.time_s, scan.points.size());
+  const std::vector<std::uint64_t> keys = nearest_by_cell(scan.points, resolution_m, times ? &*times : nullptr);
   std::vector<std::uint32_t> gaps(keys.size()), zigzag(keys.size());
   std::uint32_t next_cell = 0, before = 0;
   for (std::size_t k = 0; k < keys.size(); ++k) {
-    const auto cell = static_cast<std::uint32_t>(keys[k] >> 16U);
-    const auto steps = static_cast<std::uint32_t>(keys[k] & 0xffffU);
+    const auto cell = static_cast<std::uint32_t>(keys[k] >> 24U);
+    const auto steps = static_cast<std::uint32_t>(keys[k] >> 8U & 0xffffU);
     gaps[k] = cell - next_cell;
     next_cell = cell + 1;
     const std::uint32_t difference = (steps - before) & 0xffffU;
     zigzag[k] = ((difference << 1U) ^ ((difference & 0x8000U) != 0 ? 0xffffU : 0U)) & 0xffffU;
     before = steps;
+  }
+  if (times) {
+    times->level.resize(keys.size());
+    for (std::size_t k = 0; k < keys.size(); ++k) times->level[k] = static_cast<std::uint8_t>(keys[k]);
+    put_times(body, *times, 1, true);
   }
   const Bytes gap_frame = compressed(packed_gaps(gaps), 1, true);
   put(body, kImageColumns);
@@ -124,8 +137,10 @@ struct ArcTable {
   Angles angles() const { return {cosines.size(), cosines.data(), sines.data()}; }
 };
 
-// Reads the part of a scan after its first six bytes.
-inline Scan take_range_image(Reader& rest) {
+// Reads the part of a scan after its first six bytes. timed: it begins with the times of the returns.
+inline Scan take_range_image(Reader& rest, bool timed) {
+  std::optional<TimesPart> times;
+  if (timed) times = TimesPart::read(rest);
   const std::size_t columns = rest.get<std::uint16_t>(), count = rest.get<std::uint32_t>();
   const std::size_t rows = rest.get<std::uint16_t>();
   const auto zero = rest.get<std::uint16_t>();
@@ -145,6 +160,7 @@ inline Scan take_range_image(Reader& rest) {
   range_image_points(span_of(gap_content), span_of(range_content), count, resolution_m, azimuths.angles(),
                      elevations.angles(), numbers_of(scan.points));
   if (!std::isnan(stamp_s)) scan.stamp_s = stamp_s;
+  if (times) scan.time_s = times->time_s(count);
   return scan;
 }
 

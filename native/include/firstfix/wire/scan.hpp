@@ -20,13 +20,17 @@ namespace firstfix {
 
 inline constexpr const char* kScanMediaType = "application/vnd.firstfix.scan";
 
+namespace detail {
+constexpr int kTimedKind = 4;  // more than the kind of the same without times
+}
+
 enum class ScanForm {
   points,       // every point; the default resolution is 1 cm
   range_image,  // the nearest return in each of 4 million directions, no intensity; 2.5 cm
 };
 
 // Encodes a scan. With voxel_m, only the first point of each voxel is sent. Throws "invalid_option", "invalid_scan" (a
-// coordinate is not finite or beyond 1000 m: see `cleaned`), "too_large".
+// coordinate is not finite or beyond 1000 m: see `cleaned`; a time is not within a second), "too_large".
 inline Bytes encode_scan(const Scan& scan, std::optional<double> resolution_m = std::nullopt,
                          std::optional<double> voxel_m = std::nullopt, ScanForm form = ScanForm::points) {
   const bool points = form == ScanForm::points;
@@ -39,6 +43,9 @@ inline Bytes encode_scan(const Scan& scan, std::optional<double> resolution_m = 
   if (scan.intensity && scan.intensity->size() != scan.points.size()) {
     throw Error("invalid_scan", "the number of intensities is not the number of points");
   }
+  if (scan.time_s && scan.time_s->size() != scan.points.size()) {
+    throw Error("invalid_scan", "the number of times is not the number of points");
+  }
   if (!std::all_of(scan.points.begin(), scan.points.end(), [](const Point& p) { return usable(p); })) {
     throw Error("invalid_scan", "a coordinate is not finite, or beyond 1000 m");
   }
@@ -46,12 +53,15 @@ inline Bytes encode_scan(const Scan& scan, std::optional<double> resolution_m = 
   if (voxel_m) {
     thinned = Scan{{}, std::nullopt, scan.stamp_s};
     if (scan.intensity) thinned->intensity.emplace();
+    if (scan.time_s) thinned->time_s.emplace();
     for (const auto row : detail::first_in_voxel(scan.points, *voxel_m)) {
       thinned->points.push_back(scan.points[row]);
       if (scan.intensity) thinned->intensity->push_back((*scan.intensity)[row]);
+      if (scan.time_s) thinned->time_s->push_back((*scan.time_s)[row]);
     }
   }
-  Bytes body{'F', 'F', 'S', 'C', 1, static_cast<std::uint8_t>(points ? 1 : 2)};
+  const int kind = (points ? 1 : 2) + (scan.time_s ? detail::kTimedKind : 0);
+  Bytes body{'F', 'F', 'S', 'C', 1, static_cast<std::uint8_t>(kind)};
   const auto put = points ? detail::put_points : detail::put_range_image;
   put(body, thinned ? *thinned : scan, step_m);
   return body;
@@ -63,8 +73,12 @@ inline Scan decode_scan(const std::uint8_t* data, std::size_t size) {
   detail::Reader rest(data, size, kScanMediaType);
   rest.magic("FFSC");
   const auto version = rest.get<std::uint8_t>(), kind = rest.get<std::uint8_t>();
-  if (version != 1 || kind < 1 || kind > 2) throw Error("unsupported_format", "only version 1, kinds 1 and 2 are supported");
-  Scan scan = kind == 1 ? detail::take_points(rest) : detail::take_range_image(rest);
+  const bool timed = kind > detail::kTimedKind;
+  const int form = timed ? kind - detail::kTimedKind : kind;
+  if (version != 1 || form < 1 || form > 2) {
+    throw Error("unsupported_format", "only version 1, kinds 1, 2, 5 and 6 are supported");
+  }
+  Scan scan = form == 1 ? detail::take_points(rest, timed) : detail::take_range_image(rest, timed);
   if (!all_within(numbers_of(scan.points), scan.points.size(), kMaxAbsCoordinate * 1.001)) {
     throw Error("malformed_data", "the scan has coordinates beyond 1000 m");
   }

@@ -39,6 +39,8 @@ _OPTION_TEXT = {
     "min_probability": "an answer with a lower probability is not `localized`",
     "deadline_ms": "milliseconds after which an answer is of no use: the request then fails",
     "version": "digest of the map version to use instead of the active version",
+    "twist": "motion of the sensor during the scan, `vx,vy,vz,wx,wy,wz` (m/s, rad/s; sensor frame at the "
+    "scan's stamp), for a scan whose points have times: otherwise it is solved with the pose",
 }
 
 

@@ -21,6 +21,13 @@ class Pose(BaseModel):
     quaternion: Quaternion
 
 
+class Twist(BaseModel):
+    """Motion of the sensor."""
+
+    linear: Position = Field(description="x, y, z in m/s")
+    angular: Position = Field(description="about x, y, z in rad/s")
+
+
 class Hypothesis(BaseModel):
     """A possible pose, with the quality of its alignment."""
 
@@ -50,6 +57,7 @@ class Answer(BaseModel):
                     "T_map_sensor": _POSE,
                     "T_map_base": None,
                     "covariance": [1e-4 if i % 7 == 0 else 0.0 for i in range(36)],
+                    "twist": None,
                     "probability": 0.998,
                     "hypotheses": [
                         {
@@ -76,6 +84,10 @@ class Answer(BaseModel):
     T_map_base: Pose | None
     covariance: Annotated[list[float], Field(min_length=36, max_length=36)] | None = Field(
         description="6 x 6, row by row, over x, y, z and rotations about the map's axes (m, rad)"
+    )
+    twist: Twist | None = Field(
+        description="motion of the sensor during the scan, in its frame at the scan's stamp; null without a "
+        "pose, or where the times of the points are not known"
     )
     probability: float
     hypotheses: list[Hypothesis] = Field(description="sorted, the best one first")

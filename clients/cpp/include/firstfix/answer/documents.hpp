@@ -10,6 +10,7 @@
 
 #include "firstfix/errors.hpp"
 #include "firstfix/pose.hpp"
+#include "firstfix/scan/twist.hpp"
 #include "firstfix/scan/descriptor_parameters.hpp"
 
 namespace firstfix {
@@ -41,6 +42,7 @@ struct Localization {
   std::vector<Hypothesis> hypotheses;  // best first
   std::string map_id, map_version;
   std::map<std::string, double> timings_ms;
+  std::optional<Twist> twist{};  // of the sensor during the scan, if it was solved with the pose or given by the caller
 };
 
 // OGC GeoPose 1.0, Basic-Quaternion: WGS84, height above the ellipsoid, orientation in the local east-north-up frame.

@@ -12,6 +12,7 @@
 
 #include "firstfix/errors.hpp"
 #include "firstfix/pose.hpp"
+#include "firstfix/scan/twist.hpp"
 
 namespace firstfix {
 
@@ -30,6 +31,7 @@ struct LocalizeOptions {
   std::optional<double> min_probability;
   std::optional<double> deadline_ms;
   std::optional<std::string> version;
+  std::optional<Twist> twist{};  // of the sensor during the scan, whose points then need times
 };
 
 using Strings = std::vector<std::pair<std::string, std::string>>;
@@ -77,6 +79,11 @@ inline Strings strings_of(const LocalizeOptions& options) {
   if (options.min_probability) add("min_probability", {*options.min_probability});
   if (options.deadline_ms) add("deadline_ms", {*options.deadline_ms});
   if (options.version) strings.emplace_back("version", *options.version);
+  if (options.twist) {
+    std::vector<double> numbers(options.twist->linear.begin(), options.twist->linear.end());
+    numbers.insert(numbers.end(), options.twist->angular.begin(), options.twist->angular.end());
+    add("twist", numbers);
+  }
   return strings;
 }
 
