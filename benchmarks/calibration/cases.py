@@ -1,4 +1,4 @@
-"""Cases to which the prior is fitted: scans of known origin, and the places that the engine finds for them."""
+"""Cases to which the prior is fitted: scans of known origin, and the places that the engine finds there."""
 
 from __future__ import annotations
 
