@@ -58,7 +58,7 @@ class MapSearch:
 
     @property
     def is_accepted(self) -> bool:
-        """Returns whether the best pose may be answered ``localized``."""
+        """Whether the best pose may be answered ``localized``."""
         best = self.registered
         return bool(best) and self._index.calibration.accepts(features_of(best))
 
