@@ -14,9 +14,9 @@ from ..scan.compact import CompactScan, ScanDescriptor
 from ..scan.scan import Scan
 from ..scan.sequence import AnyScan, ScanSequence
 from .descriptor_only import UnregisteredCandidate, answer_unregistered, find_unregistered
-from .deskewed import deskewed
 from .index import MapIndex
 from .map_search import MapSearch, Step
+from .motion.deskewed import deskewed
 from .preprocess import PreparedQuery, preprocess
 from .registered_candidate import RegisteredCandidate, features_of
 from .stopwatch import Stopwatch

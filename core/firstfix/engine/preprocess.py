@@ -19,9 +19,9 @@ from ..scan.timed_points import TimedPoints
 from ..scan.up_hypotheses import other_ups
 from ..transform import Matrix
 from .config import PreprocessConfig
-from .registration.motion import sweep_times
+from .motion.sweep import sweep_times
+from .motion.timed_view import timed_view
 from .registration.surface import Surface
-from .timed_view import timed_view
 
 _SPARSE_POINTS = 400
 _DENSE_POINTS = 4000

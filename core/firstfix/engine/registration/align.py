@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ... import native
 from ...transform import Matrix
 from ..config import RegistrationConfig
-from .motion import TWIST_SCALE
+from ..motion.sweep import TWIST_SCALE
 from .surface import Surface
 from .surface_grid import SurfaceGrid
 

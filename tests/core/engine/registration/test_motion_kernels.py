@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from firstfix import native
-from firstfix.engine.registration.motion import TWIST_SCALE
+from firstfix.engine.motion.sweep import TWIST_SCALE
 from firstfix.engine.registration.surface import Surface
 from firstfix.engine.registration.surface_grid import SurfaceGrid
 from firstfix.transform import make_transform, pose_error, rotation_z

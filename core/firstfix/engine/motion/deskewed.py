@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InvalidOption
-from ..native import deskew
-from ..scan.compact import CompactScan
-from ..scan.range_view import nearest_by_direction
-from ..scan.scan import Scan
-from ..scan.sequence import ScanSequence
-from ..scan.timed_points import TimedPoints
+from ...errors import InvalidOption
+from ...native import deskew
+from ...scan.compact import CompactScan
+from ...scan.range_view import nearest_by_direction
+from ...scan.scan import Scan
+from ...scan.sequence import ScanSequence
+from ...scan.timed_points import TimedPoints
 from .timed_view import timed_view
 
 

@@ -1,4 +1,4 @@
-"""Motion of the sensor during a scan: it is solved where the times of the scan's points are known."""
+"""Sweeps: which times show a motion, and which motions are likely."""
 
 from __future__ import annotations
 
