@@ -35,7 +35,7 @@ _KEPT_FLOOR_M = 0.15  # what leaves leaves its floor
 
 @dataclass(frozen=True)
 class Sight:
-    """What a clean scan sees in the mesh of the map.
+    """View of a clean scan in the mesh of the map.
 
     Attributes:
         T_level_sensor: (4, 4).
