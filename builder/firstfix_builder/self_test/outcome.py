@@ -35,7 +35,7 @@ class Outcome:
 
     @classmethod
     def here(cls, query: int, answer: Localization, T_level_sensor: Matrix, T_map_level: Matrix) -> Outcome:
-        """Of a scan taken in the map."""
+        """The outcome of a scan taken in the map."""
         T_map_sensor = T_map_level @ T_level_sensor
         errors = [pose_error(T_map_sensor, one.T_map_sensor) for one in answer.hypotheses]
         errors_m = tuple(error_m if error_deg <= RIGHT_DEG else np.inf for error_m, error_deg in errors)
@@ -43,7 +43,7 @@ class Outcome:
 
     @classmethod
     def nowhere(cls, query: int, answer: Localization, is_mirrored: bool = False) -> Outcome:
-        """Of a scan whose place is not in the map."""
+        """The outcome of a scan whose place is not in the map."""
         return cls(query, answer, None, (np.inf,) * len(answer.hypotheses), is_mirrored)
 
     @property
