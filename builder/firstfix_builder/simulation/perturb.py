@@ -87,8 +87,9 @@ class ScanSimulation:
         return found
 
     def scan(self, case: ScanCase, motion: Motion | None = None) -> Scan:
-        """Simulates the scan of a case. With a motion during it, its points have times, and
-        the world is as it was mapped.
+        """Simulates the scan of a case.
+
+        With a motion during it, its points have times, and the world is as it was mapped.
         """
         rng, config, moments = np.random.default_rng(case.seed), self.config, self.sensor.moments
         moment = int(rng.integers(moments)) if moments > 1 else 0
