@@ -124,6 +124,6 @@ def small_scans(small_world: SmallWorld, small_version: BuiltVersion):
         positions,
         1.0,
         20,
-        PerturbConfig(occluders=3),
+        PerturbConfig(occluders=3, unmapped=0, vanished=0),
         np.random.default_rng(11),
     )

@@ -56,7 +56,9 @@ DESCRIPTORS: dict[str, Descriptor] = {
 }
 PAPER = "drop"
 # what the paper does not show: held-out places, and all that goes wrong in a real scan
-PERTURBED = PerturbConfig(noise_m=0.02, dropout=0.1, occluders=6, strangers=0, height_m=0.1, tilt_deg=2.0)
+PERTURBED = PerturbConfig(
+    noise_m=0.02, dropout=0.1, occluders=6, strangers=0, unmapped=0, vanished=0, height_m=0.1, tilt_deg=2.0
+)
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,12 @@ from typing import Literal
 
 from firstfix.builds.config import PerturbConfig
 
-CLEAN = PerturbConfig(noise_m=0, dropout=0, occluders=0, strangers=0, height_m=0, tilt_deg=0)
-ALL = PerturbConfig(noise_m=0.02, dropout=0.1, occluders=6, strangers=0, height_m=0.05, tilt_deg=2)
+CLEAN = PerturbConfig(
+    noise_m=0, dropout=0, occluders=0, strangers=0, unmapped=0, vanished=0, height_m=0, tilt_deg=0
+)
+ALL = PerturbConfig(
+    noise_m=0.02, dropout=0.1, occluders=6, strangers=0, unmapped=0, vanished=0, height_m=0.05, tilt_deg=2
+)
 ANY, OTHER = "any", "other"
 SENSORS = (
     "vlp-16",

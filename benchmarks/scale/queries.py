@@ -32,7 +32,7 @@ def take_scans(built: Built, work: Path, count: int) -> Path:
             at_m,
             built.extent.spacing_m,
             count,
-            PerturbConfig(),
+            PerturbConfig(unmapped=0, vanished=0),
             np.random.default_rng(SEED),
         )
         points = {str(number): scan.points for number, (scan, _) in enumerate(taken)}

@@ -14,6 +14,7 @@ import numpy as np
 from firstfix.builds.config import BuildConfig
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.config import EngineConfig
+from firstfix.engine.false_accept_bound import FILE_NAME as BOUND_FILE
 from firstfix.engine.index import CALIBRATION_FILE, ENGINE_FILE, MAP_FILE, MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.engine.retrieval.cascade import save_projection
@@ -264,7 +265,7 @@ class BuildStages(StageRunner):
         """The calibration, and the version's measured success."""
 
         def produce(out: Path) -> None:
-            found, calibration, spots = run_self_test(
+            found, calibration, bound, spots = run_self_test(
                 Localizer(MapIndex.load(index.directory, Calibration())),
                 simulator_of(mesh),
                 self.config.sensor_model,
@@ -274,6 +275,7 @@ class BuildStages(StageRunner):
                 self.cancelled,
             )
             _write_json(out / CALIBRATION_FILE, calibration.to_mapping())
+            _write_json(out / BOUND_FILE, bound.to_mapping())
             _write_json(out / "self_test.json", found.to_mapping())
             draw_reliability(found.reliability, out / "reliability.png")
             draw_localizability(np.load(index.directory / MAP_FILE), spots, out / "localizability.png")

@@ -11,8 +11,16 @@ def self_test_lines(tested: Mapping[str, Any]) -> list[str]:
     if not tested.get("queries"):
         return ["self-test: none"]
     success = ", ".join(f"{share:.0%} within {limit}" for limit, share in tested["success"].items())
-    return [
+    lines = [
         f"self-test, {tested['queries']} perturbed scans: {success}",
         f"  median error {tested['median_error_m']:.3f} m, {tested['localized']:.0%} answered localized, "
         f"{tested['false_accepts']} false among them and {tested['outside']} scans from elsewhere",
     ]
+    rows = tested.get("false_accept_bound", {}).get("rows", ())
+    least = next((row for row in rows if row["bound"] == rows[-1]["bound"]), None)
+    if least is not None:
+        lines.append(
+            f"  from probability {least['min_probability']} at most {least['bound']:.2%} of scans from "
+            "elsewhere are localized (95% confidence)"
+        )
+    return lines

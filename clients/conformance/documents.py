@@ -105,6 +105,7 @@ def vectors() -> Iterator[Vector]:
     for name, given in {
         "none": {},
         "numbers": {"max_candidates": 20, "min_probability": 0.95, "deadline_ms": 1500.5},
+        "false-accepts": {"max_false_accept": 0.01},
         "gravity": {"gravity": [0.1, -0.2, -9.79]},
         "prior": {"prior": [12.5, -3.0, 0.1, 5.0]},
         "prior-with-heading": {"prior": [1e-7, 123456.789, 0.0, 0.30000000000000004, -90.0, 15.0]},

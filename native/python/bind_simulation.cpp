@@ -51,6 +51,27 @@ auto ranges(const TriangleTree& tree, Points origins, Points directions, Rows or
   return array_of(std::move(result), {number, count});
 }
 
+auto ranges_beyond(const TriangleTree& tree, In<float, nb::shape<3>> origin, Points directions, Rows order,
+                   In<float, nb::shape<-1>> beyond_m, float max_range_m) {
+  const std::size_t count = directions.shape(0);
+  for (int a = 0; a < 3; ++a) {
+    require(std::fabs(origin.data()[a]) <= TriangleTree::kMostAway, "the origin is not finite or too far away");
+  }
+  require(within(directions, 2), "a direction is no unit vector");
+  require(order.shape(0) == count && beyond_m.shape(0) == count, "order, ranges and directions differ in length");
+  for (std::size_t i = 0; i < count; ++i) require(order.data()[i] < count, "order has a row that is not there");
+  for (std::size_t i = 0; i < count; ++i) require(beyond_m.data()[i] >= 0, "a range is negative or not a number");
+  require(max_range_m >= 0 && max_range_m <= TriangleTree::kMostAway, "the limit of ranges is too far away");
+  std::vector<float> result;
+  {
+    nb::gil_scoped_release release;
+    result.assign(count, std::numeric_limits<float>::infinity());
+    cast_rays_beyond(tree, origin.data(), directions.data(), order.data(), count, beyond_m.data(), max_range_m,
+                     result.data());
+  }
+  return array_of(std::move(result), {count});
+}
+
 auto near_surface(const TriangleTree& tree, Points points, float radius_m) {
   require(within(points, TriangleTree::kMostAway), "a point is not finite or too far away");
   const std::size_t count = points.shape(0);
@@ -70,6 +91,8 @@ void bind_simulation(nb::module_& module) {
       .def("__init__", &make_tree, nb::arg("vertices"), nb::arg("triangles"))
       .def("ranges", &ranges, nb::arg("origins"), nb::arg("directions"), nb::arg("order"), nb::arg("min_range_m"),
            nb::arg("max_range_m"))
+      .def("ranges_beyond", &ranges_beyond, nb::arg("origin"), nb::arg("directions"), nb::arg("order"),
+           nb::arg("beyond_m"), nb::arg("max_range_m"))
       .def("near_surface", &near_surface, nb::arg("points"), nb::arg("radius_m"));
   module.def(
       "bundle_rays",

@@ -48,6 +48,12 @@ void try_mesh(Hostile& random) {
   std::vector<float> ranges(number * rays, -1);
   cast_rays(tree, origins.data(), number, directions.data(), order.data(), rays, 0.1F, 1e8F, ranges.data());
   for (const float range : ranges) expect(range >= 0.1F, "a range is within the limits or infinite");
+  if (number) {
+    std::vector<float> beyond = random.floats(rays, 5, 0), further(rays, -1);
+    for (float& range : beyond) range = std::fabs(range);
+    cast_rays_beyond(tree, origins.data(), directions.data(), order.data(), rays, beyond.data(), 1e8F, further.data());
+    for (std::size_t i = 0; i < rays; ++i) expect(further[i] > beyond[i], "a range is beyond the one given");
+  }
   for (std::size_t i = 0; i < number; ++i) is_near_surface(tree, &origins[3 * i], 3);
   SeenSurface seen(std::pow(10.0, random.real(3, 0)));
   try {

@@ -202,7 +202,7 @@ def test_a_map_is_built_for_a_sensor_that_hangs_head_down(small_world, small_map
         localizer.index.cascade.templates.position_m,
         1.0,
         40,
-        PerturbConfig(occluders=3),
+        PerturbConfig(occluders=3, unmapped=0, vanished=0),
         np.random.default_rng(11),
     )
     assert all(T[2, 2] < -0.9 for _, T in scans)

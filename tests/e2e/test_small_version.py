@@ -10,9 +10,10 @@ from scipy.spatial.transform import Rotation
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.builds.config import PerturbConfig
+from firstfix.engine.false_accept_bound import FalseAcceptBound
 from firstfix.engine.index import MapIndex
-from firstfix.engine.localizer import Localizer
-from firstfix.errors import CorruptVersion
+from firstfix.engine.localizer import Localizer, localize_among
+from firstfix.errors import CorruptVersion, InvalidOption
 from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import inverse, make_transform, pose_error, rotation_z
@@ -34,6 +35,34 @@ def test_the_version_is_whole(small_version):
     assert small_version.manifest.self_test["queries"] == 12
     assert small_version.manifest.self_test["false_accepts"] == 0
     json.dumps(small_version.manifest.to_mapping())
+
+
+def test_a_bound_on_false_accepts_is_measured_and_asked_for(small_version, localizer, small_scans):
+    found = localizer.index.false_accept_bound
+    told = small_version.manifest.self_test
+    assert told["false_accept_bound"] == found.to_mapping()
+    assert found.negatives >= told["outside"] + told["mirrored"]
+    assert 0 < found.least < 0.5
+    scan = small_scans[2][0]
+    lax = localizer.localize(scan, LocalizeOptions(max_false_accept=1.0))
+    assert lax.verdict is Verdict.LOCALIZED
+    by_threshold = LocalizeOptions(min_probability=found.min_probability(found.least))
+    by_promise = LocalizeOptions(max_false_accept=found.least)
+    for one, _ in small_scans[:8]:
+        assert localizer.localize(one, by_promise).verdict is localizer.localize(one, by_threshold).verdict
+    with pytest.raises(InvalidOption, match=str(found.least)):
+        localizer.localize(scan, LocalizeOptions(max_false_accept=found.least / 2))
+
+
+def test_of_several_maps_each_must_promise(localizer, small_scans):
+    strict = Localizer(
+        dataclasses.replace(localizer.index, false_accept_bound=FalseAcceptBound.of([-1.0] * 5000))
+    )
+    asked = LocalizeOptions(max_false_accept=strict.index.false_accept_bound.least)
+    scan = small_scans[2][0]
+    assert localize_among({"yard": strict}, scan, asked).map_id == "yard"
+    with pytest.raises(InvalidOption, match="map hall"):
+        localize_among({"yard": strict, "hall": localizer}, scan, asked)
 
 
 def test_perturbed_scans_between_the_templates_get_their_pose(localizer, small_scans):

@@ -65,7 +65,12 @@ def _seen_surface(native: Any) -> Any:
 def _cast(native: Any) -> Any:
     tree = native.TriangleTree(FEW, np.arange(3000, dtype=np.uint32).reshape(-1, 3))
     order = native.bundle_rays(NORMALS)
-    return tree.ranges(FEW[:2] / 9, NORMALS, order, 0.1, 60.0), tree.near_surface(FEW[::2] / 2, 0.3)
+    beyond_m = np.abs(NORMALS[:, 0])
+    return (
+        tree.ranges(FEW[:2] / 9, NORMALS, order, 0.1, 60.0),
+        tree.ranges_beyond(FEW[0] / 9, NORMALS, order, beyond_m, 60.0),
+        tree.near_surface(FEW[::2] / 2, 0.3),
+    )
 
 
 def _grid(native: Any) -> Any:

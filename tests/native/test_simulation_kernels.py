@@ -100,6 +100,27 @@ def test_ranges_end_at_the_limits():
     assert np.array_equal(found, np.float32([np.inf, 1, 2, 3, np.inf]))
 
 
+def test_ranges_beyond_a_range_are_those_to_the_next_surface(hills: Simulator):
+    origin = np.float32([[1.0, 2.0, 3.0]])
+    rays = directions(3001)
+    order = bundle_rays(rays)
+    first = hills._tree.ranges(origin, rays, order, 0, 30)[0]
+    at_once = hills._tree.ranges_beyond(origin[0], rays, order, np.zeros(3001, np.float32), 30)
+    assert np.array_equal(at_once, first)
+    met = np.flatnonzero(np.isfinite(first))
+    order = bundle_rays(rays[met])
+    second = hills._tree.ranges_beyond(origin[0], rays[met], order, first[met], 30)
+    assert (second > first[met]).all()
+    past = first[met] + np.float32(1e-3)  # past the first surface, from where Embree starts anew
+    wanted = past + hills.cast(origin + rays[met] * past[:, None], rays[met])
+    wanted[wanted > 30] = np.inf
+    both = np.isfinite(wanted) & np.isfinite(second)
+    assert both.sum() > 100
+    assert (np.isfinite(wanted) != np.isfinite(second)).mean() < 0.01
+    assert np.percentile(np.abs(second[both] - wanted[both]), 97) < 1e-2
+    assert np.isinf(hills._tree.ranges_beyond(origin[0], rays[met], order, first[met] * 0 + np.inf, 30)).all()
+
+
 def test_a_tree_of_any_shape_is_searched():
     """Triangles in one place, along a line at growing steps, and flat ones."""
     x = np.float32(2.0) ** np.arange(-60, 29)
@@ -164,6 +185,13 @@ REFUSED = {
     "rows of other rays": lambda: TREE.ranges(UP, UP, FIRST[:0], 0, 9),
     "limits out of order": lambda: TREE.ranges(UP, UP, FIRST, 9, 0),
     "a limit that is no number": lambda: TREE.ranges(UP, UP, FIRST, 0, np.nan),
+    "a negative range": lambda: TREE.ranges_beyond(UP[0], UP, FIRST, np.float32([-1]), 9),
+    "a range that is no number": lambda: TREE.ranges_beyond(UP[0], UP, FIRST, np.float32([np.nan]), 9),
+    "a range of another ray": lambda: TREE.ranges_beyond(UP[0], UP, FIRST, np.float32([1, 1]), 9),
+    "a row beyond that is not there": lambda: TREE.ranges_beyond(
+        UP[0], UP, FIRST + np.uint32(1), np.float32([1]), 9
+    ),
+    "a limit beyond that is no number": lambda: TREE.ranges_beyond(UP[0], UP, FIRST, np.float32([1]), np.nan),
     "a point that is no number": lambda: TREE.near_surface(UP * np.nan, 1),
     "bundles of no rays": lambda: bundle_rays(UP * np.nan),
     "voxels of no size": lambda: SeenSurface(0),

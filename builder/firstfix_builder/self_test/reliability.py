@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firstfix.answer.quality import MatchFeatures
 from firstfix.engine.calibration import Calibration
+from firstfix.engine.false_accept_bound import FalseAcceptBound
 
 FOLDS = 5
 BINS = 10
@@ -54,7 +54,8 @@ def reliability_of(cases: Sequence[Case]) -> dict[str, Any]:
     Returns ``expected_calibration_error`` and ``bins``: the number of ``cases`` in each, the mean probability
     that was ``claimed`` for them, and the share that was ``right``.
     """
-    claimed, right = _held_out(cases)
+    asked = [(claim, float(case.right)) for case, claim, _ in _held_out(cases) if case.asked]
+    claimed, right = np.array(asked).reshape(-1, 2).T
     number = np.minimum((claimed * BINS).astype(int), BINS - 1)
     bins = []
     for k in np.unique(number):
@@ -92,12 +93,24 @@ def draw_reliability(reliability: dict[str, Any], path: Path) -> None:
     figure.savefig(path, metadata={"Software": None})
 
 
-def _held_out(cases: Sequence[Case]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns claimed probability and truth of the asked cases, each from a fold that did not train on it."""
-    claimed, right = [], []
-    for fold in range(FOLDS):
-        model = fit([case for case in cases if case.query % FOLDS != fold])
-        asked = [case for case in cases if case.query % FOLDS == fold and case.asked]
-        claimed += [model.probability(case.evidence) for case in asked]
-        right += [float(case.right) for case in asked]
-    return np.array(claimed), np.array(right)
+def bound_of(cases: Sequence[Case], unanswered: int = 0) -> FalseAcceptBound:
+    """The bound on false accepts that the wrong cases show, asked or not.
+
+    Each is judged by a calibration that was not fitted on its query.
+
+    Args:
+        unanswered: number of further wrong cases that no calibration would accept.
+    """
+    claimed = [
+        claim if model.accepts(case.evidence, 0.0) else -1.0
+        for case, claim, model in _held_out(cases)
+        if not case.right
+    ]
+    return FalseAcceptBound.of(claimed + [-1.0] * unanswered)
+
+
+def _held_out(cases: Sequence[Case]) -> list[tuple[Case, float, Calibration]]:
+    """Each case with its probability and the calibration that says so, of a fold that did not train on it."""
+    models = [fit([case for case in cases if case.query % FOLDS != fold]) for fold in range(FOLDS)]
+    by_case = [(case, models[case.query % FOLDS]) for case in cases]
+    return [(case, model.probability(case.evidence), model) for case, model in by_case]

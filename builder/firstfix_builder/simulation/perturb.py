@@ -14,11 +14,14 @@ from firstfix.scan.scan import Scan
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, make_transform, rotation_z
 
+from .boxes import Boxes
+from .changed_world import Sight, changed_ranges
 from .moving import Motion, moving_ranges
 from .rays import KEPT, Rays
 from .simulate import Simulator
 
 _CLEARANCE_M = 0.3
+_PLACES_ELSEWHERE, _ELSEWHERE_M = 12, 3.0
 _TRIES = 20  # for each spot that is not free
 
 
@@ -42,10 +45,12 @@ class ScanCase:
     Attributes:
         T_level_sensor: (4, 4).
         seed: of all other perturbations.
+        elsewhere_m: (k, 3) sensor positions at other places of the map: what was never mapped looks like one.
     """
 
     T_level_sensor: Matrix
     seed: int
+    elsewhere_m: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -77,16 +82,20 @@ class ScanSimulation:
             at[:, 2] += rng.normal(0, self.config.height_m, missing)
             for spot in at[self.simulator.is_free(at, _CLEARANCE_M)]:
                 R = _tilted(rng, self.config.tilt_deg) @ self.sensor.R_base_sensor
-                found.append(ScanCase(make_transform(R, spot), int(rng.integers(2**63))))
+                seed = int(rng.integers(2**63))
+                found.append(ScanCase(make_transform(R, spot), seed, _elsewhere(around_m, spot, seed)))
         return found
 
     def scan(self, case: ScanCase, motion: Motion | None = None) -> Scan:
-        """Simulates the scan of a case. With a motion during it, its points have times."""
+        """Simulates the scan of a case.
+
+        With a motion during it, its points have times, and the world is as it was mapped.
+        """
         rng, config, moments = np.random.default_rng(case.seed), self.config, self.sensor.moments
         moment = int(rng.integers(moments)) if moments > 1 else 0
         rays, time_s = Rays.of_scan(self.sensor, moment), None
         if motion is None:
-            ranges = next(self.simulator.ranges(case.T_level_sensor[None], self.sensor, rays))[0]
+            ranges = self._ranges(case, rays)
         else:
             time_s = motion.sweep.times(rays.directions)
             ranges = moving_ranges(self.simulator, self.sensor, case.T_level_sensor, motion, rays)
@@ -99,6 +108,16 @@ class ScanSimulation:
         seen = np.isfinite(ranges) & ~lost
         taken_s = None if time_s is None else time_s[seen]
         return Scan.from_points(rays.directions[seen] * ranges[seen, None], time_s=taken_s)
+
+    def _ranges(self, case: ScanCase, rays: Rays) -> NDArray[np.float32]:
+        """(n,) clean ranges in the changed world."""
+        config = self.config
+        ranges = next(self.simulator.ranges(case.T_level_sensor[None], self.sensor, rays))[0]
+        if not config.unmapped and not config.vanished:
+            return ranges
+        sight = Sight(case.T_level_sensor, rays.turned(case.T_level_sensor), ranges)
+        changes = np.random.default_rng((case.seed, 1))
+        return changed_ranges(self.simulator, self.sensor, sight, case.elsewhere_m, config, changes)
 
 
 def perturbed_scans(
@@ -114,6 +133,12 @@ def perturbed_scans(
     simulation = ScanSimulation(simulator, sensor, config)
     cases = simulation.cases(around_m, reach_m, count, rng)
     return [(simulation.scan(case), case.T_level_sensor) for case in cases]
+
+
+def _elsewhere(around_m: NDArray[np.floating], spot_m: NDArray[np.float64], seed: int) -> NDArray[np.float64]:
+    """Some of (n, 3) positions that are not at the spot."""
+    some = around_m[np.random.default_rng((seed, 2)).integers(len(around_m), size=_PLACES_ELSEWHERE)]
+    return some[np.linalg.norm(some - spot_m, axis=1) > _ELSEWHERE_M].astype(np.float64)
 
 
 def _tilted(rng: np.random.Generator, tilt_deg: float) -> NDArray[np.float64]:
@@ -165,14 +190,11 @@ def _panorama(sensor: SensorModel, moment: int) -> _Panorama:
 
 def elsewhere(rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Vertices and triangles of a place that is in nobody's map: a yard of random boxes."""
-    boxes = [(np.array([0.0, 0.0, -0.1]), np.array([80.0, 80.0, 0.2]), 0.0)]
+    sizes, centres, yaws = [np.array([80.0, 80.0, 0.2])], [np.array([0.0, 0.0, -0.1])], [0.0]
     for _ in range(40):
         centre = rng.uniform(-30, 30, 2)
         size = rng.uniform(0.5, 8, 3)
-        boxes.append((np.array([*centre, size[2] / 2]), size, rng.uniform(0, np.pi)))
-    corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    faces = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
-    vertices = [(corners * size) @ rotation_z(yaw).T + centre for centre, size, yaw in boxes]
-    triangles = [faces + 8 * i for i in range(len(boxes))]
-    return np.concatenate(vertices), np.concatenate(triangles)
+        sizes.append(size)
+        centres.append(np.array([*centre, size[2] / 2]))
+        yaws.append(rng.uniform(0, np.pi))
+    return Boxes(np.array(centres), np.array(sizes) / 2, np.array(yaws)).mesh()

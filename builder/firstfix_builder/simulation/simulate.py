@@ -90,6 +90,23 @@ class Simulator:
             else:
                 yield np.concatenate([self._ranges(one[None, :3, 3], rays.turned(one), sensor) for one in T])
 
+    def ranges_beyond(
+        self,
+        origin: NDArray[np.floating],
+        directions: NDArray[np.float32],
+        beyond_m: NDArray[np.float32],
+        sensor: SensorModel,
+    ) -> NDArray[np.float32]:
+        """(n,) ranges of (n, 3) unit rays from one origin (3,) to the next surface beyond (n,) ranges."""
+        rays = Rays.of(directions)
+        return self._tree.ranges_beyond(
+            np.ascontiguousarray(origin, np.float32),
+            rays.directions,
+            rays.order,
+            np.ascontiguousarray(beyond_m, np.float32),
+            sensor.max_range_m,
+        )
+
     def _ranges(self, origins: NDArray[np.floating], rays: Rays, sensor: SensorModel) -> NDArray[np.float32]:
         """(k, rays) ranges of rays in the map's directions from (k, 3) origins."""
         return self._tree.ranges(

@@ -55,6 +55,12 @@ def localize(
     min_probability: Annotated[
         float | None, typer.Option(help="Probability below which the scan is not localized.")
     ] = None,
+    max_false_accept: Annotated[
+        float | None,
+        typer.Option(
+            help="Instead of --min-probability: largest share of scans from elsewhere that may be localized."
+        ),
+    ] = None,
     version: Annotated[
         str | None, typer.Option(help="Map version, 64 characters [default: the active one].")
     ] = None,
@@ -132,6 +138,7 @@ def localize(
         "T_base_sensor": base_sensor,
         "max_candidates": max_candidates,
         "min_probability": min_probability,
+        "max_false_accept": max_false_accept,
         "version": version,
         "twist": twist,
     }

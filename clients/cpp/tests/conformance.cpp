@@ -144,6 +144,7 @@ Result options_vector(const std::string&, const Json& input, const Json&) {
   if (input.contains("T_base_sensor")) options.T_base_sensor = pose_of(input.at("T_base_sensor"));
   if (input.contains("max_candidates")) options.max_candidates = input.at("max_candidates").get<int>();
   options.min_probability = optional_number(input, "min_probability");
+  options.max_false_accept = optional_number(input, "max_false_accept");
   options.deadline_ms = optional_number(input, "deadline_ms");
   if (input.contains("twist")) {
     const auto six = input.at("twist").get<std::array<double, 6>>();

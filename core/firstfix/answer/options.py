@@ -31,6 +31,8 @@ class LocalizeOptions:
             searched near the robot's z first.
         max_candidates: largest number of candidates to register; None: the map's own default.
         min_probability: below it the answer is not ``localized``; None: the map's own default.
+        max_false_accept: in place of ``min_probability``: the threshold is the lowest that, with 95 %
+            confidence, accepts at most this share of scans whose place is not in the map or not found.
         deadline_ms: time after which the caller no longer needs the answer; None: no deadline. A further
             search for a hard scan that would end later does not begin.
         version: digest of the map version to use; None: the active version.
@@ -44,6 +46,7 @@ class LocalizeOptions:
     T_base_sensor: NDArray[np.float64] | None = None
     max_candidates: int | None = None
     min_probability: float | None = None
+    max_false_accept: float | None = None
     deadline_ms: float | None = None
     version: str | None = None
     twist: NDArray[np.float64] | None = None
@@ -77,6 +80,10 @@ class LocalizeOptions:
             options["max_candidates"] = int(_number("max_candidates", values, 1, MAX_CANDIDATES))
         if "min_probability" in values:
             options["min_probability"] = _number("min_probability", values, 0, 1)
+        if "max_false_accept" in values:
+            if "min_probability" in values:
+                raise InvalidOption("min_probability and max_false_accept both set the threshold: give one")
+            options["max_false_accept"] = _number("max_false_accept", values, 0, 1)
         if "deadline_ms" in values:
             options["deadline_ms"] = _number("deadline_ms", values, 1, 600_000)
         if "version" in values:
@@ -95,7 +102,7 @@ class LocalizeOptions:
         if self.T_base_sensor is not None:
             seven = [*self.T_base_sensor[:3, 3], *transform.quaternion_of(self.T_base_sensor)]
             values["T_base_sensor"] = _joined(seven)
-        for name in ("max_candidates", "min_probability", "deadline_ms", "version"):
+        for name in ("max_candidates", "min_probability", "max_false_accept", "deadline_ms", "version"):
             value = getattr(self, name)
             if value is not None:
                 values[name] = value if isinstance(value, str) else json.dumps(value)

@@ -106,6 +106,14 @@ class PerturbConfig(Stage):
     strangers: float = Field(
         3.0, ge=0, le=100, description="car-sized objects that the map lacks, on average"
     )
+    unmapped: float = Field(
+        3.0,
+        ge=0,
+        le=100,
+        description="share of azimuth in which surfaces were never mapped, on average, in multiples of the "
+        "share of rays that escape through holes of the map; 0: the holes stay open",
+    )
+    vanished: float = Field(0.5, ge=0, le=100, description="mapped things that have left, on average")
     height_m: float = Field(0.05, ge=0, le=1)
     tilt_deg: float = Field(2.0, ge=0, le=45)
 
@@ -124,14 +132,19 @@ class LearnKeysConfig(Stage):
     numbers: int = Field(128, ge=1, le=10_000)
     shrinkage: float = Field(0.7, ge=0.01, le=1)
     seed: int = 21
-    perturb: PerturbConfig = PerturbConfig()
+    perturb: PerturbConfig = PerturbConfig(unmapped=0, vanished=0)  # keys are of what is mapped
 
 
 class SelfTestConfig(Stage):
-    """Numbers of simulated queries of the self-test, inside and outside the map."""
+    """Numbers of simulated queries of the self-test, inside and outside the map.
+
+    Attributes:
+        mirrored: number of the queries whose mirror image is asked, too: a place that is not in the map.
+    """
 
     queries: int = Field(160, ge=0, le=100_000)
     outside: int = Field(40, ge=0, le=100_000)
+    mirrored: int = Field(160, ge=0, le=100_000)
     seed: int = 20
     perturb: PerturbConfig = PerturbConfig()
 

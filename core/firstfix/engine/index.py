@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ from ..errors import CorruptVersion
 from ..transform import Matrix
 from .calibration import Calibration
 from .config import EngineConfig
+from .false_accept_bound import FalseAcceptBound
 from .registration.align import MapSurface
 from .retrieval.cascade import Cascade
 from .verification.free_space import MapView
@@ -31,6 +32,7 @@ class MapIndex:
         cascade: retrieval of templates.
         surface: map to register against.
         view: map to check free space against.
+        false_accept_bound: by the threshold on the probability.
     """
 
     config: EngineConfig
@@ -38,6 +40,7 @@ class MapIndex:
     cascade: Cascade
     surface: MapSurface
     view: MapView
+    false_accept_bound: FalseAcceptBound = field(default_factory=FalseAcceptBound)
 
     @property
     def T_map_level(self) -> Matrix:
@@ -65,6 +68,7 @@ class MapIndex:
                 Cascade.load(directory, config),
                 MapSurface.load(directory, config.registration),
                 MapView.load(directory, config.verification.reach_m),
+                FalseAcceptBound.load(directory),
             )
         except (OSError, EOFError, ValueError, TypeError, RuntimeError, KeyError) as error:
             raise CorruptVersion(f"{directory.name}: {error}") from error

@@ -20,7 +20,7 @@ from .motion.deskewed import deskewed
 from .preprocess import PreparedQuery, preprocess
 from .registered_candidate import RegisteredCandidate, features_of
 from .stopwatch import Stopwatch
-from .verdict import judge
+from .verdict import judge, threshold_of
 
 CONVINCING_INLIER_RATIO = 0.75  # below it the other up directions are tried too, however probable the fix is
 
@@ -29,7 +29,7 @@ class SearchesMap(Protocol):
     """The part of a ``Localizer`` that ``localize_among`` needs."""
 
     def prepare(
-        self, sequence: ScanSequence, options: LocalizeOptions, watch: Stopwatch
+        self, sequence: ScanSequence, options: LocalizeOptions, watch: Stopwatch, map_id: str = ""
     ) -> PreparedQuery | None:
         """See ``Localizer.prepare``."""
         ...
@@ -58,9 +58,14 @@ class Localizer:
         return localize_among({"": self}, scan, options)
 
     def prepare(
-        self, sequence: ScanSequence, options: LocalizeOptions, watch: Stopwatch
+        self, sequence: ScanSequence, options: LocalizeOptions, watch: Stopwatch, map_id: str = ""
     ) -> PreparedQuery | None:
-        """Preprocesses the scans. Returns None if too few points are left."""
+        """Preprocesses the scans. Returns None if too few points are left.
+
+        Raises:
+            InvalidOption: this map cannot keep the caller's ``max_false_accept``.
+        """
+        threshold_of(self.index, options, map_id)
         mounting = options.T_base_sensor
         R_base_sensor = None if mounting is None else mounting[:3, :3]
         with watch.stage("preprocess"):
@@ -94,7 +99,8 @@ def localize_among(
         maps: by id. The answer's ``map_id`` names the map whose frame the pose is in.
 
     Raises:
-        InvalidOption: a prior or a version was given for more than one map.
+        InvalidOption: a prior or a version was given for more than one map, or a map cannot keep
+            ``max_false_accept``.
         InvalidOption: a twist was given, and the times of the points are not known.
         DescriptorMismatch: a descriptor-only query whose parameters are not those of every map.
     """
@@ -112,7 +118,7 @@ def localize_among(
         ]
         return replace(answer_unregistered(found), timings_ms=watch.ms)
     sequence = ScanSequence.single(scan) if isinstance(scan, (Scan, CompactScan)) else scan
-    queries = {map_id: each.prepare(sequence, options, watch) for map_id, each in maps.items()}
+    queries = {map_id: each.prepare(sequence, options, watch, map_id) for map_id, each in maps.items()}
     prepared = {map_id: query for map_id, query in queries.items() if query is not None}
     if not prepared:
         return Localization(Verdict.REJECTED, (Reason.TOO_FEW_POINTS,), timings_ms=watch.ms)

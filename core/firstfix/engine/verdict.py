@@ -8,8 +8,10 @@ from dataclasses import replace
 from ..answer.localization import Hypothesis, Localization, Reason, Verdict
 from ..answer.options import LocalizeOptions
 from ..answer.quality import MAX_MARGIN, MatchFeatures
+from ..errors import InvalidOption
 from ..transform import inverse
 from .calibration import Calibration
+from .index import MapIndex
 from .registered_candidate import RegisteredCandidate, features_of
 from .registration.covariance import pose_covariance
 
@@ -29,7 +31,7 @@ def judge(ranked: Sequence[RegisteredCandidate], options: LocalizeOptions) -> Lo
         Hypothesis(candidate.T_map_sensor, candidate.quality, share, candidate.template, candidate.map_id)
         for candidate, share in zip(ranked, _shares(ranked, features.tied, probability), strict=True)
     )
-    reason = _why_not_localized(features, calibration, options.min_probability)
+    reason = _why_not_localized(features, calibration, threshold_of(best.index, options))
     if reason is not None:
         verdict = Verdict.AMBIGUOUS if reason is Reason.SEVERAL_PLACES else Verdict.REJECTED
         return Localization(verdict, (reason,), probability=probability, hypotheses=hypotheses)
@@ -44,6 +46,19 @@ def judge(ranked: Sequence[RegisteredCandidate], options: LocalizeOptions) -> Lo
         map_id=best.map_id,
         twist=best.registration.twist if options.twist is None else options.twist,
     )
+
+
+def threshold_of(index: MapIndex, options: LocalizeOptions, map_id: str = "") -> float | None:
+    """Threshold on the probability that the caller asks of a map; None: the map's own.
+
+    Raises:
+        InvalidOption: two thresholds are asked for, or no threshold of this map promises what is asked.
+    """
+    if options.max_false_accept is None:
+        return options.min_probability
+    if options.min_probability is not None:
+        raise InvalidOption("min_probability and max_false_accept both set the threshold: give one")
+    return index.false_accept_bound.min_probability(options.max_false_accept, map_id)
 
 
 def _why_not_localized(

@@ -76,7 +76,7 @@ def test_every_answer_is_ambiguous_and_holds_the_true_place(version: BuiltVersio
         position_m,
         1.0,
         20,
-        PerturbConfig(strangers=0),  # nothing of a car's size comes into a room
+        PerturbConfig(strangers=0, unmapped=0, vanished=0),  # nothing of a car's size comes into a room
         np.random.default_rng(5),
     )
     localizer = Localizer(index)

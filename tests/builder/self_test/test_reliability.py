@@ -2,7 +2,7 @@ import numpy as np
 
 from firstfix.answer.quality import AlignmentQuality, MatchFeatures
 from firstfix.engine.calibration import Calibration
-from firstfix_builder.self_test.reliability import Case, draw_reliability, fit, reliability_of
+from firstfix_builder.self_test.reliability import Case, bound_of, draw_reliability, fit, reliability_of
 
 TRUE = Calibration(bias=-12.0, alignment_score=3.0, free_space=1.5, margin=15.0)
 
@@ -62,3 +62,37 @@ def test_the_picture_is_the_same_every_time(tmp_path):
     draw_reliability(found, tmp_path / "b.png")
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
     assert (tmp_path / "a.png").stat().st_size > 5000
+
+
+def test_the_bound_counts_wrong_cases_asked_or_not_and_those_without_an_answer():
+    asked = cases(200, 6)
+    wrong = [case for case in asked if not case.right]
+    absent = [Case(c.query, MatchFeatures(c.evidence.quality, 0.01), False, 0.25, asked=False) for c in asked]
+    found = bound_of([*asked, *absent], unanswered=7)
+    assert found.negatives == len(wrong) + len(absent) + 7
+    alone = bound_of(asked)
+    assert alone.negatives == len(wrong)
+    assert all(
+        row.accepted <= other.accepted + len(absent)
+        for row, other in zip(found.rows, alone.rows, strict=True)
+    )
+
+
+def test_the_bound_is_judged_by_a_calibration_that_has_not_seen_the_case():
+    """One query is wrong with the best of evidence: a model that was fitted to it would believe it less."""
+    good = [
+        Case(n, MatchFeatures(AlignmentQuality(0.95, 0.9, 0.001), 0.3 + 0.001 * n), True) for n in range(40)
+    ]
+    liar = Case(40, MatchFeatures(AlignmentQuality(0.95, 0.9, 0.001), 0.2), False, weight=50.0)
+    unseen, seen = fit(good), fit([*good, liar])
+    threshold = [row for row in bound_of([*good, liar]).rows if row.accepted]
+    assert threshold[-1].min_probability <= unseen.probability(liar.evidence)
+    assert threshold[-1].min_probability > seen.probability(liar.evidence)
+
+
+def test_what_no_threshold_accepts_is_no_false_accept():
+    """Places that tie, and such as do not explain the scan."""
+    quality = AlignmentQuality(0.95, 0.95, 0.0)
+    tied = [Case(n, MatchFeatures(quality, 0.5, tied=2), False) for n in range(10)]
+    little = [Case(n, MatchFeatures(AlignmentQuality(0.3, 0.95, 0.0), 0.5), False) for n in range(10, 20)]
+    assert [row.accepted for row in bound_of([*tied, *little]).rows] == [0] * 10

@@ -10,7 +10,7 @@ from firstfix_builder.simulation.perturb import ScanCase, ScanSimulation
 from firstfix_builder.simulation.simulate import Simulator
 
 SENSOR = SensorModel("ring-3", (-10.0, 0.0, 10.0), 1.0, 0.3, 60.0, 0.8)
-CLEAN = PerturbConfig(noise_m=0, dropout=0, occluders=0, strangers=0)
+CLEAN = PerturbConfig(noise_m=0, dropout=0, occluders=0, strangers=0, unmapped=0, vanished=0)
 REACH_M = 2.0
 
 

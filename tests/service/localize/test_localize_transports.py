@@ -79,6 +79,11 @@ BAD = {
     "no map id": ({"map_id": "-bad-"}, "invalid_option", 400),
     "unknown option": ({"options": {"speed": "9"}}, "invalid_option", 400),
     "bad option": ({"options": {"min_probability": "2"}}, "invalid_option", 400),
+    "two thresholds": (
+        {"options": {"min_probability": "0.9", "max_false_accept": "0.1"}},
+        "invalid_option",
+        400,
+    ),
     "bad version": ({"options": {"version": "abc"}}, "invalid_option", 400),
     "unknown version": ({"options": {"version": "0" * 64}}, "not_found", 404),
     "media type": ({"media_type": "image/png"}, "unsupported_format", 415),

@@ -26,6 +26,7 @@ constexpr std::size_t kOrigins = 16;  // at a time
 struct Bundle {
   F16 x, y, z;           // directions
   F16 over_x, over_y, over_z;
+  F16 beyond;            // what is not further than this does not count
   F16 range;             // least range so far
   float side[4][3];      // inward normals of the pyramid's sides, through the origin
 };
@@ -63,14 +64,15 @@ inline SeenLeaf seen_from(const TriangleTree::Leaf& leaf, const float* origin) {
   return seen;
 }
 
-// The ranges of rays to triangles, `best` where they are missed or further than that. Rays or triangles are many.
+// The ranges of rays to triangles beyond `beyond`, `best` where they are missed or further than that. Rays or triangles
+// are many.
 template <int N>
 inline Wide<N> nearer(const Wide<N>& u, const Wide<N>& v, const Wide<N>& w, const Wide<N>& along, const Wide<N>& away,
-                      const Wide<N>& best) {
+                      const Wide<N>& beyond, const Wide<N>& best) {
   const Wide<N> zero(0);
   const auto inside = (zero <= least(least(u, v), w)) | (most(most(u, v), w) <= zero);
   const Wide<N> range = away / along;
-  return choose(inside & (zero < range) & (range < best), range, best);
+  return choose(inside & (beyond < range) & (range < best), range, best);
 }
 
 inline void meet_leaf(const TriangleTree::Leaf& leaf, const float* origin, std::uint32_t rays, Bundle& bundle) {
@@ -81,7 +83,7 @@ inline void meet_leaf(const TriangleTree::Leaf& leaf, const float* origin, std::
       const float x = bundle.x[i], y = bundle.y[i], z = bundle.z[i];
       const auto dot = [&](const F8(&n)[3]) { return n[0] * F8(x) + n[1] * F8(y) + n[2] * F8(z); };
       const F8 ranges = nearer<8>(dot(seen.edge[0]), dot(seen.edge[1]), dot(seen.edge[2]), dot(seen.normal), seen.away,
-                                  bundle.range[i]);
+                                  bundle.beyond[i], bundle.range[i]);
       bundle.range.set(i, least_of(ranges));
     }
     return;
@@ -91,7 +93,7 @@ inline void meet_leaf(const TriangleTree::Leaf& leaf, const float* origin, std::
       return F16(n[0][i]) * bundle.x + F16(n[1][i]) * bundle.y + F16(n[2][i]) * bundle.z;
     };
     bundle.range = nearer<16>(dot(seen.edge[0]), dot(seen.edge[1]), dot(seen.edge[2]), dot(seen.normal), seen.away[i],
-                              bundle.range);
+                              bundle.beyond, bundle.range);
   }
 }
 
@@ -122,6 +124,7 @@ inline Bundle bundle_of(const float* directions, const std::uint32_t* rows, std:
     return F16(1) / choose((d < tiny) & (F16(-1e-20F) < d), tiny, d);
   };
   bundle.over_x = over(bundle.x), bundle.over_y = over(bundle.y), bundle.over_z = over(bundle.z);
+  bundle.beyond = 0;
   bundle.range = max_range_m;
   // two axes across the mean direction, the first one level
   float right[3] = {-axis[1], axis[0], 0};
@@ -208,6 +211,25 @@ inline void cast_bundle(const TriangleTree& tree, const float* origin, Bundle& b
 }
 
 }  // namespace detail
+
+// Ranges (n,) of (n, 3) unit directions from one origin (3,) to what lies beyond a range (n,) of its own, infinite where
+// nothing does up to the limit.
+inline void cast_rays_beyond(const TriangleTree& tree, const float* origin, const float* directions,
+                             const std::uint32_t* order, std::size_t count, const float* beyond_m, float max_range_m,
+                             float* ranges) {
+  const float limit = std::nextafter(max_range_m, std::numeric_limits<float>::infinity());
+  for (std::size_t start = 0; start < count; start += kBundle) {
+    const std::uint32_t* rows = order + start;
+    const std::size_t rays = std::min(kBundle, count - start);
+    detail::Bundle bundle = detail::bundle_of(directions, rows, rays, limit);
+    for (std::size_t i = 0; i < rays; ++i) bundle.beyond.set(static_cast<int>(i), beyond_m[rows[i]]);
+    detail::cast_bundle(tree, origin, bundle);
+    for (std::size_t i = 0; i < rays; ++i) {
+      const float range = bundle.range[static_cast<int>(i)];
+      ranges[rows[i]] = range < limit ? range : std::numeric_limits<float>::infinity();
+    }
+  }
+}
 
 // Ranges (origins, n) of (n, 3) unit directions from each origin (3,), infinite where nothing is met between the two
 // limits. What is nearer than the first one hides what is behind it.

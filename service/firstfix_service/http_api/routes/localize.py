@@ -37,6 +37,9 @@ _OPTION_TEXT = {
     "`T_map_base`, and directions near the robot's z axis are tried first as up",
     "max_candidates": "limit of the places to try",
     "min_probability": "an answer with a lower probability is not `localized`",
+    "max_false_accept": "instead of `min_probability`: of scans whose place is not in the map or not found, "
+    "at most this share is answered `localized`, with 95 % confidence; `invalid_option` if the map cannot "
+    "promise it",
     "deadline_ms": "milliseconds after which an answer is of no use: the request then fails",
     "version": "digest of the map version to use instead of the active version",
     "twist": "motion of the sensor during the scan, `vx,vy,vz,wx,wy,wz` (m/s, rad/s; sensor frame at the "

@@ -29,6 +29,7 @@ struct LocalizeOptions {
   std::optional<Pose> T_base_sensor;  // mounting of the sensor; the answer then has T_map_base
   std::optional<int> max_candidates;
   std::optional<double> min_probability;
+  std::optional<double> max_false_accept;  // in place of min_probability
   std::optional<double> deadline_ms;
   std::optional<std::string> version;
   std::optional<Twist> twist{};  // of the sensor during the scan, whose points then need times
@@ -77,6 +78,7 @@ inline Strings strings_of(const LocalizeOptions& options) {
   }
   if (options.max_candidates) add("max_candidates", {static_cast<double>(*options.max_candidates)});
   if (options.min_probability) add("min_probability", {*options.min_probability});
+  if (options.max_false_accept) add("max_false_accept", {*options.max_false_accept});
   if (options.deadline_ms) add("deadline_ms", {*options.deadline_ms});
   if (options.version) strings.emplace_back("version", *options.version);
   if (options.twist) {

@@ -1,0 +1,102 @@
+"""One query of the self-test, and its answer judged."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from firstfix.answer.localization import Localization
+from firstfix.answer.quality import AlignmentQuality, MatchFeatures
+from firstfix.engine.calibration import Calibration
+from firstfix.transform import Matrix, pose_error
+
+RIGHT_M, RIGHT_DEG = 1.0, 10.0  # further off than this, a fix is a false one
+ABSENT_BEYOND_M = 3.0  # from the true place: what is nearer would not be in the map without it either
+_UNFITTED = Calibration()  # says which places tie; fitting does not change that
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One query and its answer.
+
+    Attributes:
+        query: number; a scan and its mirror image have the same.
+        T_level_sensor: (4, 4) where the scan was taken, or None: at no place of the map.
+        errors_m: of each hypothesis in turn; infinite where it is turned by over RIGHT_DEG too.
+        is_mirrored: whether the scan is the mirror image of one taken in the map.
+    """
+
+    query: int
+    answer: Localization
+    T_level_sensor: Matrix | None
+    errors_m: tuple[float, ...]
+    is_mirrored: bool = False
+
+    @classmethod
+    def here(cls, query: int, answer: Localization, T_level_sensor: Matrix, T_map_level: Matrix) -> Outcome:
+        """The outcome of a scan taken in the map."""
+        T_map_sensor = T_map_level @ T_level_sensor
+        errors = [pose_error(T_map_sensor, one.T_map_sensor) for one in answer.hypotheses]
+        errors_m = tuple(error_m if error_deg <= RIGHT_DEG else np.inf for error_m, error_deg in errors)
+        return cls(query, answer, T_level_sensor, errors_m)
+
+    @classmethod
+    def nowhere(cls, query: int, answer: Localization, is_mirrored: bool = False) -> Outcome:
+        """The outcome of a scan whose place is not in the map."""
+        return cls(query, answer, None, (np.inf,) * len(answer.hypotheses), is_mirrored)
+
+    @property
+    def first_error_m(self) -> float:
+        """Error of the best hypothesis, infinite if there is none."""
+        return self.errors_m[0] if self.errors_m else np.inf
+
+    @property
+    def least_error_m(self) -> float:
+        """Least error of all hypotheses, infinite if there are none."""
+        return min(self.errors_m, default=np.inf)
+
+    @property
+    def right(self) -> bool:
+        """Returns whether the best hypothesis is right."""
+        return self.first_error_m <= RIGHT_M
+
+    @property
+    def evidence(self) -> MatchFeatures | None:
+        """Match features of the best hypothesis, None if there is none."""
+        return _UNFITTED.match_features(self._fits) if self._fits else None
+
+    @property
+    def right_among_tied(self) -> bool:
+        """Returns whether the best hypothesis is right, or one that ties with it."""
+        found = self.evidence
+        return found is not None and min(self.errors_m[: found.tied]) <= RIGHT_M
+
+    def accepted_by(self, calibration: Calibration) -> bool:
+        """Returns whether the calibrated localizer would call this localized."""
+        found = self.evidence
+        return found is not None and calibration.accepts(found)
+
+    @property
+    def without_the_truth(self) -> MatchFeatures | None:
+        """A hard negative: the evidence if neither the true place nor its equals were in the map.
+
+        A map's own look-alikes teach more than scans of a strange place: the next aisle of a hall explains
+        four fifths of a scan. An equal of the true place teaches nothing: nobody could tell that it is wrong.
+        """
+        found = self.evidence
+        if found is None or not self.right_among_tied:
+            return None
+        tied, others = self.answer.hypotheses[: found.tied], self.answer.hypotheses[found.tied :]
+        elsewhere = [
+            other.quality
+            for other in others
+            if other.quality is not None
+            and all(pose_error(one.T_map_sensor, other.T_map_sensor)[0] > ABSENT_BEYOND_M for one in tied)
+        ]
+        # of one alone the margin is not known
+        return _UNFITTED.match_features(elsewhere) if len(elsewhere) > 1 else None
+
+    @property
+    def _fits(self) -> list[AlignmentQuality]:
+        return [h.quality for h in self.answer.hypotheses if h.quality is not None]

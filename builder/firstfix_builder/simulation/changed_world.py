@@ -1,0 +1,173 @@
+"""The world of one scan, which has more than the map, and less.
+
+A mapping run misses surfaces: a room that it only saw through the door, the back of a shelf. Later, mapped
+things leave. The mesh of the map has none of this, so a scan simulated there fits the map better than a real
+one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firstfix.builds.config import PerturbConfig
+from firstfix.sensor import SensorModel
+from firstfix.transform import Matrix, rotation_z
+
+from .boxes import Boxes
+from .rays import Rays
+from .simulate import Simulator
+
+_COLUMNS, _RISES = 180, 128  # of azimuth and of height, in which holes are told from the sky
+_COMPARED_RAYS = 96
+_SECTORS = (1, 3)  # least and largest number of those in which surfaces were missed
+_WIDEST = 0.5  # of all azimuth: most of a place has been mapped
+_LEFT_SAMPLE = 4096  # rays to choose from
+_LEFT_AWAY_M = 1.0  # what leaves was further from the sensor
+_LEFT_OVER_SENSOR_M = 1.0  # and no ceiling
+_LEFT_HALF_M = (0.2, 0.6)  # half an edge, for each root of a metre of the median range: a chair, a car
+_LEFT_SCALE_M = (1.0, 16.0)  # limits of that median
+_KEPT_FLOOR_M = 0.15  # what leaves leaves its floor
+
+
+@dataclass(frozen=True)
+class Sight:
+    """View of a clean scan in the mesh of the map.
+
+    Attributes:
+        T_level_sensor: (4, 4).
+        rays: n rays of the sensor, turned to the level frame.
+        ranges: (n,) metres, inf where there is no return.
+    """
+
+    T_level_sensor: Matrix
+    rays: Rays
+    ranges: NDArray[np.float32]
+
+    @property
+    def origin_m(self) -> NDArray[np.float64]:
+        """(3,) of the rays."""
+        origin: NDArray[np.float64] = self.T_level_sensor[:3, 3]
+        return origin
+
+    def ends_m(self, rows: NDArray[np.intp], ranges: NDArray[np.float32]) -> NDArray[np.float64]:
+        """(k, 3) where the given rays end, if (n,) ranges are all that they have."""
+        return self.origin_m + self.rays.directions[rows] * ranges[rows, None].astype(np.float64)
+
+    @cached_property
+    def _cells(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """(n,) column of azimuth and row of height of each ray."""
+        x, y, z = self.rays.directions.T
+        column = ((np.arctan2(y, x) / np.float32(2 * np.pi) + 0.5) * _COLUMNS).astype(np.intp) % _COLUMNS
+        return column, ((z + 1) / 2 * (_RISES - 1)).astype(np.intp)
+
+    def holes(self, ranges: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Returns which of n rays end nowhere, but below a surface: in a hole of the map, not in the sky."""
+        met = np.isfinite(ranges)
+        column, rise = self._cells
+        is_met = np.zeros((_COLUMNS, _RISES + 1), bool)
+        is_met[column[met], rise[met]] = True
+        is_met_above = np.logical_or.accumulate(is_met[:, ::-1], axis=1)[:, ::-1]
+        return ~met & is_met_above[column, rise + 1]
+
+
+def changed_ranges(
+    simulator: Simulator,
+    sensor: SensorModel,
+    sight: Sight,
+    elsewhere_m: NDArray[np.float64],
+    config: PerturbConfig,
+    rng: np.random.Generator,
+) -> NDArray[np.float32]:
+    """(n,) ranges in a world that has changed since it was mapped.
+
+    Args:
+        elsewhere_m: (k, 3) sensor positions at other places of the map. What was never mapped looks like one.
+    """
+    severity = rng.uniform(0, 2)  # a quiet night, a rush hour
+    left = what_left(sight, int(rng.poisson(config.vanished * severity)), rng)
+    ranges = ranges_without(simulator, sensor, sight, left)
+    holes = sight.holes(sight.ranges)
+    if config.unmapped and holes.any() and len(elsewhere_m):
+        width = config.unmapped * rng.exponential() * float(holes.mean())
+        missed = sight.holes(ranges) | _sectors(sight, holes, min(width, _WIDEST), rng)
+        like = _most_alike(simulator, sensor, sight, elsewhere_m, rng)
+        ranges[missed] = np.minimum(ranges[missed], like[missed])
+    return ranges
+
+
+def what_left(sight: Sight, count: int, rng: np.random.Generator) -> Boxes:
+    """Boxes around surfaces that the scan sees, from closely above the floor upwards."""
+    some = rng.integers(len(sight.ranges), size=_LEFT_SAMPLE)
+    some = some[np.isfinite(sight.ranges[some])]
+    ends = sight.ends_m(some, sight.ranges)
+    away_m = np.hypot(*(ends - sight.origin_m)[:, :2].T)
+    near = ends[(away_m > _LEFT_AWAY_M) & (ends[:, 2] < sight.origin_m[2] + _LEFT_OVER_SENSOR_M)]
+    if not count or not len(near):
+        return Boxes.none()
+    scale_m = np.clip(np.median(sight.ranges[some]), *_LEFT_SCALE_M)
+    centre = near[rng.integers(len(near), size=count)]
+    half = np.sqrt(scale_m) * rng.uniform(*_LEFT_HALF_M, (count, 3))
+    for middle, extent in zip(centre, half, strict=True):
+        below = np.abs(ends[:, :2] - middle[:2]).max(axis=1) < extent[:2].max()
+        low, high = ends[below, 2].min() + _KEPT_FLOOR_M, middle[2] + extent[2]
+        middle[2], extent[2] = (low + high) / 2, max(high - low, 0) / 2
+    return Boxes(centre, half, rng.uniform(-np.pi, np.pi, count))
+
+
+def ranges_without(
+    simulator: Simulator, sensor: SensorModel, sight: Sight, left: Boxes
+) -> NDArray[np.float32]:
+    """(n,) ranges to the first surface that is in none of the boxes."""
+    ranges = sight.ranges.copy()
+    within = np.flatnonzero(np.isfinite(ranges))
+    while len(left):
+        within = within[left.contain(sight.ends_m(within, ranges))]
+        if not len(within):
+            break
+        directions = sight.rays.directions[within]
+        ranges[within] = simulator.ranges_beyond(sight.origin_m, directions, ranges[within], sensor)
+        within = within[np.isfinite(ranges[within])]
+    return ranges
+
+
+def _most_alike(
+    simulator: Simulator,
+    sensor: SensorModel,
+    sight: Sight,
+    elsewhere_m: NDArray[np.float64],
+    rng: np.random.Generator,
+) -> NDArray[np.float32]:
+    """(n,) ranges at the place elsewhere that looks most like this one, by quarter turns.
+
+    What a mapping run misses looks like what it has seen: the next room, the next row of shelves. Nothing
+    confuses places more.
+    """
+    T = np.tile(np.eye(4), (4 * len(elsewhere_m), 1, 1))
+    T[:, :3, :3] = np.tile([rotation_z(turn * np.pi / 2) for turn in range(4)], (len(elsewhere_m), 1, 1))
+    T[:, :3, 3] = np.repeat(elsewhere_m, 4, axis=0)
+    few = rng.integers(len(sight.rays), size=_COMPARED_RAYS)
+    there = np.concatenate(list(simulator.ranges(T, sensor, Rays.of(sight.rays.directions[few]))))
+    far_m = sensor.max_range_m
+    unlike = np.abs(np.log(np.minimum(there, far_m) / np.minimum(sight.ranges[few], far_m)))
+    best = int(np.median(unlike, axis=1).argmin())
+    return next(simulator.ranges(T[best : best + 1], sensor, sight.rays))[0]
+
+
+def _sectors(
+    sight: Sight, holes: NDArray[np.bool_], width: float, rng: np.random.Generator
+) -> NDArray[np.bool_]:
+    """Returns which of n rays lie in a few sectors of azimuth around holes.
+
+    Args:
+        width: 0..1, of all sectors together.
+    """
+    count = int(rng.integers(_SECTORS[0], _SECTORS[1] + 1))
+    x, y, _ = sight.rays.directions.T
+    level = np.hypot(x, y)
+    middle = rng.choice(np.flatnonzero(holes), count)
+    cosine = (np.outer(x, x[middle]) + np.outer(y, y[middle])) / np.maximum(level[middle], 1e-6)
+    return (cosine > np.cos(np.pi * width / count) * level[:, None]).any(axis=1)
