@@ -55,8 +55,11 @@ class HypothesisSearch:
         if self._prior is not None:
             rows = rows[self._prior.allows_each(self._index.T_map_level @ aligned.T_level_sensor[rows])]
         first = distinct(aligned.T_level_sensor[rows], most=self._index.config.verification.compared)
+        spots = self._prepared.spots
         return [
-            RegisteredCandidate(self._index, self._map_id, int(candidates.template[row]), aligned[row])
+            RegisteredCandidate(
+                self._index, self._map_id, int(candidates.template[row]), aligned[row], spots=spots
+            )
             for row in rows[first].tolist()
         ]
 

@@ -15,6 +15,7 @@ from ..scan.scan import Scan
 from ..scan.sequence import AnyScan, ScanSequence
 from .candidates import find_candidates
 from .descriptor_only import UnregisteredCandidate, answer_unregistered, find_unregistered
+from .hint.find import find_hint
 from .hypotheses import HypothesisSearch
 from .index import MapIndex
 from .preprocess import PreparedQuery, preprocess
@@ -152,6 +153,10 @@ def localize_among(
         together = [candidate for of_map in registered.values() for candidate in of_map]
         together.sort(key=lambda candidate: -candidate.quality.support)
         answer = judge(together, options)
+    if answer.verdict is Verdict.AMBIGUOUS:
+        with watch.stage("hint"):
+            probability = [hypothesis.probability for hypothesis in answer.hypotheses]
+            answer = replace(answer, hint=find_hint(prepared[together[0].map_id], together, probability))
     return replace(answer, timings_ms=watch.ms)
 
 
