@@ -10,6 +10,7 @@ import json
 from pathlib import Path
 
 from .encodings import suite as encodings
+from .hints import suite as hints
 from .hostile import suite as hostile
 from .native import suite as native
 from .paper import suite as paper
@@ -22,6 +23,7 @@ from .service import suite as service
 
 SUITES = {
     "encodings": encodings.run,
+    "hints": hints.run,
     "hostile": hostile.run,
     "native": native.run,
     "paper": paper.run,

@@ -88,7 +88,7 @@ def ask(localizer: Localizer, scan: Scan, T_map_sensor: Matrix | None, world: st
         len(errors),
         *best,
         min((m for m, _, yaw_deg in errors if yaw_deg <= SUCCESS_YAW_DEG), default=np.inf),
-        T_map_sensor is not None and _has_alias(localizer, scan, T_map_sensor, answer),
+        T_map_sensor is not None and has_alias(localizer, scan, T_map_sensor, answer),
         np.nan if T_map_sensor is None else nees(T_map_sensor, answer),
         ms,
     )
@@ -105,7 +105,8 @@ def nees(T_map_sensor: Matrix, answer: Localization) -> float:
     return float(error @ np.linalg.solve(answer.covariance, error))
 
 
-def _has_alias(localizer: Localizer, scan: Scan, T_map_sensor: Matrix, answer: Localization) -> bool:
+def has_alias(localizer: Localizer, scan: Scan, T_map_sensor: Matrix, answer: Localization) -> bool:
+    """Returns whether another place explains a scan as well as its true pose does."""
     index = localizer.index
     prepared = preprocess(ScanSequence.single(scan), None, index.config.preprocess)
     if prepared is None:

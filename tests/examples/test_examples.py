@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from storey_world import CONFIG, ROOMS_X, pose, scan_at, storey
 
 from firstfix.answer.localization import Verdict
 from firstfix.builds.config import BuildConfig
@@ -24,6 +23,7 @@ from firstfix.transform import inverse, make_transform, quaternion_of, rotation_
 from firstfix_builder.pipeline import build_version
 from firstfix_cli.local_service import LocalService, local_service
 from firstfix_client import Client
+from storey_world import CONFIG, ROOMS_X, pose, scan_at, storey
 from waiting import LIMIT_S
 
 pytestmark = pytest.mark.slow

@@ -69,11 +69,11 @@ class Localization:
             as in geometry_msgs/PoseWithCovariance; None without a pose.
         probability: 0..1, probability that the best hypothesis or one that ties with it is right.
         hypotheses: competing poses, best first, whatever the verdict. Empty if there was no candidate.
-        hint: a move that should tell the best hypotheses apart. None unless ambiguous, or if no move within
-            reach does.
         map_id: map whose frame the pose is in.
         map_version: digest of the version that answered.
         timings_ms: milliseconds by stage.
+        hint: a move that should tell the best hypotheses apart. None unless ambiguous, or if no move within
+            reach does.
     """
 
     verdict: Verdict
@@ -83,10 +83,10 @@ class Localization:
     covariance: NDArray[np.float64] | None = None
     probability: float = 0.0
     hypotheses: tuple[Hypothesis, ...] = ()
-    hint: Hint | None = None
     map_id: str = ""
     map_version: str = ""
     timings_ms: Mapping[str, float] = field(default_factory=dict)
+    hint: Hint | None = None
 
     def __post_init__(self) -> None:
         if (self.verdict is Verdict.LOCALIZED) != (self.T_map_sensor is not None):
@@ -140,10 +140,10 @@ class Localization:
                 )
                 for h in data.get("hypotheses", ())
             ),
-            hint=None if data.get("hint") is None else Hint.from_mapping(data["hint"]),
             map_id=str(data.get("map_id", "")),
             map_version=str(data.get("map_version", "")),
             timings_ms=dict(data.get("timings_ms", {})),
+            hint=None if data.get("hint") is None else Hint.from_mapping(data["hint"]),
         )
 
 

@@ -16,15 +16,15 @@ from ...transform import Matrix, make_transform, rotation_z
 from ..preprocess import PreparedQuery
 from ..registered_candidate import RegisteredCandidate
 from .outlook import FieldOfView, Outlook
-from .ways import WAYS_M, Floor, free_lengths, goals_at
+from .ways import SHORT_WAY_M, WAYS_M, Floor, free_lengths, goals_at
 
-MOST_COMPARED = 4
+MOST_COMPARED = 3
 RIVAL_SHARE = 0.1  # of the first hypothesis's probability; a less probable one does not count
-ENOUGH = 0.4  # separation at which the search ends
+ENOUGH = 0.3  # separation at which the search ends
 LEAST = 0.05  # separation of a hint
 CLEARLY = 0.01  # by which a longer way must be better
 TURNS_DEG = (60.0, -60.0, 120.0, -120.0, 180.0)
-MOST_MOVES = 48
+MOST_MOVES = 24
 LIKELY = 1e-3  # is added to every probability: an improbable hypothesis may still be right
 
 
@@ -90,21 +90,21 @@ def find_hint(
     seen = FieldOfView.of(prepared.scans[-1].view)
     best: Hint | None = None
     for moves in _moves_by_length(prepared, compared, seen):
+        if best is not None and (best.separation >= ENOUGH or moves[0].distance_m == SHORT_WAY_M):
+            break
         for move in moves:
             misfits = _least_misfits(compared, move.T_sensor_goal, seen)
             separation = float(misfits @ weights / weights.sum())
             if separation >= LEAST and (best is None or separation >= best.separation + CLEARLY):
                 apart = tuple(numbers[row] for row in np.flatnonzero(misfits >= LEAST).tolist())
                 best = Hint(move.T_sensor_goal, move.distance_m, move.turn_deg, separation, apart)
-        if best is not None and best.separation >= ENOUGH:
-            break
     return best
 
 
 def _moves_by_length(
     prepared: PreparedQuery, compared: Sequence[RegisteredCandidate], seen: FieldOfView
 ) -> Iterator[list[_Move]]:
-    """Moves that are free under every hypothesis: turns on the spot, then ever longer ways."""
+    """Moves that are free under every hypothesis: turns on the spot, ever longer ways, then the short one."""
     last = prepared.scans[-1]
     up = compared[0].registration.T_level_sensor[2, :3]
     R_level_sensor = levelling_rotation(up)
@@ -117,12 +117,13 @@ def _moves_by_length(
     lengths = free_lengths(turned(np.concatenate([mapped, scanned]), R_level_sensor), last.height_m)
     floors = [_Ground.under(one, last.height_m, up) for one in compared]
     left = MOST_MOVES
-    for way_m in WAYS_M:
+    for way_m in (*WAYS_M, SHORT_WAY_M):
         goals = goals_at(lengths, way_m) @ R_level_sensor[:2]  # (g, 3) in the sensor frame
         is_free = np.logical_and.reduce([ground.carries(goals) for ground in floors])
         chosen = goals[is_free][:left]
         left -= len(chosen)
-        yield [_Move(make_transform(np.eye(3), goal), way_m) for goal in chosen]
+        if len(chosen):
+            yield [_Move(make_transform(np.eye(3), goal), way_m) for goal in chosen]
 
 
 def _turn(R_level_sensor: NDArray[np.float64], turn_deg: float) -> _Move:

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from ..retrieval.cascade import Cascade
 
-WAYS_M = (1.0, 2.0, 4.0, 8.0)
+WAYS_M = (2.0, 4.0, 8.0)
+SHORT_WAY_M = 1.0  # where nothing longer helps: a metre on, a scan shows nearly the same
 DIRECTIONS = 120
 _HALF_WIDTH_M = 0.35  # of the robot
 _CLEARANCE_M = 0.3  # before an obstacle
