@@ -20,9 +20,9 @@ from .ways import SHORT_WAY_M, WAYS_M, Floor, free_lengths, goals_at
 
 MOST_COMPARED = 3
 RIVAL_SHARE = 0.1  # of the first hypothesis's probability; a less probable one does not count
-ENOUGH = 0.3  # separation at which the search ends
-LEAST = 0.05  # separation of a hint
-CLEARLY = 0.01  # by which a longer way must be better
+ENOUGH = 0.2  # separation at which the search ends
+LEAST = 0.01  # separation of a hint
+CLEARLY = 0.005  # by which a longer way must be better
 TURNS_DEG = (60.0, -60.0, 120.0, -120.0, 180.0)
 MOST_MOVES = 24
 LIKELY = 1e-3  # is added to every probability: an improbable hypothesis may still be right
@@ -112,7 +112,7 @@ def _moves_by_length(
         yield [_turn(R_level_sensor, turn_deg) for turn_deg in TURNS_DEG]
     here = [Outlook.at(one.index.view, one.registration.T_level_sensor) for one in compared]
     nearest = np.min([outlook.nearest for outlook in here], axis=0)
-    mapped = directions()[np.isfinite(nearest)] * nearest[np.isfinite(nearest), None]
+    mapped = directions() * nearest[:, None]
     scanned = turned(last.seen, last.T_last_scan[:3, :3]) + last.T_last_scan[:3, 3].astype(np.float32)
     lengths = free_lengths(turned(np.concatenate([mapped, scanned]), R_level_sensor), last.height_m)
     floors = [_Ground.under(one, last.height_m, up) for one in compared]

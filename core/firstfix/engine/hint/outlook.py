@@ -11,12 +11,13 @@ from ...scan.range_view import COLUMNS, ROWS, RangeView, directions, least_of_ne
 from ...transform import Matrix
 from ..verification.free_space import MapView
 
+FAR_M = 1000.0  # where nothing is mapped
 NEAR_M = 9.0  # up to which the fine points are drawn, as in the free-space check
 BLIND_DEG = 120.0  # a sensor that does not see all round has a wider gap
+_BLOB = 6  # of a direction and its eight neighbours
 FEWEST = 20  # directions in which there is something to compare
 _ROW_RETURNS = 4  # of a row that the sensor sees; fewer are strays
-_TOLERANCE_M, _TOLERANCE = 0.2, 0.03
-_BEHIND_M = 0.3
+_TOLERANCE_M, _TOLERANCE = 0.3, 0.03  # as in the free-space check
 _VIOLATION_WEIGHT, _MAX_VIOLATION = 2.0, 0.2
 _LEVEL_SIN = np.sin(np.radians(45.0))
 _ALL_ROUND = 0.75  # of the columns
@@ -60,25 +61,28 @@ class Outlook:
     """Map as it is seen from a pose.
 
     Attributes:
-        nearest: (cells,) float32 metres to the nearest surface by direction, infinite where there is none.
-        least, most: (cells,) the least and the greatest of these in and around each direction. The map's
-            points are sparse, so a surface may show in the next direction.
+        nearest: (cells,) float32 metres to the nearest surface in each direction, FAR_M where there is none.
+        surface_m: (cells,) the least of these in and around each direction. The map's points are sparse: one
+            direction may pass between two points of a wall.
+        slack_m: (cells,) by how much it changes from one direction to the next. Along a wall or at an edge a
+            small error of the pose changes it as much.
     """
 
     nearest: NDArray[np.float32]
-    least: NDArray[np.float32]
-    most: NDArray[np.float32]
+    surface_m: NDArray[np.float32]
+    slack_m: NDArray[np.float32]
 
     @classmethod
     def at(cls, view: MapView, T_level_sensor: Matrix) -> Outlook:
         """Outlook from a pose in the index's frame."""
-        near_m = min(NEAR_M, view.reach_m)
         nearest = np.minimum(
-            view.near.tables.nearest_by_direction(T_level_sensor, near_m),
+            view.near.tables.nearest_by_direction(T_level_sensor, min(NEAR_M, view.reach_m)),
             view.far.tables.nearest_by_direction(T_level_sensor, view.reach_m),
         )
-        greatest = np.where(np.isfinite(nearest), -nearest, np.float32(np.inf))
-        return cls(nearest, _around(nearest), -_around(greatest))
+        nearest = np.minimum(nearest, np.float32(FAR_M))
+        surface_m = least_of_neighbours(nearest.reshape(ROWS, COLUMNS))
+        slack_m = -least_of_neighbours(-surface_m) - least_of_neighbours(surface_m)
+        return cls(nearest, surface_m.ravel(), slack_m.ravel())
 
     def misfit(self, there: Outlook, seen: FieldOfView) -> float:
         """Expected loss of support of a scan that is taken here and compared with another place.
@@ -89,17 +93,23 @@ class Outlook:
         Returns:
             0..1; 0 if there is too little to compare.
         """
-        rows = np.flatnonzero(seen.cells & np.isfinite(self.nearest))
-        if len(rows) < FEWEST:
+        rows = seen.cells & (self.surface_m < FAR_M)
+        count = int(rows.sum())
+        if count < FEWEST:
             return 0.0
-        nearest, least, most = self.nearest[rows], there.least[rows], there.most[rows]
-        tolerance = _TOLERANCE_M + _TOLERANCE * nearest
-        is_missing = (nearest < least - tolerance) | (nearest > most + tolerance)
-        mapped = there.nearest[rows]
-        is_through = self.least[rows] > mapped * (1 + _TOLERANCE) + _BEHIND_M
-        violation = is_through.sum() / max(int(np.isfinite(mapped).sum()), 1)
-        return min(float(is_missing.mean() + _VIOLATION_WEIGHT * min(violation, _MAX_VIOLATION)), 1.0)
+        here_m, there_m = self.surface_m, there.surface_m
+        allowed_m = _TOLERANCE_M + _TOLERANCE * here_m + np.maximum(self.slack_m, there.slack_m)
+        is_missing = _blobs(rows & (np.abs(here_m - there_m) > allowed_m))
+        is_through = is_missing & (here_m > there_m)
+        through = min(is_through.sum() / count, _MAX_VIOLATION)
+        return min(float(is_missing.sum() / count + _VIOLATION_WEIGHT * through), 1.0)
 
 
-def _around(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    return least_of_neighbours(image.reshape(ROWS, COLUMNS)).ravel()
+def _blobs(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Of (cells,) directions those that lie among others: the edge of a thing is a line of single cells."""
+    image = cells.reshape(ROWS, COLUMNS).astype(np.int8)
+    across = image + np.roll(image, 1, axis=1) + np.roll(image, -1, axis=1)
+    count = across.copy()
+    count[1:] += across[:-1]
+    count[:-1] += across[1:]
+    return cells & (count.ravel() >= _BLOB)

@@ -11,9 +11,9 @@ from ..retrieval.cascade import Cascade
 
 WAYS_M = (2.0, 4.0, 8.0)
 SHORT_WAY_M = 1.0  # where nothing longer helps: a metre on, a scan shows nearly the same
-DIRECTIONS = 120
-_HALF_WIDTH_M = 0.35  # of the robot
-_CLEARANCE_M = 0.3  # before an obstacle
+DIRECTIONS = 240
+_HALF_WIDTH_M = 0.3  # of the robot
+_CLEARANCE_M = 0.5  # before an obstacle
 _OWN_M = 0.3  # nearer points are the robot itself
 _STEP_M, _SLOPE = 0.25, 0.05  # what rises more above the floor is an obstacle
 _HEADROOM_M = 0.3  # above the sensor
