@@ -1,10 +1,11 @@
-"""Ambiguous scans in worlds with rooms that look alike: what comes of following the hint, and of a random move.
+"""Ambiguous scans in worlds with rooms that look alike: following the hint against moving at random.
 
     python -m benchmarks.run hints [--quick] [--json FILE]
 
-Every scan has all that goes wrong at once. An ambiguous one is counted as *distinct* if its place is: no other
-hypothesis explains the scan as well as the true pose does (``benchmarks.robust``). A scan without a hint is
-counted as not resolved. The random move is as long as the hint's, in a direction that is free in the world.
+Every scan has all that goes wrong at once. An ambiguous one is counted as *distinct* if its place is: no
+other hypothesis explains the scan as well as the true pose does (``benchmarks.robust``). A scan without a
+hint is counted as not resolved. The random move is as long as the hint's, in a direction that is free in the
+world.
 """
 
 from __future__ import annotations
@@ -95,7 +96,7 @@ def attempts(localizer: Localizer, simulator: Simulator, sensor: SensorModel, co
 
 
 def figures_of(found: Sequence[Attempt]) -> dict[str, Any]:
-    """Shares that were resolved, of all ambiguous scans and of the distinct ones. A share of nothing is None."""
+    """Shares that were resolved, of all and of the distinct scans. A share of nothing is None."""
     distinct = [one for one in found if one.is_distinct]
     ms = [one.hint_ms for one in found]
     return {

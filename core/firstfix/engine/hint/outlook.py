@@ -37,7 +37,8 @@ class FieldOfView:
     def of(cls, view: RangeView) -> FieldOfView:
         """Rows and columns of a scan's range view in which there are returns."""
         image = view.returned.reshape(ROWS, COLUMNS)
-        rows, columns = image.sum(axis=1) >= _ROW_RETURNS, image.any(axis=0)
+        rows: NDArray[np.bool_] = image.sum(axis=1) >= _ROW_RETURNS
+        columns: NDArray[np.bool_] = image.any(axis=0)
         if columns.mean() >= _ALL_ROUND:
             columns[:] = True  # where a spinning sensor has no return there is nothing in reach
         return cls((rows[:, None] & columns).ravel())

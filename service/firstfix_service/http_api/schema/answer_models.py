@@ -37,13 +37,14 @@ class Hint(BaseModel):
     """A move that should tell the best hypotheses of an ambiguous answer apart."""
 
     T_sensor_goal: Pose = Field(
-        description="pose at which to take the next scan, in the sensor's frame at the query's last scan; the "
-        "way there is level and straight"
+        description="pose at which to take the next scan, in the sensor's frame at the query's last scan; "
+        "the way there is level and straight"
     )
     distance_m: float = Field(description="length of the way; 0: turn on the spot")
     turn_deg: float = Field(description="turn about the vertical at the goal, to the left if positive")
     separation: float = Field(
-        description="0 to 1: by how much a scan at the goal should fit the true place better than its best rival"
+        description="0 to 1: by how much a scan at the goal should fit the true place better than its best "
+        "rival"
     )
     tells_apart: list[int] = Field(description="numbers of the hypotheses that it tells apart, 0: the first")
 
