@@ -12,6 +12,7 @@ from pathlib import Path
 from .calibration import suite as calibration
 from .common.datasets import DATASETS
 from .encodings import suite as encodings
+from .hints import suite as hints
 from .hostile import suite as hostile
 from .koide import suite as koide
 from .native import suite as native
@@ -26,6 +27,7 @@ from .service import suite as service
 SUITES = {
     "calibration": calibration.run,
     "encodings": encodings.run,
+    "hints": hints.run,
     "hostile": hostile.run,
     "koide": koide.run,
     "native": native.run,

@@ -41,7 +41,11 @@ with Client(given.url) as client:
         scans, poses = zip(*doubtful, strict=True)
         fix = client.localize(ScanSequence.along(scans, poses), map_id=given.map)
         if fix.verdict is not Verdict.LOCALIZED:
-            print(f"scan {number}: {fix.verdict.value}; stopping until more scans say more")
+            told = "stopping until more scans say more"
+            if fix.hint is not None:  # a goal for the robot's planner: from there the places look different
+                goal = pose_text(T_odom_sensor @ fix.hint.T_sensor_goal)
+                told = f"drive {fix.hint.distance_m:.1f} m to {goal} of odometry for the next scan"
+            print(f"scan {number}: {fix.verdict.value}; {told}")
             continue
         if T_map_odom is None:
             print(f"scan {number}: first fix, {pose_text(fix.T_map_sensor)}")

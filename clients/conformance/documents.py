@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from firstfix.answer.hint import Hint
 from firstfix.answer.localization import Hypothesis, Localization, Reason, Verdict
 from firstfix.answer.quality import AlignmentQuality
 from firstfix.catalog.geopose import Georeference
@@ -52,6 +53,7 @@ _ANSWERS = {
             Hypothesis(_HERE, AlignmentQuality(0.93, 0.81, 0.004, 0.011), 0.51, 4711),
             Hypothesis(_THERE, AlignmentQuality(0.92, 0.8, 0.003, 0.0), 0.49, 12),
         ),
+        hint=Hint(make_transform(rotation_z(-0.5), [1.6, -1.2, 0.05]), 2.0, -28.5, 0.375, (0, 1)),
         map_id="hall",
         map_version=_VERSION,
     ),
@@ -89,6 +91,7 @@ def documents() -> dict[str, bytes]:
         "answer-zero-quaternion": json.dumps(
             {"verdict": "localized", "T_map_sensor": {"position": [1, 2, 3], "quaternion": [0, 0, 0, 0]}}
         ),
+        "answer-hint-without-goal": json.dumps({"verdict": "ambiguous", "hint": {"distance_m": 1}}),
         "answer-of-a-list": "[]",
         "answer-of-a-proxy": "<html><body>It works!</body></html>",
         "geopose": json.dumps(_rounded(_GEOREFERENCE.geopose(_HERE))),
@@ -125,6 +128,7 @@ def vectors() -> Iterator[Vector]:
         "twist-too-short",
         "without-quaternion",
         "zero-quaternion",
+        "hint-without-goal",
         "of-a-list",
         "of-a-proxy",
     ):

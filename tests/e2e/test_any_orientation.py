@@ -25,6 +25,7 @@ from firstfix_builder.pipeline import build_version
 from firstfix_builder.simulation.perturb import elsewhere, perturbed_scans
 from firstfix_builder.simulation.simulate import Simulator
 from small_world import COARSE_CONFIG, SENSOR
+from storey_world import ROOMS_X, pose, scan_at, storey
 
 pytestmark = pytest.mark.slow
 
@@ -208,3 +209,10 @@ def test_a_map_is_built_for_a_sensor_that_hangs_head_down(small_world, small_map
     assert all(T[2, 2] < -0.9 for _, T in scans)
     # of 300 such scans 274 are right: of eight alone, 7 is a matter of luck
     assert sum(is_right(localizer.localize(scan), T) for scan, T in scans) >= 35
+
+
+def test_a_gravity_that_the_surfaces_confirm_and_no_place_that_fits(localizer):
+    """Gravity leaves no other up to try: the scan of another place is answered, not an error."""
+    other = scan_at(storey(), pose(ROOMS_X[0], 0.3, 40), 2)
+    answer = localizer.localize(other, LocalizeOptions(gravity=np.array([0.0, 0.0, -9.81])))
+    assert answer.verdict is not Verdict.LOCALIZED

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from storey_world import CONFIG, ROOMS_X, pose, scan_at, storey
 
 from firstfix.answer.localization import Verdict
 from firstfix.builds.config import BuildConfig
@@ -24,6 +23,7 @@ from firstfix.transform import inverse, make_transform, quaternion_of, rotation_
 from firstfix_builder.pipeline import build_version
 from firstfix_cli.local_service import LocalService, local_service
 from firstfix_client import Client
+from storey_world import CONFIG, ROOMS_X, pose, scan_at, storey
 from waiting import LIMIT_S
 
 pytestmark = pytest.mark.slow
@@ -154,6 +154,21 @@ def test_a_kidnapped_robot_notices_and_finds_itself(service, by_verdict, tmp_pat
     assert metres == pytest.approx(np.linalg.norm(after[0][1][:3, 3] - before[-1][1][:3, 3]), abs=0.3)
     assert lines[-1].startswith("scan 7: still on the way")
     assert away_m(lines[-1], after[-1][1]) < 0.05
+
+
+def test_a_kidnapped_robot_follows_the_hint_out_of_a_room_that_looks_like_others(service, tmp_path):
+    world, start = storey(), pose(ROOMS_X[0], 0.0, 0)
+    scan = scan_at(world, start, 4)
+    with Client(service.url) as client:
+        hint = client.localize(scan, map_id="offices").hint
+    assert hint is not None
+    goal = start @ hint.T_sensor_goal
+    drive = written(tmp_path, [(scan, start), (scan_at(world, goal, 54), goal)])
+    first, second = run("kidnapped_robot", service.url, "--map", "offices", drive).splitlines()
+    assert first.startswith(f"scan 0: ambiguous; drive {hint.distance_m:.1f} m to x ")
+    assert away_m(first, goal) < 0.05, "the odometry of this drive is in the map's frame"
+    assert second.startswith("scan 1: first fix, ")
+    assert away_m(second, goal) < 0.05
 
 
 def test_a_robot_that_is_not_carried_off_never_says_so(service, by_verdict, tmp_path):

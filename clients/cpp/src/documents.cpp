@@ -83,6 +83,17 @@ Hypothesis hypothesis_of(const Json& data) {
   return made;
 }
 
+Hint hint_of(const Json& data) {
+  const Json* goal = member(data, "T_sensor_goal");
+  if (goal == nullptr) unreadable("a hint has no goal");
+  Hint made{pose_of(*goal), number(data, "distance_m"), number(data, "turn_deg"), number(data, "separation"), {}};
+  for (const Json& one : list_of(data, "tells_apart")) {
+    if (!one.is_number_integer()) unreadable("tells_apart is not a list of numbers of hypotheses");
+    made.tells_apart.push_back(one.get<long long>());
+  }
+  return made;
+}
+
 Verdict verdict_of(const std::string& name) {
   for (const Verdict verdict : {Verdict::localized, Verdict::ambiguous, Verdict::rejected}) {
     if (name == text_of(verdict)) return verdict;
@@ -160,6 +171,7 @@ Localization parse_localization(std::string_view document) {
   }
   if (const Json* value = member(data, "probability")) made.probability = number(value, "probability");
   for (const Json& one : list_of(data, "hypotheses")) made.hypotheses.push_back(hypothesis_of(one));
+  if (const Json* hint = member(data, "hint")) made.hint = hint_of(*hint);
   made.map_id = text(data, "map_id");
   made.map_version = text(data, "map_version");
   if (const Json* timings = member(data, "timings_ms")) {

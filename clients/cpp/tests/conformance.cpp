@@ -180,6 +180,14 @@ Result answer_vector(const std::string& folder, const Json& input, const Json&) 
                           {"template", h.template_row},
                           {"map_id", h.map_id}});
   }
+  Json hint;
+  if (fix.hint) {
+    hint = {{"T_sensor_goal", json_of(fix.hint->T_sensor_goal)},
+            {"distance_m", fix.hint->distance_m},
+            {"turn_deg", fix.hint->turn_deg},
+            {"separation", fix.hint->separation},
+            {"tells_apart", fix.hint->tells_apart}};
+  }
   return {std::nullopt,
           {{"verdict", text_of(fix.verdict)},
            {"reasons", fix.reasons},
@@ -188,6 +196,7 @@ Result answer_vector(const std::string& folder, const Json& input, const Json&) 
            {"covariance", fix.covariance ? Json(*fix.covariance) : Json()},
            {"probability", fix.probability},
            {"hypotheses", hypotheses},
+           {"hint", hint},
            {"map_id", fix.map_id},
            {"map_version", fix.map_version},
            {"timings_ms", fix.timings_ms},

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import transform
+from .hint import Hint
+from .pose_mapping import pose_from_mapping, pose_to_mapping
 from .quality import AlignmentQuality
 
 
@@ -74,6 +75,8 @@ class Localization:
         map_id: map whose frame the pose is in.
         map_version: digest of the version that answered.
         timings_ms: milliseconds by stage.
+        hint: a move that should tell the best hypotheses apart. None unless ambiguous, or if no move within
+            reach does.
     """
 
     verdict: Verdict
@@ -87,6 +90,7 @@ class Localization:
     map_version: str = ""
     timings_ms: Mapping[str, float] = field(default_factory=dict)
     twist: NDArray[np.float64] | None = None
+    hint: Hint | None = None
 
     def __post_init__(self) -> None:
         if (self.verdict is Verdict.LOCALIZED) != (self.T_map_sensor is not None):
@@ -97,14 +101,14 @@ class Localization:
         return {
             "verdict": self.verdict.value,
             "reasons": [reason.value for reason in self.reasons],
-            "T_map_sensor": _pose_to_mapping(self.T_map_sensor),
-            "T_map_base": _pose_to_mapping(self.T_map_base),
+            "T_map_sensor": _optional_pose(self.T_map_sensor),
+            "T_map_base": _optional_pose(self.T_map_base),
             "covariance": None if self.covariance is None else self.covariance.ravel().tolist(),
             "twist": _twist_to_mapping(self.twist),
             "probability": self.probability,
             "hypotheses": [
                 {
-                    "T_map_sensor": _pose_to_mapping(h.T_map_sensor),
+                    "T_map_sensor": pose_to_mapping(h.T_map_sensor),
                     "inlier_ratio": None if h.quality is None else h.quality.inlier_ratio,
                     "alignment_score": None if h.quality is None else h.quality.alignment_score,
                     "free_space_violation": None if h.quality is None else h.quality.free_space_violation,
@@ -115,6 +119,7 @@ class Localization:
                 }
                 for h in self.hypotheses
             ],
+            "hint": None if self.hint is None else self.hint.to_mapping(),
             "map_id": self.map_id,
             "map_version": self.map_version,
             "timings_ms": {stage: round(ms, 3) for stage, ms in self.timings_ms.items()},
@@ -133,7 +138,7 @@ class Localization:
             probability=float(data.get("probability", 0.0)),
             hypotheses=tuple(
                 Hypothesis(
-                    transform.from_quaternion(h["T_map_sensor"]["position"], h["T_map_sensor"]["quaternion"]),
+                    pose_from_mapping(h["T_map_sensor"]),
                     _quality_from_mapping(h),
                     float(h["probability"]),
                     int(h["template"]),
@@ -145,21 +150,16 @@ class Localization:
             map_version=str(data.get("map_version", "")),
             timings_ms=dict(data.get("timings_ms", {})),
             twist=_twist_from_mapping(data.get("twist")),
+            hint=None if data.get("hint") is None else Hint.from_mapping(data["hint"]),
         )
 
 
-def _pose_to_mapping(T: NDArray[np.float64] | None) -> dict[str, list[float]] | None:
-    if T is None:
-        return None
-    rows = T.tolist()
-    return {
-        "position": [row[3] for row in rows[:3]],
-        "quaternion": transform.quaternion_of_rows(rows),
-    }
+def _optional_pose(T: NDArray[np.float64] | None) -> dict[str, list[float]] | None:
+    return None if T is None else pose_to_mapping(T)
 
 
 def _pose_from_mapping(data: Mapping[str, Any] | None) -> NDArray[np.float64] | None:
-    return None if data is None else transform.from_quaternion(data["position"], data["quaternion"])
+    return None if data is None else pose_from_mapping(data)
 
 
 def _twist_to_mapping(twist: NDArray[np.float64] | None) -> dict[str, list[float]] | None:

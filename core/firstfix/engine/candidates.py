@@ -67,7 +67,9 @@ class Candidates:
 
     @classmethod
     def merged(cls, parts: Sequence[Candidates]) -> Candidates:
-        """The candidates of all parts, most similar first."""
+        """The candidates of all parts, most similar first. No parts have none."""
+        if not parts:
+            return cls(np.empty(0, np.int64), np.empty((0, 4, 4)), np.empty(0))
         template, T_level_sensor, score = (
             np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)
         )

@@ -74,6 +74,7 @@ class HypothesisSearch:
                 int(self._template[row]),
                 registration,
                 start_z_m=float(self._starts[row, 2, 3]),
+                spots=self._prepared.spots,
             )
             for row, registration in zip(rows[order].tolist(), compared.at(order), strict=True)
         ]

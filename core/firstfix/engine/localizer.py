@@ -14,6 +14,7 @@ from ..scan.compact import CompactScan, ScanDescriptor
 from ..scan.scan import Scan
 from ..scan.sequence import AnyScan, ScanSequence
 from .descriptor_only import UnregisteredCandidate, answer_unregistered, find_unregistered
+from .hint.find import find_hint
 from .index import MapIndex
 from .map_search import MapSearch, Step
 from .motion.deskewed import deskewed
@@ -128,6 +129,10 @@ def localize_among(
         together = [candidate for search in searches for candidate in search.registered]
         together.sort(key=lambda candidate: -candidate.quality.support)
         answer = judge(together, options)
+    if answer.verdict is Verdict.AMBIGUOUS:
+        with watch.stage("hint"):
+            probability = [hypothesis.probability for hypothesis in answer.hypotheses]
+            answer = replace(answer, hint=find_hint(prepared[together[0].map_id], together, probability))
     return replace(answer, timings_ms=watch.ms)
 
 

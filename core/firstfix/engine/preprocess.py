@@ -26,6 +26,7 @@ from .registration.surface import Surface
 _SPARSE_POINTS = 400
 _DENSE_POINTS = 4000
 _RETURNS = 20_000
+_APART_M = 0.9  # scans of one spot show the same surfaces again
 _VOXELLED = 40_000  # points before one a voxel is kept: more points reach hardly any further voxel
 
 
@@ -104,6 +105,16 @@ class PreparedQuery:
     scans: tuple[PreparedScan, ...]
     dense: Surface
     sparse: Surface
+
+    @cached_property
+    def spots(self) -> int:
+        """Number of spots, a metre apart, where scans of the query were taken."""
+        chosen: list[NDArray[np.float64]] = []
+        for scan in self.scans:
+            spot = scan.T_last_scan[:3, 3]
+            if all(float(np.linalg.norm(spot - other)) >= _APART_M for other in chosen):
+                chosen.append(spot)
+        return len(chosen)
 
     def with_other_ups(
         self, gravity: NDArray[np.float64] | None, config: PreprocessConfig

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,7 @@ class RegisteredCandidate:
         seen_through: shares of directions that pass through the map; 0 until free space is checked.
         start_z_m: height, in the level frame, at which the alignment began: the sensor's above the template's
             floor. nan: not known.
+        spots: number of spots where the query's scans were taken.
     """
 
     index: MapIndex
@@ -41,6 +42,7 @@ class RegisteredCandidate:
     registration: Registration
     seen_through: SeenThrough = NOT_CHECKED
     start_z_m: float = math.nan
+    spots: int = 1
 
     @property
     def quality(self) -> AlignmentQuality:
@@ -72,6 +74,11 @@ def distinct(T_level_sensor: NDArray[np.float64], most: int | None = None) -> ND
 
 
 def features_of(ranked: Sequence[RegisteredCandidate], number: int = 0) -> MatchFeatures:
-    """Match features of one of the ranked candidates, for the calibration of its own map."""
-    calibration = ranked[number].index.calibration
-    return calibration.match_features([candidate.quality for candidate in ranked], number)
+    """Match features of one of the ranked candidates, for the calibration of its own map.
+
+    The evidence of several spots adds up: places that look alike from one rarely do from all. Support is a
+    mean over the scans, so the margin counts once for each spot (docs/method.md section 7).
+    """
+    one = ranked[number]
+    features = one.index.calibration.match_features([candidate.quality for candidate in ranked], number)
+    return replace(features, margin=one.spots * features.margin)

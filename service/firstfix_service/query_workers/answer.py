@@ -95,6 +95,9 @@ def _is_finite(answer: Localization) -> bool:
     """Returns whether JSON can hold every number: orjson would write null for the others."""
     poses = [answer.T_map_sensor, answer.T_map_base, *(one.T_map_sensor for one in answer.hypotheses)]
     numbers = [answer.probability, *(one.probability for one in answer.hypotheses)]
+    if answer.hint is not None:
+        poses.append(answer.hint.T_sensor_goal)
+        numbers += answer.hint.distance_m, answer.hint.turn_deg, answer.hint.separation
     for one in answer.hypotheses:
         if one.quality is not None:
             numbers += astuple(one.quality)

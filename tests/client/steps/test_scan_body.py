@@ -90,6 +90,16 @@ def test_several_go_compact():
     assert all(isinstance(scan, CompactScan) for scan in decode_query(body, media_type).scans)
 
 
+def test_gravity_levels_each_of_several_compact_scans():
+    """Gravity is that of the last scan, and the robot has rolled since the first."""
+    down, rolled = np.array([0.0, 0.6, -0.8]), make_transform(np.diag([1.0, -1, -1]), [1.0, 0, 0])
+    sequence = ScanSequence.along([SCAN] * 2, [np.eye(4), rolled])
+    media_type, body = encoded(sequence, BodyForm("compact", PARAMETERS), down)
+    first, last = (scan.described for scan in decode_query(body, media_type).scans)
+    assert np.allclose(first.up, [0, 0.6, -0.8])
+    assert np.allclose(last.up, -down)
+
+
 def test_what_cannot_be_sent_is_refused():
     sequence = ScanSequence.along([SCAN] * 2, [np.eye(4)] * 2)
     for scan, form in (

@@ -82,7 +82,10 @@ def encoded(
             raise InvalidOption(
                 "several scans cannot be sent as descriptors: their points are needed for registration"
             )
-        scans = [_part(one, form) for one in scan.scans]
+        scans = [
+            _part(one, form, None if gravity is None else T_last_scan[:3, :3].T @ gravity)
+            for one, T_last_scan in zip(scan.scans, scan.T_last_scan, strict=True)
+        ]
         return wire_sequence.MEDIA_TYPE, wire_sequence.encode_scans(
             scans, scan.T_last_scan, **_of_whole_scans(form)
         )
@@ -109,15 +112,17 @@ def _of_whole_scans(form: BodyForm) -> dict[str, Any]:
     return {"form": chosen, "resolution_m": form.resolution_m, "voxel_m": form.voxel_m}
 
 
-def _part(scan: Scan | CompactScan, form: BodyForm) -> Scan | CompactScan:
-    """Returns one of several scans in the form to send."""
+def _part(
+    scan: Scan | CompactScan, form: BodyForm, gravity: NDArray[np.float64] | None
+) -> Scan | CompactScan:
+    """Returns one of several scans in the form to send. Gravity is in this scan's own frame."""
     if isinstance(scan, CompactScan):
         return scan
     if form.encoding != "compact":
         return replace(scan, intensity=None)
     from firstfix.scan.condense import condense
 
-    return condense(scan, form.parameters)
+    return condense(scan, form.parameters, gravity)
 
 
 def _compact_body(scan: CompactScan) -> bytes:

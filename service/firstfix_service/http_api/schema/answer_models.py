@@ -45,6 +45,22 @@ class Hypothesis(BaseModel):
     map_id: str
 
 
+class Hint(BaseModel):
+    """A move that should tell the best hypotheses of an ambiguous answer apart."""
+
+    T_sensor_goal: Pose = Field(
+        description="pose at which to take the next scan, in the sensor's frame at the query's last scan; "
+        "the way there is level and straight"
+    )
+    distance_m: float = Field(description="length of the way; 0: turn on the spot")
+    turn_deg: float = Field(description="turn about the vertical at the goal, to the left if positive")
+    separation: float = Field(
+        description="0 to 1: by how much a scan at the goal should fit the true place better than its best "
+        "rival"
+    )
+    tells_apart: list[int] = Field(description="numbers of the hypotheses that it tells apart, 0: the first")
+
+
 class Answer(BaseModel):
     """Answer to a query. The pose is null unless the verdict is `localized`."""
 
@@ -71,6 +87,7 @@ class Answer(BaseModel):
                             "map_id": "",
                         }
                     ],
+                    "hint": None,
                     "map_id": "hall",
                     "map_version": "5a4ce3b4178946d0a2e1d4f1c3b7a9586e0f2d4c6b8a19375d3e5f7091b2c4d6",
                     "timings_ms": {"preprocess": 9.1, "search": 2.0, "register": 31.5},
@@ -91,6 +108,7 @@ class Answer(BaseModel):
     )
     probability: float
     hypotheses: list[Hypothesis] = Field(description="sorted, the best one first")
+    hint: Hint | None = Field(description="null unless ambiguous, or if no move within reach helps")
     map_id: str
     map_version: str
     timings_ms: dict[str, float]

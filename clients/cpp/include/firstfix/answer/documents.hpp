@@ -31,6 +31,15 @@ struct Hypothesis {
   std::string map_id;  // the map of this pose, if several maps were asked
 };
 
+// A move that should tell the best hypotheses of an ambiguous answer apart. Take the next scan at the goal, and send it
+// together with this one.
+struct Hint {
+  Pose T_sensor_goal;  // in the sensor's frame at the query's last scan; the way there is level and straight
+  double distance_m = 0, turn_deg = 0;  // turn about the vertical at the goal, to the left if positive
+  double separation = 0;                // 0 to 1: by how much the scan at the goal should fit the true place better
+  std::vector<long long> tells_apart;   // numbers of hypotheses, 0 for the first
+};
+
 // The answer to a query. A scan that is not localized has no pose: there is no fallback pose.
 struct Localization {
   Verdict verdict = Verdict::rejected;
@@ -40,6 +49,7 @@ struct Localization {
   std::optional<std::array<double, 36>> covariance;  // row by row over x, y, z and rotations about x, y, z (m, rad)
   double probability = 0;
   std::vector<Hypothesis> hypotheses;  // best first
+  std::optional<Hint> hint;            // absent unless ambiguous, or if no move within reach helps
   std::string map_id, map_version;
   std::map<std::string, double> timings_ms;
   std::optional<Twist> twist{};  // of the sensor during the scan, if it was solved with the pose or given by the caller
