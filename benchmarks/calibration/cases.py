@@ -1,8 +1,4 @@
-<<<<<<< HEAD
 """Cases to which the prior is fitted: scans of known origin, and the places that the engine finds there."""
-=======
-"""Cases to which the prior is fitted: scans of known origin, and the places that the engine finds."""
->>>>>>> 977fbf3 (Keep a line short)
 
 from __future__ import annotations
 
