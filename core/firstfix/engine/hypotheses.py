@@ -15,7 +15,7 @@ from .candidates import Candidates
 from .index import MapIndex
 from .preprocess import PreparedQuery
 from .registered_candidate import RegisteredCandidate, distinct, features_of, ranked
-from .registration.align import Registrations
+from .registration.align import Registration, Registrations
 from .verification.free_space import SeenThrough
 
 SAME_START_M, SAME_START_DEG = 0.3, 3.0  # nearer starts end at one pose
@@ -40,6 +40,7 @@ class HypothesisSearch:
         self._starts = np.empty((0, 4, 4))
         self._template = np.empty(0, np.int64)
         self._aligned: list[Registrations] = []  # of all starts, batch by batch
+        self._in_motion: dict[int, Registration] = {}  # by row: a later run does not solve it again
         self._seen_through: dict[bytes, SeenThrough] = {}  # by pose: a later run does not check it again
 
     def run(self, candidates: Candidates) -> list[RegisteredCandidate]:
@@ -65,8 +66,8 @@ class HypothesisSearch:
         if self._prior is not None:
             rows = rows[self._prior.allows_each(self._index.T_map_level @ aligned.T_level_sensor[rows])]
         rows = rows[distinct(aligned.T_level_sensor[rows], most=self._index.config.verification.compared)]
-        compared = self._with_motion(aligned.at(rows))
-        order = np.argsort(-compared.alignment_score, kind="stable")  # the motion may have changed it
+        compared = list(zip(rows.tolist(), self._with_motion(aligned, rows), strict=True))
+        compared.sort(key=lambda one: -one[1].alignment_score)  # the motion may have changed the order
         return [
             RegisteredCandidate(
                 self._index,
@@ -76,7 +77,7 @@ class HypothesisSearch:
                 start_z_m=float(self._starts[row, 2, 3]),
                 spots=self._prepared.spots,
             )
-            for row, registration in zip(rows[order].tolist(), compared.at(order), strict=True)
+            for row, registration in compared
         ]
 
     def _align(self, candidates: Candidates) -> None:
@@ -97,15 +98,18 @@ class HypothesisSearch:
         is_known = (off_m < SAME_START_M) & (trace > 1 + 2 * _SAME_START_COS)
         return np.flatnonzero(~is_known.any(axis=1))
 
-    def _with_motion(self, aligned: Registrations) -> Registrations:
-        """The same places, with the motion during the scan where the times of its points are known.
+    def _with_motion(self, aligned: Registrations, rows: NDArray[np.integer]) -> Iterable[Registration]:
+        """The given rows, with the motion during the scan where the times of its points are known.
 
         Wrong places gain by it as well as the right one, so all that are compared get it.
         """
         sparse = self._prepared.sparse
         if sparse.time_s is None:
-            return aligned
-        return self._index.surface.align_fine(sparse, aligned.T_level_sensor)
+            return (aligned[row] for row in rows.tolist())
+        new = np.array([row for row in rows.tolist() if row not in self._in_motion], np.int64)
+        solved = self._index.surface.align_fine(sparse, aligned.T_level_sensor[new])
+        self._in_motion.update(zip(new.tolist(), solved, strict=True))
+        return (self._in_motion[row] for row in rows.tolist())
 
     def _allowed(self, registered: Iterable[RegisteredCandidate]) -> list[RegisteredCandidate]:
         """The candidates that the prior allows."""

@@ -228,9 +228,13 @@ def test_the_motion_is_solved_at_every_place_that_is_compared():
     made_up = Moving([0.9, 0.85, 0.7], [0.0] * 3)
     index = MapIndex(EngineConfig(), Calibration(), None, made_up, made_up)
     prepared = SimpleNamespace(sparse=timed, dense=timed, scans=(SCAN,))
-    found = HypothesisSearch(index, prepared).run(standing_at([0.0, APART_M, 2 * APART_M]))
+    search = HypothesisSearch(index, prepared)
+    found = search.run(standing_at([0.0, APART_M, 2 * APART_M]))
     assert made_up.refined[:3] == [0.0, APART_M, 2 * APART_M]
     assert made_up.refined[3:5] == [0.0, APART_M]
     assert all(candidate.registration.twist is not None for candidate in found)
     assert len(views) >= 3
     assert all(view is not None for view in views)
+    sparse_again = [*made_up.refined]
+    search.run(standing_at([]))
+    assert made_up.refined == [*sparse_again, *sparse_again[3:]]  # only the places that are refined again

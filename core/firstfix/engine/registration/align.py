@@ -86,12 +86,6 @@ class Registrations:
         names = [field.name for field in fields(cls) if field.name != "twist"]
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
-    def at(self, rows: NDArray[np.integer]) -> Registrations:
-        """The given rows."""
-        twist = None if self.twist is None else self.twist[rows]
-        T, ratio, score = self.T_level_sensor[rows], self.inlier_ratio[rows], self.alignment_score[rows]
-        return Registrations(T, ratio, score, self.information[rows], twist)
-
     def __iter__(self) -> Iterator[Registration]:
         return (self[number] for number in range(len(self)))
 
