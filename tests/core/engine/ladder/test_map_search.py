@@ -46,7 +46,7 @@ def ladder(monkeypatch, clock):
             clock.now_s += 0.01
             good = found_by is not None and step is found_by
             quality = AlignmentQuality(0.99, 0.98, 0.0) if good else AlignmentQuality(0.3, 0.2, 0.2)
-            search.registered = [SimpleNamespace(index=index, quality=quality)]
+            search.registered = [SimpleNamespace(index=index, quality=quality, spots=1)]
 
         monkeypatch.setattr(
             search,
