@@ -16,7 +16,7 @@ from ..scan.sequence import AnyScan, ScanSequence
 from .descriptor_only import UnregisteredCandidate, answer_unregistered, find_unregistered
 from .hint.find import find_hint
 from .index import MapIndex
-from .map_search import MapSearch, Step
+from .ladder.map_search import MapSearch, Step
 from .motion.deskewed import deskewed
 from .preprocess import PreparedQuery, preprocess
 from .registered_candidate import RegisteredCandidate, features_of

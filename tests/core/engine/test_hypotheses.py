@@ -19,7 +19,7 @@ APART_M = 10.0  # candidate i stands at x = 10 i
 NEVER_SURE = Calibration(bias=-100)
 SCAN = SimpleNamespace(view_deskewed=lambda twist: twist, T_last_scan=np.eye(4))
 STILL = SimpleNamespace(time_s=None)
-PREPARED = SimpleNamespace(sparse=STILL, dense=STILL, scans=(SCAN,))
+PREPARED = SimpleNamespace(spots=1, sparse=STILL, dense=STILL, scans=(SCAN,))
 
 
 def at(x: float) -> np.ndarray:
@@ -227,7 +227,7 @@ def test_the_motion_is_solved_at_every_place_that_is_compared():
     timed = SimpleNamespace(time_s=np.zeros(3))
     made_up = Moving([0.9, 0.85, 0.7], [0.0] * 3)
     index = MapIndex(EngineConfig(), Calibration(), None, made_up, made_up)
-    prepared = SimpleNamespace(sparse=timed, dense=timed, scans=(SCAN,))
+    prepared = SimpleNamespace(spots=1, sparse=timed, dense=timed, scans=(SCAN,))
     search = HypothesisSearch(index, prepared)
     found = search.run(standing_at([0.0, APART_M, 2 * APART_M]))
     assert made_up.refined[:3] == [0.0, APART_M, 2 * APART_M]

@@ -10,16 +10,16 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.options import LocalizeOptions
-from .candidates import Candidates, find_candidates
-from .config import EffortConfig
-from .hypotheses import HypothesisSearch
-from .index import MapIndex
+from ...answer.options import LocalizeOptions
+from ..candidates import Candidates, find_candidates
+from ..config import EffortConfig
+from ..hypotheses import HypothesisSearch
+from ..index import MapIndex
+from ..preprocess import PreparedQuery, PreparedScan
+from ..registered_candidate import RegisteredCandidate, features_of
+from ..stopwatch import Stopwatch
 from .level_hypotheses import level_hypotheses
-from .preprocess import PreparedQuery, PreparedScan
-from .registered_candidate import RegisteredCandidate, features_of
 from .screening import screened_candidates
-from .stopwatch import Stopwatch
 
 SCREENED_PER_REGISTERED = 12  # poses that are screened in the time of one candidate's registration
 COMPARED_PER_REGISTERED = 200  # templates that are compared in this time
@@ -58,7 +58,7 @@ class MapSearch:
 
     @property
     def is_accepted(self) -> bool:
-        """Whether the best pose may be answered ``localized``."""
+        """Returns whether the best pose may be answered ``localized``."""
         best = self.registered
         return bool(best) and self._index.calibration.accepts(features_of(best))
 

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..answer.options import LocalizeOptions
-from .candidates import Candidates, candidates_of_scan
-from .config import EffortConfig
-from .index import MapIndex
-from .preprocess import PreparedQuery, PreparedScan
-from .registered_candidate import distinct
+from ...answer.options import LocalizeOptions
+from ..candidates import Candidates, candidates_of_scan
+from ..config import EffortConfig
+from ..index import MapIndex
+from ..preprocess import PreparedQuery, PreparedScan
+from ..registered_candidate import distinct
 
 
 def screened_candidates(

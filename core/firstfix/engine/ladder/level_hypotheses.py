@@ -12,9 +12,9 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from ..scan.levelling import levelling_rotation
-from .preprocess import PreparedQuery, PreparedScan
-from .registration.surface import Surface
+from ...scan.levelling import levelling_rotation
+from ..preprocess import PreparedQuery, PreparedScan
+from ..registration.surface import Surface
 
 TILT_DEG = 5.0
 TILTS = 6

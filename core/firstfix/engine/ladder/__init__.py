@@ -1,0 +1,1 @@
+"""Effort ladder: searches of one query in one map, from narrow to exhaustive."""
