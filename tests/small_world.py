@@ -39,7 +39,7 @@ SENSOR = {
     "max_range_m": 60.0,
     "mount_height_m": 0.8,
 }
-CONFIG = {"sensor": SENSOR, "learn_keys": {"scans": 300}, "self_test": {"queries": 12, "outside": 6}}
+CONFIG = {"sensor": SENSOR, "learn_keys": {"scans": 300}, "self_test": {"queries": 40, "outside": 10}}
 # A tenth of the work, and something to do for every stage: for tests that look at stages and not at answers.
 COARSE_CONFIG = {
     "sensor": {**SENSOR, "azimuth_step_deg": 2.4},
