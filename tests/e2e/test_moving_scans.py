@@ -58,10 +58,12 @@ def test_the_motion_is_in_the_answer_and_the_pose_is_better(localizer, moving):
     metres, degrees = np.median(errors(timed, moving), axis=0)
     assert metres < 0.02
     assert degrees < 0.15
-    rigid_m, rigid_deg = np.median(errors(still, moving), axis=0)
+    first = [pose_error(a.hypotheses[0].T_map_sensor, T) for a, (_, T) in zip(still, moving, strict=True)]
+    rigid_m, rigid_deg = np.median([one for one in first if one[0] < 1], axis=0)
     assert metres < rigid_m / 2
     assert degrees < rigid_deg / 2
-    assert len(errors(timed, moving)) >= max(CASES * 2 // 3, len(errors(still, moving)))
+    localized = [sum(a.verdict is Verdict.LOCALIZED for a in answers) for answers in (timed, still)]
+    assert localized[0] >= max(CASES * 2 // 3, localized[1])
     assert errors(timed, moving)[:, 0].max() < 0.2
     for answer in timed:
         assert (answer.twist is not None) == (answer.verdict is Verdict.LOCALIZED)
@@ -84,7 +86,7 @@ def test_every_encoding_carries_the_motion(localizer, moving):
         in_sequence,
     ):
         answers = by(encode)
-        assert sum(answer.twist is not None for answer in answers) >= CASES * 2 // 3
+        assert sum(answer.twist is not None for answer in answers) >= CASES // 2
         metres, degrees = np.median(errors(answers, moving), axis=0)
         assert metres < 0.03
         assert degrees < 0.2

@@ -13,6 +13,7 @@ from .. import native
 from ..answer.quality import AlignmentQuality, MatchFeatures
 from ..transform import Matrix
 from .index import MapIndex
+from .motion.sweep import discounted_score
 from .registration.align import Registration
 from .verification.free_space import SeenThrough
 
@@ -46,10 +47,10 @@ class RegisteredCandidate:
 
     @property
     def quality(self) -> AlignmentQuality:
-        """Fit of the scan to the map at this pose."""
+        """Fit of the scan to the map at this pose, less for a motion during the scan that is unlikely."""
         return AlignmentQuality(
             self.registration.inlier_ratio,
-            self.registration.alignment_score,
+            discounted_score(self.registration.alignment_score, self.registration.twist),
             self.seen_through.onto_nothing,
             self.seen_through.onto_surface,
         )
