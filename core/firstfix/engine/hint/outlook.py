@@ -106,7 +106,7 @@ class Outlook:
 
 
 def _blobs(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Directions (cells,) that lie among other such directions. The edge of a thing is a line of single cells."""
+    """Directions (cells,) that lie among other such ones. The edge of a thing is a line of single cells."""
     image = cells.reshape(ROWS, COLUMNS).astype(np.int8)
     across = image + np.roll(image, 1, axis=1) + np.roll(image, -1, axis=1)
     count = across.copy()
