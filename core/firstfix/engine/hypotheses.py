@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..answer.prior import Prior
 from .candidates import Candidates
 from .index import MapIndex
-from .preprocess import PreparedQuery
+from .preprocess import PreparedQuery, spots_of
 from .registered_candidate import RegisteredCandidate, distinct, features_of, ranked
 from .registration.align import Registration, Registrations
 from .verification.free_space import SeenThrough
@@ -75,7 +75,7 @@ class HypothesisSearch:
                 int(self._template[row]),
                 registration,
                 start_z_m=float(self._starts[row, 2, 3]),
-                spots=self._prepared.spots,
+                spots=spots_of(self._prepared.scans),
             )
             for row, registration in compared
         ]

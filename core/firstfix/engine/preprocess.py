@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -106,16 +107,6 @@ class PreparedQuery:
     dense: Surface
     sparse: Surface
 
-    @cached_property
-    def spots(self) -> int:
-        """Number of spots, a metre apart, where scans of the query were taken."""
-        chosen: list[NDArray[np.float64]] = []
-        for scan in self.scans:
-            spot = scan.T_last_scan[:3, 3]
-            if all(float(np.linalg.norm(spot - other)) >= _APART_M for other in chosen):
-                chosen.append(spot)
-        return len(chosen)
-
     def with_other_ups(
         self, gravity: NDArray[np.float64] | None, config: PreprocessConfig
     ) -> tuple[PreparedScan, ...]:
@@ -128,6 +119,16 @@ class PreparedQuery:
             for up in ups
             for scan in self.scans
         )
+
+
+def spots_of(scans: Iterable[PreparedScan]) -> int:
+    """Number of spots, a metre apart, where the scans of a query were taken."""
+    chosen: list[NDArray[np.float64]] = []
+    for scan in scans:
+        spot = scan.T_last_scan[:3, 3]
+        if all(float(np.linalg.norm(spot - other)) >= _APART_M for other in chosen):
+            chosen.append(spot)
+    return len(chosen)
 
 
 def preprocess(

@@ -65,8 +65,7 @@ class _Ground:
         way = self.foot + shares[:, None, None] * goals  # (steps, g, 3)
         R, origin = self.T_level_sensor[:3, :3], self.T_level_sensor[:3, 3]
         on_floor = self.floor.carries((way @ R.T + origin).reshape(-1, 3))
-        carried: NDArray[np.bool_] = on_floor.reshape(len(shares), len(goals)).all(axis=0)
-        return carried
+        return np.asarray(on_floor.reshape(len(shares), len(goals)).all(axis=0))
 
 
 def find_hint(

@@ -37,8 +37,7 @@ class FieldOfView:
     def of(cls, view: RangeView) -> FieldOfView:
         """Rows and columns of a scan's range view in which there are returns."""
         image = view.returned.reshape(ROWS, COLUMNS)
-        rows: NDArray[np.bool_] = image.sum(axis=1) >= _ROW_RETURNS
-        columns: NDArray[np.bool_] = image.any(axis=0)
+        rows, columns = image.sum(axis=1) >= _ROW_RETURNS, np.asarray(image.any(axis=0))
         if columns.mean() >= _ALL_ROUND:
             columns[:] = True  # where a spinning sensor has no return there is nothing in reach
         return cls((rows[:, None] & columns).ravel())
@@ -107,7 +106,7 @@ class Outlook:
 
 
 def _blobs(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Of (cells,) directions those that lie among others: the edge of a thing is a line of single cells."""
+    """Directions (cells,) that lie among other such ones. The edge of a thing is a line of single cells."""
     image = cells.reshape(ROWS, COLUMNS).astype(np.int8)
     across = image + np.roll(image, 1, axis=1) + np.roll(image, -1, axis=1)
     count = across.copy()

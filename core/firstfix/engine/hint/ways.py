@@ -99,5 +99,4 @@ class Floor:
         off = points[:, None] - self.spots
         reach_m = max(_ON_FLOOR_M, self.spacing_m)
         is_near = (np.hypot(off[..., 0], off[..., 1]) <= reach_m) & (np.abs(off[..., 2]) <= _ON_FLOOR_M)
-        carried: NDArray[np.bool_] = is_near.any(axis=1)
-        return carried
+        return np.asarray(is_near.any(axis=1))

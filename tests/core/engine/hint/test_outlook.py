@@ -1,4 +1,4 @@
-"""What a sensor would see of two places, and by how much that differs."""
+"""Outlooks from two places, and the misfit between them."""
 
 import numpy as np
 import pytest
