@@ -117,7 +117,7 @@ def ask(
     best = errors[0] if errors else NEVER
     standing, found = Standing.DISTINCT, False
     if T_map_sensor is not None:
-        standing, found = _standing_and_found(localizer, scan, T_map_sensor, answer)
+        standing, found = standing_and_found(localizer, scan, T_map_sensor, answer)
     return Outcome(
         world,
         case,
@@ -161,7 +161,7 @@ def standing_of(true: AlignmentQuality, rivals: Sequence[AlignmentQuality]) -> S
     return Standing.TWIN if is_twin else Standing.OUTSHONE
 
 
-def _standing_and_found(
+def standing_and_found(
     localizer: Localizer, scan: Scan, T_map_sensor: Matrix, answer: Localization
 ) -> tuple[Standing, bool]:
     """Standing of the truth, and whether it is among the candidates. Too few points never speak for it."""
