@@ -24,14 +24,16 @@ TYPED = {"firstfix/wire/scan.py"}
 # The other modules of these rooms, and these modules, are not used by robot programs: they lose the
 # annotations of all functions.
 INTERNAL = (
+    "firstfix/decode.py",
     "firstfix/descriptor/",
     "firstfix/formats/",
+    "firstfix/ids.py",
     "firstfix/portable/",
     "firstfix/ros/",
     "firstfix/scan/levelling.py",
     "firstfix/scan/range_view.py",
-    "firstfix/scan/timed_points.py",
     "firstfix/scan/voxel_filter.py",
+    "firstfix/transform.py",
     "firstfix/wire/",
     "firstfix_client/drivers/",
     "firstfix_client/steps/",
@@ -41,7 +43,7 @@ INTERNAL = (
 def shipped(name: str, source: str) -> str:
     """Returns a module's source as the wheel has it."""
     if name in DOCUMENTED:
-        return source
+        return strip_spaces(source)
     typed = strip_types(strip_text(source), public=name.startswith(INTERNAL) and name not in TYPED)
     return strip_spaces(typed)
 

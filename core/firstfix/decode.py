@@ -12,8 +12,7 @@ from .errors import InputError, MalformedData, NotFound, TooLarge, UnsupportedFo
 from .formats.npy import read_npy
 from .formats.pcd import decode_pcd
 from .formats.ply import decode_ply
-from .formats.point_cloud import SCAN_LIMITS, Body, Limits, PointCloud
-from .formats.point_times import point_times
+from .formats.point_cloud import SCAN_LIMITS, Body, Limits, PointCloud, point_times
 from .formats.raw_xyz import decode_xyz, decode_xyzi
 from .formats.scanner_bin import decode_scanner_bin
 from .formats.text import decode_text

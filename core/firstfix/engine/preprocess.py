@@ -16,8 +16,8 @@ from ..scan.levelling import estimate_up_near, floor_height, levelling_rotation,
 from ..scan.range_view import RangeView, directions
 from ..scan.scan import Scan
 from ..scan.sequence import ScanSequence
-from ..scan.timed_points import TimedPoints
 from ..scan.up_hypotheses import other_ups
+from ..scan.voxel_filter import TimedPoints
 from ..transform import Matrix
 from .config import PreprocessConfig
 from .motion.sweep import sweep_times

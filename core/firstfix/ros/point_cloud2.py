@@ -7,8 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import UnsupportedFormat
-from ..formats.point_cloud import INTENSITY_NAMES, Body, Column, Limits, PointCloud, require_xyz
-from ..formats.point_times import TIME_NAMES, point_times
+from ..formats.point_cloud import (
+    INTENSITY_NAMES,
+    TIME_NAMES,
+    Body,
+    Column,
+    Limits,
+    PointCloud,
+    point_times,
+    require_xyz,
+)
 from ..scan.scan import Scan
 from .cdr import MessageReader
 from .header import Header, read_header
@@ -31,7 +39,7 @@ class StampedCloud:
     def scan(self) -> Scan:
         """Makes a scan. Points that are not finite are dropped, whatever ``is_dense`` says.
 
-        Times of the points are those of ``formats.point_times``.
+        Times of the points are those of ``point_times``.
 
         Raises:
             InvalidScan, TooLarge: as ``Scan.from_points``.

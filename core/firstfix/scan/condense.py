@@ -22,8 +22,7 @@ from .descriptor_parameters import DescriptorParameters
 from .levelling import estimate_up, floor_height, levelling_rotation, turned
 from .range_view import nearest_by_direction
 from .scan import Scan
-from .timed_points import TimedPoints
-from .voxel_filter import BORDER_M, at_most, voxel_means, within_range
+from .voxel_filter import BORDER_M, TimedPoints, at_most, voxel_means, within_range
 
 POINTS = 2500
 _RETURNS = 20_000  # points for the nearest ranges by direction

@@ -26,6 +26,7 @@ from small_world import SmallWorld
 CLEAN = PerturbConfig(noise_m=0, dropout=0, occluders=0, strangers=0)
 NOISY = PerturbConfig(noise_m=0.02, dropout=0.05, occluders=0, strangers=0)
 SENSOR = preset("vlp-16")
+NOWHERE = np.empty((0, 3))
 HERE = make_transform(rotation_z(0.4), [-1.0, 0.5, 0.8])
 MOTIONS = {
     "straight": (1.5, 0.0, 0.0, 0.0, 0.0, 0.0),
@@ -48,14 +49,14 @@ def surface(simulator: Simulator) -> MapSurface:
         for y in np.arange(-4.5, 5, 1.3):
             T = make_transform(np.eye(3), [x, y, 1.0])
             if simulator.is_free(T[None, :3, 3], 0.3)[0]:
-                scan = ScanSimulation(simulator, preset("os0-64"), CLEAN).scan(ScanCase(T, 0))
+                scan = ScanSimulation(simulator, preset("os0-64"), CLEAN).scan(ScanCase(T, 0, NOWHERE))
                 seen.append(Surface.around(scan.points[::7], -scan.points[::7]).moved(T))
     config = RegistrationConfig()
     return MapSurface.of(Surface.together(seen).thinned(config.map_voxel_m), config)
 
 
 def scan_of(simulator: Simulator, twist, config=NOISY, sweep: Sweep = Sweep()) -> Scan:
-    return ScanSimulation(simulator, SENSOR, config).scan(ScanCase(HERE, 5), Motion(twist, sweep))
+    return ScanSimulation(simulator, SENSOR, config).scan(ScanCase(HERE, 5, NOWHERE), Motion(twist, sweep))
 
 
 def test_poses_are_the_exponential_of_the_twist():

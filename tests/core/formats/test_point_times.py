@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from firstfix.decode import decode_query, read_scan_file
-from firstfix.formats.point_times import point_times
+from firstfix.formats.point_cloud import point_times
 
 N = 500
 SWEEP_S = np.linspace(0, 0.1, N)

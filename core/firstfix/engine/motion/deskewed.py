@@ -13,7 +13,7 @@ from ...scan.compact import CompactScan
 from ...scan.range_view import nearest_by_direction
 from ...scan.scan import Scan
 from ...scan.sequence import ScanSequence
-from ...scan.timed_points import TimedPoints
+from ...scan.voxel_filter import TimedPoints
 from .timed_view import timed_view
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...scan.range_view import COLUMNS, directions
-from ...scan.timed_points import TimedPoints
+from ...scan.voxel_filter import TimedPoints
 
 
 def timed_view(timed: TimedPoints, nearest_m: NDArray[np.float32]) -> TimedPoints:
