@@ -14,11 +14,11 @@ from scipy.optimize import minimize
 from firstfix.answer import quality as support
 from firstfix.answer.quality import AlignmentQuality, MatchFeatures
 from firstfix.engine.calibration import Calibration
+from firstfix_builder.self_test.reliability import ABSENT_WEIGHT
 
 from ..robust.figures import calibration_error
 from .cases import Case
 
-ABSENT_WEIGHT = 0.25  # of a scan as if its place were not in the map: robots are mostly where their map is
 WEIGHTS = ("bias", "alignment_score", "free_space", "margin")  # of ``Calibration``
 RIDGE = 1e-3  # keeps the fit finite where all cases are told apart
 _REMOVED, _VIOLATION = (0.02, 0.03, 0.04, 0.055, 0.08), (0.03, 0.045, 0.06, 0.085, 0.12)

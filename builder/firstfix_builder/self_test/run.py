@@ -30,10 +30,9 @@ from ..simulation.simulate import Simulator
 from .localizability import Spot, grid_of
 from .mirrored import is_in_map, mirrored
 from .outcome import RIGHT_M, Outcome
-from .reliability import Case, bound_of, fit, reliability_of
+from .reliability import ABSENT_WEIGHT, Case, bound_of, fit, reliability_of
 
 SURE = 0.5  # a mirror image that was found with more may be in the map
-ABSENT_WEIGHT = 0.25  # robots are mostly where their map is
 LIMITS_M = (0.05, 0.2, 0.5, 1)
 
 

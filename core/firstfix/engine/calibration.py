@@ -37,10 +37,10 @@ class Calibration:
         cases: number of self-test cases it was fitted on; 0: it is the prior.
     """
 
-    bias: float = -6.48
-    alignment_score: float = 2.3
-    free_space: float = 1.06
-    margin: float = 11.6
+    bias: float = -3.71
+    alignment_score: float = 2.39
+    free_space: float = 0.24
+    margin: float = 21.63
     min_probability: float = 0.99
     min_inlier_ratio: float = 0.4
     min_margin: float = 0.05
