@@ -88,7 +88,7 @@ def test_the_map_is_there_and_active(shop):
         json.loads(firstfix("maps", "show", PLACE, *ways(shop)[way], "--json")) for way in ("http", "store")
     ]
     assert shown[0] == shown[1]
-    assert "self-test, 12 perturbed scans" in firstfix("maps", "show", PLACE, "--store", shop.store)
+    assert "self-test, 40 perturbed scans" in firstfix("maps", "show", PLACE, "--store", shop.store)
 
 
 @pytest.mark.parametrize("way", ["http", "zenoh", "store"])

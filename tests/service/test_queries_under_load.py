@@ -140,7 +140,9 @@ def test_a_version_is_swapped_under_queries_without_an_error(service: Service, y
     def ask(first: int) -> list[int]:
         versions = []
         query = first
-        while not end.is_set():
+        is_last = False
+        while not is_last:
+            is_last = end.is_set()  # so the last query begins after the end
             response = yards.ask(service, "yard", query)
             assert response.status_code == 200, response.text
             versions.append(yards.shift_of(Localization.from_mapping(response.json()), query))

@@ -42,10 +42,12 @@ class Case:
 def fit(cases: Sequence[Case]) -> Calibration:
     """The calibration that the cases teach.
 
-    Those whose best places tie teach nothing. They are never localized, and which margin a place without an
-    equal needs is learned from such places alone.
+    Scans whose best places tie teach nothing. They are never localized, and which margin a place without an
+    equal needs is learned from such places alone. Their mirror images and hard negatives are left out with
+    them: alone they would teach that nothing is ever right.
     """
-    single = [case for case in cases if case.evidence.tied == 1]
+    tied = {case.query for case in cases if case.asked and case.evidence.tied > 1}
+    single = [case for case in cases if case.query not in tied and case.evidence.tied == 1]
     if not single:
         return Calibration()
     return Calibration.fit(*zip(*((c.evidence, c.right, c.weight) for c in single), strict=True))

@@ -32,6 +32,7 @@ class Calibration:
             answer less likely.
         min_probability: below it an answer is not ``localized``, unless the query gives its own threshold.
         min_inlier_ratio: below it a pose does not explain the scan at all.
+        max_free_space_violation: nor does a pose that more of the scan's directions contradict.
         min_margin: poses tie if their support differs by less: the answer is then ambiguous, however good
             they are.
         cases: number of self-test cases it was fitted on; 0: it is the prior.
@@ -43,6 +44,7 @@ class Calibration:
     margin: float = 21.63
     min_probability: float = 0.99
     min_inlier_ratio: float = 0.4
+    max_free_space_violation: float = 0.1
     min_margin: float = 0.05
     cases: int = 0
 
@@ -66,7 +68,9 @@ class Calibration:
             min_probability: threshold to use instead of the calibration's own.
         """
         needed = self.min_probability if min_probability is None else min_probability
-        explains = features.quality.inlier_ratio >= self.min_inlier_ratio
+        quality = features.quality
+        explains = quality.inlier_ratio >= self.min_inlier_ratio
+        explains &= quality.free_space_violation <= self.max_free_space_violation
         return explains and features.tied == 1 and self.probability(features) >= needed
 
     @classmethod

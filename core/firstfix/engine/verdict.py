@@ -72,6 +72,8 @@ def _why_not_localized(
 
     if best.quality.inlier_ratio < calibration.min_inlier_ratio:
         return Reason.LOW_INLIER_RATIO
+    if best.quality.free_space_violation > calibration.max_free_space_violation:
+        return Reason.FREE_SPACE_VIOLATION
     if calibration.accepts(best, min_probability):
         return None
     if would_do(replace(best, margin=MAX_MARGIN)):  # without its rivals, tied or not
