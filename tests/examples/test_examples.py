@@ -104,7 +104,7 @@ def test_start_up_asks_again_until_a_scan_is_localized(service, by_verdict, tmp_
     scans = [(blocked, seen[0][1]), *seen[:2]]
     files = [saved(tmp_path, f"{number}", scan) for number, (scan, _) in enumerate(scans)]
     first, second = run("robot_startup", service.url, "--map", "ground", *files).splitlines()
-    assert first.startswith("ambiguous (")
+    assert first.startswith("rejected (")
     assert second.startswith("localized: ")
     assert away_m(second, scans[1][1]) < 0.05
 
