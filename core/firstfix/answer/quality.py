@@ -16,7 +16,7 @@ ALIGNMENT_WEIGHT, REMOVED_WEIGHT, VIOLATION_WEIGHT = 0.25, 0.04, 0.06
 BEST_SCORE = 1.05  # the logarithms of perfect values stay finite
 LEAST_SHARE = 0.0003
 _WORST_SCORE, _VIOLATION_OFFSET = 0.02, 0.005  # in the inputs of the probability
-MAX_MARGIN = 0.5
+MAX_MARGIN = 0.25  # about two in three right places have more; more than this counts as this
 
 
 @dataclass(frozen=True)

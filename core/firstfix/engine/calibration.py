@@ -38,10 +38,10 @@ class Calibration:
         cases: number of self-test cases it was fitted on; 0: it is the prior.
     """
 
-    bias: float = -3.71
-    alignment_score: float = 2.39
-    free_space: float = 0.24
-    margin: float = 21.63
+    bias: float = -4.28
+    alignment_score: float = 2.46
+    free_space: float = 0.25
+    margin: float = 26.4
     min_probability: float = 0.99
     min_inlier_ratio: float = 0.4
     max_free_space_violation: float = 0.1
