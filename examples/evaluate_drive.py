@@ -49,7 +49,7 @@ print(f"success: {within} of {inside} localized within {NEAR_M} m")
 if errors_m:
     print(f"error: {100 * np.median(errors_m):.1f} cm at the median; {wrong} localized and wrong")
 claimed, right = np.array(claimed), np.array(right)
-for low, high in ((0.0, 0.5), (0.5, 0.99), (0.99, 1.01)):
+for low, high in ((0.0, 0.5), (0.5, 0.995), (0.995, 1.01)):
     alike = (low <= claimed) & (claimed < high)
     if alike.any():
         said, was = claimed[alike].mean(), right[alike].mean()

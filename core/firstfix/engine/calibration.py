@@ -42,7 +42,7 @@ class Calibration:
     alignment_score: float = 2.46
     free_space: float = 0.25
     margin: float = 26.4
-    min_probability: float = 0.99
+    min_probability: float = 0.995
     min_inlier_ratio: float = 0.4
     max_free_space_violation: float = 0.1
     min_margin: float = 0.05
