@@ -85,11 +85,11 @@ def test_a_store_that_was_lost_is_restored_and_localizes(
     command = [sys.executable, "-m", "firstfix_cli.main", "serve"]
     with running(command, port, tmp_path / "log", environment):
         with Client(f"http://127.0.0.1:{port}", api_key=token, timeout_s=60) as client:
-            answers = [client.localize(scan.points, map_id="hall") for scan, _ in small_scans[:4]]
+            answers = [client.localize(scan.points, map_id="hall") for scan, _ in small_scans[6:10]]
         assert httpx.get(f"http://127.0.0.1:{port}/maps").status_code == 401
     errors_m = [
         pose_error(T, answer.T_map_sensor)[0]
-        for answer, (_, T) in zip(answers, small_scans, strict=False)
+        for answer, (_, T) in zip(answers, small_scans[6:10], strict=True)
         if answer.T_map_sensor is not None
     ]
     assert len(errors_m) >= 3
@@ -126,7 +126,7 @@ def test_one_damaged_file_is_put_back(store: Path, tmp_path: Path):
 def test_the_quarterly_drill(store: Path, small_scans, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     *_, copy, localize = commands("Restore")
     scan = tmp_path / "scan.npy"
-    np.save(scan, small_scans[2][0].points)
+    np.save(scan, small_scans[1][0].points)
     places = {BACKUP: str(store), "/tmp/drill": str(tmp_path / "drill"), "scan.pcd": str(scan)}
     run(copy, places)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
