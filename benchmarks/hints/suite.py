@@ -28,7 +28,7 @@ from firstfix_builder.simulation.simulate import Simulator
 
 from ..common.worlds import WORLDS
 from ..robust.cases import ALL
-from ..robust.outcome import Standing, standing_and_found
+from ..robust.outcome import Standing, standing_in
 from ..robust.suite import WORK
 from ..robust.versions import Versions
 from .follow import MOVES, Followed, at_random, by_hint, follow
@@ -89,7 +89,7 @@ def attempts(localizer: Localizer, simulator: Simulator, sensor: SensorModel, co
         ends = follow(localizer, simulation, scan, T_map_sensor, answer, by_hint, seed)
         anyhow = at_random(simulation, ends.ways_m, rng)
         random = follow(localizer, simulation, scan, T_map_sensor, answer, anyhow, seed)
-        standing, _ = standing_and_found(localizer, scan, T_map_sensor, answer)
+        standing = standing_in(localizer, scan, T_map_sensor, answer)
         is_distinct = standing is Standing.DISTINCT
         has_hint, ms = answer.hint is not None, answer.timings_ms["hint"]
         found.append(Attempt(is_distinct, has_hint, ms, ends, random))

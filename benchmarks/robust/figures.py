@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import beta
 
 from firstfix.answer.localization import Verdict
+from firstfix.engine.false_accept_bound import upper_bound
 
 from .outcome import Outcome, Standing
 
@@ -17,7 +17,6 @@ SUCCESS_M = (0.05, 0.2, 0.5)
 TIGHT_M, TIGHT_DEG = 0.2, 2.0
 NEES_MEDIAN = 5.35  # of chi-squared with 6 degrees of freedom: what an honest covariance gives
 BINS = 10
-CONFIDENCE = 0.95
 LOOK_ALIKES = "outside: look-alikes"
 
 
@@ -29,7 +28,6 @@ def figures_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     distinct_0.2m_2deg: the same for the ``distinct`` scans without a perceptual alias.
     aliases_recognised: of the scans with an alias, the share whose answer was not ``localized`` and had the
     truth among its hypotheses.
-    among_candidates: a candidate of the widest search is near.
     among_all_0.2m: some hypothesis is within 0.2 m.
     first: the best hypothesis is the place (1 m, 10 degrees).
     right_localized: within 0.2 m among ``localized``.
@@ -47,7 +45,6 @@ def figures_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
         "distinct": sum(not o.has_alias for o in inside),
         "distinct_0.2m_2deg": _share([_is_tight(o) for o in inside if not o.has_alias]),
         "aliases_recognised": _share([_is_told(o) for o in inside if o.has_alias]),
-        "among_candidates": _share([o.among_candidates for o in inside]),
         "among_all_0.2m": _share([o.nearest_m <= TIGHT_M for o in inside]),
         "first": _share([o.is_right for o in inside]),
         "verdicts": {v.value: sum(o.verdict is v for o in outcomes) for v in Verdict},
@@ -64,12 +61,12 @@ def bars_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
     first: of the ``distinct`` scans of the map, the best hypothesis is the place (1 m, 10 degrees).
     within_0.2m_2deg: it is so near. localized: it is the place, and the answer is ``localized``.
-    found: a candidate of the widest search is near.
+    found: some hypothesis is within 0.2 m.
     twins_told: of the ``twins``, the share whose answer was not ``localized`` and had the truth among its
     hypotheses.
     outshone: scans that another place explains better than the true one; outshone_told: as twins_told.
     false_accepts: of all ``answers``, inside and outside.
-    false_accepts_at_most: upper end of their share (Clopper-Pearson, one-sided, CONFIDENCE).
+    false_accepts_at_most: upper end of their share (``upper_bound``).
     ece, look_alikes_ece: of all answers, and of scans of places outside that are built alike.
     """
     inside = [o for o in outcomes if o.inside]
@@ -80,7 +77,7 @@ def bars_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     return {
         "answers": len(outcomes),
         "distinct": len(distinct),
-        "found": _share([o.among_candidates for o in distinct]),
+        "found": _share([o.nearest_m <= TIGHT_M for o in distinct]),
         "first": _share([o.is_right for o in distinct]),
         "within_0.2m_2deg": _share([_is_tight(o) for o in distinct]),
         "localized": _share([o.is_right and o.is_localized for o in distinct]),
@@ -89,19 +86,11 @@ def bars_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
         "outshone": len(outshone),
         "outshone_told": _share([_is_told(o) for o in outshone]),
         "false_accepts": false_accepts,
-        "false_accepts_at_most": round(highest_share(false_accepts, len(outcomes)), 6),
+        "false_accepts_at_most": upper_bound(false_accepts, len(outcomes)),
         "ece": _calibration(outcomes),
         "look_alikes_ece": _calibration([o for o in outcomes if o.case == LOOK_ALIKES]),
         "ms": {f"p{q}": round(float(np.percentile([o.ms for o in outcomes], q)), 1) for q in (50, 95, 99)},
     }
-
-
-def highest_share(events: int, trials: int, confidence: float = CONFIDENCE) -> float:
-    """Upper end of a share of which so many events were seen (Clopper and Pearson 1934, one-sided).
-
-    A share above it would show so few events with a probability of less than ``1 - confidence``.
-    """
-    return 1.0 if events >= trials else float(beta.ppf(confidence, events + 1, trials - events))
 
 
 def calibration_error(probability: ArrayLike, right: ArrayLike) -> float:

@@ -12,17 +12,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from firstfix.answer.localization import Localization, Verdict
-from firstfix.answer.options import LocalizeOptions
 from firstfix.answer.quality import AlignmentQuality
-from firstfix.engine.candidates import find_candidates
 from firstfix.engine.localizer import Localizer
-from firstfix.engine.preprocess import PreparedQuery, preprocess
+from firstfix.engine.preprocess import preprocess
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import Matrix, inverse, pose_error, quaternion_of
 
 RIGHT_M, RIGHT_DEG = 1.0, 10.0  # further off, an answer "localized" is a false accept
-NEAR_M, NEAR_DEG = 1.5, 20.0  # a candidate so near can be aligned to the truth
 SUCCESS_YAW_DEG = 5.0
 ALIAS_WITHIN = 0.02  # of the truth's alignment score
 NEVER = (np.inf, np.inf, np.inf)
@@ -52,7 +49,6 @@ class Outcome:
         hypotheses: how many came back.
         error_m, error_deg, yaw_error_deg: of the best hypothesis; inf without one, or outside.
         nearest_m: least error among all hypotheses whose yaw is right; inf without one.
-        among_candidates: a candidate of the widest search is near the truth.
         standing: of the truth among the other places; no matcher can be sure where it is not DISTINCT.
             Outside the map: DISTINCT.
         nees: e' P^-1 e of an answer with a covariance (6 degrees of freedom), nan without one.
@@ -71,7 +67,6 @@ class Outcome:
     error_deg: float
     yaw_error_deg: float
     nearest_m: float
-    among_candidates: bool
     standing: Standing
     nees: float
     ms: float
@@ -115,9 +110,9 @@ def ask(
         NEVER if T_map_sensor is None else _errors(T_map_sensor, h.T_map_sensor) for h in answer.hypotheses
     ]
     best = errors[0] if errors else NEVER
-    standing, found = Standing.DISTINCT, False
-    if T_map_sensor is not None:
-        standing, found = standing_and_found(localizer, scan, T_map_sensor, answer)
+    standing = (
+        Standing.DISTINCT if T_map_sensor is None else standing_in(localizer, scan, T_map_sensor, answer)
+    )
     return Outcome(
         world,
         case,
@@ -129,7 +124,6 @@ def ask(
         len(errors),
         *best,
         min((m for m, _, yaw_deg in errors if yaw_deg <= SUCCESS_YAW_DEG), default=np.inf),
-        found,
         standing,
         np.nan if T_map_sensor is None else nees(T_map_sensor, answer),
         ms,
@@ -161,23 +155,12 @@ def standing_of(true: AlignmentQuality, rivals: Sequence[AlignmentQuality]) -> S
     return Standing.TWIN if is_twin else Standing.OUTSHONE
 
 
-def standing_and_found(
-    localizer: Localizer, scan: Scan, T_map_sensor: Matrix, answer: Localization
-) -> tuple[Standing, bool]:
-    """Standing of the truth, and whether it is among the candidates. Too few points never speak for it."""
-    prepared = preprocess(ScanSequence.single(scan), None, localizer.index.config.preprocess)
-    if prepared is None:
-        return Standing.OUTSHONE, False
-    return (
-        _standing(localizer, prepared, T_map_sensor, answer),
-        _among_candidates(localizer, prepared, T_map_sensor),
-    )
-
-
-def _standing(
-    localizer: Localizer, prepared: PreparedQuery, T_map_sensor: Matrix, answer: Localization
-) -> Standing:
+def standing_in(localizer: Localizer, scan: Scan, T_map_sensor: Matrix, answer: Localization) -> Standing:
+    """Standing of the truth among the places of an answer. Too few points never speak for it."""
     index = localizer.index
+    prepared = preprocess(ScanSequence.single(scan), None, index.config.preprocess)
+    if prepared is None:
+        return Standing.OUTSHONE
     (found,) = index.surface.align_fine(prepared.dense, (inverse(index.T_map_level) @ T_map_sensor)[None])
     through = index.view.seen_through(index.surface, prepared.scans[0].view, found.T_level_sensor)
     true = AlignmentQuality(
@@ -185,15 +168,6 @@ def _standing(
     )
     elsewhere = [h for h in answer.hypotheses if pose_error(T_map_sensor, h.T_map_sensor)[0] > RIGHT_M]
     return standing_of(true, [hypothesis.quality for hypothesis in elsewhere])
-
-
-def _among_candidates(localizer: Localizer, prepared: PreparedQuery, T_map_sensor: Matrix) -> bool:
-    index, scans = localizer.index, prepared.scans
-    described = [scan.described_by(index.cascade.descriptor) for scan in scans]
-    found = find_candidates(index, described, scans, LocalizeOptions(), index.config.search.widened)
-    T_level_sensor = inverse(index.T_map_level) @ T_map_sensor
-    errors = (pose_error(T_level_sensor, T) for T in found.T_level_sensor)
-    return any(off_m <= NEAR_M and off_deg <= NEAR_DEG for off_m, off_deg in errors)
 
 
 def _errors(T_true: Matrix | None, T_found: Matrix) -> tuple[float, float, float]:

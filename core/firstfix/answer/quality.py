@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import log
 
 import numpy as np
@@ -37,7 +38,7 @@ class AlignmentQuality:
     free_space_violation: float
     removed_surface: float = 0.0
 
-    @property
+    @cached_property  # each of a hundred poses is compared with all others
     def support(self) -> float:
         """Score by which poses are ranked (equation 7.1). Only differences of it mean something.
 

@@ -68,6 +68,7 @@ class HypothesisSearch:
         rows = rows[distinct(aligned.T_level_sensor[rows], most=self._index.config.verification.compared)]
         compared = list(zip(rows.tolist(), self._with_motion(aligned, rows), strict=True))
         compared.sort(key=lambda one: -one[1].alignment_score)  # the motion may have changed the order
+        spots = spots_of(self._prepared.scans)
         return [
             RegisteredCandidate(
                 self._index,
@@ -75,7 +76,7 @@ class HypothesisSearch:
                 int(self._template[row]),
                 registration,
                 start_z_m=float(self._starts[row, 2, 3]),
-                spots=spots_of(self._prepared.scans),
+                spots=spots,
             )
             for row, registration in compared
         ]

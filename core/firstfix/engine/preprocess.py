@@ -27,7 +27,7 @@ from .registration.surface import Surface
 _SPARSE_POINTS = 400
 _DENSE_POINTS = 4000
 _RETURNS = 20_000
-_APART_M = 0.9  # scans of one spot show the same surfaces again
+_APART_M = 0.9  # nearer to each other, scans show the same surfaces again
 _VOXELLED = 40_000  # points before one a voxel is kept: more points reach hardly any further voxel
 
 
@@ -122,7 +122,7 @@ class PreparedQuery:
 
 
 def spots_of(scans: Iterable[PreparedScan]) -> int:
-    """Number of spots, a metre apart, where the scans of a query were taken."""
+    """Number of spots, _APART_M apart, where the scans of a query were taken."""
     chosen: list[NDArray[np.float64]] = []
     for scan in scans:
         spot = scan.T_last_scan[:3, 3]
@@ -146,9 +146,8 @@ def preprocess(
             z. None: near the sensor's z.
     """
     scans = []
-    still = [
-        replace(scan, time_s=None) for scan in sequence.scans[:-1]
-    ]  # the answer's motion is the last one's
+    # the motion that is solved is the last scan's
+    still = [replace(scan, time_s=None) for scan in sequence.scans[:-1]]
     for scan, T_last_scan in zip([*still, sequence.scans[-1]], sequence.T_last_scan, strict=True):
         down = None if gravity is None else T_last_scan[:3, :3].T @ gravity
         prepared = _prepare(scan, T_last_scan, down, config, R_base_sensor)

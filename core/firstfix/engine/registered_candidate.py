@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +46,7 @@ class RegisteredCandidate:
     start_z_m: float = math.nan
     spots: int = 1
 
-    @property
+    @cached_property  # each of a hundred candidates is compared with all others
     def quality(self) -> AlignmentQuality:
         """Fit of the scan to the map at this pose, less for a motion during the scan that is unlikely."""
         return AlignmentQuality(

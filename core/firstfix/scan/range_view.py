@@ -46,18 +46,16 @@ class RangeView:
     def of_nearest(cls, nearest: NDArray[np.float32]) -> RangeView:
         """Range view of (cells,) nearest ranges, infinite in directions without a return."""
         image = nearest.reshape(ROWS, COLUMNS)
-        around = _with_neighbours(np.isfinite(image))
-        numbers = np.bincount(around.ravel(), minlength=10)[
-            1:
-        ].cumsum()  # of the seen cells, by their neighbours
-        usual = 1 + int(np.searchsorted(numbers, numbers[-1] / 2))
+        around = filled_around(np.isfinite(image))
+        seen = np.bincount(around.ravel(), minlength=10)[1:].cumsum()  # by the cells around
+        usual = 1 + int(np.searchsorted(seen, seen[-1] / 2))
         enough = ENOUGH if usual >= ENOUGH else 1
         return cls((around >= enough).ravel(), least_of_neighbours(image).ravel())
 
 
-def _with_neighbours(seen: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Number of seen cells among each seen cell and its eight neighbours, else 0; columns wrap around."""
-    one = seen.view(np.uint8)
+def filled_around(image: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Number of filled cells among each filled cell and its eight neighbours, else 0; columns wrap around."""
+    one = image.view(np.uint8)
     across = one.copy()
     across[:, 1:] += one[:, :-1]
     across[:, :-1] += one[:, 1:]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...scan.range_view import COLUMNS, ROWS, RangeView, directions, least_of_neighbours
+from ...scan.range_view import COLUMNS, ROWS, RangeView, directions, filled_around, least_of_neighbours
 from ...transform import Matrix
 from ..verification.free_space import MapView
 
@@ -18,7 +18,7 @@ _BLOB = 6  # of a direction and its eight neighbours
 FEWEST = 20  # directions in which there is something to compare
 _ROW_RETURNS = 4  # of a row that the sensor sees; fewer are strays
 _TOLERANCE_M, _TOLERANCE = 0.3, 0.03  # as in the free-space check
-_VIOLATION_WEIGHT, _MAX_VIOLATION = 2.0, 0.2
+_THROUGH_WEIGHT, _MAX_THROUGH = 2.0, 0.2  # beside the weight of every misfit
 _LEVEL_SIN = np.sin(np.radians(45.0))
 _ALL_ROUND = 0.75  # of the columns
 
@@ -85,10 +85,10 @@ class Outlook:
         return cls(nearest, surface_m.ravel(), slack_m.ravel())
 
     def misfit(self, there: Outlook, seen: FieldOfView) -> float:
-        """Expected loss of support of a scan that is taken here and compared with another place.
+        """Share of directions in which a scan that is taken here does not fit another place.
 
-        Surfaces that are not there cost alignment score, and surfaces there that the scan sees through cost
-        free space: the two parts of a place's support (docs/method.md section 7).
+        Directions in which it would see through surfaces there count three times, up to a limit: they tell
+        places apart best (docs/method.md section 12).
 
         Returns:
             0..1; 0 if there is too little to compare.
@@ -101,15 +101,10 @@ class Outlook:
         allowed_m = _TOLERANCE_M + _TOLERANCE * here_m + np.maximum(self.slack_m, there.slack_m)
         is_missing = _blobs(rows & (np.abs(here_m - there_m) > allowed_m))
         is_through = is_missing & (here_m > there_m)
-        through = min(is_through.sum() / count, _MAX_VIOLATION)
-        return min(float(is_missing.sum() / count + _VIOLATION_WEIGHT * through), 1.0)
+        through = min(is_through.sum() / count, _MAX_THROUGH)
+        return min(float(is_missing.sum() / count + _THROUGH_WEIGHT * through), 1.0)
 
 
 def _blobs(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Directions (cells,) that lie among other such ones. The edge of a thing is a line of single cells."""
-    image = cells.reshape(ROWS, COLUMNS).astype(np.int8)
-    across = image + np.roll(image, 1, axis=1) + np.roll(image, -1, axis=1)
-    count = across.copy()
-    count[1:] += across[:-1]
-    count[:-1] += across[1:]
-    return cells & (count.ravel() >= _BLOB)
+    return (filled_around(cells.reshape(ROWS, COLUMNS)) >= _BLOB).ravel()
