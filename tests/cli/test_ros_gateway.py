@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 import pytest
 import zenoh
+import zenoh.ext
 
 from fake_service import FakeService
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
-from firstfix.ros import point_cloud2, pose_message
+from firstfix.ros import imu, point_cloud2, pose_message, static_transforms
 from firstfix.ros.cdr import MessageReader
 from firstfix.ros.rmw_zenoh import (
     PUBLISHER,
@@ -34,9 +35,11 @@ from firstfix.ros.rmw_zenoh import (
 )
 from firstfix.scan.scan import Scan
 from firstfix.transform import make_transform, rotation_z
-from firstfix_cli.ros_gateway import RosGateway, open_session
+from firstfix_cli.ros_gateway.fleet import RosGateway, open_session
+from firstfix_cli.ros_gateway.robot import Topics
 from firstfix_client.first_fix import FirstFixConfig
-from ros_samples import ROS2, cdr, cloud_of_points
+from ros_samples import ROS2, cdr, cloud_of_points, transforms
+from ros_samples import imu as imu_message
 from waiting import LIMIT_S, wait_until
 
 pytestmark = pytest.mark.slow
@@ -63,7 +66,12 @@ class Robot:
     """A robot as rmw_zenoh shows it: publishes clouds, records poses, calls the service."""
 
     def __init__(self, router: str, namespace: str, *, domain: int = 0, humble: bool = False) -> None:
-        self.session = open_session(router)
+        config = zenoh.Config()
+        config.insert_json5("mode", '"client"')
+        config.insert_json5("connect/endpoints", json.dumps([router]))
+        config.insert_json5("scouting/multicast/enabled", "false")
+        config.insert_json5("timestamping/enabled", "true")  # as in rmw_zenoh's own configuration
+        self.session = zenoh.open(config)
         node = Node(domain, str(self.session.info.zid()), "lidar_driver")
         self.clouds = endpoint(domain, PUBLISHER, f"{namespace}/points", point_cloud2.TYPE, humble=humble)
         pose = endpoint(domain, PUBLISHER, f"{namespace}/initialpose", pose_message.TYPE, humble=humble)
@@ -71,15 +79,23 @@ class Robot:
         self.poses: list[tuple[Any, Attachment]] = []
         self.session.declare_subscriber(pose.key, self._on_pose)
         self.publisher = self.session.declare_publisher(self.clouds.key)
+        self.imu = self._publisher(f"{namespace}/imu", imu.TYPE, humble)
+        frames = endpoint(domain, PUBLISHER, f"{namespace}/tf_static", static_transforms.TYPE, humble=humble)
+        self.frames = zenoh.ext.declare_advanced_publisher(
+            self.session, frames.key, cache=zenoh.ext.CacheConfig(1), publisher_detection=True
+        )
         self.token = self.session.liveliness().declare_token(node.endpoint_token(1, self.clouds, SENSOR_QOS))
         self._sequence = itertools.count(1)
+
+    def _publisher(self, topic: str, ros_type: str, humble: bool) -> Any:
+        return self.session.declare_publisher(endpoint(0, PUBLISHER, topic, ros_type, humble=humble).key)
 
     def _on_pose(self, sample: Any) -> None:
         message = ROS2.deserialize_cdr(sample.payload.to_bytes(), pose_message.TYPE)
         self.poses.append((message, Attachment.from_bytes(sample.attachment.to_bytes())))
 
     def publish(self, points: int) -> None:
-        body = cdr(cloud_of_points(np.ones((points, 3)), stamp_ns=7 * 10**9))
+        body = cdr(cloud_of_points(np.ones((points, 3)), stamp_ns=7 * 10**9, frame_id="lidar"))
         attachment = Attachment(next(self._sequence), time.time_ns(), GID)
         self.publisher.put(body, attachment=attachment.to_bytes())
 
@@ -105,14 +121,15 @@ class Robot:
 class Gateway:
     """A running gateway with answers by point count."""
 
-    def __init__(self, router: str, **options: Any) -> None:
+    def __init__(self, router: str, *, base_frame: str = "", **options: Any) -> None:
         self.asked: list[int] = []
+        self.options: list[LocalizeOptions] = []
         self.told: list[tuple[str, str]] = []
         self.session = open_session(router)
         self.gateway = RosGateway(
             self.session,
             self._ask,
-            FirstFixConfig(retry_s=0.0),
+            FirstFixConfig(base_frame=base_frame, retry_s=0.0),
             tell=lambda *line: self.told.append(line),
             **options,
         )
@@ -121,6 +138,7 @@ class Gateway:
 
     def _ask(self, scan: Scan, options: LocalizeOptions) -> Localization:
         self.asked.append(len(scan))
+        self.options.append(options)
         return FOUND if len(scan) == 100 else REJECTED
 
     def __enter__(self) -> Gateway:
@@ -151,6 +169,42 @@ def test_a_robot_gets_its_first_fix_and_then_rest(router: str, namespace: str, h
     assert attachment.sequence == 1
     assert abs(attachment.stamp_ns - time.time_ns()) < 60e9
     assert gateway.asked == [50, 100]
+    robot.session.close()
+
+
+@pytest.mark.parametrize("humble", [False, True])
+def test_gravity_is_the_imus_and_the_mounting_that_of_the_frames(router: str, humble: bool):
+    robot = Robot(router, "/robot1", humble=humble)
+    T_sensor_imu = make_transform(rotation_z(np.pi / 2), [0.1, 0, 0])
+    T_base_sensor = make_transform(rotation_z(0.3), [0, 0, 1.2])
+    mounted = transforms([("base_link", "lidar", T_base_sensor), ("lidar", "imu", T_sensor_imu)])
+    robot.frames.put(cdr(mounted))  # long before anybody subscribes
+    with Gateway(router, base_frame="base_link", topics=Topics(imu="imu")) as gateway:
+        wait_until(lambda: robot.is_heard and robot.imu.matching_status.matching)
+        robot.imu.put(b"no IMU")
+        robot.imu.put(b"no IMU")
+        wait_until(lambda: any("Imu" in line for _, line in gateway.told))
+        robot.imu.put(cdr(imu_message([9.81, 0, 0], stamp_ns=7 * 10**9)))
+
+        def is_fixed() -> bool:
+            robot.publish(100)
+            return bool(robot.poses)
+
+        wait_until(is_fixed)
+    assert len([line for _, line in gateway.told if "Imu" in line]) == 1
+    np.testing.assert_allclose(gateway.options[-1].T_base_sensor, T_base_sensor, atol=1e-9)
+    np.testing.assert_allclose(gateway.options[-1].gravity, [0, -1, 0], atol=1e-9)
+    robot.session.close()
+
+
+def test_without_the_frames_no_pose_stands_for_the_base(router: str):
+    robot = Robot(router, "/robot1")
+    with Gateway(router, base_frame="base_link") as gateway:
+        wait_until(lambda: robot.is_heard)
+        robot.publish(100)
+        wait_until(lambda: any("no transform between" in line for _, line in gateway.told))
+    assert not gateway.asked
+    assert not robot.poses
     robot.session.close()
 
 

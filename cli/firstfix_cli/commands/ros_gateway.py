@@ -13,6 +13,7 @@ from ..arguments import MapId, TimeoutS, Url, Zenoh, examples
 EXAMPLES = examples(
     "firstfix ros-gateway --map hall",
     "firstfix ros-gateway --map hall --connect tcp/router:7447 --domain 7 --points os/points",
+    "firstfix ros-gateway --map hall --imu os/imu --base-frame base_link",
 )
 
 
@@ -30,6 +31,16 @@ def ros_gateway(
     pose: Annotated[
         str, typer.Option(help="Topic of the pose, relative to a robot's namespace.")
     ] = "initialpose",
+    imu: Annotated[
+        str | None,
+        typer.Option(help="Topic of an Imu that gives gravity, relative to a robot's namespace."),
+    ] = None,
+    tf_static: Annotated[
+        str,
+        typer.Option(
+            help="Topic of the fixed frames, relative to a robot's namespace; with a leading slash: of all."
+        ),
+    ] = "tf_static",
     map_frame: Annotated[str, typer.Option(help="Frame of the published pose.")] = "map",
     base_sensor: Annotated[
         str | None,
@@ -39,6 +50,9 @@ def ros_gateway(
             help="Pose of the sensor on every robot.",
         ),
     ] = None,
+    base_frame: Annotated[
+        str, typer.Option(help="Robot's base frame, which the fixed frames link to the sensor's.")
+    ] = "",
     at_start: Annotated[bool, typer.Option(help="Search for a fix when a robot appears.")] = True,
     retry_s: Annotated[float, typer.Option("--retry", help="Seconds between two tries.", min=0)] = 1.0,
     timeout_s: TimeoutS = 10.0,
@@ -50,14 +64,18 @@ def ros_gateway(
     new search. The command runs until it is interrupted.
     """
     from firstfix.answer.options import LocalizeOptions
+    from firstfix.errors import InvalidOption
     from firstfix.ros.header import check_frame
     from firstfix_client.first_fix import FirstFixConfig
 
     from ..answerer import answerer
-    from ..ros_gateway import RosGateway, open_session
+    from ..ros_gateway.fleet import RosGateway, open_session
+    from ..ros_gateway.robot import Topics
 
+    if base_sensor is not None and base_frame:
+        raise InvalidOption("give only one of --T-base-sensor and --base-frame")
     options = LocalizeOptions.from_strings({} if base_sensor is None else {"T_base_sensor": base_sensor})
-    config = FirstFixConfig(options=options, map_frame=check_frame(map_frame), retry_s=retry_s)
+    config = FirstFixConfig(options, check_frame(map_frame), base_frame, retry_s)
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
@@ -70,8 +88,7 @@ def ros_gateway(
             ask,
             config,
             domain=domain,
-            points=points,
-            pose_topic=pose,
+            topics=Topics(points, pose, imu, tf_static),
             at_start=at_start,
             tell=lambda namespace, line: typer.echo(f"{namespace or '/'}  {line}"),
         )

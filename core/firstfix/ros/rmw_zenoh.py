@@ -14,7 +14,7 @@ import struct
 from dataclasses import dataclass
 
 from ..errors import MalformedData
-from . import point_cloud2, pose_message
+from . import imu, point_cloud2, pose_message, static_transforms
 
 TRIGGER = "std_srvs/srv/Trigger"
 NO_HASH = "TypeHashNotSupported"  # Humble
@@ -22,12 +22,15 @@ NO_HASH = "TypeHashNotSupported"  # Humble
 _HASHES = {
     point_cloud2.TYPE: "RIHS01_9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5",
     pose_message.TYPE: "RIHS01_26432f9803e43727d3c8f668d1fdb3c630f548af631e2f4e31382371bfea3b6e",
+    imu.TYPE: "RIHS01_7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b",
+    static_transforms.TYPE: "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
     TRIGGER: "RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f",
 }
 NODE, PUBLISHER, SUBSCRIPTION, SERVICE = "NN", "MP", "MS", "SS"
 # Differences from rmw_zenoh's defaults (reliable, volatile, depth 42): here the depth
 RELIABLE_QOS = "::,10:,:,:,,"
 SENSOR_QOS = "2::,5:,:,:,,"  # best effort
+LATCHED_QOS = ":1:,100:,:,:,,"  # transient local
 _ADMIN = "@ros2_lv"
 _ATTACHMENT = struct.Struct("<qqB16s")
 _GID_BYTES = 16
