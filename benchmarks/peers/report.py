@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+
+from ..common.by_dataset import Figures, sections
 
 COLUMNS = {
     "success_0.2m_1deg": "0.2 m, 1 deg",
@@ -18,21 +19,13 @@ COLUMNS = {
 }
 
 
-def report(figures: Mapping[str, Any]) -> str:
+def report(figures: Mapping[str, Figures | str]) -> str:
     """Returns a section for each data set of ``suite.run``."""
-    sections = []
-    for name, rows in figures.items():
-        if isinstance(rows, str):
-            sections.append(f"### {name}\n\n{rows}\n")
-        elif isinstance(rows, dict) and "asked" in rows:
-            sections.append(_section(name, rows))
-    return "\n".join(sections)
+    return sections(figures, _section)
 
 
-def _section(name: str, rows: Mapping[str, Any]) -> str:
+def _section(rows: Figures) -> list[str]:
     lines = [
-        f"### {name}",
-        "",
         f"{len(rows['asked'])} scans: {', '.join(rows['asked'])}",
         "",
         f"| method | {' | '.join(COLUMNS.values())} |",
@@ -42,4 +35,4 @@ def _section(name: str, rows: Mapping[str, Any]) -> str:
         if peer != "asked":
             cells = [row] if isinstance(row, str) else [str(row[key]) for key in COLUMNS]
             lines.append(f"| {peer} | {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
+    return lines

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import os
 import sys
-import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -31,6 +30,7 @@ from firstfix_cli.evaluate import random_yaws, turned
 from firstfix_cli.pose_gravity import gravity_at
 from firstfix_cli.poses_csv import read_poses_csv
 
+from ..common.by_dataset import measure_each
 from ..common.datasets import DATASETS, GARAGE, HALL, STREET, YARD, Dataset
 from . import bbs
 from .figures import figures_of
@@ -95,18 +95,12 @@ def run(quick: bool, sets: Sequence[str] = (), scans: int = SCANS, bbs: Path | N
         scans: queries of each data set at most.
         bbs: where 3D-BBS is installed.
     """
-    figures: dict[str, Any] = {"machine": {"cpus": os.cpu_count()}, "seed": SEED, "limit_s": LIMIT_S}
-    for dataset in (HALL,) if quick else [d for d in DATASETS if d.name in SCALES]:
-        if sets and dataset.name not in sets:
-            continue
-        if not dataset.available:
-            figures[dataset.name] = f"skipped: {dataset.folder} is not beside the checkout"
-            continue
-        with tempfile.TemporaryDirectory(prefix="firstfix-peers-") as folder:
-            figures[dataset.name] = measure(dataset, QUICK_SCANS if quick else scans, bbs, Path(folder))
+    asked = (HALL,) if quick else [dataset for dataset in DATASETS if dataset.name in SCALES]
+    count = QUICK_SCANS if quick else scans
+    by_dataset = measure_each(asked, sets, lambda dataset, folder: measure(dataset, count, bbs, folder))
     WORK.mkdir(parents=True, exist_ok=True)
-    (WORK / "report.md").write_text(report(figures))
-    return figures
+    (WORK / "report.md").write_text(report(by_dataset))
+    return {"machine": {"cpus": os.cpu_count()}, "seed": SEED, "limit_s": LIMIT_S, **by_dataset}
 
 
 def measure(dataset: Dataset, count: int, bbs_prefix: Path | None, work: Path) -> dict[str, Any]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from ..common.by_dataset import Figures, sections
+
 HEAD = (
     "scans",
     "gravity",
@@ -20,26 +22,18 @@ HEAD = (
 )
 
 
-def report(figures: Mapping[str, Any]) -> str:
+def report(figures: Mapping[str, Figures | str]) -> str:
     """Returns a section for each data set of ``suite.run``.
 
     *Right*: within 0.2 m and 1 degree of the reference. *Wrong*: localized and off by more than 1 m or 10
     degrees. The errors are those of the localized scans.
     """
-    sections = []
-    for name, found in figures.items():
-        if isinstance(found, str):
-            sections.append(f"### {name}\n\n{found}\n")
-        elif isinstance(found, dict) and "variants" in found:
-            sections.append(_section(name, found))
-    return "\n".join(sections)
+    return sections(figures, _section)
 
 
-def _section(name: str, found: Mapping[str, Any]) -> str:
+def _section(found: Figures) -> list[str]:
     build = found["build"]
     lines = [
-        f"### {name}",
-        "",
         f"Build: {build['build_s']} s, {build['build_peak_gb']} GB at most, version of "
         f"{build['bytes'] / 1e6:.0f} MB.",
         *(_http_line(gravity, evaluated) for gravity, evaluated in found["over_http"].items()),
@@ -56,10 +50,7 @@ def _section(name: str, found: Mapping[str, Any]) -> str:
         for gravity, figures in by_gravity.items()
         if figures["reasons"]
     ]
-    return (
-        "\n".join([*lines, "", "Reasons of the answers that are not localized:", "", *(reasons or ["none"])])
-        + "\n"
-    )
+    return [*lines, "", "Reasons of the answers that are not localized:", "", *(reasons or ["none"])]
 
 
 def _http_line(gravity: str, evaluated: Mapping[str, Any]) -> str:

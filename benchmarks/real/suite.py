@@ -12,7 +12,6 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,6 +24,7 @@ from firstfix.store.store import Store
 from firstfix_cli.local_service import local_service
 
 from ..common.asked import Asked, figures_of
+from ..common.by_dataset import Figures, measure_each
 from ..common.datasets import DATASETS, HALL, Dataset
 from ..common.memory import PeakMemory
 from .ask import GRAVITY, ask
@@ -41,21 +41,18 @@ def run(quick: bool, sets: Sequence[str] = ()) -> dict[str, Any]:
     Args:
         sets: names of the data sets; empty: all.
     """
-    figures: dict[str, Any] = {"machine": {"cpus": os.cpu_count()}, "seed": SEED, "gravity": dict(GRAVITY)}
     answers: list[Asked] = []
+
+    def measure_one(dataset: Dataset, folder: Path) -> Figures:
+        figures, found = measure(dataset.converted(folder), folder)
+        answers.extend(found)
+        return figures
+
+    by_dataset = measure_each(QUICK if quick else DATASETS, sets, measure_one)
     WORK.mkdir(parents=True, exist_ok=True)
-    for dataset in QUICK if quick else DATASETS:
-        if sets and dataset.name not in sets:
-            continue
-        if not dataset.available:
-            figures[dataset.name] = f"skipped: {dataset.folder} is not beside the checkout"
-            continue
-        with tempfile.TemporaryDirectory(prefix="firstfix-bench-") as folder:
-            figures[dataset.name], found = measure(dataset.converted(Path(folder)), Path(folder))
-        answers += found
     _write_answers(WORK / "answers.csv", answers)
-    (WORK / "report.md").write_text(report(figures))
-    return figures
+    (WORK / "report.md").write_text(report(by_dataset))
+    return {"machine": {"cpus": os.cpu_count()}, "seed": SEED, "gravity": dict(GRAVITY), **by_dataset}
 
 
 def measure(dataset: Dataset, scratch: Path) -> tuple[dict[str, Any], list[Asked]]:

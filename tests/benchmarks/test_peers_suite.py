@@ -48,9 +48,7 @@ def test_a_peer_without_any_answer_has_no_error():
 
 def test_the_report_says_what_was_asked_and_what_was_skipped():
     row = {**figures_of([HERE], [Found(HERE, 1.0)]), "preparation_s": 0.5}
-    text = report(
-        {"seed": 1, "hall": {"asked": ["a.pcd"], "one": row, "other": "skipped: gone"}, "yard": "skipped"}
-    )
+    text = report({"hall": {"asked": ["a.pcd"], "one": row, "other": "skipped: gone"}, "yard": "skipped"})
     assert "1 scans: a.pcd" in text
     assert "| one | 1.0 | 1.0 | 0 | 0 | 0 | 0.0 | 1.0 | 1.0 | 0.5 |" in text
     assert "| other | skipped: gone |" in text
