@@ -13,8 +13,8 @@ from firstfix.answer.quality import MatchFeatures
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.false_accept_bound import FalseAcceptBound
 
-# Of a scan as if its place were not in the map, against one of the map: one query in eleven is such a scan.
-# Robots are mostly where their map is (docs/method.md section 7).
+# Of a scan as if its place were not in the map, and of a mirror image, against a scan of the map: one query
+# in six is such a scan. Robots are mostly where their map is (docs/method.md section 7).
 ABSENT_WEIGHT = 0.1
 FOLDS = 5
 BINS = 10

@@ -34,9 +34,7 @@ def campus(rng: np.random.Generator) -> Place:
     """160 x 160 m: a bent grid of streets, in each of its nine lots buildings, a park or a car park."""
     ground = _relief(rng)
     place = Place(preset("os1-64"), _streets(rng), voxel_m=0.2, stride_m=1.0, corner_m=1.5, ground=ground)
-    axis = np.arange(-HALF_M, HALF_M + TERRAIN_STEP_M / 2, TERRAIN_STEP_M)
-    gx, gy = np.meshgrid(axis, axis)
-    place.fixed.append(height_field(axis, axis, ground(gx.ravel(), gy.ravel()).reshape(gx.shape)))
+    place.fixed.append(terrain(ground))
 
     space = FreeSpace(place.path)
     uses = rng.permutation(["hall", "hall", "court", "court", "tower", "tower", "hall", "park", "cars"])
@@ -72,6 +70,13 @@ class FreeSpace:
     def occupy(self, x: float, y: float, radius: float) -> None:
         """Takes a circle, free or not."""
         self._taken.append((x, y, radius))
+
+
+def terrain(ground: Ground) -> Mesh:
+    """The ground of a square world of 2 * HALF_M."""
+    axis = np.arange(-HALF_M, HALF_M + TERRAIN_STEP_M / 2, TERRAIN_STEP_M)
+    gx, gy = np.meshgrid(axis, axis)
+    return height_field(axis, axis, ground(gx.ravel(), gy.ravel()).reshape(gx.shape))
 
 
 def _relief(rng: np.random.Generator) -> Ground:

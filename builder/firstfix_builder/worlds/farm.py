@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from firstfix.sensor import preset
 from firstfix_builder.mesh.mesh import Mesh
 
-from .campus import HALF_M, TERRAIN_STEP_M, FreeSpace
+from .campus import HALF_M, FreeSpace, terrain
 from .place import Ground, Place
-from .primitives import blob, box, cylinder, gable, height_field, lying, placed
+from .primitives import blob, box, cylinder, gable, lying, placed
 from .props import tank, tree
 
 TRACKS_M = (-58.0, 0.0, 58.0)  # lines of the farm tracks before they are bent
@@ -32,9 +32,7 @@ def farm(rng: Rng) -> Place:
     """160 x 160 m: four fields, one of them with the farmyard, one an orchard, woods around."""
     ground = _relief(rng)
     place = Place(preset("vlp-16"), _tracks(rng), voxel_m=0.2, stride_m=1.0, corner_m=2.0, ground=ground)
-    axis = np.arange(-HALF_M, HALF_M + TERRAIN_STEP_M / 2, TERRAIN_STEP_M)
-    gx, gy = np.meshgrid(axis, axis)
-    place.fixed.append(height_field(axis, axis, ground(gx.ravel(), gy.ravel()).reshape(gx.shape)))
+    place.fixed.append(terrain(ground))
 
     space = FreeSpace(place.path)
     uses = rng.permutation(["yard", "orchard", "meadow", "stubble"])
