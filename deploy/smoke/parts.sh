@@ -1,9 +1,9 @@
 # shellcheck shell=bash
-# What deploy/smoke.sh is made of; it sets profile, project, work, world, taker, front, zenoh and build_s.
+# What deploy/smoke.sh is made of; it sets profile, profiles, project, work, world, taker, front, zenoh and build_s.
 
 compose=(docker-compose)
 if docker compose version >/dev/null 2>&1; then compose=(docker compose); fi
-compose+=(-f deploy/compose/compose.yaml --env-file "$work/env" -p "$project" --profile "$profile")
+compose+=(-f deploy/compose/compose.yaml --env-file "$work/env" -p "$project" "${profiles[@]/#/--profile=}")
 url=http://127.0.0.1:${FIRSTFIX_HTTP_PORT:-8080}
 
 say() { printf '\nsmoke %4d s: %s\n' "$SECONDS" "$*"; }
@@ -31,7 +31,7 @@ make_settings() {
   deploy/compose/make-env.sh "$work/env" >/dev/null
   # What comes later counts: the test's own ports, no limit for its few callers, and a dead worker is found out sooner.
   cat >>"$work/env" <<EOF
-COMPOSE_PROFILES=$profile
+COMPOSE_PROFILES=$(IFS=,; echo "${profiles[*]}")
 COMPOSE_PROJECT_NAME=$project
 FIRSTFIX_HTTP_PORT=${FIRSTFIX_HTTP_PORT:-8080}
 FIRSTFIX_ZENOH_PORT=${FIRSTFIX_ZENOH_PORT:-7447}
@@ -39,6 +39,7 @@ PROMETHEUS_PORT=${PROMETHEUS_PORT:-9090}
 FIRSTFIX_LOCALIZE_PER_S=0
 FIRSTFIX_BUILD_LEASE_S=10
 EOF
+  [ "$profile" != dask ] || echo "FIRSTFIX_BUILD_EXECUTOR=dask://dask-scheduler:8786" >>"$work/env"
   admin_key=$(sed -n 's/^FIRSTFIX_ADMIN_KEY=//p' "$work/env")
   robot_password=$(sed -n 's/^ZENOH_ROBOT_PASSWORD=//p' "$work/env")
   cat >"$work/robot.json5" <<EOF
@@ -80,8 +81,8 @@ wait_for_build() {  # prints its version
 }
 
 wait_for_stage() {  # until a build is in the middle of its work
-  local stage=''
-  for _ in $(seq 120); do
+  local stage='' end=$((SECONDS + build_s))
+  while [ $SECONDS -lt $end ]; do
     stage=$(call "$url$1" | field stage)
     case $stage in '' | fetch_source | read_map) sleep 0.5 ;; *) say "the build is at: $stage"; return ;; esac
   done
@@ -113,6 +114,14 @@ check_restarts() {  # what crashed runs again; a worker that came back to no sto
       "true 0" | false*) fail "${id:0:12} did not come back" ;;
     esac
   done
+}
+
+check_dask_workers() {  # each has read stages of a build from the store, and so has made chunks
+  local id
+  for id in $("${compose[@]}" ps -q dask-worker); do
+    docker exec "$id" sh -c 'find /var/lib/firstfix -name stage.json | grep -q .' || fail "${id:0:12} did nothing"
+  done
+  say "the Dask workers have shared the build"
 }
 
 busy_worker() {  # the worker in which a build's process runs
