@@ -75,7 +75,7 @@ def _cast(native: Any) -> Any:
 
 def _grid(native: Any) -> Any:
     grid = SurfaceGrid.of(SURFACE, 0.5)
-    tables = (grid.corner, grid.planes, grid.oriented, grid.group, grid.block, grid.point)
+    tables = (grid.corner, grid.planes, grid.oriented, grid.other_face, grid.group, grid.block, grid.point)
     return native.SurfaceGrid(float(grid.cell[0]), *tables)
 
 

@@ -21,7 +21,8 @@ struct Pairs8 {
   Float8 arm[3], normal[3], off_m, cosine;
 };
 
-// Finds the pairs of one scan in one grid, pose after pose. A point that stays in its cell keeps its plane: when the pose
+// Finds the pairs of one scan in one grid, pose after pose. Where a cell names the wrong face of a wall or a slab, the other
+// face is taken. A point that stays in its cell keeps its plane: when the pose
 // moves by less than a cell, as it does after the first iterations, few look-ups are left.
 class PairFinder {
  public:
@@ -29,8 +30,10 @@ class PairFinder {
     const std::size_t size = padded(scan.count);
     for (std::vector<std::int32_t>* cells : {&cell_x_, &cell_y_, &cell_z_}) cells->assign(size, -1);
     for (std::vector<float>* values : {&nx_, &ny_, &nz_}) values->assign(size, 0.0F);
-    off_.assign(size, kNoSurfaceM);
-    oriented_.assign(size, 0);
+    for (std::vector<float>* values : {&behind_nx_, &behind_ny_, &behind_nz_}) values->assign(size, 0.0F);
+    for (std::vector<float>* values : {&off_, &behind_off_}) values->assign(size, kNoSurfaceM);
+    for (std::vector<std::int32_t>* values : {&oriented_, &turned_}) values->assign(size, 0);
+    row_.assign(size, -1);
   }
 
   // Calls use(pairs) for eight points after the other, placed by T_level_sensor, (4, 4).
@@ -58,7 +61,11 @@ class PairFinder {
   const ScanSurface& scan_;
   std::vector<std::int32_t> cell_x_, cell_y_, cell_z_;
   std::vector<float> nx_, ny_, nz_, off_;  // the plane of each point
-  std::vector<std::int32_t> oriented_;
+  std::vector<std::int32_t> oriented_, row_;
+  std::vector<float> behind_nx_, behind_ny_, behind_nz_, behind_off_;  // the plane of its other face, if it was asked for
+  std::vector<std::int32_t> turned_;                                   // whether it was
+
+  static Float8 dot(const Float8* a, const Float8* b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
   static Float8 along(const float* row, const Float8& x, const Float8& y, const Float8& z) {
     return x * row[0] + y * row[1] + z * row[2];
@@ -103,28 +110,55 @@ class PairFinder {
       oriented[k] = grid_.oriented[some];
     }
     for (std::size_t k = 0; k < count; ++k) {
-      const Plane& plane = planes[k];
-      const bool usable = (row[k] >= 0) & (std::fabs(plane.off_m) <= kNoSurfaceM) &  // false for what is not a number
-                          (std::fabs(plane.nx) + std::fabs(plane.ny) + std::fabs(plane.nz) < 4.0F);
       const std::int32_t i = points[k];
-      nx_[i] = usable ? plane.nx : 0, ny_[i] = usable ? plane.ny : 0, nz_[i] = usable ? plane.nz : 0;
-      off_[i] = usable ? plane.off_m : kNoSurfaceM;
+      const Plane plane = usable(planes[k], row[k]);
+      nx_[i] = plane.nx, ny_[i] = plane.ny, nz_[i] = plane.nz, off_[i] = plane.off_m;
       oriented_[i] = oriented[k] != 0 ? -1 : 0;
+      row_[i] = row[k];
+      turned_[i] = 0;
     }
   }
 
-  Pairs8 pairs(const float* R, const float* t, std::size_t i) const {
+  // The plane of a row, or one that is far from everything.
+  static Plane usable(const Plane& plane, std::int32_t row) {
+    const bool is_plane = (row >= 0) & (std::fabs(plane.off_m) <= kNoSurfaceM) &  // false for what is not a number
+                          (std::fabs(plane.nx) + std::fabs(plane.ny) + std::fabs(plane.nz) < 4.0F);
+    return is_plane ? plane : Plane{0, 0, 0, kNoSurfaceM};
+  }
+
+  // Reads the other faces of those of eight points that face away from their own. Few do, and their cells tell which.
+  void turn(const Int8& faces_away, std::size_t first) {
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      const std::size_t i = first + lane;
+      if (faces_away[lane] == 0 || turned_[i] != 0 || row_[i] < 0) continue;
+      const std::int32_t behind = grid_.other_face[row_[i]];
+      const bool is_row = static_cast<std::uint32_t>(behind) < grid_.rows;
+      const Plane plane = usable(grid_.planes[is_row ? behind : 0], is_row ? behind : -1);
+      behind_nx_[i] = plane.nx, behind_ny_[i] = plane.ny, behind_nz_[i] = plane.nz, behind_off_[i] = plane.off_m;
+      turned_[i] = -1;
+    }
+  }
+
+  Pairs8 pairs(const float* R, const float* t, std::size_t i) {
     const Float8 x = load8(&scan_.x[i]), y = load8(&scan_.y[i]), z = load8(&scan_.z[i]);
     const Float8 u = load8(&scan_.nx[i]), v = load8(&scan_.ny[i]), w = load8(&scan_.nz[i]);
-    Pairs8 found{{along(R, x, y, z), along(R + 3, x, y, z), along(R + 6, x, y, z)},
-                 {load8(&nx_[i]), load8(&ny_[i]), load8(&nz_[i])}, {}, {}};
-    const Float8(&arm)[3] = found.arm, (&normal)[3] = found.normal;
-    found.cosine = along(R, u, v, w) * normal[0] + along(R + 3, u, v, w) * normal[1] + along(R + 6, u, v, w) * normal[2];
-    const Float8 off_m = load8(&off_[i]) - ((arm[0] + t[0]) * normal[0] + (arm[1] + t[1]) * normal[1] +
-                                            (arm[2] + t[2]) * normal[2]);
-    const Int8 other_face = (found.cosine < kOtherFace) & load8(&oriented_[i]) & load8(&scan_.oriented[i]);
-    found.off_m = other_face ? all8(kNoSurfaceM) : off_m;
-    return found;
+    const Float8 arm[3] = {along(R, x, y, z), along(R + 3, x, y, z), along(R + 6, x, y, z)};
+    const Float8 view[3] = {along(R, u, v, w), along(R + 3, u, v, w), along(R + 6, u, v, w)};
+    Float8 normal[3] = {load8(&nx_[i]), load8(&ny_[i]), load8(&nz_[i])}, plane_m = load8(&off_[i]);
+    Float8 cosine = dot(view, normal);
+    Int8 faces_away = (cosine < kOtherFace) & load8(&oriented_[i]) & load8(&scan_.oriented[i]);
+    if (any(faces_away)) {
+      turn(faces_away, i);
+      normal[0] = faces_away ? load8(&behind_nx_[i]) : normal[0];
+      normal[1] = faces_away ? load8(&behind_ny_[i]) : normal[1];
+      normal[2] = faces_away ? load8(&behind_nz_[i]) : normal[2];
+      plane_m = faces_away ? load8(&behind_off_[i]) : plane_m;
+      cosine = dot(view, normal);
+      faces_away &= cosine < kOtherFace;
+    }
+    const Float8 at[3] = {arm[0] + t[0], arm[1] + t[1], arm[2] + t[2]};
+    const Float8 off_m = faces_away ? all8(kNoSurfaceM) : plane_m - dot(at, normal);
+    return {{arm[0], arm[1], arm[2]}, {normal[0], normal[1], normal[2]}, off_m, cosine};
   }
 };
 
