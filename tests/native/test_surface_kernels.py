@@ -46,7 +46,7 @@ def test_points_on_the_other_face_count_as_further_away():
     upper = np.arange(1000)[:, None] < 500
     points -= np.where(upper, 0, np.float32([0, 0, 0.2]))
     to_viewer = np.where(upper, np.float32([0.3, 0, 1]), np.float32([0.3, 0, -1]))
-    normals, oriented = native.surface_normals(points, to_viewer, two_faces=True)
+    normals, _ = native.surface_normals(points, to_viewer, two_faces=True)
     facing = to_viewer
     for _ in range(3):
         scatter, clear = neighbour_scatter_by_side(points, to_viewer, facing)

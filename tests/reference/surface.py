@@ -34,7 +34,7 @@ def neighbour_scatter(points: NDArray[np.floating]) -> tuple[NDArray[np.float64]
 def neighbour_scatter_by_side(
     points: NDArray[np.floating], to_viewer: NDArray[np.floating], facing: NDArray[np.floating]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """The same, where points that face away from another's viewer count as OTHER_SIDE times as far from it."""
+    """The same, where a point that faces away from another's viewer counts as OTHER_SIDE times as far."""
     exact = np.asarray(points, np.float64)
     scatter, clear = np.empty((len(exact), 3, 3)), np.empty(len(exact), np.bool_)
     for row, point in enumerate(exact):

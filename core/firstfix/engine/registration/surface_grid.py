@@ -2,7 +2,8 @@
 
 A look-up in a KD tree over a million points takes a microsecond, mostly cache misses, and a query makes a
 hundred thousand of them. Here every cell near the surface stores the point nearest to its centre: a look-up
-is three array reads. That point may lie on the other face of a thin wall, so each point names the one behind it.
+is three array reads. That point may lie on the other face of a thin wall, so each point names the one
+behind it.
 """
 
 from __future__ import annotations

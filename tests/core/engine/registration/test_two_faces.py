@@ -48,7 +48,9 @@ def scan_of(seen: Surface, T_map_sensor: NDArray[np.float64]) -> Surface:
     return Surface.around(points, -points)
 
 
-def worst_m(surface: MapSurface, scan: Surface, T_true: NDArray[np.float64], off_m: NDArray[np.float64]) -> float:
+def worst_m(
+    surface: MapSurface, scan: Surface, T_true: NDArray[np.float64], off_m: NDArray[np.float64]
+) -> float:
     """Largest error of the poses that starts off by (k, 3) end at."""
     starts = np.array([make_transform(np.eye(3), off) @ T_true for off in off_m])
     near = surface.align(scan.at_most(400, 0.25), surface.align_coarse(scan, starts))
@@ -87,8 +89,8 @@ def test_a_scan_beside_a_thin_wall_ends_on_its_side(wall_m: float):
     assert off_m < 0.02
 
 
-def test_no_point_on_a_slab_is_without_a_partner_on_the_coarse_grid():
-    """Raised and lowered by a decimetre or two, a floor point still finds the floor."""
+def test_a_raised_or_lowered_floor_is_screened_back_to_its_height():
+    """A decimetre or two above or below, its points still find the floor on the coarse grid."""
     ceiling = patch([0, 0, -THICK_M], [8, 0, 0], [0, 6, 0])
     floor = patch([0, 0, 0], [8, 0, 0], [0, 6, 0])
     eye = np.array([4, 3, 1])
