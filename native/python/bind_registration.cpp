@@ -97,11 +97,11 @@ auto align_all_moving(const Grid& grid, Points points, Points normals, Flags ori
 
 void bind_registration(nb::module_& module) {
   nb::class_<Grid>(module, "SurfaceGrid")
-      .def(nb::init<float, In<float, nb::shape<3>>, In<float, nb::shape<-1, 4>>, Flags, In<std::int32_t, nb::ndim<3>>,
-                    Cubes, Cubes>(),
+      .def(nb::init<float, In<float, nb::shape<3>>, In<float, nb::shape<-1, 4>>, Flags, In<std::int32_t, nb::ndim<1>>,
+                    In<std::int32_t, nb::ndim<3>>, Cubes, Cubes>(),
            nb::arg("cell_m"), nb::arg("corner").noconvert(), nb::arg("planes").noconvert(),
-           nb::arg("oriented").noconvert(), nb::arg("group").noconvert(), nb::arg("block").noconvert(),
-           nb::arg("point").noconvert())
+           nb::arg("oriented").noconvert(), nb::arg("other_face").noconvert(), nb::arg("group").noconvert(),
+           nb::arg("block").noconvert(), nb::arg("point").noconvert())
       .def("nearest", &nearest, nb::arg("points"));
   module.def("align", &align_all, nb::arg("grid"), nb::arg("points"), nb::arg("normals"), nb::arg("oriented"),
              nb::arg("T_start"), nb::arg("iterations"), nb::arg("reach_m"), nb::arg("half_angle"),

@@ -31,7 +31,7 @@ void bind_surface(nb::module_& module) {
   using namespace nb::literals;
   module.def(
       "surface_normals",
-      [](Vectors points, std::optional<Vectors> to_viewer) {
+      [](Vectors points, std::optional<Vectors> to_viewer, bool two_faces) {
         const std::size_t count = points.shape(0);
         require(!to_viewer || to_viewer->shape(0) == count, "there is not one direction for each point");
         require_metres(points);
@@ -41,12 +41,12 @@ void bind_surface(nb::module_& module) {
           nb::gil_scoped_release release;
           normals.resize(3 * count);
           oriented.resize(count);
-          surface_normals(points.data(), count, to_viewer ? to_viewer->data() : nullptr, normals.data(),
+          surface_normals(points.data(), count, to_viewer ? to_viewer->data() : nullptr, two_faces, normals.data(),
                           oriented.data());
         }
         return std::make_tuple(array_of(std::move(normals), {count, 3}), array_of(std::move(oriented), {count}));
       },
-      "points"_a, "to_viewer"_a = nb::none());
+      "points"_a, "to_viewer"_a = nb::none(), "two_faces"_a = false);
   module.def(
       "thin_surface",
       [](Vectors points, Vectors normals, In<bool, nb::shape<-1>> oriented, double voxel_m) {

@@ -35,15 +35,17 @@ inline std::uint32_t count_of(std::size_t rows) {
 class Grid {
  public:
   Grid(float cell_m, In<float, nb::shape<3>> corner, In<float, nb::shape<-1, 4>> planes, Flags oriented,
-       In<std::int32_t, nb::ndim<3>> group, Cubes block, Cubes point)
-      : planes_(planes), oriented_(oriented), group_(group), block_(block), point_(point) {
+       In<std::int32_t, nb::ndim<1>> other_face, In<std::int32_t, nb::ndim<3>> group, Cubes block, Cubes point)
+      : planes_(planes), oriented_(oriented), other_face_(other_face), group_(group), block_(block), point_(point) {
     require(cell_m > 0 && cell_m < 1e6F, "the width of a cell must be positive");
-    require(oriented.shape(0) == planes.shape(0), "planes and oriented differ in length");
+    require(oriented.shape(0) == planes.shape(0) && other_face.shape(0) == planes.shape(0),
+            "planes, oriented and other_face differ in length");
     require(planes.shape(0) > 0 && block.shape(0) > 0 && point.shape(0) > 0, "a table is empty");
     view.cell_m = cell_m;
     for (int axis = 0; axis < 3; ++axis) view.corner_m[axis] = corner.data()[axis];
     view.planes = reinterpret_cast<const Plane*>(planes.data());
     view.oriented = bytes_of(oriented);
+    view.other_face = other_face.data();
     view.rows = count_of(planes.shape(0));
     view.group = group.data();
     view.block = block.data();
@@ -64,6 +66,7 @@ class Grid {
  private:
   In<float, nb::shape<-1, 4>> planes_;
   Flags oriented_;
+  In<std::int32_t, nb::ndim<1>> other_face_;
   In<std::int32_t, nb::ndim<3>> group_;
   Cubes block_, point_;
 };

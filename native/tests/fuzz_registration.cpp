@@ -31,6 +31,7 @@ struct RandomGrid {
   std::vector<std::int32_t> group, block, point;
   std::vector<Plane> planes;
   std::vector<std::uint8_t> oriented;
+  std::vector<std::int32_t> other_face;
   SurfaceGrid grid;
 
   RandomGrid(Hostile& random, double wrong)
@@ -48,9 +49,10 @@ struct RandomGrid {
       planes.push_back({plane[0], plane[1], plane[2], 5 * plane[3]});
       oriented.push_back(static_cast<std::uint8_t>(random.number(0, 255)));
     }
+    other_face = random.pointers(static_cast<std::size_t>(rows), rows, wrong);
     const float cell_m = random.chance(0.1) ? 1e-30F : 0.4F;
-    grid = {cell_m, {-4, -4, -2}, planes.data(), oriented.data(), static_cast<std::uint32_t>(rows), group.data(),
-            {shape[0], shape[1], shape[2]}, block.data(), static_cast<std::uint32_t>(groups), point.data(),
+    grid = {cell_m, {-4, -4, -2}, planes.data(), oriented.data(), other_face.data(), static_cast<std::uint32_t>(rows),
+            group.data(), {shape[0], shape[1], shape[2]}, block.data(), static_cast<std::uint32_t>(groups), point.data(),
             static_cast<std::uint32_t>(blocks), side_bits, block_bits};
   }
 };

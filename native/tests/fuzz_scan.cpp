@@ -102,7 +102,7 @@ void surface_once(Hostile& random) {
   std::vector<float> normals(points.size()), to_viewer = random.floats(points.size(), 9);
   std::vector<std::uint8_t> oriented(count);
   for (float& metres : points) metres = std::fabs(metres) <= 1e15F ? metres : 1e15F;  // as the border requires
-  surface_normals(points.data(), count, random.chance(0.5) ? to_viewer.data() : nullptr, normals.data(),
+  surface_normals(points.data(), count, random.chance(0.5) ? to_viewer.data() : nullptr, random.chance(0.5), normals.data(),
                   oriented.data());
   for (std::size_t i = 0; i < normals.size(); i += 3) {
     const float length = std::hypot(normals[i], normals[i + 1], normals[i + 2]);

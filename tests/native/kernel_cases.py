@@ -75,7 +75,7 @@ def _cast(native: Any) -> Any:
 
 def _grid(native: Any) -> Any:
     grid = SurfaceGrid.of(SURFACE, 0.5)
-    tables = (grid.corner, grid.planes, grid.oriented, grid.group, grid.block, grid.point)
+    tables = (grid.corner, grid.planes, grid.oriented, grid.other_face, grid.group, grid.block, grid.point)
     return native.SurfaceGrid(float(grid.cell[0]), *tables)
 
 
@@ -119,6 +119,7 @@ CASES: dict[str, Callable[[Any], Any]] = {
     ),
     "flat_patches": lambda native: native.flat_patches(native.voxel_means(STREET, 0.3), 0.9),
     "surface_normals": lambda native: native.surface_normals(FEW, -FEW),
+    "surface_normals, two faces": lambda native: native.surface_normals(FEW, NORMALS, True),
     "thin_surface": lambda native: native.thin_surface(FEW, NORMALS, NORMALS[:, 0] > 0, 0.7),
     "occupied_cells": lambda native: native.occupied_cells(
         STREET, START, np.float32([1.7, 1.0, 1.5]), 20, 60, 40.0, EDGES_M

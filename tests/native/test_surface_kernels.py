@@ -15,7 +15,7 @@ from test_scan_kernels import CLOUD, METRES, SCANS, WILD_CLOUD, scan
 import firstfix.native as native
 from every_case import every_case
 from firstfix.engine.registration.surface import Surface
-from reference.surface import neighbour_scatter, thinned
+from reference.surface import neighbour_scatter, neighbour_scatter_by_side, thinned
 
 
 def spread_along(normals: NDArray[np.floating], scatter: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -38,6 +38,27 @@ def test_normals_are_the_axes_of_least_spread(place: str):
     assert (along >= 0).all()
     sine = along / np.linalg.norm(points, axis=1)
     assert (oriented.view(np.bool_) == (sine > 0.1))[np.abs(sine - 0.1) > 1e-5].all()
+
+
+def test_points_on_the_other_face_count_as_further_away():
+    rng = np.random.default_rng(3)
+    points = rng.uniform([0, 0, -0.01], [3, 3, 0.01], (1000, 3)).astype(np.float32)
+    upper = np.arange(1000)[:, None] < 500
+    points -= np.where(upper, 0, np.float32([0, 0, 0.2]))
+    to_viewer = np.where(upper, np.float32([0.3, 0, 1]), np.float32([0.3, 0, -1]))
+    normals, _ = native.surface_normals(points, to_viewer, two_faces=True)
+    facing = to_viewer
+    for _ in range(3):
+        scatter, clear = neighbour_scatter_by_side(points, to_viewer, facing)
+        axis = np.linalg.eigh(scatter)[1][:, :, 0]
+        along = np.einsum("ij,ij->i", axis, to_viewer)
+        sure = np.abs(along) > 0.1 * np.linalg.norm(to_viewer, axis=1)
+        facing = axis * (np.sign(along) * sure)[:, None]
+    least, most = np.linalg.eigvalsh(scatter)[:, [0, 2]].T
+    assert clear.mean() > 0.9
+    assert (spread_along(normals, scatter) <= least + 1e-4 * most)[clear].all()
+    blind, _ = native.surface_normals(points, to_viewer)
+    assert (spread_along(blind, scatter) > least + 1e-2 * most)[clear].mean() > 0.2
 
 
 @settings(max_examples=150)

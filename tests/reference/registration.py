@@ -34,8 +34,8 @@ class Pairs:
 
     Attributes:
         arms: points relative to the sensor, along the level axes.
-        off_m: distance to the surface along its normal; infinite if no surface is near, or only its other
-            face.
+        off_m: distance to the surface along its normal; infinite if no surface is near, or only one that
+            faces the other way.
         normals: of the surface.
         cosine: of the angle between the two normals.
     """
@@ -51,14 +51,19 @@ class Pairs:
         arms = np.stack([_dot(turn[..., axis, :], scan.points) for axis in range(3)], axis=-1)
         points = arms + (T_level_sensor[:, None, :3, 3] - grid.corner).astype(np.float32)
         row = nearest(grid, points.reshape(-1, 3)).reshape(points.shape[:2])
+        turned = np.stack([_dot(turn[..., axis, :], scan.normals) for axis in range(3)], axis=-1)
+
+        def on_other_face() -> NDArray[np.bool_]:
+            faces_away = _dot(turned, grid.planes[row][..., :3]) < OTHER_FACE
+            return (row >= 0) & faces_away & grid.oriented[row] & scan.oriented
+
+        row = np.where(on_other_face(), grid.other_face[row], row)
+        row[on_other_face()] = -1
         planes = grid.planes[row]
         normals = planes[..., :3]
         off_m = planes[..., 3] - _dot(points, normals)
-        turned = np.stack([_dot(turn[..., axis, :], scan.normals) for axis in range(3)], axis=-1)
-        cosine = _dot(turned, normals)
-        other_face = (cosine < OTHER_FACE) & grid.oriented[row] & scan.oriented
-        off_m[(row < 0) | other_face] = np.inf
-        return cls(arms, off_m, normals, cosine)
+        off_m[row < 0] = np.inf
+        return cls(arms, off_m, normals, _dot(turned, normals))
 
 
 def _dot(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 from firstfix.engine.registration.surface import Surface
 
 NEIGHBOURS = 10
+OTHER_SIDE, GRAZING = 4.0, 0.1
 
 
 def neighbour_scatter(points: NDArray[np.floating]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -25,6 +26,25 @@ def neighbour_scatter(points: NDArray[np.floating]) -> tuple[NDArray[np.float64]
     nearest = tree.query_ball_point(exact, reach * (1 + 1e-12))
     clear = tree.query_ball_point(exact, reach * (1 + 1e-5), return_length=True) == list(map(len, nearest))
     for row, near in enumerate(nearest):
+        off = exact[near] - exact[near].mean(axis=0)
+        scatter[row] = off.T @ off
+    return scatter, clear
+
+
+def neighbour_scatter_by_side(
+    points: NDArray[np.floating], to_viewer: NDArray[np.floating], facing: NDArray[np.floating]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """The same, where a point that faces away from another's viewer counts as OTHER_SIDE times as far."""
+    exact = np.asarray(points, np.float64)
+    scatter, clear = np.empty((len(exact), 3, 3)), np.empty(len(exact), np.bool_)
+    for row, point in enumerate(exact):
+        away = np.linalg.norm(exact - point, axis=1)
+        over_limit = facing @ to_viewer[row] + GRAZING * np.linalg.norm(to_viewer[row])
+        away[over_limit < 0] *= OTHER_SIDE
+        reach = np.sort(away)[:NEIGHBOURS][-1]
+        near = away <= reach * (1 + 1e-12)
+        clear[row] = near.sum() == (away <= reach * (1 + 1e-5)).sum()
+        clear[row] &= np.abs(over_limit[away < OTHER_SIDE * reach]).min() > 1e-5
         off = exact[near] - exact[near].mean(axis=0)
         scatter[row] = off.T @ off
     return scatter, clear

@@ -26,7 +26,7 @@ from ..simulation.simulate import Simulator
 from ..templates.make import upright
 from ..viewpoints.even_sample import cells_of, rows_by_place
 
-RAYS = 16_384
+RAYS, RAYS_ALL_ROUND = 12_288, 4096
 VIEWPOINTS = 3000  # or one for each cube of VIEWPOINT_M, where that is more
 VIEWPOINT_M = 3.0
 AT_ONCE = 64
@@ -62,7 +62,7 @@ def map_surface(
     known = np.isfinite(away_m)
     toward = np.zeros_like(thin)
     toward[known] = points[row[known], 3:]
-    return Surface.around(thin, toward)
+    return Surface.around(thin, toward, two_faces=True)
 
 
 def visible_points(
@@ -71,10 +71,11 @@ def visible_points(
     """Points on the visible surface, about ``step_m`` apart, as (m, 6) for every block.
 
     Columns 3 to 5 are the mean direction to the viewpoints that saw a point. It is short where they stood all
-    around. Clean scans are cast from some of the (n, 3) positions.
+    around. Clean scans are cast from some of the (n, 3) positions: most rays go where this sensor looks, the
+    rest in all directions, for sensors that look elsewhere.
     """
     probe = sensor.coarser(RAYS)
-    rays = Rays.at_any_heading(probe)
+    rays = Rays.of(np.concatenate([Rays.at_any_heading(probe).directions, _all_round(RAYS_ALL_ROUND)]))
     chosen = positions[rows_by_place(positions, max(VIEWPOINTS, _occupied(positions)), VIEWPOINT_M)]
     origins = np.ascontiguousarray(chosen, np.float32)
     surface = SeenSurface(step_m)
@@ -90,6 +91,14 @@ def visible_points(
     number = blocks.of(seen)
     parts = [seen[number == block] for block in range(blocks.count)]
     return [part for part in parts if len(part)]
+
+
+def _all_round(count: int) -> NDArray[np.float32]:
+    """Unit vectors (count, 3), evenly distributed over the sphere: a Fibonacci lattice."""
+    number = np.arange(count) + 0.5
+    z, azimuth = 1 - 2 * number / count, np.pi * (1 + np.sqrt(5)) * number
+    level = np.sqrt(1 - z * z)
+    return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), z], axis=-1).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -136,4 +145,4 @@ def _with_normals(blocks: list[NDArray[np.float64]], number: int) -> Surface:
         near = ((other[:, :2] > low) & (other[:, :2] < high)).all(axis=1)
         beside.append(other[near])
     both = np.concatenate([own, *beside])
-    return Surface.around(both[:, :3], both[:, 3:]).at(slice(0, len(own)))
+    return Surface.around(both[:, :3], both[:, 3:], two_faces=True).at(slice(0, len(own)))

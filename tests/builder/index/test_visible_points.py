@@ -42,6 +42,15 @@ def test_points_lie_on_what_is_seen_and_know_from_where():
     assert not ((points[:, 0] > 3.93) & (points[:, 0] < 4.07)).any()  # nothing within the wall
 
 
+def test_the_map_has_what_other_sensors_see():
+    """A VLP-16 sees floor and ceiling from afar alone; an OS0 in the same place sees them above and below."""
+    surface = map_surface(None, two_rooms(), VIEWPOINTS, preset("vlp-16"), 0.1, 0.12)
+    x, y, z = surface.points.T
+    for level in (0, 3):
+        here = np.abs(z - level) < 0.02
+        assert cKDTree(np.column_stack([x, y])[here]).query(VIEWPOINTS[:, :2])[0].max() < 0.15
+
+
 def test_the_surface_of_a_mesh_faces_those_who_see_it():
     surface = map_surface(None, two_rooms(), VIEWPOINTS, SENSOR, 0.1, 0.12)
     x = surface.points[:, 0]

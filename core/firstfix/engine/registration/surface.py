@@ -36,16 +36,23 @@ class Surface:
         return len(self.points)
 
     @classmethod
-    def around(cls, points: NDArray[np.floating], to_viewer: NDArray[np.floating] | None = None) -> Surface:
+    def around(
+        cls,
+        points: NDArray[np.floating],
+        to_viewer: NDArray[np.floating] | None = None,
+        two_faces: bool = False,
+    ) -> Surface:
         """Surface of points, with normals estimated from each point's ten nearest (itself among them).
 
         Args:
             points: (n, 3) finite metres.
             to_viewer: (n, 3) directions of any length, 0 if unknown.
+            two_faces: points lie on both faces of walls and slabs, as a map's do. Those seen from opposite
+                sides then count as four times as far apart as they are.
         """
         single = np.ascontiguousarray(points, np.float32)
         toward = None if to_viewer is None else np.ascontiguousarray(to_viewer, np.float32)
-        normals, oriented = native.surface_normals(single, toward)
+        normals, oriented = native.surface_normals(single, toward, two_faces)
         return cls(single, normals, oriented.view(np.bool_))
 
     def at(self, rows: NDArray[np.integer] | slice) -> Surface:

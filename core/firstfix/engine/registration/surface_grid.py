@@ -2,7 +2,8 @@
 
 A look-up in a KD tree over a million points takes a microsecond, mostly cache misses, and a query makes a
 hundred thousand of them. Here every cell near the surface stores the point nearest to its centre: a look-up
-is three array reads.
+is three array reads. That point may lie on the other face of a thin wall, so each point names the one
+behind it.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from ... import native
 from ..array_file import map_arrays, save_arrays
+from .other_faces import other_faces
 from .surface import Surface
 from .surface_grid_build import CellsOf, nearest_points, tables_around
 
@@ -34,6 +36,7 @@ class SurfaceGrid:
         corner: (3,) float32, metres, below all points. Relative to it float32 is fine enough.
         planes: (m, 4) float32, for each surface point its normal and its distance along it from the corner.
         oriented: (m,) as in the surface.
+        other_face: (m,) int32, the nearest point within two cells that faces the other way; -1: none.
         group: (gx, gy, gz) int32, number of the kept group at each position; 0: none.
         block: (kept groups, g, g, g) int32, number of the kept block at each position; 0: none.
         point: (kept blocks, s, s, s) int32, point nearest to each cell's centre; -1: none.
@@ -43,6 +46,7 @@ class SurfaceGrid:
     corner: NDArray[np.float32]
     planes: NDArray[np.float32]
     oriented: NDArray[np.bool_]
+    other_face: NDArray[np.int32]
     group: NDArray[np.int32]
     block: NDArray[np.int32]
     point: NDArray[np.int32]
@@ -61,6 +65,7 @@ class SurfaceGrid:
             self.corner,
             self.planes,
             self.oriented,
+            self.other_face,
             self.group,
             self.block,
             self.point,
@@ -77,9 +82,8 @@ class SurfaceGrid:
             planes[rows, 3] = np.einsum("ij,ij->i", surface.normals[rows], away)
         group, block = tables_around(cells)
         point = nearest_points(cells, group, block)
-        return cls(
-            np.array([cell_m], np.float32), cells.corner, planes, surface.oriented, group, block, point
-        )
+        cell, behind = np.array([cell_m], np.float32), other_faces(surface, 2 * cell_m)
+        return cls(cell, cells.corner, planes, surface.oriented, behind, group, block, point)
 
     def nearest(self, points: NDArray[np.float32]) -> NDArray[np.int32]:
         """Rows (n,) of the surface near (n, 3) positions relative to the corner; -1: none."""

@@ -20,17 +20,38 @@ struct Neighbourhoods {
   FloatLanes sum[10];  // 1, x, y, z, xx, xy, xz, yy, yz, zz
 };
 
+constexpr float kGrazing = 0.1F;  // sine: a surface at a lower angle may be seen from either side
+
 // Neighbourhoods of points of one leaf, some lanes of them at once. The neighbours of a point are its ten nearest,
-// itself among them, and all others that are no further. Sums go in the order of the tree, so they depend neither on
-// the way to a leaf nor on the number of lanes.
+// itself among them, and all others that are no further. Where sides matter, a point counts as kOtherSide times as far
+// away if it faces away from the viewer of the other. Sums go in the order of the tree, so they depend neither on the
+// way to a leaf nor on the number of lanes.
+template <bool kSidesMatter>
 class NeighbourSearch {
  public:
-  explicit NeighbourSearch(const KdTree& tree) : tree_(tree) {}
+  // to_viewer, facing: (count, 3) of the tree's points, in their own order; not read where sides do not matter. facing:
+  // where to each point is turned, 0 if unknown.
+  NeighbourSearch(const KdTree& tree, const float* to_viewer, const float* facing) : tree_(tree) {
+    if constexpr (kSidesMatter) {
+      const std::vector<std::uint32_t>& order = tree.order();
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        for (std::vector<float>* along : {&eye_[axis], &facing_[axis]}) along->resize(order.size() + kFloatLanes);
+        for (std::size_t i = 0; i < order.size(); ++i) {
+          eye_[axis][i] = to_viewer[3 * order[i] + axis];
+          facing_[axis][i] = facing[3 * order[i] + axis];
+        }
+      }
+    }
+  }
 
   // Of the points from `first` on, up to `end`, which is that of their leaf.
   Neighbourhoods around(std::uint32_t first, std::uint32_t end) {
     const std::size_t used = std::min<std::size_t>(kFloatLanes, end - first);
     x_ = load_lanes(tree_.x() + first), y_ = load_lanes(tree_.y() + first), z_ = load_lanes(tree_.z() + first);
+    if constexpr (kSidesMatter) {
+      for (std::size_t axis = 0; axis < 3; ++axis) here_[axis] = load_lanes(&eye_[axis][first]);
+      behind_ = -kGrazing * root_lanes(here_[0] * here_[0] + here_[1] * here_[1] + here_[2] * here_[2]);
+    }
     bound(first, used);
     find_leaves(first, used);
     return sums();
@@ -38,11 +59,22 @@ class NeighbourSearch {
 
  private:
   static constexpr std::size_t kNearest = 10;
+  static constexpr float kOtherSide = 4.0F;
   using Node = KdTree::Node;
 
   FloatLanes away2(std::uint32_t i) const {
     const FloatLanes dx = x_ - tree_.x()[i], dy = y_ - tree_.y()[i], dz = z_ - tree_.z()[i];
-    return dx * dx + dy * dy + dz * dz;
+    return from_side(i, dx * dx + dy * dy + dz * dz);
+  }
+
+  // The squared distance of a point as it counts.
+  FloatLanes from_side([[maybe_unused]] std::uint32_t i, const FloatLanes& away2) const {
+    if constexpr (kSidesMatter) {
+      const FloatLanes along = here_[0] * facing_[0][i] + here_[1] * facing_[1][i] + here_[2] * facing_[2][i];
+      return along < behind_ ? kOtherSide * kOtherSide * away2 : away2;
+    } else {
+      return away2;
+    }
   }
 
   // Box of the queries.
@@ -114,7 +146,7 @@ class NeighbourSearch {
       if (leaf.gap2 > worst2_) continue;
       for (std::uint32_t i = nodes[leaf.node].begin; i < nodes[leaf.node].end; ++i) {
         FloatLanes dx = tree_.x()[i] - x_, dy = tree_.y()[i] - y_, dz = tree_.z()[i] - z_;
-        const IntLanes inside = dx * dx + dy * dy + dz * dz <= reach2_;
+        const IntLanes inside = from_side(i, dx * dx + dy * dy + dz * dz) <= reach2_;
         dx = inside ? dx : zero;
         dy = inside ? dy : zero;
         dz = inside ? dz : zero;
@@ -140,7 +172,8 @@ class NeighbourSearch {
   };
 
   const KdTree& tree_;
-  FloatLanes x_{}, y_{}, z_{}, reach2_{};
+  std::vector<float> eye_[3], facing_[3];  // in the tree's order, with room to load lanes from any of them
+  FloatLanes x_{}, y_{}, z_{}, here_[3]{}, behind_{}, reach2_{};
   float low_[3]{}, high_[3]{}, worst2_ = 0;
   std::vector<Found> leaves_, stack_;
 };
@@ -185,24 +218,20 @@ inline void least_axes(const Neighbourhoods& of, FloatLanes* axes) {
 
 }  // namespace detail
 
-// Unit normals of points, (count, 3) each. Points are finite and at most 1e15 m from the origin.
-//
-// `to_viewer` holds (count, 3) directions of any length, 0 if unknown, or is null. Where it is known, the normal is the
-// one on the viewer's side. `oriented` tells whether that is sure: a surface at a low angle may be seen from either side.
-inline void surface_normals(const float* points, std::size_t count, const float* to_viewer, float* normals,
-                            std::uint8_t* oriented) {
-  using detail::kFloatLanes;
-  constexpr float kGrazing = 0.1F;  // sine
-  const detail::KdTree tree(points, count);
-  detail::NeighbourSearch search(tree);
-  for (const detail::KdTree::Node& leaf : tree.nodes()) {
+namespace detail {
+
+// As surface_normals. facing: see NeighbourSearch.
+template <bool kSidesMatter>
+void normals_around(const KdTree& tree, const float* to_viewer, const float* facing, float* normals, std::uint8_t* oriented) {
+  NeighbourSearch<kSidesMatter> search(tree, to_viewer, facing);
+  for (const KdTree::Node& leaf : tree.nodes()) {
     if (leaf.right != 0) continue;
     for (std::uint32_t first = leaf.begin; first < leaf.end; first += kFloatLanes) {
-      const detail::Neighbourhoods found = search.around(first, leaf.end);
-      detail::FloatLanes least[3];
-      detail::least_axes(found, least);
+      const Neighbourhoods found = search.around(first, leaf.end);
+      FloatLanes least[3];
+      least_axes(found, least);
       float axes[3][kFloatLanes];
-      for (std::size_t k = 0; k < 3; ++k) detail::store_lanes(axes[k], least[k]);
+      for (std::size_t k = 0; k < 3; ++k) store_lanes(axes[k], least[k]);
       for (std::size_t lane = 0; lane < kFloatLanes && first + lane < leaf.end; ++lane) {
         const std::size_t row = tree.order()[first + lane];
         const float* eye = to_viewer == nullptr ? nullptr : to_viewer + 3 * row;
@@ -215,6 +244,28 @@ inline void surface_normals(const float* points, std::size_t count, const float*
         oriented[row] = std::fabs(along) > kGrazing * std::sqrt(length2) ? 1 : 0;
       }
     }
+  }
+}
+
+}  // namespace detail
+
+// Unit normals of points, (count, 3) each. Points are finite and at most 1e15 m from the origin.
+//
+// `to_viewer` holds (count, 3) directions of any length, 0 if unknown, or is null. Where it is known, the normal is the
+// one on the viewer's side. `oriented` tells whether that is sure.
+//
+// `two_faces`: the points lie on both faces of walls and slabs. Those on the other face then count as further away, so that
+// few points on one face do not take their normals from the other. Which face a point is on, its direction to the viewer
+// tells first, and then its normal, which tells it at low angles too. Each pass mends normals beside those it has mended.
+inline void surface_normals(const float* points, std::size_t count, const float* to_viewer, bool two_faces, float* normals,
+                            std::uint8_t* oriented) {
+  const detail::KdTree tree(points, count);
+  if (!two_faces || to_viewer == nullptr) return detail::normals_around<false>(tree, to_viewer, nullptr, normals, oriented);
+  constexpr int kPasses = 3;
+  std::vector<float> facing(to_viewer, to_viewer + 3 * count);
+  for (int pass = 0; pass < kPasses; ++pass) {
+    detail::normals_around<true>(tree, to_viewer, facing.data(), normals, oriented);
+    for (std::size_t i = 0; i < facing.size(); ++i) facing[i] = oriented[i / 3] != 0 ? normals[i] : 0.0F;
   }
 }
 

@@ -21,16 +21,19 @@ struct Pairs8 {
   Float8 arm[3], normal[3], off_m, cosine;
 };
 
-// Finds the pairs of one scan in one grid, pose after pose. A point that stays in its cell keeps its plane: when the pose
-// moves by less than a cell, as it does after the first iterations, few look-ups are left.
+// Finds the pairs of one scan in one grid, pose after pose. Where a cell names the wrong face of a wall or a slab, the other
+// face is taken. A point that stays in its cell keeps its plane: when the pose moves by less than a cell, as it does after
+// the first iterations, few look-ups are left.
 class PairFinder {
  public:
   PairFinder(const SurfaceGrid& grid, const ScanSurface& scan) : grid_(grid), scan_(scan) {
     const std::size_t size = padded(scan.count);
     for (std::vector<std::int32_t>* cells : {&cell_x_, &cell_y_, &cell_z_}) cells->assign(size, -1);
     for (std::vector<float>* values : {&nx_, &ny_, &nz_}) values->assign(size, 0.0F);
-    off_.assign(size, kNoSurfaceM);
-    oriented_.assign(size, 0);
+    for (std::vector<float>* values : {&behind_nx_, &behind_ny_, &behind_nz_}) values->assign(size, 0.0F);
+    for (std::vector<float>* values : {&off_, &behind_off_}) values->assign(size, kNoSurfaceM);
+    for (std::vector<std::int32_t>* values : {&oriented_, &turned_}) values->assign(size, 0);
+    row_.assign(size, -1);
   }
 
   // Calls use(pairs) for eight points after the other, placed by T_level_sensor, (4, 4).
@@ -47,6 +50,7 @@ class PairFinder {
     for (std::size_t first = 0; first < padded(scan_.count); first += kBlock) {
       const std::size_t end = std::min(first + kBlock, padded(scan_.count));
       look_up(R, t, first, end);
+      turn(R, first, end);
       for (std::size_t i = first; i < end; i += kLanes) use(pairs(R, t, i));
     }
   }
@@ -58,7 +62,19 @@ class PairFinder {
   const ScanSurface& scan_;
   std::vector<std::int32_t> cell_x_, cell_y_, cell_z_;
   std::vector<float> nx_, ny_, nz_, off_;  // the plane of each point
-  std::vector<std::int32_t> oriented_;
+  std::vector<std::int32_t> oriented_, row_;
+  std::vector<float> behind_nx_, behind_ny_, behind_nz_, behind_off_;  // the plane of its other face, if it was asked for
+  std::vector<std::int32_t> turned_;                                   // whether it was
+
+  struct Vector8 {
+    Float8 along[3];
+  };
+
+  static Vector8 load(const float* const* axes) { return {{load8(axes[0]), load8(axes[1]), load8(axes[2])}}; }
+
+  static Float8 dot(const Vector8& a, const Vector8& b) {
+    return a.along[0] * b.along[0] + a.along[1] * b.along[1] + a.along[2] * b.along[2];
+  }
 
   static Float8 along(const float* row, const Float8& x, const Float8& y, const Float8& z) {
     return x * row[0] + y * row[1] + z * row[2];
@@ -103,28 +119,76 @@ class PairFinder {
       oriented[k] = grid_.oriented[some];
     }
     for (std::size_t k = 0; k < count; ++k) {
-      const Plane& plane = planes[k];
-      const bool usable = (row[k] >= 0) & (std::fabs(plane.off_m) <= kNoSurfaceM) &  // false for what is not a number
-                          (std::fabs(plane.nx) + std::fabs(plane.ny) + std::fabs(plane.nz) < 4.0F);
       const std::int32_t i = points[k];
-      nx_[i] = usable ? plane.nx : 0, ny_[i] = usable ? plane.ny : 0, nz_[i] = usable ? plane.nz : 0;
-      off_[i] = usable ? plane.off_m : kNoSurfaceM;
+      const Plane plane = usable(planes[k], row[k]);
+      nx_[i] = plane.nx, ny_[i] = plane.ny, nz_[i] = plane.nz, off_[i] = plane.off_m;
       oriented_[i] = oriented[k] != 0 ? -1 : 0;
+      row_[i] = row[k];
+      turned_[i] = 0;
     }
+  }
+
+  // The plane of a row, or one that is far from everything.
+  static Plane usable(const Plane& plane, std::int32_t row) {
+    const bool is_plane = (row >= 0) & (std::fabs(plane.off_m) <= kNoSurfaceM) &  // false for what is not a number
+                          (std::fabs(plane.nx) + std::fabs(plane.ny) + std::fabs(plane.nz) < 4.0F);
+    return is_plane ? plane : Plane{0, 0, 0, kNoSurfaceM};
+  }
+
+  // Reads the other faces for the points that face away from their own. A point keeps it as long as its plane.
+  void turn(const float* R, std::size_t first, std::size_t end) {
+    std::int32_t points[kBlock], behind[kBlock];
+    std::size_t count = 0;
+    for (std::size_t i = first; i < end; i += kLanes) {
+      const float* const normals[3] = {&nx_[i], &ny_[i], &nz_[i]};
+      const Int8 asking = faces_away(dot(view(R, i), load(normals)), i) & ~load8(&turned_[i]);
+      if (!any(asking)) continue;
+      for (std::size_t lane = 0; lane < kLanes; ++lane) {
+        points[count] = static_cast<std::int32_t>(i + lane);
+        count += static_cast<std::size_t>(asking[lane] != 0);
+      }
+    }
+    for (std::size_t k = 0; k < count; ++k) behind[k] = grid_.other_face[row_[points[k]]];
+    Plane planes[kBlock];
+    for (std::size_t k = 0; k < count; ++k) {
+      behind[k] = static_cast<std::uint32_t>(behind[k]) < grid_.rows ? behind[k] : -1;
+      planes[k] = grid_.planes[std::max(behind[k], 0)];
+    }
+    for (std::size_t k = 0; k < count; ++k) {
+      const std::int32_t i = points[k];
+      const Plane plane = usable(planes[k], behind[k]);
+      behind_nx_[i] = plane.nx, behind_ny_[i] = plane.ny, behind_nz_[i] = plane.nz, behind_off_[i] = plane.off_m;
+      turned_[i] = -1;
+    }
+  }
+
+  // The scan's normals along the map's axes.
+  Vector8 view(const float* R, std::size_t i) const {
+    const Float8 u = load8(&scan_.nx[i]), v = load8(&scan_.ny[i]), w = load8(&scan_.nz[i]);
+    return {{along(R, u, v, w), along(R + 3, u, v, w), along(R + 6, u, v, w)}};
+  }
+
+  // Whether the normals of eight points surely face another way than those of their planes, by the cosines between them.
+  Int8 faces_away(const Float8& cosine, std::size_t i) const {
+    return (cosine < kOtherFace) & load8(&oriented_[i]) & load8(&scan_.oriented[i]);
   }
 
   Pairs8 pairs(const float* R, const float* t, std::size_t i) const {
     const Float8 x = load8(&scan_.x[i]), y = load8(&scan_.y[i]), z = load8(&scan_.z[i]);
-    const Float8 u = load8(&scan_.nx[i]), v = load8(&scan_.ny[i]), w = load8(&scan_.nz[i]);
-    Pairs8 found{{along(R, x, y, z), along(R + 3, x, y, z), along(R + 6, x, y, z)},
-                 {load8(&nx_[i]), load8(&ny_[i]), load8(&nz_[i])}, {}, {}};
-    const Float8(&arm)[3] = found.arm, (&normal)[3] = found.normal;
-    found.cosine = along(R, u, v, w) * normal[0] + along(R + 3, u, v, w) * normal[1] + along(R + 6, u, v, w) * normal[2];
-    const Float8 off_m = load8(&off_[i]) - ((arm[0] + t[0]) * normal[0] + (arm[1] + t[1]) * normal[1] +
-                                            (arm[2] + t[2]) * normal[2]);
-    const Int8 other_face = (found.cosine < kOtherFace) & load8(&oriented_[i]) & load8(&scan_.oriented[i]);
-    found.off_m = other_face ? all8(kNoSurfaceM) : off_m;
-    return found;
+    const Float8 arm[3] = {along(R, x, y, z), along(R + 3, x, y, z), along(R + 6, x, y, z)};
+    const Vector8 seen = view(R, i);
+    const float* const near[3] = {&nx_[i], &ny_[i], &nz_[i]};
+    const float* const behind[3] = {&behind_nx_[i], &behind_ny_[i], &behind_nz_[i]};
+    Vector8 normal = load(near);
+    Float8 cosine = dot(seen, normal);
+    const Int8 turned = faces_away(cosine, i);
+    for (int axis = 0; axis < 3; ++axis) normal.along[axis] = turned ? load8(behind[axis]) : normal.along[axis];
+    const Float8 plane_m = turned ? load8(&behind_off_[i]) : load8(&off_[i]);
+    cosine = dot(seen, normal);
+    const Int8 nowhere = turned & (cosine < kOtherFace);
+    const Float8 off_m = plane_m - dot({{arm[0] + t[0], arm[1] + t[1], arm[2] + t[2]}}, normal);
+    const Float8(&n)[3] = normal.along;
+    return {{arm[0], arm[1], arm[2]}, {n[0], n[1], n[2]}, nowhere ? all8(kNoSurfaceM) : off_m, cosine};
   }
 };
 

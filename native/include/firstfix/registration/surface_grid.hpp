@@ -18,7 +18,8 @@ struct SurfaceGrid {
   float corner_m[3];
   const Plane* planes;
   const std::uint8_t* oriented;
-  std::uint32_t rows;  // at least 1
+  const std::int32_t* other_face;  // of each plane, the nearest that faces the other way
+  std::uint32_t rows;              // at least 1
   const std::int32_t* group;
   std::int32_t shape[3];  // of `group`, each at least 1
   const std::int32_t* block;

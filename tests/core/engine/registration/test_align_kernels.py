@@ -118,12 +118,33 @@ def slab() -> tuple[SurfaceGrid, Surface]:
     return SurfaceGrid.of(surface, 0.3), surface.at(slice(0, None, 9))
 
 
+def two_sided() -> tuple[SurfaceGrid, Surface]:
+    """A slab 0.2 m thick, both faces of it mapped, and a scan of the upper one: one cell names one face."""
+    rng = np.random.default_rng(8)
+    points = rng.uniform([-8, -8, -0.02], [8, 8, 0.02], (8000, 3)).astype(np.float32)
+    up = np.repeat([True, False], 4000)
+    points[~up, 2] -= 0.2
+    normals = np.where(up[:, None], np.float32([[0, 0, 1]]), np.float32([[0, 0, -1]]))
+    surface = Surface(points, normals, np.ones(len(points), np.bool_))
+    return SurfaceGrid.of(surface, 0.6), surface.at(slice(0, 4000, 9))
+
+
+def test_both_faces_of_a_slab_are_found_as_numpy_finds_them():
+    grid, scan = two_sided()
+    starts = starts_around(np.eye(4), 12, 6, 0.3)
+    wanted, information = reference.align(grid, scan, starts, **STEPS["coarse"])
+    found = align(grid, scan, starts, **STEPS["coarse"])
+    assert np.abs(found[0] - wanted).max() < 1e-4
+    assert np.abs(found[0][:, 2, 3]).max() < 0.03  # all of them lie on the upper face
+    np.testing.assert_allclose(found[3], information, rtol=0.01, atol=1e-4 * np.abs(information).max())
+
+
 def damaged(grid: SurfaceGrid, seed: int) -> SurfaceGrid:
     """The grid with any numbers in its tables."""
     rng = np.random.default_rng(seed)
     some = {
         name: rng.integers(-(2**31), 2**31, getattr(grid, name).shape, np.int64).astype(np.int32)
-        for name in ("group", "block", "point")
+        for name in ("group", "block", "point", "other_face")
         if rng.random() < 0.7
     }
     planes = grid.planes.copy()
@@ -132,7 +153,7 @@ def damaged(grid: SurfaceGrid, seed: int) -> SurfaceGrid:
 
 
 def test_a_damaged_file_gives_poses_that_are_numbers():
-    grid, scan = slab()
+    grid, scan = two_sided()
     starts = starts_around(np.eye(4), 6, 3)
     for seed in range(30):
         T, ratio, score, information = align(damaged(grid, seed), scan, starts, **FINE)
@@ -170,7 +191,9 @@ def test_tables_of_another_shape_or_type_are_refused():
         {"cell": np.zeros(1, np.float32)},
         {"cell": np.full(1, np.nan, np.float32)},
         {"planes": grid.planes[:-1]},
-        {"planes": grid.planes[:0], "oriented": grid.oriented[:0]},
+        {"planes": grid.planes[:0], "oriented": grid.oriented[:0], "other_face": grid.other_face[:0]},
+        {"other_face": grid.other_face[:-1]},
+        {"other_face": grid.other_face.astype(np.int64)},
         {"planes": grid.planes.astype(np.float64)},
         {"group": grid.group.ravel()},
         {"group": grid.group[:0]},

@@ -31,6 +31,21 @@ def test_a_surface_seen_at_a_grazing_angle_or_not_at_all_is_not_oriented():
     assert not Surface.around(floor, np.zeros((800, 3))).oriented.any()
 
 
+def test_few_points_on_one_face_of_a_slab_do_not_take_their_normals_from_the_other():
+    """A ceiling that few rays met, 0.2 m below a floor that many did."""
+    rng = np.random.default_rng(4)
+    floor = np.column_stack([rng.uniform(-3, 3, (3600, 2)), np.zeros(3600)])
+    ceiling = np.column_stack([rng.uniform(-3, 3, (1200, 2)), np.full(1200, -0.2)])
+    to_viewer = np.concatenate([[0.3, 0.2, 1.5] - floor, [0.3, 0.2, -2] - ceiling])
+    both = np.concatenate([floor, ceiling])
+    facing = np.repeat([1, -1], [3600, 1200])
+    inner = (np.abs(both[:, :2]) < 2.5).all(axis=1)  # at the border there is nothing to take a normal from
+    mixed, apart = (Surface.around(both, to_viewer, two_faces) for two_faces in (False, True))
+    assert ((facing * mixed.normals[:, 2])[inner & (facing < 0)] > 0.99).mean() < 0.2
+    assert ((facing * apart.normals[:, 2])[inner & (facing < 0)] > 0.99).mean() > 0.9
+    assert ((facing * apart.normals[:, 2])[inner & (facing > 0)] > 0.99).mean() > 0.95
+
+
 def surface_of(points, normals, oriented=True):
     return Surface(np.float32(points), np.float32(normals), np.full(len(points), oriented))
 
