@@ -18,7 +18,7 @@ from ..errors import CorruptVersion, IncompatibleVersion, InvalidOption
 from ..store.object_keys import check_key
 from ..store.sha256 import sha256_of
 
-FORMAT = 7  # this release reads no other
+FORMAT = 8  # this release reads no other
 FILE_NAME = "manifest.json"
 MAX_BYTES = 64 << 20
 _SHA256 = re.compile(r"[0-9a-f]{64}")

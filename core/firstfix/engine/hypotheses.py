@@ -15,7 +15,8 @@ from .candidates import Candidates
 from .index import MapIndex
 from .preprocess import PreparedQuery, spots_of
 from .registered_candidate import RegisteredCandidate, distinct, features_of, ranked
-from .registration.align import Registration, Registrations
+from .registration.align import Agreement, Registration, Registrations
+from .registration.surface import Surface
 from .verification.free_space import SeenThrough
 
 SAME_START_M, SAME_START_DEG = 0.3, 3.0  # nearer starts end at one pose
@@ -68,6 +69,7 @@ class HypothesisSearch:
         rows = rows[distinct(aligned.T_level_sensor[rows], most=self._index.config.verification.compared)]
         compared = list(zip(rows.tolist(), self._with_motion(aligned, rows), strict=True))
         compared.sort(key=lambda one: -one[1].alignment_score)  # the motion may have changed the order
+        agreements = self._agreements(self._prepared.sparse, [registration for _, registration in compared])
         spots = spots_of(self._prepared.scans)
         return [
             RegisteredCandidate(
@@ -75,10 +77,11 @@ class HypothesisSearch:
                 self._map_id,
                 int(self._template[row]),
                 registration,
+                agreement=agreement,
                 start_z_m=float(self._starts[row, 2, 3]),
                 spots=spots,
             )
-            for row, registration in compared
+            for (row, registration), agreement in zip(compared, agreements, strict=True)
         ]
 
     def _align(self, candidates: Candidates) -> None:
@@ -147,10 +150,13 @@ class HypothesisSearch:
         """
         close = checked[0].quality.support - RIVAL_WITHIN
         near = [candidate for candidate in checked if candidate.quality.support > close][:MAX_REFINED]
-        aligned = self._index.surface.align_fine(self._prepared.dense, self._best_minima_near(near))
+        dense = self._prepared.dense
+        aligned = list(self._index.surface.align_fine(dense, self._best_minima_near(near)))
         refined = (
-            self._with_free_space(replace(candidate, registration=registration))
-            for candidate, registration in zip(near, aligned, strict=True)
+            self._with_free_space(replace(candidate, registration=registration, agreement=agreement))
+            for candidate, registration, agreement in zip(
+                near, aligned, self._agreements(dense, aligned), strict=True
+            )
         )
         return [*refined, *checked[len(near) :]]
 
@@ -178,6 +184,15 @@ class HypothesisSearch:
         best = np.arange(count)
         best[rivalled[is_better]] = count + np.flatnonzero(is_better)
         return smooth.T_level_sensor[best]
+
+    def _agreements(self, scan: Surface, registrations: Sequence[Registration]) -> list[Agreement]:
+        """How the scan, deskewed by each registration's own motion, agrees with the map there."""
+        surface = self._index.surface
+        if scan.time_s is None:
+            return surface.agreements(scan, np.array([one.T_level_sensor for one in registrations]))
+        return [
+            surface.agreements(scan.deskewed(one.twist), one.T_level_sensor[None])[0] for one in registrations
+        ]
 
     def _with_free_space(self, candidate: RegisteredCandidate) -> RegisteredCandidate:
         """The candidate with the shares of directions that pass through the map, over the query's scans."""
