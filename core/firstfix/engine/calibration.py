@@ -40,12 +40,12 @@ class Calibration:
         cases: number of self-test cases it was fitted on; 0: it is the prior.
     """
 
-    bias: float = -17.45
-    alignment_score: float = 0.47
-    free_space: float = 1.47
-    beside_surface: float = 2.55
-    same_plane: float = 1.35
-    margin: float = 15.86
+    bias: float = -20.1
+    alignment_score: float = 1.45
+    free_space: float = 1.74
+    beside_surface: float = 2.5
+    same_plane: float = 1.66
+    margin: float = 21.1
     min_probability: float = 0.995
     min_inlier_ratio: float = 0.4
     max_free_space_violation: float = 0.1

@@ -189,7 +189,8 @@ class HypothesisSearch:
         """How the scan, deskewed by each registration's own motion, agrees with the map there."""
         surface = self._index.surface
         if scan.time_s is None:
-            return surface.agreements(scan, np.array([one.T_level_sensor for one in registrations]))
+            T_level_sensor = np.array([one.T_level_sensor for one in registrations])
+            return surface.agreements(scan, T_level_sensor.reshape(-1, 4, 4))
         return [
             surface.agreements(scan.deskewed(one.twist), one.T_level_sensor[None])[0] for one in registrations
         ]
