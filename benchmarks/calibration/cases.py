@@ -86,8 +86,8 @@ def cases_of(world: FittedWorld, mapped: MappedWorld, localizer: Localizer, scan
     """The cases of one world.
 
     Args:
-        scans: in each scenery and with each of PERTURBATIONS; as many are of a look-alike, and half as many of
-            strange yards.
+        scans: in each scenery and with each of PERTURBATIONS; as many are of a look-alike, and half as many
+            of strange yards.
     """
     cases = []
     for scenery, scan, T_map_sensor in _scans(world, mapped, localizer, scans):

@@ -67,8 +67,8 @@ def figures(judged: Sequence[Judged], calibration: Calibration) -> dict[str, Any
 
     ``right_first`` and ``localized`` are numbers of the scans ``inside``; ``ambiguous`` of those whose best
     places tie, ``with_truth`` the part that has the right one among them. ``false_accepts`` are of the scans
-    inside or outside of the map, ``false_if_absent`` of those whose place is taken away, ``false_if_alike`` of
-    those of another place of the same kind. ``ece`` is of the scans inside or outside.
+    inside or outside of the map, ``false_if_absent`` of those whose place is taken away, ``false_if_alike``
+    of those of another place of the same kind. ``ece`` is of the scans inside or outside.
     """
     inside = [one for one in judged if one.case.kind == "inside"]
     asked = [one for one in judged if one.case.kind not in RARE]

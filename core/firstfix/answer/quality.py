@@ -35,8 +35,9 @@ class AlignmentQuality:
         beside_surface: 0..1, share of the scan's points that lie near a surface of the map, but on none. It
             speaks against a place more than points where the map has nothing, which a mapping run may have
             missed.
-        same_plane: 0..1, chance that two of the scan's upright points that lie on the map lie on one plane. It
-            is small where many surfaces agree, and large in a bare room, which has its like elsewhere.
+        same_plane: 0..1, chance that two of the scan's upright points that lie on the map lie on one plane.
+            It is small where many surfaces agree, and large in a bare room, which has its like elsewhere.
+            An answer that was sent has neither of the last two: they are 0.
     """
 
     inlier_ratio: float

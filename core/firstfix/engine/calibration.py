@@ -26,12 +26,12 @@ WEIGHTS = ("bias", "alignment_score", "free_space", "beside_surface", "same_plan
 class Calibration:
     """Logistic model over ``MatchFeatures.vector``, and the thresholds of the verdict.
 
-    The defaults are the prior, fitted to eight worlds at once (docs/method.md section 7).
+    The defaults are the prior, fitted to nine maps at once (docs/method.md section 7).
 
     Attributes:
         bias: of the model.
-        alignment_score, free_space, beside_surface, same_plane, margin: its weights. They are never negative: a better fit never makes an
-            answer less likely.
+        alignment_score, free_space, beside_surface, same_plane, margin: its weights. They are never negative:
+            a better fit never makes an answer less likely.
         min_probability: below it an answer is not ``localized``, unless the query gives its own threshold.
         min_inlier_ratio: below it a pose does not explain the scan at all.
         max_free_space_violation: nor does a pose that more of the scan's directions contradict.

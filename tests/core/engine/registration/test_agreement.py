@@ -42,7 +42,8 @@ def agreement(of_map: Surface, scan: Surface, T: np.ndarray | None = None) -> Ag
 def test_it_is_that_of_numpy(name: str):
     place = recorded_place(name)
     for number, (query, T) in enumerate(place.scans):
-        off_m = np.random.default_rng(number).uniform(-1, 1, (6, 3)) * np.array([[0], [0.05], [0.2], [0.5], [1], [30]])
+        reach_m = np.array([[0], [0.05], [0.2], [0.5], [1], [30]])
+        off_m = np.random.default_rng(number).uniform(-1, 1, (6, 3)) * reach_m
         poses = np.array([T @ make_transform(np.eye(3), at) for at in off_m])
         for scan in (query.sparse, query.dense):
             wanted = reference.agreement(place.surface.fine, place.surface.coarse, scan, poses, INLIER_M)
@@ -85,9 +86,8 @@ def test_floors_and_ceilings_say_nothing():
     x, y = np.meshgrid(np.arange(-4, 4, 0.1), np.arange(-3, 3, 0.1))
     points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]).astype(np.float32)
     floor = Surface(points, np.tile(np.float32([0, 0, 1]), (len(points), 1)), np.ones(len(points), bool))
-    assert agreement(Surface.together([ROOM, floor]), Surface.together([ROOM, floor])).same_plane == pytest.approx(
-        1 / 4, abs=0.01
-    )
+    both = Surface.together([ROOM, floor])
+    assert agreement(both, both).same_plane == pytest.approx(1 / 4, abs=0.01)
     assert agreement(floor, floor) == Agreement(0.0, 1.0)
 
 
