@@ -55,7 +55,9 @@ class HypothesisSearch:
             return self._with_agreements(checked)
         refined = ranked(self._allowed(self._refine(checked)))
         agreements = self._agreements(self._prepared.dense, [one.registration for one in refined[:1]])
-        best = [replace(one, agreement=agreement) for one, agreement in zip(refined, agreements, strict=False)]
+        best = [
+            replace(one, agreement=agreement) for one, agreement in zip(refined, agreements, strict=False)
+        ]
         return [*best, *self._with_agreements(refined[1:])]
 
     def _register(self, candidates: Candidates) -> list[RegisteredCandidate]:
