@@ -82,12 +82,12 @@ def test_round_trip():
 
 def test_what_the_map_may_lack_speaks_less_against_a_place_than_what_stands_beside_its_surfaces():
     """Half of a scan on nothing: in a room that was missed, or in another building of the same kind."""
-    missed = MatchFeatures(AlignmentQuality(0.7, 0.6, 0.0, 0.0, 0.02, 0.03), 0.2)
-    alike = MatchFeatures(AlignmentQuality(0.7, 0.6, 0.0, 0.0, 0.2, 0.03), 0.2)
-    bare = MatchFeatures(AlignmentQuality(0.7, 0.6, 0.0, 0.0, 0.02, 0.25), 0.2)
+    missed = MatchFeatures(AlignmentQuality(0.7, 0.6, 0.0, 0.0, 0.02, 0.03), 0.25)
+    alike = MatchFeatures(AlignmentQuality(0.7, 0.6, 0.0, 0.0, 0.2, 0.03), 0.25)
+    bare = MatchFeatures(AlignmentQuality(0.7, 0.6, 0.0, 0.0, 0.02, 0.25), 0.25)
     calibration = Calibration()
-    assert calibration.probability(missed) > calibration.probability(alike) + 0.1
-    assert calibration.probability(missed) > calibration.probability(bare)
+    assert calibration.probability(missed) > 0.5 > calibration.probability(alike)
+    assert calibration.probability(bare) < calibration.probability(missed) - 0.1
 
 
 def test_accepting_takes_overlap_margin_and_probability():
