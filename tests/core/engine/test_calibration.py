@@ -86,8 +86,9 @@ def test_what_the_map_may_lack_speaks_less_against_a_place_than_what_stands_besi
     alike = MatchFeatures(AlignmentQuality(0.7, 0.6, 0.0, 0.0, 0.2, 0.03), 0.25)
     bare = MatchFeatures(AlignmentQuality(0.7, 0.6, 0.0, 0.0, 0.02, 0.25), 0.25)
     calibration = Calibration()
-    assert calibration.probability(missed) > 0.5 > calibration.probability(alike)
-    assert calibration.probability(bare) < calibration.probability(missed) - 0.1
+    assert calibration.accepts(missed)
+    assert not calibration.accepts(alike)
+    assert not calibration.accepts(bare)
 
 
 def test_accepting_takes_overlap_margin_and_probability():
