@@ -27,6 +27,7 @@ SEED = 77  # not that of the robust suite
 RIGHT_M, RIGHT_DEG = 1.0, 10.0
 ABSENT_BEYOND_M = 3.0  # from the true place: what is nearer would not be in the map without it either
 YARDS, YARD_M = 3, 15.0
+LOOK_ALIKE = "look-alike"
 # Maps and scans of real scanners agree less well than simulated ones do: a part of the scans is rougher.
 PERTURBATIONS = (PerturbConfig(), PerturbConfig(noise_m=0.06, occluders=12, strangers=6))
 
@@ -48,7 +49,8 @@ class Case:
     """One query.
 
     Attributes:
-        kind: "inside" the map; "absent", the same scan as if the map lacked its place; or "outside".
+        kind: "inside" the map; "absent", the same scan as if the map lacked its place; "alike", of another
+            place of the same kind; or "outside".
         places: ranked, best first.
     """
 
@@ -84,12 +86,14 @@ def cases_of(world: FittedWorld, mapped: MappedWorld, localizer: Localizer, scan
     """The cases of one world.
 
     Args:
-        scans: in each scenery and with each of PERTURBATIONS; half as many are of strange yards.
+        scans: in each scenery and with each of PERTURBATIONS; as many are of a look-alike, and half as many
+            of strange yards.
     """
     cases = []
     for scenery, scan, T_map_sensor in _scans(world, mapped, localizer, scans):
         if T_map_sensor is None:
-            cases.append(Case(world.name, scenery, "outside", _found(localizer, scan, None, None)[0]))
+            kind = "alike" if scenery == LOOK_ALIKE else "outside"
+            cases.append(Case(world.name, scenery, kind, _found(localizer, scan, None, None)[0]))
             continue
         places, equals = _found(localizer, scan, T_map_sensor, None)
         cases.append(Case(world.name, scenery, "inside", places))
@@ -110,6 +114,12 @@ def _scans(
         for perturb in PERTURBATIONS:
             for scan, T in perturbed_scans(simulator, sensor, at_m, 1.0, count, perturb, rng):
                 yield name, scan, T
+    if mapped.look_alike is not None:
+        simulator = mapped.look_alike.simulator()
+        there_m = mapped.look_alike.viewpoints(simulator, sensor.mount_height_m)
+        for perturb in PERTURBATIONS:
+            for scan, _ in perturbed_scans(simulator, sensor, there_m, 1.0, count, perturb, rng):
+                yield LOOK_ALIKE, scan, None
     spots = np.column_stack([rng.uniform(-YARD_M, YARD_M, (200, 2)), np.full(200, sensor.mount_height_m)])
     for wanted in np.diff(np.linspace(0, count // 2, YARDS + 1).astype(int)).tolist():
         yard = Simulator(*elsewhere(rng))

@@ -13,13 +13,13 @@ from scipy.optimize import minimize
 
 from firstfix.answer import quality as support
 from firstfix.answer.quality import AlignmentQuality, MatchFeatures
-from firstfix.engine.calibration import Calibration
+from firstfix.engine.calibration import WEIGHTS, Calibration
 from firstfix_builder.self_test.reliability import ABSENT_WEIGHT
 
 from ..robust.figures import calibration_error
 from .cases import Case
 
-WEIGHTS = ("bias", "alignment_score", "free_space", "margin")  # of ``Calibration``
+RARE = ("absent", "alike")  # kinds of places that a map lacks, and that look as if they were in it
 RIDGE = 1e-3  # keeps the fit finite where all cases are told apart
 _REMOVED, _VIOLATION = (0.02, 0.03, 0.04, 0.055, 0.08), (0.03, 0.045, 0.06, 0.085, 0.12)
 
@@ -50,7 +50,7 @@ def fit(judged: Sequence[Judged]) -> Calibration:
     single = [one for one in judged if one.features.tied == 1]
     inputs = np.array([[1.0, *one.features.vector] for one in single])
     truth = np.array([float(one.right) for one in single])
-    counts = np.array([ABSENT_WEIGHT if one.case.kind == "absent" else 1.0 for one in single])
+    counts = np.array([ABSENT_WEIGHT if one.case.kind in RARE else 1.0 for one in single])
 
     def loss(weights: NDArray[np.float64]) -> float:
         log_odds = inputs @ weights
@@ -67,10 +67,11 @@ def figures(judged: Sequence[Judged], calibration: Calibration) -> dict[str, Any
 
     ``right_first`` and ``localized`` are numbers of the scans ``inside``; ``ambiguous`` of those whose best
     places tie, ``with_truth`` the part that has the right one among them. ``false_accepts`` are of the scans
-    inside or outside of the map, ``false_if_absent`` of those whose place is taken away.
+    inside or outside of the map, ``false_if_absent`` of those whose place is taken away, ``false_if_alike``
+    of those of another place of the same kind. ``ece`` is of the scans inside or outside.
     """
     inside = [one for one in judged if one.case.kind == "inside"]
-    asked = [one for one in judged if one.case.kind != "absent"]
+    asked = [one for one in judged if one.case.kind not in RARE]
     accepted = [one for one in judged if calibration.accepts(one.features)]
     tied = [one for one in inside if one.features.tied > 1]
     return {
@@ -79,9 +80,11 @@ def figures(judged: Sequence[Judged], calibration: Calibration) -> dict[str, Any
         "localized": sum(one.right for one in accepted),
         "ambiguous": len(tied),
         "with_truth": sum(one.among for one in tied),
-        "false_accepts": sum(not one.right for one in accepted if one.case.kind != "absent"),
-        "absent": len(judged) - len(asked),
+        "false_accepts": sum(not one.right for one in accepted if one.case.kind not in RARE),
+        "absent": sum(one.case.kind == "absent" for one in judged),
         "false_if_absent": sum(one.case.kind == "absent" for one in accepted),
+        "alike": sum(one.case.kind == "alike" for one in judged),
+        "false_if_alike": sum(one.case.kind == "alike" for one in accepted),
         "ece": calibration_error(
             [calibration.probability(one.features) for one in asked], [one.among for one in asked]
         ),
@@ -105,7 +108,7 @@ def leave_one_out(judged: Mapping[str, Sequence[Judged]], place_of: Mapping[str,
         (calibration.probability(one.features), one.among)
         for own, calibration in together
         for one in own
-        if one.case.kind != "absent"
+        if one.case.kind not in RARE
     ]
     total["ece"] = calibration_error([claim for claim, _ in claims], [right for _, right in claims])
     return {**rows, "all": total}

@@ -2,7 +2,8 @@
 
 Of the worlds of the robust suite, the project's own have other seeds here, and so other layouts. Some maps
 are meshes of everything. Others are the clouds of a simulated mapping run, which missed surfaces: there the
-world has more than the map. On another day some things have left: then it has less.
+world has more than the map. On another day some things have left: then it has less. Scans of a world with
+another seed are of a building of the same kind that is not in the map.
 """
 
 from __future__ import annotations
@@ -22,8 +23,9 @@ from firstfix_builder.worlds import NAMES, make_world
 from firstfix_builder.worlds.write_world import ply_of_mesh, write_world
 
 from ..common.datasets import SHARED
-from ..common.worlds import Scenery, layout
+from ..common.worlds import Scenery, layout, write_drive
 
+LOOK_ALIKE_SEED = 100  # is added to a world's own for its look-alike
 _UNTESTED = {"self_test": {"queries": 0, "outside": 0}, "viewpoints": {"spacing_m": 1.0}}
 
 
@@ -35,11 +37,13 @@ class MappedWorld:
         source: what the version is built from, a mesh or a cloud.
         trajectory: of the mapping run, or None.
         sceneries: by name, in the frame of the source.
+        look_alike: another place of the same kind, or None.
     """
 
     source: Path
     trajectory: Path | None
     sceneries: dict[str, Scenery]
+    look_alike: Scenery | None = None
 
 
 @dataclass(frozen=True)
@@ -95,13 +99,20 @@ def _own(kind: str, seed: int, *, from_cloud: bool) -> FittedWorld:
             changed = place.changed_mesh(np.random.default_rng([seed, NAMES.index(kind), 2]))
             (folder / "changed.ply").write_bytes(ply_of_mesh(changed))
             (folder / "emptied.ply").write_bytes(ply_of_mesh(Mesh.joined(place.fixed)))
+        if not (folder / "look_alike.txt").exists():
+            other = layout(kind, seed + LOOK_ALIKE_SEED)
+            (folder / "look_alike.ply").write_bytes(ply_of_mesh(other.mesh()))
+            write_drive(other, folder / "look_alike.txt")
         trajectory = folder / "trajectory.txt"
         sceneries = {
             "as mapped": Scenery(folder / "mesh.ply", trajectory),
             "another day": Scenery(folder / "changed.ply", trajectory),
             "emptied": Scenery(folder / "emptied.ply", trajectory),
         }
-        return MappedWorld(folder / ("map.ply" if from_cloud else "mesh.ply"), trajectory, sceneries)
+        look_alike = Scenery(folder / "look_alike.ply", folder / "look_alike.txt")
+        return MappedWorld(
+            folder / ("map.ply" if from_cloud else "mesh.ply"), trajectory, sceneries, look_alike
+        )
 
     return FittedWorld(name, kind, _SENSORS[kind], make)
 

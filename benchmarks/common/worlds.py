@@ -145,7 +145,7 @@ def own_world(name: str, large: bool = False, mapped: bool = False) -> BenchWorl
         (out / "changed.ply").write_bytes(ply_of_mesh(other_day))
         other = layout(name, OTHER_SEED)
         (out / "look_alike.ply").write_bytes(ply_of_mesh(other.mesh()))
-        _write_drive(other, out / "look_alike.txt")
+        write_drive(other, out / "look_alike.txt")
 
     def make(cache: StageCache) -> WorldFiles:
         out = cache.run("bench_world", _RECIPE, {"name": name}, produce).directory
@@ -170,8 +170,8 @@ def ground_floor() -> BenchWorld:
         mesh = place.mesh()
         (out / "whole.ply").write_bytes(ply_of_mesh(mesh))
         (out / "mesh.ply").write_bytes(ply_of_mesh(_without_upper_storey(mesh)))
-        _write_drive(place, out / "whole.txt")
-        _write_drive(place, out / "trajectory.txt", below_m=STOREY_M / 2)
+        write_drive(place, out / "whole.txt")
+        write_drive(place, out / "trajectory.txt", below_m=STOREY_M / 2)
 
     def make(cache: StageCache) -> WorldFiles:
         out = cache.run("bench_ground_floor", _RECIPE, {}, produce).directory
@@ -195,7 +195,7 @@ def layout(name: str, seed: int) -> Place:
     return _LAYOUTS[name](np.random.default_rng([seed, NAMES.index(name), 0]))
 
 
-def _write_drive(place: Place, path: Path, below_m: float = np.inf) -> None:
+def write_drive(place: Place, path: Path, below_m: float = np.inf) -> None:
     """TUM, all headings alike: only where the floors are is read from it."""
     at = drive(place)[:, :3, 3]
     at = at[at[:, 2] - place.sensor.mount_height_m < below_m]

@@ -4,6 +4,7 @@
 #include <tuple>
 
 #include "arrays.hpp"
+#include "firstfix/registration/agreement.hpp"
 #include "firstfix/registration/align.hpp"
 #include "firstfix/registration/align_moving.hpp"
 #include "firstfix/registration/distinct_poses.hpp"
@@ -93,6 +94,24 @@ auto align_all_moving(const Grid& grid, Points points, Points normals, Flags ori
                          array_of(std::move(twist), {poses, 6}));
 }
 
+auto agreement_of_all(const Grid& grid, const Grid& coarse, Points points, Points normals, Flags oriented,
+                      Poses T_level_sensor, float inlier_distance_m) {
+  const std::size_t scan_points = points.shape(0), poses = T_level_sensor.shape(0);
+  check(points, normals, oriented, 0, {inlier_distance_m});
+  std::vector<double> beside_surface(poses), same_plane(poses);
+  {
+    nb::gil_scoped_release release;
+    const ScanSurface scan(points.data(), normals.data(), bytes_of(oriented), scan_points);
+    PairFinder finder(grid.view, scan);
+    for (std::size_t pose = 0; pose < poses; ++pose) {
+      const Agreement found = agreement_at(finder, coarse.view, scan, T_level_sensor.data() + 16 * pose, inlier_distance_m);
+      beside_surface[pose] = found.beside_surface;
+      same_plane[pose] = found.same_plane;
+    }
+  }
+  return std::make_tuple(array_of(std::move(beside_surface), {poses}), array_of(std::move(same_plane), {poses}));
+}
+
 }  // namespace
 
 void bind_registration(nb::module_& module) {
@@ -109,6 +128,8 @@ void bind_registration(nb::module_& module) {
   module.def("align_moving", &align_all_moving, nb::arg("grid"), nb::arg("points"), nb::arg("normals"),
              nb::arg("oriented"), nb::arg("time_s"), nb::arg("T_start"), nb::arg("scale"), nb::arg("iterations"),
              nb::arg("reach_m"), nb::arg("half_angle"), nb::arg("inlier_distance_m"));
+  module.def("agreement", &agreement_of_all, nb::arg("grid"), nb::arg("coarse"), nb::arg("points"), nb::arg("normals"),
+             nb::arg("oriented"), nb::arg("T_level_sensor"), nb::arg("inlier_distance_m"));
   module.def(
       "distinct_poses",
       [](Poses T, double within_m, double within_rad, std::size_t most) {

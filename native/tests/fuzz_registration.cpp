@@ -4,6 +4,7 @@
 #include <limits>
 #include <vector>
 
+#include "firstfix/registration/agreement.hpp"
 #include "firstfix/registration/align.hpp"
 #include "firstfix/registration/align_moving.hpp"
 #include "firstfix/registration/distinct_poses.hpp"
@@ -83,6 +84,10 @@ void align_once(Hostile& random) {
     const AlignmentQuality quality = quality_at(finder, count, T.data(), 0.15F);
     expect(quality.inlier_ratio >= 0 && quality.inlier_ratio <= 1, "inlier ratio within 0 and 1");
     expect(quality.alignment_score >= 0 && quality.alignment_score <= 1.00001, "alignment score within 0 and 1");
+    const RandomGrid coarse(random, wrong_tables);
+    const Agreement agreement = agreement_at(finder, coarse.grid, scan, T.data(), 0.15F);
+    expect(agreement.beside_surface >= 0 && agreement.beside_surface <= 1, "share beside a surface within 0 and 1");
+    expect(agreement.same_plane >= 0 && agreement.same_plane <= 1, "chance of one plane within 0 and 1");
     // damaged tables alone never make a pose that is no number
     expect(!is_clean || (are_numbers(T.data(), 16) && are_numbers(information, 36)), "finite pose and information");
   }

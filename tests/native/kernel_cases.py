@@ -73,8 +73,8 @@ def _cast(native: Any) -> Any:
     )
 
 
-def _grid(native: Any) -> Any:
-    grid = SurfaceGrid.of(SURFACE, 0.5)
+def _grid(native: Any, cell_m: float = 0.5) -> Any:
+    grid = SurfaceGrid.of(SURFACE, cell_m)
     tables = (grid.corner, grid.planes, grid.oriented, grid.other_face, grid.group, grid.block, grid.point)
     return native.SurfaceGrid(float(grid.cell[0]), *tables)
 
@@ -155,6 +155,9 @@ CASES: dict[str, Callable[[Any], Any]] = {
     "TriangleTree": _cast,
     "SurfaceGrid": lambda native: _grid(native).nearest(FEW[::3]),
     "align": lambda native: native.align(_grid(native), *_aligned(), np.eye(4)[None], 5, 0.4, 0.5, 0.13),
+    "agreement": lambda native: native.agreement(
+        _grid(native), _grid(native, 1.5), *_aligned(), np.array([np.eye(4), T_MAP_SENSOR]), 0.13
+    ),
     "align_moving": lambda native: native.align_moving(
         _grid(native), *_aligned(), TIMES[::5], np.eye(4)[None], np.ones(6), 5, 0.4, 0.5, 0.13
     ),

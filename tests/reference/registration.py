@@ -11,11 +11,14 @@ from scipy.spatial.transform import Rotation
 from firstfix.engine.registration.surface import Surface
 from firstfix.engine.registration.surface_grid import SurfaceGrid
 from firstfix.engine.registration.surface_grid_build import slot_of
+from firstfix.portable.atan2 import atan2_turns
 from firstfix.transform import pose_error
 
 OTHER_FACE = -0.2  # cosine: normals further apart face opposite ways, even with noise
 STILL_M, STILL_RAD = 5e-4, 1e-4
 DAMPING = 1e-4  # of a pair's weight: keeps the pose along directions that the scan does not constrain
+UPRIGHT = 0.5  # |z| of a normal that is less: no floor, no ceiling
+SECTORS, PLANE_M = 16, 0.5  # of the normals of planes, and between planes
 NOISE_M = 0.01  # standard deviation of a scan point's distance from the map, at least
 
 
@@ -38,12 +41,14 @@ class Pairs:
             faces the other way.
         normals: of the surface.
         cosine: of the angle between the two normals.
+        on_surface: whether any surface is near.
     """
 
     arms: NDArray[np.float32]
     off_m: NDArray[np.float32]
     normals: NDArray[np.float32]
     cosine: NDArray[np.float32]
+    on_surface: NDArray[np.bool_]
 
     @classmethod
     def at(cls, T_level_sensor: NDArray[np.float64], grid: SurfaceGrid, scan: Surface) -> Pairs:
@@ -57,13 +62,13 @@ class Pairs:
             faces_away = _dot(turned, grid.planes[row][..., :3]) < OTHER_FACE
             return (row >= 0) & faces_away & grid.oriented[row] & scan.oriented
 
-        row = np.where(on_other_face(), grid.other_face[row], row)
-        row[on_other_face()] = -1
+        behind = grid.other_face[row]
+        row = np.where(on_other_face() & (behind >= 0), behind, row)
         planes = grid.planes[row]
         normals = planes[..., :3]
         off_m = planes[..., 3] - _dot(points, normals)
-        off_m[row < 0] = np.inf
-        return cls(arms, off_m, normals, _dot(turned, normals))
+        off_m[(row < 0) | on_other_face()] = np.inf
+        return cls(arms, off_m, normals, _dot(turned, normals), row >= 0)
 
 
 def _dot(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -117,6 +122,35 @@ def quality(
     """Inlier ratio (k,) and alignment score (k,) at (k, 4, 4) poses."""
     share = np.abs(Pairs.at(T, grid, scan).off_m).astype(np.float64) / inlier_distance_m
     return (share <= 1).mean(axis=1), np.maximum(1 - share**2, 0).mean(axis=1)
+
+
+def agreement(
+    grid: SurfaceGrid, coarse: SurfaceGrid, scan: Surface, T: NDArray[np.float64], inlier_distance_m: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Shares beside a surface (k,) and chances of one plane (k,) at (k, 4, 4) poses."""
+    found = [_agreement_at(grid, coarse, scan, pose, inlier_distance_m) for pose in T]
+    beside, same = np.array(found).reshape(-1, 2).T
+    return beside, same
+
+
+def _agreement_at(
+    grid: SurfaceGrid, coarse: SurfaceGrid, scan: Surface, T: NDArray[np.float64], inlier_distance_m: float
+) -> tuple[float, float]:
+    pairs = Pairs.at(T[None], grid, scan)
+    off_surface = ~pairs.on_surface[0]
+    from_corner = pairs.arms[0][off_surface] + (T[:3, 3] - coarse.corner).astype(np.float32)
+    cells = np.array(coarse.group.shape) * coarse.block.shape[1] * coarse.point.shape[1]
+    scaled = from_corner / coarse.cell
+    inside = ((scaled >= 0) & (scaled < cells)).all(axis=1)
+    beside = int((nearest(coarse, from_corner[inside]) >= 0).sum()) / max(len(scan), 1)
+    level = np.stack([_dot(T[axis, :3].astype(np.float32), scan.normals) for axis in range(3)], axis=-1)
+    agree = (np.abs(pairs.off_m[0]) <= inlier_distance_m) & (np.abs(level[:, 2]) < UPRIGHT)
+    turns = atan2_turns(level[:, 1], level[:, 0])
+    sector = (turns * np.float32(SECTORS) + np.float32(SECTORS / 2 + 0.5)).astype(int)
+    away = (np.abs(_dot(scan.points, scan.normals)) / np.float32(PLANE_M) + np.float32(0.5)).astype(int)
+    _, count = np.unique(np.stack([sector % SECTORS, away])[:, agree], axis=1, return_counts=True)
+    both = int(count.sum())
+    return beside, 1.0 if both < 2 else float((count * (count - 1)).sum() / (both * (both - 1)))
 
 
 def distinct_poses(T: NDArray[np.float64], within_m: float, within_deg: float, most: int) -> list[int]:

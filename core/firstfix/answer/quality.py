@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 ALIGNMENT_WEIGHT, REMOVED_WEIGHT, VIOLATION_WEIGHT = 0.25, 0.04, 0.06
 BEST_SCORE = 1.05  # the logarithms of perfect values stay finite
 LEAST_SHARE = 0.0003
-_WORST_SCORE, _VIOLATION_OFFSET = 0.02, 0.005  # in the inputs of the probability
+# in the inputs of the probability
+_WORST_SCORE, _VIOLATION_OFFSET, _BESIDE_OFFSET, _SAME_OFFSET = 0.02, 0.005, 0.02, 0.02
 MAX_MARGIN = 0.25  # about two in three right places have more; more than this counts as this
 
 
@@ -31,12 +32,20 @@ class AlignmentQuality:
             end where the map has nothing.
         removed_surface: 0..1, share of the scan's directions that pass through a surface of the map and end
             at another one: something may have left.
+        beside_surface: 0..1, share of the scan's points that lie near a surface of the map, but on none. It
+            speaks against a place more than points where the map has nothing, which a mapping run may have
+            missed.
+        same_plane: 0..1, chance that two of the scan's upright points that lie on the map lie on one plane.
+            It is small where many surfaces agree, and large in a bare room, which has its like elsewhere.
+            An answer that was sent has neither of the last two: they are 0.
     """
 
     inlier_ratio: float
     alignment_score: float
     free_space_violation: float
     removed_surface: float = 0.0
+    beside_surface: float = 0.0
+    same_plane: float = 0.0
 
     @cached_property  # each of a hundred poses is compared with all others
     def support(self) -> float:
@@ -69,7 +78,7 @@ class MatchFeatures:
 
     @property
     def vector(self) -> NDArray[np.float64]:
-        """(3,) inputs of the logistic model (equation 7.2). A larger value never lowers the probability.
+        """(5,) inputs of the logistic model (equation 7.2). A larger value never lowers the probability.
 
         A removed surface does not count here, but in the margin: things leave, wherever the scan was taken.
         """
@@ -78,6 +87,8 @@ class MatchFeatures:
             [
                 log((_WORST_SCORE + score) / (BEST_SCORE - score)),
                 -log(_VIOLATION_OFFSET + violation),
+                -log(_BESIDE_OFFSET + self.quality.beside_surface),
+                -log(_SAME_OFFSET + self.quality.same_plane),
                 min(self.margin, MAX_MARGIN),
             ]
         )

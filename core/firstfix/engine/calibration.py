@@ -18,18 +18,20 @@ from ..answer.quality import AlignmentQuality, MatchFeatures, match_features
 
 # Standard deviation of a map's weights around the prior's: SPREAD times the weight, for the bias SPREAD_BIAS.
 SPREAD, SPREAD_BIAS = 0.4, 4.0
+# Fields of ``Calibration``, in the order of ``MatchFeatures.vector``.
+WEIGHTS = ("bias", "alignment_score", "free_space", "beside_surface", "same_plane", "margin")
 
 
 @dataclass(frozen=True)
 class Calibration:
     """Logistic model over ``MatchFeatures.vector``, and the thresholds of the verdict.
 
-    The defaults are the prior, fitted to eight worlds at once (docs/method.md section 7).
+    The defaults are the prior, fitted to nine maps at once (docs/method.md section 7).
 
     Attributes:
         bias: of the model.
-        alignment_score, free_space, margin: its weights. They are never negative: a better fit never makes an
-            answer less likely.
+        alignment_score, free_space, beside_surface, same_plane, margin: its weights. They are never negative:
+            a better fit never makes an answer less likely.
         min_probability: below it an answer is not ``localized``, unless the query gives its own threshold.
         min_inlier_ratio: below it a pose does not explain the scan at all.
         max_free_space_violation: nor does a pose that more of the scan's directions contradict.
@@ -38,10 +40,12 @@ class Calibration:
         cases: number of self-test cases it was fitted on; 0: it is the prior.
     """
 
-    bias: float = -4.28
-    alignment_score: float = 2.46
-    free_space: float = 0.25
-    margin: float = 26.4
+    bias: float = -20.1
+    alignment_score: float = 1.45
+    free_space: float = 1.74
+    beside_surface: float = 2.5
+    same_plane: float = 1.66
+    margin: float = 21.1
     min_probability: float = 0.995
     min_inlier_ratio: float = 0.4
     max_free_space_violation: float = 0.1
@@ -50,8 +54,8 @@ class Calibration:
 
     @property
     def weights(self) -> NDArray[np.float64]:
-        """(4,) weights of the model, bias first."""
-        return np.array([self.bias, self.alignment_score, self.free_space, self.margin])
+        """(6,) weights of the model, bias first."""
+        return np.array([getattr(self, name) for name in WEIGHTS])
 
     def match_features(self, qualities: Sequence[AlignmentQuality], number: int = 0) -> MatchFeatures:
         """Match features of one of the competing poses. Poses that tie with it count as one pose."""
@@ -95,8 +99,8 @@ class Calibration:
 
         bounds = [(None, None)] + [(0, None)] * (len(prior) - 1)
         found = minimize(loss, prior, jac=True, method="L-BFGS-B", bounds=bounds).x
-        bias, alignment_score, free_space, margin = (round(float(v), 4) for v in found)
-        return cls(bias, alignment_score, free_space, margin, cases=len(truth))
+        rounded = {name: round(float(value), 4) for name, value in zip(WEIGHTS, found, strict=True)}
+        return cls(**rounded, cases=len(truth))
 
     def to_mapping(self) -> dict[str, Any]:
         """Values by name, ready for JSON."""

@@ -14,8 +14,9 @@ from ..answer.prior import Prior
 from .candidates import Candidates
 from .index import MapIndex
 from .preprocess import PreparedQuery, spots_of
-from .registered_candidate import RegisteredCandidate, distinct, features_of, ranked
-from .registration.align import Registration, Registrations
+from .registered_candidate import NOT_MEASURED, RegisteredCandidate, distinct, features_of, ranked
+from .registration.align import Agreement, Registration, Registrations
+from .registration.surface import Surface
 from .verification.free_space import SeenThrough
 
 SAME_START_M, SAME_START_DEG = 0.3, 3.0  # nearer starts end at one pose
@@ -42,6 +43,7 @@ class HypothesisSearch:
         self._aligned: list[Registrations] = []  # of all starts, batch by batch
         self._in_motion: dict[int, Registration] = {}  # by row: a later run does not solve it again
         self._seen_through: dict[bytes, SeenThrough] = {}  # by pose: a later run does not check it again
+        self._agreement: dict[bytes, Agreement] = {}  # the same, of the few points
 
     def run(self, candidates: Candidates) -> list[RegisteredCandidate]:
         """Distinct poses that the prior allows, best first: of these candidates and of all earlier runs.
@@ -50,8 +52,13 @@ class HypothesisSearch:
         """
         checked = ranked(self._check_free_space(self._register(candidates)))
         if not checked or not self._may_be_accepted(checked):
-            return checked
-        return ranked(self._allowed(self._refine(checked)))
+            return self._with_agreements(checked)
+        refined = ranked(self._allowed(self._refine(checked)))
+        agreements = self._agreements(self._prepared.dense, [one.registration for one in refined[:1]])
+        best = [
+            replace(one, agreement=agreement) for one, agreement in zip(refined, agreements, strict=False)
+        ]
+        return [*best, *self._with_agreements(refined[1:])]
 
     def _register(self, candidates: Candidates) -> list[RegisteredCandidate]:
         """Aligns all new candidates with few points: coarsely, then on the map's own points.
@@ -129,10 +136,12 @@ class HypothesisSearch:
                 supports = [other.quality.support for other in checked]
                 if candidate.quality.support < min(supports[1], supports[0] - RIVAL_WITHIN):
                     break
+                checked[:1] = self._with_agreements(checked[:1])
                 if self._index.calibration.accepts(features_of([*checked, candidate])):
                     break
             checked.append(self._with_free_space(candidate))
             checked.sort(key=lambda one: -one.quality.support)
+        checked[:1] = self._with_agreements(checked[:1])
         return checked
 
     def _may_be_accepted(self, checked: Sequence[RegisteredCandidate]) -> bool:
@@ -149,7 +158,7 @@ class HypothesisSearch:
         near = [candidate for candidate in checked if candidate.quality.support > close][:MAX_REFINED]
         aligned = self._index.surface.align_fine(self._prepared.dense, self._best_minima_near(near))
         refined = (
-            self._with_free_space(replace(candidate, registration=registration))
+            self._with_free_space(replace(candidate, registration=registration, agreement=NOT_MEASURED))
             for candidate, registration in zip(near, aligned, strict=True)
         )
         return [*refined, *checked[len(near) :]]
@@ -178,6 +187,32 @@ class HypothesisSearch:
         best = np.arange(count)
         best[rivalled[is_better]] = count + np.flatnonzero(is_better)
         return smooth.T_level_sensor[best]
+
+    def _with_agreements(self, candidates: Sequence[RegisteredCandidate]) -> list[RegisteredCandidate]:
+        """The candidates with how the few points agree with the map there, measured where it was not yet."""
+        keys = [candidate.registration.T_level_sensor.tobytes() for candidate in candidates]
+        missing = [
+            (key, one.registration)
+            for key, one in zip(keys, candidates, strict=True)
+            if one.agreement is NOT_MEASURED and key not in self._agreement
+        ]
+        if missing:
+            found = self._agreements(self._prepared.sparse, [registration for _, registration in missing])
+            self._agreement.update(zip((key for key, _ in missing), found, strict=True))
+        return [
+            replace(one, agreement=self._agreement[key]) if one.agreement is NOT_MEASURED else one
+            for key, one in zip(keys, candidates, strict=True)
+        ]
+
+    def _agreements(self, scan: Surface, registrations: Sequence[Registration]) -> list[Agreement]:
+        """How the scan, deskewed by each registration's own motion, agrees with the map there."""
+        surface = self._index.surface
+        if scan.time_s is None:
+            T_level_sensor = np.array([one.T_level_sensor for one in registrations])
+            return surface.agreements(scan, T_level_sensor.reshape(-1, 4, 4))
+        return [
+            surface.agreements(scan.deskewed(one.twist), one.T_level_sensor[None])[0] for one in registrations
+        ]
 
     def _with_free_space(self, candidate: RegisteredCandidate) -> RegisteredCandidate:
         """The candidate with the shares of directions that pass through the map, over the query's scans."""

@@ -15,12 +15,13 @@ from ..answer.quality import AlignmentQuality, MatchFeatures
 from ..transform import Matrix
 from .index import MapIndex
 from .motion.sweep import discounted_score
-from .registration.align import Registration
+from .registration.align import Agreement, Registration
 from .verification.free_space import SeenThrough
 
 SAME_POSE_M = 1.0
 SAME_POSE_DEG = 15.0
 NOT_CHECKED = SeenThrough(0.0, 0.0)
+NOT_MEASURED = Agreement(0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,7 @@ class RegisteredCandidate:
         template: row of the template that the candidate came from.
         registration: the aligned pose, and how well the scan fits there.
         seen_through: shares of directions that pass through the map; 0 until free space is checked.
+        agreement: how the scan agrees with the map there, beyond how much of it does.
         start_z_m: height, in the level frame, at which the alignment began: the sensor's above the template's
             floor. nan: not known.
         spots: number of spots where the query's scans were taken.
@@ -43,6 +45,7 @@ class RegisteredCandidate:
     template: int
     registration: Registration
     seen_through: SeenThrough = NOT_CHECKED
+    agreement: Agreement = NOT_MEASURED
     start_z_m: float = math.nan
     spots: int = 1
 
@@ -54,6 +57,8 @@ class RegisteredCandidate:
             discounted_score(self.registration.alignment_score, self.registration.twist),
             self.seen_through.onto_nothing,
             self.seen_through.onto_surface,
+            self.agreement.beside_surface,
+            self.agreement.same_plane,
         )
 
     @property

@@ -61,6 +61,8 @@ def test_where_all_places_tie_no_margin_is_claimed():
     [
         (AlignmentQuality(0.95, 0.81, 0.01), AlignmentQuality(0.95, 0.8, 0.01)),
         (AlignmentQuality(0.95, 0.8, 0.0), AlignmentQuality(0.95, 0.8, 0.01)),
+        (AlignmentQuality(0.95, 0.8, 0.0, 0.0, 0.05), AlignmentQuality(0.95, 0.8, 0.0, 0.0, 0.06)),
+        (AlignmentQuality(0.95, 0.8, 0.0, 0.0, 0.0, 0.1), AlignmentQuality(0.95, 0.8, 0.0, 0.0, 0.0, 0.2)),
     ],
 )
 def test_no_feature_falls_as_the_fit_gets_better(better, worse):
@@ -74,6 +76,13 @@ def test_what_has_left_counts_among_places_only():
     assert match_features([here, elsewhere], TIED).margin > TIED
 
 
-@pytest.mark.parametrize("fit", [AlignmentQuality(0.0, 0.0, 1.0, 1.0), AlignmentQuality(1.0, 1.0, 0.0, 0.0)])
+def test_how_the_scan_agrees_does_not_change_the_ranking():
+    plain, beside = AlignmentQuality(0.95, 0.8, 0.0), AlignmentQuality(0.95, 0.8, 0.0, 0.0, 0.3, 0.3)
+    assert plain.support == beside.support
+
+
+@pytest.mark.parametrize(
+    "fit", [AlignmentQuality(0.0, 0.0, 1.0, 1.0, 1.0, 1.0), AlignmentQuality(1.0, 1.0, 0.0, 0.0, 0.0, 0.0)]
+)
 def test_features_are_finite_at_the_ends(fit):
     assert np.isfinite(match_features([fit, fit], TIED).vector).all()

@@ -9,15 +9,19 @@ def cases(n: int, seed: int):
     """Match features, and whether the pose was right, drawn from a model of the calibration's own kind."""
     rng = np.random.default_rng(seed)
     found = [
-        MatchFeatures(AlignmentQuality(inlier_ratio, inlier_ratio * 0.8, through), margin)
-        for inlier_ratio, through, margin in zip(
+        MatchFeatures(AlignmentQuality(inlier_ratio, inlier_ratio * 0.8, through, 0.0, beside, same), margin)
+        for inlier_ratio, through, beside, same, margin in zip(
             rng.uniform(0.3, 1, n),
             rng.exponential(0.05, n).clip(0, 1),
+            rng.exponential(0.1, n).clip(0, 1),
+            rng.uniform(0, 0.3, n),
             rng.uniform(-0.1, 0.5, n),
             strict=True,
         )
     ]
-    true_model = Calibration(bias=-9.0, alignment_score=2.0, free_space=1.5, margin=5.0)
+    true_model = Calibration(
+        bias=-14.0, alignment_score=2.0, free_space=1.5, beside_surface=1.5, same_plane=0.8, margin=5.0
+    )
     truth = rng.random(n) < [true_model.probability(e) for e in found]
     return found, truth, np.ones(n)
 
@@ -76,12 +80,23 @@ def test_round_trip():
             Calibration.from_mapping(wrong)
 
 
+def test_what_the_map_may_lack_speaks_less_against_a_place_than_what_stands_beside_its_surfaces():
+    """Half of a scan on nothing: in a room that was missed, or in another building of the same kind."""
+    missed = MatchFeatures(AlignmentQuality(0.7, 0.6, 0.0, 0.0, 0.02, 0.03), 0.25)
+    alike = MatchFeatures(AlignmentQuality(0.7, 0.6, 0.0, 0.0, 0.2, 0.03), 0.25)
+    bare = MatchFeatures(AlignmentQuality(0.7, 0.6, 0.0, 0.0, 0.02, 0.25), 0.25)
+    calibration = Calibration()
+    assert calibration.accepts(missed)
+    assert not calibration.accepts(alike)
+    assert not calibration.accepts(bare)
+
+
 def test_accepting_takes_overlap_margin_and_probability():
     calibration = Calibration(min_inlier_ratio=0.5, min_margin=0.1)
     good = MatchFeatures(AlignmentQuality(0.97, 0.85, 0.0), 0.4)
     assert calibration.accepts(good)
     assert not calibration.accepts(MatchFeatures(good.quality, 0.4, tied=2))
     assert not calibration.accepts(MatchFeatures(AlignmentQuality(0.49, 0.85, 0.0), 0.4), min_probability=0.0)
-    doubtful = MatchFeatures(AlignmentQuality(0.7, 0.6, 0.02, 0.02), 0.1)
+    doubtful = MatchFeatures(AlignmentQuality(0.7, 0.6, 0.02, 0.02, 0.2, 0.2), 0.1)
     assert not calibration.accepts(doubtful)
     assert calibration.accepts(doubtful, min_probability=0.0)

@@ -11,15 +11,15 @@ from firstfix.engine.candidates import Candidates
 from firstfix.engine.config import EngineConfig
 from firstfix.engine.hypotheses import MAX_REFINED, NEIGHBOUR_M, HypothesisSearch
 from firstfix.engine.index import MapIndex
-from firstfix.engine.registration.align import Registrations
+from firstfix.engine.registration.align import Agreement, Registrations
 from firstfix.engine.verification.free_space import SeenThrough
 from firstfix.transform import make_transform, rotation_z
 
 APART_M = 10.0  # candidate i stands at x = 10 i
 NEVER_SURE = Calibration(bias=-100)
 SCAN = SimpleNamespace(view_deskewed=lambda twist: twist, T_last_scan=np.eye(4))
-STILL = SimpleNamespace(time_s=None)
-PREPARED = SimpleNamespace(spots=1, sparse=STILL, dense=STILL, scans=(SCAN,))
+STILL, DENSE = SimpleNamespace(time_s=None), SimpleNamespace(time_s=None)
+PREPARED = SimpleNamespace(spots=1, sparse=STILL, dense=DENSE, scans=(SCAN,))
 
 
 def at(x: float) -> np.ndarray:
@@ -62,6 +62,11 @@ class MadeUpMap:
     def align_fine(self, scan, starts):
         self.refined += starts[:, 0, 3].tolist()
         return self.align(scan, starts)
+
+    def agreements(self, scan, T_level_sensor):
+        assert T_level_sensor.shape[1:] == (4, 4)
+        share = 0.1 if scan is PREPARED.dense else 0.2
+        return [Agreement(share, share + number_of(T) / 100) for T in T_level_sensor]
 
     def seen_through(self, surface, view, T):
         self.checked.append(number_of(T))
@@ -174,6 +179,17 @@ def test_a_prior_leaves_out_poses_elsewhere():
     assert [candidate.template for candidate in found] == [1]
 
 
+def test_a_prior_may_leave_out_all_poses():
+    assert search(MadeUpMap([0.9, 0.8], [0.0, 0.0]), prior=Prior(np.array([500.0, 0, 0]), 2.0)) == []
+
+
+def test_how_the_scan_agrees_is_measured_where_it_was_aligned_last():
+    found = search(MadeUpMap([0.9, 0.3], [0.0, 0.0]), calibration=NEVER_SURE)
+    assert [one.template for one in found] == [0, 1]
+    assert [one.quality.beside_surface for one in found] == [0.1, 0.2]  # the second was not refined
+    np.testing.assert_allclose([one.quality.same_plane for one in found], [0.1, 0.21])
+
+
 def test_of_equal_poses_only_the_best_is_kept():
     made_up = MadeUpMap([0.9], [0.0])
     index = MapIndex(EngineConfig(), Calibration(), None, made_up, made_up)
@@ -224,7 +240,8 @@ def test_the_motion_is_solved_at_every_place_that_is_compared():
             views.append(view)
             return super().seen_through(surface, view, T)
 
-    timed = SimpleNamespace(time_s=np.zeros(3))
+    deskewed_by = []
+    timed = SimpleNamespace(time_s=np.zeros(3), deskewed=deskewed_by.append)
     made_up = Moving([0.9, 0.85, 0.7], [0.0] * 3)
     index = MapIndex(EngineConfig(), Calibration(), None, made_up, made_up)
     prepared = SimpleNamespace(spots=1, sparse=timed, dense=timed, scans=(SCAN,))
@@ -233,6 +250,8 @@ def test_the_motion_is_solved_at_every_place_that_is_compared():
     assert made_up.refined[:3] == [0.0, APART_M, 2 * APART_M]
     assert made_up.refined[3:5] == [0.0, APART_M]
     assert all(candidate.registration.twist is not None for candidate in found)
+    assert all(one is not None for one in deskewed_by)  # each place by its own motion
+    assert len(deskewed_by) >= len(found)
     assert len(views) >= 3
     assert all(view is not None for view in views)
     sparse_again = [*made_up.refined]

@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...answer.quality import BEST_SCORE
-from ..calibration import Calibration
 
 # Scale of the twist about 0 (a Cauchy distribution), linear then angular, along the level axes. A robot
 # drives and turns on its floor: the other axes are kept still, so that noise is not taken for motion.
 TWIST_SCALE = np.array([1.0, 1.0, 1e-6, 1e-6, 1e-6, 1.0])  # m/s, rad/s
 # Speeds at which a motion is half as likely as rest. A wrong place often needs one that no robot has there.
 _UNLIKELY_M_S, _UNLIKELY_RAD_S = 3.0, 4.0
+_SCORE_WEIGHT = 2.5  # of the logarithm of the score's misfit in the log odds of a pose, if it counts alone
 MIN_SWEEP_S = 0.005  # between the first and the last point: in less, nothing moves far enough to be seen
 
 
@@ -37,5 +37,5 @@ def discounted_score(alignment_score: float, twist: NDArray[np.float64] | None) 
         return alignment_score
     linear, angular = twist[:3] / _UNLIKELY_M_S, twist[3:] / _UNLIKELY_RAD_S
     odds = float((1 + linear @ linear) * (1 + angular @ angular))
-    misfit = (BEST_SCORE - alignment_score) * odds ** (1 / Calibration.alignment_score)
+    misfit = (BEST_SCORE - alignment_score) * odds ** (1 / _SCORE_WEIGHT)
     return max(BEST_SCORE - misfit, 0.0)

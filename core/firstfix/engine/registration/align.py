@@ -51,6 +51,21 @@ class Registration:
 
 
 @dataclass(frozen=True)
+class Agreement:
+    """How a placed scan agrees with the map, beyond how much of it does.
+
+    Attributes:
+        beside_surface: 0..1, share of the scan's points that lie near a surface of the map (in a cell of the
+            coarse grid that has one), but on none (in no such cell of the fine grid).
+        same_plane: 0..1, chance that two of the scan's upright points within ``inlier_distance_m`` lie on one
+            plane; 1 without two such points.
+    """
+
+    beside_surface: float
+    same_plane: float
+
+
+@dataclass(frozen=True)
 class Registrations:
     """Aligned poses of a scan, from k starts. Item i is a ``Registration``, which explains the attributes.
 
@@ -174,6 +189,19 @@ class MapSurface:
         if scan.time_s is not None:
             return self._align_moving(scan, scan.time_s, T_level_sensor, iterations, reach_m, _FINE_ANGLE)
         return self._align(self.fine, scan, T_level_sensor, iterations, reach_m, _FINE_ANGLE)
+
+    def agreements(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> list[Agreement]:
+        """How the scan agrees with the map at each of (k, 4, 4) poses."""
+        found = native.agreement(
+            self.fine.tables,
+            self.coarse.tables,
+            scan.points,
+            scan.normals,
+            scan.oriented,
+            T_level_sensor,
+            self.config.inlier_distance_m,
+        )
+        return [Agreement(*one) for one in zip(*(values.tolist() for values in found), strict=True)]
 
     def _align_moving(
         self,

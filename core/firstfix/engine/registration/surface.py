@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +69,18 @@ class Surface:
         R = T[:3, :3].astype(np.float32)
         points = self.points @ R.T + T[:3, 3].astype(np.float32)
         return Surface(points, self.normals @ R.T, self.oriented, self.time_s)
+
+    def deskewed(self, twist: NDArray[np.float64] | None) -> Surface:
+        """Surface of a scan as it would have been seen at its stamp. None, or no times, changes nothing.
+
+        The normals stay: in the time of a scan they turn less than they are noisy.
+
+        Args:
+            twist: (6,) m/s then rad/s, in the sensor frame.
+        """
+        if twist is None or self.time_s is None:
+            return self
+        return replace(self, points=native.deskew(self.points, self.time_s, twist))
 
     def thinned(self, voxel_m: float) -> Surface:
         """Surface of the mean point of every voxel, one for each main direction of its normals."""

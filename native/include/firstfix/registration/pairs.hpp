@@ -181,11 +181,12 @@ class PairFinder {
     const float* const behind[3] = {&behind_nx_[i], &behind_ny_[i], &behind_nz_[i]};
     Vector8 normal = load(near);
     Float8 cosine = dot(seen, normal);
-    const Int8 turned = faces_away(cosine, i);
+    const Float8 behind_m = load8(&behind_off_[i]);
+    const Int8 turned = faces_away(cosine, i) & (behind_m < kNoSurfaceM);
     for (int axis = 0; axis < 3; ++axis) normal.along[axis] = turned ? load8(behind[axis]) : normal.along[axis];
-    const Float8 plane_m = turned ? load8(&behind_off_[i]) : load8(&off_[i]);
+    const Float8 plane_m = turned ? behind_m : load8(&off_[i]);
     cosine = dot(seen, normal);
-    const Int8 nowhere = turned & (cosine < kOtherFace);
+    const Int8 nowhere = faces_away(cosine, i);
     const Float8 off_m = plane_m - dot({{arm[0] + t[0], arm[1] + t[1], arm[2] + t[2]}}, normal);
     const Float8(&n)[3] = normal.along;
     return {{arm[0], arm[1], arm[2]}, {n[0], n[1], n[2]}, nowhere ? all8(kNoSurfaceM) : off_m, cosine};

@@ -1,8 +1,10 @@
 // The tables of a surface grid (firstfix.engine.registration.surface_grid): for any position the surface point near it.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <vector>
 
 namespace firstfix {
 
@@ -69,6 +71,24 @@ struct SurfaceGrid {
 inline std::int32_t cell_at(float scaled, float last) {
   const float from_zero = scaled > 0.0F ? scaled : 0.0F;
   return static_cast<std::int32_t>(from_zero < last ? from_zero : last);
+}
+
+// Number of positions, x y z x y z relative to the grid's corner, whose cell has a surface point. Outside of the grid none has.
+inline std::size_t near_surface(const SurfaceGrid& grid, const std::vector<float>& positions) {
+  const float per_m = 1 / grid.cell_m;
+  std::vector<std::int32_t> cell[3];
+  for (std::size_t i = 0; i < positions.size(); i += 3) {
+    bool is_inside = true;
+    for (int axis = 0; axis < 3; ++axis) {
+      const float scaled = positions[i + axis] * per_m;
+      is_inside = is_inside && scaled >= 0 && scaled < grid.last(axis) + 1;
+    }
+    if (!is_inside) continue;
+    for (int axis = 0; axis < 3; ++axis) cell[axis].push_back(cell_at(positions[i + axis] * per_m, grid.last(axis)));
+  }
+  std::vector<std::int32_t> row(cell[0].size());
+  grid.nearest(cell[0].data(), cell[1].data(), cell[2].data(), row.size(), row.data());
+  return row.size() - static_cast<std::size_t>(std::count(row.begin(), row.end(), -1));
 }
 
 }  // namespace firstfix

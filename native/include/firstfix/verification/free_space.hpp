@@ -52,29 +52,21 @@ inline const std::vector<float>& view_directions() {
 // directions: (count,) of the returns. least: (directions,) of the scan.
 inline std::size_t returns_near_surface(const SurfaceGrid& grid, const std::vector<std::int32_t>& directions,
                                         const float* least, const double* T_map_sensor) {
-  const float per_m = 1 / grid.cell_m;
   float R[9], from_corner[3];
   for (int row = 0; row < 3; ++row) {
     for (int column = 0; column < 3; ++column) R[3 * row + column] = static_cast<float>(T_map_sensor[4 * row + column]);
     from_corner[row] = static_cast<float>(T_map_sensor[4 * row + 3] - grid.corner_m[row]);
   }
   const std::vector<float>& unit = detail::view_directions();
-  std::vector<std::int32_t> cell[3];
+  std::vector<float> positions;
   for (const std::int32_t direction : directions) {
     const float* d = &unit[3 * static_cast<std::size_t>(direction)];
-    float scaled[3];
-    bool is_inside = true;
     for (int axis = 0; axis < 3; ++axis) {
       const float* r = R + 3 * axis;
-      scaled[axis] = ((r[0] * d[0] + r[1] * d[1] + r[2] * d[2]) * least[direction] + from_corner[axis]) * per_m;
-      is_inside = is_inside && scaled[axis] >= 0 && scaled[axis] < grid.last(axis) + 1;
+      positions.push_back((r[0] * d[0] + r[1] * d[1] + r[2] * d[2]) * least[direction] + from_corner[axis]);
     }
-    if (!is_inside) continue;
-    for (int axis = 0; axis < 3; ++axis) cell[axis].push_back(cell_at(scaled[axis], grid.last(axis)));
   }
-  std::vector<std::int32_t> row(cell[0].size());
-  grid.nearest(cell[0].data(), cell[1].data(), cell[2].data(), row.size(), row.data());
-  return row.size() - static_cast<std::size_t>(std::count(row.begin(), row.end(), -1));
+  return near_surface(grid, positions);
 }
 
 // Of the directions with a return and a mapped surface, the shares in which the scan's nearest return, in and around the

@@ -9,7 +9,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from firstfix import native
-from firstfix.engine.calibration import Calibration
 from firstfix.engine.motion.sweep import TWIST_SCALE, discounted_score
 from firstfix.engine.registration.surface import Surface
 from firstfix.engine.registration.surface_grid import SurfaceGrid
@@ -175,7 +174,7 @@ def test_an_unlikely_motion_takes_from_the_score():
     scores = [discounted_score(0.8, np.array([v, 0, 0, 0, 0, 0.0])) for v in (0.5, 1.0, 3.0, 8.0, 100.0)]
     assert scores == sorted(scores, reverse=True)
     assert scores[1] > 0.78
-    assert scores[2] == pytest.approx(1.05 - 0.25 * 2 ** (1 / Calibration().alignment_score))
+    assert scores[2] == pytest.approx(1.05 - 0.25 * 2 ** (1 / 2.46))
     assert scores[-1] == 0
     turning = [discounted_score(0.8, np.array([0, 0, 0, 0, 0, w])) for w in (1.0, 2.0, 4.0)]
     assert turning[2] == pytest.approx(scores[2])
