@@ -174,7 +174,7 @@ def test_an_unlikely_motion_takes_from_the_score():
     scores = [discounted_score(0.8, np.array([v, 0, 0, 0, 0, 0.0])) for v in (0.5, 1.0, 3.0, 8.0, 100.0)]
     assert scores == sorted(scores, reverse=True)
     assert scores[1] > 0.78
-    assert scores[2] == pytest.approx(1.05 - 0.25 * 2 ** (1 / 2.46))
+    assert scores[2] == pytest.approx(1.05 - 0.25 * 2 ** (1 / 2.5))
     assert scores[-1] == 0
     turning = [discounted_score(0.8, np.array([0, 0, 0, 0, 0, w])) for w in (1.0, 2.0, 4.0)]
     assert turning[2] == pytest.approx(scores[2])
