@@ -39,7 +39,7 @@ def trajectory_floor(
         default_height_m: taken where no pose has a floor below it.
     """
     positions = trajectory[:, :3, 3]
-    drop, _ = simulator.surfaces_below(positions)
+    drop = simulator.drops(positions)
     below = drop[np.isfinite(drop) & (drop < MAX_MOUNT_M)]
     height_m = float(np.median(below)) if len(below) else default_height_m
     foot = _densified(positions, step_m)

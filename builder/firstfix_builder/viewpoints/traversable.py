@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from ..simulation.simulate import RAYS_AT_ONCE, Simulator
+from ..execution.in_turn import in_turn
+from ..simulation.simulate import Simulator
 from .floors import ColumnIndex, Grid, Surfaces
 
+AT_ONCE = 65_536  # bodies or ways that a thread looks at
 DIRECTIONS = np.array([[1, 0], [0, 1], [1, 1], [1, -1]])  # and back
 
 
@@ -31,9 +33,14 @@ def has_room(
     balls = np.linspace(lowest, highest, 1 + int(np.ceil((highest - lowest) / (1.5 * radius_m))))
     free = np.ones(len(feet), bool)
     for ball in balls:
-        for start in range(0, len(feet), RAYS_AT_ONCE):
-            ask = start + np.flatnonzero(free[start : start + RAYS_AT_ONCE])
-            free[ask] = simulator.distance(feet[ask] + [0.0, 0.0, ball]) >= radius_m
+        ask = np.flatnonzero(free)
+        parts = [ask[start : start + AT_ONCE] for start in range(0, len(ask), AT_ONCE)]
+
+        def is_free(rows: NDArray[np.intp], ball: float = ball) -> NDArray[np.bool_]:
+            return simulator.is_free(feet[rows] + [0.0, 0.0, ball], radius_m)
+
+        for rows, found in in_turn(is_free, parts):
+            free[rows] = found
     return free
 
 
@@ -91,12 +98,16 @@ def _passable(
     height_m: float,
 ) -> NDArray[np.bool_]:
     """(k,) whether straight lines from foot to foot are free, just above a step and at the top."""
-    way = end - start
-    length = np.linalg.norm(way, axis=1)
-    way = way / np.maximum(length, 1e-9)[:, None]
     free = np.ones(len(start), bool)
-    for lift in (step_m + 0.05, (step_m + height_m) / 2, height_m):
-        for first in range(0, len(start), RAYS_AT_ONCE):
-            ask = first + np.flatnonzero(free[first : first + RAYS_AT_ONCE])
-            free[ask] = simulator.cast(start[ask] + [0.0, 0.0, lift], way[ask]) >= length[ask]
+    for lift_m in (step_m + 0.05, (step_m + height_m) / 2, height_m):
+        ask = np.flatnonzero(free)
+        parts = [ask[first : first + AT_ONCE] for first in range(0, len(ask), AT_ONCE)]
+
+        def is_free(rows: NDArray[np.intp], lift_m: float = lift_m) -> NDArray[np.bool_]:
+            lift = np.array([0.0, 0.0, lift_m])
+            way = end[rows] - start[rows]  # a straight one, whose ends are lifted alike
+            return simulator.is_way_free(start[rows] + lift, start[rows] + lift + way)
+
+        for rows, found in in_turn(is_free, parts):
+            free[rows] = found
     return free
