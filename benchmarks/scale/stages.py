@@ -25,10 +25,10 @@ from firstfix_builder.execution.local_executor import LocalExecutor
 from firstfix_builder.execution.stage_cache import StageCache, StageResult
 from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.mesh.tiled_mesh import TiledMesh
-from firstfix_builder.simulation.simulate import Simulator
+from firstfix_builder.simulation.simulate import Simulator, upright
 from firstfix_builder.stage_files import simulator_of
 from firstfix_builder.templates.fit_spacing import sample_fitting_viewpoints
-from firstfix_builder.templates.make import SCANS_AT_ONCE, scan_batch, upright
+from firstfix_builder.templates.make import SCANS_AT_ONCE, scan_batch
 
 from .spent import spent
 

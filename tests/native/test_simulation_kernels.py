@@ -13,8 +13,8 @@ from firstfix.sensor import preset
 from firstfix_builder.mesh.open3d_core import o3d
 from firstfix_builder.simulation.perturb import elsewhere
 from firstfix_builder.simulation.rays import Rays
-from firstfix_builder.simulation.simulate import Simulator
-from firstfix_builder.templates.make import scan_batch, upright
+from firstfix_builder.simulation.simulate import Simulator, upright
+from firstfix_builder.templates.make import scan_batch
 
 NO_LIMIT_M = 1e6
 

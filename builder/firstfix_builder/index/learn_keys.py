@@ -26,6 +26,7 @@ from firstfix.sensor import SensorModel
 from ..simulation.perturb import ScanCase, ScanSimulation
 from ..simulation.simulate import Simulator
 
+TEMPLATES_A_SCAN = 4  # a small map needs no better keys
 COMPARED_TEMPLATES = 10_000  # enough for their covariance: the keys of 100k at once are gigabytes
 
 
@@ -52,7 +53,8 @@ def learn_keys(
     descriptor, done = engine.descriptor.make(), 0
     simulation = ScanSimulation(simulator, sensor, config.perturb)
     rng = np.random.default_rng(config.seed)
-    cases = simulation.cases(templates.position_m, engine.spacing_m, config.scans, rng)
+    scans = min(config.scans, -(-len(templates) // TEMPLATES_A_SCAN))
+    cases = simulation.cases(templates.position_m, engine.spacing_m, scans, rng)
 
     def described(case: ScanCase) -> Described | None:
         nonlocal done

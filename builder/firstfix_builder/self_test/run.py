@@ -124,7 +124,8 @@ def run_self_test(
         return is_in_map(simulator, sensor, case.T_level_sensor, found)
 
     outcomes = [outcome for of_query in executor.map(run, range(len(queries))) for outcome in of_query]
-    cases = _cases(outcomes)
+    # few mirror images weigh as much as if every query's were asked
+    cases = _cases(outcomes, ABSENT_WEIGHT * len(inside) / max(1, min(config.mirrored, len(inside))))
     calibration = fit(cases)
     tested = _spots(outcomes, calibration, T_level_map)
     bound = bound_of(cases, unanswered=sum(o.evidence is None for o in outcomes))
@@ -147,11 +148,11 @@ def _spots(outcomes: Sequence[Outcome], calibration: Calibration, T_level_map: M
     return spots
 
 
-def _cases(outcomes: Sequence[Outcome]) -> list[Case]:
+def _cases(outcomes: Sequence[Outcome], mirrored_weight: float) -> list[Case]:
     cases = []
     for outcome in outcomes:
         if outcome.evidence is not None:
-            weight = ABSENT_WEIGHT if outcome.is_mirrored else 1.0
+            weight = mirrored_weight if outcome.is_mirrored else 1.0
             right, asked = outcome.right_among_tied, not outcome.is_mirrored
             cases.append(Case(outcome.query, outcome.evidence, right, weight, asked))
         if outcome.without_the_truth is not None:

@@ -23,6 +23,13 @@ MOST_SURFACES = 200  # of one column
 _IDENTITY = np.eye(3)
 
 
+def upright(positions: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(n, 3) to (n, 4, 4) poses with no rotation."""
+    T = np.tile(np.eye(4), (len(positions), 1, 1))
+    T[:, :3, 3] = positions
+    return T
+
+
 class Simulator:
     """Casts a sensor model's rays in a triangle mesh. Thread-safe: the mesh is only read.
 

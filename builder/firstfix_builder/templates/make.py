@@ -19,19 +19,12 @@ from firstfix.sensor import SensorModel
 from ..execution.chunks import Arrays, Chunk
 from ..simulation.local_simulator import local_simulator
 from ..simulation.rays import Rays
-from ..simulation.simulate import Simulator
+from ..simulation.simulate import Simulator, upright
 from ..viewpoints.even_sample import rows_by_place
 
 SCANS_AT_ONCE = 128
 CHUNK_SPACINGS = 16.0  # edge of the squares, of one chunk each: 256 viewpoints of a storey
 _VIEW_VIEWPOINTS, _VIEW_CELL_M = 200, 2.0  # that tell how far one sees
-
-
-def upright(positions: NDArray[np.floating]) -> NDArray[np.float64]:
-    """(n, 3) to (n, 4, 4) poses with no rotation."""
-    T = np.tile(np.eye(4), (len(positions), 1, 1))
-    T[:, :3, 3] = positions
-    return T
 
 
 def scan_batch(
