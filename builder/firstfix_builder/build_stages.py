@@ -42,7 +42,8 @@ from .templates.cluster import cluster_by_pairs, cluster_chunks, cluster_templat
 from .templates.fit_engine import fit_engine
 from .templates.fit_spacing import sample_fitting_viewpoints
 from .templates.linkage import Pairs
-from .templates.make import CHUNK_SPACINGS, template_chunks, view_distance_m, write_templates
+from .templates.make import CHUNK_SPACINGS, template_chunks, write_templates
+from .templates.outlook import view_distance_m
 
 
 @dataclass(frozen=True)

@@ -142,10 +142,13 @@ def _most_alike(
     missed: NDArray[np.bool_],
     rng: np.random.Generator,
 ) -> NDArray[np.float32]:
-    """(m,) ranges of the missed of n rays at the place elsewhere that looks most like this one, by quarter turns.
+    """(m,) ranges of m missed rays at the place elsewhere that looks most like this one, by quarter turns.
 
     What a mapping run misses looks like what it has seen: the next room, the next row of shelves. Nothing
     confuses places more.
+
+    Args:
+        missed: (n,) which of the rays.
     """
     turns = [make_transform(rotation_z(turn * np.pi / 2), np.zeros(3)) for turn in range(4)]
     few = rng.integers(len(sight.rays), size=_COMPARED_RAYS)

@@ -20,11 +20,9 @@ from ..execution.chunks import Arrays, Chunk
 from ..simulation.local_simulator import local_simulator
 from ..simulation.rays import Rays
 from ..simulation.simulate import Simulator, upright
-from ..viewpoints.even_sample import rows_by_place
 
 SCANS_AT_ONCE = 128
 CHUNK_SPACINGS = 16.0  # edge of the squares, of one chunk each: 256 viewpoints of a storey
-_VIEW_VIEWPOINTS, _VIEW_CELL_M = 200, 2.0  # that tell how far one sees
 
 
 def scan_batch(
@@ -35,30 +33,6 @@ def scan_batch(
     scan, ray = np.nonzero(seen)
     start = np.concatenate([[0], np.cumsum(seen.sum(axis=1))])
     return ScanBatch(directions[ray] * ranges[scan, ray][:, None], start, height_m.astype(np.float32))
-
-
-def view_distance_m(simulator: Simulator, positions: NDArray[np.floating], sensor: SensorModel) -> float:
-    """Returns the viewing distance: the 75th percentile of the furthest return in every direction.
-
-    The furthest of a column of beams: the nearer ones mostly show the floor. Measured at up to 200
-    viewpoints.
-    """
-    chosen = positions[rows_by_place(positions, _VIEW_VIEWPOINTS, _VIEW_CELL_M)]
-    probe = sensor.coarser(4000)
-    rays = Rays.at_any_heading(probe)
-    directions = rays.directions
-    horizontal = np.linalg.norm(directions[:, :2], axis=1)
-    columns = round(360 / probe.azimuth_step_deg)
-    turn = np.arctan2(directions[:, 1], directions[:, 0]) / (2 * np.pi)
-    column = np.rint(turn * columns).astype(int) % columns
-    furthest = []
-    for ranges in simulator.ranges(upright(chosen), probe, rays):
-        away = np.zeros((columns, len(ranges)), np.float32)
-        np.maximum.at(away, column, (np.where(np.isfinite(ranges), ranges, 0) * horizontal).T)
-        furthest.append(away.ravel())
-    seen = np.concatenate(furthest)
-    seen = seen[seen > 0]
-    return float(np.percentile(seen, 75)) if len(seen) else sensor.max_range_m
 
 
 def described_views(
