@@ -64,7 +64,9 @@ class Outlook:
         """(k, n) ranges at (k, 3) positions over (k,) floors, inf where nothing but ground returns."""
         ranges = self.ranges(simulator, positions)
         met = np.isfinite(ranges)
-        height_m = np.where(met, ranges, 0) * self.rays.directions[:, 2] + (positions[:, 2] - floor_z)[:, None]
+        height_m = (
+            np.where(met, ranges, 0) * self.rays.directions[:, 2] + (positions[:, 2] - floor_z)[:, None]
+        )
         return np.where(met & (np.abs(height_m) > GROUND_M), ranges, np.float32(np.inf))
 
     def at(

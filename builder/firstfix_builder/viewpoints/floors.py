@@ -19,6 +19,7 @@ from ..simulation.simulate import MOST_SURFACES, Simulator
 
 APART_M = 0.02  # of the surfaces of a column
 COLUMNS_AT_ONCE = 65_536
+SURFACES_AT_ONCE = 262_144  # whose planes are fitted: 30 numbers each
 FIT_PULL = 1e-3  # makes the plane of a lone cell level, and leaves every other one alone
 
 
@@ -157,16 +158,35 @@ def fit_planes(
         (n,) height of the plane at the column's centre, (n,) its slope (rise over run).
     """
     index = ColumnIndex(grid, surfaces)
-    normal = np.zeros((len(surfaces), 3, 3))
-    right = np.zeros((len(surfaces), 3))
+    plane_z, slope = np.empty(len(surfaces)), np.empty(len(surfaces))
+    for start in range(0, len(surfaces), SURFACES_AT_ONCE):
+        here = slice(start, start + SURFACES_AT_ONCE)
+        column, z = surfaces.column[here], surfaces.z[here]
+        plane = _planes_around(index, surfaces.z, column, z, grid.cell_m, reach_cells, step_m)
+        plane_z[here], slope[here] = z + plane[:, 0], np.hypot(plane[:, 1], plane[:, 2])
+    return plane_z, slope
+
+
+def _planes_around(
+    index: ColumnIndex,
+    every_z: NDArray[np.float64],
+    column: NDArray[np.int64],
+    z: NDArray[np.float64],
+    cell_m: float,
+    reach_cells: int,
+    step_m: float,
+) -> NDArray[np.float64]:
+    """(n, 3) plane through the neighbours of each of n surfaces: height over it, rise along x and y."""
+    normal = np.zeros((len(z), 3, 3))
+    right = np.zeros((len(z), 3))
     normal[:, (1, 2), (1, 2)] = FIT_PULL
     for dx in range(-reach_cells, reach_cells + 1):
         for dy in range(-reach_cells, reach_cells + 1):
             reach = max(abs(dx), abs(dy), 1)
-            near = index.nearest(surfaces.column + np.array([dx, dy]), surfaces.z, step_m * reach)
+            near = index.nearest(column + np.array([dx, dy]), z, step_m * reach)
             have = np.flatnonzero(near >= 0)
-            row = np.array([1.0, dx * grid.cell_m, dy * grid.cell_m])
+            row = np.array([1.0, dx * cell_m, dy * cell_m])
             normal[have] += np.outer(row, row)
-            right[have] += row * (surfaces.z[near[have]] - surfaces.z[have])[:, None]
-    plane = np.linalg.solve(normal, right[..., None])[..., 0]
-    return surfaces.z + plane[:, 0], np.hypot(plane[:, 1], plane[:, 2])
+            right[have] += row * (every_z[near[have]] - z[have])[:, None]
+    plane: NDArray[np.float64] = np.linalg.solve(normal, right[..., None])[..., 0]
+    return plane

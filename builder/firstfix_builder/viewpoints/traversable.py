@@ -61,9 +61,9 @@ def traversable_components(
     direction counts as the neighbour: reconstructed floors have holes, under the scanner for one.
     """
     feet = np.column_stack([grid.centre_m(floors.column), floors.z])
-    ends: list[NDArray[np.int64]] = [np.zeros((0, 2), np.int64)]
+    ends = [np.zeros((0, 2), np.int32)]
     for pair in _neighbours(grid, floors, step_m, max_slope, bridge_gap_m):
-        ends.append(pair[_passable(simulator, feet[pair[:, 0]], feet[pair[:, 1]], step_m, height_m)])
+        ends.append(pair[_passable(simulator, feet, pair, step_m, height_m)])
     pairs = np.concatenate(ends)
     shape = (len(floors), len(floors))
     graph = coo_matrix((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=shape)
@@ -73,7 +73,7 @@ def traversable_components(
 
 def _neighbours(
     grid: Grid, floors: Surfaces, step_m: float, max_slope: float, bridge_gap_m: float
-) -> Iterator[NDArray[np.int64]]:
+) -> Iterator[NDArray[np.int32]]:
     """(k, 2) pairs of floors, direction by direction."""
     index = ColumnIndex(grid, floors)
     for direction in DIRECTIONS:
@@ -86,27 +86,26 @@ def _neighbours(
                 column = floors.column[searching] + sign * stride * direction
                 near = index.nearest(column, floors.z[searching], limit_m)
                 found = near >= 0
-                yield np.column_stack([searching[found], near[found]])
+                yield np.column_stack([searching[found], near[found]]).astype(np.int32)
                 searching = searching[~found]
 
 
 def _passable(
     simulator: Simulator,
-    start: NDArray[np.float64],
-    end: NDArray[np.float64],
+    feet: NDArray[np.float64],
+    pair: NDArray[np.int32],
     step_m: float,
     height_m: float,
 ) -> NDArray[np.bool_]:
     """(k,) whether straight lines from foot to foot are free, just above a step and at the top."""
-    free = np.ones(len(start), bool)
+    free = np.ones(len(pair), bool)
     for lift_m in (step_m + 0.05, (step_m + height_m) / 2, height_m):
         ask = np.flatnonzero(free)
         parts = [ask[first : first + AT_ONCE] for first in range(0, len(ask), AT_ONCE)]
 
         def is_free(rows: NDArray[np.intp], lift_m: float = lift_m) -> NDArray[np.bool_]:
-            lift = np.array([0.0, 0.0, lift_m])
-            way = end[rows] - start[rows]  # a straight one, whose ends are lifted alike
-            return simulator.is_way_free(start[rows] + lift, start[rows] + lift + way)
+            starts, ends = (feet[pair[rows, end]] + [0.0, 0.0, lift_m] for end in (0, 1))
+            return simulator.is_way_free(starts, ends)
 
         for rows, found in in_turn(is_free, parts):
             free[rows] = found
