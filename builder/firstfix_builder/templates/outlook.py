@@ -93,7 +93,7 @@ def room_view_m(
     floor_z: NDArray[np.floating],
     sensor: SensorModel,
 ) -> float:
-    """Returns how far one sees to anything but the ground, over up to 200 of the (n, 3) viewpoints together."""
+    """Returns how far one sees in a map, to anything but the ground, from up to 200 of (n, 3) viewpoints."""
     chosen = rows_by_place(positions, _VIEWPOINTS, _CELL_M)
     outlook = Outlook.of(sensor)
     seen = outlook.furthest_m(outlook.off_ground(simulator, positions[chosen], floor_z[chosen])).ravel()

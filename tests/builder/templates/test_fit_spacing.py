@@ -1,4 +1,4 @@
-"""Viewpoints stand where they tell something: close in rooms, apart over open ground, none where nothing is seen."""
+"""Viewpoints stand where they tell something: close in rooms, apart in the open, none where nothing is seen."""
 
 from __future__ import annotations
 
