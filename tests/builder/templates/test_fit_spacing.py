@@ -1,4 +1,4 @@
-"""Viewpoints stand where they tell something: close in rooms, apart in the open, none where nothing is seen."""
+"""Viewpoints stand where they tell something: close in rooms, apart in the open, none where none can."""
 
 from __future__ import annotations
 
