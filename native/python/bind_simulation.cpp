@@ -1,6 +1,9 @@
+#include <nanobind/stl/tuple.h>
+
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <tuple>
 
 #include "arrays.hpp"
 #include "firstfix/simulation/cast_cells.hpp"
@@ -135,8 +138,8 @@ auto crossings(const TriangleTree& tree, In<double, nb::shape<-1, 2>> columns, d
     }
   }
   const std::size_t all = z.size();
-  return nb::make_tuple(array_of(std::move(start), {count + 1}), array_of(std::move(z), {all}),
-                        array_of(std::move(level), {all}));
+  return std::make_tuple(array_of(std::move(start), {count + 1}), array_of(std::move(z), {all}),
+                         array_of(std::move(level), {all}));
 }
 
 auto free_ways(const TriangleTree& tree, Points starts, Points ends) {

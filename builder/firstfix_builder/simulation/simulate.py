@@ -76,7 +76,7 @@ class Simulator:
 
     def drops(self, origins: NDArray[np.floating]) -> NDArray[np.float64]:
         """(r, 3) origins to the (r,) heights over the surfaces below them, inf where there is none."""
-        start, z, _ = self.crossings(origins[:, :2], 0.0, MOST_SURFACES)
+        start, z, _ = self.crossings(origins[:, :2].astype(np.float64), 0.0, MOST_SURFACES)
         drop = np.full(len(origins), np.inf)
         of_origin = np.repeat(np.arange(len(origins)), np.diff(start))
         below = z <= origins[of_origin, 2]

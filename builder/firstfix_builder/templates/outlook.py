@@ -1,4 +1,4 @@
-"""How far one sees from places of a map, and whether there is anything to see."""
+"""Viewing distance at places of a map, and the places that see nothing but ground."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class Outlook:
     def at(
         self, simulator: Simulator, positions: NDArray[np.floating], floor_z: NDArray[np.floating]
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """How far one sees from each of (k, 3) positions over (k,) floors, and whether that tells the place.
+        """Viewing distance at each of (k, 3) positions over (k,) floors, and whether more than ground is seen.
 
         Returns:
             (k,) the percentile SHARE of what is furthest in every direction but the ground, metres, inf where

@@ -188,5 +188,4 @@ def _planes_around(
             row = np.array([1.0, dx * cell_m, dy * cell_m])
             normal[have] += np.outer(row, row)
             right[have] += row * (every_z[near[have]] - z[have])[:, None]
-    plane: NDArray[np.float64] = np.linalg.solve(normal, right[..., None])[..., 0]
-    return plane
+    return np.asarray(np.linalg.solve(normal, right[..., None])[..., 0], np.float64)
