@@ -72,7 +72,7 @@ class Outlook:
     def at(
         self, simulator: Simulator, positions: NDArray[np.floating], floor_z: NDArray[np.floating]
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Viewing distance at each of (k, 3) positions over (k,) floors, and whether more than ground is seen.
+        """Viewing distance at each of (k, 3) positions over (k,) floors, and where more than ground is seen.
 
         Returns:
             (k,) the percentile SHARE of what is furthest in every direction but the ground, metres, inf where
