@@ -33,8 +33,8 @@ from firstfix.transform import Matrix
 from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_builder.simulation import simulate
 from firstfix_builder.simulation.perturb import perturbed_scans
-from firstfix_builder.simulation.simulate import Simulator
-from firstfix_builder.templates.make import scan_batch, upright
+from firstfix_builder.simulation.simulate import Simulator, upright
+from firstfix_builder.templates.make import scan_batch
 from firstfix_builder.viewpoints.sample import sample_viewpoints
 from firstfix_builder.worlds.campus import campus
 from firstfix_builder.worlds.drive import drive

@@ -22,8 +22,8 @@ from firstfix.scan.sequence import ScanSequence
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix, transform_points, yaw_of
 from firstfix_builder.simulation.perturb import perturbed_scans
-from firstfix_builder.simulation.simulate import Simulator
-from firstfix_builder.templates.make import SCANS_AT_ONCE, scan_batch, upright
+from firstfix_builder.simulation.simulate import Simulator, upright
+from firstfix_builder.templates.make import SCANS_AT_ONCE, scan_batch
 
 Gravity = Literal["estimated", "given", "none"]
 Descriptors = Mapping[str, Descriptor]

@@ -25,15 +25,16 @@ from firstfix_builder.execution.local_executor import LocalExecutor
 from firstfix_builder.execution.stage_cache import StageCache, StageResult
 from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.mesh.tiled_mesh import TiledMesh
+from firstfix_builder.simulation.rays import Rays
 from firstfix_builder.simulation.simulate import Simulator
 from firstfix_builder.stage_files import simulator_of
 from firstfix_builder.templates.fit_spacing import sample_fitting_viewpoints
-from firstfix_builder.templates.make import SCANS_AT_ONCE, scan_batch, upright
+from firstfix_builder.templates.make import SCANS_AT_ONCE, described_views
 
 from .spent import spent
 
 PART = 16_384  # templates, of one stage
-LASTING_VERSION = "1"  # raise it when what templates are made of, or how, is another
+LASTING_VERSION = "2"  # raise it when what templates are made of, or how, is another
 LASTING = ("read_map", "reconstruct_mesh", "sample_viewpoints", "make_templates_part", "make_templates")
 
 Cost = dict[str, float]
@@ -177,11 +178,10 @@ def _simulated(
     descriptor: Descriptor,
 ) -> Templates:
     """Templates at (n, 3) positions, (n,) above their floors."""
-    directions = sensor.directions()
+    rays = Rays.at_any_heading(sensor)
     made = []
     for start in range(0, len(positions), SCANS_AT_ONCE):
         here = slice(start, start + SCANS_AT_ONCE)
-        ranges = np.concatenate(list(simulator.ranges(upright(positions[here]), sensor)))
-        scans = scan_batch(ranges, directions, height_m[here])
-        made.append(Templates(positions[here].astype(np.float32), scans.height_m, descriptor.describe(scans)))
+        seen = described_views(simulator, sensor, rays, positions[here], height_m[here], descriptor)
+        made.append(Templates(positions[here].astype(np.float32), height_m[here].astype(np.float32), seen))
     return Templates.concatenate(made)

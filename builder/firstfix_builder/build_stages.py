@@ -42,7 +42,8 @@ from .templates.cluster import cluster_by_pairs, cluster_chunks, cluster_templat
 from .templates.fit_engine import fit_engine
 from .templates.fit_spacing import sample_fitting_viewpoints
 from .templates.linkage import Pairs
-from .templates.make import template_chunks, view_distance_m, write_templates
+from .templates.make import CHUNK_SPACINGS, template_chunks, write_templates
+from .templates.outlook import view_distance_m
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,9 @@ class BuildStages(StageRunner):
             found, spacing_m = sample_fitting_viewpoints(
                 simulator_of(mesh), self.config.viewpoints, self.config.sensor_model, trajectory_of(read)
             )
-            order, start = by_tiles(found.positions, self.config.viewpoints.tile_m)
+            by_squares, _ = by_tiles(found.positions, CHUNK_SPACINGS * spacing_m)
+            within, start = by_tiles(found.positions[by_squares], self.config.viewpoints.tile_m)
+            order = by_squares[within]
             np.save(out / "positions.npy", found.positions[order])
             np.save(out / "floor_z.npy", found.floor_z[order])
             np.save(out / "tile_start.npy", start)
@@ -154,6 +157,8 @@ class BuildStages(StageRunner):
             chunks = template_chunks(
                 positions,
                 np.load(viewpoints.directory / "tile_start.npy"),
+                self.config.viewpoints.tile_m,
+                CHUNK_SPACINGS * engine.spacing_m,
                 self.config.sensor_model.coarser(self.config.simulate.max_rays),
                 engine.descriptor,
             )

@@ -6,7 +6,10 @@
 
 #include "firstfix/index/column_means.hpp"
 #include "firstfix/index/seen_surface.hpp"
+#include "firstfix/simulation/cast_cells.hpp"
 #include "firstfix/simulation/cast_rays.hpp"
+#include "firstfix/simulation/columns.hpp"
+#include "firstfix/simulation/free_ways.hpp"
 #include "firstfix/simulation/nearest_surface.hpp"
 #include "hostile.hpp"
 
@@ -54,7 +57,21 @@ void try_mesh(Hostile& random) {
     cast_rays_beyond(tree, origins.data(), directions.data(), order.data(), rays, beyond.data(), 1e8F, further.data());
     for (std::size_t i = 0; i < rays; ++i) expect(further[i] > beyond[i], "a range is beyond the one given");
   }
-  for (std::size_t i = 0; i < number; ++i) is_near_surface(tree, &origins[3 * i], 3);
+  const LayeredGrid grid = LayeredGrid::of(static_cast<std::size_t>(random.number(1, 9)),
+                                           static_cast<std::size_t>(random.number(1, 9)), 30, {0.3F, 1, 4});
+  std::vector<float> height_m = random.floats(number, 5, 0);
+  std::vector<std::uint8_t> bits(number * grid.bytes());
+  cast_cells(tree, origins.data(), height_m.data(), number, directions.data(), order.data(), rays, 0.1F, 1e8F, grid,
+             bits.data());
+  std::vector<Crossing> crossings;
+  for (std::size_t i = 0; i < number; ++i) {
+    is_near_surface(tree, &origins[3 * i], 3);
+    is_way_free(tree, &origins[3 * i], &origins[3 * (number - 1 - i)]);
+    const double x = static_cast<double>(origins[3 * i]), y = static_cast<double>(origins[3 * i + 1]);
+    cross_column(tree, x, y, 0.02, 5, crossings);
+    expect(crossings.size() <= 5, "a column has no more surfaces than asked for");
+    for (const Crossing& one : crossings) expect(std::isfinite(one.z), "a height is a number");
+  }
   SeenSurface seen(std::pow(10.0, random.real(3, 0)));
   try {
     seen.add(origins.data(), number, directions.data(), rays, ranges.data());

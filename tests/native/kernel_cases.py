@@ -69,6 +69,9 @@ def _cast(native: Any) -> Any:
     return (
         tree.ranges(FEW[:2] / 9, NORMALS, order, 0.1, 60.0),
         tree.ranges_beyond(FEW[0] / 9, NORMALS, order, beyond_m, 60.0),
+        tree.occupied_cells(FEW[:2] / 9, FEW[:2, 0], NORMALS, order, 0.1, 60.0, 20, 60, 40.0, EDGES_M),
+        *tree.crossings(FEW[:, :2].astype(np.float64), 0.02, 9),
+        tree.free_ways(FEW / 9, FEW / 8),
         tree.near_surface(FEW[::2] / 2, 0.3),
     )
 

@@ -7,11 +7,14 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from every_case import every_case
+from firstfix.descriptor import LayeredOccupancy, PolarGrid
 from firstfix.native import SeenSurface, TriangleTree, bundle_rays, column_means
 from firstfix.sensor import preset
+from firstfix_builder.mesh.open3d_core import o3d
 from firstfix_builder.simulation.perturb import elsewhere
 from firstfix_builder.simulation.rays import Rays
-from firstfix_builder.simulation.simulate import Simulator
+from firstfix_builder.simulation.simulate import Simulator, upright
+from firstfix_builder.templates.make import scan_batch
 
 NO_LIMIT_M = 1e6
 
@@ -144,6 +147,80 @@ def test_near_surfaces_are_embrees(yard: Simulator):
         assert np.array_equal(yard.is_free(points, radius_m)[sure], (distance >= radius_m)[sure])
 
 
+@pytest.mark.parametrize("place", ["yard", "hills"])
+def test_cells_seen_are_those_of_the_scans(place: str, request: pytest.FixtureRequest):
+    simulator = request.getfixturevalue(place)
+    rng = np.random.default_rng(9)
+    origins = rng.uniform([-18, -18, 0.5], [18, 18, 4], (70, 3)).astype(np.float32)
+    height_m = rng.uniform(-1, 4, 70).astype(np.float32)  # above its floor, or below it
+    for sensor, edges_m in (
+        (preset("os0-64").coarser(4000), (0.3, 1.0, 1.8, 3.0, 6.0, 25.0)),
+        (preset("vlp-16"), (-2.0, 0.0, 0.5)),
+    ):
+        for range_m in (8.0, 60.0):
+            descriptor = LayeredOccupancy(PolarGrid(20, 60, range_m), edges_m)
+            rays = Rays.of_sensor(sensor)
+            found = simulator.occupied_cells(origins, height_m, sensor, rays, descriptor)
+            ranges = np.concatenate(list(simulator.ranges(upright(origins), sensor, rays)))
+            wanted = descriptor.describe(scan_batch(ranges, rays.directions, height_m))["occupancy"]
+            assert 0 < np.unpackbits(wanted).mean() < 1
+            assert np.array_equal(found, wanted)
+
+
+def test_crossings_are_embrees(yard: Simulator, hills: Simulator):
+    for simulator in (yard, hills):
+        columns = np.random.default_rng(10).uniform(-19, 19, (500, 2))
+        start, z, level = simulator.crossings(columns, 0.0, 200)
+        assert len(z) >= 500
+        over = np.repeat(columns, np.diff(start), axis=0)
+        above = np.column_stack([over, z + 0.01])
+        hit = simulator.scene.cast_rays(
+            o3d.core.Tensor(np.column_stack([above, np.tile([0, 0, -1.0], (len(z), 1))]).astype(np.float32))
+        )
+        assert np.percentile(np.abs(hit["t_hit"].numpy() - 0.01), 99) < 1e-4
+        steepness = np.abs(hit["primitive_normals"].numpy()[:, 2])
+        assert np.percentile(np.abs(steepness - level), 98) < 1e-4
+        first = start[:-1][np.diff(start) > 0]
+        top = np.column_stack([over[first], np.full(len(first), 50.0)])
+        drop = simulator.cast(top, np.tile([0, 0, -1.0], (len(first), 1)))
+        assert np.abs(50 - drop - z[first]).max() < 1e-4
+        same_column = np.diff(np.repeat(np.arange(len(columns)), np.diff(start))) == 0
+        assert (np.diff(z)[same_column] <= 0).all()
+
+
+def test_near_crossings_are_one_surface_and_few_are_kept(yard: Simulator):
+    columns = np.random.default_rng(11).uniform(-30, 30, (400, 2))
+    start, z, _ = yard.crossings(columns, 0.5, 200)
+    same_column = np.diff(np.repeat(np.arange(400), np.diff(start))) == 0
+    assert (np.diff(z)[same_column] <= -0.5).all()
+    start, highest, _ = yard.crossings(columns, 0.5, 1)
+    assert np.diff(start).max() == 1
+    assert set(highest) <= set(z)
+
+
+def test_the_height_of_a_surface_does_not_depend_on_the_rest_of_the_mesh(hills: Simulator):
+    tower = np.array([[90.0, 90, 700], [91, 90, 700], [90, 91, 700]])
+    corners = hills._vertices[hills._triangles].reshape(-1, 3)
+    more = Simulator(np.concatenate([tower, corners]), np.arange(len(corners) + 3).reshape(-1, 3))
+    columns = np.random.default_rng(12).uniform(-19, 19, (300, 2))
+    for one, other in zip(hills.crossings(columns, 0.02, 9), more.crossings(columns, 0.02, 9), strict=True):
+        assert np.array_equal(one, other)
+
+
+def test_free_ways_are_embrees(yard: Simulator):
+    rng = np.random.default_rng(13)
+    starts, ends = rng.uniform([-20, -20, 0], [20, 20, 5], (2, 3000, 3)).astype(np.float32)
+    ends[:1500] = starts[:1500] + (ends[:1500] - starts[:1500]) / 20
+    way = ends - starts
+    length = np.linalg.norm(way, axis=1)
+    range_m = yard.cast(starts, way / length[:, None])
+    sure = np.abs(range_m - length) > 1e-4
+    free = yard.is_way_free(starts, ends)
+    assert 0.2 < free.mean() < 0.9
+    assert np.array_equal(free[sure], (range_m >= length)[sure])
+    assert np.array_equal(free[sure], yard.is_way_free(ends, starts)[sure])
+
+
 def test_means_of_what_is_seen():
     rng = np.random.default_rng(7)
     origins, rays = rng.uniform(-3, 3, (60, 3)).astype(np.float32), directions(500)
@@ -174,6 +251,7 @@ FLOOR = np.float32([[0, 0, 0], [1, 0, 0], [0, 1, 0]])
 CORNERS = np.uint32([[0, 1, 2]])
 TREE = TriangleTree(FLOOR, CORNERS)
 UP, FIRST = np.float32([[0, 0, 1]]), np.uint32([0])
+CELLS = (UP, UP[0, 2:], UP, FIRST, 0.0, 9.0, 5, 8, 9.0, np.float32([0, 1]))  # all that is right
 REFUSED = {
     "no triangle": lambda: TriangleTree(FLOOR, CORNERS[:0]),
     "a vertex that is not there": lambda: TriangleTree(FLOOR, CORNERS + np.uint32(1)),
@@ -192,6 +270,18 @@ REFUSED = {
         UP[0], UP, FIRST + np.uint32(1), np.float32([1]), 9
     ),
     "a limit beyond that is no number": lambda: TREE.ranges_beyond(UP[0], UP, FIRST, np.float32([1]), np.nan),
+    "cells of an origin without a height": lambda: TREE.occupied_cells(*CELLS[:1], UP[0, :0], *CELLS[2:]),
+    "cells at a height that is no number": lambda: TREE.occupied_cells(UP, UP[0, 2:] * np.nan, *CELLS[2:]),
+    "cells of a row that is not there": lambda: TREE.occupied_cells(
+        *CELLS[:3], FIRST + np.uint32(1), *CELLS[4:]
+    ),
+    "cells of no layer": lambda: TREE.occupied_cells(*CELLS[:-1], np.float32([1])),
+    "cells of a grid without rings": lambda: TREE.occupied_cells(*CELLS[:6], 0, *CELLS[7:]),
+    "a column that is no number": lambda: TREE.crossings(np.array([[0, np.nan]]), 0.0, 1),
+    "no surface of a column": lambda: TREE.crossings(np.zeros((1, 2)), 0.0, 0),
+    "surfaces at a negative distance": lambda: TREE.crossings(np.zeros((1, 2)), -1.0, 1),
+    "ways without ends": lambda: TREE.free_ways(UP, UP[:0]),
+    "a way that is no number": lambda: TREE.free_ways(UP, UP * np.nan),
     "a point that is no number": lambda: TREE.near_surface(UP * np.nan, 1),
     "bundles of no rays": lambda: bundle_rays(UP * np.nan),
     "voxels of no size": lambda: SeenSurface(0),

@@ -26,6 +26,7 @@ from firstfix.sensor import SensorModel
 from ..simulation.perturb import ScanCase, ScanSimulation
 from ..simulation.simulate import Simulator
 
+TEMPLATES_A_SCAN = 4
 COMPARED_TEMPLATES = 10_000  # enough for their covariance: the keys of 100k at once are gigabytes
 
 
@@ -52,7 +53,8 @@ def learn_keys(
     descriptor, done = engine.descriptor.make(), 0
     simulation = ScanSimulation(simulator, sensor, config.perturb)
     rng = np.random.default_rng(config.seed)
-    cases = simulation.cases(templates.position_m, engine.spacing_m, config.scans, rng)
+    count = scans_for(len(templates), config)
+    cases = simulation.cases(templates.position_m, engine.spacing_m, count, rng)
 
     def described(case: ScanCase) -> Described | None:
         nonlocal done
@@ -77,6 +79,11 @@ def learn_keys(
         config.numbers,
         config.shrinkage,
     )
+
+
+def scans_for(templates: int, config: LearnKeysConfig) -> int:
+    """Number of scans to learn from: few templates need no better keys (docs/method.md section 3)."""
+    return min(config.scans, -(-templates // TEMPLATES_A_SCAN))
 
 
 def discriminants(

@@ -22,8 +22,7 @@ from firstfix.sensor import SensorModel
 from ..execution.in_turn import in_turn
 from ..mesh.clean_cloud import voxel_means
 from ..simulation.rays import Rays
-from ..simulation.simulate import Simulator
-from ..templates.make import upright
+from ..simulation.simulate import Simulator, upright
 from ..viewpoints.even_sample import cells_of, rows_by_place
 
 RAYS, RAYS_ALL_ROUND = 12_288, 4096

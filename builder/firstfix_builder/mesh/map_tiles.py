@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 def by_tiles(points: NDArray[np.floating], side_m: float) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
     """The order in which (n, 3) points stand tile by tile, within a tile as they stood before.
 
-    Tiles begin at the points' lowest x and y: a map no larger than one keeps its order.
+    Tiles are counted from the frame's origin, so that a change of the map elsewhere leaves them alone.
 
     Returns:
         order: (n,) rows.
         start: (k + 1,) tile i holds ``order[start[i]:start[i + 1]]``, and none of them is empty.
     """
-    tile = np.floor((points[:, :2] - points[:, :2].min(axis=0)) / side_m).astype(np.int64)
+    tile = np.floor(points[:, :2] / side_m).astype(np.int64)
     order = np.lexsort((tile[:, 1], tile[:, 0]))
     new = np.any(np.diff(tile[order], axis=0) != 0, axis=1)
     return order, np.concatenate([[0], np.flatnonzero(new) + 1, [len(points)]])

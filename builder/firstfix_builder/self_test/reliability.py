@@ -39,6 +39,11 @@ class Case:
     asked: bool = True
 
 
+def mirrored_weight(queries: int, mirrored: int) -> float:
+    """Weight of each mirror image: together they weigh ABSENT_WEIGHT of the queries, however few they are."""
+    return ABSENT_WEIGHT * queries / max(1, min(mirrored, queries))
+
+
 def fit(cases: Sequence[Case]) -> Calibration:
     """The calibration that the cases teach.
 

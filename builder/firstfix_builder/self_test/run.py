@@ -30,7 +30,7 @@ from ..simulation.simulate import Simulator
 from .localizability import Spot, grid_of
 from .mirrored import is_in_map, mirrored
 from .outcome import RIGHT_M, Outcome
-from .reliability import ABSENT_WEIGHT, Case, bound_of, fit, reliability_of
+from .reliability import ABSENT_WEIGHT, Case, bound_of, fit, mirrored_weight, reliability_of
 
 SURE = 0.5  # a mirror image that was found with more may be in the map
 LIMITS_M = (0.05, 0.2, 0.5, 1)
@@ -124,7 +124,7 @@ def run_self_test(
         return is_in_map(simulator, sensor, case.T_level_sensor, found)
 
     outcomes = [outcome for of_query in executor.map(run, range(len(queries))) for outcome in of_query]
-    cases = _cases(outcomes)
+    cases = _cases(outcomes, mirrored_weight(len(inside), config.mirrored))
     calibration = fit(cases)
     tested = _spots(outcomes, calibration, T_level_map)
     bound = bound_of(cases, unanswered=sum(o.evidence is None for o in outcomes))
@@ -147,11 +147,11 @@ def _spots(outcomes: Sequence[Outcome], calibration: Calibration, T_level_map: M
     return spots
 
 
-def _cases(outcomes: Sequence[Outcome]) -> list[Case]:
+def _cases(outcomes: Sequence[Outcome], weight_of_mirrored: float) -> list[Case]:
     cases = []
     for outcome in outcomes:
         if outcome.evidence is not None:
-            weight = ABSENT_WEIGHT if outcome.is_mirrored else 1.0
+            weight = weight_of_mirrored if outcome.is_mirrored else 1.0
             right, asked = outcome.right_among_tied, not outcome.is_mirrored
             cases.append(Case(outcome.query, outcome.evidence, right, weight, asked))
         if outcome.without_the_truth is not None:

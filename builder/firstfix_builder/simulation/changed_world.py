@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from firstfix.builds.config import PerturbConfig
 from firstfix.sensor import SensorModel
-from firstfix.transform import Matrix, rotation_z
+from firstfix.transform import Matrix, make_transform, rotation_z
 
 from .boxes import Boxes
 from .rays import Rays
-from .simulate import Simulator
+from .simulate import Simulator, upright
 
 _COLUMNS, _RISES = 180, 128  # of azimuth and of height, in which holes are told from the sky
 _COMPARED_RAYS = 96
@@ -94,8 +94,8 @@ def changed_ranges(
     if config.unmapped and holes.any() and len(elsewhere_m):
         width = config.unmapped * rng.exponential() * float(holes.mean())
         missed = sight.holes(ranges) | _sectors(sight, holes, min(width, _WIDEST), rng)
-        like = _most_alike(simulator, sensor, sight, elsewhere_m, rng)
-        ranges[missed] = np.minimum(ranges[missed], like[missed])
+        like = _most_alike(simulator, sensor, sight, elsewhere_m, missed, rng)
+        ranges[missed] = np.minimum(ranges[missed], like)
     return ranges
 
 
@@ -139,22 +139,28 @@ def _most_alike(
     sensor: SensorModel,
     sight: Sight,
     elsewhere_m: NDArray[np.float64],
+    missed: NDArray[np.bool_],
     rng: np.random.Generator,
 ) -> NDArray[np.float32]:
-    """(n,) ranges at the place elsewhere that looks most like this one, by quarter turns.
+    """(m,) ranges of m missed rays at the place elsewhere that looks most like this one, by quarter turns.
 
     What a mapping run misses looks like what it has seen: the next room, the next row of shelves. Nothing
     confuses places more.
+
+    Args:
+        missed: (n,) which of the rays.
     """
-    T = np.tile(np.eye(4), (4 * len(elsewhere_m), 1, 1))
-    T[:, :3, :3] = np.tile([rotation_z(turn * np.pi / 2) for turn in range(4)], (len(elsewhere_m), 1, 1))
-    T[:, :3, 3] = np.repeat(elsewhere_m, 4, axis=0)
+    turns = [make_transform(rotation_z(turn * np.pi / 2), np.zeros(3)) for turn in range(4)]
     few = rng.integers(len(sight.rays), size=_COMPARED_RAYS)
-    there = np.concatenate(list(simulator.ranges(T, sensor, Rays.of(sight.rays.directions[few]))))
+    seen = Rays.of(sight.rays.directions[few])
+    there = [simulator.ranges(upright(elsewhere_m), sensor, seen.turned(turn)) for turn in turns]
     far_m = sensor.max_range_m
-    unlike = np.abs(np.log(np.minimum(there, far_m) / np.minimum(sight.ranges[few], far_m)))
-    best = int(np.median(unlike, axis=1).argmin())
-    return next(simulator.ranges(T[best : best + 1], sensor, sight.rays))[0]
+    own_m = np.minimum(sight.ranges[few], far_m)
+    unlike = [np.abs(np.log(np.minimum(np.concatenate(list(r)), far_m) / own_m)) for r in there]
+    turn, place = divmod(int(np.median(unlike, axis=2).argmin()), len(elsewhere_m))
+    T = turns[turn].copy()
+    T[:3, 3] = elsewhere_m[place]
+    return next(simulator.ranges(T[None], sensor, sight.rays.of_rows(missed)))[0]
 
 
 def _sectors(

@@ -64,7 +64,9 @@ class ScanSimulation:
     def cases(
         self, around_m: NDArray[np.floating], reach_m: float, count: int, rng: np.random.Generator
     ) -> list[ScanCase]:
-        """Chooses free spots within half of ``reach_m`` of the given places, any heading.
+        """Chooses free spots within half of ``reach_m`` of the given places along x and y, any heading.
+
+        Nothing stands between a spot and its place: what is behind a wall is not in the map.
 
         Args:
             around_m: (n, 3) sensor positions.
@@ -77,10 +79,12 @@ class ScanSimulation:
             missing = count - len(found)
             if not missing:
                 break
-            at = around_m[rng.integers(len(around_m), size=missing)].astype(np.float64)
+            start = around_m[rng.integers(len(around_m), size=missing)].astype(np.float64)
+            at = start.copy()
             at[:, :2] += rng.uniform(-reach_m / 2, reach_m / 2, (missing, 2))
             at[:, 2] += rng.normal(0, self.config.height_m, missing)
-            for spot in at[self.simulator.is_free(at, _CLEARANCE_M)]:
+            free = self.simulator.is_free(at, _CLEARANCE_M) & self.simulator.is_way_free(start, at)
+            for spot in at[free]:
                 R = _tilted(rng, self.config.tilt_deg) @ self.sensor.R_base_sensor
                 seed = int(rng.integers(2**63))
                 found.append(ScanCase(make_transform(R, spot), seed, _elsewhere(around_m, spot, seed)))

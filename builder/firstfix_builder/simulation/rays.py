@@ -53,6 +53,12 @@ class Rays:
         """``sensor.directions_at_any_heading()``, in the frame of a level robot."""
         return _at_any_heading(sensor)
 
+    def of_rows(self, chosen: NDArray[np.bool_]) -> Rays:
+        """The chosen of n rays. Neighbours stay neighbours."""
+        number = (np.cumsum(chosen) - 1).astype(np.uint32)
+        directions = np.ascontiguousarray(self.directions[chosen])
+        return Rays(directions, number[self.order[chosen[self.order]]])
+
     def turned(self, T: Matrix) -> Rays:
         """The rays, brought from the right frame of T to its left frame. Neighbours stay neighbours."""
         return Rays(np.ascontiguousarray(turned(self.directions, T[:3, :3])), self.order)

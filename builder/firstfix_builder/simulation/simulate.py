@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from firstfix.descriptor import LayeredOccupancy
 from firstfix.native import TriangleTree
 from firstfix.sensor import SensorModel
 
@@ -18,7 +19,15 @@ if TYPE_CHECKING:
     from open3d.t.geometry import RaycastingScene
 
 RAYS_AT_ONCE = 1_000_000
+MOST_SURFACES = 200  # of one column
 _IDENTITY = np.eye(3)
+
+
+def upright(positions: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(n, 3) to (n, 4, 4) poses with no rotation."""
+    T = np.tile(np.eye(4), (len(positions), 1, 1))
+    T[:, :3, 3] = positions
+    return T
 
 
 class Simulator:
@@ -50,17 +59,33 @@ class Simulator:
         ranges: NDArray[np.float32] = self.scene.cast_rays(_tensor(origins, directions))["t_hit"].numpy()
         return ranges
 
-    def surfaces_below(
-        self, origins: NDArray[np.floating]
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Returns drop and steepness of the surface below each of (r, 3) origins.
+    def crossings(
+        self, columns: NDArray[np.float64], apart_m: float, most: int
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float32]]:
+        """Surfaces that the vertical lines through (c, 2) places meet, highest first.
 
-        The (r,) drop is inf where there is no surface. The (r,) steepness is |z| of the unit normal: 1 is
-        level.
+        What is less than apart_m below a surface counts as the same one. The height of a surface depends on
+        its triangle alone.
+
+        Returns:
+            (c + 1,) first surface of each column, (n,) heights in metres, and (n,) steepness: |z| of the unit
+            normal, 1 is level.
         """
-        down = np.broadcast_to(np.array([0, 0, -1], np.float32), origins.shape)
-        hit = self.scene.cast_rays(_tensor(origins, down))
-        return hit["t_hit"].numpy(), np.abs(hit["primitive_normals"].numpy()[:, 2])
+        start, z, level = self._tree.crossings(np.ascontiguousarray(columns, np.float64), apart_m, most)
+        return start, z, level
+
+    def drops(self, origins: NDArray[np.floating]) -> NDArray[np.float64]:
+        """(r, 3) origins to the (r,) heights over the surfaces below them, inf where there is none."""
+        start, z, _ = self.crossings(origins[:, :2].astype(np.float64), 0.0, MOST_SURFACES)
+        drop = np.full(len(origins), np.inf)
+        of_origin = np.repeat(np.arange(len(origins)), np.diff(start))
+        below = z <= origins[of_origin, 2]
+        np.minimum.at(drop, of_origin[below], (origins[of_origin, 2] - z)[below])
+        return drop
+
+    def is_way_free(self, starts: NDArray[np.floating], ends: NDArray[np.floating]) -> NDArray[np.bool_]:
+        """Returns whether no surface is met between (n, 3) starts and (n, 3) ends."""
+        return self._tree.free_ways(*(np.ascontiguousarray(one, np.float32) for one in (starts, ends))) != 0
 
     def distance(self, points: NDArray[np.floating]) -> NDArray[np.float32]:
         """(n, 3) points to (n,) distances in metres to the nearest surface."""
@@ -89,6 +114,34 @@ class Simulator:
                 yield self._ranges(T[:, :3, 3], rays, sensor)
             else:
                 yield np.concatenate([self._ranges(one[None, :3, 3], rays.turned(one), sensor) for one in T])
+
+    def occupied_cells(
+        self,
+        origins: NDArray[np.floating],
+        height_m: NDArray[np.floating],
+        sensor: SensorModel,
+        rays: Rays,
+        descriptor: LayeredOccupancy,
+    ) -> NDArray[np.uint8]:
+        """(n, bytes) occupancy that a descriptor gives the clean scans of level sensors at (n, 3) origins.
+
+        Args:
+            height_m: (n,) of the sensors above their floors.
+            rays: unit rays of the sensor at heading zero.
+        """
+        grid = descriptor.grid
+        return self._tree.occupied_cells(
+            np.ascontiguousarray(origins, np.float32),
+            np.ascontiguousarray(height_m, np.float32),
+            rays.directions,
+            rays.order,
+            sensor.min_range_m,
+            sensor.max_range_m,
+            grid.rings,
+            grid.sectors,
+            grid.max_range_m,
+            np.asarray(descriptor.edges_m, np.float32),
+        )
 
     def ranges_beyond(
         self,

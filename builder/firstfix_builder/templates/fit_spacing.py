@@ -1,4 +1,8 @@
-"""Chooses the spacing of the templates from the size of the place, unless the config sets it."""
+"""Chooses the spacing of the templates from how far one sees, unless the config sets it.
+
+In rooms a step aside shows another view, so templates stand close. Over open ground one template stands for a
+block: what is found from it is aligned with the map anyway, and that bridges more than a metre.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +12,17 @@ from numpy.typing import NDArray
 from firstfix.builds.config import ViewpointConfig
 from firstfix.sensor import SensorModel
 
+from ..execution.in_turn import in_turn
 from ..simulation.simulate import Simulator
+from ..viewpoints.one_per_block import one_per_block
 from ..viewpoints.sample import DEFAULT_SPACING_M, Viewpoints, sample_viewpoints
-from .make import view_distance_m
+from .outlook import Outlook, room_view_m
 
 ROOM_SPACING_M = 0.5
 ROOM_VIEW_M = 12.0  # where one sees less far, a metre aside is another view: half the metre doubles the finds
+OPEN_SPACING_M = 2.0
+OPEN_VIEW_M = 20.0  # where one sees as far, two metres find as much as one (docs/method.md section 1)
+AT_ONCE = 256
 
 
 def sample_fitting_viewpoints(
@@ -22,7 +31,7 @@ def sample_fitting_viewpoints(
     sensor: SensorModel,
     trajectory: NDArray[np.float64] | None,
 ) -> tuple[Viewpoints, float]:
-    """Viewpoints, and the spacing in metres that they were sampled with.
+    """Viewpoints, and the largest spacing in metres that they were sampled with.
 
     Raises:
         BuildFailed: there is no floor to stand on.
@@ -35,6 +44,29 @@ def sample_fitting_viewpoints(
     if config.spacing_m is not None:
         return sample(config.spacing_m)
     found, spacing_m = sample(DEFAULT_SPACING_M)
-    if view_distance_m(simulator, found.positions, sensor) < ROOM_VIEW_M:
+    if room_view_m(simulator, found.positions, found.floor_z, sensor) < ROOM_VIEW_M:
         return sample(ROOM_SPACING_M)
-    return found, spacing_m
+    thinned = where_it_tells(simulator, sensor, found)
+    return thinned, spacing_m if len(thinned) == len(found) else OPEN_SPACING_M
+
+
+def where_it_tells(simulator: Simulator, sensor: SensorModel, found: Viewpoints) -> Viewpoints:
+    """The viewpoints without those in the open that a neighbour stands for, and those that see nothing.
+
+    What becomes of a block of OPEN_SPACING_M depends on the map around it alone.
+    """
+    block, standing = one_per_block(found.positions[:, :2], found.floor_z, OPEN_SPACING_M)
+    outlook = Outlook.of(sensor)
+    places = found.subset(standing)
+    parts = [slice(start, start + AT_ONCE) for start in range(0, len(standing), AT_ONCE)]
+
+    def look(rows: slice) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        return outlook.at(simulator, places.positions[rows], places.floor_z[rows])
+
+    looks = [seen for _, seen in in_turn(look, parts)]
+    view_m, tells = (np.concatenate(column) for column in zip(*looks, strict=True))
+    keep = np.zeros(len(found), np.bool_)
+    keep[standing] = True
+    keep |= (view_m < OPEN_VIEW_M)[block]
+    keep &= tells[block]
+    return found.subset(keep) if keep.any() else found

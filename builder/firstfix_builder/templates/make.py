@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.descriptor import ScanBatch
+from firstfix.descriptor import Described, Descriptor, LayeredOccupancy, ScanBatch
 from firstfix.engine.config import DescriptorConfig
 from firstfix.engine.retrieval.templates import PREFIX
 from firstfix.sensor import SensorModel
@@ -19,20 +19,10 @@ from firstfix.sensor import SensorModel
 from ..execution.chunks import Arrays, Chunk
 from ..simulation.local_simulator import local_simulator
 from ..simulation.rays import Rays
-from ..simulation.simulate import Simulator
-from ..viewpoints.even_sample import rows_by_place
+from ..simulation.simulate import Simulator, upright
 
 SCANS_AT_ONCE = 128
-MIN_CHUNKS = 32  # so that many machines find work, where there are viewpoints enough
-MAX_CHUNK = 1024  # viewpoints: some seconds' work, which is what the loss of a worker costs
-_VIEW_VIEWPOINTS, _VIEW_CELL_M = 200, 2.0  # that tell how far one sees
-
-
-def upright(positions: NDArray[np.floating]) -> NDArray[np.float64]:
-    """(n, 3) to (n, 4, 4) poses with no rotation."""
-    T = np.tile(np.eye(4), (len(positions), 1, 1))
-    T[:, :3, 3] = positions
-    return T
+CHUNK_SPACINGS = 16.0  # edge of the squares, of one chunk each: 256 viewpoints of a storey
 
 
 def scan_batch(
@@ -45,38 +35,33 @@ def scan_batch(
     return ScanBatch(directions[ray] * ranges[scan, ray][:, None], start, height_m.astype(np.float32))
 
 
-def view_distance_m(simulator: Simulator, positions: NDArray[np.floating], sensor: SensorModel) -> float:
-    """Returns the viewing distance: the 75th percentile of the furthest return in every direction.
+def described_views(
+    simulator: Simulator,
+    sensor: SensorModel,
+    rays: Rays,
+    positions: NDArray[np.floating],
+    height_m: NDArray[np.floating],
+    descriptor: Descriptor,
+) -> Described:
+    """Describes the clean scans of upright sensors at (n, 3) positions, (n,) above their floors.
 
-    The furthest of a column of beams: the nearer ones mostly show the floor. Measured at up to 200
-    viewpoints.
+    Args:
+        rays: unit rays of the sensor at heading zero.
     """
-    chosen = positions[rows_by_place(positions, _VIEW_VIEWPOINTS, _VIEW_CELL_M)]
-    probe = sensor.coarser(4000)
-    rays = Rays.at_any_heading(probe)
-    directions = rays.directions
-    horizontal = np.linalg.norm(directions[:, :2], axis=1)
-    columns = round(360 / probe.azimuth_step_deg)
-    turn = np.arctan2(directions[:, 1], directions[:, 0]) / (2 * np.pi)
-    column = np.rint(turn * columns).astype(int) % columns
-    furthest = []
-    for ranges in simulator.ranges(upright(chosen), probe, rays):
-        away = np.zeros((columns, len(ranges)), np.float32)
-        np.maximum.at(away, column, (np.where(np.isfinite(ranges), ranges, 0) * horizontal).T)
-        furthest.append(away.ravel())
-    seen = np.concatenate(furthest)
-    seen = seen[seen > 0]
-    return float(np.percentile(seen, 75)) if len(seen) else sensor.max_range_m
+    if isinstance(descriptor, LayeredOccupancy):  # its scans are never made
+        return {"occupancy": simulator.occupied_cells(positions, height_m, sensor, rays, descriptor)}
+    ranges = np.concatenate(list(simulator.ranges(upright(positions), sensor, rays)))
+    return descriptor.describe(scan_batch(ranges, rays.directions, height_m))
 
 
 @dataclass(frozen=True)
 class TemplatesChunk(Chunk):
-    """The templates of some viewpoints of one tile of the map. Reads the stages ``mesh`` and ``viewpoints``.
+    """The templates of one square of the map. Reads the stages ``mesh`` and ``viewpoints``.
 
     Attributes:
         first, last: rows of the viewpoints.
-        low, high: metres, the box in x and y of all the tile's viewpoints: chunks of a tile see the same
-            part of the mesh.
+        low, high: metres, the corners of the square's tile in x and y: chunks of a tile see the same part of
+            the mesh.
     """
 
     first: int
@@ -97,12 +82,10 @@ class TemplatesChunk(Chunk):
             inputs["mesh"], np.array(self.low), np.array(self.high), self.sensor.max_range_m
         )
         descriptor, rays = self.descriptor.make(), Rays.at_any_heading(self.sensor)
-        described = []
-        for start in range(0, len(positions), SCANS_AT_ONCE):
-            here = slice(start, start + SCANS_AT_ONCE)
-            T = upright(positions[here])
-            ranges = np.concatenate(list(simulator.ranges(T, self.sensor, rays)))
-            described.append(descriptor.describe(scan_batch(ranges, rays.directions, height_m[here])))
+        described = [
+            described_views(simulator, self.sensor, rays, positions[here], height_m[here], descriptor)
+            for here in (slice(i, i + SCANS_AT_ONCE) for i in range(0, len(positions), SCANS_AT_ONCE))
+        ]
         return {
             "position_m": positions.astype(np.float32),
             "height_m": height_m.astype(np.float32),
@@ -113,21 +96,23 @@ class TemplatesChunk(Chunk):
 def template_chunks(
     positions: NDArray[np.float64],
     tile_start: NDArray[np.int64],
+    tile_m: float,
+    square_m: float,
     sensor: SensorModel,
     descriptor: DescriptorConfig,
 ) -> list[TemplatesChunk]:
-    """The work for (n, 3) viewpoints that stand tile by tile; no chunk has viewpoints of two tiles."""
-    rows = min(max(-(-len(positions) // MIN_CHUNKS), SCANS_AT_ONCE), MAX_CHUNK)
+    """The work for (n, 3) viewpoints that stand tile by tile, and within a tile square by square.
+
+    Tiles and squares are counted from the frame's origin: what one of them holds depends on no other.
+    """
+    square = np.floor(positions[:, :2] / square_m)
+    is_new = np.any(np.diff(square, axis=0) != 0, axis=1)
+    starts = np.union1d(np.flatnonzero(is_new) + 1, tile_start).tolist()
     chunks = []
-    for first, last in pairwise(tile_start.tolist()):
-        tile = positions[first:last, :2]
-        (west, south), (east, north) = tile.min(axis=0).tolist(), tile.max(axis=0).tolist()
-        for start in range(first, last, rows):
-            chunks.append(
-                TemplatesChunk(
-                    start, min(start + rows, last), (west, south), (east, north), sensor, descriptor
-                )
-            )
+    for first, last in pairwise(starts):
+        west, south = (np.floor(positions[first, :2] / tile_m) * tile_m).tolist()
+        low, high = (west, south), (west + tile_m, south + tile_m)
+        chunks.append(TemplatesChunk(first, last, low, high, sensor, descriptor))
     return chunks
 
 

@@ -1,4 +1,4 @@
-"""Every surface of a map that something could stand on: ray casts down each column of a grid.
+"""Every surface of a map that something could stand on: a vertical line through each column of a grid.
 
 A column is a cell of the ground plane. What one finds in it from above is a stack of surfaces; a floor
 is one with headroom over it that is not too steep. Steepness is asked twice, and one yes is enough: the
@@ -8,15 +8,18 @@ neighbours (a reconstructed floor is level, though its triangles are not).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..simulation.simulate import RAYS_AT_ONCE, Simulator
+from ..execution.in_turn import in_turn
+from ..simulation.simulate import MOST_SURFACES, Simulator
 
-PEEL_M = 0.02  # the next ray starts this far below the surface that the last one hit
-MAX_SURFACES = 200  # of one column
+APART_M = 0.02  # of the surfaces of a column
+COLUMNS_AT_ONCE = 65_536
+SURFACES_AT_ONCE = 262_144  # whose planes are fitted: 30 numbers each
 FIT_PULL = 1e-3  # makes the plane of a lone cell level, and leaves every other one alone
 
 
@@ -71,6 +74,11 @@ class Surfaces:
     level: NDArray[np.float64]
     headroom_m: NDArray[np.float64]
 
+    @classmethod
+    def none(cls) -> Surfaces:
+        """No surface."""
+        return cls(np.zeros((0, 2), np.int64), np.zeros(0), np.zeros(0), np.zeros(0))
+
     def __len__(self) -> int:
         return len(self.z)
 
@@ -124,42 +132,17 @@ class ColumnIndex:
 
 def find_surfaces(simulator: Simulator, grid: Grid, columns: NDArray[np.int64]) -> Surfaces:
     """All surfaces in the (n, 2) columns, of any slope."""
-    parts = [
-        _peel(simulator, grid, columns[start : start + RAYS_AT_ONCE])
-        for start in range(0, max(1, len(columns)), RAYS_AT_ONCE)
-    ]
-    surfaces = Surfaces(
-        np.concatenate([part.column for part in parts]),
-        np.concatenate([part.z for part in parts]),
-        np.concatenate([part.level for part in parts]),
-        np.concatenate([part.headroom_m for part in parts]),
-    )
+    slices = [columns[start : start + COLUMNS_AT_ONCE] for start in range(0, len(columns), COLUMNS_AT_ONCE)]
+    parts = [Surfaces.none(), *(part for _, part in in_turn(partial(_surfaces, simulator, grid), slices))]
+    surfaces = Surfaces(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Surfaces)))
     return surfaces.subset(surfaces.order())
 
 
-def _peel(simulator: Simulator, grid: Grid, columns: NDArray[np.int64]) -> Surfaces:
-    open_columns = np.arange(len(columns))
-    origins = np.column_stack([grid.centre_m(columns), np.full(len(columns), simulator.high[2] + 1.0)])
-    ceiling = np.full(len(columns), np.inf)
-    number, z, level, headroom = [], [], [], []
-    for _ in range(MAX_SURFACES):
-        drop, upright = simulator.surfaces_below(origins[open_columns])
-        hit = np.isfinite(drop)
-        open_columns = open_columns[hit]
-        if len(open_columns) == 0:
-            break
-        height = origins[open_columns, 2] - drop[hit]
-        number.append(open_columns)
-        z.append(height)
-        level.append(upright[hit].astype(np.float64))
-        headroom.append(ceiling[open_columns] - height)
-        ceiling[open_columns] = height
-        origins[open_columns, 2] = height - PEEL_M
-    if not number:
-        return Surfaces(np.zeros((0, 2), np.int64), np.zeros(0), np.zeros(0), np.zeros(0))
-    return Surfaces(
-        columns[np.concatenate(number)], np.concatenate(z), np.concatenate(level), np.concatenate(headroom)
-    )
+def _surfaces(simulator: Simulator, grid: Grid, columns: NDArray[np.int64]) -> Surfaces:
+    start, z, level = simulator.crossings(grid.centre_m(columns), APART_M, MOST_SURFACES)
+    above = np.concatenate([[np.inf], z[:-1]])
+    above[start[:-1][np.diff(start) > 0]] = np.inf  # the highest surface of a column
+    return Surfaces(np.repeat(columns, np.diff(start), axis=0), z, level.astype(np.float64), above - z)
 
 
 def fit_planes(
@@ -175,16 +158,34 @@ def fit_planes(
         (n,) height of the plane at the column's centre, (n,) its slope (rise over run).
     """
     index = ColumnIndex(grid, surfaces)
-    normal = np.zeros((len(surfaces), 3, 3))
-    right = np.zeros((len(surfaces), 3))
+    plane_z, slope = np.empty(len(surfaces)), np.empty(len(surfaces))
+    for start in range(0, len(surfaces), SURFACES_AT_ONCE):
+        here = slice(start, start + SURFACES_AT_ONCE)
+        column, z = surfaces.column[here], surfaces.z[here]
+        plane = _planes_around(index, surfaces.z, column, z, grid.cell_m, reach_cells, step_m)
+        plane_z[here], slope[here] = z + plane[:, 0], np.hypot(plane[:, 1], plane[:, 2])
+    return plane_z, slope
+
+
+def _planes_around(
+    index: ColumnIndex,
+    every_z: NDArray[np.float64],
+    column: NDArray[np.int64],
+    z: NDArray[np.float64],
+    cell_m: float,
+    reach_cells: int,
+    step_m: float,
+) -> NDArray[np.float64]:
+    """(n, 3) plane through the neighbours of each of n surfaces: height over it, rise along x and y."""
+    normal = np.zeros((len(z), 3, 3))
+    right = np.zeros((len(z), 3))
     normal[:, (1, 2), (1, 2)] = FIT_PULL
     for dx in range(-reach_cells, reach_cells + 1):
         for dy in range(-reach_cells, reach_cells + 1):
             reach = max(abs(dx), abs(dy), 1)
-            near = index.nearest(surfaces.column + np.array([dx, dy]), surfaces.z, step_m * reach)
+            near = index.nearest(column + np.array([dx, dy]), z, step_m * reach)
             have = np.flatnonzero(near >= 0)
-            row = np.array([1.0, dx * grid.cell_m, dy * grid.cell_m])
+            row = np.array([1.0, dx * cell_m, dy * cell_m])
             normal[have] += np.outer(row, row)
-            right[have] += row * (surfaces.z[near[have]] - surfaces.z[have])[:, None]
-    plane = np.linalg.solve(normal, right[..., None])[..., 0]
-    return surfaces.z + plane[:, 0], np.hypot(plane[:, 1], plane[:, 2])
+            right[have] += row * (every_z[near[have]] - z[have])[:, None]
+    return np.asarray(np.linalg.solve(normal, right[..., None])[..., 0], np.float64)

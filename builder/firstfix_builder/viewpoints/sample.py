@@ -14,6 +14,7 @@ from firstfix.errors import BuildFailed
 from ..simulation.simulate import Simulator
 from .drivable_components import components_under, drivable_components
 from .floors import Grid, Surfaces, find_surfaces, fit_planes
+from .one_per_block import one_per_block
 from .trajectory_floor import TrajectoryFloor, trajectory_floor, with_trajectory_floor
 from .traversable import has_room, traversable_components
 
@@ -22,7 +23,6 @@ DEFAULT_SPACING_M = 1.0
 PLANE_REACH_M = 0.5
 MAX_COLUMNS = 50e6  # 2.3 km square at 1/3 m
 HEAD_ROOM_M = 0.1  # over the sensor
-STOREY_GAP_M = 1.0
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,10 @@ class Viewpoints:
 
     def __len__(self) -> int:
         return len(self.positions)
+
+    def subset(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> Viewpoints:
+        """Returns the chosen viewpoints."""
+        return Viewpoints(self.positions[keep], self.floor_z[keep], self.mount_height_m)
 
 
 def sample_viewpoints(
@@ -135,15 +139,7 @@ def _standing(
 def _one_per_block(grid: Grid, floors: Surfaces, spacing_m: float, mount_height_m: float) -> Viewpoints:
     """For each block of the spacing and each storey in it, the floor nearest to the block's centre."""
     centre = grid.centre_m(floors.column)
-    block = np.floor(centre / spacing_m).astype(np.int64)
-    order = np.lexsort((floors.z, block[:, 1], block[:, 0]))
-    new_block = np.any(np.diff(block[order], axis=0) != 0, axis=1)
-    new_storey = np.diff(floors.z[order]) > STOREY_GAP_M
-    group = np.zeros(len(floors), np.int64)
-    group[order] = np.concatenate([[0], np.cumsum(new_block | new_storey)])
-    off_centre = np.linalg.norm(centre - (block + 0.5) * spacing_m, axis=1).round(6)
-    best = np.lexsort((floors.z, centre[:, 1], centre[:, 0], off_centre, group))
-    first = best[np.concatenate([[True], np.diff(group[best]) != 0])]
+    _, first = one_per_block(centre, floors.z, spacing_m)
     floor_z = floors.z[first]
     positions = np.column_stack([centre[first], floor_z + mount_height_m])
     return Viewpoints(positions, floor_z, mount_height_m)

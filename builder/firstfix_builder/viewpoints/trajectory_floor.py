@@ -39,9 +39,10 @@ def trajectory_floor(
         default_height_m: taken where no pose has a floor below it.
     """
     positions = trajectory[:, :3, 3]
-    drop, _ = simulator.surfaces_below(positions)
+    drop = simulator.drops(positions)
     below = drop[np.isfinite(drop) & (drop < MAX_MOUNT_M)]
-    height_m = float(np.median(below)) if len(below) else default_height_m
+    # to the centimetre: a hair's change of some floor leaves the viewpoints of all the others alone
+    height_m = round(float(np.median(below)), 2) if len(below) else default_height_m
     foot = _densified(positions, step_m)
     foot[:, 2] -= height_m
     return TrajectoryFloor(height_m, foot)

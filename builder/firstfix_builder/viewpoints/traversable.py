@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from ..simulation.simulate import RAYS_AT_ONCE, Simulator
+from ..execution.in_turn import in_turn
+from ..simulation.simulate import Simulator
 from .floors import ColumnIndex, Grid, Surfaces
 
+AT_ONCE = 65_536  # bodies or ways that a thread looks at
 DIRECTIONS = np.array([[1, 0], [0, 1], [1, 1], [1, -1]])  # and back
 
 
@@ -31,9 +33,14 @@ def has_room(
     balls = np.linspace(lowest, highest, 1 + int(np.ceil((highest - lowest) / (1.5 * radius_m))))
     free = np.ones(len(feet), bool)
     for ball in balls:
-        for start in range(0, len(feet), RAYS_AT_ONCE):
-            ask = start + np.flatnonzero(free[start : start + RAYS_AT_ONCE])
-            free[ask] = simulator.distance(feet[ask] + [0.0, 0.0, ball]) >= radius_m
+        ask = np.flatnonzero(free)
+        parts = [ask[start : start + AT_ONCE] for start in range(0, len(ask), AT_ONCE)]
+
+        def is_free(rows: NDArray[np.intp], ball: float = ball) -> NDArray[np.bool_]:
+            return simulator.is_free(feet[rows] + [0.0, 0.0, ball], radius_m)
+
+        for rows, found in in_turn(is_free, parts):
+            free[rows] = found
     return free
 
 
@@ -54,9 +61,9 @@ def traversable_components(
     direction counts as the neighbour: reconstructed floors have holes, under the scanner for one.
     """
     feet = np.column_stack([grid.centre_m(floors.column), floors.z])
-    ends: list[NDArray[np.int64]] = [np.zeros((0, 2), np.int64)]
+    ends = [np.zeros((0, 2), np.int32)]
     for pair in _neighbours(grid, floors, step_m, max_slope, bridge_gap_m):
-        ends.append(pair[_passable(simulator, feet[pair[:, 0]], feet[pair[:, 1]], step_m, height_m)])
+        ends.append(pair[_passable(simulator, feet, pair, step_m, height_m)])
     pairs = np.concatenate(ends)
     shape = (len(floors), len(floors))
     graph = coo_matrix((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=shape)
@@ -66,7 +73,7 @@ def traversable_components(
 
 def _neighbours(
     grid: Grid, floors: Surfaces, step_m: float, max_slope: float, bridge_gap_m: float
-) -> Iterator[NDArray[np.int64]]:
+) -> Iterator[NDArray[np.int32]]:
     """(k, 2) pairs of floors, direction by direction."""
     index = ColumnIndex(grid, floors)
     for direction in DIRECTIONS:
@@ -79,24 +86,27 @@ def _neighbours(
                 column = floors.column[searching] + sign * stride * direction
                 near = index.nearest(column, floors.z[searching], limit_m)
                 found = near >= 0
-                yield np.column_stack([searching[found], near[found]])
+                yield np.column_stack([searching[found], near[found]]).astype(np.int32)
                 searching = searching[~found]
 
 
 def _passable(
     simulator: Simulator,
-    start: NDArray[np.float64],
-    end: NDArray[np.float64],
+    feet: NDArray[np.float64],
+    pair: NDArray[np.int32],
     step_m: float,
     height_m: float,
 ) -> NDArray[np.bool_]:
     """(k,) whether straight lines from foot to foot are free, just above a step and at the top."""
-    way = end - start
-    length = np.linalg.norm(way, axis=1)
-    way = way / np.maximum(length, 1e-9)[:, None]
-    free = np.ones(len(start), bool)
-    for lift in (step_m + 0.05, (step_m + height_m) / 2, height_m):
-        for first in range(0, len(start), RAYS_AT_ONCE):
-            ask = first + np.flatnonzero(free[first : first + RAYS_AT_ONCE])
-            free[ask] = simulator.cast(start[ask] + [0.0, 0.0, lift], way[ask]) >= length[ask]
+    free = np.ones(len(pair), bool)
+    for lift_m in (step_m + 0.05, (step_m + height_m) / 2, height_m):
+        ask = np.flatnonzero(free)
+        parts = [ask[first : first + AT_ONCE] for first in range(0, len(ask), AT_ONCE)]
+
+        def is_free(rows: NDArray[np.intp], lift_m: float = lift_m) -> NDArray[np.bool_]:
+            starts, ends = (feet[pair[rows, end]] + [0.0, 0.0, lift_m] for end in (0, 1))
+            return simulator.is_way_free(starts, ends)
+
+        for rows, found in in_turn(is_free, parts):
+            free[rows] = found
     return free

@@ -122,13 +122,14 @@ class LearnKeysConfig(Stage):
     """Learned projection of keys.
 
     Attributes:
-        scans: number of simulated scans to learn from; 0: keys are not projected.
+        scans: largest number of simulated scans to learn from, one for every four templates; 0: keys are not
+            projected.
         numbers: dimension of a projected key.
         shrinkage: regularisation of the perturbations' covariance. With a small value keys find more scans
             like the simulated ones, and fewer of other sensors or with large occlusions.
     """
 
-    scans: int = Field(1500, ge=0, le=100_000)
+    scans: int = Field(800, ge=0, le=100_000)
     numbers: int = Field(128, ge=1, le=10_000)
     shrinkage: float = Field(0.7, ge=0.01, le=1)
     seed: int = 21
@@ -142,9 +143,9 @@ class SelfTestConfig(Stage):
         mirrored: number of the queries whose mirror image is asked, too: a place that is not in the map.
     """
 
-    queries: int = Field(160, ge=0, le=100_000)
-    outside: int = Field(40, ge=0, le=100_000)
-    mirrored: int = Field(160, ge=0, le=100_000)
+    queries: int = Field(120, ge=0, le=100_000)
+    outside: int = Field(30, ge=0, le=100_000)
+    mirrored: int = Field(60, ge=0, le=100_000)
     seed: int = 20
     perturb: PerturbConfig = PerturbConfig()
 

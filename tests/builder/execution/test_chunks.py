@@ -19,7 +19,8 @@ from firstfix.store.store import Store
 from firstfix_builder.execution.chunk_executor import ChunkBatch, ChunkExecutor, run_chunks
 from firstfix_builder.execution.chunks import ChunkResults, make_chunk
 from firstfix_builder.execution.stage_cache import StageResult
-from firstfix_builder.templates.make import MAX_CHUNK, TemplatesChunk, template_chunks, write_templates
+from firstfix_builder.mesh.map_tiles import by_tiles
+from firstfix_builder.templates.make import TemplatesChunk, template_chunks, write_templates
 
 sys.path.insert(0, str(Path(__file__).parent))
 from toy_chunks import Toy, runs
@@ -94,20 +95,37 @@ def test_a_name_is_the_same_in_another_process():
     assert said.stdout.strip() == chunk_of().name
 
 
-def test_viewpoints_are_shared_out_tile_by_tile():
-    rng = np.random.default_rng(0)
-    start = np.array([0, 5000, 5001, 9000])
-    positions = np.concatenate(
-        [rng.uniform(0, 8, (n, 3)) + [100 * i, 0, 0] for i, n in enumerate(np.diff(start))]
-    )
-    chunks = template_chunks(positions, start, preset("vlp-16"), OccupancyConfig())
+def viewpoints_of(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions as a build orders them, and the first of each tile of 128 m."""
+    positions = positions[by_tiles(positions, 16.0)[0]]
+    order, start = by_tiles(positions, 128.0)
+    return positions[order], start
+
+
+def test_viewpoints_are_shared_out_square_by_square():
+    positions, start = viewpoints_of(np.random.default_rng(0).uniform(-150, 150, (9000, 3)))
+    chunks = template_chunks(positions, start, 128.0, 16.0, preset("vlp-16"), OccupancyConfig())
     assert [chunk.first for chunk in chunks] == [0, *(chunk.last for chunk in chunks[:-1])]
     assert chunks[-1].last == 9000
-    assert max(chunk.last - chunk.first for chunk in chunks) <= MAX_CHUNK
-    for tile, (first, last) in enumerate(pairwise(start)):
+    squares = [np.unique(np.floor(positions[c.first : c.last, :2] / 16), axis=0) for c in chunks]
+    assert {len(square) for square in squares} == {1}
+    assert len(chunks) == len(np.unique(np.concatenate(squares), axis=0)) == 20 * 20
+    for first, last in pairwise(start):
         (box,) = {(c.low, c.high) for c in chunks if first <= c.first and c.last <= last}
-        assert box[0][0] >= 100 * tile
-        assert box[1][0] <= 100 * tile + 8
+        assert np.subtract(*box[::-1]).tolist() == [128.0, 128.0]
+        assert (np.array(box) % 128 == 0).all()
+
+
+def test_a_new_wing_leaves_the_chunks_elsewhere_alone():
+    old = np.random.default_rng(1).uniform(0, 100, (3000, 3))
+    wing = np.random.default_rng(2).uniform([-300, -50, 0], [-1, 90, 3], (800, 3))
+
+    def work_of(positions: np.ndarray) -> set[tuple[bytes, object, object]]:
+        ordered, start = viewpoints_of(positions)
+        chunks = template_chunks(ordered, start, 128.0, 16.0, preset("vlp-16"), OccupancyConfig())
+        return {(ordered[c.first : c.last].tobytes(), c.low, c.high) for c in chunks}
+
+    assert work_of(old) < work_of(np.concatenate([wing, old]))
 
 
 def test_parts_become_the_files_of_the_whole(tmp_path: Path):

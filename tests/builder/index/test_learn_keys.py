@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from benchmarks.retrieval.projections import whitening
-from firstfix.builds.config import BuildConfig
+from firstfix.builds.config import BuildConfig, LearnKeysConfig
 from firstfix.engine.index import MapIndex
 from firstfix.engine.localizer import Localizer
 from firstfix.engine.retrieval.cascade import PROJECTION_FILE, load_projection
 from firstfix.transform import pose_error
-from firstfix_builder.index.learn_keys import discriminants
+from firstfix_builder.index.learn_keys import discriminants, scans_for
 from firstfix_builder.pipeline import build_version
 from small_world import COARSE_CONFIG, CONFIG, begun_as
 
@@ -50,6 +50,11 @@ def test_with_everything_shrunk_the_widest_directions_stay():
     projection = discriminants(keys, rng.normal(size=(50, 3)).astype(np.float32), 7, 1.0)
     assert projection.shape == (3, 3)
     assert (np.abs(projection).argmax(axis=0) == [0, 1, 2]).all()
+
+
+def test_small_maps_learn_from_fewer_scans():
+    counts = [scans_for(templates, LearnKeysConfig(scans=800)) for templates in (1, 650, 3200, 100_000)]
+    assert counts == [1, 163, 800, 800]
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,15 @@ import numpy as np
 
 from firstfix.answer.quality import AlignmentQuality, MatchFeatures
 from firstfix.engine.calibration import Calibration
-from firstfix_builder.self_test.reliability import Case, bound_of, draw_reliability, fit, reliability_of
+from firstfix_builder.self_test.reliability import (
+    ABSENT_WEIGHT,
+    Case,
+    bound_of,
+    draw_reliability,
+    fit,
+    mirrored_weight,
+    reliability_of,
+)
 
 TRUE = Calibration(bias=-12.0, alignment_score=3.0, free_space=1.5, margin=15.0)
 
@@ -49,6 +57,12 @@ def test_equal_places_do_not_move_the_calibration():
     assert fit(ties) == Calibration()
     found = reliability_of(asked + ties)
     assert sum(part["cases"] for part in found["bins"]) == 400  # that they come true is still measured
+
+
+def test_few_mirror_images_weigh_as_much_as_all():
+    assert mirrored_weight(120, 60) * 60 == mirrored_weight(120, 120) * 120 == ABSENT_WEIGHT * 120
+    assert mirrored_weight(40, 60) == ABSENT_WEIGHT  # there are only 40
+    assert np.isfinite(mirrored_weight(120, 0))
 
 
 def test_nothing_asked_leaves_the_prior_and_no_claim():

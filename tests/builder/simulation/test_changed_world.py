@@ -123,6 +123,15 @@ def test_what_was_never_mapped_looks_like_another_place(with_a_hole: Simulator):
     assert any(np.allclose(found[stopped], one[stopped], atol=1e-4) for one in there)
 
 
+def test_some_of_the_rays_return_what_they_return_among_all(with_a_hole: Simulator):
+    whole = sight(with_a_hole)
+    chosen = np.random.default_rng(6).random(len(whole.rays)) < 0.3
+    some = whole.rays.of_rows(chosen)
+    assert np.array_equal(np.sort(some.order), np.arange(chosen.sum()))
+    found = next(with_a_hole.ranges(make_transform(np.eye(3), T[:3, 3])[None], SENSOR, some))[0]
+    assert np.array_equal(found, whole.ranges[chosen])
+
+
 def test_nothing_changes_where_nothing_is_asked_for(with_a_hole: Simulator):
     config = PerturbConfig(unmapped=0, vanished=0)
     here = sight(with_a_hole)

@@ -36,6 +36,7 @@ def test_spots_are_free_and_near_the_places():
     off = np.minimum(np.abs(spots[:, 0]), np.abs(spots[:, 0] - 8.9))
     assert off.max() <= REACH_M / 2
     assert (spots[:, 0] > 5).sum() > 20  # half of the spots around it are outside of the wall
+    assert np.abs(spots[:, 0]).max() < 9  # where the map is not
     assert len({case.seed for case in found}) == 200
     tilts = [rotation_angle_deg(case.T_level_sensor[:3, :3]) for case in found]
     assert np.ptp(tilts) > 90  # any heading

@@ -1,0 +1,87 @@
+"""Viewpoints stand where they tell something: close in rooms, apart in the open, none where none can."""
+
+from __future__ import annotations
+
+import numpy as np
+from box_scenes import box, floor, walls
+from numpy.typing import NDArray
+
+from firstfix.builds.config import ViewpointConfig
+from firstfix.sensor import SensorModel
+from firstfix_builder.mesh.mesh import Mesh
+from firstfix_builder.simulation.simulate import Simulator
+from firstfix_builder.templates.fit_spacing import (
+    OPEN_SPACING_M,
+    ROOM_SPACING_M,
+    sample_fitting_viewpoints,
+)
+from firstfix_builder.templates.outlook import Outlook
+from firstfix_builder.viewpoints.sample import DEFAULT_SPACING_M
+
+SENSOR = SensorModel("rings", tuple(np.linspace(-20, 20, 32).tolist()), 1.0, 0.1, 45.0, 0.8)
+
+
+def field(*more: Mesh) -> list[Mesh]:
+    """A street of blocks that ends in ground with nothing on it."""
+    blocks = [box((x, y, -0.1), (x + 8, y + 6, 7)) for x in range(0, 60, 9) for y in (-9, 3)]
+    return [floor(0, -40, 130, 40), *blocks, *more]
+
+
+def sampled(parts: list[Mesh], **config: object) -> tuple[NDArray[np.float64], float]:
+    mesh = Mesh.joined(parts)
+    simulator = Simulator(mesh.vertices, mesh.triangles)
+    found, spacing_m = sample_fitting_viewpoints(
+        simulator, ViewpointConfig.model_validate(config), SENSOR, None
+    )
+    return found.positions, spacing_m
+
+
+def share_beside(positions: NDArray[np.float64], reach_m: float) -> float:
+    """Share of positions with another one within reach."""
+    away = np.linalg.norm(positions[:, None, :2] - positions[None, :, :2], axis=2)
+    return float(((away > 0) & (away < reach_m)).any(axis=1).mean())
+
+
+def test_a_room_has_close_viewpoints():
+    room = [floor(0, 0, 8, 6), *walls(0, 0, 8, 6), floor(0, 0, 8, 6, 3)]
+    found, spacing_m = sampled(room)
+    assert spacing_m == ROOM_SPACING_M
+    assert len(found) > 3 * 48 * 0.7
+
+
+def test_over_open_ground_one_stands_for_four_and_where_nothing_is_seen_none():
+    found, spacing_m = sampled(field())
+    every, _ = sampled(field(), spacing_m=DEFAULT_SPACING_M)
+    assert spacing_m == OPEN_SPACING_M
+    assert {tuple(spot) for spot in found} < {tuple(spot) for spot in every}
+    empty = every[:, 0] > 60 + 46  # beyond the sensor's range of every block
+    assert empty.sum() > 500
+    assert not (found[:, 0] > 60 + 47).any()
+    wide = (found[:, 1] > 12) & (found[:, 0] < 90) & (found[:, 0] > 10)
+    assert wide.sum() > 100
+    was = (every[:, 1] > 12) & (every[:, 0] < 90) & (every[:, 0] > 10)
+    assert wide.sum() < 0.5 * was.sum()
+
+
+def test_a_spacing_that_is_set_is_kept():
+    _, spacing_m = sampled(field(), spacing_m=1.5)
+    assert spacing_m == 1.5
+
+
+def test_viewpoints_far_from_a_change_stay_as_they_were_to_the_last_bit():
+    before, _ = sampled(field())
+    after, _ = sampled(field(box((10.0, 20.0, -0.1), (14.0, 24.0, 90.0))))
+    far = [{spot.tobytes() for spot in found if spot[0] > 62} for found in (before, after)]
+    assert len(far[0]) > 100
+    assert far[0] == far[1]
+    assert {spot.tobytes() for spot in before} != {spot.tobytes() for spot in after}
+
+
+def test_how_far_one_sees_is_that_of_the_place():
+    mesh = Mesh.joined([floor(-30, -30, 30, 30), *walls(-4, -4, 4, 4), box((200, 200, 0), (201, 201, 1))])
+    simulator = Simulator(mesh.vertices, mesh.triangles)
+    positions = np.array([[0.0, 0, 0.8], [20, 0, 0.8], [300, 300, 0.8], [-29.0, 29, 0.8]])
+    view_m, tells = Outlook.of(SENSOR).at(simulator, positions, np.zeros(4))
+    assert 4 < view_m[0] < 6
+    assert np.isinf(view_m[1:]).all()  # walls on one side, or nowhere
+    assert tells.tolist() == [True, True, False, True]
