@@ -85,7 +85,7 @@ class SightingCounter:
             return
         with self._lock:
             collector = self._collectors.setdefault(version, Collector())
-            if collector.knows(spot_of(T_map_sensor[:3, 3])):
+            if collector.knows(spot_of(T_map_sensor[:3, 3]), time.monotonic()):
                 self._results["repeated"] += 1
             elif collector.is_full:
                 self._results["full"] += 1
@@ -143,8 +143,9 @@ class SightingCounter:
             return
         with self._lock:
             collector = self._collectors.setdefault(waiting.version, Collector())
-            if collector.knows(sighting.spot):
+            now_s = time.monotonic()
+            if collector.knows(sighting.spot, now_s):
                 self._results["repeated"] += 1
             else:
-                collector.add(sighting)
+                collector.add(sighting, now_s)
                 self._results["counted"] += 1

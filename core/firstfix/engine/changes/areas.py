@@ -17,6 +17,7 @@ from .cells import CELL_M, SLOTS, cells_of_keys
 from .tally import Tally
 
 MIN_SHARE = 0.3  # of the spots that see a cell: with 95 % confidence more of them say that it has changed
+MIN_SPOTS = 4  # that have a vote about a cell
 FEWEST_CELLS = 3  # of an area: one cell may be an error of all poses on one side
 ENOUGH_SPOTS = 16  # of the newest sightings of a cell: then the older ones do not matter
 # For each kind of change, the columns of a tally's counts that speak for it and against it.
@@ -55,7 +56,7 @@ class CellVotes:
         """Returns for each cell whether, with 95 % confidence, over ``min_share`` of the spots say so."""
         least = _least_shares()
         votes = np.minimum(np.floor(self.share * self.spots + 1e-9).astype(np.int64), self.spots)
-        return least[self.spots, votes] > min_share
+        return (self.spots >= MIN_SPOTS) & (least[self.spots, votes] > min_share)
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ def find_areas(tally: Tally, min_share: float = MIN_SHARE) -> list[Area]:
 
 
 def _groups(cells: NDArray[np.int64]) -> NDArray[np.int32]:
-    """(n,) number of the group of each of (n, 3) cells. Cells that touch, also at a corner, belong together."""
+    """(n,) number of the group of each of (n, 3) cells. Cells that touch, even at a corner, are together."""
     pairs = cKDTree(cells).query_pairs(1, p=np.inf, output_type="ndarray")
     links = coo_matrix((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), (len(cells), len(cells)))
     group: NDArray[np.int32] = connected_components(links, directed=False)[1]
@@ -127,7 +128,7 @@ def _groups(cells: NDArray[np.int64]) -> NDArray[np.int32]:
 
 @cache
 def _least_shares() -> NDArray[np.float64]:
-    """(SLOTS + 1, SLOTS + 1) by the numbers of votes and of those for it: least share with 95 % confidence."""
+    """(SLOTS + 1, SLOTS + 1) least share with 95 % confidence, by the numbers of votes and of votes for it."""
     least = np.zeros((SLOTS + 1, SLOTS + 1))
     for count in range(1, SLOTS + 1):
         for votes in range(1, count + 1):

@@ -12,6 +12,8 @@ from .sighting import Sighting
 from .tally import Tally
 
 MAX_ROWS = 1_000_000  # of a tally, 25 bytes each
+MAX_SPOTS = 100_000
+AGAIN_S = 300.0
 MAX_SUSPECTS = 200_000  # cells that were once not explained
 _TOGETHER = 16  # tallies that are summed up at a time
 
@@ -19,13 +21,13 @@ _TOGETHER = 16  # tallies that are summed up at a time
 class Collector:
     """Sum of sightings of one map version since the last ``take``. Not thread-safe.
 
-    Each spot counts once until the next ``take``: a robot that stands still shows nothing new. Free cells are
-    counted from the first time on that something was not explained there: all others are air.
+    A spot counts again only after AGAIN_S: a robot that stands still shows nothing new. Free cells are counted
+    from the first time on that something was not explained there: all others are air.
     """
 
     def __init__(self) -> None:
         self._parts: list[Tally] = []
-        self._spots: set[Spot] = set()
+        self._spots: dict[Spot, float] = {}  # when they counted
         self._suspects: NDArray[np.int64] = np.empty(0, np.int64)
 
     @property
@@ -33,16 +35,22 @@ class Collector:
         """True if no further sighting is counted before the next ``take``."""
         return sum(map(len, self._parts)) >= MAX_ROWS
 
-    def knows(self, spot: Spot) -> bool:
-        """Returns whether a sighting from this spot was counted since the last ``take``."""
-        return spot in self._spots
+    def knows(self, spot: Spot, now_s: float) -> bool:
+        """Returns whether a sighting from this spot was counted lately."""
+        return spot in self._spots and now_s < self._spots[spot] + AGAIN_S
 
-    def add(self, sighting: Sighting) -> None:
-        """Count a sighting."""
+    def add(self, sighting: Sighting, now_s: float = 0.0) -> None:
+        """Count a sighting.
+
+        Args:
+            now_s: of any clock.
+        """
         if len(self._suspects) < MAX_SUSPECTS:
             self._suspects = np.union1d(self._suspects, sighting.unexplained)
         free = sighting.free[np.isin(sighting.free, self._suspects, assume_unique=True)]
-        self._spots.add(sighting.spot)
+        if len(self._spots) >= MAX_SPOTS:
+            self._spots.clear()
+        self._spots[sighting.spot] = now_s
         self._parts.append(Tally.of(replace(sighting, free=free)))
         if len(self._parts) >= _TOGETHER:
             self._parts = [Tally.sum(self._parts)]
@@ -50,5 +58,4 @@ class Collector:
     def take(self) -> Tally:
         """Everything that was counted since the last call."""
         taken, self._parts = Tally.sum(self._parts), []
-        self._spots.clear()
         return taken

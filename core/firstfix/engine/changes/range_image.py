@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 
 from ...portable.atan2 import atan2_turns
 
-ENOUGH = (
-    3  # of a direction and its eight neighbours must have a return, or nobody knows what a ray would meet
-)
+ENOUGH = 3  # of a direction and its eight neighbours that have a return
 
 
 @dataclass(frozen=True)
@@ -24,14 +22,15 @@ class RangeImage:
         nearest_m: (rows, columns) to the nearest point, inf where there is none.
         least_m, most_m: (rows, columns) least and largest of the finite ranges in and around each direction;
             inf and -inf where there is none.
-        filled: (rows, columns) number of directions in and around each that have a point.
+        covered: (rows, columns) whether there are ENOUGH points around a direction, and on both of its sides:
+            beyond the edge of the field of view, nobody knows what a ray would meet.
     """
 
     columns: int
     nearest_m: NDArray[np.float32]
     least_m: NDArray[np.float32]
     most_m: NDArray[np.float32]
-    filled: NDArray[np.uint8]
+    covered: NDArray[np.bool_]
 
     @classmethod
     def of(cls, points: NDArray[np.float32], step_deg: float) -> RangeImage:
@@ -46,7 +45,7 @@ class RangeImage:
             nearest_m,
             _around(nearest_m, np.minimum),
             _around(np.where(is_filled, nearest_m, np.float32(-np.inf)), np.maximum),
-            _around(is_filled.astype(np.uint8), np.add),
+            _is_covered(is_filled),
         )
 
     def at(self, points: NDArray[np.float32]) -> NDArray[np.int32]:
@@ -63,9 +62,26 @@ def _cells_of(points: NDArray[np.float32], columns: int) -> NDArray[np.int32]:
     return cells
 
 
-def _around(image: NDArray[Any], combine: np.ufunc) -> NDArray[Any]:
-    """Each direction combined with its eight neighbours; columns wrap around."""
-    across = combine(combine(np.roll(image, 1, axis=1), np.roll(image, -1, axis=1)), image)
+def _is_covered(is_filled: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    above, below = np.zeros((2, *is_filled.shape), bool)
+    in_row = is_filled | np.roll(is_filled, 1, axis=1) | np.roll(is_filled, -1, axis=1)
+    above[:-1], below[1:] = in_row[1:], in_row[:-1]
+    in_column = _around(is_filled, np.logical_or, columns=False)
+    beside = np.roll(in_column, 1, axis=1) & np.roll(in_column, -1, axis=1)
+    enough = _around(is_filled.astype(np.uint8), np.add) >= ENOUGH
+    covered: NDArray[np.bool_] = (in_row | (above & below)) & (in_column | beside) & enough
+    return covered
+
+
+def _around(image: NDArray[Any], combine: np.ufunc, *, columns: bool = True) -> NDArray[Any]:
+    """Each direction combined with its eight neighbours; columns wrap around.
+
+    Args:
+        columns: False: combined with those above and below alone.
+    """
+    across = image
+    if columns:
+        across = combine(combine(np.roll(image, 1, axis=1), np.roll(image, -1, axis=1)), image)
     found: NDArray[Any] = across.copy()
     found[1:] = combine(found[1:], across[:-1])
     found[:-1] = combine(found[:-1], across[1:])

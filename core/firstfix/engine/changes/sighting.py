@@ -1,8 +1,7 @@
 """Sighting: which cells of the map one localized scan confirms, sees through, or cannot explain.
 
 A mapped point has left if all rays in and around its direction end well beyond it; it is confirmed if one of
-them ends there. A return is not explained if nothing is mapped near it, but something is mapped behind it: so
-the map covers that place.
+them ends there. A return is not explained if nothing is mapped near it, though the map covers the place.
 """
 
 from __future__ import annotations
@@ -20,13 +19,14 @@ from ...scan.voxel_filter import TimedPoints
 from ...transform import Matrix, inverse
 from ..index import MapIndex
 from ..motion.deskewed import deskewed
+from ..registration.align import MapSurface
 from ..registration.surface_grid import SurfaceGrid
 from ..retrieval.tile_table import runs_around
 from ..verification.free_space import MapView
 from ..verification.point_tiles import PointTiles
 from .block import REACH_M, Block
 from .cells import Spot, spot_of
-from .range_image import ENOUGH, RangeImage
+from .range_image import RangeImage
 
 TOLERANCE_M, TOLERANCE = 0.2, 0.02  # along a ray, for the errors of map, pose and range
 NEAR_M = 1.5  # nearer than this, an error of the pose is wider than the directions around a point
@@ -73,7 +73,7 @@ def sighting_of(
     T_level_sensor = inverse(index.T_map_level) @ T_map_sensor
     mapped = points_around(index.view, T_level_sensor)
     gone, met = compared(mapped, returns, fine_deg)
-    new = unexplained(returns, mapped, index.surface.fine, T_level_sensor)
+    new = unexplained(returns, mapped, index.surface, T_level_sensor)
     return _by_cells(Block.around(T_map_sensor), mapped, gone, met, returns, new)
 
 
@@ -106,8 +106,7 @@ def compared(
         at, here_m = image.at(mapped[rows]), range_m[rows]
         slack_m = here_m * TOLERANCE + TOLERANCE_M
         seen_m = [each.ravel()[at] for each in (image.nearest_m, image.least_m, image.most_m)]
-        enough = image.filled.ravel()[at] >= ENOUGH
-        gone[rows] = enough & (seen_m[1] > here_m + slack_m)
+        gone[rows] = image.covered.ravel()[at] & (seen_m[1] > here_m + slack_m)
         met[rows] = np.any([np.abs(each - here_m) <= slack_m for each in seen_m], axis=0)
     return gone, met
 
@@ -115,10 +114,13 @@ def compared(
 def unexplained(
     returns: NDArray[np.float32],
     mapped: NDArray[np.float32],
-    surface: SurfaceGrid,
+    surface: MapSurface,
     T_level_sensor: Matrix,
 ) -> NDArray[np.bool_]:
-    """Returns for each of (n, 3) returns whether nothing is mapped near it, but something behind it.
+    """Returns for each of (n, 3) returns whether nothing is mapped near it, though the map covers the place.
+
+    It does if something is mapped behind the return. Where nothing is mapped in its direction within reach,
+    it does if something is mapped below: a floor, or open ground.
 
     Args:
         returns, mapped: in the sensor frame.
@@ -128,12 +130,16 @@ def unexplained(
     behind = RangeImage.of(mapped, COARSE_DEG)
     at = behind.at(returns)
     mapped_m = behind.nearest_m.ravel()[at]
-    rows = np.flatnonzero((range_m < REACH_M) & np.isfinite(mapped_m) & (mapped_m > range_m))
-    R, from_corner = T_level_sensor[:3, :3], T_level_sensor[:3, 3] - surface.corner
-    where = (returns[rows] @ R.T.astype(np.float32) + from_corner.astype(np.float32)).astype(np.float32)
+    rows = np.flatnonzero((range_m < REACH_M) & (mapped_m > range_m))
+    where = returns[rows] @ T_level_sensor[:3, :3].T.astype(np.float32)
+    where += T_level_sensor[:3, 3].astype(np.float32)
     for offset in _OFFSETS_M:
-        kept = surface.nearest(np.ascontiguousarray(where + offset)) < 0
+        kept = ~_has_surface(surface.fine, where + offset)
         rows, where = rows[kept], where[kept]
+    is_covered = np.isfinite(mapped_m[rows])
+    for below in _BELOW_M:
+        is_covered |= _has_surface(surface.coarse, where + below)
+    rows = rows[is_covered]
     strange = np.zeros(len(returns), bool)
     strange[rows] = True
     return strange
@@ -159,6 +165,11 @@ def _by_cells(
         block.keys((ends >= FEWEST) & (ends >= NEW_SHARE * (ends + passing))),
         block.keys((passing >= FEWEST) & (ends == 0)),
     )
+
+
+def _has_surface(grid: SurfaceGrid, points: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """Returns for each of (n, 3) points of the index's frame whether the grid finds a surface near it."""
+    return grid.nearest(np.ascontiguousarray(points - grid.corner, np.float32)) >= 0
 
 
 def _at_stamp(scan: Scan | CompactScan, twist: NDArray[np.float64]) -> Scan | CompactScan:
@@ -191,4 +202,6 @@ def _ball() -> NDArray[np.float32]:
     return np.concatenate([np.zeros((1, 3)), unit / 2, unit]).astype(np.float32)
 
 
+# A coarse cell finds a floor half a metre below: to four metres down.
+_BELOW_M = [np.array([0.0, 0.0, -0.5 * step], np.float32) for step in range(1, 8)]
 _OFFSETS_M = _ball() * np.float32(_EXPLAINED_M)
