@@ -128,7 +128,7 @@ def _groups(cells: NDArray[np.int64]) -> NDArray[np.int32]:
 
 @cache
 def _least_shares() -> NDArray[np.float64]:
-    """(SLOTS + 1, SLOTS + 1) least share with 95 % confidence, by the numbers of votes and of votes for it."""
+    """(SLOTS + 1, SLOTS + 1) least share with 95 % confidence, by numbers of votes and of votes for it."""
     least = np.zeros((SLOTS + 1, SLOTS + 1))
     for count in range(1, SLOTS + 1):
         for votes in range(1, count + 1):

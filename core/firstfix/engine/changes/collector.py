@@ -21,8 +21,8 @@ _TOGETHER = 16  # tallies that are summed up at a time
 class Collector:
     """Sum of sightings of one map version since the last ``take``. Not thread-safe.
 
-    A spot counts again only after AGAIN_S: a robot that stands still shows nothing new. Free cells are counted
-    from the first time on that something was not explained there: all others are air.
+    A spot counts again only after AGAIN_S: a robot that stands still shows nothing new. Free cells are
+    counted from the first time on that something was not explained there: all others are air.
     """
 
     def __init__(self) -> None:

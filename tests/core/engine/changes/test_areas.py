@@ -126,7 +126,7 @@ def test_the_aisle_that_moved_is_found():
         collector.add(sighting_of(old.index, scan, with_error(T, rng)))
         then, now = (next(each.ranges(T[None], SENSOR, rays))[0] for each in (mapped, changed))
         for kind, near, far in (("gone", then, now), ("new", now, then)):
-            rows = np.flatnonzero((near < 20) & (far > near + 0.5))
+            rows = np.flatnonzero((near < 20) & np.isfinite(far) & (far > near + 0.5))
             ends = T[:3, 3] + rays.turned(T).directions[rows] * near[rows, None]
             cell, count = np.unique(keys_of(cells_of(ends)), return_counts=True)
             seen[kind].update(cell[count >= 3].tolist())
