@@ -1,1 +1,1 @@
-"""Where localized scans contradict the map: counts by cell, and the areas that they show to have changed."""
+"""Changes of a map since it was made: counts by cell of what localized scans contradict, and areas."""

@@ -48,7 +48,7 @@ class ChangesGrid(BaseModel):
 
 
 class MapChanges(BaseModel):
-    """Where the queries show that a version of a map is out of date."""
+    """Changes since a version of a map was made, as the queries show them."""
 
     map_id: str
     version: str

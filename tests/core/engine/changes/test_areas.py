@@ -1,4 +1,4 @@
-"""Which cells count as changed: votes of spots, and a warehouse whose aisle moves."""
+"""Cells that count as changed: votes of spots, and a warehouse whose aisle moves."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which cells a scan confirms, sees through, or cannot explain: exact geometry."""
+"""Cells that a scan confirms, sees through, or cannot explain: exact geometry."""
 
 from __future__ import annotations
 
