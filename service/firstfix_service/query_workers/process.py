@@ -29,6 +29,7 @@ from .messages import MessageReader, reply_of, send_all
 from .query import Query, ServedVersion, load_localizer
 from .sightings import Sighted, SightingCounter
 
+SWITCH_S = 0.0005  # for which a query waits at most while the thread that counts sightings runs Python code
 LOAD, DROP, HELLO, TAKE = "load", "drop", "hello", "take"
 
 
@@ -37,6 +38,7 @@ def main(queries: socket.socket, control: Connection, bodies: memoryview, sighti
     for number in (signal.SIGINT, signal.SIGTERM):  # for the service, which still finishes queries
         signal.signal(number, signal.SIG_IGN)
     sightings = SightingCounter(sightings_share) if sightings_share else None
+    sys.setswitchinterval(SWITCH_S)
     localizers = Localizers(load_localizer, sightings)
     obey = partial(_obey, control, localizers, sightings)
     threading.Thread(target=obey, daemon=True, name="control").start()

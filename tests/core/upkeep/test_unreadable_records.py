@@ -69,7 +69,7 @@ DAMAGED: dict[RecordKind, tuple[str, set[str]]] = {
     RecordKind.BUILD_STATUS: ("builds/b2/status.json", {"status of b2"}),
     RecordKind.BUILD_STAGES: ("builds/b2/stages.json", {"stages of b2"}),
     RecordKind.BUILD_ATTEMPT: ("builds/b1/attempts/000001.end.json", set()),
-    RecordKind.LOG_ENTRY: ("maps/hall/log/000003.json", {"map hall"}),
+    RecordKind.LOG_ENTRY: ("maps/hall/log/000003.json", {"map hall", "sightings of hall"}),
     RecordKind.LOG_SNAPSHOT: (f"maps/yard/snapshots/{EVERY:06d}.json", set()),
     RecordKind.CHANGE_NOTICE: ("changes/00000001.json", set()),
     RecordKind.UPLOAD: ("uploads/u1/upload.json", {"upload u1"}),

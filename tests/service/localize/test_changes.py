@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from access_world import get, give
 from service_world import XYZ, Service, publish, running_service
 
 from changed_hall import Hall, pose, standing
@@ -182,7 +183,23 @@ def test_a_retired_version_and_an_unknown_map_have_none(replicas: Callable[..., 
     assert service.http.get("/maps/hall/changes", params={"version": first}).status_code == 404
     assert service.http.get("/maps/yard/changes").status_code == 404
     assert service.http.get("/maps/hall/changes", params={"version": "../x"}).status_code == 400
-    assert service.http.get("/maps/hall/changes", params={"limit": 0}).status_code == 422
+    assert service.http.get("/maps/hall/changes", params={"limit": 0}).status_code == 400
+
+
+def test_a_caller_needs_a_key_for_the_map(replicas: Callable[..., Service]):
+    service = replicas("one", auth="on", keys_refresh_s=0.1)
+    publish(service.catalog, "hall", "1", service.scratch)
+    keys = {
+        name: give(service, scope, maps=maps)
+        for name, scope, maps in (
+            ("robot", "localize", ("hall",)),
+            ("other", "localize", ("yard",)),
+            ("meter", "metrics", ("*",)),
+        )
+    }
+    wait_until(lambda: get(service, "/maps/hall/changes", keys["robot"]).status_code == 200)
+    statuses = [get(service, "/maps/hall/changes", key).status_code for key in (None, *keys.values())]
+    assert statuses == [401, 200, 403, 403]
 
 
 def test_the_command_line_lists_and_draws_them(
