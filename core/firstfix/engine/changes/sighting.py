@@ -130,7 +130,9 @@ def unexplained(
     behind = RangeImage.of(mapped, COARSE_DEG)
     at = behind.at(returns)
     mapped_m = behind.nearest_m.ravel()[at]
-    rows = np.flatnonzero((range_m < REACH_M) & (mapped_m > range_m))
+    # where a direction passes between two points of a wall, those around it tell what is mapped
+    is_known = np.isfinite(mapped_m) | np.isinf(behind.least_m.ravel()[at])
+    rows = np.flatnonzero((range_m < REACH_M) & (mapped_m > range_m) & is_known)
     where = returns[rows] @ T_level_sensor[:3, :3].T.astype(np.float32)
     where += T_level_sensor[:3, 3].astype(np.float32)
     for offset in _OFFSETS_M:
