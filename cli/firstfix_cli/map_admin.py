@@ -39,6 +39,9 @@ class MapAdmin(Protocol):
     def retire(self, map_id: str, version: str, *, force: bool) -> None:
         """Takes a version out of service."""
 
+    def changes(self, map_id: str, version: str | None, *, with_cells: bool) -> Record:
+        """Returns the areas that have changed since the map was made."""
+
     def collect_garbage(self, map_id: str | None, *, dry_run: bool) -> Record:
         """Removes unreferenced objects. Returns counts by kind."""
 
@@ -84,6 +87,9 @@ class _ServiceMaps:
     def retire(self, map_id: str, version: str, *, force: bool) -> None:
         self._client.retire(map_id, version, force=force)
 
+    def changes(self, map_id: str, version: str | None, *, with_cells: bool) -> Record:
+        return dict(self._client.changes(map_id, version, cells=with_cells, grid=with_cells))
+
     def collect_garbage(self, map_id: str | None, *, dry_run: bool) -> Record:
         return {"objects": dict(self._client.collect_garbage(map_id, dry_run=dry_run)["objects"])}
 
@@ -116,6 +122,17 @@ class _StoreMaps:
 
     def retire(self, map_id: str, version: str, *, force: bool) -> None:
         self._catalog.retire(map_id, version, force=force)
+
+    def changes(self, map_id: str, version: str | None, *, with_cells: bool) -> Record:
+        from firstfix.catalog.sightings.changes import changes_of
+        from firstfix.catalog.sightings.sightings import Sightings
+
+        wanted = version or self._catalog.active_version(map_id)
+        if wanted is None:
+            raise NotFound(f"map {map_id} has no active version")
+        record = Sightings(self._catalog.store).read(self._catalog.folder_of(map_id, wanted))
+        found = changes_of(record, limit=1000, with_cells=with_cells, with_grid=with_cells)
+        return {"map_id": map_id, "version": wanted, **found}
 
     def collect_garbage(self, map_id: str | None, *, dry_run: bool) -> Record:
         from firstfix.upkeep.garbage import collect_garbage

@@ -20,6 +20,7 @@ from .http_api.request_log import RequestLog
 from .http_api.routes import (
     build_events,
     builds,
+    changes,
     garbage,
     georeference,
     localize,
@@ -34,7 +35,7 @@ from .startup.retry import PlainStartError, RetryingStart
 from .telemetry.metrics import Metrics
 from .telemetry.request_scope import Requests
 
-_OF_THE_STORE = (maps, versions, georeference, uploads, builds, build_events, garbage)
+_OF_THE_STORE = (maps, versions, changes, georeference, uploads, builds, build_events, garbage)
 _PROBLEM = {
     "description": "a problem document (RFC 9457) with a stable `code`",
     "content": {

@@ -282,6 +282,16 @@ class Settings(BaseSettings):
         None, description="store URL or folder of the kept queries, below `samples/`; default: the store"
     )
 
+    sightings: bool = Field(
+        True, description="count where localized queries contradict their map, for GET /maps/{map_id}/changes"
+    )
+    sightings_share: float = Field(
+        1.0, ge=0, le=1, description="share of the localized queries that are counted, by chance"
+    )
+    sightings_flush_s: float = Field(
+        300.0, gt=0, description="time between puts of this replica's counts to the store"
+    )
+
     auth: str | None = Field(
         None,
         pattern="^(on|off)$",
@@ -366,6 +376,11 @@ class Settings(BaseSettings):
         if self.build_executor != "threads":  # the workers of the cluster read them in the store
             return True
         return self.nats_enabled if self.share_stages is None else self.share_stages
+
+    @property
+    def sightings_counted_share(self) -> float:
+        """Share of the localized queries whose sightings are counted: 0 if none can be stored."""
+        return self.sightings_share if self.sightings and not self.read_only else 0.0
 
     @property
     def zenoh_enabled(self) -> bool:

@@ -17,6 +17,7 @@ app = typer.Typer(
     epilog=examples(
         "firstfix maps ls",
         "firstfix maps show hall --url http://localhost:8080",
+        "firstfix maps changes hall --picture changes.png",
         "firstfix maps activate hall 3f2a91c0 --store s3://maps/firstfix",
         "firstfix maps verify --store s3://maps/firstfix",
     ),
@@ -67,6 +68,36 @@ def versions(map_id: MapArgument, url: Url = None, store: Store = None, as_json:
     for entry in found:
         mark = "*" if entry["active"] else " "
         typer.echo(f"{mark} {entry['version']}  {entry['published_time']}")
+
+
+@app.command()
+def changes(
+    map_id: MapArgument,
+    version: Annotated[
+        str | None, typer.Option(help="Version, or its first 8 or more characters [default: active].")
+    ] = None,
+    picture: Annotated[
+        Path | None, typer.Option(metavar="FILE.png", help="Draw the areas from above.")
+    ] = None,
+    url: Url = None,
+    store: Store = None,
+    as_json: AsJson = False,
+) -> None:
+    """List the areas that have changed since a map was made.
+
+    The localized queries show it. What a replica has counted last is in the store only some minutes later.
+    """
+    from ..changes import draw_changes, lines_of
+    from ..map_admin import map_admin
+    from ..versions import full_version
+
+    with map_admin(url, store) as admin:
+        if version is not None:
+            version = full_version(version, (entry["version"] for entry in admin.versions(map_id)))
+        found = admin.changes(map_id, version, with_cells=picture is not None)
+    if picture is not None:
+        draw_changes(found, picture)
+    typer.echo(json.dumps(found) if as_json else "\n".join(lines_of(found)))
 
 
 @app.command()

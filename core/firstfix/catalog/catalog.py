@@ -3,6 +3,7 @@
     maps/<map_id>/sources/...                       see ``firstfix.catalog.sources``
     maps/<map_id>/versions/<digest>/...             files of a version: ``firstfix.catalog.versions.objects``
     maps/<map_id>/versions/<digest>/manifest.json   written last
+    maps/<map_id>/versions/<digest>/sightings/...   see ``firstfix.catalog.sightings.sightings``
     maps/<map_id>/log/000001.json, ...              see ``firstfix.catalog.log.map_log``
     maps/<map_id>/snapshots/000050.json, ...        see ``firstfix.catalog.log.map_log``
     changes/00000001.json, ...                      see ``firstfix.catalog.log.change_log``
@@ -119,7 +120,7 @@ class Catalog(BuildRecords):
             CorruptVersion: the manifest is missing, or its digest is not the version.
             IncompatibleVersion: this release does not read its format.
         """
-        return self._objects.manifest(self._published(map_id, version))
+        return self._objects.manifest(self.folder_of(map_id, version))
 
     def fetch_version(self, map_id: str, version: str, directory: Path) -> Path:
         """Fetch a version's files, each verified by its sha256. Safe to call concurrently.
@@ -132,7 +133,7 @@ class Catalog(BuildRecords):
             NotFound, IncompatibleVersion: see ``manifest``.
             CorruptVersion: see ``manifest``; or a file is missing or differs.
         """
-        return self._objects.fetch(self._published(map_id, version), directory)
+        return self._objects.fetch(self.folder_of(map_id, version), directory)
 
     def read_file(self, map_id: str, version: str, name: str, *, max_bytes: int) -> bytes:
         """Read one file of a version, verified by its sha256.
@@ -142,7 +143,17 @@ class Catalog(BuildRecords):
             TooLarge: the file has more than ``max_bytes``.
             CorruptVersion: see ``manifest``; or the file is missing or differs.
         """
-        return self._objects.read_file(self._published(map_id, version), name, max_bytes=max_bytes)
+        return self._objects.read_file(self.folder_of(map_id, version), name, max_bytes=max_bytes)
+
+    def folder_of(self, map_id: str, version: str) -> VersionFolder:
+        """Folder of a published version.
+
+        Raises:
+            NotFound: the map has no such version, or it was retired.
+        """
+        state = self.state(map_id)
+        activation.check_published(map_id, check_version(version), state)
+        return _folder(map_id, version, state)
 
     # Writing
 
@@ -238,11 +249,6 @@ class Catalog(BuildRecords):
         cutoff = (now or self.store.now()) - timedelta(seconds=older_than_s)
         seen = self.state(map_id)
         return collect_versions(map_id, seen, self._map_log(map_id), self._objects, cutoff, dry_run=dry_run)
-
-    def _published(self, map_id: str, version: str) -> VersionFolder:
-        state = self.state(map_id)
-        activation.check_published(map_id, check_version(version), state)
-        return _folder(map_id, version, state)
 
     def _map_log(self, map_id: str) -> MapLog:
         check_map_id(map_id)

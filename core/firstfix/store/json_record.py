@@ -45,6 +45,7 @@ class RecordKind(str, Enum):
     GEOREFERENCE = "georeference"
     SHARED_STAGE = "shared_stage"
     CHECKED_OBJECTS = "checked_objects"
+    SIGHTINGS = "sightings"
 
 
 _USUAL_BYTES = 1 << 20
@@ -57,6 +58,7 @@ _MAX_BYTES = {
     RecordKind.SAMPLE: 4 << 20,
     RecordKind.SHARED_STAGE: 4 << 20,
     RecordKind.CHECKED_OBJECTS: 64 << 20,
+    RecordKind.SIGHTINGS: 64 << 20,
 }
 
 

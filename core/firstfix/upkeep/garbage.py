@@ -1,6 +1,6 @@
 """Garbage collection of a whole store: objects that nothing refers to any more.
 
-    versions      files of retired versions, and of publications that never ended
+    versions      files and sightings of retired versions, and of publications that never ended
     builds        records of builds that ended long ago and whose version is not served
     sources       sources that no recorded build refers to
     uploads       uploads that were abandoned

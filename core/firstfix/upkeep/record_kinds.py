@@ -16,6 +16,7 @@ from ..catalog.georeferences import parse_georeference
 from ..catalog.log.change_log import parse_notice
 from ..catalog.log.map_state import LogEntry, MapState
 from ..catalog.query_samples import parse_sample
+from ..catalog.sightings.record import SightingsRecord
 from ..catalog.uploads.record import UploadRecord, parse_whole
 from ..store.json_record import RecordKind, max_bytes, parse_record
 from .checked_objects import parse_checked
@@ -84,6 +85,11 @@ FORMS = (
     _form(RecordKind.SAMPLE, r"samples/[^/]+\.json", lambda _, r: parse_sample(r)),
     _form(RecordKind.IDEMPOTENCY_KEY, r"idempotency/[0-9a-f]{64}", lambda _, r: parse_claim(r)),
     _form(RecordKind.SHARED_STAGE, r"stages/[0-9a-f]{64}/stage\.json", lambda _, r: parse_stage(r)),
+    _form(
+        RecordKind.SIGHTINGS,
+        r"maps/[^/]+/versions/[^/]+/sightings/(?:merged/)?[^/]+\.json",
+        lambda _, r: SightingsRecord.parse(r),
+    ),
     _form(RecordKind.CHECKED_OBJECTS, r"checked/[^/]+\.json", lambda _, r: parse_checked(r)),
 )
 

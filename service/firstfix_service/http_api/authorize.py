@@ -36,6 +36,7 @@ SCOPES: dict[str, Scope | None] = {
     "get_report": Scope.LOCALIZE,
     "get_picture": Scope.LOCALIZE,
     "get_georeference": Scope.LOCALIZE,
+    "get_changes": Scope.LOCALIZE,
     "post_map": Scope.BUILD,
     "begin_upload": Scope.BUILD,
     "describe_uploads": Scope.BUILD,

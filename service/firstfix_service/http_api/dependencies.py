@@ -22,6 +22,7 @@ from ..maps.georeference_cache import GeoreferenceCache
 from ..maps.map_cache import MapCache
 from ..settings import Settings
 from ..telemetry.metrics import Metrics
+from ..upkeep.sightings import SightingsKeeper
 from .bodies.disk_space import DiskSpace
 from .bodies.paced_body import Pace
 from .bodies.request_body import BodyReader
@@ -59,6 +60,7 @@ class Parts:
     event_streams: ConcurrencyLimit
     georeferences: Georeferences
     georeference_cache: GeoreferenceCache
+    sightings: SightingsKeeper
     closing: asyncio.Event
 
 

@@ -14,6 +14,7 @@ from firstfix.engine.localizer import Localizer
 from .answer import EncodedAnswer
 from .localizers import Localizers
 from .query import Query, ServedVersion
+from .sightings import Sighted, SightingCounter
 
 
 class QueryWorkers(Protocol):
@@ -35,6 +36,10 @@ class QueryWorkers(Protocol):
 
     def drop(self, version: ServedVersion) -> None:
         """Unloads a version that no query uses. Blocks."""
+        ...
+
+    def take_sightings(self) -> list[Sighted]:
+        """Returns the sightings that were counted since the last call. Blocks."""
         ...
 
     async def answer(self, query: Query) -> EncodedAnswer:
@@ -59,10 +64,14 @@ class QueryWorkerThreads:
     Args:
         load: makes the localizer of a version's folder.
         count: queries that are answered at the same time.
+        sightings_share: of the localized queries whose sightings are counted.
     """
 
-    def __init__(self, load: Callable[[Path], Localizer], count: int = 1) -> None:
-        self._localizers = Localizers(load)
+    def __init__(
+        self, load: Callable[[Path], Localizer], count: int = 1, sightings_share: float = 0.0
+    ) -> None:
+        self._sightings = SightingCounter(sightings_share) if sightings_share else None
+        self._localizers = Localizers(load, self._sightings)
         self._threads = ThreadPoolExecutor(count, thread_name_prefix="query")
 
     @property
@@ -82,9 +91,18 @@ class QueryWorkerThreads:
         """Returns the answer to a query."""
         context = contextvars.copy_context()  # for what is logged on the way
         loop = asyncio.get_running_loop()
-        return await loop.run_in_executor(self._threads, context.run, self._localizers.answer, query)
+        answer = await loop.run_in_executor(self._threads, context.run, self._localizers.answer, query)
+        if self._sightings is not None:
+            self._sightings.wake()
+        return answer
+
+    def take_sightings(self) -> list[Sighted]:
+        """Returns the sightings that were counted since the last call."""
+        return [] if self._sightings is None else [self._sightings.take()]
 
     def close(self) -> None:
         """Unloads all versions."""
         self._threads.shutdown()
+        if self._sightings is not None:
+            self._sightings.close()
         self._localizers.clear()

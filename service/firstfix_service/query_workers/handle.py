@@ -19,10 +19,12 @@ from firstfix.errors import FirstfixError, TooLarge
 from .answer import EncodedAnswer
 from .body_memory import BodyMemory
 from .messages import INLINE_BYTES, MessageReader, message_of
-from .process import DROP, HELLO, LOAD
+from .process import DROP, HELLO, LOAD, TAKE
 from .query import Query, ServedVersion
+from .sightings import Sighted
 
 LOAD_WITHIN_S = 300.0
+FREE_WITHIN_S = 1.0  # for a process that loads a version, to be asked for its sightings
 STALLED_S = 30.0  # for a control message to go on: then the process was stopped, or it swaps
 # Each query runs in one thread; the processes share the cores.
 _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
@@ -45,9 +47,10 @@ class QueryWorkerHandle:
 
     Args:
         max_body_bytes: largest body of a query.
+        sightings_share: of the localized queries whose sightings the process counts.
     """
 
-    def __init__(self, max_body_bytes: int) -> None:
+    def __init__(self, max_body_bytes: int, sightings_share: float = 0.0) -> None:
         """Starts the process. It takes a second until it is up."""
         self._bodies = BodyMemory(max_body_bytes)
         queries, its_queries = socket.socketpair()
@@ -60,7 +63,7 @@ class QueryWorkerHandle:
             ends = (its_queries.fileno(), its_control.fileno(), self._bodies.descriptor)
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "firstfix_service.query_workers.process"]
-                + [str(number) for number in (*ends, max_body_bytes)],
+                + [str(number) for number in (*ends, max_body_bytes, sightings_share)],
                 pass_fds=ends,
                 stdin=subprocess.DEVNULL,
                 env={**dict.fromkeys(_ONE_THREAD, "1"), **os.environ},
@@ -125,6 +128,18 @@ class QueryWorkerHandle:
         with suppress(QueryWorkerDied):
             self._tell(DROP, version)
 
+    def take_sightings(self) -> Sighted:
+        """Returns what the process has counted. Nothing, if it has ended or loads a version now."""
+        if not self._control_lock.acquire(timeout=FREE_WITHIN_S):
+            return Sighted()
+        try:
+            taken: Sighted = self._told(TAKE, None)
+        except QueryWorkerDied:
+            return Sighted()
+        finally:
+            self._control_lock.release()
+        return taken
+
     def wait(self) -> int:
         """Blocks until the process ends; returns its exit status, the negative number of a signal."""
         return self._process.wait()
@@ -186,12 +201,16 @@ class QueryWorkerHandle:
 
     def _tell(self, what: str, version: ServedVersion | None) -> Any:
         with self._control_lock:
-            try:
-                self._control.send((what, version))
-                reply = self._control.recv() if self._control.poll(LOAD_WITHIN_S) else None
-            except (EOFError, OSError) as error:
-                self.kill()
-                raise QueryWorkerDied(repr(error)) from None
+            return self._told(what, version)
+
+    def _told(self, what: str, version: ServedVersion | None) -> Any:
+        """The reply to a control message. The caller holds the lock."""
+        try:
+            self._control.send((what, version))
+            reply = self._control.recv() if self._control.poll(LOAD_WITHIN_S) else None
+        except (EOFError, OSError) as error:
+            self.kill()
+            raise QueryWorkerDied(repr(error)) from None
         if reply is None:
             self.kill()
             raise QueryWorkerDied(f"it did not answer within {LOAD_WITHIN_S:g} s")

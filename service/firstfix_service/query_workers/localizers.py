@@ -12,6 +12,7 @@ from firstfix.errors import FirstfixError, VersionError
 from .answer import EncodedAnswer
 from .private_bytes import private_bytes
 from .query import Query, ServedVersion, answer_query
+from .sightings import SightingCounter
 
 
 class Localizers:
@@ -19,10 +20,12 @@ class Localizers:
 
     Args:
         load: makes the localizer of a version's folder.
+        sightings: counts the queries that are localized; None: nothing is counted.
     """
 
-    def __init__(self, load: Callable[[Path], Localizer]) -> None:
+    def __init__(self, load: Callable[[Path], Localizer], sightings: SightingCounter | None = None) -> None:
         self._load_files = load
+        self._sightings = sightings
         self._localizers: dict[ServedVersion, Localizer] = {}
         self._lock = threading.Lock()
         self._loads: dict[ServedVersion, threading.Lock] = {}
@@ -48,7 +51,8 @@ class Localizers:
 
     def answer(self, query: Query) -> EncodedAnswer:
         """Returns the answer to a query. Loads its versions if they are not loaded."""
-        return answer_query(query, [self._localizer(version) for version in query.versions])
+        offer = None if self._sightings is None else self._sightings.offer
+        return answer_query(query, [self._localizer(version) for version in query.versions], offer)
 
     def clear(self) -> None:
         """Unloads all versions."""

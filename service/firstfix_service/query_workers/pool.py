@@ -22,6 +22,7 @@ from .answer import EncodedAnswer
 from .handle import QueryWorkerDefect, QueryWorkerDied, QueryWorkerHandle, QueryWorkerStuck
 from .idle_workers import IdleWorkers
 from .query import Query, ServedVersion
+from .sightings import Sighted
 
 _log = structlog.get_logger(__name__)
 ATTEMPTS = 2
@@ -35,6 +36,7 @@ class QueryWorkerProcesses:
     Args:
         query_timeout_s: a query that runs longer fails, and its process is replaced.
         max_body_bytes: largest body of a query.
+        sightings_share: of the localized queries whose sightings are counted.
         on_death: called when a process dies unexpectedly.
     """
 
@@ -44,10 +46,12 @@ class QueryWorkerProcesses:
         *,
         query_timeout_s: float,
         max_body_bytes: int,
+        sightings_share: float = 0.0,
         on_death: Callable[[], None] = lambda: None,
     ) -> None:
         self._query_timeout_s = query_timeout_s
         self._max_body_bytes = max_body_bytes
+        self._sightings_share = sightings_share
         self._on_death = on_death
         self._lock = threading.RLock()
         self._born = threading.Condition(self._lock)
@@ -103,6 +107,12 @@ class QueryWorkerProcesses:
         for worker in living:
             worker.drop(version)
 
+    def take_sightings(self) -> list[Sighted]:
+        """Returns what the living processes have counted. What a dead one had not given is lost."""
+        with self._lock:
+            living = list(self._living)
+        return [worker.take_sightings() for worker in living] if self._sightings_share else []
+
     async def answer(self, query: Query) -> EncodedAnswer:
         """Returns the answer of a free process. If it dies, one other process tries."""
         for _ in range(ATTEMPTS):
@@ -152,7 +162,7 @@ class QueryWorkerProcesses:
         """Keeps one process running: starts another one when it dies."""
         while not self._closing.is_set():
             try:
-                worker = QueryWorkerHandle(self._max_body_bytes)
+                worker = QueryWorkerHandle(self._max_body_bytes, self._sightings_share)
             except OSError as error:  # no memory, or too many processes
                 _log.error("no worker process could be started", error=str(error))
                 self._closing.wait(PAUSE_S)

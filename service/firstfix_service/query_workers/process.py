@@ -1,10 +1,11 @@
 """A process that answers queries, one at a time.
 
-    python -m firstfix_service.query_workers.process QUERIES CONTROL BODIES CAPACITY
+    python -m firstfix_service.query_workers.process QUERIES CONTROL BODIES CAPACITY SHARE
 
 QUERIES and CONTROL are sockets to the service, BODIES is the file of its ``BodyMemory`` with CAPACITY bytes.
-One socket carries queries; the other carries versions to load and to drop, so that a load does not delay
-queries. The process ends when the service ends for any reason, because the kernel then closes the sockets.
+SHARE is that of the localized queries whose sightings are counted. One socket carries queries; the other
+carries versions to load and to drop, and sightings, so that these do not delay queries. The process ends when
+the service ends for any reason, because the kernel then closes the sockets.
 """
 
 from __future__ import annotations
@@ -26,16 +27,21 @@ from .body_memory import mapped_bodies
 from .localizers import Localizers
 from .messages import MessageReader, reply_of, send_all
 from .query import Query, ServedVersion, load_localizer
+from .sightings import Sighted, SightingCounter
 
-LOAD, DROP, HELLO = "load", "drop", "hello"
+SWITCH_S = 0.0005  # for which a query waits at most while the thread that counts sightings runs Python code
+LOAD, DROP, HELLO, TAKE = "load", "drop", "hello", "take"
 
 
-def main(queries: socket.socket, control: Connection, bodies: memoryview) -> None:
+def main(queries: socket.socket, control: Connection, bodies: memoryview, sightings_share: float) -> None:
     """Answers queries until the service is gone."""
     for number in (signal.SIGINT, signal.SIGTERM):  # for the service, which still finishes queries
         signal.signal(number, signal.SIG_IGN)
-    localizers = Localizers(load_localizer)
-    threading.Thread(target=_obey, args=(control, localizers), daemon=True, name="control").start()
+    sightings = SightingCounter(sightings_share) if sightings_share else None
+    sys.setswitchinterval(SWITCH_S)
+    localizers = Localizers(load_localizer, sightings)
+    obey = partial(_obey, control, localizers, sightings)
+    threading.Thread(target=obey, daemon=True, name="control").start()
     reader = MessageReader()
     while True:
         try:
@@ -47,6 +53,8 @@ def main(queries: socket.socket, control: Connection, bodies: memoryview) -> Non
             del received, query, inline
             reader.forget()
             send_all(queries, reply_of(good, value))
+            if sightings is not None:
+                sightings.wake()
         except (EOFError, OSError):
             return
 
@@ -55,11 +63,12 @@ def _answer(localizers: Localizers, query: Query, inline: memoryview, shared: me
     return localizers.answer(replace(query, body=shared or inline))
 
 
-def _obey(control: Connection, localizers: Localizers) -> None:
+def _obey(control: Connection, localizers: Localizers, sightings: SightingCounter | None) -> None:
     do: dict[str, Callable[[ServedVersion], object]] = {
         LOAD: localizers.load,
         DROP: localizers.drop,
         HELLO: lambda _: None,
+        TAKE: lambda _: Sighted() if sightings is None else sightings.take(),
     }
     try:
         while True:
@@ -80,5 +89,6 @@ def _outcome(work: Callable[[], object]) -> tuple[bool, object]:
 
 
 if __name__ == "__main__":
-    number, control_number, file, capacity = map(int, sys.argv[1:])
-    main(socket.socket(fileno=number), Connection(control_number), mapped_bodies(file, capacity))
+    number, control_number, file, capacity = map(int, sys.argv[1:5])
+    bodies = mapped_bodies(file, capacity)
+    main(socket.socket(fileno=number), Connection(control_number), bodies, float(sys.argv[5]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -49,16 +49,20 @@ class Query:
     waits_ms: Mapping[str, float] = field(default_factory=dict)
 
 
+Offer = Callable[[ServedVersion, Localizer, object, Localization], None]
+
+
 def load_localizer(directory: Path) -> Localizer:
     """Returns the localizer of a version's folder."""
     return Localizer(MapIndex.load(directory))
 
 
-def answer_query(query: Query, localizers: Sequence[Localizer]) -> EncodedAnswer:
+def answer_query(query: Query, localizers: Sequence[Localizer], offer: Offer | None = None) -> EncodedAnswer:
     """Returns the answer with its map version, the waits, and the time of decoding.
 
     Args:
         localizers: one for each of ``query.versions``.
+        offer: gets the version that answered, its localizer, the scan and the answer.
 
     Raises:
         InputError: the body or an option cannot be used.
@@ -84,6 +88,8 @@ def answer_query(query: Query, localizers: Sequence[Localizer]) -> EncodedAnswer
         map_version=answered.version,
         timings_ms={**query.waits_ms, **watch.ms, **answer.timings_ms},
     )
+    if offer is not None:
+        offer(answered, localizers[query.versions.index(answered)], scan, answer)
     message = _pose_message(answer, query.form.pose, query.body_format, plain)
     return encoded_answer(answer, message, geographic=query.form.geographic)
 

@@ -54,6 +54,7 @@ from ..telemetry.metrics import Metrics
 from ..telemetry.request_scope import Requests
 from ..telemetry.tracing import start_tracing
 from ..upkeep.cleanup import abandoned_objects_removal
+from ..upkeep.sightings import SightingsKeeper, sightings_upkeep
 from ..upkeep.verification import store_verification
 from .settings_summary import settings_summary
 
@@ -101,6 +102,9 @@ async def compose(
     )
     stack.push_async_callback(START.run, maps.close)
     stack.push_async_callback(START.run, workers.close)  # closed before the maps: it ends the loads under way
+    sightings = SightingsKeeper(catalog, workers, metrics)
+    if settings.sightings_counted_share:
+        stack.push_async_callback(START.run, sightings.flush)  # before the workers end, after the last query
     pool = QueryPool(settings.workers, settings.queue_size)
     stack.push_async_callback(pool.close)
     metrics.queries_admitted.set_function(lambda: pool.admitted)
@@ -120,6 +124,8 @@ async def compose(
         abandoned_objects_removal(catalog).start(stack)
         if settings.verify_bytes_per_s:
             store_verification(settings, store, metrics).start(stack)
+    if settings.sightings_counted_share:
+        sightings_upkeep(sightings, settings).start(stack)
     georeferences = Georeferences(store)
     uploads, usage = Uploads(store), CallerUsage(catalog)
     upload_quota = UploadQuota(
@@ -152,6 +158,7 @@ async def compose(
         ),
         georeferences,
         GeoreferenceCache(georeferences, settings.georeference_ttl_s),
+        sightings,
         closing,
     )
     update_zenoh = None
@@ -182,9 +189,11 @@ def _workers(settings: Settings, metrics: Metrics, load: Callable[[Path], Locali
             settings.workers,
             query_timeout_s=settings.query_timeout_s,
             max_body_bytes=settings.max_body_bytes,
+            sightings_share=settings.sightings_counted_share,
             on_death=metrics.worker_deaths.inc,
         )
-    return QueryWorkerThreads(load or load_localizer, settings.workers)
+    share = settings.sightings_counted_share
+    return QueryWorkerThreads(load or load_localizer, settings.workers, share)
 
 
 def _open_store(settings: Settings) -> Store:

@@ -14,6 +14,7 @@ from firstfix.errors import DeadlineExceeded, FirstfixError, Overloaded
 from firstfix.store.json_record import RecordKind
 
 TRANSPORTS = ("http", "zenoh")
+SIGHTINGS = ("counted", "repeated", "dropped", "full", "failed", "not_stored")
 _SECONDS = (0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0)
 _LOAD_SECONDS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
 _STORE_SECONDS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
@@ -208,6 +209,12 @@ class Metrics:
             "Bytes of kept queries in the store, at the last count",
             registry=registry,
         )
+        self.sightings = Counter(
+            "firstfix_sightings",
+            "Localized queries that were chosen to be compared with their map, by result",
+            ["result"],
+            registry=registry,
+        )
         self.info = Info("firstfix", "This service's version", registry=registry)
         self.info.info({"version": firstfix.__version__, "python": platform.python_version()})
         ProcessCollector(registry=registry)  # process_resident_memory_bytes, process_cpu_seconds_total, ...
@@ -226,6 +233,8 @@ class Metrics:
             self.builds.labels(state)
         for kind in RecordKind:
             self.unreadable_records.labels(kind.value)
+        for result in SIGHTINGS:
+            self.sightings.labels(result)
         for result in ("right", "damaged"):
             self.verified_objects.labels(result)
 

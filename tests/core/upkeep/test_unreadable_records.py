@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from firstfix.access.api_keys import ApiKeys
@@ -20,7 +22,11 @@ from firstfix.catalog.geopose import Georeference
 from firstfix.catalog.georeferences import Georeferences
 from firstfix.catalog.manifest import Manifest
 from firstfix.catalog.query_samples import QuerySample, QuerySamples
+from firstfix.catalog.sightings.sightings import Sightings
 from firstfix.catalog.uploads.uploads import Uploads
+from firstfix.catalog.versions.objects import VersionFolder
+from firstfix.engine.changes.sighting import Sighting
+from firstfix.engine.changes.tally import Tally
 from firstfix.errors import UnreadableRecord
 from firstfix.store.json_record import RecordKind, max_bytes
 from firstfix.store.store import Store
@@ -34,6 +40,8 @@ pytestmark = pytest.mark.slow
 
 STAGES = ("a" * 64, "b" * 64)
 SAMPLES = ("20260101t000000000000-0000000a", "20260102t000000000000-0000000b")
+_CELLS = np.arange(5)
+SIGHTED = Tally.of(Sighting((1, 2, 3), _CELLS, _CELLS[:0], _CELLS[:2], _CELLS[:0]))
 IDEMPOTENCY = (CallersKey("robot", "key-1"), CallersKey("robot", "key-2"))
 
 
@@ -61,7 +69,7 @@ DAMAGED: dict[RecordKind, tuple[str, set[str]]] = {
     RecordKind.BUILD_STATUS: ("builds/b2/status.json", {"status of b2"}),
     RecordKind.BUILD_STAGES: ("builds/b2/stages.json", {"stages of b2"}),
     RecordKind.BUILD_ATTEMPT: ("builds/b1/attempts/000001.end.json", set()),
-    RecordKind.LOG_ENTRY: ("maps/hall/log/000003.json", {"map hall"}),
+    RecordKind.LOG_ENTRY: ("maps/hall/log/000003.json", {"map hall", "sightings of hall"}),
     RecordKind.LOG_SNAPSHOT: (f"maps/yard/snapshots/{EVERY:06d}.json", set()),
     RecordKind.CHANGE_NOTICE: ("changes/00000001.json", set()),
     RecordKind.UPLOAD: ("uploads/u1/upload.json", {"upload u1"}),
@@ -72,6 +80,7 @@ DAMAGED: dict[RecordKind, tuple[str, set[str]]] = {
     RecordKind.GEOREFERENCE: ("maps/hall/georeference/000002.json", {"georeference of hall"}),
     RecordKind.SHARED_STAGE: (f"stages/{STAGES[0]}/stage.json", {f"stage {STAGES[0]}"}),
     RecordKind.CHECKED_OBJECTS: ("checked/hall.json", set()),
+    RecordKind.SIGHTINGS: ("{sightings}", {"sightings of hall"}),
 }
 
 
@@ -134,8 +143,14 @@ def _fill(store: Store, tmp_path: Path) -> None:
         )
     for key in IDEMPOTENCY:
         claim_build(store, key, "same", "b1")
+    for map_id in ("hall", "yard"):
+        Sightings(store).put(newest(catalog, map_id), SIGHTED, datetime.now(timezone.utc))
     for stage in STAGES:
         SharedStages(store).put(stage, "mesh", tmp_path / "hall" / "1")
+
+
+def newest(catalog: Catalog, map_id: str) -> VersionFolder:
+    return catalog.folder_of(map_id, catalog.state(map_id).published[-1])
 
 
 def everything(store: Store, scratch: Path) -> dict[str, Any]:
@@ -148,6 +163,8 @@ def everything(store: Store, scratch: Path) -> dict[str, Any]:
     found |= {"notices": (set(notices) >= {"yard"}, end)}
     for map_id in catalog.map_ids():
         found[f"map {map_id}"] = catalog.state(map_id)
+        days = Sightings(store).read(newest(catalog, map_id)).days
+        found[f"sightings of {map_id}"] = sum(day.tally.sightings for day in days.values())
         found[f"georeference of {map_id}"] = _said(Georeferences(store).get, map_id)
     for build_id in catalog.build_ids():
         found[f"status of {build_id}"] = catalog.shown_status(build_id)
@@ -182,7 +199,8 @@ def new_stage_name() -> str:
 def damaged_key(store: Store, kind: RecordKind) -> str:
     claim = IDEMPOTENCY[0].name.split("/")[-1]
     first = next(key for key in ApiKeys(store).all()[0] if key.name == "first")
-    return DAMAGED[kind][0].format(claim=claim, key=first.key_id)
+    (sightings,) = store.list(f"{newest(Catalog(store), 'hall').key}/sightings")
+    return DAMAGED[kind][0].format(claim=claim, key=first.key_id, sightings=sightings)
 
 
 def test_every_kind_is_here() -> None:
@@ -220,7 +238,7 @@ def test_all_else_goes_on(kind: RecordKind, damage: str, store: Store, tmp_path:
     assert {(error.kind, error.key) for error in told} == {(kind.value, key)}, "counted once, by its kind"
 
     report = copy_store(store, Store.open("memory://"))
-    lasts = key.startswith(("maps/", "builds/", "keys/"))
+    lasts = key.startswith(("maps/", "builds/", "keys/")) and kind is not RecordKind.SIGHTINGS
     assert report.damaged == ([key] if lasts else [])
 
     garbage = collect_garbage(Catalog(store), ages=Ages(things_s=-60, builds_s=-60, logs_s=-60))

@@ -207,6 +207,7 @@ def test_no_label_takes_what_callers_make_up(tmp_path: Path):
             "firstfix_cache_lookups": {"hit", "miss"},
             "firstfix_version_loads": {"ok", *CODES},
             "firstfix_verified_objects": {"right", "damaged"},
+            "firstfix_sightings": {"counted", "repeated", "dropped", "full", "failed", "not_stored"},
             "firstfix_samples": {"kept", "failed", "dropped", "rate_limited", "too_large"},
         }
         seen = 0

@@ -35,6 +35,12 @@ class AsyncMapCalls(AsyncCalls):
         """Returns the self-test report of a version, as the service's JSON."""
         return await self._http.run(self._steps.maps.report(map_id, version))
 
+    async def changes(
+        self, map_id: str, version: str | None = None, *, cells: bool = False, grid: bool = False
+    ) -> Mapping[str, Any]:
+        """Returns the areas that have changed since the map was made, as the service's JSON."""
+        return await self._http.run(self._steps.maps.changes(map_id, version, cells, grid))
+
     async def activate(self, map_id: str, version: str) -> None:
         """Makes a published version the active one."""
         await self._http.run(self._steps.maps.activate(map_id, version))

@@ -52,6 +52,21 @@ class MapCalls(HttpCalls):
         """
         return self._http.run(self._http.steps.maps.report(map_id, version))
 
+    def changes(
+        self, map_id: str, version: str | None = None, *, cells: bool = False, grid: bool = False
+    ) -> Mapping[str, Any]:
+        """Returns the areas that have changed since the map was made, as the service's JSON.
+
+        Args:
+            version: default: the active version.
+            cells: list the cells of each area.
+            grid: list the counts of all cells.
+
+        Raises:
+            NotFound: no such map or version.
+        """
+        return self._http.run(self._http.steps.maps.changes(map_id, version, cells, grid))
+
     def activate(self, map_id: str, version: str) -> None:
         """Makes a published version the active one, which answers queries.
 

@@ -48,6 +48,14 @@ class MapSteps:
         answer = yield from self._http.call("GET", "maps", map_id, "versions", version, "report")
         return answer.parsed(dict)
 
+    def changes(self, map_id: str, version: str | None, cells: bool, grid: bool) -> Steps[Mapping[str, Any]]:
+        """Gets the areas that have changed since a map was made, as the service's JSON."""
+        params = {"limit": "1000", "cells": str(cells).lower(), "grid": str(grid).lower()}
+        if version is not None:
+            params["version"] = version
+        answer = yield from self._http.call("GET", "maps", map_id, "changes", params=params)
+        return answer.parsed(dict)
+
     def activate(self, map_id: str, version: str) -> Steps[None]:
         """Makes a published version the active one."""
         yield from self._http.call("POST", "maps", map_id, "versions", version, "activate")

@@ -1,0 +1,193 @@
+"""Sightings in the store: parts of several replicas, merging, damage, retirement."""
+
+from __future__ import annotations
+
+import json
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.manifest import Manifest
+from firstfix.catalog.sightings.changes import changes_of
+from firstfix.catalog.sightings.record import Day, SightingsRecord
+from firstfix.catalog.sightings.sightings import KEPT_DAYS, MERGE_FROM, Sightings
+from firstfix.catalog.versions.objects import VersionFolder
+from firstfix.engine.changes.cells import keys_of
+from firstfix.engine.changes.sighting import Sighting
+from firstfix.engine.changes.tally import Tally
+from firstfix.errors import NotFound
+from firstfix.store.store import Store
+from firstfix.upkeep.backup import copy_store
+from firstfix.upkeep.garbage import Ages, collect_garbage
+from firstfix.upkeep.repair import Repair
+from firstfix.upkeep.verify import Verification
+
+NOW = datetime(2026, 3, 4, 12, tzinfo=timezone.utc)
+PLACE = np.sort(keys_of(np.array([[x, 4, 2] for x in range(4)])))
+NOTHING = np.empty(0, np.int64)
+
+
+def tally(*spots: int) -> Tally:
+    return Tally.sum([Tally.of(Sighting((7 * n, 0, 1), NOTHING, PLACE, NOTHING, NOTHING)) for n in spots])
+
+
+def total(record: SightingsRecord) -> int:
+    return sum(day.tally.sightings for day in record.days.values())
+
+
+@pytest.fixture
+def catalog(tmp_path: Path) -> Catalog:
+    return Catalog(Store.open(str(tmp_path / "store")))
+
+
+@pytest.fixture
+def folder(catalog: Catalog, tmp_path: Path) -> VersionFolder:
+    made = tmp_path / "made"
+    made.mkdir()
+    (made / "label.txt").write_text("1")
+    return catalog.folder_of("hall", catalog.publish("hall", made, Manifest.for_directory(made)))
+
+
+def objects(catalog: Catalog, folder: VersionFolder) -> list[str]:
+    return [
+        key.removeprefix(f"{folder.key}/sightings/") for key in catalog.store.list(f"{folder.key}/sightings")
+    ]
+
+
+def test_parts_of_all_replicas_add_up(catalog: Catalog, folder: VersionFolder):
+    assert changes_of(Sightings(catalog.store).read(folder))["areas"] == []
+    for replica in range(3):  # none of them has enough alone
+        Sightings(catalog.store).put(folder, tally(*range(3 * replica, 3 * replica + 3)), NOW)
+    found = changes_of(Sightings(catalog.store).read(folder), with_cells=True, with_grid=True)
+    (area,) = found["areas"]
+    assert (area["kind"], area["cells"], area["sightings"], area["against"]) == ("gone", 4, 9, 0)
+    assert area["box"] == {"low": [0.0, 2.0, 1.0], "high": [2.0, 2.5, 1.5]}
+    assert area["cell_list"] == [[x, 4, 2] for x in range(4)]
+    assert area["first_seen"] == area["last_seen"] == NOW.isoformat()
+    assert found["grid"]["contradicted"] == [9] * 4
+    assert (found["sightings"], found["seen_cells"], found["areas_found"]) == (9, 4, 1)
+
+
+def test_a_record_reads_as_it_was_written():
+    record = SightingsRecord(
+        {"2026-03-04": Day(tally(1, 2, 3), NOW.isoformat(), NOW.isoformat())}, ("a.json",)
+    )
+    there = SightingsRecord.parse(json.loads(record.to_json()))
+    assert there.parts == ("a.json",)
+    for name in ("cell", "slot", "counts"):
+        same = getattr(there.days["2026-03-04"].tally, name)
+        assert np.array_equal(same, getattr(tally(1, 2, 3), name))
+
+
+def test_many_parts_are_merged_and_count_once(catalog: Catalog, folder: VersionFolder):
+    sightings = Sightings(catalog.store)
+    for number in range(MERGE_FROM):
+        assert not sightings.merge(folder, NOW)
+        sightings.put(folder, tally(number), NOW + timedelta(seconds=number))
+    assert sightings.merge(folder, NOW)
+    assert objects(catalog, folder) == ["merged/000001.json"]
+    assert total(sightings.read(folder)) == MERGE_FROM
+    sightings.put(folder, tally(1), NOW)
+    assert total(sightings.read(folder)) == MERGE_FROM + 1
+
+
+def test_a_merge_that_was_killed_counts_nothing_twice(
+    catalog: Catalog, folder: VersionFolder, monkeypatch: pytest.MonkeyPatch
+):
+    sightings = Sightings(catalog.store)
+    for number in range(MERGE_FROM):
+        sightings.put(folder, tally(number), NOW + timedelta(seconds=number))
+    with monkeypatch.context() as patch:
+        patch.setattr(Store, "delete", lambda self, key: (_ for _ in ()).throw(KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt):
+            sightings.merge(folder, NOW)
+    assert len(objects(catalog, folder)) == MERGE_FROM + 1
+    assert total(sightings.read(folder)) == MERGE_FROM
+    for number in range(MERGE_FROM):
+        sightings.put(folder, tally(number), NOW + timedelta(seconds=100 + number))
+    assert sightings.merge(folder, NOW)
+    assert total(sightings.read(folder)) == 2 * MERGE_FROM
+    assert objects(catalog, folder) == ["merged/000002.json"], "the parts that were left are gone too"
+
+
+def test_of_two_merges_at_a_time_one_wins(
+    catalog: Catalog, folder: VersionFolder, monkeypatch: pytest.MonkeyPatch
+):
+    one, other = Sightings(catalog.store), Sightings(catalog.store)
+    for number in range(MERGE_FROM):
+        one.put(folder, tally(number), NOW + timedelta(seconds=number))
+    put_new, raced = Store.put_new, []
+
+    def race(self: Store, key: str, data: bytes | Path) -> bool:
+        if not raced:
+            raced.append(key)
+            assert other.merge(folder, NOW)
+        return put_new(self, key, data)
+
+    monkeypatch.setattr(Store, "put_new", race)
+    assert not one.merge(folder, NOW)
+    assert total(one.read(folder)) == MERGE_FROM
+
+
+def test_old_days_are_dropped(catalog: Catalog, folder: VersionFolder):
+    sightings = Sightings(catalog.store)
+    sightings.put(folder, tally(1), NOW - timedelta(days=KEPT_DAYS + 1))
+    for number in range(MERGE_FROM):
+        sightings.put(folder, tally(number), NOW + timedelta(seconds=number))
+    assert sightings.merge(folder, NOW)
+    assert list(sightings.read(folder).days) == [NOW.date().isoformat()]
+
+
+@pytest.mark.parametrize("damage", [b"", b"{}", b"[1]", b'{"format": 1, "days": 5}', bytes(100)])
+def test_a_damaged_part_costs_itself_alone(catalog: Catalog, folder: VersionFolder, damage: bytes):
+    sightings = Sightings(catalog.store)
+    sightings.put(folder, tally(1, 2), NOW)
+    sightings.put(folder, tally(3), NOW + timedelta(seconds=1))
+    first = catalog.store.list(f"{folder.key}/sightings")[0]
+    catalog.store.put(first, damage)
+    assert total(sightings.read(folder)) == 1
+    (finding,) = Verification(catalog.store).run().findings
+    assert (finding.key, "sightings" in finding.problem) == (first, True)
+    assert Verification(catalog.store, repair=Repair(catalog.store)).run().damaged == []
+    assert Verification(catalog.store).run().findings == []
+
+
+def test_a_record_that_lies_about_its_rows_is_refused():
+    good = json.loads(SightingsRecord.of(tally(1, 2), NOW).to_json())
+    (day,) = good["days"].values()
+    for rows in (0, 7, 9, 10**9, -1, 2.0, None):
+        day["rows"] = rows
+        with pytest.raises((ValueError, TypeError)):
+            SightingsRecord.parse(good)
+
+
+def test_a_damaged_sum_does_not_end_counting(catalog: Catalog, folder: VersionFolder):
+    sightings = Sightings(catalog.store)
+    catalog.store.put(f"{folder.key}/sightings/merged/000004.json", b"broken")
+    for number in range(MERGE_FROM):
+        sightings.put(folder, tally(number), NOW + timedelta(seconds=number))
+    assert total(sightings.read(folder)) == MERGE_FROM
+    assert sightings.merge(folder, NOW)
+    assert objects(catalog, folder) == ["merged/000005.json"]
+
+
+def test_a_retired_version_takes_its_sightings_along(catalog: Catalog, folder: VersionFolder):
+    Sightings(catalog.store).put(folder, tally(1), NOW)
+    catalog.retire("hall", folder.version, force=True)
+    with pytest.raises(NotFound):
+        catalog.folder_of("hall", folder.version)
+    Sightings(catalog.store).put(folder, tally(2), NOW)  # by a replica that has not heard of it
+    removed = collect_garbage(catalog, ages=Ages(things_s=-60.0, logs_s=0.0)).keys["versions"]
+    assert sum("/sightings/" in key for key in removed) == 2
+    assert catalog.store.list(f"{folder.key}") == []
+
+
+def test_a_copy_of_the_store_has_none(catalog: Catalog, folder: VersionFolder, tmp_path: Path):
+    Sightings(catalog.store).put(folder, tally(1), NOW)
+    target = Store.open(str(tmp_path / "copy"))
+    assert copy_store(catalog.store, target).damaged == []
+    assert total(Sightings(target).read(folder)) == 0
+    assert Verification(target).run().findings == []

@@ -1,0 +1,234 @@
+"""GET /maps/{id}/changes: counted by replicas beside their queries, kept in one store."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from access_world import get, give
+from service_world import XYZ, Service, publish, running_service
+
+from changed_hall import Hall, pose, standing
+from firstfix.answer.localization import Localization, Verdict
+from firstfix.answer.options import LocalizeOptions
+from firstfix.engine.localizer import Localizer
+from firstfix.scan.scan import Scan
+from firstfix_cli.main import run
+from firstfix_service.query_workers.query import ServedVersion
+from firstfix_service.query_workers.sightings import MAX_WAITING, SightingCounter
+from waiting import wait_until
+
+SIZE_M = (16.2, 10.2, 4.2)
+RACK = (9.2, 4.2, 0.0, 10.3, 6.3, 2.3)
+MAPPED, NOW = Hall(SIZE_M, standing(RACK)), Hall(SIZE_M, standing())
+SPOTS = [(4.1, 5.2), (5.3, 3.4), (6.2, 7.1), (13.1, 5.2), (12.4, 3.3), (7.6, 2.5), (12.2, 7.6), (3.2, 8.1)]
+
+
+class KnowsItsPlace(Localizer):
+    """Finds a scan at the spot whose number is the number of points over a thousand."""
+
+    probability = 0.999
+
+    def localize(self, scan: Any, options: LocalizeOptions | None = None) -> Localization:
+        T = pose(*SPOTS[len(scan) % 1000])
+        return Localization(Verdict.LOCALIZED, (), T, None, np.eye(6), self.probability)
+
+
+def body(spot: int) -> bytes:
+    scan: Scan = NOW.scan(NOW.simulator(), pose(*SPOTS[spot]), np.random.default_rng(spot))
+    return scan.points[: len(scan) // 1000 * 1000 - 1000 + spot].tobytes()
+
+
+BODIES = [body(spot) for spot in range(len(SPOTS))]
+
+
+def load(directory: Path) -> Localizer:
+    return KnowsItsPlace(MAPPED.index)
+
+
+@pytest.fixture
+def replicas(tmp_path: Path) -> Iterator[Callable[..., Service]]:
+    """Starts services over one store."""
+    with ExitStack() as stack:
+
+        def start(name: str, **changes: Any) -> Service:
+            folder = tmp_path / name
+            settings = {"store": str(tmp_path / "store"), "load": load, "zenoh": False, "replica": name}
+            return stack.enter_context(running_service(folder, **{**settings, **changes}))
+
+        yield start
+
+
+def ask(service: Service, spots: range) -> None:
+    """Asks from these spots, and waits until all of them are counted."""
+    before = counted(service)
+    for number, spot in enumerate(spots, 1):
+        assert service.ask("http", body=BODIES[spot], media_type=XYZ).json["verdict"] == "localized"
+        wait_until(lambda number=number: counted(service) == before + number)
+
+
+def counted(service: Service) -> int:
+    changes(service)  # takes the counts from the workers
+    lines = service.http.get("/metrics").text.splitlines()
+    mark = 'firstfix_sightings_total{result="counted"} '
+    return int(float(next(line.removeprefix(mark) for line in lines if line.startswith(mark))))
+
+
+def changes(service: Service, **params: Any) -> dict[str, Any]:
+    reply = service.http.get("/maps/hall/changes", params=params)
+    assert reply.status_code == 200, reply.text
+    return dict(reply.json())
+
+
+def parts(service: Service) -> list[str]:
+    return [key for key in service.catalog.store.list("maps/hall/versions") if "/sightings/" in key]
+
+
+def is_the_rack(found: dict[str, Any]) -> bool:
+    (area,) = found["areas"]
+    middle = (np.array(area["box"]["low"]) + area["box"]["high"]) / 2
+    return area["kind"] == "gone" and bool(np.abs(middle - [9.75, 5.25, 1.15]).max() < 0.5)
+
+
+def test_two_replicas_find_together_what_none_finds_alone(replicas: Callable[..., Service]):
+    one, other = replicas("one", sightings_flush_s=0.2), replicas("other", sightings_flush_s=0.2)
+    version = publish(one.catalog, "hall", "1", one.scratch)
+    wait_until(lambda: all(each.http.get("/readyz").json().get("maps") == 1 for each in (one, other)))
+    assert changes(one) == {
+        "map_id": "hall",
+        "version": version,
+        "cell_m": 0.5,
+        "sightings": 0,
+        "seen_cells": 0,
+        "first_time": None,
+        "last_time": None,
+        "areas_found": 0,
+        "areas": [],
+    }
+    ask(one, range(3))
+    assert changes(one)["areas"] == [], "three spots may be wrong"
+    ask(other, range(3, 8))
+    wait_until(lambda: changes(one)["sightings"] == changes(other)["sightings"] == 8)
+    wait_until(lambda: len(parts(one)) >= 2)
+    found = changes(one, cells=True, grid=True)
+    assert is_the_rack(found)
+    assert changes(other, cells=True, grid=True)["areas"] == found["areas"]
+    assert found["areas"][0]["cells"] == len(found["areas"][0]["cell_list"])
+    assert found["seen_cells"] == found["grid"]["cells_found"] == len(found["grid"]["confirmed"])
+    assert b"points" not in b"".join(one.catalog.store.get(key) for key in parts(one))
+
+
+def test_a_replica_knows_its_own_counts_at_once_and_stores_them_when_it_stops(tmp_path: Path):
+    settings = {"load": load, "zenoh": False, "sightings_flush_s": 3600.0}
+    with running_service(tmp_path, **settings) as service:
+        publish(service.catalog, "hall", "1", service.scratch)
+        wait_until(lambda: service.http.get("/readyz").json().get("maps") == 1)
+        ask(service, range(8))
+        assert is_the_rack(changes(service))
+        assert parts(service) == []
+    with running_service(tmp_path, **settings) as service:
+        assert len(parts(service)) == 1
+        assert is_the_rack(changes(service))
+
+
+def test_a_robot_that_stands_still_is_counted_once(replicas: Callable[..., Service]):
+    service = replicas("one")
+    publish(service.catalog, "hall", "1", service.scratch)
+    wait_until(lambda: service.http.get("/readyz").json().get("maps") == 1)
+    ask(service, range(1))
+    for _ in range(20):
+        service.ask("http", body=BODIES[0], media_type=XYZ)
+    ask(service, range(1, 2))
+    found = changes(service)
+    assert (found["sightings"], found["areas"]) == (2, [])
+
+
+@pytest.mark.parametrize("off", [{"sightings": False}, {"sightings_share": 0.0}])
+def test_it_can_be_turned_off(replicas: Callable[..., Service], off: dict[str, Any]):
+    service = replicas("one", **off)
+    publish(service.catalog, "hall", "1", service.scratch)
+    wait_until(lambda: service.http.get("/readyz").json().get("maps") == 1)
+    service.ask("http", body=BODIES[0], media_type=XYZ)
+    assert (counted(service), changes(service)["sightings"]) == (0, 0)
+
+
+def test_a_pose_that_is_not_sure_is_not_counted(
+    replicas: Callable[..., Service], monkeypatch: pytest.MonkeyPatch
+):
+    service = replicas("one")
+    publish(service.catalog, "hall", "1", service.scratch)
+    wait_until(lambda: service.http.get("/readyz").json().get("maps") == 1)
+    with monkeypatch.context() as patch:
+        patch.setattr(KnowsItsPlace, "probability", 0.98)
+        service.ask("http", body=BODIES[0], media_type=XYZ)
+    ask(service, range(1, 2))
+    assert changes(service)["sightings"] == 1
+
+
+def test_a_retired_version_and_an_unknown_map_have_none(replicas: Callable[..., Service]):
+    service = replicas("one")
+    first = publish(service.catalog, "hall", "1", service.scratch)
+    wait_until(lambda: service.http.get("/readyz").json().get("maps") == 1)
+    ask(service, range(1))
+    publish(service.catalog, "hall", "2", service.scratch)
+    assert changes(service, version=first)["sightings"] == 1
+    wait_until(lambda: changes(service)["version"] != first)
+    assert changes(service)["sightings"] == 0, "another version, other counts"
+    assert service.http.delete(f"/maps/hall/versions/{first}").status_code == 200
+    assert service.http.get("/maps/hall/changes", params={"version": first}).status_code == 404
+    assert service.http.get("/maps/yard/changes").status_code == 404
+    assert service.http.get("/maps/hall/changes", params={"version": "../x"}).status_code == 400
+    assert service.http.get("/maps/hall/changes", params={"limit": 0}).status_code == 400
+
+
+def test_a_caller_needs_a_key_for_the_map(replicas: Callable[..., Service]):
+    service = replicas("one", auth="on", keys_refresh_s=0.1)
+    publish(service.catalog, "hall", "1", service.scratch)
+    keys = {
+        name: give(service, scope, maps=maps)
+        for name, scope, maps in (
+            ("robot", "localize", ("hall",)),
+            ("other", "localize", ("yard",)),
+            ("meter", "metrics", ("*",)),
+        )
+    }
+    wait_until(lambda: get(service, "/maps/hall/changes", keys["robot"]).status_code == 200)
+    statuses = [get(service, "/maps/hall/changes", key).status_code for key in (None, *keys.values())]
+    assert statuses == [401, 200, 403, 403]
+
+
+def test_the_command_line_lists_and_draws_them(
+    replicas: Callable[..., Service], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    service = replicas("one")
+    publish(service.catalog, "hall", "1", service.scratch)
+    wait_until(lambda: service.http.get("/readyz").json().get("maps") == 1)
+    ask(service, range(8))
+    picture = tmp_path / "changes.png"
+    with pytest.raises(SystemExit) as ended:
+        run(["maps", "changes", "hall", "--url", service.url, "--picture", str(picture)])
+    assert not ended.value.code
+    said = capsys.readouterr().out
+    assert "8 queries counted" in said
+    assert "gone" in said
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(SystemExit):
+        run(["maps", "changes", "hall", "--store", service.settings.store, "--json"])
+    assert json.loads(capsys.readouterr().out)["areas"] == [], "not in the store yet"
+
+
+def test_what_finds_no_place_is_dropped():
+    counter, version = SightingCounter(1.0), ServedVersion("hall", "0" * 64, Path())
+    localizer = KnowsItsPlace(MAPPED.index)
+    scans = [Scan.from_points(np.zeros((100 + n, 3)) + 5.0) for n in range(len(SPOTS))]
+    for number, scan in enumerate(scans):
+        T = pose(*SPOTS[number])
+        answer = Localization(Verdict.LOCALIZED, (), T, None, np.eye(6), 0.999)
+        counter.offer(version, localizer, scan, answer)
+    assert counter.take().results == {"dropped": len(SPOTS) - MAX_WAITING}
+    counter.close()
