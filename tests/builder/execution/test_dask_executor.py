@@ -128,7 +128,7 @@ def test_a_cloud_becomes_the_same_mesh(cluster: DaskCluster, tmp_path: Path):
     (tmp_path / "map").mkdir()
     np.save(tmp_path / "map" / "points.npy", points)
     read = StageResult("9" * 64, tmp_path / "map", "a" * 64)
-    chunks = mesh_chunks(points, ReconstructConfig(tile_cells=40))
+    chunks = mesh_chunks(points, ReconstructConfig(surface="poisson", tile_cells=40))
     assert len(chunks) >= 4
 
     with DaskExecutor(cluster.address, str(tmp_path / "store")) as executor:
