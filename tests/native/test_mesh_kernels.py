@@ -10,7 +10,7 @@ import firstfix.native as native
 import reference.mesh as oracle
 
 CELL_M = 0.25
-REACH, TRIM = 1.75, 1.25
+REACH, TRIM = 2.0, 1.25
 
 
 def room(count: int, seed: int) -> NDArray[np.float64]:

@@ -24,7 +24,8 @@ from .signed_distance import signed_distance_mesh
 PLACE_STEP_M = 0.5
 SIGHT_RANGE_M = 100.0  # a scanner further than this from a block was not what saw it
 SIGHT_SPACINGS = 1.8
-CELL_SPACINGS = {"signed-distance": 1.6, "poisson": 1.2}
+CELL_SPACINGS = {"signed-distance": 1.4, "poisson": 1.2}
+TRIM_SPACINGS = {"signed-distance": 1.75, "poisson": 2.0}
 SPACING_STEP = 2**0.25  # the spacing is rounded: a change in one place must not change all cells
 
 
@@ -56,6 +57,10 @@ class MeshChunk(Chunk):
         mesh = self._surface(near, places, block)
         return {"vertices": mesh.vertices, "triangles": mesh.triangles}
 
+    @property
+    def _trim_m(self) -> float:
+        return (self.config.trim_spacings or TRIM_SPACINGS[self.config.surface]) * self.spacing_m
+
     @abstractmethod
     def _surface(
         self, points: NDArray[np.float64], places: NDArray[np.float64] | None, block: Block
@@ -74,7 +79,7 @@ class SignedDistanceChunk(MeshChunk):
             places,
             block,
             cell_m=self.cell_m,
-            trim_m=self.config.trim_spacings * self.spacing_m,
+            trim_m=self._trim_m,
             sight_voxel_m=SIGHT_SPACINGS * self.spacing_m,
         )
 
@@ -96,7 +101,7 @@ class PoissonChunk(MeshChunk):
                 high=block.high,
                 cell_m=self.cell_m,
                 point_weight=self.config.point_weight,
-                trim_m=self.config.trim_spacings * self.spacing_m,
+                trim_m=self._trim_m,
                 normal_radius_m=self.config.normal_spacings * self.spacing_m,
                 normal_neighbours=self.config.normal_neighbours,
                 sight_voxel_m=SIGHT_SPACINGS * self.spacing_m,

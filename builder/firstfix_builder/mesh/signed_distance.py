@@ -16,7 +16,7 @@ from .blocks import Block
 from .mesh import Mesh
 from .orient_normals import orient_normals
 
-REACH_CELLS = 1.75  # less leaves holes in a floor of sparse rings, more joins the faces of a wall
+REACH_CELLS = 2.0  # less leaves holes at the foot of walls and between sparse rings, more rounds corners
 MOST_TRIM_CELLS = 4.0
 
 

@@ -48,8 +48,8 @@ class ReconstructConfig(Stage):
         surface: "signed-distance": where the distance from the planes of the cloud's cells is zero;
             "poisson": screened Poisson; "auto": Poisson with the paper's method, otherwise signed distance.
         cell_m: edge of the finest cell; None: ``cell_spacings`` point spacings.
-        cell_spacings: see ``cell_m``; None: 1.6, or 1.2 with Poisson.
-        trim_spacings: surface further than this from every point is cut away.
+        cell_spacings: see ``cell_m``; None: 1.4, or 1.2 with Poisson.
+        trim_spacings: surface further than this from every point is cut away; None: 1.75, or 2 with Poisson.
         normal_spacings, normal_neighbours: Poisson: radius and largest number of points for estimating a normal.
         point_weight: Poisson: weight of the points against smoothness.
         tile_cells: edge of a tile in cells; its square bounds memory.
@@ -59,7 +59,7 @@ class ReconstructConfig(Stage):
     surface: Literal["auto", "signed-distance", "poisson"] = "auto"
     cell_m: float | None = Field(None, gt=0, le=10)
     cell_spacings: float | None = Field(None, gt=0, le=20)
-    trim_spacings: float = Field(2.0, gt=0, le=100)
+    trim_spacings: float | None = Field(None, gt=0, le=100)
     normal_spacings: float = Field(4.0, gt=1, le=100)
     normal_neighbours: int = Field(20, ge=3, le=200)
     point_weight: float = Field(1.0, ge=0, le=100)

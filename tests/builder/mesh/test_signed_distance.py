@@ -15,7 +15,7 @@ from firstfix_builder.mesh.signed_distance import signed_distance_mesh
 from firstfix_builder.simulation.simulate import Simulator
 
 SPACING_M = 0.1
-CELL_M = 1.6 * SPACING_M
+CELL_M = 1.4 * SPACING_M
 EVERYWHERE = Block(np.array([-100.0, -100.0]), np.array([100.0, 100.0]))
 
 
@@ -34,7 +34,7 @@ def surface(points: NDArray[np.float64], places: list[list[float]], block: Block
         np.array(places, float),
         block,
         cell_m=CELL_M,
-        trim_m=2 * SPACING_M,
+        trim_m=1.75 * SPACING_M,
         sight_voxel_m=1.8 * SPACING_M,
     )
 
@@ -134,5 +134,5 @@ def test_few_points_are_no_surface_or_a_small_one(count: int):
 def test_points_without_a_cell_are_refused(wrong: float):
     points = plane([0, 0, 0], [2, 2, 0])
     points[7, 2] = wrong
-    with pytest.raises(BuildFailed, match="no surface of cells of 0.16 m"):
+    with pytest.raises(BuildFailed, match="no surface of cells of 0.14 m"):
         surface(points, [[0, 0, 1]])
