@@ -101,10 +101,10 @@ class BuildStages(StageRunner):
                 mesh = Mesh.load(read.directory)
             else:
                 points = np.load(read.directory / "points.npy")
-                mesh = joined_mesh(run(mesh_chunks(points, self.config.surface)))
+                mesh = joined_mesh(run(mesh_chunks(points, self.config.reconstruct)))
             TiledMesh.of(mesh).save(out)
 
-        return self._chunked_stage("reconstruct_mesh", {"map": read}, self.config.surface, produce)
+        return self._chunked_stage("reconstruct_mesh", {"map": read}, self.config.reconstruct, produce)
 
     def sample_viewpoints(self, read: StageResult, mesh: StageResult) -> StageResult:
         """The sensor positions of the templates."""

@@ -22,7 +22,9 @@ def room(count: int, seed: int) -> NDArray[np.float64]:
     return points + rng.normal(0, 0.01, points.shape)
 
 
-def towards(means: NDArray[np.float64], normals: NDArray[np.float64], place: list[float]) -> NDArray[np.float64]:
+def towards(
+    means: NDArray[np.float64], normals: NDArray[np.float64], place: list[float]
+) -> NDArray[np.float64]:
     return normals * np.where(((place - means) * normals).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
 
 

@@ -18,7 +18,7 @@ EDGES = [(low, high) for low in range(8) for high in range(8) if (CORNERS[high] 
 def cell_planes(
     points: NDArray[np.float64], cell_m: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Means (m, 3), normals (m, 3), weights (m,) and variances along the axes (m, 3), ascending, of the cells."""
+    """Means (m, 3), normals (m, 3), weights (m,) and variances along the axes (m, 3) of the cells."""
     cell, row = np.unique(np.floor(points / cell_m).astype(int), axis=0, return_inverse=True)
     row = row.ravel()
     first = np.unique(row, return_index=True)[1]

@@ -27,7 +27,7 @@ class Block:
 
 
 def occupied_blocks(points: NDArray[np.float64], side_m: float) -> list[Block]:
-    """Squares of the grid with corners at multiples of the side, those that hold a point of (n, 3), row by row.
+    """Squares with corners at multiples of the side, those that hold a point of (n, 3), row by row.
 
     The grid does not depend on the points: what changes in one block leaves the others as they are.
     """

@@ -106,7 +106,7 @@ def likely_places(
 
 
 class Occupancy:
-    """Voxels of a cloud that hold a point. Their corners are multiples of the voxel's edge, whatever the cloud."""
+    """Voxels of a cloud that hold a point. Their corners are at multiples of the voxel's edge."""
 
     def __init__(self, points: NDArray[np.float64], voxel_m: float) -> None:
         self.voxel_m = voxel_m

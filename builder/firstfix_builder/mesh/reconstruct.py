@@ -26,7 +26,7 @@ SIGHT_RANGE_M = 100.0  # a scanner further than this from a block was not what s
 SIGHT_SPACINGS = 1.8
 CELL_SPACINGS = {"signed-distance": 1.4, "poisson": 1.2}
 TRIM_SPACINGS = {"signed-distance": 1.75, "poisson": 2.0}
-SPACING_STEP = 2**0.25  # the spacing is rounded: a change in one place must not change all cells
+SPACING_STEP = 2**0.125  # the spacing is rounded: a change in one place must not change all cells
 
 
 @dataclass(frozen=True)
@@ -71,9 +71,7 @@ class MeshChunk(Chunk):
 class SignedDistanceChunk(MeshChunk):
     """The surface of one block where the signed distance is zero."""
 
-    def _surface(
-        self, points: NDArray[np.float64], places: NDArray[np.float64] | None, block: Block
-    ) -> Mesh:
+    def _surface(self, points: NDArray[np.float64], places: NDArray[np.float64] | None, block: Block) -> Mesh:
         return signed_distance_mesh(
             points,
             places,
@@ -90,9 +88,7 @@ class PoissonChunk(MeshChunk):
 
     keeps_interpreter: ClassVar[bool] = True
 
-    def _surface(
-        self, points: NDArray[np.float64], places: NDArray[np.float64] | None, block: Block
-    ) -> Mesh:
+    def _surface(self, points: NDArray[np.float64], places: NDArray[np.float64] | None, block: Block) -> Mesh:
         return poisson_tile(
             Tile(
                 points=points,
@@ -111,10 +107,6 @@ class PoissonChunk(MeshChunk):
 
 def mesh_chunks(points: NDArray[np.float64], config: ReconstructConfig) -> list[MeshChunk]:
     """The work for a cloud of (n, 3) cleaned points, block by block.
-
-    Args:
-        points: metres.
-        config: its surface is not "auto".
 
     Raises:
         BuildFailed: too few points.

@@ -1,7 +1,8 @@
-"""One block of the map as a surface: the planes of the cloud's cells, and where the distance from them is zero.
+"""One block of the map as a surface: where the signed distance from the planes of its cells is zero.
 
 The signed distance of a place is the mean over the planes around it, weighted by nearness (H. Hoppe et al.,
-"Surface reconstruction from unorganized points", SIGGRAPH 1992). Surface nets (S. F. Gibson, 1998) make the triangles.
+"Surface reconstruction from unorganized points", SIGGRAPH 1992). Surface nets (S. F. Gibson, 1998) make
+the triangles.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ def signed_distance_mesh(
     trim_m: float,
     sight_voxel_m: float,
 ) -> Mesh:
-    """The surface through (n, 3) points of a block and its margin: the triangles with their middle in the block.
+    """The surface through (n, 3) points of a block and its margin: triangles with their middle in the block.
 
     The cells have corners at multiples of their edge, so neighbours make the same triangles at their border.
 

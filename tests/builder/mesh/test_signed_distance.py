@@ -134,5 +134,5 @@ def test_few_points_are_no_surface_or_a_small_one(count: int):
 def test_points_without_a_cell_are_refused(wrong: float):
     points = plane([0, 0, 0], [2, 2, 0])
     points[7, 2] = wrong
-    with pytest.raises(BuildFailed, match="no surface of cells of 0.14 m"):
+    with pytest.raises(BuildFailed, match=r"no surface of cells of 0\.14 m"):
         surface(points, [[0, 0, 1]])
