@@ -12,6 +12,7 @@ NB_MODULE(FIRSTFIX_MODULE, module) {
   module.attr("source_digest") = FIRSTFIX_SOURCE_DIGEST;
   firstfix::python::bind_errors();
   firstfix::python::bind_descriptor(module);
+  firstfix::python::bind_mesh(module);
   firstfix::python::bind_registration(module);
   firstfix::python::bind_index(module);
   firstfix::python::bind_retrieval(module);

@@ -6,6 +6,7 @@
 namespace firstfix::python {
 
 void bind_descriptor(nanobind::module_& module);
+void bind_mesh(nanobind::module_& module);
 void bind_registration(nanobind::module_& module);
 void bind_index(nanobind::module_& module);
 void bind_retrieval(nanobind::module_& module);

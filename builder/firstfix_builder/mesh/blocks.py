@@ -26,15 +26,10 @@ class Block:
         return inside[:, 0] & inside[:, 1]
 
 
-def occupied_blocks(points: NDArray[np.float64], max_side_m: float) -> list[Block]:
-    """Blocks that hold a point, row by row; together they cover (n, 3) points.
+def occupied_blocks(points: NDArray[np.float64], side_m: float) -> list[Block]:
+    """Squares with corners at multiples of the side, those that hold a point of (n, 3), row by row.
 
-    The side is the largest that fits the map evenly, so that no sliver is left at its end.
+    The grid does not depend on the points: what changes in one block leaves the others as they are.
     """
-    low = points[:, :2].min(axis=0) - 1.0
-    size = points[:, :2].max(axis=0) + 1.0 - low
-    number = np.ceil(size / max_side_m).astype(np.int64)
-    side = size / number
-    cell = np.clip(((points[:, :2] - low) / side).astype(np.int64), 0, number - 1)
-    occupied = np.unique(cell, axis=0)
-    return [Block(low + c * side, low + (c + 1) * side) for c in occupied]
+    occupied = np.unique(np.floor(points[:, :2] / side_m), axis=0)
+    return [Block(corner * side_m, (corner + 1) * side_m) for corner in occupied]

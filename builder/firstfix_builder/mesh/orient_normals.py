@@ -106,18 +106,19 @@ def likely_places(
 
 
 class Occupancy:
-    """Voxels of a cloud that hold a point."""
+    """Voxels of a cloud that hold a point. Their corners are at multiples of the voxel's edge."""
 
     def __init__(self, points: NDArray[np.float64], voxel_m: float) -> None:
         self.voxel_m = voxel_m
-        self._low = points.min(axis=0)
-        self._size = np.floor((points.max(axis=0) - self._low) / voxel_m).astype(np.int64) + 1
+        cell = np.floor(points / voxel_m).astype(np.int64)
+        self._low = cell.min(axis=0)
+        self._size = cell.max(axis=0) - self._low + 1
         self._grid = np.zeros(int(np.prod(self._size)), bool)
-        self._grid[self._flat(np.floor((points - self._low) / voxel_m).astype(np.int64))] = True
+        self._grid[self._flat(cell - self._low)] = True
 
     def at(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """(n,) whether the voxel of a point is occupied; outside the cloud none is."""
-        cell = np.floor((points - self._low) / self.voxel_m).astype(np.int64)
+        cell = np.floor(points / self.voxel_m).astype(np.int64) - self._low
         inside = ((cell >= 0) & (cell < self._size)).all(axis=1)
         hit = np.zeros(len(points), bool)
         hit[inside] = self._grid[self._flat(cell[inside])]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,24 +19,24 @@ from .blocks import Block, occupied_blocks
 from .clean_cloud import surface_spacing_m
 from .mesh import Mesh
 from .poisson import Tile, poisson_tile
+from .signed_distance import signed_distance_mesh
 
 PLACE_STEP_M = 0.5
 SIGHT_RANGE_M = 100.0  # a scanner further than this from a block was not what saw it
-SIGHT_CELLS = 1.5
+SIGHT_SPACINGS = 1.8
+CELL_SPACINGS = {"signed-distance": 1.4, "poisson": 1.2}
+TRIM_SPACINGS = {"signed-distance": 1.75, "poisson": 2.0}
+SPACING_STEP = 2**0.125  # the spacing is rounded: a change in one place must not change all cells
 
 
 @dataclass(frozen=True)
 class MeshChunk(Chunk):
     """The surface of one block. Reads ``points.npy`` and ``trajectory.npy`` of the stage ``map``.
 
-    Open3D's Poisson keeps the interpreter lock.
-
     Attributes:
         low, high: metres, the block.
-        cell_m, spacing_m: of the finest Poisson cell, and between the cloud's points.
+        cell_m, spacing_m: of the finest cell, and between the cloud's points.
     """
-
-    keeps_interpreter: ClassVar[bool] = True
 
     low: tuple[float, float]
     high: tuple[float, float]
@@ -52,21 +53,56 @@ class MeshChunk(Chunk):
         if trajectory.exists():
             places = _thinned(np.load(trajectory)[:, :3, 3])
             places = places[block.holds(places, SIGHT_RANGE_M)]
-        mesh = poisson_tile(
+        near = points[block.holds(points, self.config.margin_cells * self.cell_m)]
+        mesh = self._surface(near, places, block)
+        return {"vertices": mesh.vertices, "triangles": mesh.triangles}
+
+    @property
+    def _trim_m(self) -> float:
+        return (self.config.trim_spacings or TRIM_SPACINGS[self.config.surface]) * self.spacing_m
+
+    @abstractmethod
+    def _surface(
+        self, points: NDArray[np.float64], places: NDArray[np.float64] | None, block: Block
+    ) -> Mesh: ...
+
+
+@dataclass(frozen=True)
+class SignedDistanceChunk(MeshChunk):
+    """The surface of one block where the signed distance is zero."""
+
+    def _surface(self, points: NDArray[np.float64], places: NDArray[np.float64] | None, block: Block) -> Mesh:
+        return signed_distance_mesh(
+            points,
+            places,
+            block,
+            cell_m=self.cell_m,
+            trim_m=self._trim_m,
+            sight_voxel_m=SIGHT_SPACINGS * self.spacing_m,
+        )
+
+
+@dataclass(frozen=True)
+class PoissonChunk(MeshChunk):
+    """The surface of one block by Poisson. Open3D's keeps the interpreter lock."""
+
+    keeps_interpreter: ClassVar[bool] = True
+
+    def _surface(self, points: NDArray[np.float64], places: NDArray[np.float64] | None, block: Block) -> Mesh:
+        return poisson_tile(
             Tile(
-                points=points[block.holds(points, self.config.margin_cells * self.cell_m)],
+                points=points,
                 places=places,
                 low=block.low,
                 high=block.high,
                 cell_m=self.cell_m,
                 point_weight=self.config.point_weight,
-                trim_m=self.config.trim_spacings * self.spacing_m,
+                trim_m=self._trim_m,
                 normal_radius_m=self.config.normal_spacings * self.spacing_m,
                 normal_neighbours=self.config.normal_neighbours,
-                sight_voxel_m=SIGHT_CELLS * self.cell_m,
+                sight_voxel_m=SIGHT_SPACINGS * self.spacing_m,
             )
         )
-        return {"vertices": mesh.vertices, "triangles": mesh.triangles}
 
 
 def mesh_chunks(points: NDArray[np.float64], config: ReconstructConfig) -> list[MeshChunk]:
@@ -77,10 +113,11 @@ def mesh_chunks(points: NDArray[np.float64], config: ReconstructConfig) -> list[
     """
     if len(points) < 100:
         raise BuildFailed(f"a map of {len(points)} points has no surface")
-    spacing_m = surface_spacing_m(points)
-    cell_m = config.cell_m or config.cell_spacings * spacing_m
+    spacing_m = SPACING_STEP ** round(np.log(surface_spacing_m(points)) / np.log(SPACING_STEP))
+    cell_m = config.cell_m or (config.cell_spacings or CELL_SPACINGS[config.surface]) * spacing_m
+    work = PoissonChunk if config.surface == "poisson" else SignedDistanceChunk
     return [
-        MeshChunk(_pair(block.low), _pair(block.high), cell_m, spacing_m, config)
+        work(_pair(block.low), _pair(block.high), cell_m, spacing_m, config)
         for block in occupied_blocks(points, config.tile_cells * cell_m)
     ]
 

@@ -42,26 +42,30 @@ class CleanConfig(Stage):
 
 
 class ReconstructConfig(Stage):
-    """Poisson reconstruction of the surface. Lengths follow the point spacing unless given.
+    """Reconstruction of the surface. Lengths follow the point spacing unless given.
 
     Attributes:
-        cell_m: edge of the finest Poisson cell; None: ``cell_spacings`` point spacings.
-        cell_spacings: see ``cell_m``.
-        trim_spacings: surface further than this from every point is cut away.
-        normal_spacings, normal_neighbours: radius and largest number of points for estimating a normal.
-        point_weight: weight of the points against smoothness.
+        surface: "poisson": screened Poisson; "signed-distance": where the distance from the planes of the
+            cloud's cells is zero. It takes a small part of Poisson's time. It is at least as exact where the
+            cloud is dense, and keeps more of the stray points of a thin one.
+        cell_m: edge of the finest cell; None: ``cell_spacings`` point spacings.
+        cell_spacings: see ``cell_m``; None: 1.4, or 1.2 with Poisson.
+        trim_spacings: surface further than this from every point is cut away; None: 1.75, or 2 with Poisson.
+        normal_spacings, normal_neighbours: Poisson: radius and largest number of points for a normal.
+        point_weight: Poisson: weight of the points against smoothness.
         tile_cells: edge of a tile in cells; its square bounds memory.
         margin_cells: margin that a tile reads around itself, so that neighbours agree at their border.
     """
 
+    surface: Literal["poisson", "signed-distance"] = "poisson"
     cell_m: float | None = Field(None, gt=0, le=10)
-    cell_spacings: float = Field(1.2, gt=0, le=20)
-    trim_spacings: float = Field(2.0, gt=0, le=100)
+    cell_spacings: float | None = Field(None, gt=0, le=20)
+    trim_spacings: float | None = Field(None, gt=0, le=100)
     normal_spacings: float = Field(4.0, gt=1, le=100)
     normal_neighbours: int = Field(20, ge=3, le=200)
     point_weight: float = Field(1.0, ge=0, le=100)
     tile_cells: int = Field(384, ge=32, le=4096)
-    margin_cells: int = Field(12, ge=2, le=256)
+    margin_cells: int = Field(12, ge=8, le=256)
 
 
 class ViewpointConfig(Stage):

@@ -122,13 +122,14 @@ def test_a_version_is_the_same_as_with_threads(
     assert [key for key in read_by_workers if "/chunks/" in key] == []
 
 
-def test_a_cloud_becomes_the_same_mesh(cluster: DaskCluster, tmp_path: Path):
+@pytest.mark.parametrize("surface", ["signed-distance", "poisson"])
+def test_a_cloud_becomes_the_same_mesh(cluster: DaskCluster, tmp_path: Path, surface: str):
     rng = np.random.default_rng(0)
     points = np.column_stack([rng.uniform(0, 12, (9000, 2)), rng.normal(0, 0.01, 9000)])
     (tmp_path / "map").mkdir()
     np.save(tmp_path / "map" / "points.npy", points)
     read = StageResult("9" * 64, tmp_path / "map", "a" * 64)
-    chunks = mesh_chunks(points, ReconstructConfig(tile_cells=40))
+    chunks = mesh_chunks(points, ReconstructConfig(surface=surface, tile_cells=40))
     assert len(chunks) >= 4
 
     with DaskExecutor(cluster.address, str(tmp_path / "store")) as executor:

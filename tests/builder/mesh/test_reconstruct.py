@@ -19,7 +19,7 @@ from firstfix_builder.simulation.simulate import Simulator
 pytestmark = pytest.mark.slow
 
 HALL = Path(__file__).resolve().parents[4] / "shared" / "data" / "hilti_hall_indoor"
-SMALL_TILES = ReconstructConfig(tile_cells=64)
+SURFACES = ("signed-distance", "poisson")
 
 
 def reconstruct_mesh(
@@ -51,9 +51,22 @@ def trajectory() -> NDArray[np.float64]:
     return np.stack([make_transform(np.eye(3), place) for place in places])
 
 
+@pytest.fixture(scope="module", params=SURFACES)
+def config(request: pytest.FixtureRequest) -> ReconstructConfig:
+    """The config of each surface."""
+    return ReconstructConfig(surface=request.param)
+
+
 @pytest.fixture(scope="module")
-def tiled(cloud: NDArray[np.float64], trajectory: NDArray[np.float64]) -> Mesh:
-    return reconstruct_mesh(cloud, trajectory, SMALL_TILES)
+def small_tiles(config: ReconstructConfig) -> ReconstructConfig:
+    return config.model_copy(update={"tile_cells": 64})
+
+
+@pytest.fixture(scope="module")
+def tiled(
+    cloud: NDArray[np.float64], trajectory: NDArray[np.float64], small_tiles: ReconstructConfig
+) -> Mesh:
+    return reconstruct_mesh(cloud, trajectory, small_tiles)
 
 
 def down(mesh: Mesh, step_m: float = 0.05) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
@@ -79,9 +92,9 @@ def test_there_is_ground_and_a_roof_and_no_bubble(tiled: Mesh):
 
 
 def test_tiles_meet_without_gap_or_double_surface(
-    cloud: NDArray[np.float64], trajectory: NDArray[np.float64], tiled: Mesh
+    cloud: NDArray[np.float64], trajectory: NDArray[np.float64], tiled: Mesh, config: ReconstructConfig
 ):
-    single = reconstruct_mesh(cloud, trajectory, ReconstructConfig())
+    single = reconstruct_mesh(cloud, trajectory, config)
     origins, height = down(tiled)
     _, reference = down(single)
     assert np.isfinite(height).all()  # seams of 0.05 m would be seen by some of 100,000 rays
@@ -98,8 +111,10 @@ def test_tiles_meet_without_gap_or_double_surface(
     assert area(tiled) == pytest.approx(area(single), rel=0.01)
 
 
-def test_without_a_trajectory_the_ground_still_faces_up(cloud: NDArray[np.float64]):
-    mesh = reconstruct_mesh(cloud, None, SMALL_TILES)
+def test_without_a_trajectory_the_ground_still_faces_up(
+    cloud: NDArray[np.float64], small_tiles: ReconstructConfig
+):
+    mesh = reconstruct_mesh(cloud, None, small_tiles)
     distance = Simulator(mesh.vertices, mesh.triangles).distance(cloud)
     assert np.percentile(distance, 95) < 0.08
     a, b, c = (mesh.vertices[mesh.triangles[:, corner]] for corner in range(3))
@@ -108,46 +123,50 @@ def test_without_a_trajectory_the_ground_still_faces_up(cloud: NDArray[np.float6
     assert up[flat][up[flat] > 0].sum() > 0.98 * np.abs(up[flat]).sum()
 
 
-def test_no_surface_where_there_is_no_data(cloud: NDArray[np.float64], trajectory: NDArray[np.float64]):
+def test_no_surface_where_there_is_no_data(
+    cloud: NDArray[np.float64], trajectory: NDArray[np.float64], config: ReconstructConfig
+):
     hole = (cloud[:, 0] > 4) & (cloud[:, 0] < 8) & (cloud[:, 1] > 4) & (cloud[:, 1] < 8)
-    mesh = reconstruct_mesh(cloud[~hole], trajectory, ReconstructConfig())
+    mesh = reconstruct_mesh(cloud[~hole], trajectory, config)
     origin = np.array([[6.0, 6.0, 5.0]])
     assert np.isinf(Simulator(mesh.vertices, mesh.triangles).surfaces_below(origin)[0]).all()
 
 
-def test_far_coordinates_lose_nothing(cloud: NDArray[np.float64], trajectory: NDArray[np.float64]):
+def test_far_coordinates_lose_nothing(
+    cloud: NDArray[np.float64], trajectory: NDArray[np.float64], small_tiles: ReconstructConfig
+):
     shift = np.array([4096.0, -8192.0, 64.0])
     moved = trajectory.copy()
     moved[:, :3, 3] += shift
-    mesh = reconstruct_mesh(cloud + shift, moved, SMALL_TILES)
+    mesh = reconstruct_mesh(cloud + shift, moved, small_tiles)
     distance = Simulator(mesh.vertices - shift, mesh.triangles).distance(cloud)
     assert np.percentile(distance, 95) < 0.08
 
 
-def test_too_few_points_are_refused():
+def test_too_few_points_are_refused(config: ReconstructConfig):
     with pytest.raises(BuildFailed, match="no surface"):
-        reconstruct_mesh(np.random.default_rng(0).random((20, 3)), None, ReconstructConfig())
+        reconstruct_mesh(np.random.default_rng(0).random((20, 3)), None, config)
 
 
 @pytest.mark.parametrize("shape", ["scattered", "line", "vertical line", "one place"])
-def test_points_that_are_no_surface_do_not_crash_the_solver(shape: str):
+def test_points_that_are_no_surface_do_not_crash_the_solver(shape: str, config: ReconstructConfig):
     points = np.random.default_rng(0).random((300, 3)) * 50
     points *= {"scattered": 1, "line": [1, 0, 0], "vertical line": [0, 0, 1], "one place": 0}[shape]
     try:
-        mesh = reconstruct_mesh(points, None, ReconstructConfig())
+        mesh = reconstruct_mesh(points, None, config)
     except BuildFailed:
         return
     assert np.isfinite(mesh.vertices).all()
 
 
-def test_part_of_the_real_hall():
+def test_part_of_the_real_hall(config: ReconstructConfig):
     laspy = pytest.importorskip("laspy")
     if not HALL.exists():
         pytest.skip("needs ../shared/data/hilti_hall_indoor")
     las = laspy.read(HALL / "map_0.05m.laz")
     points = np.column_stack([las.x, las.y, las.z])
     points = clean_cloud(points[(np.abs(points[:, :2]) < 5).all(axis=1)], CleanConfig(voxel_m=0.12))
-    mesh = reconstruct_mesh(points, None, ReconstructConfig())
+    mesh = reconstruct_mesh(points, None, config)
     distance = Simulator(mesh.vertices, mesh.triangles).distance(points)
     assert np.median(distance) < 0.04
     assert np.percentile(distance, 95) < 0.2

@@ -1,0 +1,110 @@
+"""Kernels of a map's surface: planes of cells, and the net where the distance from them is zero."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import firstfix.native as native
+import reference.mesh as oracle
+
+CELL_M = 0.25
+REACH, TRIM = 2.0, 1.25
+
+
+def room(count: int, seed: int) -> NDArray[np.float64]:
+    """Points of a floor and a wall with noise, and some of nothing."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform([-1, -1, 0], [1, 1, 2], (count, 3))
+    points[: count // 2, 2] = 0.03
+    points[count // 2 : -count // 20, 0] = 0.51
+    return points + rng.normal(0, 0.01, points.shape)
+
+
+def towards(
+    means: NDArray[np.float64], normals: NDArray[np.float64], place: list[float]
+) -> NDArray[np.float64]:
+    return normals * np.where(((place - means) * normals).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_planes_of_cells_are_those_of_the_reference(seed: int):
+    points = room(700, seed)
+    means, normals, weights = native.cell_planes(points, CELL_M)
+    expected, axes, number, variance = oracle.cell_planes(points, CELL_M)
+    assert np.allclose(means, expected, atol=1e-12)
+    assert (weights == number).all()
+    clear = variance[:, 1] > 1.2 * variance[:, 0] + 1e-9
+    assert clear.mean() > 0.8
+    assert (np.abs((normals * axes).sum(axis=1))[clear] > 1 - 1e-6).all()
+    assert np.allclose(np.linalg.norm(normals, axis=1), 1)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_net_is_that_of_the_reference(seed: int):
+    means, normals, weights = native.cell_planes(room(500, seed), CELL_M)
+    normals = towards(means, normals, [-0.5, 0.0, 1.0])
+    vertices, triangles = native.surface_net(means, normals, weights, CELL_M, REACH, TRIM)
+    expected, quadrangles = oracle.surface_net(means, normals, weights, CELL_M, REACH, TRIM)
+    assert len(quadrangles) > 30
+    cells = list(map(tuple, np.floor(vertices / CELL_M).astype(int).tolist()))
+    assert sorted(cells) == sorted(expected)
+    assert np.allclose(vertices, [expected[cell] for cell in cells], atol=1e-9)
+
+    def turned(ring: list[tuple[int, int, int]]) -> tuple[tuple[int, int, int], ...]:
+        first = ring.index(min(ring))
+        return tuple(ring[first:] + ring[:first])
+
+    first, second = triangles[::2], triangles[1::2]
+    assert (first[:, [0, 2]] == second[:, [0, 1]]).all()
+    rings = np.column_stack([first, second[:, 2]]).tolist()
+    made = sorted(turned([cells[corner] for corner in ring]) for ring in rings)
+    assert made == sorted(turned(list(ring)) for ring in quadrangles)
+
+
+def test_triangles_face_free_space():
+    points = room(3000, 7)
+    points[:, 0] = -5  # a wall at x = -5, seen from the origin
+    means, normals, weights = native.cell_planes(points, CELL_M)
+    vertices, triangles = native.surface_net(
+        means, towards(means, normals, [0, 0, 1]), weights, CELL_M, REACH, TRIM
+    )
+    a, b, c = (vertices[triangles[:, corner]] for corner in range(3))
+    assert (np.cross(b - a, c - a)[:, 0] > 0).all()
+
+
+def test_nothing_makes_nothing():
+    for points in (np.zeros((0, 3)), np.ones((1, 3)), np.ones((2, 3))):
+        planes = native.cell_planes(points, CELL_M)
+        assert [len(part) for part in planes] == [0, 0, 0]
+        assert [len(part) for part in native.surface_net(*planes, CELL_M, REACH, TRIM)] == [0, 0]
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf, 1e300, CELL_M * 2**20])
+def test_points_that_have_no_cell_are_refused(wrong: float):
+    points = np.zeros((9, 3))
+    points[4, 1] = wrong
+    with pytest.raises(ValueError, match="not finite, or too many cells away"):
+        native.cell_planes(points, CELL_M)
+    with pytest.raises(ValueError, match="not finite, or too many cells away"):
+        native.surface_net(points, np.zeros((9, 3)), np.ones(9), CELL_M, REACH, TRIM)
+
+
+def test_limits_are_checked():
+    planes = native.cell_planes(room(300, 1), CELL_M)
+    for cell_m in (0.0, -1.0, np.nan, np.inf, 1e-300):
+        with pytest.raises(ValueError, match="edge of a cell"):
+            native.cell_planes(room(300, 1), cell_m)
+    for reach, trim in ((0, 1), (5, 1), (np.nan, 1), (1, 0), (1, 1e9), (1, np.nan)):
+        with pytest.raises(ValueError, match="reach and trim"):
+            native.surface_net(*planes, CELL_M, reach, trim)
+    means, normals, weights = planes
+    for bad in (np.nan, 1e9):
+        with pytest.raises(ValueError, match="unit vector"):
+            native.surface_net(means, normals * bad, weights, CELL_M, REACH, TRIM)
+    for bad in (0.0, -1.0, np.nan, np.inf):
+        with pytest.raises(ValueError, match="weight"):
+            native.surface_net(means, normals, weights * bad, CELL_M, REACH, TRIM)
+    with pytest.raises(ValueError, match="one normal and weight"):
+        native.surface_net(means, normals[1:], weights, CELL_M, REACH, TRIM)

@@ -1,0 +1,82 @@
+"""Surfaces of clouds in NumPy: the kernels of ``firstfix.native`` are held against them."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+Cell = tuple[int, int, int]
+
+AROUND = np.array(list(product((-1, 0, 1), repeat=3)))
+CORNERS = np.array(list(product((0, 1), repeat=3)))
+EDGES = [(low, high) for low in range(8) for high in range(8) if (CORNERS[high] - CORNERS[low] >= 0).all()
+         and (CORNERS[high] - CORNERS[low]).sum() == 1]  # fmt: skip
+
+
+def cell_planes(
+    points: NDArray[np.float64], cell_m: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Means (m, 3), normals (m, 3), weights (m,) and variances along the axes (m, 3) of the cells."""
+    cell, row = np.unique(np.floor(points / cell_m).astype(int), axis=0, return_inverse=True)
+    row = row.ravel()
+    first = np.unique(row, return_index=True)[1]
+    rows = []
+    for number in np.argsort(first):
+        off = np.abs(cell[row] - cell[number])
+        near = (off <= 1).all(axis=1)
+        if near.sum() < 3:
+            continue
+        weight = 0.5 ** off[near].sum(axis=1)
+        away = points[near] - np.average(points[near], axis=0, weights=weight)
+        variance, axes = np.linalg.eigh((weight * away.T) @ away / weight.sum())
+        rows.append((points[row == number].mean(axis=0), axes[:, 0], float((row == number).sum()), variance))
+    means, normals, weights, variances = (np.array(column) for column in zip(*rows, strict=True))
+    return means, normals, weights, variances
+
+
+def surface_net(
+    means: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    cell_m: float,
+    reach_cells: float,
+    trim_cells: float,
+) -> tuple[dict[Cell, NDArray[np.float64]], list[tuple[Cell, Cell, Cell, Cell]]]:
+    """The vertex of each cell that has one, and the quadrangles, each counter-clockwise from free space."""
+
+    def distance(corner: NDArray[np.int64]) -> float | None:
+        off = corner * cell_m - means
+        far = (off**2).sum(axis=1) / (reach_cells * cell_m) ** 2
+        nearness = np.where(far < 1, (1 - far) ** 2, 0) * weights
+        if nearness.sum() == 0:
+            return None
+        return float((nearness * (normals * off).sum(axis=1)).sum() / nearness.sum())
+
+    vertices: dict[Cell, NDArray[np.float64]] = {}
+    for cell in np.unique((np.floor(means / cell_m).astype(int)[:, None] + AROUND).reshape(-1, 3), axis=0):
+        at = [distance(cell + corner) for corner in CORNERS]
+        if None in at:
+            continue
+        crossings = [
+            CORNERS[low] + (CORNERS[high] - CORNERS[low]) * at[low] / (at[low] - at[high])
+            for low, high in EDGES
+            if (at[low] < 0) != (at[high] < 0)
+        ]
+        if crossings:
+            vertex = (cell + np.mean(crossings, axis=0)) * cell_m
+            if np.linalg.norm(means - vertex, axis=1).min() <= trim_cells * cell_m:
+                vertices[tuple(cell.tolist())] = vertex
+    quadrangles = []
+    for cell in vertices:
+        for axis in range(3):
+            step = np.eye(3, dtype=int)
+            below, above = distance(np.array(cell)), distance(np.array(cell) + step[axis])
+            if below is None or above is None or (below < 0) == (above < 0):
+                continue
+            u, v = step[(axis + 1) % 3], step[(axis + 2) % 3]
+            ring = [tuple((np.array(cell) - back).tolist()) for back in (0 * u, u, u + v, v)]
+            if all(corner in vertices for corner in ring):
+                quadrangles.append(tuple(ring if below < 0 else ring[::-1]))
+    return vertices, quadrangles
