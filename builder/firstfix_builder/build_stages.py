@@ -22,18 +22,19 @@ from firstfix.engine.retrieval.clusters import Clusters
 from firstfix.engine.retrieval.templates import Templates
 from firstfix.transform import inverse, make_transform, transform_points
 
-from .execution.content_hash import content_hash
 from .execution.stage_cache import StageResult
 from .execution.stage_runner import RunChunks, StageRunner
 from .index.index_files import write_index_files
 from .index.learn_keys import learn_keys
 from .mesh.clean_cloud import clean_cloud
 from .mesh.level import level_frame
-from .mesh.map_tiles import by_tiles
+from .mesh.map_tiles import by_nested_tiles
 from .mesh.mesh import Mesh
 from .mesh.reconstruct import joined_mesh, mesh_chunks
 from .mesh.tiled_mesh import TiledMesh
+from .places.tiled_points import TiledPoints
 from .read_map import read_map, read_trajectory
+from .read_map.content_hash import content_hash
 from .self_test.localizability import draw_localizability
 from .self_test.reliability import draw_reliability
 from .self_test.run import run_self_test
@@ -42,7 +43,7 @@ from .templates.cluster import cluster_by_pairs, cluster_chunks, cluster_templat
 from .templates.fit_engine import fit_engine
 from .templates.fit_spacing import sample_fitting_viewpoints
 from .templates.linkage import Pairs
-from .templates.make import template_chunks, view_distance_m, write_templates
+from .templates.make import chunk_tile_m, template_chunks, view_distance_m, write_templates
 
 
 @dataclass(frozen=True)
@@ -70,10 +71,8 @@ class BuildStages(StageRunner):
             T_map_level = level_frame(surface) if self.config.level and data.points is not None else np.eye(4)
             T_level_map = inverse(T_map_level)
             if data.points is not None:
-                np.save(
-                    out / "points.npy",
-                    clean_cloud(transform_points(T_level_map, data.points), self.config.clean),
-                )
+                cloud = clean_cloud(transform_points(T_level_map, data.points), self.config.clean)
+                TiledPoints.of(cloud).save(out)
             elif data.vertices is not None and data.triangles is not None:
                 Mesh(transform_points(T_level_map, data.vertices), data.triangles).save(out)
             if poses is not None:
@@ -112,10 +111,11 @@ class BuildStages(StageRunner):
             found, spacing_m = sample_fitting_viewpoints(
                 simulator_of(mesh), self.config.viewpoints, self.config.sensor_model, trajectory_of(read)
             )
-            order, start = by_tiles(found.positions, self.config.viewpoints.tile_m)
+            tile_m = self.config.viewpoints.tile_m
+            order, start = by_nested_tiles(found.positions, tile_m, chunk_tile_m(tile_m, spacing_m))
             np.save(out / "positions.npy", found.positions[order])
             np.save(out / "floor_z.npy", found.floor_z[order])
-            np.save(out / "tile_start.npy", start)
+            np.save(out / "chunk_start.npy", start)
             np.save(out / "spacing_m.npy", spacing_m)
 
         chosen = {
@@ -153,7 +153,9 @@ class BuildStages(StageRunner):
             positions = np.load(viewpoints.directory / "positions.npy")
             chunks = template_chunks(
                 positions,
-                np.load(viewpoints.directory / "tile_start.npy"),
+                np.load(viewpoints.directory / "chunk_start.npy"),
+                self.config.viewpoints.tile_m,
+                float(np.load(viewpoints.directory / "spacing_m.npy")),
                 self.config.sensor_model.coarser(self.config.simulate.max_rays),
                 engine.descriptor,
             )

@@ -21,6 +21,7 @@ from firstfix.engine.index import ENGINE_FILE, MAP_FILE
 from firstfix.engine.retrieval.clusters import Clusters
 
 from .build_stages import BuildStages
+from .execution.chunk_cache import ChunkCache
 from .execution.chunk_executor import ChunkExecutor
 from .execution.die_with_parent import die_with_parent
 from .execution.local_executor import LocalExecutor
@@ -81,7 +82,8 @@ def build_version(
         ThreadPoolExecutor(os.cpu_count()) as threads,
         _chunk_executor(cluster, work, threads) as executor,
     ):
-        build = BuildStages(StageCache(work, shared=shared), executor, progress, cancelled, config, threads)
+        cache = StageCache(work, shared=shared)
+        build = BuildStages(cache, ChunkCache(cache, executor, shared), progress, cancelled, config, threads)
         read = build.read_map(source, trajectory)
         mesh = build.reconstruct_mesh(read)
         viewpoints = build.sample_viewpoints(read, mesh)
@@ -111,7 +113,8 @@ def read_source(
     """
     with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(1) as threads:
         executor = LocalExecutor(work, threads, threads)
-        build = BuildStages(StageCache(work, shared=shared), executor, progress, cancelled, config, threads)
+        cache = StageCache(work, shared=shared)
+        build = BuildStages(cache, ChunkCache(cache, executor), progress, cancelled, config, threads)
         build.read_map(source, trajectory)
 
 
@@ -126,7 +129,9 @@ def _chunk_executor(cluster: Cluster | None, work: Path, threads: Executor) -> I
     with ProcessPoolExecutor(
         os.cpu_count(), mp_context=get_context("spawn"), initializer=die_with_parent
     ) as processes:
-        yield LocalExecutor(work, threads, processes)
+        near = LocalExecutor(work, threads, processes)
+        yield near
+        near.prune()
 
 
 def _collect(

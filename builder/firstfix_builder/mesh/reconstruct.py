@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import ClassVar
 
@@ -14,6 +15,8 @@ from firstfix.builds.config import ReconstructConfig
 from firstfix.errors import BuildFailed
 
 from ..execution.chunks import Arrays, Chunk
+from ..execution.stage_cache import StageResult
+from ..places.tiled_points import TiledPoints
 from .blocks import Block, occupied_blocks
 from .clean_cloud import surface_spacing_m
 from .mesh import Mesh
@@ -26,7 +29,7 @@ SIGHT_CELLS = 1.5
 
 @dataclass(frozen=True)
 class MeshChunk(Chunk):
-    """The surface of one block. Reads ``points.npy`` and ``trajectory.npy`` of the stage ``map``.
+    """The surface of one block. Reads the points near it, and the poses, of the stage ``map``.
 
     Open3D's Poisson keeps the interpreter lock.
 
@@ -45,16 +48,12 @@ class MeshChunk(Chunk):
 
     def run(self, inputs: Mapping[str, Path]) -> Arrays:
         """Returns the block's vertices and triangles."""
-        points = np.load(inputs["map"] / "points.npy", mmap_mode="r")
         block = Block(np.array(self.low), np.array(self.high))
-        trajectory = inputs["map"] / "trajectory.npy"
-        places = None
-        if trajectory.exists():
-            places = _thinned(np.load(trajectory)[:, :3, 3])
-            places = places[block.holds(places, SIGHT_RANGE_M)]
+        points = TiledPoints.load(inputs["map"]).near(*self._reach)
+        places = self._places(inputs["map"])
         mesh = poisson_tile(
             Tile(
-                points=points[block.holds(points, self.config.margin_cells * self.cell_m)],
+                points=points[block.holds(points, self._margin_m)],
                 places=places,
                 low=block.low,
                 high=block.high,
@@ -67,6 +66,32 @@ class MeshChunk(Chunk):
             )
         )
         return {"vertices": mesh.vertices, "triangles": mesh.triangles}
+
+    def reads(self, inputs: Mapping[str, StageResult]) -> Mapping[str, str]:
+        """Hashes of the points and of the poses that the block depends on."""
+        folder = inputs["map"].directory
+        places = self._places(folder)
+        return {
+            "points": TiledPoints.load(folder).digest_near(*self._reach),
+            "places": "none" if places is None else sha256(places.tobytes()).hexdigest(),
+        }
+
+    @property
+    def _margin_m(self) -> float:
+        return self.config.margin_cells * self.cell_m
+
+    @property
+    def _reach(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The (2,) corners of the block with its margin."""
+        return np.array(self.low) - self._margin_m, np.array(self.high) + self._margin_m
+
+    def _places(self, folder: Path) -> NDArray[np.float64] | None:
+        """(m, 3) where the scanner was near the block; None: the map has no poses."""
+        trajectory = folder / "trajectory.npy"
+        if not trajectory.exists():
+            return None
+        places = _thinned(np.load(trajectory)[:, :3, 3])
+        return places[Block(np.array(self.low), np.array(self.high)).holds(places, SIGHT_RANGE_M)]
 
 
 def mesh_chunks(points: NDArray[np.float64], config: ReconstructConfig) -> list[MeshChunk]:

@@ -151,6 +151,9 @@ def run_job(flows: Flows, job: dict[str, Any], work: Path, speaker: Speaker, lin
         def mark_cached(self, stage: str) -> None:
             speaker.say(cached=stage)
 
+        def mark_chunks(self, stage: str, count: int, reused: int) -> None:
+            speaker.say(chunks=[stage, count, reused])
+
     with Trace(job["build_id"], "", job["traceparent"], {}) as trace:
 
         def progress(stage: str, fraction: float) -> None:

@@ -2,8 +2,8 @@
 
 to the build    {"job": {...}}, {"cancel": true}, {"answer": ...} to the last "fetch" or "share"
 from the build  {"confined": [what the kernel has no means for]}, {"stage": name, "done": 0..1},
-                {"cached": stage}, {"fetch": key}, {"share": [key, stage, folder]},
-                {"built": true} or {"failed": {"code", "detail"}}
+                {"cached": stage}, {"chunks": [stage, number, reused]}, {"fetch": key},
+                {"share": [key, stage, folder]}, {"built": true} or {"failed": {"code", "detail"}}
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ from firstfix.builds.shared_stages import SharedStages
 from firstfix.catalog.manifest import FILE_NAME, MAX_BYTES, Manifest
 from firstfix.errors import BuildFailed, CorruptVersion, FirstfixError
 
-from ..execution.build_trace import current_build, mark_cached
+from ..execution.build_trace import current_build, mark_cached, mark_chunks
 from ..execution.stage_names import STAGES
 from ..job.build_job import BuildJob
 from .failures import as_error, of_exit
@@ -225,6 +225,10 @@ class SandboxedBuild:
                 progress(stage, done)
             case {"cached": str(stage)} if stage in STAGES:
                 mark_cached(stage)
+            case {"chunks": [str(stage), int(count), int(reused)]} if (
+                stage in STAGES and 0 <= reused <= count
+            ):
+                mark_chunks(stage, count, reused)
             case {"fetch": str(key)}:
                 speaker.say(answer=self._fetch(key))
             case {"share": [str(key), str(name), str(folder)]}:

@@ -31,13 +31,16 @@ def fit_engine(
     spacing_m: float,
     T_map_level: Matrix,
 ) -> EngineConfig:
-    """Lengths scale with the map's own resolution and with the place's size.
+    """Lengths scale with the map's own resolution and with the place's size, both in coarse steps.
+
+    So a change of one part of a map usually leaves them as they are, and with them what was made elsewhere.
 
     Args:
         map_spacing_m: median distance between neighbouring map points.
         view_m: how far one sees (``templates.view_distance_m``).
         spacing_m: between templates.
     """
+    map_spacing_m, view_m = stepped(map_spacing_m, 12), stepped(view_m, 6)
     voxel_m = round(float(np.clip(1.25 * map_spacing_m, 0.1, 0.3)), 3)
     source_m = round(2.5 * voxel_m, 3)
     paper = overrides.method == "paper"
@@ -67,3 +70,8 @@ def fit_engine(
         spacing_m=spacing_m,
         T_map_level=tuple(float(v) for v in T_map_level.ravel()),
     )
+
+
+def stepped(value: float, per_octave: int) -> float:
+    """The nearest power of 2 ** (1 / per_octave) to a positive value."""
+    return float(2 ** (round(np.log2(value) * per_octave) / per_octave))

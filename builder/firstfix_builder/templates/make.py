@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -17,14 +19,19 @@ from firstfix.engine.retrieval.templates import PREFIX
 from firstfix.sensor import SensorModel
 
 from ..execution.chunks import Arrays, Chunk
+from ..execution.stage_cache import StageResult
+from ..places.surface_cells import FILE as SURFACE_CELLS
+from ..places.surface_cells import SurfaceCells
 from ..simulation.local_simulator import local_simulator
 from ..simulation.rays import Rays
 from ..simulation.simulate import Simulator
 from ..viewpoints.even_sample import rows_by_place
 
 SCANS_AT_ONCE = 128
-MIN_CHUNKS = 32  # so that many machines find work, where there are viewpoints enough
-MAX_CHUNK = 1024  # viewpoints: some seconds' work, which is what the loss of a worker costs
+CHUNK_SPACINGS = (
+    16  # edge of a chunk's tile in template spacings: a second's work, and what a local change costs
+)
+REACH_MARGIN_M = 0.1  # above the rounding of single precision
 _VIEW_VIEWPOINTS, _VIEW_CELL_M = 200, 2.0  # that tell how far one sees
 
 
@@ -71,31 +78,28 @@ def view_distance_m(simulator: Simulator, positions: NDArray[np.floating], senso
 
 @dataclass(frozen=True)
 class TemplatesChunk(Chunk):
-    """The templates of some viewpoints of one tile of the map. Reads the stages ``mesh`` and ``viewpoints``.
+    """The templates of the viewpoints of one tile of the map. Reads the stages ``mesh`` and ``viewpoints``.
 
     Attributes:
         first, last: rows of the viewpoints.
-        low, high: metres, the box in x and y of all the tile's viewpoints: chunks of a tile see the same
-            part of the mesh.
+        tile: number of the tile in x and y.
+        tile_m: its edge.
+        shared_m: edge of the larger tiles whose chunks share a part of the mesh.
     """
 
     first: int
     last: int
-    low: tuple[float, float]
-    high: tuple[float, float]
+    tile: tuple[int, int]
+    tile_m: float
+    shared_m: float
     sensor: SensorModel
     descriptor: DescriptorConfig
 
     def run(self, inputs: Mapping[str, Path]) -> Arrays:
         """Returns the arrays of the chunk's templates."""
-        positions, floor_z = (
-            np.load(inputs["viewpoints"] / f"{name}.npy", mmap_mode="r")[self.first : self.last]
-            for name in ("positions", "floor_z")
-        )
+        positions, floor_z = self._viewpoints(inputs["viewpoints"])
         height_m = positions[:, 2] - floor_z
-        simulator = local_simulator(
-            inputs["mesh"], np.array(self.low), np.array(self.high), self.sensor.max_range_m
-        )
+        simulator = local_simulator(inputs["mesh"], *self._shared_box, self._reach_m)
         descriptor, rays = self.descriptor.make(), Rays.at_any_heading(self.sensor)
         described = []
         for start in range(0, len(positions), SCANS_AT_ONCE):
@@ -109,25 +113,73 @@ class TemplatesChunk(Chunk):
             **{name: np.concatenate([one[name] for one in described]) for name in descriptor.arrays},
         }
 
+    @property
+    def values(self) -> dict[str, Any]:
+        """Sensor and descriptor. Rows and tiles say where the viewpoints stand, and these are read."""
+        return {"sensor": asdict(self.sensor), "descriptor": self.descriptor}
+
+    def reads(self, inputs: Mapping[str, StageResult]) -> Mapping[str, str]:
+        """Hashes of the viewpoints, and of the surface that the descriptor can see from there."""
+        low = np.array(self.tile) * self.tile_m
+        cells = _surface_cells(inputs["mesh"].directory)
+        positions, floor_z = self._viewpoints(inputs["viewpoints"].directory)
+        return {
+            "viewpoints": sha256(positions.tobytes() + floor_z.tobytes()).hexdigest(),
+            "mesh": cells.digest_within(low, low + self.tile_m, self._reach_m),
+        }
+
+    def _viewpoints(self, folder: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(n, 3) positions and (n,) heights of the floor."""
+        positions, floor_z = (
+            np.load(folder / f"{name}.npy", mmap_mode="r")[self.first : self.last]
+            for name in ("positions", "floor_z")
+        )
+        return positions, floor_z
+
+    @property
+    def _reach_m(self) -> float:
+        """Horizontal distance beyond which a return is in no cell of the descriptor."""
+        return min(self.sensor.max_range_m, self.descriptor.grid.max_range_m + REACH_MARGIN_M)
+
+    @property
+    def _shared_box(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The (2,) corners of the larger tile."""
+        low = np.floor((np.array(self.tile) + 0.5) * self.tile_m / self.shared_m) * self.shared_m
+        return low, low + self.shared_m
+
+
+@lru_cache(2)
+def _surface_cells(mesh: Path) -> SurfaceCells:
+    return SurfaceCells.load(mesh / SURFACE_CELLS)
+
+
+def chunk_tile_m(tile_m: float, spacing_m: float) -> float:
+    """Edge of the tiles of chunks, of which a tile of the map holds a whole number."""
+    return tile_m / np.ceil(tile_m / (CHUNK_SPACINGS * spacing_m))
+
 
 def template_chunks(
     positions: NDArray[np.float64],
-    tile_start: NDArray[np.int64],
+    chunk_start: NDArray[np.int64],
+    tile_m: float,
+    spacing_m: float,
     sensor: SensorModel,
     descriptor: DescriptorConfig,
 ) -> list[TemplatesChunk]:
-    """The work for (n, 3) viewpoints that stand tile by tile; no chunk has viewpoints of two tiles."""
-    rows = min(max(-(-len(positions) // MIN_CHUNKS), SCANS_AT_ONCE), MAX_CHUNK)
+    """The work for (n, 3) viewpoints that stand in nested tiles (``by_nested_tiles``).
+
+    Chunks depend on their place alone: what is added elsewhere makes no other chunks of the rest.
+
+    Args:
+        chunk_start: rows at which the tiles of chunks start.
+        tile_m: edge of the tiles of the map.
+        spacing_m: between viewpoints.
+    """
+    side_m = chunk_tile_m(tile_m, spacing_m)
     chunks = []
-    for first, last in pairwise(tile_start.tolist()):
-        tile = positions[first:last, :2]
-        (west, south), (east, north) = tile.min(axis=0).tolist(), tile.max(axis=0).tolist()
-        for start in range(first, last, rows):
-            chunks.append(
-                TemplatesChunk(
-                    start, min(start + rows, last), (west, south), (east, north), sensor, descriptor
-                )
-            )
+    for first, last in pairwise(chunk_start.tolist()):
+        column, row = np.floor(positions[first, :2] / side_m).astype(int).tolist()
+        chunks.append(TemplatesChunk(first, last, (column, row), side_m, tile_m, sensor, descriptor))
     return chunks
 
 

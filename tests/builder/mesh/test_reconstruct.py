@@ -14,6 +14,7 @@ from firstfix.transform import make_transform
 from firstfix_builder.mesh.clean_cloud import clean_cloud
 from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.mesh.reconstruct import joined_mesh, mesh_chunks
+from firstfix_builder.places.tiled_points import TiledPoints
 from firstfix_builder.simulation.simulate import Simulator
 
 pytestmark = pytest.mark.slow
@@ -27,7 +28,7 @@ def reconstruct_mesh(
 ) -> Mesh:
     """All of the stage in this thread."""
     with tempfile.TemporaryDirectory() as folder:
-        np.save(Path(folder) / "points.npy", points)
+        TiledPoints.of(points).save(Path(folder))
         if trajectory is not None:
             np.save(Path(folder) / "trajectory.npy", trajectory)
         return joined_mesh(chunk.run({"map": Path(folder)}) for chunk in mesh_chunks(points, config))
