@@ -96,14 +96,16 @@ class BuildTrace:
             self._stage = stage
 
     def mark_cached(self, stage: str) -> None:
-        """Notes that the stage's result came from the cache."""
+        """Notes that the result of the stage that is under way came from the cache."""
         with self._lock:
-            self._cached.add(stage)
+            if stage == self._stage:  # not one of the provisional version's, which are no stages of their own
+                self._cached.add(stage)
 
     def mark_chunks(self, stage: str, count: int, reused: int) -> None:
         """Notes how many chunks the stage has, and how many of them an earlier build had made."""
         with self._lock:
-            self._chunks[stage] = count, reused
+            if stage == self._stage:
+                self._chunks[stage] = count, reused
 
     def end(self, state: str, error_code: str | None = None) -> None:
         """The build is over; the first call counts."""
