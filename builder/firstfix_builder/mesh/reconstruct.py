@@ -16,6 +16,7 @@ from firstfix.errors import BuildFailed
 
 from ..execution.chunks import Arrays, Chunk
 from ..execution.stage_cache import StageResult
+from ..places.steps import SPACING_STEPS, stepped
 from ..places.tiled_points import TiledPoints
 from .blocks import Block, occupied_blocks
 from .clean_cloud import surface_spacing_m
@@ -102,7 +103,7 @@ def mesh_chunks(points: NDArray[np.float64], config: ReconstructConfig) -> list[
     """
     if len(points) < 100:
         raise BuildFailed(f"a map of {len(points)} points has no surface")
-    spacing_m = surface_spacing_m(points)
+    spacing_m = stepped(surface_spacing_m(points), SPACING_STEPS)
     cell_m = config.cell_m or config.cell_spacings * spacing_m
     return [
         MeshChunk(_pair(block.low), _pair(block.high), cell_m, spacing_m, config)

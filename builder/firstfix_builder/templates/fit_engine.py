@@ -19,6 +19,8 @@ from firstfix.engine.config import (
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix
 
+from ..places.steps import SPACING_STEPS, VIEW_STEPS, stepped
+
 if TYPE_CHECKING:
     from firstfix.builds.config import EngineOverrides
 
@@ -40,7 +42,7 @@ def fit_engine(
         view_m: how far one sees (``templates.view_distance_m``).
         spacing_m: between templates.
     """
-    map_spacing_m, view_m = stepped(map_spacing_m, 12), stepped(view_m, 6)
+    map_spacing_m, view_m = stepped(map_spacing_m, SPACING_STEPS), stepped(view_m, VIEW_STEPS)
     voxel_m = round(float(np.clip(1.25 * map_spacing_m, 0.1, 0.3)), 3)
     source_m = round(2.5 * voxel_m, 3)
     paper = overrides.method == "paper"
@@ -70,8 +72,3 @@ def fit_engine(
         spacing_m=spacing_m,
         T_map_level=tuple(float(v) for v in T_map_level.ravel()),
     )
-
-
-def stepped(value: float, per_octave: int) -> float:
-    """The nearest power of 2 ** (1 / per_octave) to a positive value."""
-    return float(2 ** (round(np.log2(value) * per_octave) / per_octave))
