@@ -26,14 +26,14 @@ from .execution.stage_cache import StageResult
 from .execution.stage_runner import RunChunks, StageRunner
 from .index.index_files import write_index_files
 from .index.learn_keys import learn_keys
+from .job.provisional import write_prior
 from .mesh.clean_cloud import clean_cloud
 from .mesh.level import level_frame
 from .mesh.map_tiles import by_nested_tiles
 from .mesh.mesh import Mesh
+from .mesh.places.tiled_points import TiledPoints
 from .mesh.reconstruct import joined_mesh, mesh_chunks
 from .mesh.tiled_mesh import TiledMesh
-from .places.tiled_points import TiledPoints
-from .provisional import write_prior
 from .read_map import read_map, read_trajectory
 from .read_map.content_hash import content_hash
 from .self_test.localizability import draw_localizability
@@ -290,7 +290,7 @@ class BuildStages(StageRunner):
         return self._stage("self_test", {"mesh": mesh.digest, "index": index.digest}, chosen, produce)
 
     def assume_prior(self, index: StageResult) -> StageResult:
-        """What takes the place of the self-test in a provisional version: the calibration of no map."""
+        """The calibration of a provisional version, which has no self-test: that of no map in particular."""
         return self._stage("self_test", {"index": index.digest}, {"self_test": "none"}, write_prior)
 
 

@@ -31,7 +31,7 @@ from .execution.stage_cache import StageCache, StageResult, StagesElsewhere
 from .execution.stage_names import PROVISIONAL
 from .execution.stage_names import STAGES as STAGES
 from .execution.stage_runner import Progress
-from .provisional import provisional_config
+from .job.provisional import provisional_config
 from .stage_files import engine_of, link
 
 _log = logging.getLogger(__name__)

@@ -1,4 +1,4 @@
-"""What a build took over from earlier ones, as text."""
+"""Stages and chunks that a build took over from earlier ones, as text."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from firstfix.errors import BuildFailed
 from firstfix.native import column_means
 from firstfix.portable.sample import rows_by_chance
 
-from ..places.steps import SPACING_STEPS, stepped
+from .places.steps import SPACING_STEPS, stepped
 
 SPACING_SAMPLES = 50_000
 RING = 8  # the neighbours of a point of a raster

@@ -16,11 +16,11 @@ from firstfix.errors import BuildFailed
 
 from ..execution.chunks import Arrays, Chunk
 from ..execution.stage_cache import StageResult
-from ..places.steps import SPACING_STEPS, stepped
-from ..places.tiled_points import TiledPoints
 from .blocks import Block, occupied_blocks
 from .clean_cloud import surface_spacing_m
 from .mesh import Mesh
+from .places.steps import SPACING_STEPS, stepped
+from .places.tiled_points import TiledPoints
 from .poisson import Tile, poisson_tile
 
 PLACE_STEP_M = 0.5

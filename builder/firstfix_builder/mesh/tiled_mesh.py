@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..places.surface_cells import SurfaceCells
 from .map_tiles import by_tiles
 from .mesh import Mesh
+from .places.surface_cells import SurfaceCells
 
 TILE_M = 32.0
 

@@ -20,8 +20,8 @@ from firstfix.sensor import SensorModel
 
 from ..execution.chunks import Arrays, Chunk
 from ..execution.stage_cache import StageResult
-from ..places.surface_cells import FILE as SURFACE_CELLS
-from ..places.surface_cells import SurfaceCells
+from ..mesh.places.surface_cells import FILE as SURFACE_CELLS
+from ..mesh.places.surface_cells import SurfaceCells
 from ..simulation.local_simulator import local_simulator
 from ..simulation.rays import Rays
 from ..simulation.simulate import Simulator

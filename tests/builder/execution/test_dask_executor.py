@@ -25,9 +25,9 @@ from firstfix_builder.execution.chunks import ChunkResults
 from firstfix_builder.execution.dask_executor import DaskExecutor
 from firstfix_builder.execution.executor_url import dask_address
 from firstfix_builder.execution.stage_cache import StageCache, StageResult
+from firstfix_builder.mesh.places.tiled_points import TiledPoints
 from firstfix_builder.mesh.reconstruct import joined_mesh, mesh_chunks
 from firstfix_builder.pipeline import BuiltVersion, Cluster, build_version
-from firstfix_builder.places.tiled_points import TiledPoints
 from servers import free_port
 from small_world import CONFIG
 

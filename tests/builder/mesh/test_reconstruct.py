@@ -13,8 +13,8 @@ from firstfix.errors import BuildFailed
 from firstfix.transform import make_transform
 from firstfix_builder.mesh.clean_cloud import clean_cloud
 from firstfix_builder.mesh.mesh import Mesh
+from firstfix_builder.mesh.places.tiled_points import TiledPoints
 from firstfix_builder.mesh.reconstruct import joined_mesh, mesh_chunks
-from firstfix_builder.places.tiled_points import TiledPoints
 from firstfix_builder.simulation.simulate import Simulator
 
 pytestmark = pytest.mark.slow

@@ -118,7 +118,7 @@ class MapState:
 
     @property
     def provisional(self) -> frozenset[str]:
-        """Those of the published versions that are provisional."""
+        """The published versions that are provisional."""
         found = {e.version: e.provisional for e in self.entries if e.event is Event.PUBLISHED}
         return frozenset(version for version in self.published if found.get(version, False))
 

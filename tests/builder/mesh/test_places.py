@@ -12,11 +12,11 @@ from firstfix.engine.config import OccupancyConfig
 from firstfix.sensor import preset
 from firstfix_builder.execution.stage_cache import StageResult
 from firstfix_builder.mesh.mesh import Mesh
+from firstfix_builder.mesh.places.steps import stepped
+from firstfix_builder.mesh.places.surface_cells import CELL_M, FILE, SurfaceCells
+from firstfix_builder.mesh.places.tiled_points import TILE_M, TiledPoints
 from firstfix_builder.mesh.reconstruct import MeshChunk
 from firstfix_builder.mesh.tiled_mesh import TiledMesh
-from firstfix_builder.places.steps import stepped
-from firstfix_builder.places.surface_cells import CELL_M, FILE, SurfaceCells
-from firstfix_builder.places.tiled_points import TILE_M, TiledPoints
 from firstfix_builder.templates.make import TemplatesChunk
 
 RNG = np.random.default_rng(2)
