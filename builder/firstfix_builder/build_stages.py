@@ -26,8 +26,8 @@ from .execution.stage_cache import StageResult
 from .execution.stage_runner import RunChunks, StageRunner
 from .index.index_files import write_index_files
 from .index.learn_keys import learn_keys
-from .job.provisional import write_prior
-from .mesh.clean_cloud import clean_cloud
+from .job.provisional import THINNED_M, write_prior
+from .mesh.clean_cloud import clean_cloud, voxel_means
 from .mesh.level import level_frame
 from .mesh.map_tiles import by_nested_tiles
 from .mesh.mesh import Mesh
@@ -91,6 +91,19 @@ class BuildStages(StageRunner):
             "names": [path.name for path in (source, trajectory) if path is not None],
         }
         return self._stage("read_map", inputs, chosen, produce)
+
+    def thin_map(self, read: StageResult) -> StageResult:
+        """The map of ``read_map`` with fewer points, for a provisional version."""
+
+        def produce(out: Path) -> None:
+            for path in read.directory.iterdir():
+                if not path.name.startswith("point"):
+                    link(path, out / path.name)
+            if (read.directory / "points.npy").exists():
+                cloud = voxel_means(np.load(read.directory / "points.npy"), THINNED_M)
+                TiledPoints.of(cloud).save(out)
+
+        return self._stage("read_map", {"map": read.digest}, {"thinned_m": THINNED_M}, produce)
 
     def reconstruct_mesh(self, read: StageResult) -> StageResult:
         """The surface of the map, in tiles. A source that is a mesh stays as it is."""

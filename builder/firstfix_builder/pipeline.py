@@ -114,13 +114,13 @@ def _provisional(build: BuildStages, read: StageResult, work: Path) -> BuiltVers
 
     Its stages count as one.
     """
-    names = STAGES[STAGES.index("read_map") + 1 :]
 
     def progress(stage: str, fraction: float) -> None:
-        build.progress(PROVISIONAL, (names.index(stage) + fraction) / len(names))
+        build.progress(PROVISIONAL, (STAGES.index(stage) + fraction) / len(STAGES))
 
     coarse = replace(build, config=provisional_config(build.config), progress=progress)
     try:
+        read = coarse.thin_map(read)
         mesh = coarse.reconstruct_mesh(read)
         viewpoints = coarse.sample_viewpoints(read, mesh)
         fitted = coarse.fit_engine(read, mesh, viewpoints)

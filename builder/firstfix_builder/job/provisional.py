@@ -11,7 +11,9 @@ from firstfix.engine.false_accept_bound import FILE_NAME as BOUND_FILE
 from firstfix.engine.false_accept_bound import FalseAcceptBound
 from firstfix.engine.index import CALIBRATION_FILE
 
-COARSER = 2.0  # cells of the surface, against the full version's
+THINNED_M = 0.16  # between points
+COARSER = 1.5  # cells of the surface, against those that follow the points' spacing
+BLOCK_CELLS = 192  # edge of a block of the surface: small ones, so that all processors work
 SPACING_M = 1.5  # of templates, at least
 MAX_RAYS = 4096  # of a simulated scan
 NEAR_TRAJECTORY_M = 4.0
@@ -20,8 +22,7 @@ NEAR_TRAJECTORY_M = 4.0
 def provisional_config(config: BuildConfig) -> BuildConfig:
     """The config of the provisional version: the same place and sensor, with a fraction of the work.
 
-    The surface is coarser. Templates stand further apart, and near the trajectory if there is one. Keys are
-    not learned.
+    Templates stand further apart, and near the trajectory if there is one. Keys are not learned.
     """
     reconstruct, viewpoints = config.reconstruct, config.viewpoints
     near_m = min(viewpoints.max_distance_to_trajectory_m or NEAR_TRAJECTORY_M, NEAR_TRAJECTORY_M)
@@ -31,6 +32,7 @@ def provisional_config(config: BuildConfig) -> BuildConfig:
                 update={
                     "cell_m": None if reconstruct.cell_m is None else COARSER * reconstruct.cell_m,
                     "cell_spacings": COARSER * reconstruct.cell_spacings,
+                    "tile_cells": min(reconstruct.tile_cells, BLOCK_CELLS),
                 }
             ),
             "viewpoints": viewpoints.model_copy(
