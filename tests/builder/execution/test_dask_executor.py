@@ -231,7 +231,7 @@ def test_a_scheduler_that_stays_away_is_named_and_the_next_build_goes_on(
             driver.end()
         gate.touch()
         store = Store.open(str(tmp_path / "store"))
-        assert ChunkResults(store).made() == {keyed(chunk).key for chunk in chunks[:5]}
+        assert ChunkResults(store).made() - {numbers.key} == {keyed(chunk).key for chunk in chunks[:5]}
         cluster.start_scheduler()
         cluster.start_worker()
         assert Driver(cluster, tmp_path / "store", chunks, numbers).end() == list(range(6))
