@@ -22,18 +22,20 @@ from firstfix.engine.retrieval.clusters import Clusters
 from firstfix.engine.retrieval.templates import Templates
 from firstfix.transform import inverse, make_transform, transform_points
 
-from .execution.content_hash import content_hash
 from .execution.stage_cache import StageResult
 from .execution.stage_runner import RunChunks, StageRunner
 from .index.index_files import write_index_files
 from .index.learn_keys import learn_keys
-from .mesh.clean_cloud import clean_cloud
+from .job.provisional import THINNED_M, write_prior
+from .mesh.clean_cloud import clean_cloud, voxel_means
 from .mesh.level import level_frame
-from .mesh.map_tiles import by_tiles
+from .mesh.map_tiles import by_nested_tiles
 from .mesh.mesh import Mesh
+from .mesh.places.tiled_points import TiledPoints
 from .mesh.reconstruct import joined_mesh, mesh_chunks
 from .mesh.tiled_mesh import TiledMesh
 from .read_map import read_map, read_trajectory
+from .read_map.content_hash import content_hash
 from .self_test.localizability import draw_localizability
 from .self_test.reliability import draw_reliability
 from .self_test.run import run_self_test
@@ -42,7 +44,7 @@ from .templates.cluster import cluster_by_pairs, cluster_chunks, cluster_templat
 from .templates.fit_engine import fit_engine
 from .templates.fit_spacing import sample_fitting_viewpoints
 from .templates.linkage import Pairs
-from .templates.make import CHUNK_SPACINGS, template_chunks, write_templates
+from .templates.make import chunk_tile_m, template_chunks, write_templates
 from .templates.outlook import view_distance_m
 
 
@@ -71,10 +73,8 @@ class BuildStages(StageRunner):
             T_map_level = level_frame(surface) if self.config.level and data.points is not None else np.eye(4)
             T_level_map = inverse(T_map_level)
             if data.points is not None:
-                np.save(
-                    out / "points.npy",
-                    clean_cloud(transform_points(T_level_map, data.points), self.config.clean),
-                )
+                cloud = clean_cloud(transform_points(T_level_map, data.points), self.config.clean)
+                TiledPoints.of(cloud).save(out)
             elif data.vertices is not None and data.triangles is not None:
                 Mesh(transform_points(T_level_map, data.vertices), data.triangles).save(out)
             if poses is not None:
@@ -92,6 +92,19 @@ class BuildStages(StageRunner):
             "names": [path.name for path in (source, trajectory) if path is not None],
         }
         return self._stage("read_map", inputs, chosen, produce)
+
+    def thin_map(self, read: StageResult) -> StageResult:
+        """The map of ``read_map`` with fewer points, for a provisional version."""
+
+        def produce(out: Path) -> None:
+            for path in read.directory.iterdir():
+                if not path.name.startswith("point"):
+                    link(path, out / path.name)
+            if (read.directory / "points.npy").exists():
+                cloud = voxel_means(np.load(read.directory / "points.npy"), THINNED_M)
+                TiledPoints.of(cloud).save(out)
+
+        return self._stage("read_map", {"map": read.digest}, {"thinned_m": THINNED_M}, produce)
 
     def reconstruct_mesh(self, read: StageResult) -> StageResult:
         """The surface of the map, in tiles. A source that is a mesh stays as it is."""
@@ -113,12 +126,11 @@ class BuildStages(StageRunner):
             found, spacing_m = sample_fitting_viewpoints(
                 simulator_of(mesh), self.config.viewpoints, self.config.sensor_model, trajectory_of(read)
             )
-            by_squares, _ = by_tiles(found.positions, CHUNK_SPACINGS * spacing_m)
-            within, start = by_tiles(found.positions[by_squares], self.config.viewpoints.tile_m)
-            order = by_squares[within]
+            tile_m = self.config.viewpoints.tile_m
+            order, start = by_nested_tiles(found.positions, tile_m, chunk_tile_m(tile_m, spacing_m))
             np.save(out / "positions.npy", found.positions[order])
             np.save(out / "floor_z.npy", found.floor_z[order])
-            np.save(out / "tile_start.npy", start)
+            np.save(out / "chunk_start.npy", start)
             np.save(out / "spacing_m.npy", spacing_m)
 
         chosen = {
@@ -156,9 +168,9 @@ class BuildStages(StageRunner):
             positions = np.load(viewpoints.directory / "positions.npy")
             chunks = template_chunks(
                 positions,
-                np.load(viewpoints.directory / "tile_start.npy"),
+                np.load(viewpoints.directory / "chunk_start.npy"),
                 self.config.viewpoints.tile_m,
-                CHUNK_SPACINGS * engine.spacing_m,
+                float(np.load(viewpoints.directory / "spacing_m.npy")),
                 self.config.sensor_model.coarser(self.config.simulate.max_rays),
                 engine.descriptor,
             )
@@ -290,6 +302,10 @@ class BuildStages(StageRunner):
             "sensor": self.config.sensor_model.to_mapping(),
         }
         return self._stage("self_test", {"mesh": mesh.digest, "index": index.digest}, chosen, produce)
+
+    def assume_prior(self, index: StageResult) -> StageResult:
+        """The calibration of a provisional version, which has no self-test: that of no map in particular."""
+        return self._stage("self_test", {"index": index.digest}, {"self_test": "none"}, write_prior)
 
 
 def _write_json(path: Path, value: Mapping[str, Any]) -> None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import shutil
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -19,15 +20,21 @@ from firstfix.builds.config import BuildConfig
 from firstfix.catalog.manifest import Manifest
 from firstfix.engine.index import ENGINE_FILE, MAP_FILE
 from firstfix.engine.retrieval.clusters import Clusters
+from firstfix.errors import BuildFailed
 
 from .build_stages import BuildStages
+from .execution.chunk_cache import ChunkCache
 from .execution.chunk_executor import ChunkExecutor
 from .execution.die_with_parent import die_with_parent
 from .execution.local_executor import LocalExecutor
 from .execution.stage_cache import StageCache, StageResult, StagesElsewhere
+from .execution.stage_names import PROVISIONAL
 from .execution.stage_names import STAGES as STAGES
 from .execution.stage_runner import Progress
+from .job.provisional import provisional_config
 from .stage_files import engine_of, link
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -61,6 +68,7 @@ def build_version(
     cancelled: Callable[[], bool] = lambda: False,
     shared: StagesElsewhere | None = None,
     cluster: Cluster | None = None,
+    publish_provisional: Callable[[BuiltVersion], None] | None = None,
 ) -> BuiltVersion:
     """Runs every stage that the cache under ``work`` does not hold yet.
 
@@ -69,6 +77,7 @@ def build_version(
         trajectory: poses of the mapping run, if they are not in the source.
         shared: where other machines' finished stages are.
         cluster: whose workers do what can be done side by side; None: threads and processes here.
+        publish_provisional: called with a coarse version as soon as there is one; None: it is not made.
 
     Raises:
         InputError: the source or the trajectory cannot be read.
@@ -81,8 +90,13 @@ def build_version(
         ThreadPoolExecutor(os.cpu_count()) as threads,
         _chunk_executor(cluster, work, threads) as executor,
     ):
-        build = BuildStages(StageCache(work, shared=shared), executor, progress, cancelled, config, threads)
+        cache = StageCache(work, shared=shared)
+        build = BuildStages(cache, ChunkCache(cache, executor, shared), progress, cancelled, config, threads)
         read = build.read_map(source, trajectory)
+        if publish_provisional is not None:
+            early = _provisional(build, read, work)
+            if early is not None:
+                publish_provisional(early)
         mesh = build.reconstruct_mesh(read)
         viewpoints = build.sample_viewpoints(read, mesh)
         fitted = build.fit_engine(read, mesh, viewpoints)
@@ -92,7 +106,34 @@ def build_version(
         learned = build.learn_keys(mesh, templates, engine)
         index = build.build_index(read, mesh, fitted, templates, clusters, learned)
         tested = build.self_test(mesh, index)
-        return _collect(config, read, index, tested, work)
+        return _collect(config, read, index, tested, work / "version")
+
+
+def _provisional(build: BuildStages, read: StageResult, work: Path) -> BuiltVersion | None:
+    """A coarse version of the map; None: none can be made, and the full build will say why.
+
+    Its stages count as one.
+    """
+
+    def progress(stage: str, fraction: float) -> None:
+        build.progress(PROVISIONAL, (STAGES.index(stage) + fraction) / len(STAGES))
+
+    coarse = replace(build, config=provisional_config(build.config), progress=progress)
+    try:
+        read = coarse.thin_map(read)
+        mesh = coarse.reconstruct_mesh(read)
+        viewpoints = coarse.sample_viewpoints(read, mesh)
+        fitted = coarse.fit_engine(read, mesh, viewpoints)
+        engine = engine_of(fitted)
+        templates = coarse.make_templates(mesh, viewpoints, engine)
+        clusters = coarse.cluster(templates, engine)
+        learned = coarse.learn_keys(mesh, templates, engine)
+        index = coarse.build_index(read, mesh, fitted, templates, clusters, learned)
+        tested = coarse.assume_prior(index)
+    except BuildFailed as error:
+        _log.warning("no provisional version: %s", error)
+        return None
+    return _collect(coarse.config, read, index, tested, work / "provisional", provisional=True)
 
 
 def read_source(
@@ -111,7 +152,8 @@ def read_source(
     """
     with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(1) as threads:
         executor = LocalExecutor(work, threads, threads)
-        build = BuildStages(StageCache(work, shared=shared), executor, progress, cancelled, config, threads)
+        cache = StageCache(work, shared=shared)
+        build = BuildStages(cache, ChunkCache(cache, executor), progress, cancelled, config, threads)
         build.read_map(source, trajectory)
 
 
@@ -126,14 +168,21 @@ def _chunk_executor(cluster: Cluster | None, work: Path, threads: Executor) -> I
     with ProcessPoolExecutor(
         os.cpu_count(), mp_context=get_context("spawn"), initializer=die_with_parent
     ) as processes:
-        yield LocalExecutor(work, threads, processes)
+        near = LocalExecutor(work, threads, processes)
+        yield near
+        near.prune()
 
 
 def _collect(
-    config: BuildConfig, read: StageResult, index: StageResult, tested: StageResult, work: Path
+    config: BuildConfig,
+    read: StageResult,
+    index: StageResult,
+    tested: StageResult,
+    directory: Path,
+    *,
+    provisional: bool = False,
 ) -> BuiltVersion:
     """The version's folder with its manifest. Files are linked, not copied, where that works."""
-    directory = work / "version"
     shutil.rmtree(directory, ignore_errors=True)
     directory.mkdir(parents=True)
     for path in sorted([*index.directory.iterdir(), *tested.directory.iterdir()]):
@@ -152,7 +201,8 @@ def _collect(
             "clusters": len(clusters),
             "map_points": len(points),
         },
-        self_test=json.loads((directory / "self_test.json").read_text()),
+        self_test={} if provisional else json.loads((directory / "self_test.json").read_text()),
+        provisional=provisional,
         bounds=(points.min(axis=0), points.max(axis=0)),
     )
     (directory / "manifest.json").write_bytes(manifest.to_json())

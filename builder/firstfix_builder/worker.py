@@ -64,6 +64,7 @@ def build_here(
         cancelled=job.cancelled,
         shared=shared,
         cluster=None if scheduler is None else Cluster(scheduler, store_url),
+        publish_provisional=job.publish_provisional,
     )
 
 
@@ -92,6 +93,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--share-stages",
         action="store_true",
         help="fetch finished stages from the store, and put them there",
+    )
+    parser.add_argument(
+        "--no-provisional",
+        action="store_true",
+        help="publish no provisional version, whatever the build's config says",
     )
     parser.add_argument(
         "--tied-to-stdin", action="store_true", help="stop as on SIGTERM when standard input ends"
@@ -143,6 +149,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             STAGES,
             policy=SourcePolicy(chosen.max_source_bytes, tuple(chosen.source_root), tuple(chosen.source_url)),
             own_process=True,
+            provisional=not chosen.no_provisional,
             tied_to_stdin=chosen.tied_to_stdin,
         )
     except (StoreUnavailable, ClusterUnavailable) as error:

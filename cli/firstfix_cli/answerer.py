@@ -60,6 +60,14 @@ def answerer(
             )
 
 
+def is_provisional(store: str, map_id: str, version: str) -> bool:
+    """Returns whether a version is coarse and untested, until a full one takes its place."""
+    from firstfix.catalog.catalog import Catalog
+    from firstfix.store.store import Store
+
+    return version in Catalog(Store.open(store)).state(map_id).provisional
+
+
 def fetch_active_version(store: str, map_id: str, version: str | None = None) -> tuple[str, Path]:
     """Returns digest and local folder of a map's version, by default the active one.
 
@@ -83,13 +91,14 @@ def _in_process(map_id: str, store: str, encoding: Encoding) -> Answerer:
     from firstfix.scan.descriptor_parameters import DescriptorParameters
     from firstfix_client.steps.scan_body import BodyForm, encoded
 
-    loaded: dict[str | None, tuple[str, Localizer]] = {}
+    loaded: dict[str | None, tuple[str, Localizer, bool]] = {}
 
     def answer(scan: Scan | ScanSequence, options: LocalizeOptions) -> Localization:
         if options.version not in loaded:
             version, directory = fetch_active_version(store, map_id, options.version)
-            loaded[options.version] = version, Localizer(MapIndex.load(directory))
-        version, localizer = loaded[options.version]
+            localizer = Localizer(MapIndex.load(directory))
+            loaded[options.version] = version, localizer, is_provisional(store, map_id, version)
+        version, localizer, provisional = loaded[options.version]
         query: AnyScan = scan
         if encoding != "scan":
             described = encoding == "descriptor"
@@ -97,6 +106,7 @@ def _in_process(map_id: str, store: str, encoding: Encoding) -> Answerer:
             form = BodyForm(encoding, DescriptorParameters.from_engine(engine) if described else None)
             media_type, body = encoded(scan, form, options.gravity)
             query = decode_query(body, media_type)
-        return replace(localizer.localize(query, options), map_id=map_id, map_version=version)
+        found = localizer.localize(query, options)
+        return replace(found, map_id=map_id, map_version=version, map_provisional=provisional)
 
     return answer

@@ -53,4 +53,5 @@ def remote_build(
 
             done = client.wait_for_build(started.build_id, progress=follow)
         report = client.report(map_id, str(done.version))
-    return {**said, "version": done.version, **report}
+        stages = [dict(stage) for stage in client.build_status(started.build_id).stages]
+    return {**said, "version": done.version, **report, "stages": stages}

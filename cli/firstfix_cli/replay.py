@@ -16,7 +16,7 @@ from firstfix.catalog.query_samples import REPLAY, QuerySample, QuerySamples
 from firstfix.errors import FirstfixError
 from firstfix.transform import Matrix, pose_error
 
-from .answerer import fetch_active_version
+from .answerer import fetch_active_version, is_provisional
 from .arguments import client_of
 
 BodyAnswerer = Callable[[QuerySample, bytes, LocalizeOptions], Localization]
@@ -91,16 +91,17 @@ def _in_process(map_id: str, store: str) -> BodyAnswerer:
     from firstfix.engine.index import MapIndex
     from firstfix.engine.localizer import Localizer
 
-    loaded: dict[str | None, tuple[str, Localizer]] = {}
+    loaded: dict[str | None, tuple[str, Localizer, bool]] = {}
 
     def answer(sample: QuerySample, body: bytes, options: LocalizeOptions) -> Localization:
         if options.version not in loaded:
             version, directory = fetch_active_version(store, map_id, options.version)
-            loaded[options.version] = version, Localizer(MapIndex.load(directory))
-        version, localizer = loaded[options.version]
+            localizer = Localizer(MapIndex.load(directory))
+            loaded[options.version] = version, localizer, is_provisional(store, map_id, version)
+        version, localizer, provisional = loaded[options.version]
         plain = undo_content_encoding(body, sample.content_encoding, MAX_DECODED_BYTES)
         found = localizer.localize(decode_query(plain, sample.media_type), options)
-        return replace(found, map_id=map_id, map_version=version)
+        return replace(found, map_id=map_id, map_version=version, map_provisional=provisional)
 
     return answer
 

@@ -44,6 +44,7 @@ _ANSWERS = {
         hypotheses=(Hypothesis(_HERE, AlignmentQuality(0.93, 0.81, 0.004), 0.995, 4711),),
         map_id="hall",
         map_version=_VERSION,
+        map_provisional=True,
     ),
     "ambiguous": Localization(
         Verdict.AMBIGUOUS,

@@ -149,6 +149,10 @@ class Settings(BaseSettings):
         "auto",
         description="confine builds: auto (as far as the kernel can), required, off",
     )
+    provisional_versions: bool = Field(
+        True,
+        description="publish a coarse version first for a map without one; a build's config can forbid it",
+    )
     share_stages: bool | None = Field(
         None,
         description="keep finished build stages in the store; default: true with NATS",

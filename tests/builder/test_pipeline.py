@@ -7,10 +7,13 @@ import sys
 from pathlib import Path
 
 import pytest
+import trimesh
 
 from firstfix.builds.config import BuildConfig
 from firstfix.builds.shared_stages import SharedStages
-from firstfix.errors import BuildCancelled, InvalidOption, MalformedData
+from firstfix.engine.calibration import Calibration
+from firstfix.engine.index import MapIndex
+from firstfix.errors import BuildCancelled, BuildFailed, InvalidOption, MalformedData
 from firstfix.store.store import Store
 from firstfix_builder.pipeline import STAGES, build_version
 from small_world import COARSE_CONFIG
@@ -96,10 +99,35 @@ def test_a_build_goes_on_at_another_machine_from_the_last_finished_stage(
     assert built.manifest.digest == coarse_version.manifest.digest
 
 
-def test_a_build_leaves_no_chunks(coarse_version):
-    folder = coarse_version.directory.parent / "chunks"
-    assert folder.exists()
-    assert [path for path in folder.rglob("*") if path.is_file()] == []
+def test_a_provisional_version_comes_first_and_changes_nothing(small_map, coarse_version, tmp_path):
+    seen, stages = [], []
+
+    def publish(early):
+        seen.append(early)
+        assert MapIndex.load(early.directory).calibration == Calibration()
+
+    full = build_version(
+        small_map,
+        BuildConfig.parse(COARSE_CONFIG),
+        tmp_path / "work",
+        progress=lambda stage, fraction: stages.append(stage),
+        publish_provisional=publish,
+    )
+    assert full.manifest.digest == coarse_version.manifest.digest
+    assert not full.manifest.provisional
+    (early,) = seen
+    assert early.manifest.provisional
+    assert early.manifest.self_test == {}
+    early.manifest.verify_directory(early.directory)
+    in_order = list(dict.fromkeys(stages))
+    assert in_order == [STAGES[0], "provisional", *STAGES[1:]]
+
+
+def test_a_map_without_a_provisional_version_fails_as_it_would_have(tmp_path):
+    pit = tmp_path / "pit.ply"
+    trimesh.Trimesh([[0, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2]], process=False).export(pit)
+    with pytest.raises(BuildFailed, match="no floor"):
+        build_version(pit, BuildConfig(), tmp_path / "work", publish_provisional=pytest.fail)
 
 
 def test_another_config_is_another_version(small_map, coarse_version, coarse_work):

@@ -196,6 +196,66 @@ def test_the_status_is_written_twice_a_second_at_most(place: Place, monkeypatch:
     assert {status["stage"] for status in written[1:-1]} <= {"two", "publish"}
 
 
+@dataclass
+class EarlyPipeline(TinyPipeline):
+    """Hands out a provisional version first, then goes on as ``TinyPipeline``."""
+
+    def __call__(self, job: BuildJob) -> Built:
+        job.progress("one", 1.0)
+        if job.publish_provisional is not None:
+            directory = job.work / "provisional"
+            directory.mkdir(exist_ok=True)
+            (directory / "index.bin").write_bytes(b"coarse")
+            job.progress("provisional", 0.5)
+            job.publish_provisional(Built(directory, Manifest.for_directory(directory, provisional=True)))
+        return super().__call__(job)
+
+
+def test_a_provisional_version_serves_until_the_full_one_is_there(place: Place) -> None:
+    seen: list[tuple[bool, str | None]] = []
+
+    def look(progress: Callable[[str, float], None], cancelled: Callable[[], bool]) -> None:
+        (info,) = place.catalog.versions("hall")
+        wait_until(lambda: place.catalog.build_status("b1")["provisional_version"] is not None)
+        seen.append((info.provisional, place.catalog.build_status("b1")["provisional_version"]))
+        assert place.catalog.active_version("hall") == info.version == seen[0][1]
+
+    assert place.run(EarlyPipeline(act=look)) == 0
+    assert seen[0][0]
+    status = place.catalog.build_status("b1")
+    assert status["provisional_version"] == seen[0][1]
+    (info,) = place.catalog.versions("hall")
+    assert (info.version, info.active, info.provisional) == (status["version"], True, False)
+    place.request("b2")
+    assert place.run(EarlyPipeline(), "b2") == 0
+    assert place.catalog.build_status("b2")["provisional_version"] is None, "the old full version is better"
+
+
+@pytest.mark.parametrize("ends", ["failed", "cancelled"])
+def test_a_build_that_ends_badly_leaves_its_provisional_version(place: Place, ends: str) -> None:
+    def end(progress: Callable[[str, float], None], cancelled: Callable[[], bool]) -> None:
+        raise BuildFailed("no floor") if ends == "failed" else BuildCancelled("enough")
+
+    place.run(EarlyPipeline(act=end))
+    status = place.catalog.build_status("b1")
+    assert status["state"] == ends
+    assert status["version"] is None
+    assert place.catalog.active_version("hall") == status["provisional_version"] is not None
+    assert place.catalog.state("hall").provisional == {status["provisional_version"]}
+    place.request("b2")
+    assert place.run(EarlyPipeline(), "b2") == 0, "the next build makes the full one"
+    assert not place.catalog.state("hall").provisional
+    assert place.catalog.active_version("hall") == place.catalog.build_status("b2")["version"]
+
+
+def test_a_provisional_version_can_be_forbidden(place: Place) -> None:
+    place.request("b2", config={"provisional": False})
+    assert place.run(EarlyPipeline(), "b2") == 0
+    assert place.run(EarlyPipeline(), provisional=False) == 0
+    assert place.catalog.build_status("b1")["provisional_version"] is None
+    assert place.catalog.build_status("b2")["provisional_version"] is None
+
+
 def test_a_cancelled_build_publishes_nothing(place: Place) -> None:
     def until_cancelled(progress: Callable[[str, float], None], cancelled: Callable[[], bool]) -> None:
         place.catalog.request_cancel("b1")

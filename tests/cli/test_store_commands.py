@@ -15,7 +15,8 @@ from firstfix.catalog.manifest import Manifest
 from firstfix.catalog.sources import put_source
 from firstfix.errors import InvalidOption, NotFound
 from firstfix.store.store import Store
-from firstfix_cli.answerer import fetch_active_version
+from firstfix_cli.answerer import fetch_active_version, is_provisional
+from firstfix_cli.build_report import reused_lines
 from firstfix_cli.commands.build import Axis, _given
 from firstfix_cli.main import run
 
@@ -74,6 +75,35 @@ def test_maps_of_a_store(versions, tmp_path, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert [line[0] for line in lines] == ["*", " "]
     assert [line.split()[-2] for line in lines] == versions[::-1]
+
+
+def test_a_provisional_version_is_marked(tmp_path, capsys):
+    (tmp_path / "early").mkdir()
+    manifest = Manifest.for_directory(
+        tmp_path / "early", counts={"templates": 7}, sensor={"name": "vlp-16"}, provisional=True
+    )
+    version = Catalog(Store.open(str(tmp_path / "store"))).publish("hall", tmp_path / "early", manifest)
+    store = ["--store", tmp_path / "store"]
+    assert ended(["maps", "versions", "hall", *store]) == 0
+    (line,) = capsys.readouterr().out.splitlines()
+    assert line.split()[:2] == ["*", version]
+    assert line.split()[-1] == "provisional"
+    assert ended(["maps", "versions", "hall", *store, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["versions"][0]["provisional"] is True
+    assert ended(["maps", "show", "hall", *store]) == 0
+    assert "provisional: coarse and untested" in capsys.readouterr().out
+    assert is_provisional(str(tmp_path / "store"), "hall", version)
+
+
+def test_what_was_taken_over_is_one_line():
+    stages = [
+        {"stage": "read_map", "cached": True, "chunks": 0, "chunks_reused": 0},
+        {"stage": "make_templates", "cached": False, "chunks": 1200, "chunks_reused": 1100},
+        {"stage": "self_test", "cached": False},
+    ]
+    said = "taken over from earlier builds: read_map, 1,100 of 1,200 chunks of make_templates"
+    assert reused_lines(stages) == [said]
+    assert reused_lines(stages[2:]) == []
 
 
 def test_a_store_rolls_back(versions, tmp_path, capsys):

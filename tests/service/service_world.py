@@ -69,12 +69,12 @@ class FakeLocalizer:
         return Localization(Verdict.LOCALIZED, (), T, None, np.eye(6), 0.9, timings_ms={"search": 1.5})
 
 
-def publish(catalog: Catalog, map_id: str, label: str, scratch: Path) -> str:
+def publish(catalog: Catalog, map_id: str, label: str, scratch: Path, *, provisional: bool = False) -> str:
     """Publishes a version whose fake localizer answers x = label, and returns its digest."""
     directory = scratch / f"{map_id}-{label}"
     directory.mkdir(parents=True, exist_ok=True)
     (directory / "label.txt").write_text(label)
-    return catalog.publish(map_id, directory, Manifest.for_directory(directory))
+    return catalog.publish(map_id, directory, Manifest.for_directory(directory, provisional=provisional))
 
 
 def free_port() -> int:

@@ -29,11 +29,15 @@ class StageTime:
     Attributes:
         seconds: from its first tick to the next stage's.
         cached: an earlier run had done it.
+        chunks: number of chunks of a stage that was done; 0: it has none.
+        chunks_reused: number of those that an earlier build had made.
     """
 
     stage: str
     seconds: float
     cached: bool
+    chunks: int = 0
+    chunks_reused: int = 0
 
 
 class BuildTrace:
@@ -60,6 +64,7 @@ class BuildTrace:
         self._stage = ""
         self._since_ns = 0
         self._cached: set[str] = set()
+        self._chunks: dict[str, tuple[int, int]] = {}
         self._outcome: tuple[str, str | None] | None = None
         self._spans: _Spans | None = None
 
@@ -91,9 +96,16 @@ class BuildTrace:
             self._stage = stage
 
     def mark_cached(self, stage: str) -> None:
-        """Notes that the stage's result came from the cache."""
+        """Notes that the result of the stage that is under way came from the cache."""
         with self._lock:
-            self._cached.add(stage)
+            if stage == self._stage:  # not one of the provisional version's, which are no stages of their own
+                self._cached.add(stage)
+
+    def mark_chunks(self, stage: str, count: int, reused: int) -> None:
+        """Notes how many chunks the stage has, and how many of them an earlier build had made."""
+        with self._lock:
+            if stage == self._stage:
+                self._chunks[stage] = count, reused
 
     def end(self, state: str, error_code: str | None = None) -> None:
         """The build is over; the first call counts."""
@@ -112,9 +124,11 @@ class BuildTrace:
     def _end_stage(self, error_code: str | None = None) -> None:
         now_ns = time.time_ns()
         cached = self._stage in self._cached
-        self.stages.append(StageTime(self._stage, round((now_ns - self._since_ns) / 1e9, 3), cached))
+        seconds = round((now_ns - self._since_ns) / 1e9, 3)
+        time_of = StageTime(self._stage, seconds, cached, *self._chunks.get(self._stage, (0, 0)))
+        self.stages.append(time_of)
         if self._spans is not None:
-            self._spans.stage(self._stage, self._since_ns, now_ns, cached, error_code)
+            self._spans.stage(time_of, self._since_ns, now_ns, error_code)
         self._since_ns = now_ns
 
 
@@ -131,6 +145,13 @@ def mark_cached(stage: str) -> None:
     build = current_build()
     if build is not None:
         build.mark_cached(stage)
+
+
+def mark_chunks(stage: str, count: int, reused: int) -> None:
+    """Tells the build that is under way, if any, how many of a stage's chunks needed no work."""
+    build = current_build()
+    if build is not None:
+        build.mark_chunks(stage, count, reused)
 
 
 class _Spans:
@@ -156,11 +177,17 @@ class _Spans:
         )
         self.trace = TraceContext.of(self._build)
 
-    def stage(self, stage: str, start_ns: int, end_ns: int, cached: bool, error_code: str | None) -> None:
+    def stage(self, stage: StageTime, start_ns: int, end_ns: int, error_code: str | None) -> None:
+        attributes: dict[str, bool | int] = {"firstfix.cached": stage.cached}
+        if stage.chunks:
+            attributes |= {
+                "firstfix.chunks": stage.chunks,
+                "firstfix.chunks_reused": stage.chunks_reused,
+            }
         span = self._tracer.start_span(
-            stage,
+            stage.stage,
             self._trace.set_span_in_context(self._build),
-            attributes={"firstfix.cached": cached},
+            attributes=attributes,
             start_time=start_ns,
         )
         if error_code is not None:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
 from firstfix.errors import StoreError
 from firstfix.store.store import Store
 
-from .chunks import Arrays, Chunk, ChunkResults
+from .chunks import Arrays, ChunkResults, KeyedChunk
 from .stage_cache import StageResult
 
 TRIES = 3  # more of a chunk whose result is damaged, or gone when it is read
@@ -20,14 +20,12 @@ class ChunkBatch:
     """Chunks of one stage that are to be run.
 
     Attributes:
-        stage: key of the stage.
         inputs: finished stages that the chunks read, by the chunks' names for them.
         done: called after each chunk.
         cancelled: whether the build is to stop.
     """
 
-    stage: str
-    chunks: Sequence[Chunk]
+    chunks: Sequence[KeyedChunk]
     inputs: Mapping[str, StageResult]
     done: Callable[[], None]
     cancelled: Callable[[], bool]
@@ -38,9 +36,11 @@ class ChunkExecutor(ABC):
 
     Attributes:
         store: takes the results.
+        is_shared: other machines see the store.
     """
 
     store: Store
+    is_shared: bool = False
 
     @abstractmethod
     def run(self, batch: ChunkBatch) -> None:
@@ -56,8 +56,8 @@ class ChunkExecutor(ABC):
 
 def run_chunks(
     executor: ChunkExecutor,
-    stage: str,
-    chunks: Sequence[Chunk],
+    chunks: Sequence[KeyedChunk],
+    made: Set[str],
     inputs: Mapping[str, StageResult],
     progress: Callable[[float], None],
     cancelled: Callable[[], bool],
@@ -65,15 +65,14 @@ def run_chunks(
     """Runs the chunks that have no result yet, then yields the results of all in order, one at a time.
 
     Args:
-        stage: its key.
+        made: keys that have a result.
 
     Raises:
         StoreError: a result is damaged or gone time after time.
         whatever ``ChunkExecutor.run`` raises.
     """
-    results = ChunkResults(executor.store, stage)
-    made = results.made()
-    missing = [chunk for chunk in chunks if chunk.name not in made]
+    results = ChunkResults(executor.store)
+    missing = [chunk for chunk in chunks if chunk.key not in made]
     count = len(chunks) - len(missing)
 
     def done() -> None:
@@ -81,14 +80,14 @@ def run_chunks(
         count += 1
         progress(count / len(chunks))
 
-    batch = ChunkBatch(stage, missing, inputs, done, cancelled)
+    batch = ChunkBatch(missing, inputs, done, cancelled)
     executor.run(batch)
     for chunk in chunks:
-        arrays, tries = results.load(chunk.name), TRIES
+        arrays, tries = results.load(chunk.key), TRIES
         while arrays is None:
             if tries == 0:
-                raise StoreError(f"the store does not keep chunk {chunk.name[:12]} of stage {stage[:12]}")
+                raise StoreError(f"the store does not keep chunk {chunk.key[:12]}")
             tries -= 1
             executor.run(replace(batch, chunks=[chunk], done=lambda: None))
-            arrays = results.load(chunk.name)
+            arrays = results.load(chunk.key)
         yield arrays

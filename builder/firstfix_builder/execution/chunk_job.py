@@ -16,7 +16,7 @@ from firstfix.builds.shared_stages import SharedStages
 from firstfix.errors import BuildFailed
 from firstfix.store.store import Store
 
-from .chunks import Chunk, ChunkResults, make_chunk
+from .chunks import ChunkResults, KeyedChunk, make_chunk
 from .runtime import Runtime, this_runtime
 from .stage_cache import StageCache, StageResult
 
@@ -29,14 +29,12 @@ class ChunkJob:
 
     Attributes:
         store: URL of the store that has the inputs and takes the result.
-        stage: key of the stage that the chunk is a part of.
         inputs: keys of finished stages, by the chunk's names for them.
         runtime: of whoever hands it out.
     """
 
     store: str
-    stage: str
-    chunk: Chunk
+    chunk: KeyedChunk
     inputs: Mapping[str, str]
     runtime: Runtime
 
@@ -55,10 +53,10 @@ def run_job(job: ChunkJob, folder: Path) -> None:
     check_runtime(job.runtime)
     _one_blas_thread()
     store = _opened(job.store)
-    if ChunkResults(store, job.stage).has(job.chunk.name):
+    if ChunkResults(store).has(job.chunk.key):
         return
     inputs = {name: _inputs.get(job.store, key, folder).directory for name, key in job.inputs.items()}
-    make_chunk(store, job.stage, job.chunk, inputs)
+    make_chunk(store, job.chunk, inputs)
 
 
 def check_runtime(wanted: Runtime) -> None:

@@ -52,6 +52,8 @@ class DaskExecutor(ChunkExecutor):
         BuildFailed: a worker has other software versions, or does not see the store.
     """
 
+    is_shared = True
+
     def __init__(self, address: str, store_url: str, *, away_s: float = AWAY_S) -> None:
         where = StoreUrl.parse(store_url)
         if where.scheme == "memory":
@@ -82,11 +84,9 @@ class DaskExecutor(ChunkExecutor):
         for name, result in batch.inputs.items():
             self._shared.put_surely(result.key, name, result.directory)
         keys = {name: result.key for name, result in batch.inputs.items()}
-        left = {chunk.name: chunk for chunk in batch.chunks}
+        left = {chunk.key: chunk for chunk in batch.chunks}
         while left:
-            jobs = [
-                ChunkJob(self._store_url, batch.stage, chunk, keys, this_runtime()) for chunk in left.values()
-            ]
+            jobs = [ChunkJob(self._store_url, chunk, keys, this_runtime()) for chunk in left.values()]
             try:
                 for name in self._ended(jobs, batch.cancelled):
                     del left[name]
@@ -95,12 +95,12 @@ class DaskExecutor(ChunkExecutor):
                 _log.warning("the scheduler at %s is lost with %d chunks to go", self._address, len(left))
                 self._close()
                 self._client = self._connect(batch.cancelled)
-                for name in ChunkResults(self.store, batch.stage).made() & left.keys():
+                for name in ChunkResults(self.store).made() & left.keys():
                     del left[name]
                     batch.done()
 
     def _ended(self, jobs: Sequence[ChunkJob], cancelled: Callable[[], bool]) -> Iterator[str]:
-        """Names of the chunks, each as it ends.
+        """Keys of the chunks, each as it ends.
 
         Raises:
             _SchedulerLost: the rest is to be handed out again.
@@ -109,8 +109,8 @@ class DaskExecutor(ChunkExecutor):
         attempt = uuid.uuid4().hex[:8]
         with _noticing_loss(self._client):
             for job in jobs:
-                key = f"{type(job.chunk).__name__}-{attempt}{job.chunk.name[:24]}"
-                pending[job.chunk.name] = self._client.submit(_run, job, key=key)
+                key = f"{job.chunk.chunk.work}-{attempt}{job.chunk.key[:24]}"
+                pending[job.chunk.key] = self._client.submit(_run, job, key=key)
         watch = _Watch(self._client, self._address, self._away_s)
         try:
             while pending:

@@ -12,25 +12,35 @@ from firstfix.errors import BuildCancelled, BuildFailed, StoreError
 from firstfix.store.store import Store
 
 from .chunk_executor import ChunkBatch, ChunkExecutor
-from .chunks import Chunk, make_chunk
+from .chunks import KeyedChunk, make_chunk
 from .stage_cache import DEFAULT_MAX_AGE_S
 
 POLL_S = 0.5
+DEFAULT_CHUNK_BYTES = 20_000_000_000
 
 
 class LocalExecutor(ChunkExecutor):
-    """Runs chunks here, and keeps results in the build's work folder: a killed build resumes within a stage.
+    """Runs chunks here, and keeps results in the work folder of builds.
+
+    So a killed build resumes within a stage, and the next build of a map finds what has not changed.
 
     Args:
-        work: the build's folder.
+        work: the folder; results in it are removed by age and size (``prune``).
     """
 
-    def __init__(self, work: Path, threads: Executor, processes: Executor) -> None:
+    def __init__(
+        self, work: Path, threads: Executor, processes: Executor, *, max_bytes: int = DEFAULT_CHUNK_BYTES
+    ) -> None:
         self._folder = (work / "chunks").absolute()
         self._threads = threads
         self._processes = processes
         self.store = Store.open(str(self._folder))
-        collect_stages(self.store, DEFAULT_MAX_AGE_S)
+        self._max_bytes = max_bytes
+        self.prune()
+
+    def prune(self) -> None:
+        """Removes results that were unused for too long, then the oldest ones beyond the size."""
+        collect_stages(self.store, DEFAULT_MAX_AGE_S, max_bytes=self._max_bytes)
 
     def run(self, batch: ChunkBatch) -> None:
         """Runs all chunks of the batch in threads or processes of this machine."""
@@ -38,8 +48,8 @@ class LocalExecutor(ChunkExecutor):
         pending = set()
         try:
             for chunk in batch.chunks:
-                pool = self._processes if chunk.keeps_interpreter else self._threads
-                pending.add(pool.submit(_make, str(self._folder), batch.stage, chunk, folders))
+                pool = self._processes if chunk.chunk.keeps_interpreter else self._threads
+                pending.add(pool.submit(_make, str(self._folder), chunk, folders))
             while pending:
                 if batch.cancelled():
                     raise BuildCancelled("cancelled between the chunks of a stage")
@@ -54,9 +64,9 @@ class LocalExecutor(ChunkExecutor):
                 future.cancel()
 
 
-def _make(store: str, stage: str, chunk: Chunk, inputs: Mapping[str, Path]) -> None:
+def _make(store: str, chunk: KeyedChunk, inputs: Mapping[str, Path]) -> None:
     try:
-        make_chunk(_opened(store), stage, chunk, inputs)
+        make_chunk(_opened(store), chunk, inputs)
     except StoreError as error:  # not the store of maps, which may come back
         raise BuildFailed(f"the work folder took no result, its disk may be full: {error}") from None
 

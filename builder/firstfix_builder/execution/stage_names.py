@@ -11,3 +11,4 @@ STAGES = (
     "build_index",
     "self_test",
 )
+PROVISIONAL = "provisional"  # after read_map, where a provisional version is made: all of its stages together

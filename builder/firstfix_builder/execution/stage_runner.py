@@ -9,8 +9,8 @@ from typing import Any
 
 from firstfix.errors import BuildCancelled
 
-from .chunk_executor import ChunkExecutor, run_chunks
-from .chunks import Arrays, Chunk, ChunkResults
+from .chunk_cache import ChunkCache
+from .chunks import Arrays, Chunk
 from .stage_cache import StageCache, StageResult
 
 Progress = Callable[[str, float], None]
@@ -22,12 +22,13 @@ class StageRunner:
     """Runs stages, reports their progress and stops between them when the build is cancelled.
 
     Attributes:
+        chunks: runs the chunks that no build has run.
         progress: called with a stage's name and the share of it that is done.
         cancelled: whether the build is to stop.
     """
 
     cache: StageCache
-    executor: ChunkExecutor
+    chunks: ChunkCache
     progress: Progress
     cancelled: Callable[[], bool]
 
@@ -49,16 +50,13 @@ class StageRunner:
         config: Any,
         produce: Callable[[Path, RunChunks], None],
     ) -> StageResult:
-        """A stage whose chunks the executor runs. No chunk is run twice."""
-        digests = {reads: result.digest for reads, result in inputs.items()}
-        key = self.cache.key_of(name, digests, config)
+        """A stage in chunks. Only those are run whose inputs have changed."""
 
         def run(chunks: Sequence[Chunk]) -> Iterator[Arrays]:
-            return run_chunks(self.executor, key, chunks, inputs, self._ticks(name), self.cancelled)
+            return self.chunks.run(name, chunks, inputs, self._ticks(name), self.cancelled)
 
-        result = self._stage(name, digests, config, lambda out: produce(out, run))
-        ChunkResults(self.executor.store, key).remove()
-        return result
+        digests = {reads: result.digest for reads, result in inputs.items()}
+        return self._stage(name, digests, config, lambda out: produce(out, run))
 
     def _ticks(self, stage: str) -> Callable[[float], None]:
         return lambda fraction: self.progress(stage, fraction)

@@ -21,6 +21,7 @@ class BuildJob:
         work: folder for stages and the version.
         progress: called with a stage's name and the share of it that is done.
         cancelled: whether the build is to stop.
+        publish_provisional: called with a coarse version as soon as there is one; None: it is not made.
     """
 
     source: Path
@@ -29,6 +30,7 @@ class BuildJob:
     work: Path
     progress: Callable[[str, float], None]
     cancelled: Callable[[], bool]
+    publish_provisional: Callable[[Built], None] | None = None
 
 
 class Built(Protocol):

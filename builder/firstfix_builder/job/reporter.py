@@ -17,6 +17,7 @@ import threading
 import time
 from collections.abc import Sequence
 from types import FrameType
+from typing import Any
 
 from firstfix.builds.records import new_status
 from firstfix.catalog.catalog import Catalog
@@ -35,6 +36,9 @@ class BuildReporter:
     """Reports one build while it is used as a context manager.
 
     ``tick`` and ``is_cancelled`` are cheap, and safe from any thread.
+
+    Attributes:
+        provisional_version: digest of what the build has published early, or None; part of every status.
 
     Args:
         stages: all of the build in order: they make the overall progress.
@@ -55,6 +59,7 @@ class BuildReporter:
         own_process: bool = False,
         tied_to_stdin: bool = False,
     ) -> None:
+        self.provisional_version: str | None = catalog.status_or_queued(build_id)["provisional_version"]
         self._catalog = catalog
         self._build_id = build_id
         self._map_id = map_id
@@ -62,7 +67,7 @@ class BuildReporter:
         self._own_process = own_process
         self._stage = stages[0]
         self._progress = 0.0
-        self._written: tuple[str, float] | None = None
+        self._written: tuple[str, float, str | None] | None = None
         self._cancelled = threading.Event()
         self._ended = False
         self._wake_read, self._wake_write = os.pipe()
@@ -130,15 +135,24 @@ class BuildReporter:
                 self._end_process("cancelled", EXIT_CANCELLED)
 
     def _write_status(self) -> None:
-        current = (self._stage, self._progress)
+        current = (self._stage, self._progress, self.provisional_version)
         if current == self._written:
             return
-        status = new_status("running", map_id=self._map_id, stage=current[0], progress=current[1])
+        status = self._status("running")
         self._catalog.set_build_status(self._build_id, status)
         self._written = current
 
+    def _status(self, state: str) -> dict[str, Any]:
+        return new_status(
+            state,
+            map_id=self._map_id,
+            stage=self._stage,
+            progress=self._progress,
+            provisional_version=self.provisional_version,
+        )
+
     def _end_process(self, state: str, code: int) -> None:
-        status = new_status(state, map_id=self._map_id, stage=self._stage, progress=self._progress)
+        status = self._status(state)
         last_word = threading.Thread(
             target=self._catalog.set_build_status, args=(self._build_id, status), daemon=True
         )

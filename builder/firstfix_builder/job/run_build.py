@@ -18,7 +18,8 @@ from firstfix.errors import BuildCancelled, ClusterUnavailable, StoreError, Stor
 from firstfix.store.store import Store
 
 from ..execution.build_trace import BuildTrace
-from .build_job import BuildJob, BuildVersion
+from ..execution.stage_names import PROVISIONAL
+from .build_job import BuildJob, BuildVersion, Built
 from .error_record import error_record
 from .fetch_source import SourceFetch, SourcePolicy, json_object
 from .reporter import EXIT_CANCELLED, BuildReporter
@@ -38,6 +39,7 @@ def run_build(
     policy: SourcePolicy | None = None,
     own_process: bool = False,
     tied_to_stdin: bool = False,
+    provisional: bool = True,
 ) -> int:
     """Runs a build to its end and records the result. A build that has already ended stays as it is.
 
@@ -45,6 +47,7 @@ def run_build(
         work: folder of sources and the stage cache. Builds that share it run one after the other.
         stages: names that ``build_version`` reports.
         own_process, tied_to_stdin: see ``BuildReporter``.
+        provisional: publish a provisional version first, if the config wants it and the map has no full one.
 
     Returns:
         The exit code of the process.
@@ -61,7 +64,11 @@ def run_build(
         state = catalog.build_status(build_id)["state"]
         if state in _EXIT_OF_STATE:
             return _EXIT_OF_STATE[state]
-        all_stages = ("fetch_source", *stages, "publish")
+        config = json_object(request, "config")
+        is_wanted = provisional and config.get("provisional") is not False
+        is_early = is_wanted and not catalog.state(map_id).has_full
+        early = (PROVISIONAL,) if is_early else ()
+        all_stages = ("fetch_source", *stages[:1], *early, *stages[1:], "publish")
         with BuildReporter(
             catalog, build_id, map_id, all_stages, own_process=own_process, tied_to_stdin=tied_to_stdin
         ) as reporter:
@@ -69,6 +76,14 @@ def run_build(
             def tick(stage: str, fraction: float) -> None:
                 reporter.tick(stage, fraction)
                 trace.tick(stage)
+
+            def publish_provisional(built: Built) -> None:
+                if reporter.is_cancelled():
+                    raise BuildCancelled("cancelled before the provisional version was published")
+                version = catalog.publish(map_id, built.directory, built.manifest, build_id=build_id)
+                if version in catalog.state(map_id).provisional:
+                    reporter.provisional_version = version
+                    _log.info("build %s has published the provisional version %s", build_id, version)
 
             tick(all_stages[0], 0.0)
             try:
@@ -79,10 +94,11 @@ def run_build(
                 job = BuildJob(
                     sources["source"],
                     sources.get("trajectory"),
-                    json_object(request, "config"),
+                    config,
                     work,
                     tick,
                     reporter.is_cancelled,
+                    publish_provisional if is_early else None,
                 )
                 built = build_version(job)
                 if reporter.is_cancelled():
@@ -100,7 +116,10 @@ def run_build(
                 )
             except (StoreUnavailable, ClusterUnavailable):
                 with suppress(StoreError):  # not the build's fault: it is to be run again
-                    catalog.set_build_status(build_id, new_status("queued", map_id=map_id))
+                    catalog.set_build_status(
+                        build_id,
+                        new_status("queued", map_id=map_id, provisional_version=reporter.provisional_version),
+                    )
                 raise
             except BuildCancelled:
                 status = new_status("cancelled", map_id=map_id, stage=reporter.stage)
@@ -109,6 +128,7 @@ def run_build(
                 status = new_status(
                     "failed", map_id=map_id, stage=reporter.stage, error=error_record(error, work)
                 )
+        status["provisional_version"] = reporter.provisional_version
         trace.end(status["state"], (status["error"] or {}).get("code"))
         catalog.set_build_stages(build_id, [asdict(stage) for stage in trace.stages])
         catalog.set_build_status(build_id, status)

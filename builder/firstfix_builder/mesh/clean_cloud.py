@@ -11,6 +11,8 @@ from firstfix.errors import BuildFailed
 from firstfix.native import column_means
 from firstfix.portable.sample import rows_by_chance
 
+from .places.steps import SPACING_STEPS, stepped
+
 SPACING_SAMPLES = 50_000
 RING = 8  # the neighbours of a point of a raster
 RING_RADIUS = 2**0.5  # the corners of that ring, in spacings; for random points it is 1.6
@@ -31,7 +33,8 @@ def clean_cloud(points: NDArray[np.float64], config: CleanConfig) -> NDArray[np.
         voxel_m = max(voxel_m * VOXEL_GROWTH, point_spacing_m(cloud))
         cloud = voxel_means(cloud, voxel_m)
     if config.min_neighbours and len(cloud) > config.min_neighbours:
-        cloud = without_strays(cloud, config.radius_spacings * point_spacing_m(cloud), config.min_neighbours)
+        spacing_m = stepped(point_spacing_m(cloud), SPACING_STEPS)
+        cloud = without_strays(cloud, config.radius_spacings * spacing_m, config.min_neighbours)
     if len(cloud) == 0:
         raise BuildFailed("no point of the map is left after cleaning")
     return cloud

@@ -30,6 +30,6 @@ def level_frame(points: NDArray[np.float64]) -> Matrix:
     lean_deg = np.degrees(np.arccos(np.clip(up[2], -1, 1)))
     if not MIN_LEAN_DEG < lean_deg < MAX_LEAN_DEG:
         return np.eye(4)
-    # rounded: the digest of a version must not hang on the last bit of an eigenvector
-    R_level_map = rotation_between(np.round(up, 9), [0.0, 0.0, 1.0])
+    # in steps of a twentieth of a degree: a change of a part of the map must not turn all of it
+    R_level_map = rotation_between(np.round(up, 3), [0.0, 0.0, 1.0])
     return make_transform(R_level_map.T, np.zeros(3))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import ClassVar
 
@@ -15,9 +16,12 @@ from firstfix.builds.config import ReconstructConfig
 from firstfix.errors import BuildFailed
 
 from ..execution.chunks import Arrays, Chunk
+from ..execution.stage_cache import StageResult
 from .blocks import Block, occupied_blocks
 from .clean_cloud import surface_spacing_m
 from .mesh import Mesh
+from .places.steps import SPACING_STEPS, stepped
+from .places.tiled_points import TiledPoints
 from .poisson import Tile, poisson_tile
 from .signed_distance import signed_distance_mesh
 
@@ -26,12 +30,11 @@ SIGHT_RANGE_M = 100.0  # a scanner further than this from a block was not what s
 SIGHT_SPACINGS = 1.8
 CELL_SPACINGS = {"signed-distance": 1.4, "poisson": 1.2}
 TRIM_SPACINGS = {"signed-distance": 1.75, "poisson": 2.0}
-SPACING_STEP = 2**0.125  # the spacing is rounded: a change in one place must not change all cells
 
 
 @dataclass(frozen=True)
 class MeshChunk(Chunk):
-    """The surface of one block. Reads ``points.npy`` and ``trajectory.npy`` of the stage ``map``.
+    """The surface of one block. Reads the points near it, and the poses, of the stage ``map``.
 
     Attributes:
         low, high: metres, the block.
@@ -46,15 +49,10 @@ class MeshChunk(Chunk):
 
     def run(self, inputs: Mapping[str, Path]) -> Arrays:
         """Returns the block's vertices and triangles."""
-        points = np.load(inputs["map"] / "points.npy", mmap_mode="r")
         block = Block(np.array(self.low), np.array(self.high))
-        trajectory = inputs["map"] / "trajectory.npy"
-        places = None
-        if trajectory.exists():
-            places = _thinned(np.load(trajectory)[:, :3, 3])
-            places = places[block.holds(places, SIGHT_RANGE_M)]
-        near = points[block.holds(points, self.config.margin_cells * self.cell_m)]
-        mesh = self._surface(near, places, block)
+        points = TiledPoints.load(inputs["map"]).near(*self._reach)
+        near = points[block.holds(points, self._margin_m)]
+        mesh = self._surface(near, self._places(inputs["map"]), block)
         return {"vertices": mesh.vertices, "triangles": mesh.triangles}
 
     @property
@@ -65,6 +63,32 @@ class MeshChunk(Chunk):
     def _surface(
         self, points: NDArray[np.float64], places: NDArray[np.float64] | None, block: Block
     ) -> Mesh: ...
+
+    def reads(self, inputs: Mapping[str, StageResult]) -> Mapping[str, str]:
+        """Hashes of the points and of the poses that the block depends on."""
+        folder = inputs["map"].directory
+        places = self._places(folder)
+        return {
+            "points": TiledPoints.load(folder).digest_near(*self._reach),
+            "places": "none" if places is None else sha256(places.tobytes()).hexdigest(),
+        }
+
+    @property
+    def _margin_m(self) -> float:
+        return self.config.margin_cells * self.cell_m
+
+    @property
+    def _reach(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The (2,) corners of the block with its margin."""
+        return np.array(self.low) - self._margin_m, np.array(self.high) + self._margin_m
+
+    def _places(self, folder: Path) -> NDArray[np.float64] | None:
+        """(m, 3) where the scanner was near the block; None: the map has no poses."""
+        trajectory = folder / "trajectory.npy"
+        if not trajectory.exists():
+            return None
+        places = _thinned(np.load(trajectory)[:, :3, 3])
+        return places[Block(np.array(self.low), np.array(self.high)).holds(places, SIGHT_RANGE_M)]
 
 
 @dataclass(frozen=True)
@@ -113,7 +137,7 @@ def mesh_chunks(points: NDArray[np.float64], config: ReconstructConfig) -> list[
     """
     if len(points) < 100:
         raise BuildFailed(f"a map of {len(points)} points has no surface")
-    spacing_m = SPACING_STEP ** round(np.log(surface_spacing_m(points)) / np.log(SPACING_STEP))
+    spacing_m = stepped(surface_spacing_m(points), SPACING_STEPS)
     cell_m = config.cell_m or (config.cell_spacings or CELL_SPACINGS[config.surface]) * spacing_m
     work = PoissonChunk if config.surface == "poisson" else SignedDistanceChunk
     return [

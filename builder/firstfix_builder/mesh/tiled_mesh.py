@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from .map_tiles import by_tiles
 from .mesh import Mesh
+from .places.surface_cells import SurfaceCells
 
 TILE_M = 32.0
 
@@ -45,8 +46,9 @@ class TiledMesh:
         return cls(ordered, start, low, high)
 
     def save(self, directory: Path) -> None:
-        """The files of ``Mesh.save``, tile_start.npy and tile_box.npy."""
+        """The files of ``Mesh.save`` and ``SurfaceCells.save``, tile_start.npy and tile_box.npy."""
         self.mesh.save(directory)
+        SurfaceCells.of(self.mesh.vertices, self.mesh.triangles).save(directory)
         np.save(directory / "tile_start.npy", self.start)
         np.save(directory / "tile_box.npy", np.stack([self.low, self.high]))
 

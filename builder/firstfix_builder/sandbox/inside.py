@@ -112,6 +112,10 @@ class Outside:
         """Shares a stage through the worker, like ``SharedStages.put``."""
         return int(self._ask(share=[key, name, str(folder.resolve().relative_to(self._work.resolve()))]))
 
+    def publish_provisional(self) -> None:
+        """Has the worker take the provisional version and publish it."""
+        self._ask(provisional=True)
+
     def _ask(self, **message: Any) -> Any:
         with self._asking:
             self._answered.clear()
@@ -151,12 +155,19 @@ def run_job(flows: Flows, job: dict[str, Any], work: Path, speaker: Speaker, lin
         def mark_cached(self, stage: str) -> None:
             speaker.say(cached=stage)
 
+        def mark_chunks(self, stage: str, count: int, reused: int) -> None:
+            speaker.say(chunks=[stage, count, reused])
+
     with Trace(job["build_id"], "", job["traceparent"], {}) as trace:
 
         def progress(stage: str, fraction: float) -> None:
             trace.tick(stage)
             outside.tick(stage, fraction)
 
+        def tell_provisional(built: object) -> None:
+            outside.publish_provisional()
+
+        more = {"publish_provisional": tell_provisional} if job["provisional"] else {}
         try:
             flow = flows.read_source if job["read_only"] else flows.build_version
             flow(
@@ -167,6 +178,7 @@ def run_job(flows: Flows, job: dict[str, Any], work: Path, speaker: Speaker, lin
                 progress=progress,
                 cancelled=outside.is_cancelled,
                 shared=outside if job["share"] else None,
+                **more,
             )
         except Exception as error:
             _log.exception("build %s failed in %s", job["build_id"], trace.stage)

@@ -1,8 +1,10 @@
 """Messages between a build in its sandbox and the worker outside: one JSON object a line, over two pipes.
 
-to the build    {"job": {...}}, {"cancel": true}, {"answer": ...} to the last "fetch" or "share"
+to the build    {"job": {...}}, {"cancel": true}, {"answer": ...} to the last "fetch", "share" or
+                "provisional"
 from the build  {"confined": [what the kernel has no means for]}, {"stage": name, "done": 0..1},
-                {"cached": stage}, {"fetch": key}, {"share": [key, stage, folder]},
+                {"cached": stage}, {"chunks": [stage, number, reused]}, {"fetch": key},
+                {"share": [key, stage, folder]}, {"provisional": true}: take it,
                 {"built": true} or {"failed": {"code", "detail"}}
 """
 

@@ -16,7 +16,6 @@ import subprocess
 import sys
 import time
 import uuid
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,8 +25,8 @@ from firstfix.builds.shared_stages import SharedStages
 from firstfix.catalog.manifest import FILE_NAME, MAX_BYTES, Manifest
 from firstfix.errors import BuildFailed, CorruptVersion, FirstfixError
 
-from ..execution.build_trace import current_build, mark_cached
-from ..execution.stage_names import STAGES
+from ..execution.build_trace import current_build, mark_cached, mark_chunks
+from ..execution.stage_names import PROVISIONAL, STAGES
 from ..job.build_job import BuildJob
 from .failures import as_error, of_exit
 from .hand_over import take_files
@@ -107,8 +106,16 @@ class SandboxedBuild:
             BuildCancelled: cancelled() said so.
         """
         self._run(job, read_only=False)
-        taken = self._taken / "version"
-        take_files(self._folder, "version", taken)
+        return self._take_version("version")
+
+    def _take_version(self, name: str) -> Built:
+        """Takes a version over from a folder of the build.
+
+        Raises:
+            BuildFailed: there is none, or it differs from its manifest.
+        """
+        taken = self._taken / name
+        take_files(self._folder, name, taken)
         record = taken / FILE_NAME
         if not record.is_file() or record.stat().st_size > MAX_BYTES:
             raise BuildFailed("the build made no version")
@@ -182,6 +189,7 @@ class SandboxedBuild:
             "config": job.config,
             "share": self._shared is not None,
             "read_only": read_only,
+            "provisional": not read_only and job.publish_provisional is not None,
         }
 
     def _hear(
@@ -208,23 +216,32 @@ class SandboxedBuild:
                     problem = too_many_processes(process.pid)
                     if problem:
                         raise BuildFailed(f"{problem} in {self._stage}")
-                if said is not None and self._take(said, speaker, job.progress):
+                if said is not None and self._take(said, speaker, job):
                     return
         except (BrokenPipeError, EOFError):
             raise of_exit(process.wait(), self._stage) from None
 
-    def _take(
-        self, message: dict[str, Any], speaker: Speaker, progress: Callable[[str, float], None]
-    ) -> bool:
+    def _take(self, message: dict[str, Any], speaker: Speaker, job: BuildJob) -> bool:
         """Handles one message. Returns whether it was the last."""
         match message:
-            case {"stage": str(stage), "done": float() | int() as done} if stage in STAGES and math.isfinite(
-                done
-            ):
+            case {"stage": str(stage), "done": float() | int() as done} if stage in (
+                *STAGES,
+                PROVISIONAL,
+            ) and math.isfinite(done):
                 self._stage = stage
-                progress(stage, done)
+                job.progress(stage, done)
+            case {"provisional": True} if job.publish_provisional is not None:
+                built = self._take_version("provisional")
+                if not built.manifest.provisional:
+                    raise BuildFailed("the build calls a full version provisional")
+                job.publish_provisional(built)
+                speaker.say(answer=True)
             case {"cached": str(stage)} if stage in STAGES:
                 mark_cached(stage)
+            case {"chunks": [str(stage), int(count), int(reused)]} if (
+                stage in STAGES and 0 <= reused <= count
+            ):
+                mark_chunks(stage, count, reused)
             case {"fetch": str(key)}:
                 speaker.say(answer=self._fetch(key))
             case {"share": [str(key), str(name), str(folder)]}:

@@ -19,6 +19,8 @@ from firstfix.engine.config import (
 from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix
 
+from ..mesh.places.steps import SPACING_STEPS, VIEW_STEPS, stepped
+
 if TYPE_CHECKING:
     from firstfix.builds.config import EngineOverrides
 
@@ -31,13 +33,16 @@ def fit_engine(
     spacing_m: float,
     T_map_level: Matrix,
 ) -> EngineConfig:
-    """Lengths scale with the map's own resolution and with the place's size.
+    """Lengths scale with the map's own resolution and with the place's size, both in coarse steps.
+
+    So a change of one part of a map usually leaves them as they are, and with them what was made elsewhere.
 
     Args:
         map_spacing_m: median distance between neighbouring map points.
         view_m: how far one sees (``templates.view_distance_m``).
         spacing_m: between templates.
     """
+    map_spacing_m, view_m = stepped(map_spacing_m, SPACING_STEPS), stepped(view_m, VIEW_STEPS)
     voxel_m = round(float(np.clip(1.25 * map_spacing_m, 0.1, 0.3)), 3)
     source_m = round(2.5 * voxel_m, 3)
     paper = overrides.method == "paper"

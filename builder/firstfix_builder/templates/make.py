@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -17,12 +19,16 @@ from firstfix.engine.retrieval.templates import PREFIX
 from firstfix.sensor import SensorModel
 
 from ..execution.chunks import Arrays, Chunk
+from ..execution.stage_cache import StageResult
+from ..mesh.places.surface_cells import FILE as SURFACE_CELLS
+from ..mesh.places.surface_cells import SurfaceCells
 from ..simulation.local_simulator import local_simulator
 from ..simulation.rays import Rays
 from ..simulation.simulate import Simulator, upright
 
 SCANS_AT_ONCE = 128
-CHUNK_SPACINGS = 16.0  # edge of the squares, of one chunk each: 256 viewpoints of a storey
+CHUNK_SPACINGS = 16  # edge of a chunk's tile in template spacings: what a local change costs
+REACH_MARGIN_M = 0.1  # above the rounding of single precision
 
 
 def scan_batch(
@@ -56,31 +62,28 @@ def described_views(
 
 @dataclass(frozen=True)
 class TemplatesChunk(Chunk):
-    """The templates of one square of the map. Reads the stages ``mesh`` and ``viewpoints``.
+    """The templates of the viewpoints of one tile of the map. Reads the stages ``mesh`` and ``viewpoints``.
 
     Attributes:
         first, last: rows of the viewpoints.
-        low, high: metres, the corners of the square's tile in x and y: chunks of a tile see the same part of
-            the mesh.
+        tile: number of the tile in x and y.
+        tile_m: its edge.
+        shared_m: edge of the larger tiles whose chunks share a part of the mesh.
     """
 
     first: int
     last: int
-    low: tuple[float, float]
-    high: tuple[float, float]
+    tile: tuple[int, int]
+    tile_m: float
+    shared_m: float
     sensor: SensorModel
     descriptor: DescriptorConfig
 
     def run(self, inputs: Mapping[str, Path]) -> Arrays:
         """Returns the arrays of the chunk's templates."""
-        positions, floor_z = (
-            np.load(inputs["viewpoints"] / f"{name}.npy", mmap_mode="r")[self.first : self.last]
-            for name in ("positions", "floor_z")
-        )
+        positions, floor_z = self._viewpoints(inputs["viewpoints"])
         height_m = positions[:, 2] - floor_z
-        simulator = local_simulator(
-            inputs["mesh"], np.array(self.low), np.array(self.high), self.sensor.max_range_m
-        )
+        simulator = local_simulator(inputs["mesh"], *self._shared_box, self._reach_m)
         descriptor, rays = self.descriptor.make(), Rays.at_any_heading(self.sensor)
         described = [
             described_views(simulator, self.sensor, rays, positions[here], height_m[here], descriptor)
@@ -92,27 +95,73 @@ class TemplatesChunk(Chunk):
             **{name: np.concatenate([one[name] for one in described]) for name in descriptor.arrays},
         }
 
+    @property
+    def values(self) -> dict[str, Any]:
+        """Sensor and descriptor. Rows and tiles say where the viewpoints stand, and these are read."""
+        return {"sensor": asdict(self.sensor), "descriptor": self.descriptor}
+
+    def reads(self, inputs: Mapping[str, StageResult]) -> Mapping[str, str]:
+        """Hashes of the viewpoints, and of the surface that the descriptor can see from there."""
+        low = np.array(self.tile) * self.tile_m
+        cells = _surface_cells(inputs["mesh"].directory)
+        positions, floor_z = self._viewpoints(inputs["viewpoints"].directory)
+        return {
+            "viewpoints": sha256(positions.tobytes() + floor_z.tobytes()).hexdigest(),
+            "mesh": cells.digest_within(low, low + self.tile_m, self._reach_m),
+        }
+
+    def _viewpoints(self, folder: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(n, 3) positions and (n,) heights of the floor."""
+        positions, floor_z = (
+            np.load(folder / f"{name}.npy", mmap_mode="r")[self.first : self.last]
+            for name in ("positions", "floor_z")
+        )
+        return positions, floor_z
+
+    @property
+    def _reach_m(self) -> float:
+        """Horizontal distance beyond which a return is in no cell of the descriptor."""
+        return min(self.sensor.max_range_m, self.descriptor.grid.max_range_m + REACH_MARGIN_M)
+
+    @property
+    def _shared_box(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The (2,) corners of the larger tile."""
+        low = np.floor((np.array(self.tile) + 0.5) * self.tile_m / self.shared_m) * self.shared_m
+        return low, low + self.shared_m
+
+
+@lru_cache(2)
+def _surface_cells(mesh: Path) -> SurfaceCells:
+    return SurfaceCells.load(mesh / SURFACE_CELLS)
+
+
+def chunk_tile_m(tile_m: float, spacing_m: float) -> float:
+    """Edge of the tiles of chunks, of which a tile of the map holds a whole number."""
+    return tile_m / np.ceil(tile_m / (CHUNK_SPACINGS * spacing_m))
+
 
 def template_chunks(
     positions: NDArray[np.float64],
-    tile_start: NDArray[np.int64],
+    chunk_start: NDArray[np.int64],
     tile_m: float,
-    square_m: float,
+    spacing_m: float,
     sensor: SensorModel,
     descriptor: DescriptorConfig,
 ) -> list[TemplatesChunk]:
-    """The work for (n, 3) viewpoints that stand tile by tile, and within a tile square by square.
+    """The work for (n, 3) viewpoints that stand in nested tiles (``by_nested_tiles``).
 
-    Tiles and squares are counted from the frame's origin: what one of them holds depends on no other.
+    Chunks depend on their place alone: what is added elsewhere makes no other chunks of the rest.
+
+    Args:
+        chunk_start: rows at which the tiles of chunks start.
+        tile_m: edge of the tiles of the map.
+        spacing_m: between viewpoints.
     """
-    square = np.floor(positions[:, :2] / square_m)
-    is_new = np.any(np.diff(square, axis=0) != 0, axis=1)
-    starts = np.union1d(np.flatnonzero(is_new) + 1, tile_start).tolist()
+    side_m = chunk_tile_m(tile_m, spacing_m)
     chunks = []
-    for first, last in pairwise(starts):
-        west, south = (np.floor(positions[first, :2] / tile_m) * tile_m).tolist()
-        low, high = (west, south), (west + tile_m, south + tile_m)
-        chunks.append(TemplatesChunk(first, last, low, high, sensor, descriptor))
+    for first, last in pairwise(chunk_start.tolist()):
+        column, row = np.floor(positions[first, :2] / side_m).astype(int).tolist()
+        chunks.append(TemplatesChunk(first, last, (column, row), side_m, tile_m, sensor, descriptor))
     return chunks
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..arguments import AsJson, Url, cache_directory, examples
+from ..build_report import reused_lines
 from ..self_test_lines import self_test_lines
 
 if TYPE_CHECKING:
@@ -110,6 +112,7 @@ def _build_here(
     from firstfix.builds.shared_stages import collect_stages
     from firstfix.catalog.catalog import Catalog
     from firstfix.store.store import Store
+    from firstfix_builder.execution.build_trace import BuildTrace
     from firstfix_builder.execution.executor_url import dask_address
     from firstfix_builder.pipeline import Cluster, build_version
 
@@ -118,7 +121,12 @@ def _build_here(
     cluster = None if scheduler is None else Cluster(scheduler, store)
     opened = Store.open(store)
     opened.probe()  # before the work, not after it
-    with _progress() as progress:
+    with _progress() as show, BuildTrace("", map_id, None) as trace:
+
+        def progress(stage: str, fraction: float) -> None:
+            trace.tick(stage)
+            show(stage, fraction)
+
         built = build_version(
             source,
             settings,
@@ -130,9 +138,10 @@ def _build_here(
         progress("publish", 0.0)
         version = Catalog(opened).publish(map_id, built.directory, built.manifest)
         progress("publish", 1.0)
+        trace.end("succeeded")
     if cluster is not None:  # there is no service that does it
         collect_stages(opened, CLUSTER_STAGES_S)
-    _print(map_id, version, built.manifest, as_json)
+    _print(map_id, version, built.manifest, [asdict(stage) for stage in trace.stages], as_json)
 
 
 def _given(path: Path | None, sensor: str | None, axis: Axis | None) -> dict[str, Any]:
@@ -185,13 +194,16 @@ def _progress() -> Iterator[Callable[[str, float], None]]:
         yield progress
 
 
-def _print(map_id: str, version: str, manifest: Manifest, as_json: bool) -> None:
+def _print(
+    map_id: str, version: str, manifest: Manifest, stages: list[dict[str, Any]], as_json: bool
+) -> None:
     said = {
         "map_id": map_id,
         "version": version,
         "counts": dict(manifest.counts),
         "bytes": manifest.total_bytes,
         "self_test": dict(manifest.self_test),
+        "stages": stages,
     }
     typer.echo(json.dumps(said) if as_json else "\n".join(_lines(said)))
 
@@ -206,4 +218,5 @@ def _lines(said: dict[str, Any]) -> list[str]:
         f"published {said['map_id']}, version {said['version']}",
         f"  {counts}{size}",
         *(f"  {line}" for line in self_test_lines(said["self_test"])),
+        *(f"  {line}" for line in reused_lines(said["stages"])),
     ]

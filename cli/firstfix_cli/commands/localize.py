@@ -212,7 +212,8 @@ def lines_of(answer: Localization) -> list[str]:
     if answer.T_map_sensor is None:
         for h in answer.hypotheses[:3]:
             lines.append(f"  maybe   {_place(h.T_map_sensor)}  probability {h.probability:.2f}")
-    lines.append(f"  map     {answer.map_id or '?'}, version {answer.map_version[:12] or '?'}")
+    note = " (provisional)" if answer.map_provisional else ""
+    lines.append(f"  map     {answer.map_id or '?'}, version {answer.map_version[:12] or '?'}{note}")
     if answer.timings_ms:
         stages = ", ".join(f"{stage} {ms:.1f}" for stage, ms in answer.timings_ms.items())
         lines.append(f"  ms      {stages}")

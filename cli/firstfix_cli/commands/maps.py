@@ -57,7 +57,7 @@ def show(map_id: MapArgument, url: Url = None, store: Store = None, as_json: AsJ
 
 @app.command()
 def versions(map_id: MapArgument, url: Url = None, store: Store = None, as_json: AsJson = False) -> None:
-    """List a map's versions, newest first. The active one is marked."""
+    """List a map's versions, newest first. The active one is marked, and so are provisional ones."""
     from ..map_admin import map_admin
 
     with map_admin(url, store) as admin:
@@ -67,7 +67,8 @@ def versions(map_id: MapArgument, url: Url = None, store: Store = None, as_json:
         return
     for entry in found:
         mark = "*" if entry["active"] else " "
-        typer.echo(f"{mark} {entry['version']}  {entry['published_time']}")
+        note = "  provisional" if entry.get("provisional") else ""
+        typer.echo(f"{mark} {entry['version']}  {entry['published_time']}{note}")
 
 
 @app.command()
@@ -242,6 +243,8 @@ def _lines(details: dict[str, Any]) -> list[str]:
         return lines
     counts = ", ".join(f"{count:,} {name.replace('_', ' ')}" for name, count in manifest["counts"].items())
     megabytes = sum(entry["bytes"] for entry in manifest["files"].values()) / 1e6
+    if manifest.get("provisional"):
+        lines.append("  provisional: coarse and untested, until the full version takes its place")
     lines.append(f"  {counts}, {megabytes:,.1f} MB, made for a {manifest['sensor'].get('name', '?')}")
     if manifest["bounds"]:
         low, high = manifest["bounds"]

@@ -174,6 +174,10 @@ Localization parse_localization(std::string_view document) {
   if (const Json* hint = member(data, "hint")) made.hint = hint_of(*hint);
   made.map_id = text(data, "map_id");
   made.map_version = text(data, "map_version");
+  if (const Json* provisional = member(data, "map_provisional")) {
+    if (!provisional->is_boolean()) unreadable("map_provisional is neither true nor false");
+    made.map_provisional = provisional->get<bool>();
+  }
   if (const Json* timings = member(data, "timings_ms")) {
     if (!timings->is_object()) unreadable("timings_ms is not an object");
     for (const auto& [stage, ms] : timings->items()) made.timings_ms[stage] = number(&ms, "a timing");

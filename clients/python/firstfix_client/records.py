@@ -35,6 +35,7 @@ class VersionInfo:
 
     Attributes:
         published_time: UTC, ISO 8601.
+        provisional: coarse and untested, until the full version takes its place.
         details: the service's whole record, unchanged.
     """
 
@@ -42,12 +43,17 @@ class VersionInfo:
     active: bool
     published_time: str
     details: Mapping[str, Any]
+    provisional: bool = False
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> VersionInfo:
         """Reads the service's JSON."""
         return cls(
-            str(data["version"]), bool(data["active"]), str(data.get("published_time", "")), dict(data)
+            str(data["version"]),
+            bool(data["active"]),
+            str(data.get("published_time", "")),
+            dict(data),
+            data.get("provisional") is True,
         )
 
 
@@ -61,6 +67,9 @@ class BuildStatus:
         progress: 0..1 within the stage.
         version: digest, once succeeded.
         error_code, error_detail: set when failed or unreadable.
+        provisional_version: digest of the provisional version that the build has published, whatever its end.
+        stages: of a build that has ended, where one build was asked for: ``stage``, ``seconds``, ``cached``,
+            ``chunks`` and ``chunks_reused`` of each.
     """
 
     build_id: str
@@ -71,6 +80,8 @@ class BuildStatus:
     version: str | None
     error_code: str | None
     error_detail: str | None
+    provisional_version: str | None = None
+    stages: tuple[Mapping[str, Any], ...] = ()
 
     @property
     def is_final(self) -> bool:
@@ -81,7 +92,7 @@ class BuildStatus:
     def from_mapping(cls, build_id: str, data: Mapping[str, Any]) -> BuildStatus:
         """Reads the service's JSON."""
         error = data.get("error") or {}
-        version = data.get("version")
+        version, provisional = data.get("version"), data.get("provisional_version")
         return cls(
             build_id=build_id,
             map_id=str(data.get("map_id", "")),
@@ -91,6 +102,8 @@ class BuildStatus:
             version=None if version is None else str(version),
             error_code=str(error["code"]) if "code" in error else None,
             error_detail=str(error["detail"]) if "detail" in error else None,
+            provisional_version=None if provisional is None else str(provisional),
+            stages=tuple(dict(stage) for stage in data.get("stages", ())),
         )
 
 

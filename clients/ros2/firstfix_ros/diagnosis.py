@@ -31,5 +31,6 @@ def diagnosis_of(status: Status) -> Diagnosis:
             "probability": f"{answer.probability:.3f}",
             "map_id": answer.map_id,
             "map_version": answer.map_version,
+            "map_provisional": str(answer.map_provisional).lower(),
         }
     return Diagnosis(_LEVELS.get(status.state, OK), message, values)

@@ -75,6 +75,8 @@ class Localization:
         map_id: map whose frame the pose is in.
         map_version: digest of the version that answered.
         timings_ms: milliseconds by stage.
+        map_provisional: the version that answered is provisional: coarse, and its probabilities were not
+            measured on this map. A full one will take its place.
         hint: a move that should tell the best hypotheses apart. None unless ambiguous, or if no move within
             reach does.
     """
@@ -91,6 +93,7 @@ class Localization:
     timings_ms: Mapping[str, float] = field(default_factory=dict)
     twist: NDArray[np.float64] | None = None
     hint: Hint | None = None
+    map_provisional: bool = False
 
     def __post_init__(self) -> None:
         if (self.verdict is Verdict.LOCALIZED) != (self.T_map_sensor is not None):
@@ -122,6 +125,7 @@ class Localization:
             "hint": None if self.hint is None else self.hint.to_mapping(),
             "map_id": self.map_id,
             "map_version": self.map_version,
+            "map_provisional": self.map_provisional,
             "timings_ms": {stage: round(ms, 3) for stage, ms in self.timings_ms.items()},
         }
 
@@ -148,6 +152,7 @@ class Localization:
             ),
             map_id=str(data.get("map_id", "")),
             map_version=str(data.get("map_version", "")),
+            map_provisional=data.get("map_provisional") is True,  # an older service does not tell
             timings_ms=dict(data.get("timings_ms", {})),
             twist=_twist_from_mapping(data.get("twist")),
             hint=None if data.get("hint") is None else Hint.from_mapping(data["hint"]),

@@ -177,11 +177,14 @@ class BuildConfig(Stage):
     Attributes:
         sensor: name of a preset, or a mapping as in a sensor YAML.
         level: rotate a tilted map so that z points up in the index.
+        provisional: a map without a full version gets a provisional one first: coarse, untested, and served
+            until the full one takes its place. This option does not change the full version.
     """
 
     sensor: str | dict[str, Any] = "os1-64"
     axis: Literal["z-up", "y-up"] = "z-up"
     level: bool = True
+    provisional: bool = True
     clean: CleanConfig = CleanConfig()
     reconstruct: ReconstructConfig = ReconstructConfig()
     viewpoints: ViewpointConfig = ViewpointConfig()
@@ -230,8 +233,8 @@ class BuildConfig(Stage):
             raise InvalidOption(f"{path}: {error}") from None
 
     def to_mapping(self) -> dict[str, Any]:
-        """JSON-ready form."""
-        return json.loads(self.model_dump_json())
+        """JSON-ready form of what decides the version: all but ``provisional``."""
+        return json.loads(self.model_dump_json(exclude={"provisional"}))
 
 
 def _sensor(value: str | dict[str, Any]) -> SensorModel:

@@ -66,8 +66,8 @@ class BuildRecords:
         """Status of a build.
 
         Returns:
-            ``state``, ``stage``, ``progress`` (0..1), ``error`` ({code, detail} or None), ``version`` (digest
-            or None) and ``map_id``.
+            ``state``, ``stage``, ``progress`` (0..1), ``error`` ({code, detail} or None), ``version`` and
+            ``provisional_version`` (digest or None) and ``map_id``.
 
         Raises:
             NotFound: no such build.
@@ -157,8 +157,13 @@ def new_status(
     progress: float = 0.0,
     error: Mapping[str, str] | None = None,
     version: str | None = None,
+    provisional_version: str | None = None,
 ) -> dict[str, Any]:
-    """Content of ``status.json``."""
+    """Content of ``status.json``.
+
+    Args:
+        provisional_version: digest of the provisional version that the build has published, whatever its end.
+    """
     if state not in STATES:
         raise ValueError(f"no build state {state!r}")
     return {
@@ -167,6 +172,7 @@ def new_status(
         "progress": round(min(max(progress, 0.0), 1.0), 4),
         "error": None if error is None else {name: redact(text) for name, text in error.items()},
         "version": version,
+        "provisional_version": provisional_version,
         "map_id": map_id,
     }
 
@@ -207,7 +213,7 @@ def parse_status(record: dict[str, Any]) -> dict[str, Any]:
     Raises:
         ValueError, TypeError, KeyError, InvalidOption: it is not the status of a build.
     """
-    error, version = record.get("error"), record.get("version")
+    error, version, provisional = (record.get(n) for n in ("error", "version", "provisional_version"))
     if not isinstance(progress := record.get("progress", 0.0), int | float):
         raise TypeError("progress is not a number")
     if error is not None:
@@ -219,6 +225,7 @@ def parse_status(record: dict[str, Any]) -> dict[str, Any]:
         "progress": min(max(progress, 0.0), 1.0),
         "error": error,
         "version": None if version is None else check_version(version),
+        "provisional_version": None if provisional is None else check_version(provisional),
     }
 
 

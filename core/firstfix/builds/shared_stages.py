@@ -2,11 +2,12 @@
 
     stages/<key>/<sha256>      the stage's files, by content
     stages/<key>/stage.json    name, and {sha256, bytes} of every file; written last
-    stages/<key>/chunks/...    parts of an unfinished stage (``firstfix_builder.execution.chunks``)
+    stages/<key>/before        see ``firstfix_builder.execution.chunks``
 
 The key is a hash of all inputs of the stage (``firstfix_builder.execution.stage_cache``), so a stage never
-changes. A stage that is put again is compared by its checksums, and repaired if it differs. A stage without
-``stage.json`` does not exist. All of it is a cache that may be deleted at any time.
+changes. The results of a stage's chunks are stages of their own. A stage that is put again is compared by its
+checksums, and repaired if it differs. A stage without ``stage.json`` does not exist. All of it is a cache
+that may be deleted at any time.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ class SharedStages:
             for path in folder.iterdir():
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
             return False
-        _log.info("stage %s fetched: %d bytes", key[:12], sum(file.bytes for file in files))
+        _log.debug("stage %s fetched: %d bytes", key[:12], sum(file.bytes for file in files))
         return True
 
     def put(self, key: str, name: str, folder: Path) -> int:
@@ -103,7 +104,7 @@ class SharedStages:
             "files": {file.name: {"sha256": file.sha256, "bytes": file.bytes} for file in files},
         }
         self._put_record(key, json.dumps(record, sort_keys=True).encode())
-        _log.info("stage %s shared: %d bytes", name, sent)
+        _log.debug("stage %s shared: %d bytes", name, sent)
         return sent
 
     def _put_record(self, key: str, record: bytes) -> None:

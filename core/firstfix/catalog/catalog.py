@@ -44,11 +44,13 @@ class VersionInfo:
 
     Attributes:
         published_time: UTC, ISO 8601.
+        provisional: coarse and untested, until the full version takes its place.
     """
 
     version: str
     active: bool
     published_time: str
+    provisional: bool = False
 
 
 class Catalog(BuildRecords):
@@ -107,7 +109,7 @@ class Catalog(BuildRecords):
             raise NotFound(f"no map {map_id}")
         times = {e.version: e.time for e in state.entries if e.event is Event.PUBLISHED}
         return [
-            VersionInfo(version, version == state.active, times[version])
+            VersionInfo(version, version == state.active, times[version], version in state.provisional)
             for version in reversed(state.published)
             if self._objects.exists(_folder(map_id, version, state))
         ]
@@ -167,6 +169,8 @@ class Catalog(BuildRecords):
         on_progress: Callable[[float], None] = lambda done: None,
     ) -> str:
         """Put a version's files and its manifest, record the publication in the log, and activate it.
+
+        A provisional version does nothing where the map has a full one, and is retired when it gets one.
 
         With a build id each log entry is written once for that build, so that a repetition does not undo what
         somebody did in between.

@@ -48,6 +48,7 @@ class Manifest:
         counts: numbers of templates and map points, for people.
         self_test: measurements of the builder, with calibration and localizability.
         bounds: ((3,), (3,)) lowest and highest local coordinates, metres.
+        provisional: a coarse version that was not tested, until the full one takes its place.
         format: format of the files and of this record.
     """
 
@@ -60,6 +61,7 @@ class Manifest:
     counts: Mapping[str, int] = field(default_factory=dict)
     self_test: Mapping[str, Any] = field(default_factory=dict)
     bounds: tuple[tuple[float, ...], ...] = ()
+    provisional: bool = False
     format: int = FORMAT
 
     def __post_init__(self) -> None:
@@ -104,7 +106,10 @@ class Manifest:
     def to_mapping(self) -> dict[str, Any]:
         """JSON-ready form."""
         files = {name: {"bytes": entry.bytes, "sha256": entry.sha256} for name, entry in self.files.items()}
-        return {**{f.name: getattr(self, f.name) for f in fields(self)}, "files": files}
+        values = {**{f.name: getattr(self, f.name) for f in fields(self)}, "files": files}
+        if not self.provisional:  # as in versions from before there were provisional ones
+            del values["provisional"]
+        return values
 
     def to_json(self) -> bytes:
         """Canonical JSON: sorted keys, no spaces, ASCII, floats in their shortest form."""
@@ -136,6 +141,8 @@ class Manifest:
         try:
             entries = {name: _entry(item) for name, item in mapping.pop("files").items()}
             manifest = cls(files=entries, **mapping)
+            if type(manifest.provisional) is not bool:
+                raise TypeError("provisional is no boolean")
         except (KeyError, TypeError, ValueError, AttributeError, InvalidOption) as error:
             raise CorruptVersion(f"the manifest is malformed: {error}") from None
         if manifest.to_json() != data:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 from ..errors import StoreUnavailable
@@ -36,21 +37,29 @@ def publish_and_activate(
 ) -> bool:
     """Publish a version and activate it. Returns whether the log has a new entry.
 
+    A provisional version is neither published nor activated once the map has a full one. It is retired when a
+    full one is active, so that garbage collection removes it.
+
     Arguments and errors are those of ``Catalog.publish``.
     """
     version = manifest.digest
+
+    def is_too_late(state: MapState) -> bool:
+        return manifest.provisional and state.has_full
 
     def is_done(event: Event, state: MapState) -> bool:
         return bool(build_id) and any(
             (e.event, e.version, e.build_id) == (event, version, build_id) for e in state.entries
         )
 
+    if is_too_late(log.state()):
+        return False
     for _ in range(_MAX_COLLECTIONS):
         generation = log.state().generation(version)
         objects.put(VersionFolder(map_id, version, generation), directory, manifest, on_progress)
 
         def is_needed(state: MapState, generation: int = generation) -> bool:
-            if version in state.published or is_done(Event.PUBLISHED, state):
+            if version in state.published or is_done(Event.PUBLISHED, state) or is_too_late(state):
                 return False
             if state.generation(version) != generation:
                 raise _Collected
@@ -58,7 +67,12 @@ def publish_and_activate(
 
         with suppress(_Collected):
             published = log.append(
-                Event.PUBLISHED, version, build_id=build_id, generation=generation, needed=is_needed
+                Event.PUBLISHED,
+                version,
+                build_id=build_id,
+                generation=generation,
+                provisional=manifest.provisional,
+                needed=is_needed,
             )
             break
     else:
@@ -68,7 +82,20 @@ def publish_and_activate(
         version,
         build_id=build_id,
         needed=lambda state: (
-            version in state.published and version != state.active and not is_done(Event.ACTIVATED, state)
+            version in state.published
+            and version != state.active
+            and not is_done(Event.ACTIVATED, state)
+            and not is_too_late(state)
         ),
     )
+    if not manifest.provisional:
+        for provisional in sorted(log.state().provisional):
+            log.append(
+                Event.RETIRED, provisional, build_id=build_id, needed=partial(_is_superseded, provisional)
+            )
     return published is not None or activated is not None
+
+
+def _is_superseded(version: str, state: MapState) -> bool:
+    """Returns whether a provisional version is still published, and another one active."""
+    return version in state.published and version != state.active

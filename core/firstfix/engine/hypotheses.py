@@ -205,7 +205,7 @@ class HypothesisSearch:
         ]
 
     def _agreements(self, scan: Surface, registrations: Sequence[Registration]) -> list[Agreement]:
-        """How the scan, deskewed by each registration's own motion, agrees with the map there."""
+        """Agreement of the scan, deskewed by each registration's own motion, with the map there."""
         surface = self._index.surface
         if scan.time_s is None:
             T_level_sensor = np.array([one.T_level_sensor for one in registrations])

@@ -57,7 +57,12 @@ def start_builds(
 def build_command(settings: Settings) -> BuildCommand:
     """Returns the build command and its limits."""
     return BuildCommand(
-        (*settings.build_command, *_source_url_options(settings), *_executor_options(settings)),
+        (
+            *settings.build_command,
+            *_source_url_options(settings),
+            *_executor_options(settings),
+            *([] if settings.provisional_versions else ["--no-provisional"]),
+        ),
         settings.store,
         settings.build_niceness,
         settings.stages_are_shared,

@@ -133,7 +133,7 @@ class VersionLoader:
         manifest = self._catalog.manifest(map_id, version)
         while True:
             directory = self._catalog.fetch_version(map_id, version, self._directory)
-            served = ServedVersion(map_id, version, directory)
+            served = ServedVersion(map_id, version, directory, manifest.provisional)
             if directory.parent != self._directory:  # the file store's own folder
                 return VersionFiles(served, manifest.total_bytes, None)
             try:

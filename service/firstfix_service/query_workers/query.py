@@ -21,11 +21,16 @@ from .body_format import Body, BodyFormat
 
 @dataclass(frozen=True)
 class ServedVersion:
-    """A map version whose files are on this machine and verified."""
+    """A map version whose files are on this machine and verified.
+
+    Attributes:
+        provisional: coarse and untested, until a full version takes its place.
+    """
 
     map_id: str
     version: str
     directory: Path
+    provisional: bool = False
 
 
 @dataclass(frozen=True)
@@ -86,6 +91,7 @@ def answer_query(query: Query, localizers: Sequence[Localizer], offer: Offer | N
         answer,
         map_id=answered.map_id,
         map_version=answered.version,
+        map_provisional=answered.provisional,
         timings_ms={**query.waits_ms, **watch.ms, **answer.timings_ms},
     )
     if offer is not None:

@@ -1,11 +1,11 @@
-"""A stage in chunks: named by what they are, made once, whole or not at all."""
+"""A stage in chunks: keyed by what they read, made once, whole or not at all."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
-from dataclasses import replace
-from itertools import pairwise
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,19 +13,19 @@ import pytest
 
 from firstfix.builds.shared_stages import SharedStages, collect_stages
 from firstfix.engine.config import OccupancyConfig, PcaScConfig
-from firstfix.errors import StoreError
+from firstfix.errors import BuildCancelled, StoreError
 from firstfix.sensor import preset
 from firstfix.store.store import Store
+from firstfix_builder.execution.build_trace import BuildTrace
+from firstfix_builder.execution.chunk_cache import ChunkCache
 from firstfix_builder.execution.chunk_executor import ChunkBatch, ChunkExecutor, run_chunks
-from firstfix_builder.execution.chunks import ChunkResults, make_chunk
-from firstfix_builder.execution.stage_cache import StageResult
-from firstfix_builder.mesh.map_tiles import by_tiles
-from firstfix_builder.templates.make import TemplatesChunk, template_chunks, write_templates
+from firstfix_builder.execution.chunks import ChunkResults, KeyedChunk, make_chunk
+from firstfix_builder.execution.stage_cache import StageCache, StageResult
+from firstfix_builder.mesh.map_tiles import by_nested_tiles
+from firstfix_builder.templates.make import TemplatesChunk, chunk_tile_m, template_chunks, write_templates
 
 sys.path.insert(0, str(Path(__file__).parent))
-from toy_chunks import Toy, runs
-
-STAGE = "5" * 64
+from toy_chunks import Toy, keyed, runs
 
 
 @pytest.fixture
@@ -60,72 +60,81 @@ class Here(ChunkExecutor):
     def run(self, batch: ChunkBatch) -> None:
         folders = {name: one.directory for name, one in batch.inputs.items()}
         for chunk in batch.chunks:
-            make_chunk(self.store, batch.stage, chunk, folders)
+            if batch.cancelled():
+                raise BuildCancelled("cancelled")
+            make_chunk(self.store, chunk, folders)
             batch.done()
-        if self.forgets:
-            ChunkResults(self.store, batch.stage).remove()
+            if self.forgets:
+                ChunkResults(self.store).remove(chunk.key)
 
 
 def chunk_of(rows: tuple[int, int] = (0, 128)) -> TemplatesChunk:
-    return TemplatesChunk(*rows, (0.0, 0.0), (9.0, 9.0), preset("vlp-16"), OccupancyConfig())
+    return TemplatesChunk(*rows, (0, 0), 16.0, 128.0, preset("vlp-16"), OccupancyConfig())
 
 
-def test_a_name_says_all_that_makes_the_chunk():
+def run_all(
+    store: Store, chunks: list[KeyedChunk], numbers: StageResult, told: list[float] | None = None
+) -> list[list[int]]:
+    """Runs those of the chunks that the store has no result of."""
+    inputs = {"numbers": numbers}
+    made = ChunkResults(store).made()
+    progress = (lambda fraction: None) if told is None else told.append
+    return [
+        one["sum"].tolist() for one in run_chunks(Here(store), chunks, made, inputs, progress, lambda: False)
+    ]
+
+
+def test_the_values_say_what_decides_the_result_and_not_where_it_stands():
     chunk = chunk_of()
+    elsewhere = replace(chunk, first=5, last=9, tile=(3, 4), tile_m=8.0)
+    assert elsewhere.plain_values == chunk.plain_values == chunk_of().plain_values
     others = [
-        chunk_of((0, 127)),
-        replace(chunk, high=(9.0, 9.5)),
         replace(chunk, sensor=preset("xt32")),
         replace(chunk, descriptor=OccupancyConfig(rings=21)),
         replace(chunk, descriptor=PcaScConfig()),
-        Toy(0, ""),
     ]
-    assert chunk.name == chunk_of().name
-    assert len({one.name for one in (chunk, *others)}) == 7
+    assert all(other.plain_values != chunk.plain_values for other in others)
 
 
-def test_a_name_is_the_same_in_another_process():
+def test_a_key_is_the_same_in_another_process(tmp_path: Path):
     code = (
+        "import sys\n"
+        "from pathlib import Path\n"
         "from firstfix_builder.templates.make import TemplatesChunk\n"
+        "from firstfix_builder.execution.stage_cache import StageCache\n"
         "from firstfix.engine.config import OccupancyConfig\n"
         "from firstfix.sensor import preset\n"
-        "print(TemplatesChunk(0, 128, (0.0, 0.0), (9.0, 9.0), preset('vlp-16'), OccupancyConfig()).name)"
+        "chunk = TemplatesChunk(0, 128, (0, 0), 16.0, 128.0, preset('vlp-16'), OccupancyConfig())\n"
+        "print(StageCache(Path(sys.argv[1])).key_of('s', {}, chunk.plain_values))"
     )
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert said.stdout.strip() == chunk_of().name
+    command = [sys.executable, "-c", code, str(tmp_path / "there")]
+    said = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert said.stdout.strip() == StageCache(tmp_path / "here").key_of("s", {}, chunk_of().plain_values)
 
 
-def viewpoints_of(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Positions as a build orders them, and the first of each tile of 128 m."""
-    positions = positions[by_tiles(positions, 16.0)[0]]
-    order, start = by_tiles(positions, 128.0)
-    return positions[order], start
+def test_viewpoints_are_shared_out_by_place_alone():
+    rng = np.random.default_rng(0)
+    positions = rng.uniform([-60, -200, 0], [150, 200, 1], (9000, 3))
+    tile_m, side_m = 128.0, chunk_tile_m(128.0, 1.0)
+    assert side_m == 16.0
+    assert tile_m / chunk_tile_m(tile_m, 1.5) == 6
 
+    def shared_out(positions: np.ndarray) -> dict[tuple[int, int], bytes]:
+        order, start = by_nested_tiles(positions, tile_m, side_m)
+        assert sorted(order) == list(range(len(positions)))
+        chunks = template_chunks(positions[order], start, tile_m, 1.0, preset("vlp-16"), OccupancyConfig())
+        assert [chunk.first for chunk in chunks] == [0, *(chunk.last for chunk in chunks[:-1])]
+        assert chunks[-1].last == len(positions)
+        for chunk in chunks:
+            inside = positions[order[chunk.first : chunk.last], :2]
+            assert (np.floor(inside / side_m) == chunk.tile).all()
+        large = np.floor(positions[order, :2] / tile_m)
+        assert len(np.unique(large, axis=0)) == 1 + np.any(np.diff(large, axis=0) != 0, axis=1).sum()
+        return {chunk.tile: positions[order[chunk.first : chunk.last]].tobytes() for chunk in chunks}
 
-def test_viewpoints_are_shared_out_square_by_square():
-    positions, start = viewpoints_of(np.random.default_rng(0).uniform(-150, 150, (9000, 3)))
-    chunks = template_chunks(positions, start, 128.0, 16.0, preset("vlp-16"), OccupancyConfig())
-    assert [chunk.first for chunk in chunks] == [0, *(chunk.last for chunk in chunks[:-1])]
-    assert chunks[-1].last == 9000
-    squares = [np.unique(np.floor(positions[c.first : c.last, :2] / 16), axis=0) for c in chunks]
-    assert {len(square) for square in squares} == {1}
-    assert len(chunks) == len(np.unique(np.concatenate(squares), axis=0)) == 20 * 20
-    for first, last in pairwise(start):
-        (box,) = {(c.low, c.high) for c in chunks if first <= c.first and c.last <= last}
-        assert np.subtract(*box[::-1]).tolist() == [128.0, 128.0]
-        assert (np.array(box) % 128 == 0).all()
-
-
-def test_a_new_wing_leaves_the_chunks_elsewhere_alone():
-    old = np.random.default_rng(1).uniform(0, 100, (3000, 3))
-    wing = np.random.default_rng(2).uniform([-300, -50, 0], [-1, 90, 3], (800, 3))
-
-    def work_of(positions: np.ndarray) -> set[tuple[bytes, object, object]]:
-        ordered, start = viewpoints_of(positions)
-        chunks = template_chunks(ordered, start, 128.0, 16.0, preset("vlp-16"), OccupancyConfig())
-        return {(ordered[c.first : c.last].tobytes(), c.low, c.high) for c in chunks}
-
-    assert work_of(old) < work_of(np.concatenate([wing, old]))
+    before = shared_out(positions)
+    after = shared_out(np.concatenate([positions, [[-300.0, 5.0, 0.0], [3.0, 3.0, 0.0]]]))
+    assert {tile for tile in after if after[tile] != before.get(tile)} == {(-19, 0), (0, 0)}
 
 
 def test_parts_become_the_files_of_the_whole(tmp_path: Path):
@@ -138,61 +147,123 @@ def test_parts_become_the_files_of_the_whole(tmp_path: Path):
 
 
 def test_what_is_there_is_not_made_again(store: Store, log: Path, numbers: StageResult):
-    chunks = [Toy(number, str(log)) for number in range(4)]
+    chunks = [keyed(Toy(number, str(log))) for number in range(4)]
     told: list[float] = []
-    make_chunk(store, STAGE, chunks[1], {"numbers": numbers.directory})
-    results = list(run_chunks(Here(store), STAGE, chunks, {"numbers": numbers}, told.append, lambda: False))
-    assert [result["sum"].tolist() for result in results] == [[n, n + 1, n + 2] for n in range(4)]
+    make_chunk(store, chunks[1], {"numbers": numbers.directory})
+    assert run_all(store, chunks, numbers, told) == [[n, n + 1, n + 2] for n in range(4)]
     assert [runs(log, number) for number in range(4)] == [1, 1, 1, 1]
     assert told == [0.5, 0.75, 1.0]
-    again = list(run_chunks(Here(store), STAGE, chunks, {"numbers": numbers}, told.append, lambda: False))
-    assert [one["sum"].tolist() for one in again] == [one["sum"].tolist() for one in results]
+    assert run_all(store, chunks, numbers) == [[n, n + 1, n + 2] for n in range(4)]
     assert runs(log) == 4
-    other = list(run_chunks(Here(store), "8" * 64, chunks, {"numbers": numbers}, told.append, lambda: False))
-    assert len(other) == 4
-    assert runs(log) == 8, "another stage has its own"
 
 
-@pytest.mark.parametrize("damage", [b"", b"PK\x03\x04", "flip", "cut", "remove"])
+@pytest.mark.parametrize("damage", [b"", b"PK\x03\x04", "flip", "cut", "remove", "record"])
 def test_a_damaged_result_is_made_again(damage, store: Store, log: Path, numbers: StageResult):
-    chunk = Toy(7, str(log))
-    make_chunk(store, STAGE, chunk, {"numbers": numbers.directory})
-    (key,) = store.list("stages")
+    chunk = keyed(Toy(7, str(log)))
+    make_chunk(store, chunk, {"numbers": numbers.directory})
+    key, record = store.list("stages")
     whole = store.get(key)
     if damage == "remove":
         store.delete(key)
+    elif damage == "record":
+        store.put(record, b"{}")
     elif damage == "flip":
         at = whole.index(np.arange(7, 10).tobytes())
         store.put(key, whole[:at] + b"\xff" + whole[at + 1 :])
     else:
         store.put(key, whole[: len(whole) // 2] if damage == "cut" else damage)
-    (result,) = run_chunks(
-        Here(store), STAGE, [chunk], {"numbers": numbers}, lambda fraction: None, lambda: False
-    )
-    assert result["sum"].tolist() == [7, 8, 9]
+    assert run_all(store, [chunk], numbers) == [[7, 8, 9]]
     assert runs(log) == 2
     assert store.get(key) == whole, "the same bytes"
+    assert run_all(store, [chunk], numbers) == [[7, 8, 9]]
+    assert runs(log) == 2
 
 
 def test_a_store_that_forgets_is_given_up(store: Store, log: Path, numbers: StageResult):
+    chunks = [keyed(Toy(1, str(log)))]
+    forgets = Here(store, forgets=True)
     with pytest.raises(StoreError, match="does not keep"):
-        list(
-            run_chunks(
-                Here(store, forgets=True),
-                STAGE,
-                [Toy(1, str(log))],
-                {"numbers": numbers},
-                lambda fraction: None,
-                lambda: False,
-            )
-        )
+        list(run_chunks(forgets, chunks, set(), {"numbers": numbers}, lambda fraction: None, lambda: False))
     assert runs(log) == 4
 
 
-def test_chunks_expire_with_their_stage_and_make_none(store: Store, log: Path, numbers: StageResult):
-    make_chunk(store, STAGE, Toy(1, str(log)), {"numbers": numbers.directory})
-    assert collect_stages(store, 3600).kept == 1
-    (log.parent / "empty").mkdir()
-    assert SharedStages(store).fetch(STAGE, log.parent / "empty") is False
-    assert collect_stages(store, -1).removed == (STAGE,)
-    assert store.list("stages") == []
+@dataclass(frozen=True)
+class Tile(Toy):
+    """Reads one number of the stage ``numbers``, the one of its number, and says so."""
+
+    def run(self, inputs: Mapping[str, Path]) -> dict[str, np.ndarray]:
+        (Path(self.log) / f"{self.number}-{len(list(Path(self.log).iterdir()))}").touch()
+        return {"sum": np.load(inputs["numbers"] / "numbers.npy")[self.number : self.number + 1] * 10}
+
+    def reads(self, inputs: Mapping[str, StageResult]) -> Mapping[str, str]:
+        return {"tile": str(np.load(inputs["numbers"].directory / "numbers.npy")[self.number])}
+
+
+class Bench:
+    """Runs tiles as a build does."""
+
+    def __init__(self, folder: Path, log: Path, shared: SharedStages | None = None) -> None:
+        self.folder = folder
+        self.store = Store.open(str(folder / "chunks"))
+        self.log = log
+        self.shared = shared
+
+    def sums(self, numbers: Iterable[int], cancelled=lambda: False) -> tuple[list[int], tuple[int, int]]:
+        """The results, and how many chunks there were and how many of them were there before."""
+        stage = self.folder / "numbers"
+        stage.mkdir(exist_ok=True)
+        np.save(stage / "numbers.npy", np.array(numbers))
+        cache = ChunkCache(StageCache(self.folder, code_version="1"), Here(self.store), self.shared)
+        chunks = [Tile(number, str(self.log)) for number in range(len(numbers))]
+        inputs = {"numbers": StageResult("6" * 64, stage, "7" * 64)}
+        with BuildTrace("b", "m", None) as trace:
+            trace.tick("stage")
+            found = list(cache.run("stage", chunks, inputs, lambda fraction: None, cancelled))
+            trace.tick("next")
+        return [int(one["sum"][0]) for one in found], (trace.stages[0].chunks, trace.stages[0].chunks_reused)
+
+
+def test_only_the_chunks_whose_inputs_changed_are_made_again(tmp_path: Path, log: Path):
+    bench = Bench(tmp_path, log)
+    assert bench.sums([1, 2, 3, 4]) == ([10, 20, 30, 40], (4, 0))
+    assert bench.sums([1, 2, 7, 4]) == ([10, 20, 70, 40], (4, 3))
+    assert [runs(log, n) for n in range(4)] == [1, 1, 2, 1]
+    assert bench.sums([1, 2, 3, 4, 5]) == ([10, 20, 30, 40, 50], (5, 4)), "the old map is there as well"
+    assert runs(log) == 6
+
+
+def test_another_machine_takes_what_is_shared(tmp_path: Path, log: Path):
+    shared = SharedStages(Store.open(str(tmp_path / "maps")))
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+    assert Bench(tmp_path / "one", log, shared).sums([1, 2, 3])[1] == (3, 0)
+    assert Bench(tmp_path / "two", log, shared).sums([1, 9, 3]) == ([10, 90, 30], (3, 2))
+    assert runs(log) == 4
+    store = Store.open(str(tmp_path / "maps"))
+    assert len(store.folders("stages")) == 4
+    for key in store.list("stages"):
+        store.put(key, b"damaged")
+    (tmp_path / "three").mkdir()
+    assert Bench(tmp_path / "three", log, shared).sums([1, 2, 3]) == ([10, 20, 30], (3, 0))
+
+
+def test_a_cancelled_build_keeps_what_it_made(tmp_path: Path, log: Path):
+    bench = Bench(tmp_path, log)
+    with pytest.raises(BuildCancelled):
+        bench.sums([1, 2, 3, 4], cancelled=lambda: runs(log) >= 2)
+    assert bench.sums([1, 2, 3, 4]) == ([10, 20, 30, 40], (4, 2))
+    assert [runs(log, n) for n in range(4)] == [1, 1, 1, 1]
+
+
+def test_results_go_by_age_and_size_and_used_ones_are_young(tmp_path: Path, log: Path):
+    bench = Bench(tmp_path, log)
+    bench.sums([1, 2, 3])
+    assert bench.sums([9, 2, 3])[1] == (3, 2)
+    size = sum(one.size_bytes for one in bench.store.scan("stages"))
+    assert collect_stages(bench.store, 3600, max_bytes=size).removed == ()
+    assert len(collect_stages(bench.store, 3600, max_bytes=size - 1).removed) == 1
+    assert bench.sums([9, 2, 3])[1] == (3, 3), "what was used last is there"
+    assert bench.sums([1, 2, 3])[1] == (3, 2)
+    assert collect_stages(bench.store, -1).kept == 0
+    assert bench.store.list("stages") == []
+    assert bench.sums([1, 2, 3])[1] == (3, 0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import sys
 import threading
@@ -18,25 +19,26 @@ from certificates import certificates
 from firstfix.builds.config import BuildConfig, ReconstructConfig
 from firstfix.errors import BuildCancelled, BuildFailed, ClusterUnavailable, InvalidOption
 from firstfix.store.store import Store
+from firstfix_builder.execution.chunk_cache import ChunkCache
 from firstfix_builder.execution.chunk_executor import run_chunks
 from firstfix_builder.execution.chunks import ChunkResults
 from firstfix_builder.execution.dask_executor import DaskExecutor
 from firstfix_builder.execution.executor_url import dask_address
-from firstfix_builder.execution.stage_cache import StageResult
+from firstfix_builder.execution.stage_cache import StageCache, StageResult
+from firstfix_builder.mesh.places.tiled_points import TiledPoints
 from firstfix_builder.mesh.reconstruct import joined_mesh, mesh_chunks
 from firstfix_builder.pipeline import BuiltVersion, Cluster, build_version
 from servers import free_port
 from small_world import CONFIG
 
 sys.path.insert(0, str(Path(__file__).parent))
-from toy_chunks import Toy, runs
+from toy_chunks import Toy, keyed, runs
 
 from waiting import wait_until
 
 pytestmark = pytest.mark.slow
 
 HERE = Path(__file__).parent
-STAGE = "5" * 64
 AWAY_S = 120.0
 
 
@@ -83,8 +85,8 @@ class Driver:
             with DaskExecutor(cluster.address, str(store), away_s=away_s) as executor:
                 results = run_chunks(
                     executor,
-                    STAGE,
-                    chunks,
+                    [keyed(chunk) for chunk in chunks],
+                    ChunkResults(executor.store).made(),
                     {"numbers": numbers},
                     lambda fraction: None,
                     self.cancelled.is_set,
@@ -117,9 +119,10 @@ def test_a_version_is_the_same_as_with_threads(
     )
     assert again.manifest.digest == small_version.manifest.digest
     assert len(told) > 4, "it was made again, in chunks"
-    read_by_workers = Store.open(str(store)).list("stages")
-    assert len({key.split("/")[1] for key in read_by_workers}) == 2
-    assert [key for key in read_by_workers if "/chunks/" in key] == []
+    shared = Store.open(str(store))
+    kinds = [json.loads(shared.get(key))["stage"] for key in shared.list("stages") if key.endswith(".json")]
+    assert sorted(set(kinds)) == ["chunk", "mesh", "viewpoints"], "chunks, and what the workers read"
+    assert kinds.count("mesh") == kinds.count("viewpoints") == 1
 
 
 @pytest.mark.parametrize("surface", ["signed-distance", "poisson"])
@@ -127,15 +130,14 @@ def test_a_cloud_becomes_the_same_mesh(cluster: DaskCluster, tmp_path: Path, sur
     rng = np.random.default_rng(0)
     points = np.column_stack([rng.uniform(0, 12, (9000, 2)), rng.normal(0, 0.01, 9000)])
     (tmp_path / "map").mkdir()
-    np.save(tmp_path / "map" / "points.npy", points)
+    TiledPoints.of(points).save(tmp_path / "map")
     read = StageResult("9" * 64, tmp_path / "map", "a" * 64)
     chunks = mesh_chunks(points, ReconstructConfig(surface=surface, tile_cells=40))
     assert len(chunks) >= 4
 
     with DaskExecutor(cluster.address, str(tmp_path / "store")) as executor:
-        far = joined_mesh(
-            run_chunks(executor, STAGE, chunks, {"map": read}, lambda fraction: None, lambda: False)
-        )
+        cache = ChunkCache(StageCache(tmp_path / "cache"), executor)
+        far = joined_mesh(cache.run("mesh", chunks, {"map": read}, lambda fraction: None, lambda: False))
     near = joined_mesh(chunk.run({"map": tmp_path / "map"}) for chunk in chunks)
     assert far.vertices.tobytes() == near.vertices.tobytes()
     assert far.triangles.tobytes() == near.triangles.tobytes()
@@ -230,7 +232,7 @@ def test_a_scheduler_that_stays_away_is_named_and_the_next_build_goes_on(
             driver.end()
         gate.touch()
         store = Store.open(str(tmp_path / "store"))
-        assert ChunkResults(store, STAGE).made() == {chunk.name for chunk in chunks[:5]}
+        assert ChunkResults(store).made() - {numbers.key} == {keyed(chunk).key for chunk in chunks[:5]}
         cluster.start_scheduler()
         cluster.start_worker()
         assert Driver(cluster, tmp_path / "store", chunks, numbers).end() == list(range(6))

@@ -15,13 +15,12 @@ import pytest
 
 from firstfix.errors import BuildCancelled, BuildFailed
 from firstfix_builder.execution.chunk_executor import ChunkBatch, run_chunks
+from firstfix_builder.execution.chunks import ChunkResults
 from firstfix_builder.execution.local_executor import LocalExecutor
 from firstfix_builder.execution.stage_cache import StageResult
 
 sys.path.insert(0, str(Path(__file__).parent))
-from toy_chunks import Toy, runs
-
-STAGE = "5" * 64
+from toy_chunks import Toy, keyed, runs
 
 
 @dataclass(frozen=True)
@@ -54,7 +53,15 @@ def executor(tmp_path: Path) -> Iterator[LocalExecutor]:
 def sums(
     executor: LocalExecutor, chunks: list[Toy], numbers: StageResult, cancelled=lambda: False
 ) -> list[int]:
-    results = run_chunks(executor, STAGE, chunks, {"numbers": numbers}, lambda fraction: None, cancelled)
+    made = ChunkResults(executor.store).made()
+    results = run_chunks(
+        executor,
+        [keyed(chunk) for chunk in chunks],
+        made,
+        {"numbers": numbers},
+        lambda fraction: None,
+        cancelled,
+    )
     return [int(result["sum"][0]) for result in results]
 
 
@@ -96,4 +103,17 @@ def test_a_folder_that_takes_nothing_fails_the_build(
 ):
     (tmp_path / "work" / "chunks" / "stages").write_text("in the way")
     with pytest.raises(BuildFailed, match="work folder took no result"):
-        executor.run(ChunkBatch(STAGE, [Toy(1, str(log))], {"numbers": numbers}, lambda: None, lambda: False))
+        executor.run(ChunkBatch([keyed(Toy(1, str(log)))], {"numbers": numbers}, lambda: None, lambda: False))
+
+
+def test_results_stay_and_are_pruned_by_size(
+    executor: LocalExecutor, log: Path, numbers: StageResult, tmp_path: Path
+):
+    assert sums(executor, [Toy(n, str(log)) for n in (1, 2)], numbers) == [1, 2]
+    with ThreadPoolExecutor(1) as threads:
+        again = LocalExecutor(tmp_path / "work", threads, threads)
+        assert sums(again, [Toy(n, str(log)) for n in (1, 2)], numbers) == [1, 2]
+        assert runs(log) == 2
+        assert len(ChunkResults(again.store).made()) == 2
+        small = LocalExecutor(tmp_path / "work", threads, threads, max_bytes=1)
+        assert ChunkResults(small.store).made() == set()

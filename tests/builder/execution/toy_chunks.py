@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import time
 from collections.abc import Mapping
@@ -11,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from firstfix.errors import BuildFailed
-from firstfix_builder.execution.chunks import Arrays, Chunk
+from firstfix_builder.execution.chunks import Arrays, Chunk, KeyedChunk
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,12 @@ class Toy(Chunk):
         if self.fate == "dies":
             os._exit(1)
         return {"sum": np.load(inputs["numbers"] / "numbers.npy") + self.number}
+
+
+def keyed(chunk: Toy) -> KeyedChunk:
+    """The chunk with a key of its kind of work and its values."""
+    text = json.dumps([chunk.work, chunk.plain_values], sort_keys=True)
+    return KeyedChunk(hashlib.sha256(text.encode()).hexdigest(), chunk)
 
 
 def runs(log: Path, number: int | None = None) -> int:

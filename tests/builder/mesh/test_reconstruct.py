@@ -13,6 +13,7 @@ from firstfix.errors import BuildFailed
 from firstfix.transform import make_transform
 from firstfix_builder.mesh.clean_cloud import clean_cloud
 from firstfix_builder.mesh.mesh import Mesh
+from firstfix_builder.mesh.places.tiled_points import TiledPoints
 from firstfix_builder.mesh.reconstruct import joined_mesh, mesh_chunks
 from firstfix_builder.simulation.simulate import Simulator
 
@@ -27,7 +28,7 @@ def reconstruct_mesh(
 ) -> Mesh:
     """All of the stage in this thread."""
     with tempfile.TemporaryDirectory() as folder:
-        np.save(Path(folder) / "points.npy", points)
+        TiledPoints.of(points).save(Path(folder))
         if trajectory is not None:
             np.save(Path(folder) / "trajectory.npy", trajectory)
         return joined_mesh(chunk.run({"map": Path(folder)}) for chunk in mesh_chunks(points, config))
@@ -102,7 +103,7 @@ def test_tiles_meet_without_gap_or_double_surface(
     assert np.abs(height - reference)[~near_block].max() < 0.03
     below = Simulator(tiled.vertices, tiled.triangles)
     ground = origins[~near_block] * [1, 1, 0] + [0, 0, -0.1]
-    assert np.isinf(below.surfaces_below(ground)[0]).all()  # one layer of ground, at the seams too
+    assert np.isinf(below.drops(ground)).all()  # one layer of ground, at the seams too
 
     def area(mesh: Mesh) -> float:
         a, b, c = (mesh.vertices[mesh.triangles[:, corner]] for corner in range(3))
@@ -129,7 +130,7 @@ def test_no_surface_where_there_is_no_data(
     hole = (cloud[:, 0] > 4) & (cloud[:, 0] < 8) & (cloud[:, 1] > 4) & (cloud[:, 1] < 8)
     mesh = reconstruct_mesh(cloud[~hole], trajectory, config)
     origin = np.array([[6.0, 6.0, 5.0]])
-    assert np.isinf(Simulator(mesh.vertices, mesh.triangles).surfaces_below(origin)[0]).all()
+    assert np.isinf(Simulator(mesh.vertices, mesh.triangles).drops(origin)).all()
 
 
 def test_far_coordinates_lose_nothing(

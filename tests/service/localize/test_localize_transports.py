@@ -41,6 +41,17 @@ def test_a_scan_is_answered(shared_service: Service, transport: str):
 
 
 @both
+def test_an_answer_of_a_provisional_version_says_so(shared_service: Service, transport: str):
+    name, catalog, scratch = f"early-{transport}", shared_service.catalog, shared_service.scratch
+    publish(catalog, name, "1", scratch, provisional=True)
+    wait_until(lambda: shared_service.ask(transport, map_id=name).ok)
+    assert Localization.from_mapping(shared_service.ask(transport, map_id=name).json).map_provisional
+    version = publish(catalog, name, "2", scratch)
+    wait_until(lambda: shared_service.ask(transport, map_id=name).json["map_version"] == version)
+    assert not Localization.from_mapping(shared_service.ask(transport, map_id=name).json).map_provisional
+
+
+@both
 def test_several_scans_are_one_query(shared_service: Service, transport: str):
     scan = Scan(np.arange(30, dtype=np.float32).reshape(10, 3))
     body = wire_sequence.encode_scans([scan] * 3, [np.eye(4)] * 3)

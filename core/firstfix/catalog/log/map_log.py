@@ -119,6 +119,7 @@ class MapLog:
         *,
         build_id: str = "",
         generation: int = 0,
+        provisional: bool = False,
         needed: Callable[[MapState], bool],
     ) -> LogEntry | None:
         """Append an entry if it is needed in the state before it.
@@ -137,7 +138,9 @@ class MapLog:
                 return None
             seq = seen.state.last_seq + 1
             now = datetime.now(timezone.utc).isoformat(timespec="seconds")
-            entry = LogEntry(seq, event, check_version(version), now, build_id, writer, generation)
+            entry = LogEntry(
+                seq, event, check_version(version), now, build_id, writer, generation, provisional
+            )
             if self._create(entry):
                 newer = scan_after(self._store, self._snapshots, max(0, seq - ENTRIES_PER_SNAPSHOT))
                 if self._is_part(entry, list(newer)):

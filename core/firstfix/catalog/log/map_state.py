@@ -38,6 +38,7 @@ class LogEntry:
         build_id: build that caused the event; empty if a person did.
         writer: unique to one append, so that a writer whose reply was lost recognises its own entry.
         generation: generation of the version's files, for ``published``.
+        provisional: the version is provisional, for ``published``.
     """
 
     seq: int
@@ -47,6 +48,7 @@ class LogEntry:
     build_id: str = ""
     writer: str = ""
     generation: int = 0
+    provisional: bool = False
 
     def to_json(self) -> bytes:
         """Content of the entry's object."""
@@ -70,7 +72,10 @@ class LogEntry:
         known = {one.value: one for one in Event}
         if event not in known:
             return None
-        return cls(seq, known[event], version, time, build_id, writer, generation)
+        provisional = record.get("provisional", False)
+        if type(provisional) is not bool:
+            raise TypeError("provisional is no boolean")
+        return cls(seq, known[event], version, time, build_id, writer, generation, provisional)
 
 
 @dataclass(frozen=True)
@@ -110,6 +115,17 @@ class MapState:
     def active(self) -> str | None:
         """Version that the map serves."""
         return self.activated[0] if self.activated else None
+
+    @property
+    def provisional(self) -> frozenset[str]:
+        """The published versions that are provisional."""
+        found = {e.version: e.provisional for e in self.entries if e.event is Event.PUBLISHED}
+        return frozenset(version for version in self.published if found.get(version, False))
+
+    @property
+    def has_full(self) -> bool:
+        """A version that is not provisional can be served."""
+        return len(self.provisional) < len(self.published)
 
     @classmethod
     def of(cls, entries: Sequence[LogEntry], last_seq: int) -> MapState:

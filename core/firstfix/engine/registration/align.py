@@ -52,7 +52,7 @@ class Registration:
 
 @dataclass(frozen=True)
 class Agreement:
-    """How a placed scan agrees with the map, beyond how much of it does.
+    """Agreement of a placed scan with the map, beyond the share that agrees.
 
     Attributes:
         beside_surface: 0..1, share of the scan's points that lie near a surface of the map (in a cell of the
@@ -191,7 +191,7 @@ class MapSurface:
         return self._align(self.fine, scan, T_level_sensor, iterations, reach_m, _FINE_ANGLE)
 
     def agreements(self, scan: Surface, T_level_sensor: NDArray[np.float64]) -> list[Agreement]:
-        """How the scan agrees with the map at each of (k, 4, 4) poses."""
+        """Agreement of the scan with the map at each of (k, 4, 4) poses."""
         found = native.agreement(
             self.fine.tables,
             self.coarse.tables,

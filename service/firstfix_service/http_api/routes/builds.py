@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Query, Response
 
 from firstfix.builds.records import FINAL_STATES
-from firstfix.errors import NotFound
+from firstfix.errors import NotFound, UnreadableRecord
 from firstfix.ids import check_map_id
 
 from ...builds.queue import cancel_build as cancel_build_anywhere
@@ -63,12 +63,15 @@ def get_builds(
 def get_build(build_id: BuildId, parts: PartsDep, response: Response) -> Build:
     """State, stage, progress, error, and the version of a build that has succeeded.
 
+    Of a build that has ended also its stages, with what each has taken over from earlier builds.
+
     State `unreadable`: the build's record in the store is damaged.
     """
     status = parts.catalog.shown_status(build_id)
     if status["state"] not in FINAL_STATES:
         response.headers["Retry-After"] = str(RETRY_AFTER_S)
-    return Build.model_validate({"build_id": build_id, **status})
+        return Build.model_validate({"build_id": build_id, **status})
+    return Build.model_validate({"build_id": build_id, **status, "stages": _stages(parts, build_id)})
 
 
 @router.delete("/{build_id}", status_code=202)
@@ -79,3 +82,10 @@ def cancel_build(build_id: BuildId, parts: PartsDep) -> Build:
     A waiting build is cancelled at once, a running one within seconds. Its status says when.
     """
     return Build.model_validate({"build_id": build_id, **cancel_build_anywhere(parts.catalog, build_id)})
+
+
+def _stages(parts: PartsDep, build_id: str) -> list[dict[str, Any]]:
+    try:
+        return parts.catalog.build_stages(build_id)
+    except UnreadableRecord:  # they are for people: the build's state does not depend on them
+        return []

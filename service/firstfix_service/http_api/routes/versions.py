@@ -40,7 +40,12 @@ def get_versions(
             raise NotFound(f"map {map_id} has no version {after[:64]} (after)")
         infos = infos[names.index(after) + 1 :]
     page = [
-        {"version": info.version, "active": info.active, "published_time": info.published_time}
+        {
+            "version": info.version,
+            "active": info.active,
+            "published_time": info.published_time,
+            "provisional": info.provisional,
+        }
         for info in infos[:limit]
     ]
     following = page[-1]["version"] if len(infos) > limit else None

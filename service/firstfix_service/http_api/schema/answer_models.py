@@ -90,6 +90,7 @@ class Answer(BaseModel):
                     "hint": None,
                     "map_id": "hall",
                     "map_version": "5a4ce3b4178946d0a2e1d4f1c3b7a9586e0f2d4c6b8a19375d3e5f7091b2c4d6",
+                    "map_provisional": False,
                     "timings_ms": {"preprocess": 9.1, "search": 2.0, "register": 31.5},
                 }
             ]
@@ -111,6 +112,10 @@ class Answer(BaseModel):
     hint: Hint | None = Field(description="null unless ambiguous, or if no move within reach helps")
     map_id: str
     map_version: str
+    map_provisional: bool = Field(
+        description="the version is coarse, its probabilities not measured on this map; a full one will "
+        "take its place"
+    )
     timings_ms: dict[str, float]
 
 

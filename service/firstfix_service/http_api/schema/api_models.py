@@ -41,10 +41,15 @@ class MapDetails(MapSummary):
 class VersionSummary(BaseModel):
     """A published version."""
 
-    model_config = _example(version=_VERSION, active=True, published_time="2025-03-01T12:00:00+00:00")
+    model_config = _example(
+        version=_VERSION, active=True, published_time="2025-03-01T12:00:00+00:00", provisional=False
+    )
     version: str
     active: bool
     published_time: str = Field(description="UTC, ISO 8601")
+    provisional: bool = Field(
+        False, description="coarse and untested: served until the build's full version takes its place"
+    )
 
 
 class VersionPage(BaseModel):
@@ -108,6 +113,16 @@ class BuildError(BaseModel):
     detail: str
 
 
+class BuildStage(BaseModel):
+    """One stage of a build, and what it took over from earlier builds."""
+
+    stage: str
+    seconds: float
+    cached: bool = Field(description="an earlier build had made all of it")
+    chunks: int = Field(0, description="number of chunks of a stage that was made; 0: it has none")
+    chunks_reused: int = Field(0, description="number of those that an earlier build had made")
+
+
 class Build(BaseModel):
     """Status of a build."""
 
@@ -123,6 +138,8 @@ class Build(BaseModel):
                     "progress": 0.41,
                     "error": None,
                     "version": None,
+                    "provisional_version": _VERSION,
+                    "stages": [],
                 }
             ]
         },
@@ -134,6 +151,13 @@ class Build(BaseModel):
     progress: float = Field(ge=0, le=1)
     error: BuildError | None
     version: str | None = Field(description="digest of the built version; null until the build has succeeded")
+    provisional_version: str | None = Field(
+        None,
+        description="digest of the provisional version that the build has published, also if it failed later",
+    )
+    stages: list[BuildStage] = Field(
+        [], description="stages of a build that has ended, in `GET /builds/{build_id}`; else empty"
+    )
 
 
 class BuildPage(BaseModel):

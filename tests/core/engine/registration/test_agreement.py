@@ -1,4 +1,4 @@
-"""How a placed scan agrees with the map: the kernel beside NumPy, and rooms where the answer is known."""
+"""Agreement of a placed scan with the map: the kernel beside NumPy, and rooms where the answer is known."""
 
 from __future__ import annotations
 

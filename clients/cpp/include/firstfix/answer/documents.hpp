@@ -53,6 +53,7 @@ struct Localization {
   std::string map_id, map_version;
   std::map<std::string, double> timings_ms;
   std::optional<Twist> twist{};  // of the sensor during the scan, if it was solved with the pose or given by the caller
+  bool map_provisional = false;  // the version is coarse and untested, until a full one takes its place
 };
 
 // OGC GeoPose 1.0, Basic-Quaternion: WGS84, height above the ellipsoid, orientation in the local east-north-up frame.

@@ -1,0 +1,75 @@
+"""The surface of a map in cubic cells with hashes: whether it has changed near a place."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+CELL_M = 4.0
+FILE = "surface_cells.npz"
+
+
+@dataclass(frozen=True)
+class SurfaceCells:
+    """The cells that hold triangles. A triangle belongs to the cell of its centre.
+
+    A triangle larger than a cell belongs to a cell of twice, four times ... the edge: small cells have small
+    boxes.
+
+    Attributes:
+        cell: (k, 4) int64 number of each cell, counted from zero, and how often its edge is doubled.
+        sha256: (k, 32) uint8 of the cell's triangles, as rays meet them: in single precision.
+        low, high: (k, 3) metres, the corners of the box that holds the cell's triangles whole.
+    """
+
+    cell: NDArray[np.int64]
+    sha256: NDArray[np.uint8]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> SurfaceCells:
+        """Cells of (t, 3) triangles, one or more."""
+        number = _cells_of(vertices, triangles)
+        order = np.lexsort(number.T[::-1])
+        number = number[order]
+        corners = vertices[triangles[order]].astype(np.float32)  # (t, 3, 3)
+        first = np.flatnonzero(np.any(np.diff(number, axis=0, prepend=number[:1] - 1) != 0, axis=1))
+        ends = [*first.tolist(), len(corners)]
+        found = b"".join(hashlib.sha256(corners[a:b].tobytes()).digest() for a, b in pairwise(ends))
+        return cls(
+            number[first],
+            np.frombuffer(found, np.uint8).reshape(-1, 32),
+            np.minimum.reduceat(corners.min(axis=1), first).astype(np.float64),
+            np.maximum.reduceat(corners.max(axis=1), first).astype(np.float64),
+        )
+
+    def save(self, directory: Path) -> None:
+        """Writes the file of this name."""
+        np.savez(directory / FILE, cell=self.cell, sha256=self.sha256, low=self.low, high=self.high)
+
+    @classmethod
+    def load(cls, path: Path) -> SurfaceCells:
+        """Reads a file of ``save``."""
+        with np.load(path) as cells:
+            return cls(**dict(cells))
+
+    def digest_within(self, low: NDArray[np.float64], high: NDArray[np.float64], reach_m: float) -> str:
+        """Returns a hash of the surface within reach_m of the box of (2,) corners in x and y."""
+        gap_m = np.maximum(np.maximum(self.low[:, :2] - high, low - self.high[:, :2]), 0)
+        near = np.hypot(gap_m[:, 0], gap_m[:, 1]) <= reach_m
+        return hashlib.sha256(self.cell[near].tobytes() + self.sha256[near].tobytes()).hexdigest()
+
+
+def _cells_of(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(t, 4) the cell of each of (t, 3) triangles."""
+    corners = vertices[triangles]
+    size_m = (corners.max(axis=1) - corners.min(axis=1)).max(axis=1)
+    doubled = np.ceil(np.log2(np.maximum(size_m / CELL_M, 1.0)))
+    number = np.floor(corners.mean(axis=1) / (CELL_M * 2**doubled)[:, None])
+    return np.column_stack([number, doubled]).astype(np.int64)

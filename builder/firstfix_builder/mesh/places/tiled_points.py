@@ -1,0 +1,67 @@
+"""A cloud whose points lie tile by tile, so that whoever works at one place reads only what is near it."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+TILE_M = 8.0
+_POINTS, _TILES = "points.npy", "point_tiles.npz"
+
+
+@dataclass(frozen=True)
+class TiledPoints:
+    """A cloud in tiles of the ground plane, which are counted from the map's zero.
+
+    Attributes:
+        points: (n, 3) metres, tile by tile, within a tile in the order that they came in.
+        tile: (k, 2) int64 number of each tile in x and y.
+        start: (k + 1,) int64, tile i holds ``points[start[i]:start[i + 1]]``.
+        sha256: (k, 32) uint8 of each tile's points.
+    """
+
+    points: NDArray[np.float64]
+    tile: NDArray[np.int64]
+    start: NDArray[np.int64]
+    sha256: NDArray[np.uint8]
+
+    @classmethod
+    def of(cls, points: NDArray[np.float64]) -> TiledPoints:
+        """Tiles of (n, 3) points, one or more."""
+        number = np.floor(points[:, :2] / TILE_M).astype(np.int64)
+        order = np.lexsort((number[:, 1], number[:, 0]))
+        ordered, number = points[order], number[order]
+        first = np.flatnonzero(np.any(np.diff(number, axis=0, prepend=number[:1] - 1) != 0, axis=1))
+        start = np.append(first, len(points)).astype(np.int64)
+        found = [hashlib.sha256(ordered[a:b].tobytes()).digest() for a, b in pairwise(start.tolist())]
+        return cls(ordered, number[first], start, np.frombuffer(b"".join(found), np.uint8).reshape(-1, 32))
+
+    def save(self, directory: Path) -> None:
+        """Writes ``points.npy`` and ``point_tiles.npz``."""
+        np.save(directory / _POINTS, self.points)
+        np.savez(directory / _TILES, tile=self.tile, start=self.start, sha256=self.sha256)
+
+    @classmethod
+    def load(cls, directory: Path) -> TiledPoints:
+        """Memory-mapped: of a part only that part is read."""
+        with np.load(directory / _TILES) as tiles:
+            return cls(np.load(directory / _POINTS, mmap_mode="r"), **dict(tiles))
+
+    def near(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns the points of the tiles that meet the box of (2,) corners, tile by tile."""
+        parts = [self.points[self.start[i] : self.start[i + 1]] for i in self._tiles(low, high)]
+        return np.concatenate(parts) if parts else np.zeros((0, 3))
+
+    def digest_near(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> str:
+        """Returns a hash of what ``near`` returns."""
+        tiles = self._tiles(low, high)
+        return hashlib.sha256(self.tile[tiles].tobytes() + self.sha256[tiles].tobytes()).hexdigest()
+
+    def _tiles(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.intp]:
+        meets = (self.tile * TILE_M <= high) & ((self.tile + 1) * TILE_M >= low)
+        return np.flatnonzero(meets.all(axis=1))
