@@ -24,12 +24,15 @@ TYPED = {"firstfix/wire/scan.py"}
 # The other modules of these rooms, and these modules, are not used by robot programs: they lose the
 # annotations of all functions.
 INTERNAL = (
+    "firstfix/answer/pose_mapping.py",
+    "firstfix/answer/quality.py",
     "firstfix/decode.py",
     "firstfix/descriptor/",
     "firstfix/formats/",
     "firstfix/ids.py",
     "firstfix/portable/",
     "firstfix/ros/",
+    "firstfix/scan/condense.py",
     "firstfix/scan/levelling.py",
     "firstfix/scan/range_view.py",
     "firstfix/scan/voxel_filter.py",
