@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -20,13 +21,13 @@ from firstfix.catalog.manifest import Manifest
 from firstfix.engine.index import ENGINE_FILE, MAP_FILE
 from firstfix.engine.retrieval.clusters import Clusters
 
-from .build_stages import BuildStages
 from .execution.chunk_executor import ChunkExecutor
 from .execution.die_with_parent import die_with_parent
 from .execution.local_executor import LocalExecutor
 from .execution.stage_cache import StageCache, StageResult, StagesElsewhere
 from .execution.stage_names import STAGES as STAGES
 from .execution.stage_runner import Progress
+from .session_stages import SESSIONS_FILE, SessionStages
 from .stage_files import engine_of, link
 
 
@@ -65,7 +66,8 @@ def build_version(
     """Runs every stage that the cache under ``work`` does not hold yet.
 
     Args:
-        source: a map file or folder, as ``read_map`` takes it.
+        source: a map file or folder, as ``read_map`` takes it, or a folder of sessions with a
+            ``sessions.yaml``.
         trajectory: poses of the mapping run, if they are not in the source.
         shared: where other machines' finished stages are.
         cluster: whose workers do what can be done side by side; None: threads and processes here.
@@ -81,7 +83,7 @@ def build_version(
         ThreadPoolExecutor(os.cpu_count()) as threads,
         _chunk_executor(cluster, work, threads) as executor,
     ):
-        build = BuildStages(StageCache(work, shared=shared), executor, progress, cancelled, config, threads)
+        build = SessionStages(StageCache(work, shared=shared), executor, progress, cancelled, config, threads)
         read = build.read_map(source, trajectory)
         mesh = build.reconstruct_mesh(read)
         viewpoints = build.sample_viewpoints(read, mesh)
@@ -111,7 +113,7 @@ def read_source(
     """
     with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(1) as threads:
         executor = LocalExecutor(work, threads, threads)
-        build = BuildStages(StageCache(work, shared=shared), executor, progress, cancelled, config, threads)
+        build = SessionStages(StageCache(work, shared=shared), executor, progress, cancelled, config, threads)
         build.read_map(source, trajectory)
 
 
@@ -146,7 +148,7 @@ def _collect(
         config=config.to_mapping(),
         sensor=config.sensor_model.to_mapping(),
         origin=np.load(read.directory / "T_map_level.npy")[:3, 3],
-        source={"sha256": read.digest},
+        source=_source_record(read),
         counts={
             "templates": len(clusters.member),
             "clusters": len(clusters),
@@ -157,3 +159,12 @@ def _collect(
     )
     (directory / "manifest.json").write_bytes(manifest.to_json())
     return BuiltVersion(directory, manifest)
+
+
+def _source_record(read: StageResult) -> dict[str, Any]:
+    """What the version is made from; of several sessions, where each lies and what says so."""
+    sessions = read.directory / SESSIONS_FILE
+    found: dict[str, Any] = {"sha256": read.digest}
+    if sessions.exists():
+        found["sessions"] = json.loads(sessions.read_text())
+    return found
