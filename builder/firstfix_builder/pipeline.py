@@ -162,7 +162,7 @@ def _collect(
 
 
 def _source_record(read: StageResult) -> dict[str, Any]:
-    """What the version is made from; of several sessions, where each lies and what says so."""
+    """Record of the source: its digest, and the place of each session with the evidence for it."""
     sessions = read.directory / SESSIONS_FILE
     found: dict[str, Any] = {"sha256": read.digest}
     if sessions.exists():

@@ -99,7 +99,7 @@ def rows_in_both(
 def _offset(
     points: NDArray[np.float32], grids: MapSurface, T_known_sensor: Matrix
 ) -> tuple[float, float] | None:
-    """How far what is seen from a place must move and turn to lie on the surface best.
+    """Step that lays what is seen from a place on the surface best, in metres and degrees.
 
     Directions in which it could slide or turn freely, as along a corridor, do not count. None: the known
     session saw too little of it.

@@ -40,8 +40,7 @@ def consensus_of(places: Sequence[AskedPlace]) -> Consensus | None:
 
     A vote counts as much as the probability of the hypothesis that agrees. None: no place was localized.
     """
-    owner = np.concatenate([np.full(len(p.probability), row) for row, p in enumerate(places)] or [[]])
-    owner = owner.astype(np.int64)
+    owner = np.repeat(np.arange(len(places)), [len(place.probability) for place in places]).astype(np.int64)
     if not len(owner):
         return None
     T = np.concatenate([place.T_known_asked for place in places])
@@ -50,7 +49,7 @@ def consensus_of(places: Sequence[AskedPlace]) -> Consensus | None:
     seeds = np.flatnonzero(probability >= MIN_PROBABILITY)
     if not len(seeds):
         return None
-    ballots = np.stack([_ballot(T, position_m, probability, owner, len(places), seed) for seed in seeds])
+    ballots = np.stack([_ballot(T, position_m, probability, owner, len(places), int(seed)) for seed in seeds])
     votes = ballots.sum(axis=1)
     best = int(np.argmax(votes))
     for_it = np.flatnonzero(ballots[best] > 0)

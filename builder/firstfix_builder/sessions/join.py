@@ -26,7 +26,7 @@ _HALF_ANGLE = 0.2
 
 @dataclass(frozen=True)
 class Overlap:
-    """How well two surfaces lie on each other.
+    """Common part of two surfaces.
 
     Attributes:
         share: 0..1, of the moved surface that has its pair in the other one.

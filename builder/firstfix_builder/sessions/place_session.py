@@ -1,4 +1,4 @@
-"""Finds where a session lies among those that are placed, or why that cannot be said."""
+"""Places a session among those that are placed, or gives the reason why not."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .session_map import PlacedSession, SessionMap
 
 @dataclass(frozen=True)
 class Placement:
-    """Where a session lies, and what says so.
+    """Transform of a session, with the evidence for it.
 
     Attributes:
         T_first_session: (4, 4), between levelled frames.

@@ -67,7 +67,7 @@ class SessionMap:
 
     @cached_property
     def things(self) -> Things:
-        """What stands about."""
+        """Things that stand about."""
         return Things(self.surface)
 
     @property

@@ -1,4 +1,4 @@
-"""What stands in a place, told from its walls and floor: storeys of one building differ in nothing else."""
+"""Things in a place, told from its walls and floor: the storeys of one building may differ in nothing else."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which sessions are placed in which order, and what is laid together. Their alignment is another test's."""
+"""Order in which sessions are placed, and their map. Another test has their alignment."""
 
 from __future__ import annotations
 
