@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from firstfix.builds.config import BuildConfig, LearnKeysConfig
+from firstfix.builds.config import BuildConfig, LearnKeysConfig, ViewpointConfig
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.index import MAP_FILE, MapIndex
 from firstfix.engine.localizer import Localizer
@@ -19,6 +19,7 @@ from firstfix.errors import InvalidOption, MalformedData
 from firstfix.transform import inverse, transform_points
 
 from .build_stages import BuildStages
+from .execution.build_trace import within_a_stage
 from .execution.content_hash import content_hash
 from .execution.stage_cache import StageResult
 from .execution.stage_names import STAGES
@@ -31,6 +32,7 @@ from .sessions.session_map import SessionMap
 from .stage_files import engine_of, link, simulator_of, trajectory_of
 
 SESSIONS_FILE = "sessions.json"
+NEAR_TRAJECTORY_M = 5.0  # where a session was mapped well, if it says where it was mapped from
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,8 @@ class SessionStages(BuildStages):
             raise InvalidOption(f"the trajectories of several sessions stand in {described.name}")
 
         def produce(out: Path) -> None:
-            self._merge(source, read_description(described), out)
+            with within_a_stage():
+                self._merge(source, read_description(described), out)
 
         return self._stage("read_map", {"source": content_hash(source)}, self._chosen("sessions"), produce)
 
@@ -57,8 +60,9 @@ class SessionStages(BuildStages):
 
         def produce(out: Path) -> None:
             folder = unpack(archive, out.parent / "unpacked")  # goes as the stage is done
-            quiet = replace(self, progress=lambda stage, fraction: None)
-            for path in quiet.read_map(folder, trajectory).directory.iterdir():
+            with within_a_stage():
+                read = self.read_map(folder, trajectory)
+            for path in read.directory.iterdir():
                 link(path, out / path.name)
 
         inputs = {"source": content_hash(archive)}
@@ -106,6 +110,7 @@ class SessionStages(BuildStages):
             axis=self.config.axis,
             level=self.config.level,
             clean=self.config.clean,
+            viewpoints=ViewpointConfig(max_distance_to_trajectory_m=NEAR_TRAJECTORY_M),
             learn_keys=LearnKeysConfig(scans=0),
         )
         return replace(self, config=config, progress=lambda stage, fraction: None)

@@ -1,4 +1,4 @@
-"""Things in a place, told from its walls and floor: the storeys of one building may differ in nothing else."""
+"""Things in a place, told from its walls and floor. Storeys of a building may differ in nothing else."""
 
 from __future__ import annotations
 
