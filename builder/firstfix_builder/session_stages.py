@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -15,7 +16,7 @@ from firstfix.builds.config import BuildConfig, LearnKeysConfig, ViewpointConfig
 from firstfix.engine.calibration import Calibration
 from firstfix.engine.index import MAP_FILE, MapIndex
 from firstfix.engine.localizer import Localizer
-from firstfix.errors import InvalidOption, MalformedData
+from firstfix.errors import BuildFailed, InputError, InvalidOption, MalformedData, NotFound
 from firstfix.transform import inverse, transform_points
 
 from .build_stages import BuildStages
@@ -86,7 +87,9 @@ class SessionStages(BuildStages):
 
         @cache
         def map_of(number: int) -> SessionMap:
-            found = _map_of(replace(lean, progress=steps.within), sessions[number].source, results[number])
+            name = sessions[number].source
+            with _naming(name):
+                found = _map_of(replace(lean, progress=steps.within), name, results[number])
             steps.next()
             return found
 
@@ -134,12 +137,22 @@ class _Steps:
 
 
 def _result(lean: SessionStages, source: Path, session: Session) -> StageResult:
-    """The session's own map. Its messages name the session, not the file alone."""
+    """The session's own map."""
     trajectory = None if session.trajectory is None else source / session.trajectory
-    result = BuildStages.read_map(lean, source / session.source, trajectory)
-    if not (result.directory / "points.npy").exists():
-        raise MalformedData(f"session {session.source}: a mesh, and only clouds can be merged")
+    with _naming(session.source):
+        result = BuildStages.read_map(lean, source / session.source, trajectory)
+        if not (result.directory / "points.npy").exists():
+            raise MalformedData("a mesh, and only clouds can be merged")
     return result
+
+
+@contextmanager
+def _naming(session: str) -> Iterator[None]:
+    """Puts the session's name before the reason why it cannot be read or indexed."""
+    try:
+        yield
+    except (InputError, NotFound, BuildFailed) as error:
+        raise type(error)(f"session {session}: {error}") from error
 
 
 def _read(session: Session, result: StageResult) -> ReadSession:

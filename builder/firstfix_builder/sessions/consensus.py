@@ -45,7 +45,7 @@ def consensus_of(places: Sequence[AskedPlace]) -> Consensus | None:
         return None
     T = np.concatenate([place.T_known_asked for place in places])
     probability = np.concatenate([place.probability for place in places])
-    position_m = np.stack([places[row].position_m for row in owner])
+    position_m = np.stack([place.position_m for place in places])[owner]
     seeds = np.flatnonzero(probability >= MIN_PROBABILITY)
     if not len(seeds):
         return None

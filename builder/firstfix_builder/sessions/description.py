@@ -45,13 +45,8 @@ class Session(BaseModel):
         if value is None:
             return None
         path = PurePosixPath(value)
-        if (
-            path.is_absolute()
-            or ".." in path.parts
-            or "\\" in value
-            or "\0" in value
-            or path == PurePosixPath(".")
-        ):
+        hidden = any(part.startswith(".") for part in path.parts)  # these do not count for the stage cache
+        if hidden or not path.parts or path.is_absolute() or "\\" in value or "\0" in value:
             raise ValueError(f"{value!r} is not a path below the folder")
         return value
 

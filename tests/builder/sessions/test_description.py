@@ -51,6 +51,7 @@ def test_a_folder_without_the_file_is_one_map(tmp_path):
         ({"source": "/etc/passwd"}, "not a path below the folder"),
         ({"source": "a\\b.pcd"}, "not a path below the folder"),
         ({"source": "."}, "not a path below the folder"),
+        ({"source": ".cache/map.pcd"}, "not a path below the folder"),
         ({"source": "map.pcd", "trajectory": "../poses.txt"}, "not a path below the folder"),
         ({"source": "x" * 300}, "at most 200"),
         ({"source": "map.pcd", "align": False}, "needs T_map_session"),

@@ -168,6 +168,13 @@ def test_trajectories_stand_in_the_description(tmp_path, work, first):
         read_map(folder, work, folder / "s0/poses.txt")
 
 
+def test_a_damaged_session_is_named(tmp_path, work, first):
+    folder = described(tmp_path, [first, first])
+    (folder / "s1/cloud.npy").write_bytes(b"damaged")
+    with pytest.raises(MalformedData, match=r"session s1/cloud\.npy: cloud\.npy: "):
+        read_map(folder, work)
+
+
 def test_a_mesh_is_no_session(tmp_path, work, first):
     folder = described(tmp_path, [first])
     (folder / "wall.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 0 1\nf 1 2 3\n")
