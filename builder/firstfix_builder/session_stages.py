@@ -30,6 +30,7 @@ from .read_map.archive import SUFFIX, unpack
 from .sessions.description import Session, description_in, read_description
 from .sessions.merge import ReadSession, merge
 from .sessions.session_map import SessionMap
+from .simulation.simulate import Simulator
 from .stage_files import engine_of, link, simulator_of, trajectory_of
 
 SESSIONS_FILE = "sessions.json"
@@ -93,8 +94,13 @@ class SessionStages(BuildStages):
             steps.next()
             return found
 
+        @cache
+        def mesh_of(number: int) -> Simulator:
+            with _naming(sessions[number].source):
+                return simulator_of(lean.reconstruct_mesh(results[number]))
+
         read = [_read(session, result) for session, result in zip(sessions, results, strict=True)]
-        merged = merge(read, map_of, self.threads, steps.next, self.cancelled)
+        merged = merge(read, map_of, mesh_of, self.threads, steps.next, self.cancelled)
         T_first_level = level_frame(merged.points) if self.config.level else np.eye(4)
         T_level_first = inverse(T_first_level)
         points = transform_points(T_level_first, merged.points)

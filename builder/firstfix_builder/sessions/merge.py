@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from firstfix.errors import BuildFailed
 from firstfix.transform import Matrix, inverse, transform_points
 
+from ..simulation.simulate import Simulator
 from .description import Session
 from .place_session import NotPlaced, place_session
 from .seen_through import seen_through
@@ -55,6 +56,7 @@ class MergedSessions:
 def merge(
     read: Sequence[ReadSession],
     map_of: Callable[[int], SessionMap],
+    simulator_of: Callable[[int], Simulator],
     executor: Executor,
     placed_one: Callable[[], None],
     cancelled: Callable[[], bool],
@@ -66,6 +68,7 @@ def merge(
 
     Args:
         map_of: makes the index of a session, by its number. Called when it is needed.
+        simulator_of: makes the mesh of a session, which is less work.
         placed_one: called when a session was aligned.
 
     Raises:
@@ -98,7 +101,7 @@ def merge(
         raise BuildFailed(
             "; ".join(f"session {read[n].session.source} cannot be placed: {reasons[n]}" for n in missing)
         )
-    return _together(read, T, T_map_first, evidence, map_of)
+    return _together(read, T, T_map_first, evidence, simulator_of)
 
 
 def _together(
@@ -106,7 +109,7 @@ def _together(
     T: dict[int, Matrix],
     T_map_first: Matrix,
     evidence: dict[int, dict[str, Any]],
-    map_of: Callable[[int], SessionMap],
+    simulator_of: Callable[[int], Simulator],
 ) -> MergedSessions:
     clouds = [transform_points(T[number], one.points) for number, one in enumerate(read)]
     removed = [0] * len(read)
@@ -115,7 +118,7 @@ def _together(
             continue  # nobody knows where it was seen from
         for earlier in range(number):
             cloud = transform_points(inverse(T[number]), clouds[earlier])
-            gone = seen_through(cloud, map_of(number).simulator, one.trajectory)
+            gone = seen_through(cloud, simulator_of(number), one.trajectory)
             clouds[earlier] = clouds[earlier][~gone]
             removed[earlier] += int(gone.sum())
     driven = [T[n] @ one.trajectory for n, one in enumerate(read) if one.trajectory is not None]

@@ -38,7 +38,7 @@ def overlaps(monkeypatch):
 
 
 def merged(sessions, placed_one=lambda: None):
-    return merge(sessions, lambda number: number, None, placed_one, lambda: False)
+    return merge(sessions, lambda number: number, None, None, placed_one, lambda: False)
 
 
 def test_a_session_that_finds_no_place_is_tried_again_after_others(overlaps):
