@@ -1,4 +1,4 @@
-"""What the command line hands in where the source is a folder, or several sessions."""
+"""Sources as the command line hands them in: folders, and several sessions."""
 
 from __future__ import annotations
 
