@@ -30,7 +30,7 @@ from firstfix.transform import (
 )
 from firstfix_builder.pipeline import read_source
 from firstfix_builder.read_map import MapData, read_map
-from firstfix_builder.session_stages import SESSIONS_FILE
+from firstfix_builder.sessions.stages import SESSIONS_FILE
 
 from .common.datasets import GARAGE, HALL, STREET, YARD, Dataset
 

@@ -27,7 +27,7 @@ from .execution.local_executor import LocalExecutor
 from .execution.stage_cache import StageCache, StageResult, StagesElsewhere
 from .execution.stage_names import STAGES as STAGES
 from .execution.stage_runner import Progress
-from .session_stages import SESSIONS_FILE, SessionStages
+from .sessions.stages import SESSIONS_FILE, SessionStages
 from .stage_files import engine_of, link
 
 

@@ -23,7 +23,7 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.sources import put_source
 from firstfix.errors import BuildCancelled, BuildFailed, FirstfixError, TooLarge
 from firstfix.store.store import Store
-from firstfix_builder import build_stages, session_stages
+from firstfix_builder import build_stages
 from firstfix_builder.execution.stage_names import STAGES
 from firstfix_builder.job.build_job import BuildJob
 from firstfix_builder.job.run_build import run_build
@@ -31,6 +31,7 @@ from firstfix_builder.sandbox import seccomp
 from firstfix_builder.sandbox.hand_over import take_files
 from firstfix_builder.sandbox.landlock import SIGNALS_VERSION, landlock_version
 from firstfix_builder.sandbox.sandboxed_build import Built, SandboxedBuild, SandboxOptions
+from firstfix_builder.sessions import stages as session_stages
 from firstfix_builder.worker import build_here
 from small_world import CONFIG
 

@@ -18,7 +18,7 @@ from firstfix.errors import BuildFailed, InvalidOption, MalformedData
 from firstfix.transform import inverse, rotation_angle_deg, transform_points
 from firstfix_builder.execution.local_executor import LocalExecutor
 from firstfix_builder.execution.stage_cache import StageCache
-from firstfix_builder.session_stages import SessionStages
+from firstfix_builder.sessions.stages import SessionStages
 
 pytestmark = pytest.mark.slow
 

@@ -19,19 +19,19 @@ from firstfix.engine.localizer import Localizer
 from firstfix.errors import BuildFailed, InputError, InvalidOption, MalformedData, NotFound
 from firstfix.transform import inverse, transform_points
 
-from .build_stages import BuildStages
-from .execution.build_trace import within_a_stage
-from .execution.content_hash import content_hash
-from .execution.stage_cache import StageResult
-from .execution.stage_names import STAGES
-from .mesh.clean_cloud import clean_cloud
-from .mesh.level import level_frame
-from .read_map.archive import SUFFIX, unpack
-from .sessions.description import Session, description_in, read_description
-from .sessions.merge import ReadSession, merge
-from .sessions.session_map import SessionMap
-from .simulation.simulate import Simulator
-from .stage_files import engine_of, link, simulator_of, trajectory_of
+from ..build_stages import BuildStages
+from ..execution.build_trace import within_a_stage
+from ..execution.content_hash import content_hash
+from ..execution.stage_cache import StageResult
+from ..execution.stage_names import STAGES
+from ..mesh.clean_cloud import clean_cloud
+from ..mesh.level import level_frame
+from ..read_map.archive import SUFFIX, unpack
+from ..simulation.simulate import Simulator
+from ..stage_files import engine_of, link, simulator_of, trajectory_of
+from .description import Session, description_in, read_description
+from .merge import ReadSession, merge
+from .session_map import SessionMap
 
 SESSIONS_FILE = "sessions.json"
 NEAR_TRAJECTORY_M = 5.0  # where a session was mapped well, if it says where it was mapped from
