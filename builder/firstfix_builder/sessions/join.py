@@ -85,9 +85,12 @@ class PlacedSurface:
         some = _even(surface)
         grid = self.grids.fine
         points = (moved(T_first_session, some.points.astype(np.float64)) - grid.corner).astype(np.float32)
-        row = grid.nearest(points)
-        planes = grid.planes[np.maximum(row, 0)]
         normals = some.normals @ T_first_session[:3, :3].T.astype(np.float32)
+        row = grid.nearest(points)
+        behind = grid.other_face[row]
+        back = (row >= 0) & (behind >= 0) & (np.einsum("ij,ij->i", grid.planes[row, :3], normals) < 0)
+        row = np.where(back & some.oriented, behind, row)  # the face of the wall that is seen
+        planes = grid.planes[row]
         away_m = np.abs(np.einsum("ij,ij->i", planes[:, :3], points) - planes[:, 3])
         facing = np.abs(np.einsum("ij,ij->i", planes[:, :3], normals)) >= PAIR_COSINE
         paired = (row >= 0) & facing & (away_m <= within_m)
