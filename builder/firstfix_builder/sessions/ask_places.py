@@ -16,7 +16,7 @@ from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix, inverse, make_transform
 
 from ..simulation.rays import Rays
-from ..templates.make import upright
+from ..simulation.simulate import upright
 from ..viewpoints.even_sample import rows_by_place
 from .session_map import SessionMap
 

@@ -14,7 +14,7 @@ from firstfix.scan.voxel_filter import voxel_means
 from firstfix.transform import Matrix, inverse
 
 from ..simulation.rays import Rays
-from ..templates.make import upright
+from ..simulation.simulate import upright
 from ..viewpoints.even_sample import rows_by_place
 from .ask_places import moved, scan_at
 from .session_map import SessionMap

@@ -115,7 +115,7 @@ def test_what_was_moved_is_left_out_where_the_later_session_saw_through(tmp_path
 @pytest.mark.parametrize(
     ("other", "why"),
     [
-        (lambda: session(HERE, 23.0, 32.0, seed=3), "too little overlap|ambiguous"),
+        (lambda: session(HERE, 23.0, 32.0, seed=3), "too little overlap|ambiguous|looks alike"),
         (lambda: session(building(22), *ENDS_M, seed=4), "too little overlap|ambiguous|looks alike"),
         (lambda: session(TWIN, *ENDS_M, seed=5), "looks alike, such as another storey"),
     ],
