@@ -27,6 +27,7 @@ from threadpoolctl import threadpool_limits
 
 from firstfix.builds.config import BuildConfig
 from firstfix_builder.build_stages import BuildStages
+from firstfix_builder.execution.chunk_cache import ChunkCache
 from firstfix_builder.execution.chunk_executor import ChunkExecutor
 from firstfix_builder.execution.dask_executor import DaskExecutor
 from firstfix_builder.execution.die_with_parent import die_with_parent
@@ -118,7 +119,7 @@ class _Before:
         self._cache = StageCache(work)  # keeps what it gave on the disk
         stages = BuildStages(
             self._cache,
-            LocalExecutor(work, threads, processes),
+            ChunkCache(self._cache, LocalExecutor(work, threads, processes)),
             lambda stage, fraction: None,
             lambda: False,
             config,
@@ -146,9 +147,9 @@ class _Before:
                 told += 1
                 progress(fraction)
 
-        stages = BuildStages(
-            StageCache(work), executor_in(work), tell, lambda: False, self._config, self._threads
-        )
+        cache = StageCache(work)
+        chunks = ChunkCache(cache, executor_in(work))
+        stages = BuildStages(cache, chunks, tell, lambda: False, self._config, self._threads)
         made = stages.make_templates(self._mesh, self._viewpoints, self._engine)
         self.chunks = self.chunks or told - 1  # the last word is the stage's
         return made, time.monotonic() - began

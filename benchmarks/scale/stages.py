@@ -21,6 +21,7 @@ from firstfix.engine.retrieval.clusters import Clusters
 from firstfix.engine.retrieval.templates import Templates
 from firstfix.sensor import SensorModel
 from firstfix_builder.build_stages import BuildStages
+from firstfix_builder.execution.chunk_cache import ChunkCache
 from firstfix_builder.execution.local_executor import LocalExecutor
 from firstfix_builder.execution.stage_cache import StageCache, StageResult
 from firstfix_builder.mesh.mesh import Mesh
@@ -60,9 +61,10 @@ class ScaleStages(BuildStages):
         """Returns the stages of a world. They run in one process, whose memory is that of the build."""
         costs = work / "costs" / name
         costs.mkdir(parents=True, exist_ok=True)
+        cache = StageCache(work)
         return cls(
-            StageCache(work),
-            LocalExecutor(work, threads, threads),
+            cache,
+            ChunkCache(cache, LocalExecutor(work, threads, threads)),
             lambda stage, fraction: None,
             lambda: False,
             config,

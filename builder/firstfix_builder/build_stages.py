@@ -93,6 +93,18 @@ class BuildStages(StageRunner):
         }
         return self._stage("read_map", inputs, chosen, produce)
 
+    def index_map(self, read: StageResult) -> tuple[StageResult, StageResult]:
+        """The surface of a map that was read, and all that scans are localized with but the calibration."""
+        mesh = self.reconstruct_mesh(read)
+        viewpoints = self.sample_viewpoints(read, mesh)
+        fitted = self.fit_engine(read, mesh, viewpoints)
+        engine = engine_of(fitted)
+        templates = self.make_templates(mesh, viewpoints, engine)
+        clusters = self.cluster(templates, engine)
+        learned = self.learn_keys(mesh, templates, engine)
+        index = self.build_index(read, mesh, fitted, templates, clusters, learned)
+        return mesh, index
+
     def thin_map(self, read: StageResult) -> StageResult:
         """The map of ``read_map`` with fewer points, for a provisional version."""
 

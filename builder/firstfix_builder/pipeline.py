@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -32,7 +33,8 @@ from .execution.stage_names import PROVISIONAL
 from .execution.stage_names import STAGES as STAGES
 from .execution.stage_runner import Progress
 from .job.provisional import provisional_config
-from .stage_files import engine_of, link
+from .sessions.stages import SESSIONS_FILE, SessionStages
+from .stage_files import link
 
 _log = logging.getLogger(__name__)
 
@@ -73,7 +75,8 @@ def build_version(
     """Runs every stage that the cache under ``work`` does not hold yet.
 
     Args:
-        source: a map file or folder, as ``read_map`` takes it.
+        source: a map file or folder, as ``read_map`` takes it, or a folder of sessions with a
+            ``sessions.yaml``.
         trajectory: poses of the mapping run, if they are not in the source.
         shared: where other machines' finished stages are.
         cluster: whose workers do what can be done side by side; None: threads and processes here.
@@ -91,20 +94,14 @@ def build_version(
         _chunk_executor(cluster, work, threads) as executor,
     ):
         cache = StageCache(work, shared=shared)
-        build = BuildStages(cache, ChunkCache(cache, executor, shared), progress, cancelled, config, threads)
+        chunks = ChunkCache(cache, executor, shared)
+        build = SessionStages(cache, chunks, progress, cancelled, config, threads)
         read = build.read_map(source, trajectory)
         if publish_provisional is not None:
             early = _provisional(build, read, work)
             if early is not None:
                 publish_provisional(early)
-        mesh = build.reconstruct_mesh(read)
-        viewpoints = build.sample_viewpoints(read, mesh)
-        fitted = build.fit_engine(read, mesh, viewpoints)
-        engine = engine_of(fitted)
-        templates = build.make_templates(mesh, viewpoints, engine)
-        clusters = build.cluster(templates, engine)
-        learned = build.learn_keys(mesh, templates, engine)
-        index = build.build_index(read, mesh, fitted, templates, clusters, learned)
+        mesh, index = build.index_map(read)
         tested = build.self_test(mesh, index)
         return _collect(config, read, index, tested, work / "version")
 
@@ -121,14 +118,7 @@ def _provisional(build: BuildStages, read: StageResult, work: Path) -> BuiltVers
     coarse = replace(build, config=provisional_config(build.config), progress=progress)
     try:
         read = coarse.thin_map(read)
-        mesh = coarse.reconstruct_mesh(read)
-        viewpoints = coarse.sample_viewpoints(read, mesh)
-        fitted = coarse.fit_engine(read, mesh, viewpoints)
-        engine = engine_of(fitted)
-        templates = coarse.make_templates(mesh, viewpoints, engine)
-        clusters = coarse.cluster(templates, engine)
-        learned = coarse.learn_keys(mesh, templates, engine)
-        index = coarse.build_index(read, mesh, fitted, templates, clusters, learned)
+        _, index = coarse.index_map(read)
         tested = coarse.assume_prior(index)
     except BuildFailed as error:
         _log.warning("no provisional version: %s", error)
@@ -153,7 +143,8 @@ def read_source(
     with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(1) as threads:
         executor = LocalExecutor(work, threads, threads)
         cache = StageCache(work, shared=shared)
-        build = BuildStages(cache, ChunkCache(cache, executor), progress, cancelled, config, threads)
+        chunks = ChunkCache(cache, executor)
+        build = SessionStages(cache, chunks, progress, cancelled, config, threads)
         build.read_map(source, trajectory)
 
 
@@ -195,7 +186,7 @@ def _collect(
         config=config.to_mapping(),
         sensor=config.sensor_model.to_mapping(),
         origin=np.load(read.directory / "T_map_level.npy")[:3, 3],
-        source={"sha256": read.digest},
+        source=_source_record(read),
         counts={
             "templates": len(clusters.member),
             "clusters": len(clusters),
@@ -207,3 +198,12 @@ def _collect(
     )
     (directory / "manifest.json").write_bytes(manifest.to_json())
     return BuiltVersion(directory, manifest)
+
+
+def _source_record(read: StageResult) -> dict[str, Any]:
+    """Record of the source: its digest, and the place of each session with the evidence for it."""
+    sessions = read.directory / SESSIONS_FILE
+    found: dict[str, Any] = {"sha256": read.digest}
+    if sessions.exists():
+        found["sessions"] = json.loads(sessions.read_text())
+    return found

@@ -7,9 +7,8 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from firstfix.errors import InvalidOption
-
 from .arguments import client_of
+from .map_source import as_one_file
 
 if TYPE_CHECKING:
     from firstfix_client import BuildStatus
@@ -29,20 +28,18 @@ def remote_build(
 ) -> dict[str, Any]:
     """Builds a map in the service. Returns facts about its version, or about the build if not waited for.
 
+    A folder is sent as a zip archive.
+
     Args:
         config: the given values; the service has defaults for the others.
         progress: opens a display of the stages' progress.
 
     Raises:
-        InvalidOption: the source is a folder, but a service takes one file.
         BuildFailed, BuildCancelled: the build ended without a version.
     """
-    if source.is_dir():
-        raise InvalidOption(
-            f"{source} is a folder, but a service takes one file; use --store to build it on this machine"
-        )
     with client_of(url) as client:
-        started = client.build_map(source, map_id, config=config or None, trajectory=trajectory)
+        with as_one_file(source) as file:
+            started = client.build_map(file, map_id, config=config or None, trajectory=trajectory)
         said = {"map_id": map_id, "build_id": started.build_id}
         if not wait:
             return {**said, "state": started.state}

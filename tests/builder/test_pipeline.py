@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import trimesh
 
@@ -200,3 +201,27 @@ def test_a_config_file_is_yaml_or_json(tmp_path: Path):
     (tmp_path / "c.yaml").write_text("{a: [")
     with pytest.raises(InvalidOption):
         BuildConfig.from_file(tmp_path / "c.yaml")
+
+
+def test_sessions_stand_in_the_manifest(small_world, tmp_path):
+    rng = np.random.default_rng(2)
+    corner = small_world.vertices[small_world.triangles]  # (t, 3, 3)
+    area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
+    of = corner[rng.choice(len(corner), 60_000, p=area / area.sum())]
+    cloud = np.einsum("nij,ni->nj", of, rng.dirichlet(np.ones(3), len(of)))
+    T_map_session = np.eye(4)
+    T_map_session[:3, 3] = [100.0, -20.0, 0.5]
+    np.save(tmp_path / "west.npy", cloud[cloud[:, 0] < 2])
+    np.save(tmp_path / "east.npy", cloud[cloud[:, 0] > -2] - T_map_session[:3, 3])
+    sessions = [{"source": "west.npy"}, {"source": "east.npy", "T_map_session": T_map_session.tolist()}]
+    folder = tmp_path / "sessions"
+    folder.mkdir()
+    for one in sessions:
+        (tmp_path / str(one["source"])).rename(folder / str(one["source"]))
+    (folder / "sessions.yaml").write_text(json.dumps({"sessions": sessions}))
+    manifest = build_version(folder, BuildConfig.parse(COARSE_CONFIG), tmp_path / "work").manifest
+    west, east = manifest.source["sessions"]
+    assert (west["source"], east["source"]) == ("west.npy", "east.npy")
+    np.testing.assert_allclose(east["T_map_session"], T_map_session, atol=1e-6)
+    low, high = np.array(manifest.bounds)
+    np.testing.assert_allclose(high - low, [16.4, 12.4, 3.2], atol=0.3)  # the whole yard, in one piece

@@ -9,7 +9,8 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -132,6 +133,7 @@ class BuildTrace:
         self._since_ns = now_ns
 
 
+_inner: list[None] = []  # stages that are under way within others
 _under_way: list[BuildTrace] = []  # of this process, which runs one at a time; its threads all work for it
 
 
@@ -140,10 +142,20 @@ def current_build() -> BuildTrace | None:
     return _under_way[-1] if _under_way else None
 
 
+@contextmanager
+def within_a_stage() -> Iterator[None]:
+    """Around stages that a stage runs for itself: their names are those of the build's own stages."""
+    _inner.append(None)
+    try:
+        yield
+    finally:
+        _inner.pop()
+
+
 def mark_cached(stage: str) -> None:
     """Tells the build that is under way, if any, that a stage needed no work."""
     build = current_build()
-    if build is not None:
+    if build is not None and not _inner:
         build.mark_cached(stage)
 
 

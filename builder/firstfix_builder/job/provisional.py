@@ -11,8 +11,6 @@ from firstfix.engine.false_accept_bound import FILE_NAME as BOUND_FILE
 from firstfix.engine.false_accept_bound import FalseAcceptBound
 from firstfix.engine.index import CALIBRATION_FILE
 
-from ..mesh.reconstruct import CELL_SPACINGS
-
 THINNED_M = 0.16  # between points
 COARSER = 1.5  # cells of the surface, against those that follow the points' spacing
 BLOCK_CELLS = 192  # edge of a block of the surface: small ones, so that all processors work
@@ -27,14 +25,13 @@ def provisional_config(config: BuildConfig) -> BuildConfig:
     Templates stand further apart, and near the trajectory if there is one. Keys are not learned.
     """
     reconstruct, viewpoints = config.reconstruct, config.viewpoints
-    cell_spacings = reconstruct.cell_spacings or CELL_SPACINGS[reconstruct.surface]
     near_m = min(viewpoints.max_distance_to_trajectory_m or NEAR_TRAJECTORY_M, NEAR_TRAJECTORY_M)
     return config.model_copy(
         update={
             "reconstruct": reconstruct.model_copy(
                 update={
                     "cell_m": None if reconstruct.cell_m is None else COARSER * reconstruct.cell_m,
-                    "cell_spacings": COARSER * cell_spacings,
+                    "cell_spacings": COARSER * reconstruct.spacings_per_cell,
                     "tile_cells": min(reconstruct.tile_cells, BLOCK_CELLS),
                 }
             ),

@@ -28,8 +28,6 @@ from .signed_distance import signed_distance_mesh
 PLACE_STEP_M = 0.5
 SIGHT_RANGE_M = 100.0  # a scanner further than this from a block was not what saw it
 SIGHT_SPACINGS = 1.8
-CELL_SPACINGS = {"signed-distance": 1.4, "poisson": 1.2}
-TRIM_SPACINGS = {"signed-distance": 1.75, "poisson": 2.0}
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,7 @@ class MeshChunk(Chunk):
 
     @property
     def _trim_m(self) -> float:
-        return (self.config.trim_spacings or TRIM_SPACINGS[self.config.surface]) * self.spacing_m
+        return self.config.trimmed_spacings * self.spacing_m
 
     @abstractmethod
     def _surface(
@@ -138,7 +136,7 @@ def mesh_chunks(points: NDArray[np.float64], config: ReconstructConfig) -> list[
     if len(points) < 100:
         raise BuildFailed(f"a map of {len(points)} points has no surface")
     spacing_m = stepped(surface_spacing_m(points), SPACING_STEPS)
-    cell_m = config.cell_m or (config.cell_spacings or CELL_SPACINGS[config.surface]) * spacing_m
+    cell_m = config.cell_m or config.spacings_per_cell * spacing_m
     work = PoissonChunk if config.surface == "poisson" else SignedDistanceChunk
     return [
         work(_pair(block.low), _pair(block.high), cell_m, spacing_m, config)

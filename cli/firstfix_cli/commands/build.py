@@ -27,6 +27,7 @@ EXAMPLES = examples(
     "firstfix build hall.ply --map-id hall --store store",
     "firstfix build hall.ply --map-id hall --store store --sensor vlp-16 --trajectory poses.txt",
     "firstfix build hall.ply --map-id hall --url http://localhost:8080",
+    "firstfix build monday.pcd --merge tuesday.pcd,tuesday.txt --map-id hall --store store",
 )
 
 
@@ -38,7 +39,9 @@ class Axis(str, Enum):
 
 
 def build(
-    source: Annotated[Path, typer.Argument(metavar="MAP", help="Point cloud, mesh or SLAM folder.")],
+    source: Annotated[
+        Path, typer.Argument(metavar="MAP", help="Point cloud, mesh, SLAM folder, or zip archive of one.")
+    ],
     map_id: Annotated[str, typer.Option(help="Id of the map: a-z, 0-9, _ and -.")],
     store: Annotated[
         str | None,
@@ -53,6 +56,13 @@ def build(
     ] = None,
     trajectory: Annotated[
         Path | None, typer.Option(help="Poses of the mapping run: TUM, KITTI or CSV file.")
+    ] = None,
+    merge: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="MAP[,TRAJECTORY]",
+            help="A later session of the same place, which is aligned with MAP and merged. May be repeated.",
+        ),
     ] = None,
     config: Annotated[Path | None, typer.Option(help="Build config, YAML or JSON.")] = None,
     axis: Annotated[Axis | None, typer.Option(help="Axis of the map file that points up.")] = None,
@@ -75,7 +85,7 @@ def build(
     """Build a map version, test it and publish it.
 
     The new version becomes the active one. With --store the build runs on this machine; otherwise a service
-    does it, at --url.
+    does it, at --url. A folder with a sessions.yaml is merged from the sessions that the file lists.
     """
     from firstfix.errors import InvalidOption
     from firstfix.ids import check_map_id
@@ -89,13 +99,29 @@ def build(
         from ..remote_build import remote_build
 
         given = _given(config, sensor, axis)
-        said = remote_build(source, map_id, given, trajectory, url, _progress, wait=not no_wait)
+        with _source(source, trajectory, merge) as (whole, poses):
+            said = remote_build(whole, map_id, given, poses, url, _progress, wait=not no_wait)
         typer.echo(json.dumps(said) if as_json else "\n".join(_lines(said)))
         return
     if url is not None or no_wait:
         raise InvalidOption("--url and --no-wait cannot be used with --store")
     given = _given(config, sensor, axis)
-    _build_here(source, map_id, store, given, trajectory, work, executor, as_json)
+    with _source(source, trajectory, merge) as (whole, poses):
+        _build_here(whole, map_id, store, given, poses, work, executor, as_json)
+
+
+@contextmanager
+def _source(
+    source: Path, trajectory: Path | None, merge: list[str] | None
+) -> Iterator[tuple[Path, Path | None]]:
+    """Yields the source and its trajectory; with sessions to merge, the folder that holds all of them."""
+    from ..map_source import GivenSession, session_folder
+
+    if not merge:
+        yield source, trajectory
+        return
+    with session_folder([GivenSession(source, trajectory), *map(GivenSession.parse, merge)]) as folder:
+        yield folder, None
 
 
 def _build_here(

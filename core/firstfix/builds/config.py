@@ -67,6 +67,16 @@ class ReconstructConfig(Stage):
     tile_cells: int = Field(384, ge=32, le=4096)
     margin_cells: int = Field(12, ge=8, le=256)
 
+    @property
+    def spacings_per_cell(self) -> float:
+        """Edge of the finest cell in point spacings."""
+        return self.cell_spacings or {"signed-distance": 1.4, "poisson": 1.2}[self.surface]
+
+    @property
+    def trimmed_spacings(self) -> float:
+        """Distance in point spacings beyond which surface is cut away."""
+        return self.trim_spacings or {"signed-distance": 1.75, "poisson": 2.0}[self.surface]
+
 
 class ViewpointConfig(Stage):
     """Sampling of viewpoints on the traversable floor.

@@ -15,7 +15,12 @@ from firstfix.catalog.manifest import Manifest
 from firstfix.catalog.sources import put_source
 from firstfix.errors import BuildFailed, StoreUnavailable
 from firstfix.store.store import Store
-from firstfix_builder.execution.build_trace import BuildTrace, current_build, mark_cached
+from firstfix_builder.execution.build_trace import (
+    BuildTrace,
+    current_build,
+    mark_cached,
+    within_a_stage,
+)
 from firstfix_builder.execution.stage_cache import StageCache
 from firstfix_builder.job.build_job import BuildJob
 from firstfix_builder.job.log import set_up_build_log
@@ -171,6 +176,17 @@ def test_late_ticks_change_nothing():
     assert [(stage.stage, stage.cached) for stage in trace.stages] == [("one", True), ("two", False)]
     assert current_build() is None
     mark_cached("one")  # nobody listens
+
+
+def test_a_cached_stage_within_another_is_not_the_builds_own():
+    with BuildTrace("b1", "hall", None, environ={}) as trace:
+        trace.tick("one")
+        with within_a_stage():
+            mark_cached("one")
+            mark_cached("two")
+        trace.tick("two")
+        trace.end("succeeded")
+    assert [stage.cached for stage in trace.stages] == [False, False]
 
 
 def test_lines_of_the_log_tell_build_and_stage(capsys: pytest.CaptureFixture[str]):

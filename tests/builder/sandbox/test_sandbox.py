@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
@@ -9,10 +10,12 @@ import shutil
 import signal
 import socket
 import struct
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from firstfix.builds.shared_stages import SharedStages
@@ -28,6 +31,7 @@ from firstfix_builder.sandbox import seccomp
 from firstfix_builder.sandbox.hand_over import take_files
 from firstfix_builder.sandbox.landlock import SIGNALS_VERSION, landlock_version
 from firstfix_builder.sandbox.sandboxed_build import Built, SandboxedBuild, SandboxOptions
+from firstfix_builder.sessions import stages as session_stages
 from firstfix_builder.worker import build_here
 from small_world import CONFIG
 
@@ -245,15 +249,32 @@ def test_the_worker_goes_on_after_a_hostile_build(tmp_path: Path):
     assert catalog.active_version("hall") == ended["b2"][1]["version"]
 
 
+def archive_of_sessions(path: Path) -> None:
+    """Two sessions, the second one's transform known."""
+    rng = np.random.default_rng(1)
+    sessions = [{"source": "a.npy"}, {"source": "b.npy", "T_map_session": np.eye(4).tolist()}]
+    with zipfile.ZipFile(path, "w") as made:
+        for session in sessions:
+            content = io.BytesIO()
+            np.save(content, rng.uniform((-8, -8, 0), (8, 8, 0.02), (6000, 3)))
+            made.writestr(str(session["source"]), content.getvalue())
+        made.writestr("sessions.json", json.dumps({"sessions": sessions}))
+
+
+@pytest.mark.parametrize("name", ["yard.ply", "yard.zip"])
 def test_with_a_cluster_the_source_is_read_in_the_sandbox(
-    tmp_path: Path, small_map: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, small_map: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ):
     """The worker, which then has the network and the store, finds the first stage's result in its cache."""
-    source = tmp_path / "work" / "sources" / "yard.ply"
+    source = tmp_path / "work" / "sources" / name
     source.parent.mkdir(parents=True)
-    shutil.copy(small_map, source)
+    if name.endswith(".zip"):
+        archive_of_sessions(source)
+    else:
+        shutil.copy(small_map, source)
     sandbox = SandboxedBuild(tmp_path / "work", "b1", SandboxOptions(required=True))
     monkeypatch.setattr(build_stages, "read_map", lambda *_, **__: pytest.fail("the worker reads the source"))
+    monkeypatch.setattr(session_stages, "unpack", lambda *_: pytest.fail("the worker reads the source"))
     seen: list[str] = []
 
     def stop_after_the_first_stage() -> bool:

@@ -1,0 +1,88 @@
+"""One session as a map of its own: what the alignment of sessions works with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firstfix.engine.localizer import Localizer
+from firstfix.engine.registration.surface import Surface
+from firstfix.sensor import SensorModel
+from firstfix.transform import Matrix, inverse
+
+from ..simulation.simulate import Simulator
+from .things import Things
+
+
+@dataclass(frozen=True)
+class SessionMap:
+    """A session with an index of its own. Everything is in the session's levelled frame, metres.
+
+    Attributes:
+        name: of the session, for people.
+        simulator: its reconstructed mesh.
+        sensor: scans are simulated with it.
+        position_m: (v, 3) where a robot's sensor may stand.
+        height_m: (v,) of these over the floor.
+        surface: what is seen from there, thinned, with normals that point to who sees it.
+        localizer: over its index.
+    """
+
+    name: str
+    simulator: Simulator
+    sensor: SensorModel
+    position_m: NDArray[np.float64]
+    height_m: NDArray[np.float64]
+    surface: Surface
+    localizer: Localizer
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        simulator: Simulator,
+        sensor: SensorModel,
+        points: NDArray[np.float32],
+        found: Localizer,
+    ) -> SessionMap:
+        """The parts of an index that the alignment needs.
+
+        Args:
+            points: (n, 3) of the index's surface.
+        """
+        index = found.index
+        fine = index.surface.fine
+        surface = Surface(
+            np.ascontiguousarray(points, np.float32),
+            np.ascontiguousarray(fine.planes[:, :3]),
+            np.asarray(fine.oriented, np.bool_),
+        )
+        templates = index.cascade.templates
+        position_m = np.asarray(templates.position_m, np.float64)
+        height_m = np.asarray(templates.height_m, np.float64)
+        return cls(name, simulator, sensor, position_m, height_m, surface, found)
+
+    @cached_property
+    def things(self) -> Things:
+        """Things that stand about."""
+        return Things(self.surface)
+
+    @property
+    def T_level_map(self) -> Matrix:
+        """(4, 4) from the frame of the index's answers to the levelled one."""
+        return inverse(self.localizer.index.T_map_level)
+
+
+@dataclass(frozen=True)
+class PlacedSession:
+    """A session and where it lies.
+
+    Attributes:
+        T_first_session: (4, 4) from its levelled frame to that of the first session.
+    """
+
+    session: SessionMap
+    T_first_session: Matrix
