@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import threading
+from io import BytesIO
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -92,9 +94,16 @@ def test_what_a_remote_build_cannot_take(service: Service, tmp_path: Path, capsy
     assert service.catalog.build_ids() == []
 
 
-def test_a_folder_is_not_sent(service: Service, tmp_path: Path, capsys):
-    assert ended("build", tmp_path, "--map-id", "hall", "--url", service.url) == 2
-    assert "is a folder" in capsys.readouterr().err
+def test_a_folder_goes_as_an_archive(service: Service, tmp_path: Path):
+    folder = tmp_path / "plant"
+    folder.mkdir()
+    the_map(folder)
+    assert ended("build", folder, "--map-id", "hall", "--url", service.url, "--no-wait") == 0
+    (build_id,) = service.catalog.build_ids()
+    request = service.catalog.build_request(build_id)
+    assert request["file_name"] == "plant.zip"
+    with ZipFile(BytesIO(service.catalog.store.get(request["source"]["key"]))) as archive:
+        assert archive.namelist() == ["map.xyz"]
 
 
 def odometry(folder: Path, poses: list[str]) -> Path:
