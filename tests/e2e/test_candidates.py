@@ -54,7 +54,7 @@ def test_more_effort_proposes_more_and_loses_none(index, small_scans):
     few = proposed(index, small_scans[0][0])
     many = proposed(index, small_scans[0][0], effort=2)
     assert len(many) > len(few)
-    assert many.template[: len(few)].tolist() == few.template.tolist()
+    assert set(few.template.tolist()) <= set(many.template.tolist())
 
 
 def searched(index) -> tuple[Localizer, list[int]]:

@@ -48,6 +48,8 @@ class Localizers:
         with self._lock:
             self._localizers.pop(version, None)
             self._loads.pop(version, None)
+        if self._sightings is not None:
+            self._sightings.unload(version)
 
     def answer(self, query: Query) -> EncodedAnswer:
         """Returns the answer to a query. Loads its versions if they are not loaded."""

@@ -64,7 +64,8 @@ class SightingCounter:
 
     def __init__(self, share: float) -> None:
         self._share = share
-        self._lock = threading.Lock()
+        self._lock = threading.Condition()
+        self._counting: ServedVersion | None = None
         self._waiting: deque[_Waiting] = deque()
         self._collectors: dict[ServedVersion, Collector] = {}
         self._results: Counter[str] = Counter()
@@ -102,11 +103,19 @@ class SightingCounter:
                 self._thread.start()
             self._wake.set()
 
+    def unload(self, version: ServedVersion) -> None:
+        """Let go of a version that is unloaded: drops what waits, and waits for a count under way."""
+        with self._lock:
+            kept = [waiting for waiting in self._waiting if waiting.version != version]
+            self._results["dropped"] += len(self._waiting) - len(kept)
+            self._waiting = deque(kept)
+            self._lock.wait_for(lambda: self._counting != version)
+
     def take(self) -> Sighted:
         """Returns what was counted since the last call."""
         with self._lock:
             taken = {version: collector.take() for version, collector in self._collectors.items()}
-            results, self._results = dict(self._results), Counter()
+            results, self._results = dict(+self._results), Counter()
         return Sighted({version: tally for version, tally in taken.items() if tally.sightings}, results)
 
     def close(self) -> None:
@@ -125,8 +134,13 @@ class SightingCounter:
                     if not self._waiting:
                         break
                     waiting = self._waiting.popleft()
+                    self._counting = waiting.version
                 begun = time.thread_time()
                 self._count(waiting)
+                del waiting  # it holds the version's files
+                with self._lock:
+                    self._counting = None
+                    self._lock.notify_all()
                 busy_s = time.thread_time() - begun
                 self._closing.wait(min(busy_s * (1 / BUSY_SHARE - 1), _MAX_PAUSE_S))
 

@@ -79,7 +79,7 @@ def test_little_overlap_is_rejected_whatever_the_caller_asks():
 
 
 def test_a_doubtful_place_is_rejected_unless_the_caller_takes_it():
-    doubtful, strict = place(0, 0.6), Calibration(bias=-10)
+    doubtful, strict = place(0, 0.6), Calibration(bias=-28)
     assert judged(doubtful, calibration=strict).reasons == (Reason.LOW_PROBABILITY,)
     assert judged(doubtful, calibration=strict, min_probability=0.01).verdict is Verdict.LOCALIZED
 

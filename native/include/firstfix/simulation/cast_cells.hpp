@@ -95,7 +95,7 @@ inline void cast_cells(const TriangleTree& tree, const float* origins, const flo
     }
     for (std::size_t at = first; at < end; ++at) {
       std::fill(filled.begin(), filled.end(), std::uint8_t{0});
-      detail::fill_returns(directions, &ranges[(at - first) * count], count, height_m[at], grid, filled.data());
+      detail::fill_returns(directions, ranges.data() + (at - first) * count, count, height_m[at], grid, filled.data());
       detail::pack_bits(filled.data(), grid.cells(), bits + at * grid.bytes());
     }
   }
