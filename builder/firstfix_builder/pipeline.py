@@ -1,4 +1,4 @@
-"""The build flow: a map becomes a version's files. Reads as its own table of contents."""
+"""The build flow: a map becomes a version's files. ``BuildStages.index_map`` lists the stages between."""
 
 from __future__ import annotations
 

@@ -59,22 +59,21 @@ inline void cross_triangle(const TriangleTree::Leaf& leaf, int number, double x,
 inline void cross_column(const TriangleTree& tree, double x, double y, double apart_m, std::size_t most,
                          std::vector<Crossing>& found) {
   found.clear();
-  std::int32_t stack[TriangleTree::kWidth * TriangleTree::kMostLevels];
-  int depth = 0;
-  stack[depth++] = 0;
-  while (depth) {
-    const std::int32_t at = stack[--depth];
-    if (at >= 0) {
-      const TriangleTree::Node& node = tree.nodes()[static_cast<std::size_t>(at)];
-      for (int i = 0; i < TriangleTree::kWidth; ++i) {
-        const bool over = node.low[0][i] <= x && x <= node.high[0][i] && node.low[1][i] <= y && y <= node.high[1][i];
-        if (over) stack[depth++] = node.child[i];
-      }
-      continue;
-    }
-    const TriangleTree::Leaf& leaf = tree.leaves()[static_cast<std::size_t>(~at)];
-    for (int i = 0; i < leaf.count; ++i) detail::cross_triangle(leaf, i, x, y, found);
-  }
+  walk(
+      tree,
+      [&](const TriangleTree::Node& node) {
+        std::uint32_t over = 0;
+        for (int i = 0; i < TriangleTree::kWidth; ++i) {
+          const bool is_over =
+              node.low[0][i] <= x && x <= node.high[0][i] && node.low[1][i] <= y && y <= node.high[1][i];
+          over |= static_cast<std::uint32_t>(is_over) << i;
+        }
+        return over;
+      },
+      [&](const TriangleTree::Leaf& leaf) {
+        for (int i = 0; i < leaf.count; ++i) detail::cross_triangle(leaf, i, x, y, found);
+        return true;
+      });
   std::sort(found.begin(), found.end(),
             [](const Crossing& a, const Crossing& b) { return a.z > b.z || (a.z == b.z && a.level > b.level); });
   std::size_t kept = 0;

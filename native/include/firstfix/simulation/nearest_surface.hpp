@@ -52,33 +52,33 @@ inline float squared_to_triangle(const Vector& a, const Vector& b, const Vector&
 inline bool is_near_surface(const TriangleTree& tree, const float* point, float radius_m) {
   // A number even for an endless radius: the empty boxes of a node are endlessly far away, and must stay outside.
   const float limit = std::min(radius_m * radius_m, std::numeric_limits<float>::max());
-  std::int32_t stack[TriangleTree::kWidth * TriangleTree::kMostLevels];
-  int depth = 0;
-  stack[depth++] = 0;
-  while (depth) {
-    const std::int32_t at = stack[--depth];
-    if (at >= 0) {
-      const TriangleTree::Node& node = tree.nodes()[static_cast<std::size_t>(at)];
-      for (int i = 0; i < TriangleTree::kWidth; ++i) {
-        float squared = 0;
-        for (int a = 0; a < 3; ++a) {
-          const float gap = std::max({node.low[a][i] - point[a], point[a] - node.high[a][i], 0.0F});
-          squared += gap * gap;
+  bool is_near = false;
+  walk(
+      tree,
+      [&](const TriangleTree::Node& node) {
+        std::uint32_t near = 0;
+        for (int i = 0; i < TriangleTree::kWidth; ++i) {
+          float squared = 0;
+          for (int a = 0; a < 3; ++a) {
+            const float gap = std::max({node.low[a][i] - point[a], point[a] - node.high[a][i], 0.0F});
+            squared += gap * gap;
+          }
+          near |= static_cast<std::uint32_t>(squared <= limit) << i;
         }
-        if (squared <= limit) stack[depth++] = node.child[i];
-      }
-      continue;
-    }
-    const TriangleTree::Leaf& leaf = tree.leaves()[static_cast<std::size_t>(~at)];
-    for (int i = 0; i < leaf.count; ++i) {
-      detail::Vector corner[3];
-      for (int k = 0; k < 3; ++k) {
-        corner[k] = {leaf.corner[k][0][i] - point[0], leaf.corner[k][1][i] - point[1], leaf.corner[k][2][i] - point[2]};
-      }
-      if (detail::squared_to_triangle(corner[0], corner[1], corner[2]) < limit) return true;
-    }
-  }
-  return false;
+        return near;
+      },
+      [&](const TriangleTree::Leaf& leaf) {
+        for (int i = 0; i < leaf.count && !is_near; ++i) {
+          detail::Vector corner[3];
+          for (int k = 0; k < 3; ++k) {
+            corner[k] = {leaf.corner[k][0][i] - point[0], leaf.corner[k][1][i] - point[1],
+                         leaf.corner[k][2][i] - point[2]};
+          }
+          is_near = detail::squared_to_triangle(corner[0], corner[1], corner[2]) < limit;
+        }
+        return !is_near;
+      });
+  return is_near;
 }
 
 }  // namespace firstfix

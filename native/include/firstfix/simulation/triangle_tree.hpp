@@ -216,4 +216,22 @@ class TriangleTree {
   std::vector<std::uint32_t>* order_ = nullptr;
 };
 
+// Goes through a tree in no order that means anything. open(node) says which children to go on with, one bit each;
+// visit(leaf) says whether to go on at all.
+template <typename Open, typename Visit>
+void walk(const TriangleTree& tree, const Open& open, const Visit& visit) {
+  std::int32_t stack[TriangleTree::kWidth * TriangleTree::kMostLevels];
+  int depth = 0;
+  stack[depth++] = 0;
+  while (depth) {
+    const std::int32_t at = stack[--depth];
+    if (at < 0) {
+      if (!visit(tree.leaves()[static_cast<std::size_t>(~at)])) return;
+      continue;
+    }
+    const TriangleTree::Node& node = tree.nodes()[static_cast<std::size_t>(at)];
+    for (std::uint32_t met = open(node); met; met &= met - 1) stack[depth++] = node.child[__builtin_ctz(met)];
+  }
+}
+
 }  // namespace firstfix
