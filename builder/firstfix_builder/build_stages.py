@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +22,8 @@ from firstfix.engine.retrieval.clusters import Clusters
 from firstfix.engine.retrieval.templates import Templates
 from firstfix.transform import inverse, make_transform, transform_points
 
+from .execution.build_trace import within_a_stage
+from .execution.chunks import Arrays, Chunk
 from .execution.stage_cache import StageResult
 from .execution.stage_runner import RunChunks, StageRunner
 from .index.index_files import write_index_files
@@ -29,7 +31,6 @@ from .index.learn_keys import learn_keys
 from .job.provisional import THINNED_M, write_prior
 from .mesh.clean_cloud import clean_cloud, voxel_means
 from .mesh.level import level_frame
-from .mesh.map_tiles import by_nested_tiles
 from .mesh.mesh import Mesh
 from .mesh.places.tiled_points import TiledPoints
 from .mesh.reconstruct import joined_mesh, mesh_chunks
@@ -39,13 +40,12 @@ from .read_map.content_hash import content_hash
 from .self_test.localizability import draw_localizability
 from .self_test.reliability import draw_reliability
 from .self_test.run import run_self_test
-from .stage_files import engine_of, link, simulator_of, spacing_m_of, trajectory_of
+from .stage_files import engine_of, link, simulator_of, spacing_m_of
 from .templates.cluster import cluster_by_pairs, cluster_chunks, cluster_templates
 from .templates.fit_engine import fit_engine
-from .templates.fit_spacing import sample_fitting_viewpoints
+from .templates.fit_spacing import fitting_viewpoints, write_places
 from .templates.linkage import Pairs
-from .templates.make import chunk_tile_m, template_chunks, write_templates
-from .templates.outlook import view_distance_m
+from .templates.make import template_chunks, write_templates
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class BuildStages(StageRunner):
         """The surface of a map that was read, and all that scans are localized with but the calibration."""
         mesh = self.reconstruct_mesh(read)
         viewpoints = self.sample_viewpoints(read, mesh)
-        fitted = self.fit_engine(read, mesh, viewpoints)
+        fitted = self.fit_engine(read, viewpoints)
         engine = engine_of(fitted)
         templates = self.make_templates(mesh, viewpoints, engine)
         clusters = self.cluster(templates, engine)
@@ -132,35 +132,45 @@ class BuildStages(StageRunner):
         return self._chunked_stage("reconstruct_mesh", {"map": read}, self.config.reconstruct, produce)
 
     def sample_viewpoints(self, read: StageResult, mesh: StageResult) -> StageResult:
-        """The sensor positions of the templates."""
-
-        def produce(out: Path) -> None:
-            found, spacing_m = sample_fitting_viewpoints(
-                simulator_of(mesh), self.config.viewpoints, self.config.sensor_model, trajectory_of(read)
-            )
-            tile_m = self.config.viewpoints.tile_m
-            order, start = by_nested_tiles(found.positions, tile_m, chunk_tile_m(tile_m, spacing_m))
-            np.save(out / "positions.npy", found.positions[order])
-            np.save(out / "floor_z.npy", found.floor_z[order])
-            np.save(out / "chunk_start.npy", start)
-            np.save(out / "spacing_m.npy", spacing_m)
-
+        """The sensor positions of the templates, and how far one sees from them."""
+        name, inputs = "sample_viewpoints", {"map": read.digest, "mesh": mesh.digest}
         chosen = {
             "viewpoints": self.config.viewpoints.model_dump(mode="json"),
             "sensor": self.config.sensor_model.to_mapping(),
         }
-        return self._stage("sample_viewpoints", {"map": read.digest, "mesh": mesh.digest}, chosen, produce)
 
-    def fit_engine(self, read: StageResult, mesh: StageResult, viewpoints: StageResult) -> StageResult:
+        def run(chunks: Sequence[Chunk], **places: StageResult) -> Iterator[Arrays]:
+            reads = {"map": read, "mesh": mesh, **places}
+            return self.chunks.run(name, chunks, reads, self._ticks(name), self.cancelled)
+
+        def places_at(spacing_m: float) -> StageResult:
+            def produce(out: Path) -> None:
+                config, sensor = self.config.viewpoints, self.config.sensor_model
+                write_places(run, read.directory, mesh.directory, config, spacing_m, sensor, out)
+
+            with within_a_stage():
+                return self.cache.run(name, inputs, {**chosen, "places_m": spacing_m}, produce)
+
+        def produce(out: Path) -> None:
+            fitting_viewpoints(
+                places_at,
+                lambda places, chunks: run(chunks, places=places),
+                self.config.viewpoints,
+                self.config.sensor_model,
+                out,
+            )
+
+        return self._stage(name, inputs, chosen, produce)
+
+    def fit_engine(self, read: StageResult, viewpoints: StageResult) -> StageResult:
         """The engine's parameters: what the version is made with and asked with."""
 
         def produce(out: Path) -> None:
-            positions = np.load(viewpoints.directory / "positions.npy")
             engine = fit_engine(
                 self.config.engine,
                 self.config.sensor_model,
                 spacing_m_of(read),
-                view_distance_m(simulator_of(mesh), positions, self.config.sensor_model),
+                float(np.load(viewpoints.directory / "view_m.npy")),
                 float(np.load(viewpoints.directory / "spacing_m.npy")),
                 np.load(read.directory / "T_map_level.npy"),
             )
@@ -170,8 +180,9 @@ class BuildStages(StageRunner):
             "sensor": self.config.sensor_model.to_mapping(),
             "engine": self.config.engine.model_dump(mode="json"),
         }
-        inputs = {"map": read.digest, "mesh": mesh.digest, "viewpoints": viewpoints.digest}
-        return self._stage("fit_engine", inputs, chosen, produce)
+        return self._stage(
+            "fit_engine", {"map": read.digest, "viewpoints": viewpoints.digest}, chosen, produce
+        )
 
     def make_templates(self, mesh: StageResult, viewpoints: StageResult, engine: EngineConfig) -> StageResult:
         """The templates: simulated scans at the viewpoints, described."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 CELL_M = 4.0
 FILE = "surface_cells.npz"
+GROUP = 64  # cells side by side that are looked at together
 
 
 @dataclass(frozen=True)
@@ -61,9 +63,41 @@ class SurfaceCells:
 
     def digest_within(self, low: NDArray[np.float64], high: NDArray[np.float64], reach_m: float) -> str:
         """Returns a hash of the surface within reach_m of the box of (2,) corners in x and y."""
-        gap_m = np.maximum(np.maximum(self.low[:, :2] - high, low - self.high[:, :2]), 0)
-        near = np.hypot(gap_m[:, 0], gap_m[:, 1]) <= reach_m
+        start, group_low, group_high = self._groups
+        groups = np.flatnonzero(_is_near(group_low, group_high, low, high, reach_m))
+        none = np.zeros(0, np.int64)
+        rows = np.concatenate([none, *(np.arange(start[i], start[i + 1]) for i in groups)])
+        near = rows[_is_near(self.low[rows, :2], self.high[rows, :2], low, high, reach_m)]
         return hashlib.sha256(self.cell[near].tobytes() + self.sha256[near].tobytes()).hexdigest()
+
+    @cached_property
+    def _groups(self) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        """Rows one after the other in groups: (g + 1,) the first of each, (g, 2) corners of their boxes."""
+        start = np.append(np.arange(0, len(self.cell), GROUP), len(self.cell))
+        return (
+            start,
+            np.minimum.reduceat(self.low[:, :2], start[:-1]),
+            np.maximum.reduceat(self.high[:, :2], start[:-1]),
+        )
+
+
+@lru_cache(2)
+def surface_cells(mesh: Path) -> SurfaceCells:
+    """The cells of the mesh of a finished stage, which is read once."""
+    return SurfaceCells.load(mesh / FILE)
+
+
+def _is_near(
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+    box_low: NDArray[np.float64],
+    box_high: NDArray[np.float64],
+    reach_m: float,
+) -> NDArray[np.bool_]:
+    """(k,) which of (k, 2) boxes are within reach_m of a box."""
+    gap_m = np.maximum(np.maximum(low - box_high, box_low - high), 0)
+    near: NDArray[np.bool_] = np.hypot(gap_m[:, 0], gap_m[:, 1]) <= reach_m
+    return near
 
 
 def _cells_of(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> NDArray[np.int64]:
