@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -33,9 +34,9 @@ from .mesh.clean_cloud import clean_cloud, voxel_means
 from .mesh.level import level_frame
 from .mesh.mesh import Mesh
 from .mesh.places.tiled_points import TiledPoints
-from .mesh.reconstruct import joined_mesh, mesh_chunks
-from .mesh.tiled_mesh import TiledMesh
-from .read_map import read_map, read_trajectory
+from .mesh.reconstruct import block_meshes, mesh_chunks
+from .mesh.tiled_mesh import write_tiled_mesh
+from .read_map import read_parts, read_trajectory
 from .read_map.content_hash import content_hash
 from .self_test.localizability import draw_localizability
 from .self_test.reliability import draw_reliability
@@ -63,22 +64,21 @@ class BuildStages(StageRunner):
         """The map in its levelled local frame: points or a mesh, trajectory, T_map_level."""
 
         def produce(out: Path) -> None:
-            data = read_map(source, axis=self.config.axis)
+            parts = read_parts(source, axis=self.config.axis)
+            data = next(parts)
             poses = data.trajectory
             if trajectory is not None:
                 poses = read_trajectory(trajectory)
                 poses[:, :3, 3] -= data.origin
-            surface = data.points if data.points is not None else data.vertices
-            assert surface is not None
-            T_map_level = level_frame(surface) if self.config.level and data.points is not None else np.eye(4)
-            T_level_map = inverse(T_map_level)
+            T_map_level = np.eye(4)
             if data.points is not None:
-                cloud = clean_cloud(transform_points(T_level_map, data.points), self.config.clean)
+                T_map_level = level_frame(data.points) if self.config.level else T_map_level
+                cloud = clean_cloud(transform_points(inverse(T_map_level), data.points), self.config.clean)
                 TiledPoints.of(cloud).save(out)
-            elif data.vertices is not None and data.triangles is not None:
-                Mesh(transform_points(T_level_map, data.vertices), data.triangles).save(out)
+            else:
+                write_tiled_mesh((Mesh(*part.surface) for part in chain([data], parts)), out)
             if poses is not None:
-                np.save(out / "trajectory.npy", T_level_map @ poses)
+                np.save(out / "trajectory.npy", inverse(T_map_level) @ poses)
             # answers are in the file's own coordinates: the local origin goes back in here
             np.save(out / "T_map_level.npy", make_transform(np.eye(3), data.origin) @ T_map_level)
 
@@ -123,11 +123,11 @@ class BuildStages(StageRunner):
 
         def produce(out: Path, run: RunChunks) -> None:
             if (read.directory / "triangles.npy").exists():  # the source is a mesh: taken as it is
-                mesh = Mesh.load(read.directory)
+                for path in read.directory.iterdir():
+                    link(path, out / path.name)
             else:
                 points = np.load(read.directory / "points.npy")
-                mesh = joined_mesh(run(mesh_chunks(points, self.config.reconstruct)))
-            TiledMesh.of(mesh).save(out)
+                write_tiled_mesh(block_meshes(run(mesh_chunks(points, self.config.reconstruct))), out)
 
         return self._chunked_stage("reconstruct_mesh", {"map": read}, self.config.reconstruct, produce)
 

@@ -19,7 +19,7 @@ from firstfix.sensor import SensorModel
 
 from ..execution.chunks import Arrays, Chunk
 from ..execution.stage_cache import StageResult
-from ..mesh.places.surface_cells import surface_cells
+from ..mesh.places.surface_cells import surface_cells_of
 from ..simulation.local_simulator import local_simulator
 from ..simulation.rays import Rays
 from ..simulation.simulate import Simulator, upright
@@ -101,7 +101,7 @@ class TemplatesChunk(Chunk):
     def reads(self, inputs: Mapping[str, StageResult]) -> Mapping[str, str]:
         """Hashes of the viewpoints, and of the surface that the descriptor can see from there."""
         low = np.array(self.tile) * self.tile_m
-        cells = surface_cells(inputs["mesh"].directory)
+        cells = surface_cells_of(inputs["mesh"].directory)
         positions, floor_z = self._viewpoints(inputs["viewpoints"].directory)
         return {
             "viewpoints": sha256(positions.tobytes() + floor_z.tobytes()).hexdigest(),

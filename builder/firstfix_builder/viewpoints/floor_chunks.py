@@ -16,7 +16,7 @@ from firstfix.builds.config import ViewpointConfig
 
 from ..execution.chunks import Arrays, Chunk
 from ..execution.stage_cache import StageResult
-from ..mesh.places.surface_cells import surface_cells
+from ..mesh.places.surface_cells import surface_cells_of
 from ..mesh.tiled_mesh import TiledMesh
 from ..simulation.local_simulator import local_simulator
 from ..simulation.simulate import Simulator
@@ -50,7 +50,7 @@ class TileChunk(Chunk):
 
     def surface(self, mesh: StageResult, reach_m: float) -> str:
         """Returns a hash of the surface within reach_m of the tile."""
-        return surface_cells(mesh.directory).digest_within(*self.tiling.box(self.tile), reach_m)
+        return surface_cells_of(mesh.directory).digest_within(*self.tiling.box(self.tile), reach_m)
 
 
 @dataclass(frozen=True)

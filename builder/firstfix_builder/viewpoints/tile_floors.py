@@ -107,7 +107,8 @@ def tile_floors(
     room |= passed
     floors, passed = standing.subset(room), passed[room]
     low = sampling.border_cells
-    inside = ((floors.column >= low) & (floors.column < low + sampling.tiling.side_cells)).all(axis=1)
+    last = low + sampling.tiling.side_cells
+    inside = np.all((floors.column >= low) & (floors.column < last), axis=1)
     own = np.flatnonzero(inside)
     pairs = passable_pairs(
         simulator,
@@ -127,9 +128,8 @@ def tile_floors(
     out, link_part = number[pairs[~within, 1]], part[pairs[~within, 0]]
     links = np.unique(np.column_stack([out, link_part]), axis=0)
     reach = gap_strides(grid.cell_m, config.bridge_gap_m)
-    edge = inside & (
-        (floors.column < low + reach) | (floors.column >= low + sampling.tiling.side_cells - reach)
-    ).any(axis=1)
+    near_edge = np.any((floors.column < low + reach) | (floors.column >= last - reach), axis=1)
+    edge = inside & near_edge
     mine, my_part = floors.subset(own), part[own]
     count = int(my_part.max(initial=-1)) + 1
     spots, spot_part = _spots(grid, mine, my_part, sampling.tiling.spacing_m)

@@ -2,6 +2,7 @@
 
 from .make_world import NAMES, World, make_world
 from .query import WorldQuery
+from .write_city import write_city
 from .write_world import write_world
 
-__all__ = ["NAMES", "World", "WorldQuery", "make_world", "write_world"]
+__all__ = ["NAMES", "World", "WorldQuery", "make_world", "write_city", "write_world"]

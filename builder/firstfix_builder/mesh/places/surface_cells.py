@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from pathlib import Path
@@ -51,6 +52,13 @@ class SurfaceCells:
             np.maximum.reduceat(corners.max(axis=1), first).astype(np.float64),
         )
 
+    @classmethod
+    def joined(cls, parts: Sequence[SurfaceCells]) -> SurfaceCells:
+        """Cells of which none is in two parts."""
+        joined = cls(*(np.concatenate([getattr(one, field.name) for one in parts]) for field in fields(cls)))
+        order = np.lexsort(joined.cell.T[::-1])
+        return cls(*(getattr(joined, field.name)[order] for field in fields(cls)))
+
     def save(self, directory: Path) -> None:
         """Writes the file of this name."""
         np.savez(directory / FILE, cell=self.cell, sha256=self.sha256, low=self.low, high=self.high)
@@ -82,8 +90,8 @@ class SurfaceCells:
 
 
 @lru_cache(2)
-def surface_cells(mesh: Path) -> SurfaceCells:
-    """The cells of the mesh of a finished stage, which is read once."""
+def surface_cells_of(mesh: Path) -> SurfaceCells:
+    """Returns the cells of a finished mesh stage, read once for all chunks."""
     return SurfaceCells.load(mesh / FILE)
 
 
