@@ -21,7 +21,7 @@ from ..mesh.map_tiles import by_nested_tiles
 from ..viewpoints.even_sample import rows_by_hash
 from ..viewpoints.floor_chunks import tiled_viewpoints
 from ..viewpoints.sample import DEFAULT_SPACING_M
-from ..viewpoints.tiles import Tiling
+from ..viewpoints.tiles import Tiling, in_order
 from .look_chunks import OPEN_SPACING_M, LookChunk, TellChunk
 from .make import chunk_tile_m
 from .outlook import VIEWPOINT_CELL_M, VIEWPOINTS, percentile_m
@@ -134,9 +134,9 @@ def _looks(
     """(k,) what ``LookChunk`` returns by a name for some rows of the places."""
     tiling = Tiling(spacing_m)
     tile = tiling.of(np.load(places.directory / "positions.npy", mmap_mode="r")[rows])
+    tiles = in_order((x, y) for x, y in np.unique(tile, axis=0).tolist())
     chunks = [
-        LookChunk((x, y), tiling, sensor, tuple(rows[(tile == [x, y]).all(axis=1)].tolist()))
-        for x, y in np.unique(tile, axis=0).tolist()
+        LookChunk(one, tiling, sensor, tuple(rows[(tile == one).all(axis=1)].tolist())) for one in tiles
     ]
     return np.concatenate([part[name] for part in run(places, chunks)])
 

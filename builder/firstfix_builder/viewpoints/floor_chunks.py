@@ -23,10 +23,9 @@ from ..simulation.simulate import Simulator
 from .one_per_block import Spots
 from .sample import Viewpoints, floor_sampling, foot_near, joined_viewpoints
 from .tile_floors import FloorSampling, TileFloors, tile_floors
-from .tiles import Tiling
+from .tiles import SHARED_TILES, Tiling, in_order
 from .trajectory_floor import Track
 
-SHARED_TILES = 4  # along each edge of the larger tiles whose chunks share a part of the mesh
 TRAJECTORY = "trajectory.npy"
 _SPOT = np.dtype([("xy", "<f8", 2), ("z", "<f8"), ("low", "<f8"), ("high", "<f8"), ("part", "<i4")])
 
@@ -122,8 +121,8 @@ def tiled_viewpoints(
     tiles = tiling.over(tiled.low, tiled.high)
     drop_m = None
     if (read / TRAJECTORY).exists() and len(_poses(read).points):
-        over = np.unique(tiling.of(_poses(read).points), axis=0)
-        under = [DropsChunk((x, y), tiling) for x, y in over.tolist()]
+        over = np.unique(tiling.of(_poses(read).points), axis=0).tolist()
+        under = [DropsChunk(tile, tiling) for tile in in_order((x, y) for x, y in over)]
         drop_m = np.concatenate([part["drop_m"] for part in run(under)])
     sampling = floor_sampling(tiling, config, sensor_height_m, drop_m)
     chunks = [FloorsChunk(tile, tiling, sampling, drop_m is not None) for tile in tiles]

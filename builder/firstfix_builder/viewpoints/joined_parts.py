@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .tile_floors import TileFloors
+from .tiles import SHARED_TILES
 from .traversable import connected_parts
 
 COVERED = 0.8  # share of a storey that has something overhead
@@ -14,7 +15,7 @@ COMPARABLE = 0.2  # of the main floor's area: a storey, and not a cupboard
 
 
 class JoinedParts:
-    """Joins the parts of tiles that are added in order, row by row of tiles.
+    """Joins the parts of tiles that are added in order, row by row of larger tiles.
 
     Of the borders of tiles it holds those of two rows at a time, and of each part four numbers.
     """
@@ -33,12 +34,13 @@ class JoinedParts:
 
     def add(self, tile: tuple[int, int], floors: TileFloors) -> None:
         """Takes the floors of the next tile."""
-        if tile[0] != self._row:
+        row = tile[0] // SHARED_TILES
+        if row != self._row:
             self._join()
-            is_next = self._row is not None and tile[0] == self._row + 1
+            is_next = self._row is not None and row == self._row + 1
             self._borders = [self._borders[1] if is_next else [], []]
             self._links = [self._links[1] if is_next else [], []]
-            self._row = tile[0]
+            self._row = row
         first = self._start[-1]
         self._borders[1].append((floors.border, floors.border_part + np.int64(first)))
         self._links[1].append((floors.link, floors.link_part + np.int64(first)))

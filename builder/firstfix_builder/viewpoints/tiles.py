@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,8 +14,14 @@ from .floors import Grid
 
 MAX_CELL_M = 0.4
 SIDE_M = 32.0  # about; a whole number of blocks
+SHARED_TILES = 4  # along each edge of the larger tiles whose chunks share a part of the mesh
 MAX_TILES = 500_000  # 500 square kilometres
 MAX_COLUMN = 1 << 26  # from the map's zero, so that a surface has a number of 64 bits
+
+
+def in_order(tiles: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Returns tiles in the order in which they are worked at: larger tile by larger tile."""
+    return sorted(tiles, key=lambda tile: (tile[0] // SHARED_TILES, tile[1] // SHARED_TILES, tile))
 
 
 @dataclass(frozen=True)
@@ -83,7 +90,7 @@ class Tiling:
             found.update((corner[0] + x, corner[1] + y) for x in range(size[0]) for y in range(size[1]))
             if len(found) > MAX_TILES:
                 raise BuildFailed(f"the map covers more than {MAX_TILES} tiles of {self.side_m:g} m")
-        return sorted(found)
+        return in_order(found)
 
     def of(self, points: NDArray[np.floating]) -> NDArray[np.int64]:
         """(n, 2) tile that each of (n, 2) or (n, 3) points stands in."""
