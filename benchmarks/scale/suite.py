@@ -11,7 +11,9 @@ import os
 import subprocess
 import sys
 from collections.abc import Mapping
+from concurrent.futures import ProcessPoolExecutor
 from itertools import pairwise
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +43,8 @@ def measure(extents: Mapping[str, Extent], work: Path, scans: int) -> dict[str, 
     work.mkdir(parents=True, exist_ok=True)
     worlds: dict[str, Any] = {}
     for name, extent in extents.items():
-        built = build(extent, work)
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as alone:  # its memory is the build's
+            built = alone.submit(build, extent, work).result()
         worlds[name] = _figures(built, work, scans)
         print(name, json.dumps(worlds[name], indent=1), file=sys.stderr, flush=True)
     return {"machine": {"cpus": os.cpu_count()}, "worlds": worlds, "growth": _growth(worlds)}

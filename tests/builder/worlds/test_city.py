@@ -1,4 +1,4 @@
-"""A city is made block by block: the same bytes whatever its extent, and its files are the source of a map."""
+"""A city is made block by block: the same bytes whatever its extent. Its files are a map's source."""
 
 from __future__ import annotations
 
