@@ -7,15 +7,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from firstfix_builder.worlds.city import City
-from firstfix_builder.worlds.write_city import write_meshes
+from firstfix_builder.worlds.city.city import City
+from firstfix_builder.worlds.city.write_city import write_meshes
 
 SEED = 7
 
 
 @dataclass(frozen=True)
 class Extent:
-    """How large a world is.
+    """Size of a world.
 
     Attributes:
         extent_m: of the city along x and y.

@@ -19,7 +19,7 @@ Cost: TypeAlias = dict[str, float]
 
 
 def read_cost(path: Path) -> Cost:
-    """What ``spent`` has written."""
+    """Reads a file of ``spent``."""
     cost: Cost = json.loads(path.read_text())
     return cost
 

@@ -147,5 +147,5 @@ def _numbered(positions: NDArray[np.float64], first: int) -> NDArray[np.float64]
 
 
 def _shown(places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Those of (n, 4) numbered places that tell how far one sees in a map."""
+    """Rows of (n, 4) numbered places that tell how far one sees in a map."""
     return places[rows_by_hash(places[:, :3], VIEWPOINTS, VIEWPOINT_CELL_M)]

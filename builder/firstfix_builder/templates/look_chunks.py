@@ -63,7 +63,7 @@ class PlacesChunk(TileChunk):
 
 @dataclass(frozen=True)
 class LookChunk(PlacesChunk):
-    """How far one sees.
+    """Viewing distance from some places.
 
     Attributes:
         rows: of the places.
@@ -88,7 +88,7 @@ class LookChunk(PlacesChunk):
 
 @dataclass(frozen=True)
 class TellChunk(PlacesChunk):
-    """Which places tell something that their neighbours do not.
+    """Choice of the places that tell something that their neighbours do not.
 
     Attributes:
         first, last: rows of the places, which are those of the tile.

@@ -54,7 +54,7 @@ class TileChunk(Chunk):
 
 @dataclass(frozen=True)
 class DropsChunk(TileChunk):
-    """How high the poses of the trajectory are over the surfaces below them. Reads the stage ``map``."""
+    """Height of the trajectory's poses over the surfaces below them. Reads the stage ``map``."""
 
     def run(self, inputs: Mapping[str, Path]) -> Arrays:
         """Returns the drop of each pose over the tile, inf where nothing is below."""

@@ -42,17 +42,17 @@ class FloorSampling:
 
     @property
     def plane_cells(self) -> int:
-        """How far a floor's neighbours are looked at for its slope."""
+        """Cells to every side of a floor that its slope comes from."""
         return max(1, round(PLANE_REACH_M / self.tiling.cell_m))
 
     @property
     def border_cells(self) -> int:
-        """How far around a tile surfaces are looked for: those its floors are joined to, and their planes."""
+        """Cells around a tile with surfaces that its floors are joined to, and those of their planes."""
         return gap_strides(self.tiling.cell_m, self.config.bridge_gap_m) + self.plane_cells
 
     @property
     def reach_m(self) -> float:
-        """How far around a tile the mesh is read."""
+        """Distance from the tile to which the mesh is read."""
         return self.border_cells * self.tiling.cell_m + self.config.footprint_radius_m + 0.1
 
 

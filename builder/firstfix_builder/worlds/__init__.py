@@ -1,8 +1,8 @@
 """Sample worlds: procedural places, the map a SLAM would leave of them, and scans with known poses."""
 
+from .city.write_city import write_city
 from .make_world import NAMES, World, make_world
 from .query import WorldQuery
-from .write_city import write_city
 from .write_world import write_world
 
 __all__ = ["NAMES", "World", "WorldQuery", "make_world", "write_city", "write_world"]

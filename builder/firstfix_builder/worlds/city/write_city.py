@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from firstfix.errors import InvalidOption
 from firstfix_builder.mesh.mesh import Mesh
 
-from .city import BLOCK_M, City
-from .drive import drive
-from .query import WorldQuery, queries
-from .survey import Survey
-from .write_world import ply_of_mesh, write_queries
+from ..drive import drive
+from ..query import WorldQuery, queries
+from ..survey import Survey
+from ..write_world import ply_of_mesh, write_queries
+from .city import City
+from .layout import BLOCK_M
 
 MAX_EXTENT_M = 20_000.0
 BLOCKS_A_FILE = 4  # along x and along y

@@ -1,102 +1,27 @@
-"""A city of any extent, block by block: a block depends on the seed and on its own number alone."""
+"""The layout of one block of a city: houses, yards, gardens, parks, car parks, and things at the kerb."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import NDArray
 
-from firstfix.sensor import preset
 from firstfix_builder.mesh.mesh import Mesh
 
-from .buildings import BASEMENT_M, body, court, hall, tower
-from .place import Ground, Place
-from .primitives import blob, block, box, cylinder, gable, height_field, placed
-from .props import bench, car, lamp_post, tree
+from ..buildings import BASEMENT_M, body, court, hall, tower
+from ..place import Place
+from ..primitives import blob, block, box, cylinder, gable, placed
+from ..props import bench, car, lamp_post, tree
 
 BLOCK_M = 80.0  # from the middle of a street to that of the next
-GROUND_STEP_M = 4.0
 STREET_HALF_M = 5.0
 PAVEMENT_M = 3.0
 LOT_HALF_M = BLOCK_M / 2 - STREET_HALF_M - PAVEMENT_M
-RELIEF_M = (6.0, 2.5, 0.8)  # height of the waves of the ground
-RELIEF_LENGTH_M = (900.0, 370.0, 130.0)
 USES = {"perimeter": 0.36, "quarters": 0.3, "rows": 0.16, "park": 0.1, "cars": 0.08}
 CLEARANCE_M = 0.4  # between things
 
 Rng = np.random.Generator
 
 
-@dataclass(frozen=True)
-class City:
-    """Blocks of houses, yards, parks and car parks in a grid of streets.
-
-    Attributes:
-        side: blocks along x and along y. The first has its corner at the map's zero.
-        seed: another seed gives another city.
-    """
-
-    side: int
-    seed: int = 0
-
-    @classmethod
-    def of_extent(cls, extent_m: float, seed: int = 0) -> City:
-        """The city of whole blocks that is nearest to an extent along x and y."""
-        return cls(max(1, round(extent_m / BLOCK_M)), seed)
-
-    def ground(self) -> Ground:
-        """Height of the ground: waves, steepest 1 in 8."""
-        rng = np.random.default_rng([self.seed, 1])
-        waves = [
-            (height / 2, 2 * np.pi / length, rng.uniform(0, 2 * np.pi), rng.uniform(0, 2 * np.pi))
-            for height, length in zip(RELIEF_M, RELIEF_LENGTH_M, strict=True)
-            for _ in range(2)
-        ]
-
-        def ground(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-            z = np.zeros(np.shape(x))
-            for height, number, angle, phase in waves:
-                z += height * np.sin(number * (np.cos(angle) * x + np.sin(angle) * y) + phase)
-            return z
-
-        return ground
-
-    def block(self, column: int, row: int) -> Place:
-        """The place of one block with half of the streets around it, in the city's frame.
-
-        Its path goes round it in the middle of these streets.
-        """
-        rng = np.random.default_rng([self.seed, 2, column, row])
-        middle = (np.array([column, row]) + 0.5) * BLOCK_M
-        around = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) * BLOCK_M / 2
-        path = np.column_stack([middle + around, np.zeros(len(around))])
-        ground = self.ground()
-        place = Place(preset("os1-64"), path, 0.2, stride_m=1.0, corner_m=1.5, ground=ground)
-        axis = np.arange(-BLOCK_M / 2, BLOCK_M / 2 + GROUND_STEP_M / 2, GROUND_STEP_M)
-        x, y = middle[0] + axis, middle[1] + axis
-        gx, gy = np.meshgrid(x, y)
-        place.fixed.append(height_field(x, y, ground(gx, gy)))
-        _Block(place, rng, *middle.tolist()).lay_out()
-        return place
-
-    def around(self, column: int, row: int, blocks: int) -> Place:
-        """One block with its neighbours, so many to every side; its own path."""
-        near = [
-            (i, j)
-            for i in range(max(0, column - blocks), min(self.side, column + blocks + 1))
-            for j in range(max(0, row - blocks), min(self.side, row + blocks + 1))
-        ]
-        whole = self.block(column, row)
-        for other in near:
-            if other != (column, row):
-                part = self.block(*other)
-                whole.fixed += part.fixed
-                whole.movables += part.movables
-        return whole
-
-
-class _Block:
+class BlockLayout:
     """Lays one block out about its middle."""
 
     def __init__(self, place: Place, rng: Rng, x: float, y: float) -> None:
@@ -104,6 +29,7 @@ class _Block:
         self._taken: list[tuple[float, float, float, float]] = []  # low and high corners
 
     def lay_out(self) -> None:
+        """Chooses a use for the block, and stands everything."""
         use = str(self._rng.choice(list(USES), p=list(USES.values())))
         {
             "perimeter": self._perimeter,
@@ -250,7 +176,7 @@ class _Block:
                 self._place.put(bench(), self._x + x, self._y + y, 0, rng.uniform(0, 2 * np.pi))
 
     def _pavements(self) -> None:
-        """What stands along the half streets: lamps, trees, parked cars, and now and then a bus stop."""
+        """Stands lamps, trees, parked cars and now and then a bus stop along the half streets."""
         rng = self._rng
         for turn in range(4):
             yaw = turn * np.pi / 2
