@@ -62,29 +62,29 @@ class Outcome:
         return self.first_error_m <= RIGHT_M
 
     @property
-    def evidence(self) -> MatchFeatures | None:
+    def features(self) -> MatchFeatures | None:
         """Match features of the best hypothesis, None if there is none."""
         return _UNFITTED.match_features(self._fits) if self._fits else None
 
     @property
     def right_among_tied(self) -> bool:
         """Returns whether the best hypothesis is right, or one that ties with it."""
-        found = self.evidence
+        found = self.features
         return found is not None and min(self.errors_m[: found.tied]) <= RIGHT_M
 
     def accepted_by(self, calibration: Calibration) -> bool:
         """Returns whether the calibrated localizer would call this localized."""
-        found = self.evidence
+        found = self.features
         return found is not None and calibration.accepts(found)
 
     @property
     def without_the_truth(self) -> MatchFeatures | None:
-        """A hard negative: the evidence if neither the true place nor its equals were in the map.
+        """A hard negative: the match features if neither the true place nor its equals were in the map.
 
         A map's own look-alikes teach more than scans of a strange place: the next aisle of a hall explains
         four fifths of a scan. An equal of the true place teaches nothing: nobody could tell that it is wrong.
         """
-        found = self.evidence
+        found = self.features
         if found is None or not self.right_among_tied:
             return None
         tied, others = self.answer.hypotheses[: found.tied], self.answer.hypotheses[found.tied :]
