@@ -45,8 +45,8 @@ BAR_HEADER = (
 EXPLANATION = """\
 Shares are of the *distinct* scans: at the true pose they fit the map better, by 0.02 of the alignment score,
 than at any other place that was found. *Aliases* fit another place as well. *Outshone* scans fit another
-place better, because the map lacks what they show. *At most*: upper end of the share of false accepts among all
-answers, inside and outside the map (Clopper-Pearson).
+place better, because the map lacks what they show. *At most*: upper end of the share of false accepts among
+all answers, inside and outside the map (Clopper-Pearson).
 """
 HEADER = (
     "n",

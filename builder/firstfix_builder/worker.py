@@ -27,7 +27,8 @@ from .job.fetch_source import DEFAULT_MAX_BYTES, SourcePolicy
 from .job.log import set_up_build_log
 from .job.reporter import EXIT_TRY_AGAIN
 from .job.run_build import run_build
-from .sandbox.sandboxed_build import SandboxedBuild, SandboxOptions
+from .sandbox.process import SandboxOptions
+from .sandbox.sandboxed_build import SandboxedBuild
 
 EXIT_USAGE = 2
 # The service that runs a worker sets these variables. They have the names of its own settings.

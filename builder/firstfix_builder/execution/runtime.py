@@ -11,7 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 import firstfix
 
-from .stage_cache import source_hash
+from .source_hash import source_hash
 
 
 @dataclass(frozen=True)

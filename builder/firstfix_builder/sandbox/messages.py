@@ -53,7 +53,7 @@ class Lines:
         except ValueError:
             message = None
         if not isinstance(message, dict) or len(message) == 0:
-            raise BuildFailed("the build said something that is no message")
+            raise BuildFailed("the build sent a message of no known form")
         return message
 
 
