@@ -56,7 +56,7 @@ def this_runtime() -> Runtime:
 
 
 def _open3d() -> str:
-    """Told without importing it, which takes seconds."""
+    """Version of Open3D, from the package metadata: an import would take seconds."""
     for name in ("open3d-cpu", "open3d"):
         with suppress(PackageNotFoundError):
             return version(name)

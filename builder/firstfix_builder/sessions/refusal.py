@@ -33,8 +33,8 @@ def no_consensus(votes: Sequence[AskedPlace], found: Consensus | None) -> str | 
     votes_for = 0.0 if found is None else found.votes
     if found is None or len(found.agreeing) < MIN_AGREEING or votes_for < MIN_VOTES:
         return (
-            f"too little overlap: {asked} places of it were searched for; those that agree on a transform have "
-            f"{votes_for:.1f} votes, and {MIN_VOTES:.0f} votes of {MIN_AGREEING} places are needed"
+            f"too little overlap: {asked} places of it were searched for; those that agree on a transform "
+            f"have {votes_for:.1f} votes, and {MIN_VOTES:.0f} votes of {MIN_AGREEING} places are needed"
         )
     if found.votes < MIN_LEAD * found.rival_votes:
         return (
