@@ -50,7 +50,7 @@ class StageRunner:
         config: Any,
         produce: Callable[[Path, RunChunks], None],
     ) -> StageResult:
-        """Result of a stage that runs in chunks. Only chunks with changed inputs are run."""
+        """A stage in chunks. Only those are run whose inputs have changed."""
 
         def run(chunks: Sequence[Chunk]) -> Iterator[Arrays]:
             return self.chunks.run(name, chunks, inputs, self._ticks(name), self.cancelled)
