@@ -1,7 +1,7 @@
-"""Takes files out of a folder whose owner is not trusted, and may change it meanwhile.
+"""Takes files out of a folder whose owner is not trusted and may change it at any moment.
 
-A link in that folder could lead the reader to a file of its own, such as its credentials. So no link is
-followed, at no level; and what was taken stands where the other one cannot reach.
+A link in that folder could lead the reader to one of its own files, such as its credentials. So no link is
+followed, at any level. The files that were taken stand in a folder to which the owner has no access.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ def take_files(root: Path, folder: str, into: Path) -> None:
     """Links the files below ``root/folder`` into a new folder, or copies them.
 
     Args:
-        root: a folder that the other one cannot replace.
-        folder: below it, as the other one named it.
+        root: a folder that the owner cannot replace.
+        folder: path below it, as given by the owner.
 
     Raises:
-        BuildFailed: the name leads elsewhere, or there is something that is no plain file.
+        BuildFailed: the path leads elsewhere, or something in the folder is not a regular file.
     """
     into.mkdir(parents=True)
     try:
@@ -82,7 +82,7 @@ def _take(folder: int, into: Path, depth: int, budget: _Budget) -> None:
 
 
 def _take_file(folder: int, name: str, target: Path) -> None:
-    """Looked at again where it is out of reach: it may have been replaced since it was looked at."""
+    """Takes a file, and checks its type again afterwards: the owner may have replaced it meanwhile."""
     try:
         os.link(name, target, src_dir_fd=folder, follow_symlinks=False)
     except OSError:  # another file system, or one without links

@@ -1,4 +1,4 @@
-"""One query of the self-test, and its answer judged."""
+"""Outcome of one query of the self-test: its answer compared with the truth."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from firstfix.answer.quality import AlignmentQuality, MatchFeatures
 from firstfix.engine.calibration import Calibration
 from firstfix.transform import Matrix, pose_error
 
-RIGHT_M, RIGHT_DEG = 1.0, 10.0  # further off than this, a fix is a false one
-ABSENT_BEYOND_M = 3.0  # from the true place: what is nearer would not be in the map without it either
-_UNFITTED = Calibration()  # says which places tie; fitting does not change that
+RIGHT_M, RIGHT_DEG = 1.0, 10.0  # a fix with a larger error is a false accept
+ABSENT_BEYOND_M = 3.0  # nearer places are missing, too, if the true place is missing from the map
+_UNFITTED = Calibration()  # decides which places tie, which does not depend on the fit
 
 
 @dataclass(frozen=True)
@@ -21,9 +21,9 @@ class Outcome:
     """One query and its answer.
 
     Attributes:
-        query: number; a scan and its mirror image have the same.
-        T_level_sensor: (4, 4) where the scan was taken, or None: at no place of the map.
-        errors_m: of each hypothesis in turn; infinite where it is turned by over RIGHT_DEG too.
+        query: number of the query; a scan and its mirror image have the same number.
+        T_level_sensor: (4, 4) true pose of the scan; None: it is of no place in the map.
+        errors_m: of the hypotheses in their order; infinite if the rotation is off by over RIGHT_DEG.
         is_mirrored: whether the scan is the mirror image of one taken in the map.
     """
 
@@ -79,10 +79,11 @@ class Outcome:
 
     @property
     def without_the_truth(self) -> MatchFeatures | None:
-        """A hard negative: the match features if neither the true place nor its equals were in the map.
+        """A hard negative: the match features of the answer without the true place and its equals.
 
-        A map's own look-alikes teach more than scans of a strange place: the next aisle of a hall explains
-        four fifths of a scan. An equal of the true place teaches nothing: nobody could tell that it is wrong.
+        Look-alikes in the same map are better training data than scans of a strange place: the next aisle of
+        a hall explains four fifths of a scan. Places equal to the true one are no negatives, because nothing
+        shows that they are wrong.
         """
         found = self.features
         if found is None or not self.right_among_tied:
@@ -94,7 +95,7 @@ class Outcome:
             if other.quality is not None
             and all(pose_error(one.T_map_sensor, other.T_map_sensor)[0] > ABSENT_BEYOND_M for one in tied)
         ]
-        # of one alone the margin is not known
+        # a single place has no margin
         return _UNFITTED.match_features(elsewhere) if len(elsewhere) > 1 else None
 
     @property

@@ -139,7 +139,7 @@ def test_what_it_made_is_taken_over(place: Place):
         ("allocate", {"bytes": 6 << 30}, "the worker ran out of memory"),
         ("crash", {}, "ended by SIGSEGV in read_map"),
         ("leave", {}, "ended with exit code 0 in read_map"),
-        ("babble", {}, "said too much at once"),
+        ("babble", {}, "sent a message of over 262144 bytes"),
         ("lie", {"message": ["x"]}, "no known form"),
         ("lie", {"message": {"stage": "read_map", "done": None}}, "no known form"),
         ("lie", {"message": {"fetch": "../../secret"}}, "ended with exit code 0"),
