@@ -2,7 +2,7 @@
 
 Poisson reconstruction needs to know which side of each point is free. The scanner saw the point, so the free
 side is the side of the scanner. Its most likely place is the nearest one of the trajectory that other points
-do not hide from the point: behind a floor slab or a wall, the nearest place is wrong. If no trajectory is known,
+do not hide from the point: behind a slab or a wall, the nearest place is wrong. If no trajectory is known,
 possible places of the scanner are used: above flat patches with headroom.
 """
 

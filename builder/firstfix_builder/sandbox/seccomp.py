@@ -1,8 +1,8 @@
 """A seccomp filter: system calls that a build does not need fail with EPERM.
 
 It lists the refused calls, not the allowed ones: the libraries of a build (open3d, TBB, BLAS, glibc) make
-other calls in every release, and a container adds its own profile. It is written as BPF, because neither Python
-nor the images have libseccomp.
+other calls in every release, and a container adds its own profile. It is written as BPF, because the images
+have no libseccomp.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Mirrored scans: cheap, hard negatives of a map.
 
 The mirror image of a place has its walls, corners and furniture, but is nowhere in the map, unless the place
-or the map is symmetric. Few other scans are so easily confused with the next room or the next aisle.
+or the map is symmetric. Such a scan passes for the next room or the next aisle as easily as a scan ever does.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from ..simulation.rays import Rays
 from ..simulation.simulate import Simulator
 
 _MIRROR = np.diag([1.0, -1.0, 1.0])
-_ALIKE_M, _ALIKE_SHARE = 0.1, 0.02  # difference of two ranges to the same surface, at most
-_SAME_RAYS = 0.8  # if a larger share of rays meets the same surface, the mirror image is in the map
+_ALIKE_M, _ALIKE_SHARE = 0.1, 0.02  # of ranges: what is nearer is the same surface
+_SAME_RAYS = 0.8  # more rays that meet the same: the mirror image is in the map
 _COMPARED_RAYS, _LEAST_RAYS = 2000, 100
-_LEVEL_M = 0.2  # surfaces nearer to the floor or the ceiling do not distinguish places
+_LEVEL_M = 0.2  # nearer to the floor or the ceiling, a surface tells no places apart
 
 
 def mirrored(scan: Scan, sensor: SensorModel) -> Scan:
@@ -53,6 +53,6 @@ def is_in_map(
 
 
 def _mirror_of(sensor: SensorModel) -> Matrix:
-    """(3, 3) reflection of left and right, in the sensor frame."""
+    """(3, 3) in the sensor's frame."""
     mirror: Matrix = sensor.R_base_sensor.T @ _MIRROR @ sensor.R_base_sensor
     return mirror

@@ -1,4 +1,4 @@
-"""Outcome of one query of the self-test: its answer compared with the truth."""
+"""One query of the self-test, and its answer judged."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from firstfix.answer.quality import AlignmentQuality, MatchFeatures
 from firstfix.engine.calibration import Calibration
 from firstfix.transform import Matrix, pose_error
 
-RIGHT_M, RIGHT_DEG = 1.0, 10.0  # a fix with a larger error is a false accept
-ABSENT_BEYOND_M = 3.0  # nearer places are missing, too, if the true place is missing from the map
-_UNFITTED = Calibration()  # decides which places tie, which does not depend on the fit
+RIGHT_M, RIGHT_DEG = 1.0, 10.0  # further off than this, a fix is a false one
+ABSENT_BEYOND_M = 3.0  # from the true place: what is nearer would not be in the map without it either
+_UNFITTED = Calibration()  # says which places tie; fitting does not change that
 
 
 @dataclass(frozen=True)
@@ -21,9 +21,9 @@ class Outcome:
     """One query and its answer.
 
     Attributes:
-        query: number of the query; a scan and its mirror image have the same number.
-        T_level_sensor: (4, 4) true pose of the scan; None: it is of no place in the map.
-        errors_m: of the hypotheses in their order; infinite if the rotation is off by over RIGHT_DEG.
+        query: number; a scan and its mirror image have the same.
+        T_level_sensor: (4, 4) where the scan was taken, or None: at no place of the map.
+        errors_m: of each hypothesis in turn; infinite where it is turned by over RIGHT_DEG too.
         is_mirrored: whether the scan is the mirror image of one taken in the map.
     """
 
@@ -62,30 +62,29 @@ class Outcome:
         return self.first_error_m <= RIGHT_M
 
     @property
-    def features(self) -> MatchFeatures | None:
+    def evidence(self) -> MatchFeatures | None:
         """Match features of the best hypothesis, None if there is none."""
         return _UNFITTED.match_features(self._fits) if self._fits else None
 
     @property
     def right_among_tied(self) -> bool:
         """Returns whether the best hypothesis is right, or one that ties with it."""
-        found = self.features
+        found = self.evidence
         return found is not None and min(self.errors_m[: found.tied]) <= RIGHT_M
 
     def accepted_by(self, calibration: Calibration) -> bool:
         """Returns whether the calibrated localizer would call this localized."""
-        found = self.features
+        found = self.evidence
         return found is not None and calibration.accepts(found)
 
     @property
     def without_the_truth(self) -> MatchFeatures | None:
-        """A hard negative: the match features of the answer without the true place and its equals.
+        """A hard negative: the evidence if neither the true place nor its equals were in the map.
 
-        Look-alikes in the same map are better training data than scans of a strange place: the next aisle of
-        a hall explains four fifths of a scan. Places equal to the true one are no negatives, because nothing
-        shows that they are wrong.
+        A map's own look-alikes teach more than scans of a strange place: the next aisle of a hall explains
+        four fifths of a scan. An equal of the true place teaches nothing: nobody could tell that it is wrong.
         """
-        found = self.features
+        found = self.evidence
         if found is None or not self.right_among_tied:
             return None
         tied, others = self.answer.hypotheses[: found.tied], self.answer.hypotheses[found.tied :]
@@ -95,7 +94,7 @@ class Outcome:
             if other.quality is not None
             and all(pose_error(one.T_map_sensor, other.T_map_sensor)[0] > ABSENT_BEYOND_M for one in tied)
         ]
-        # a single place has no margin
+        # of one alone the margin is not known
         return _UNFITTED.match_features(elsewhere) if len(elsewhere) > 1 else None
 
     @property

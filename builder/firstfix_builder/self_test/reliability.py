@@ -33,7 +33,7 @@ class Case:
     """
 
     query: int
-    features: MatchFeatures
+    evidence: MatchFeatures
     right: bool
     weight: float = 1.0
     asked: bool = True
@@ -51,11 +51,11 @@ def fit(cases: Sequence[Case]) -> Calibration:
     equal needs is learned from such places alone. Their mirror images and hard negatives are left out with
     them: alone they would teach that nothing is ever right.
     """
-    tied = {case.query for case in cases if case.asked and case.features.tied > 1}
-    single = [case for case in cases if case.query not in tied and case.features.tied == 1]
+    tied = {case.query for case in cases if case.asked and case.evidence.tied > 1}
+    single = [case for case in cases if case.query not in tied and case.evidence.tied == 1]
     if not single:
         return Calibration()
-    return Calibration.fit(*zip(*((c.features, c.right, c.weight) for c in single), strict=True))
+    return Calibration.fit(*zip(*((c.evidence, c.right, c.weight) for c in single), strict=True))
 
 
 def reliability_of(cases: Sequence[Case]) -> dict[str, Any]:
@@ -112,7 +112,7 @@ def bound_of(cases: Sequence[Case], unanswered: int = 0) -> FalseAcceptBound:
         unanswered: number of further wrong cases that no calibration would accept.
     """
     claimed = [
-        claim if model.accepts(case.features, 0.0) else -1.0
+        claim if model.accepts(case.evidence, 0.0) else -1.0
         for case, claim, model in _held_out(cases)
         if not case.right
     ]
@@ -123,4 +123,4 @@ def _held_out(cases: Sequence[Case]) -> list[tuple[Case, float, Calibration]]:
     """Each case with its probability and the calibration that says so, of a fold that did not train on it."""
     models = [fit([case for case in cases if case.query % FOLDS != fold]) for fold in range(FOLDS)]
     by_case = [(case, models[case.query % FOLDS]) for case in cases]
-    return [(case, model.probability(case.features), model) for case, model in by_case]
+    return [(case, model.probability(case.evidence), model) for case, model in by_case]

@@ -126,7 +126,7 @@ def run_self_test(
     cases = _cases(outcomes, mirrored_weight(len(inside), config.mirrored))
     calibration = fit(cases)
     tested = _spots(outcomes, calibration, T_level_map)
-    bound = bound_of(cases, unanswered=sum(o.features is None for o in outcomes))
+    bound = bound_of(cases, unanswered=sum(o.evidence is None for o in outcomes))
     found = _summary(outcomes, calibration, cases, bound, grid_of(tested))
     return found, calibration, bound, tested
 
@@ -149,10 +149,10 @@ def _spots(outcomes: Sequence[Outcome], calibration: Calibration, T_level_map: M
 def _cases(outcomes: Sequence[Outcome], weight_of_mirrored: float) -> list[Case]:
     cases = []
     for outcome in outcomes:
-        if outcome.features is not None:
+        if outcome.evidence is not None:
             weight = weight_of_mirrored if outcome.is_mirrored else 1.0
             right, asked = outcome.right_among_tied, not outcome.is_mirrored
-            cases.append(Case(outcome.query, outcome.features, right, weight, asked))
+            cases.append(Case(outcome.query, outcome.evidence, right, weight, asked))
         if outcome.without_the_truth is not None:
             cases.append(Case(outcome.query, outcome.without_the_truth, False, ABSENT_WEIGHT, asked=False))
     return cases

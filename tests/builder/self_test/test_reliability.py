@@ -20,11 +20,11 @@ def cases(n: int, seed: int, honest: bool = True) -> list[Case]:
     rng = np.random.default_rng(seed)
     drawn = []
     for query in range(n):
-        features = MatchFeatures(
+        evidence = MatchFeatures(
             AlignmentQuality(0.9, rng.uniform(0.3, 1), rng.exponential(0.03)), float(rng.uniform(0, 0.5))
         )
         drawn.append(
-            Case(query, features, bool(rng.random() < (TRUE.probability(features) if honest else 0.5)))
+            Case(query, evidence, bool(rng.random() < (TRUE.probability(evidence) if honest else 0.5)))
         )
     return drawn
 
@@ -42,16 +42,16 @@ def test_too_few_cases_to_learn_a_coin_from_are_called_unreliable():
 
 def test_what_was_not_asked_teaches_but_is_not_counted():
     asked = cases(200, 3)
-    absent = [Case(c.query, MatchFeatures(c.features.quality, 0.01), False, 0.25, asked=False) for c in asked]
-    found = reliability_of(asked + absent)
+    twins = [Case(c.query, MatchFeatures(c.evidence.quality, 0.01), False, 0.25, asked=False) for c in asked]
+    found = reliability_of(asked + twins)
     assert sum(part["cases"] for part in found["bins"]) == 200
-    assert fit(asked + absent).probability(absent[0].features) < fit(asked).probability(absent[0].features)
+    assert fit(asked + twins).probability(twins[0].evidence) < fit(asked).probability(twins[0].evidence)
 
 
 def test_equal_places_do_not_move_the_calibration():
     asked = cases(200, 5)
     ties = [
-        Case(200 + c.query, MatchFeatures(c.features.quality, 0.4, tied=2), c.query % 2 == 0) for c in asked
+        Case(200 + c.query, MatchFeatures(c.evidence.quality, 0.4, tied=2), c.query % 2 == 0) for c in asked
     ]
     assert fit(asked + ties) == fit(asked)
     assert fit(ties) == Calibration()
@@ -81,7 +81,7 @@ def test_the_picture_is_the_same_every_time(tmp_path):
 def test_the_bound_counts_wrong_cases_asked_or_not_and_those_without_an_answer():
     asked = cases(200, 6)
     wrong = [case for case in asked if not case.right]
-    absent = [Case(c.query, MatchFeatures(c.features.quality, 0.01), False, 0.25, asked=False) for c in asked]
+    absent = [Case(c.query, MatchFeatures(c.evidence.quality, 0.01), False, 0.25, asked=False) for c in asked]
     found = bound_of([*asked, *absent], unanswered=7)
     assert found.negatives == len(wrong) + len(absent) + 7
     alone = bound_of(asked)
@@ -93,15 +93,15 @@ def test_the_bound_counts_wrong_cases_asked_or_not_and_those_without_an_answer()
 
 
 def test_the_bound_is_judged_by_a_calibration_that_has_not_seen_the_case():
-    """One wrong query has the best match features: a model that was fitted to it would believe it less."""
+    """One query is wrong with the best of evidence: a model that was fitted to it would believe it less."""
     good = [
         Case(n, MatchFeatures(AlignmentQuality(0.95, 0.9, 0.001), 0.3 + 0.001 * n), True) for n in range(40)
     ]
     liar = Case(40, MatchFeatures(AlignmentQuality(0.95, 0.9, 0.001), 0.2), False, weight=50.0)
     unseen, seen = fit(good), fit([*good, liar])
     threshold = [row for row in bound_of([*good, liar]).rows if row.accepted]
-    assert threshold[-1].min_probability <= unseen.probability(liar.features)
-    assert threshold[-1].min_probability > seen.probability(liar.features)
+    assert threshold[-1].min_probability <= unseen.probability(liar.evidence)
+    assert threshold[-1].min_probability > seen.probability(liar.evidence)
 
 
 def test_what_no_threshold_accepts_is_no_false_accept():
