@@ -16,9 +16,9 @@ from ..false_accept_bound import upper_bound
 from .cells import CELL_M, SLOTS, cells_of_keys
 from .tally import Tally
 
-MIN_SHARE = 0.3  # a cell has changed if, with 95 % confidence, a larger share of its spots say so
-MIN_SPOTS = 4  # with a vote about the cell
-FEWEST_CELLS = 3  # of an area: a single cell may come from an error that all poses share
+MIN_SHARE = 0.3  # of the spots that see a cell: with 95 % confidence more of them say that it has changed
+MIN_SPOTS = 4  # that have a vote about a cell
+FEWEST_CELLS = 3  # of an area: one cell may be an error of all poses on one side
 ENOUGH_SPOTS = 16  # a cell that the newest sightings saw from so many spots needs no older ones
 # For each kind of change, the columns of a tally's counts for it and against it.
 KINDS = {"gone": (1, 0), "new": (2, 3)}
