@@ -104,6 +104,6 @@ def _check(answer: httpx.Response, expected_range: str, etag: str) -> None:
     if status in (404, 410):
         raise NotFound("there is nothing at the source's URL")
     if answer.is_redirect:
-        raise BuildFailed("the source's URL redirects, which is not followed: name the place itself")
+        raise BuildFailed("the source's URL redirects, and redirects are not followed: give the final URL")
     if status not in (200, 206) or not answer.headers.get("Content-Range", "").startswith(expected_range):
         raise BuildFailed(f"the source's server answered {status}")

@@ -78,7 +78,7 @@ def _take(folder: int, into: Path, depth: int, budget: _Budget) -> None:
             finally:
                 os.close(inner)
         else:
-            raise BuildFailed("the build made something that is no plain file")
+            raise BuildFailed("the build made something that is not a regular file")
 
 
 def _take_file(folder: int, name: str, target: Path) -> None:
@@ -89,9 +89,9 @@ def _take_file(folder: int, name: str, target: Path) -> None:
         handle = os.open(name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=folder)
         with os.fdopen(handle, "rb") as source:
             if not stat.S_ISREG(os.fstat(source.fileno()).st_mode):
-                raise BuildFailed("the build made something that is no plain file") from None
+                raise BuildFailed("the build made something that is not a regular file") from None
             with target.open("xb") as copy:
                 shutil.copyfileobj(source, copy)
     if not stat.S_ISREG(target.lstat().st_mode):
         target.unlink()
-        raise BuildFailed("the build made something that is no plain file")
+        raise BuildFailed("the build made something that is not a regular file")

@@ -179,7 +179,7 @@ class SandboxedBuild:
             case {"provisional": True} if job.publish_provisional is not None:
                 built = self._take_version("provisional")
                 if not built.manifest.provisional:
-                    raise BuildFailed("the build calls a full version provisional")
+                    raise BuildFailed("the build sent a full version as a provisional one")
                 job.publish_provisional(built)
                 speaker.say(answer=True)
             case {"cached": str(stage)} if stage in STAGES:
@@ -226,7 +226,7 @@ class SandboxedBuild:
 
     def _put(self, key: str, name: str, folder: str) -> int:
         if self._shared is None or name not in STAGES:
-            raise BuildFailed("the build shared something that is no stage")
+            raise BuildFailed("the build shared a stage of no known name")
         taken = self._taken / uuid.uuid4().hex
         try:
             take_files(self._folder, folder, taken)

@@ -143,10 +143,10 @@ def test_what_it_made_is_taken_over(place: Place):
         ("lie", {"message": ["x"]}, "no known form"),
         ("lie", {"message": {"stage": "read_map", "done": None}}, "no known form"),
         ("lie", {"message": {"fetch": "../../secret"}}, "ended with exit code 0"),
-        ("lie", {"message": {"share": ["a" * 64, "read_map", "../../store"]}}, "no stage"),
+        ("lie", {"message": {"share": ["a" * 64, "read_map", "../../store"]}}, "no known name"),
         ("lie", {"message": {"failed": {"code": "store_unavailable", "detail": "again"}}}, "again"),
         ("lie", {"message": {"built": True}}, "taken over|no version"),
-        ("link", {"target": "/etc/passwd"}, "no plain file"),
+        ("link", {"target": "/etc/passwd"}, "not a regular file"),
         ("link the folder", {"target": "/etc"}, "cannot be taken over"),
     ],
 )
@@ -198,7 +198,7 @@ def test_stages_go_out_and_come_in_through_the_worker(place: Place, tmp_path: Pa
     assert (tmp_path / "fetched" / "inner" / "a.bin").read_bytes() == b"a stage"
     built = place.build("fetch", shared=shared, key=key)
     assert (built.directory / "index.bin").read_bytes() == b"a stage"
-    with pytest.raises(BuildFailed, match="no plain file"):
+    with pytest.raises(BuildFailed, match="not a regular file"):
         place.build("share a link", shared=shared, key="b" * 64, target="/proc/self/environ")
     assert not shared.fetch("b" * 64, tmp_path / "fetched" / "inner")
 
