@@ -1,4 +1,4 @@
-"""Block: counters for all cells within reach of a sensor."""
+"""Block: all cells within reach of a sensor, to count in."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from ...transform import Matrix
 from .cells import CELL_M, keys_of
 
-REACH_M = 25.0  # nothing is counted beyond: there a small error of the pose moves a point to another cell
+REACH_M = (
+    25.0  # what lies further away is not counted: there a small error of the pose moves it to another cell
+)
 _CELLS_AROUND = int(np.ceil(REACH_M / CELL_M)) + 1
 _SIZE = 2 * _CELLS_AROUND + 1
 
@@ -47,11 +49,11 @@ class Block:
     def count_passing(
         self, directions: NDArray[np.float32], until_m: NDArray[np.float32]
     ) -> NDArray[np.int64]:
-        """Approximate number of rays that pass through each cell: some count twice.
+        """Number of rays that pass through each cell, about: some count twice.
 
         Args:
             directions: (n, 3) unit vectors in the sensor frame.
-            until_m: (n,) length of each ray, at most REACH_M.
+            until_m: (n,) length of each ray; none is longer than REACH_M.
         """
         steps = np.maximum(until_m / CELL_M, 0).astype(np.int64)
         ray = np.repeat(np.arange(len(steps)), steps)

@@ -1,4 +1,4 @@
-"""Range image at any resolution: the nearest point in each direction, and the ranges around it."""
+"""Range image: the nearest point in each direction, at any resolution, and around each direction."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...portable.atan2 import atan2_turns
 
-ENOUGH = 3  # directions with a return, of one and its eight neighbours
+ENOUGH = 3  # of a direction and its eight neighbours that have a return
 
 
 @dataclass(frozen=True)
@@ -22,8 +22,8 @@ class RangeImage:
         nearest_m: (rows, columns) to the nearest point, inf where there is none.
         least_m, most_m: (rows, columns) least and largest of the finite ranges in and around each direction;
             inf and -inf where there is none.
-        covered: (rows, columns) whether there are ENOUGH points around a direction, and on both of its sides.
-            Beyond the edge of the field of view nothing is known.
+        covered: (rows, columns) whether there are ENOUGH points around a direction, and on both of its sides:
+            beyond the edge of the field of view, nobody knows what a ray would meet.
     """
 
     columns: int
@@ -49,7 +49,7 @@ class RangeImage:
         )
 
     def at(self, points: NDArray[np.float32]) -> NDArray[np.int32]:
-        """(n,) indices into the flattened arrays, for the directions of (n, 3) points."""
+        """(n,) places in the flat arrays of the directions of (n, 3) points."""
         return _cells_of(points, self.columns)
 
 
@@ -77,7 +77,7 @@ def _around(image: NDArray[Any], combine: np.ufunc, *, columns: bool = True) -> 
     """Each direction combined with its eight neighbours; columns wrap around.
 
     Args:
-        columns: False: only with the directions above and below.
+        columns: False: combined with those above and below alone.
     """
     across = image
     if columns:

@@ -1,7 +1,7 @@
-"""Sighting: the cells of the map that one localized scan confirms, contradicts or cannot explain.
+"""Sighting: which cells of the map one localized scan confirms, sees through, or cannot explain.
 
-A mapped point has left if all rays in and around its direction end well beyond it. It is confirmed if one of
-them ends there. A return is unexplained if nothing is mapped near it, though the map covers the place.
+A mapped point has left if all rays in and around its direction end well beyond it; it is confirmed if one of
+them ends there. A return is not explained if nothing is mapped near it, though the map covers the place.
 """
 
 from __future__ import annotations
@@ -29,27 +29,27 @@ from .cells import Spot, spot_of
 from .range_image import RangeImage
 
 TOLERANCE_M, TOLERANCE = 0.2, 0.02  # along a ray, for the errors of map, pose and range
-NEAR_M = 1.5  # nearer points are not compared: an error of the pose exceeds the width of a direction
-FINE_M = 5.0  # from here on directions of 1 degree are wide enough, nearer they have 2 degrees
+NEAR_M = 1.5  # nearer than this, an error of the pose is wider than the directions around a point
+FINE_M = 5.0  # from here on three directions of 1 degree are wide enough, before that of 2
 FINE_DEG, COARSE_DEG = 1.0, 2.0
-FEWEST = 2  # points or returns of a cell that must agree: a single one may be noise
-GONE_SHARE = 0.3  # of a cell's visible mapped points: if a rack leaves, the floor of its cells remains
-NEW_SHARE = 0.03  # of the rays through a cell: most of them pass between the parts of a shelf
+FEWEST = 2  # points or returns of a cell that must agree: one alone may be a stray
+GONE_SHARE = 0.3  # of the mapped points of a cell that show: its floor stays where a rack has left
+NEW_SHARE = 0.03  # of the rays at a cell: most of them pass through a shelf, or beside it
 _FINE_POINTS_M = 9.0  # up to which the fine points are compared, as in the free-space check
-_EXPLAINED_M = 0.2  # plus up to two cells of the surface's grid
+_EXPLAINED_M = 0.2  # and up to twice the cell of the surface's grid more
 _RETURNS = 20_000
 
 
 @dataclass(frozen=True)
 class Sighting:
-    """Cells that one scan shows. Each attribute has the keys of its cells once, ascending.
+    """Cells that one scan shows, each at most once for each attribute, as keys in ascending order.
 
     Attributes:
-        spot: the spot in which the scan was taken.
+        spot: where it was taken.
         confirmed: (a,) cells whose mapped surface the scan met.
-        contradicted: (b,) cells with mapped surface that the scan saw through.
+        contradicted: (b,) cells of which it saw through a part of the mapped surface.
         unexplained: (c,) cells with returns that the map does not explain.
-        free: (d,) cells that rays passed through, without such returns.
+        free: (d,) cells that it saw through, without such returns.
     """
 
     spot: Spot
@@ -78,7 +78,7 @@ def sighting_of(
 
 
 def points_around(view: MapView, T_level_sensor: Matrix) -> NDArray[np.float32]:
-    """(n, 3) mapped points within reach of a sensor, in its frame, denser near the sensor."""
+    """(n, 3) mapped points within reach of a sensor, in its frame: near it the fine ones."""
     reach_m = min(view.reach_m, REACH_M)
     fine_m = min(_FINE_POINTS_M, reach_m)
     near = _within(view.near, T_level_sensor, 0.0, fine_m)
@@ -90,11 +90,11 @@ def compared(
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Returns for each of (n, 3) mapped points whether a scan sees through it, and whether it meets it.
 
-    Both are False if something hides the point, or if there is no return around its direction.
+    Where something stands in front of a point, or nothing returned around it, both are False.
 
     Args:
         mapped, returns: in the sensor frame.
-        fine_deg: width of a direction, from FINE_M on.
+        fine_deg: width of the directions that are compared from FINE_M on.
     """
     gone, met = np.zeros((2, len(mapped)), bool)
     range_m = np.linalg.norm(mapped, axis=1)
@@ -119,8 +119,8 @@ def unexplained(
 ) -> NDArray[np.bool_]:
     """Returns for each of (n, 3) returns whether nothing is mapped near it, though the map covers the place.
 
-    The map covers a place if something is mapped behind it. If nothing is mapped in that direction within
-    reach, it covers the place if something is mapped below it: a floor, or open ground.
+    It does if something is mapped behind the return. Where nothing is mapped in its direction within reach,
+    it does if something is mapped below: a floor, or open ground.
 
     Args:
         returns, mapped: in the sensor frame.
@@ -130,7 +130,7 @@ def unexplained(
     behind = RangeImage.of(mapped, COARSE_DEG)
     at = behind.at(returns)
     mapped_m = behind.nearest_m.ravel()[at]
-    # a direction may pass between two points of a wall: then the directions around it count
+    # where a direction passes between two points of a wall, those around it tell what is mapped
     is_known = np.isfinite(mapped_m) | np.isinf(behind.least_m.ravel()[at])
     rows = np.flatnonzero((range_m < REACH_M) & (mapped_m > range_m) & is_known)
     where = returns[rows] @ T_level_sensor[:3, :3].T.astype(np.float32)
@@ -179,7 +179,7 @@ def _at_stamp(scan: Scan | CompactScan, twist: NDArray[np.float64]) -> Scan | Co
 
 
 def _returns_of(scan: Scan | CompactScan, index: MapIndex) -> tuple[NDArray[np.float32], float]:
-    """(n, 3) returns in the sensor frame, and their angular resolution in degrees."""
+    """(n, 3) returns in the sensor frame, and the width of the directions that they can be told apart by."""
     config = index.config.preprocess
     if isinstance(scan, CompactScan):  # a range in each direction of 2 degrees
         seen = (scan.nearest_m > config.min_range_m) & (scan.nearest_m < config.max_range_m)
@@ -198,7 +198,7 @@ def _within(tiles: PointTiles, T_level_sensor: Matrix, low_m: float, high_m: flo
 
 
 def _ball() -> NDArray[np.float32]:
-    """(n, 3) offsets in a unit ball: zero, then half-way and all the way to the neighbours."""
+    """Places (n, 3) to look at around a return: itself, then half-way and all the way to the neighbours."""
     around = np.array([offset for offset in np.ndindex(3, 3, 3) if offset != (1, 1, 1)], np.float64) - 1
     unit = around / np.linalg.norm(around, axis=1, keepdims=True)
     return np.concatenate([np.zeros((1, 3)), unit / 2, unit]).astype(np.float32)
