@@ -164,7 +164,7 @@ def standing_in(localizer: Localizer, scan: Scan, T_map_sensor: Matrix, answer: 
     (found,) = index.surface.align_fine(prepared.dense, (inverse(index.T_map_level) @ T_map_sensor)[None])
     through = index.view.seen_through(index.surface, prepared.scans[0].view, found.T_level_sensor)
     true = AlignmentQuality(
-        found.inlier_ratio, found.alignment_score, through.onto_nothing, through.onto_surface
+        found.inlier_ratio, found.alignment_score, through.free_space_violation, through.removed_surface
     )
     elsewhere = [h for h in answer.hypotheses if pose_error(T_map_sensor, h.T_map_sensor)[0] > RIGHT_M]
     return standing_of(true, [hypothesis.quality for hypothesis in elsewhere])

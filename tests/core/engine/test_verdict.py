@@ -10,7 +10,7 @@ from firstfix.engine.index import MapIndex
 from firstfix.engine.registered_candidate import RegisteredCandidate
 from firstfix.engine.registration.align import Registration
 from firstfix.engine.verdict import judge
-from firstfix.engine.verification.free_space import SeenThrough
+from firstfix.engine.verification.free_space import FreeSpaceShares
 from firstfix.transform import make_transform
 
 CALIBRATION = Calibration(min_inlier_ratio=0.5)
@@ -21,7 +21,7 @@ INDEX = MapIndex(EngineConfig(T_map_level=tuple(T_MAP_LEVEL.ravel())), CALIBRATI
 def place(number: int, inlier_ratio: float, through: float = 0.005) -> RegisteredCandidate:
     T_level_sensor = make_transform(np.eye(3), [10.0 * number, 0, 0])
     registration = Registration(T_level_sensor, inlier_ratio, inlier_ratio * 0.85, np.eye(6))
-    return RegisteredCandidate(INDEX, "yard", number, registration, SeenThrough(through, 0.0))
+    return RegisteredCandidate(INDEX, "yard", number, registration, FreeSpaceShares(through, 0.0))
 
 
 def judged(
