@@ -1,4 +1,4 @@
-"""Areas of a map that have changed, by the agreement of enough independent sightings."""
+"""Areas of a map that have changed: what enough independent sightings agree on."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from .tally import Tally
 MIN_SHARE = 0.3  # of the spots that see a cell: with 95 % confidence more of them say that it has changed
 MIN_SPOTS = 4  # that have a vote about a cell
 FEWEST_CELLS = 3  # of an area: one cell may be an error of all poses on one side
-ENOUGH_SPOTS = 16  # a cell that the newest sightings saw from so many spots needs no older ones
-# For each kind of change, the columns of a tally's counts for it and against it.
+ENOUGH_SPOTS = 16  # of the newest sightings of a cell: then the older ones do not matter
+# For each kind of change, the columns of a tally's counts that speak for it and against it.
 KINDS = {"gone": (1, 0), "new": (2, 3)}
 
 
 @dataclass(frozen=True)
 class CellVotes:
-    """Votes about one kind of change, by cell. Each spot has one vote, which its sightings divide.
+    """Votes about one kind of change, by cell. Each spot has one vote, which its sightings share.
 
     Attributes:
         cell: (n,) keys, ascending.
         spots: (n,) number of votes.
-        share: (n,) 0..1, share of the votes for the change.
-        sightings: (n, 2) number of sightings for the change, and against it.
+        share: (n,) 0..1, of the votes for a change.
+        sightings: (n, 2) sightings for a change and against it.
     """
 
     cell: NDArray[np.int64]
@@ -44,9 +44,9 @@ class CellVotes:
     def of(cls, tally: Tally, kind: str) -> CellVotes:
         """Votes in a tally."""
         counts = tally.counts[:, list(KINDS[kind])].astype(np.int64)
-        has_vote = counts.any(axis=1)
-        cell, row = np.unique(tally.cell[has_vote], return_inverse=True)
-        counts, n = counts[has_vote], len(cell)
+        told = counts.any(axis=1)
+        cell, row = np.unique(tally.cell[told], return_inverse=True)
+        counts, n = counts[told], len(cell)
         share = np.bincount(row, counts[:, 0] / counts.sum(axis=1), n)
         spots = np.bincount(row, minlength=n)
         sightings = np.stack([np.bincount(row, counts[:, k], n) for k in (0, 1)], axis=1).astype(np.int64)
@@ -64,12 +64,12 @@ class Area:
     """A connected group of cells that have changed in the same way.
 
     Attributes:
-        kind: ``gone``: mapped surfaces have left; ``new``: there are surfaces that the map does not have.
+        kind: ``gone``: mapped surfaces have left; ``new``: there is something that the map has not.
         cells: (n, 3) numbers of the cells: cell (i, j, k) begins at (i, j, k) times CELL_M, in the map's
             frame.
-        share: (n,) 0..1, share of the spots that confirm the change of a cell.
-        spots: (n,) number of spots from which a cell was seen, at most SLOTS.
-        sightings: (n, 2) number of sightings that confirm the change, and that contradict it.
+        share: (n,) 0..1, of the spots that see a cell and say so.
+        spots: (n,) number of these spots, told apart up to SLOTS.
+        sightings: (n, 2) sightings that say so, and that say otherwise.
     """
 
     kind: str
@@ -85,22 +85,22 @@ class Area:
 
 
 def newest_first(tallies: Sequence[Tally]) -> Tally:
-    """Sum of the tallies of several days, in which newer sightings of a cell replace older ones.
+    """Sum of tallies of several days, in which each cell has only as many old sightings as it needs.
 
     Args:
-        tallies: newest first. A cell of an older tally counts only if the newer ones together have seen it
+        tallies: the newest first. Of an older one only the cells count that the newer ones together have seen
             from fewer than ENOUGH_SPOTS spots.
     """
     total = Tally()
     for tally in tallies:
         cell, spots = np.unique(total.cell, return_counts=True)
-        decided = cell[spots >= ENOUGH_SPOTS]
-        total = Tally.sum([total, tally.at(~np.isin(tally.cell, decided))])
+        told = cell[spots >= ENOUGH_SPOTS]
+        total = Tally.sum([total, tally.at(~np.isin(tally.cell, told))])
     return total
 
 
 def find_areas(tally: Tally, min_share: float = MIN_SHARE) -> list[Area]:
-    """Areas that have changed, largest first."""
+    """Areas that have changed, the largest first."""
     found = []
     for kind in KINDS:
         votes = CellVotes.of(tally, kind)
@@ -119,7 +119,7 @@ def find_areas(tally: Tally, min_share: float = MIN_SHARE) -> list[Area]:
 
 
 def _groups(cells: NDArray[np.int64]) -> NDArray[np.int32]:
-    """(n,) group number of each of (n, 3) cells. Cells that touch, even at a corner, are in one group."""
+    """(n,) number of the group of each of (n, 3) cells. Cells that touch, even at a corner, are together."""
     pairs = cKDTree(cells).query_pairs(1, p=np.inf, output_type="ndarray")
     links = coo_matrix((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), (len(cells), len(cells)))
     group: NDArray[np.int32] = connected_components(links, directed=False)[1]
@@ -128,7 +128,7 @@ def _groups(cells: NDArray[np.int64]) -> NDArray[np.int32]:
 
 @cache
 def _least_shares() -> NDArray[np.float64]:
-    """(SLOTS + 1, SLOTS + 1) lower bound of the share, 95 % confidence, by all votes and by votes for it."""
+    """(SLOTS + 1, SLOTS + 1) least share with 95 % confidence, by numbers of votes and of votes for it."""
     least = np.zeros((SLOTS + 1, SLOTS + 1))
     for count in range(1, SLOTS + 1):
         for votes in range(1, count + 1):
