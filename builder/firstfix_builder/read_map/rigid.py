@@ -1,4 +1,4 @@
-"""Rows of numbers to rigid transforms, refusing what is none."""
+"""Converts rows of numbers to rigid transforms, and refuses rows that are none."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ class ScanSimulation:
     ) -> list[ScanCase]:
         """Chooses free spots within half of ``reach_m`` of the given places along x and y, any heading.
 
-        Nothing stands between a spot and its place: what is behind a wall is not in the map.
+        Nothing stands between a spot and its place, because a place behind a wall may not be in the map.
 
         Args:
             around_m: (n, 3) sensor positions.
