@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from firstfix_builder.mesh.clip import clip_mesh
 from firstfix_builder.mesh.mesh import Mesh
-from firstfix_builder.worlds.campus import HALF_M, campus
-from firstfix_builder.worlds.drive import drive
-from firstfix_builder.worlds.write_world import ply_of_mesh
+from firstfix_builder.simulation.worlds.campus import HALF_M, campus
+from firstfix_builder.simulation.worlds.drive import drive
+from firstfix_builder.simulation.worlds.write_world import ply_of_mesh
 
 SEED = 7
 CUT_BELOW_M = 1.0  # the drive of a cut-out ends so far before its edge

@@ -1,7 +1,7 @@
-"""Chooses the spacing of the templates from how far one sees, unless the config sets it.
+"""Chooses the spacing of the templates by the view distance, unless the config sets it.
 
-In rooms a step aside shows another view, so templates stand close. Over open ground one template stands for a
-block: what is found from it is aligned with the map anyway, and that bridges more than a metre.
+In a room the view changes with every step, so templates stand close together. In the open one template can
+represent a whole block, because alignment corrects an offset of more than a metre.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from ..viewpoints.sample import DEFAULT_SPACING_M, Viewpoints, sample_viewpoints
 from .outlook import Outlook, room_view_m
 
 ROOM_SPACING_M = 0.5
-ROOM_VIEW_M = 12.0  # where one sees less far, a metre aside is another view: half the metre doubles the finds
+ROOM_VIEW_M = 12.0  # below this view distance, 0.5 m finds twice as many places as 1 m
 OPEN_SPACING_M = 2.0
-OPEN_VIEW_M = 20.0  # where one sees as far, two metres find as much as one (docs/method.md section 1)
+OPEN_VIEW_M = 20.0  # from this view distance on, 2 m find as many as 1 m (docs/method.md section 1)
 AT_ONCE = 256
 
 
@@ -31,7 +31,7 @@ def sample_fitting_viewpoints(
     sensor: SensorModel,
     trajectory: NDArray[np.float64] | None,
 ) -> tuple[Viewpoints, float]:
-    """Viewpoints, and the largest spacing in metres that they were sampled with.
+    """Viewpoints, and their largest spacing in metres.
 
     Raises:
         BuildFailed: there is no floor to stand on.
@@ -51,9 +51,9 @@ def sample_fitting_viewpoints(
 
 
 def where_it_tells(simulator: Simulator, sensor: SensorModel, found: Viewpoints) -> Viewpoints:
-    """The viewpoints without those in the open that a neighbour stands for, and those that see nothing.
+    """Removes viewpoints in the open that a neighbour represents, and viewpoints that see only ground.
 
-    What becomes of a block of OPEN_SPACING_M depends on the map around it alone.
+    The result for a block of OPEN_SPACING_M depends only on the map around it.
     """
     block, standing = one_per_block(found.positions[:, :2], found.floor_z, OPEN_SPACING_M)
     outlook = Outlook.of(sensor)

@@ -25,7 +25,7 @@ def world(
     It consists of the true mesh, a point cloud as SLAM would build it, the trajectory of the mapping drive,
     query scans, and their true poses in poses.csv.
     """
-    from firstfix_builder.worlds import make_world, write_world
+    from firstfix_builder.simulation.worlds import make_world, write_world
 
     made = make_world(name, seed=seed)
     write_world(made, out)

@@ -1,4 +1,4 @@
-"""Sample worlds: procedural places, the map a SLAM would leave of them, and scans with known poses."""
+"""Sample worlds: generated places, maps of them as a SLAM would make, and scans with known poses."""
 
 from .make_world import NAMES, World, make_world
 from .query import WorldQuery
