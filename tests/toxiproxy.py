@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager
 
 import httpx
 import pytest
@@ -54,14 +53,6 @@ class Link:
         """Adds a toxic: https://github.com/Shopify/toxiproxy lists them."""
         wanted = {"type": kind, "stream": stream, "attributes": attributes}
         self._http.post(f"/proxies/{self._name}/toxics", json=wanted).raise_for_status()
-
-    @contextmanager
-    def poisoned(self, kind: str, stream: str = "downstream", **attributes: int) -> Iterator[None]:
-        self.poison(kind, stream, **attributes)
-        try:
-            yield
-        finally:
-            self.mend()
 
     def _enable(self, enabled: bool) -> None:
         self._http.post(f"/proxies/{self._name}", json={"enabled": enabled}).raise_for_status()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from zlib import crc32
 
@@ -155,8 +155,3 @@ def _found(
 def _is_right(T_true: Matrix, T_found: Matrix) -> bool:
     error_m, error_deg = pose_error(T_true, T_found)
     return error_m <= RIGHT_M and error_deg <= RIGHT_DEG
-
-
-def places_of(cases: Sequence[Case], kind: str) -> list[Case]:
-    """The cases of one kind that have places."""
-    return [case for case in cases if case.kind == kind and case.places]

@@ -44,7 +44,7 @@ def figures_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
         "success_0.2m_2deg": _share([_is_tight(o) for o in inside]),
         "distinct": sum(not o.has_alias for o in inside),
         "distinct_0.2m_2deg": _share([_is_tight(o) for o in inside if not o.has_alias]),
-        "aliases_recognised": _share([_is_told(o) for o in inside if o.has_alias]),
+        "aliases_recognised": _share([_is_recognised(o) for o in inside if o.has_alias]),
         "among_all_0.2m": _share([o.nearest_m <= TIGHT_M for o in inside]),
         "first": _share([o.is_right for o in inside]),
         "verdicts": {v.value: sum(o.verdict is v for o in outcomes) for v in Verdict},
@@ -62,16 +62,16 @@ def bars_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     first: of the ``distinct`` scans of the map, the best hypothesis is the place (1 m, 10 degrees).
     within_0.2m_2deg: it is so near. localized: it is the place, and the answer is ``localized``.
     found: some hypothesis is within 0.2 m.
-    twins_told: of the ``twins``, the share whose answer was not ``localized`` and had the truth among its
-    hypotheses.
-    outshone: scans that another place explains better than the true one; outshone_told: as twins_told.
+    aliases: scans that another place explains as well. outshone: scans that another place explains better.
+    aliases_recognised, outshone_recognised: of these, the share whose answer was not ``localized`` and had
+    the truth among its hypotheses.
     false_accepts: of all ``answers``, inside and outside.
     false_accepts_at_most: upper end of their share (``upper_bound``).
     ece, look_alikes_ece: of all answers, and of scans of places outside that are built alike.
     """
     inside = [o for o in outcomes if o.inside]
     distinct = [o for o in inside if o.standing is Standing.DISTINCT]
-    twins = [o for o in inside if o.standing is Standing.TWIN]
+    aliases = [o for o in inside if o.standing is Standing.ALIAS]
     outshone = [o for o in inside if o.standing is Standing.OUTSHONE]
     false_accepts = sum(o.is_false_accept for o in outcomes)
     return {
@@ -81,10 +81,10 @@ def bars_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
         "first": _share([o.is_right for o in distinct]),
         "within_0.2m_2deg": _share([_is_tight(o) for o in distinct]),
         "localized": _share([o.is_right and o.is_localized for o in distinct]),
-        "twins": len(twins),
-        "twins_told": _share([_is_told(o) for o in twins]),
+        "aliases": len(aliases),
+        "aliases_recognised": _share([_is_recognised(o) for o in aliases]),
         "outshone": len(outshone),
-        "outshone_told": _share([_is_told(o) for o in outshone]),
+        "outshone_recognised": _share([_is_recognised(o) for o in outshone]),
         "false_accepts": false_accepts,
         "false_accepts_at_most": upper_bound(false_accepts, len(outcomes)),
         "ece": _calibration(outcomes),
@@ -116,8 +116,8 @@ def _is_tight(outcome: Outcome) -> bool:
     return outcome.error_m <= TIGHT_M and outcome.error_deg <= TIGHT_DEG
 
 
-def _is_told(outcome: Outcome) -> bool:
-    """The answer gives no pose, and the truth is among its hypotheses."""
+def _is_recognised(outcome: Outcome) -> bool:
+    """The answer is not ``localized``, and the truth is among its hypotheses."""
     return not outcome.is_localized and outcome.nearest_m <= TIGHT_M
 
 

@@ -29,12 +29,12 @@ class Standing(Enum):
     """The true pose among the other places that were found, when the scan is registered from the truth.
 
     DISTINCT: it explains the scan best, by more than ALIAS_WITHIN of its alignment score.
-    TWIN: another place explains it as well.
+    ALIAS: another place explains it as well.
     OUTSHONE: another explains it better, because the map lacks what the scan shows.
     """
 
     DISTINCT = "distinct"
-    TWIN = "twin"
+    ALIAS = "alias"
     OUTSHONE = "outshone"
 
 
@@ -151,8 +151,8 @@ def standing_of(true: AlignmentQuality, rivals: Sequence[AlignmentQuality]) -> S
     score = true.alignment_score
     if best <= replace(true, alignment_score=max(0.0, score - ALIAS_WITHIN)).support:
         return Standing.DISTINCT
-    is_twin = best <= replace(true, alignment_score=min(1.0, score + ALIAS_WITHIN)).support
-    return Standing.TWIN if is_twin else Standing.OUTSHONE
+    is_alias = best <= replace(true, alignment_score=min(1.0, score + ALIAS_WITHIN)).support
+    return Standing.ALIAS if is_alias else Standing.OUTSHONE
 
 
 def standing_in(localizer: Localizer, scan: Scan, T_map_sensor: Matrix, answer: Localization) -> Standing:
@@ -164,7 +164,7 @@ def standing_in(localizer: Localizer, scan: Scan, T_map_sensor: Matrix, answer: 
     (found,) = index.surface.align_fine(prepared.dense, (inverse(index.T_map_level) @ T_map_sensor)[None])
     through = index.view.seen_through(index.surface, prepared.scans[0].view, found.T_level_sensor)
     true = AlignmentQuality(
-        found.inlier_ratio, found.alignment_score, through.onto_nothing, through.onto_surface
+        found.inlier_ratio, found.alignment_score, through.free_space_violation, through.removed_surface
     )
     elsewhere = [h for h in answer.hypotheses if pose_error(T_map_sensor, h.T_map_sensor)[0] > RIGHT_M]
     return standing_of(true, [hypothesis.quality for hypothesis in elsewhere])

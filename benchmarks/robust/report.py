@@ -15,10 +15,10 @@ BARS = {
     "first": "0.98",
     "within_0.2m_2deg": "",
     "localized": "0.8 (all: 0.93)",
-    "twins": "",
-    "twins_told": "0.95",
+    "aliases": "",
+    "aliases_recognised": "0.95",
     "outshone": "",
-    "outshone_told": "",
+    "outshone_recognised": "",
     "false_accepts": "1 in 1000",
     "false_accepts_at_most": "",
     "ece": "0.02",
@@ -32,7 +32,7 @@ BAR_HEADER = (
     "right first",
     "within 0.2 m and 2 deg",
     "localized",
-    "twins",
+    "aliases",
     "ambiguous, truth among them",
     "outshone",
     "ambiguous, truth among them",
@@ -44,9 +44,9 @@ BAR_HEADER = (
 )
 EXPLANATION = """\
 Shares are of the *distinct* scans: at the true pose they fit the map better, by 0.02 of the alignment score,
-than at any other place that was found. *Twins* fit another place as well. *Outshone* scans fit another place
-better, because the map lacks what they show. *At most*: upper end of the share of false accepts among all
-answers, inside and outside the map (Clopper-Pearson).
+than at any other place that was found. *Aliases* fit another place as well. *Outshone* scans fit another
+place better, because the map lacks what they show. *At most*: upper end of the share of false accepts among
+all answers, inside and outside the map (Clopper-Pearson).
 """
 HEADER = (
     "n",

@@ -23,7 +23,8 @@ from zlib import crc32
 
 import numpy as np
 
-from firstfix_builder.execution.stage_cache import StageCache, source_hash
+from firstfix_builder.execution.source_hash import source_hash
+from firstfix_builder.execution.stage_cache import StageCache
 
 from ..common.worlds import WORLDS, BenchWorld, Scenery, WorldFiles
 from .cases import CASES, FULL, QUICK, Case, Sizes

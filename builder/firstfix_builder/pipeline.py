@@ -78,18 +78,18 @@ def build_version(
         source: a map file or folder, as ``read_map`` takes it, or a folder of sessions with a
             ``sessions.yaml``.
         trajectory: poses of the mapping run, if they are not in the source.
-        shared: where other machines' finished stages are.
-        cluster: whose workers do what can be done side by side; None: threads and processes here.
-        publish_provisional: called with a coarse version as soon as there is one; None: it is not made.
+        shared: finished stages of other machines.
+        cluster: its workers run the chunks; None: threads and processes of this machine do.
+        publish_provisional: called with the provisional version when it is ready; None: none is made.
 
     Raises:
         InputError: the source or the trajectory cannot be read.
         BuildFailed: a stage could not do its work.
         BuildCancelled: cancelled() said so.
-        ClusterUnavailable: the cluster is gone; what it did until then is in its store.
+        ClusterUnavailable: the cluster is gone; its results so far are in the store.
     """
     with (
-        threadpool_limits(1, user_api="blas"),  # its sums depend on how many threads share them
+        threadpool_limits(1, user_api="blas"),  # sums of BLAS depend on the number of threads
         ThreadPoolExecutor(os.cpu_count()) as threads,
         _chunk_executor(cluster, work, threads) as executor,
     ):
@@ -107,7 +107,7 @@ def build_version(
 
 
 def _provisional(build: BuildStages, read: StageResult, work: Path) -> BuiltVersion | None:
-    """A coarse version of the map; None: none can be made, and the full build will say why.
+    """The provisional version of the map; None if it cannot be made: the full build then reports the reason.
 
     Its stages count as one.
     """
@@ -201,7 +201,7 @@ def _collect(
 
 
 def _source_record(read: StageResult) -> dict[str, Any]:
-    """Record of the source: its digest, and the place of each session with the evidence for it."""
+    """Record of the source: its digest, and the transform of each session with its evidence."""
     sessions = read.directory / SESSIONS_FILE
     found: dict[str, Any] = {"sha256": read.digest}
     if sessions.exists():

@@ -1,4 +1,4 @@
-"""Reading what finished stages left in their folders."""
+"""Reads results of finished stages from their folders."""
 
 from __future__ import annotations
 

@@ -2,9 +2,10 @@
 
     python -m firstfix_builder.worker --store URL --build ID --work DIR
 
-The process may be killed at any moment, by kill -9 too. Only the running stage is lost: started again with
-the same folder, the build resumes, and everything published or recorded stays valid. Exit codes: 0 succeeded,
-1 failed (the status says why), 2 wrong usage, 3 cancelled, 75 stopped or store out of reach (run it again).
+The process may be killed at any moment, also by kill -9. Only the running stage is lost: the next run with
+the same folder resumes the build, and everything that was published or recorded stays valid. Exit codes:
+0 succeeded, 1 failed (the status has the reason), 2 wrong usage, 3 cancelled, 75 stopped or store unreachable
+(run it again).
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ from .job.fetch_source import DEFAULT_MAX_BYTES, SourcePolicy
 from .job.log import set_up_build_log
 from .job.reporter import EXIT_TRY_AGAIN
 from .job.run_build import run_build
-from .sandbox.sandboxed_build import SandboxedBuild, SandboxOptions
+from .sandbox.process import SandboxOptions
+from .sandbox.sandboxed_build import SandboxedBuild
 
 EXIT_USAGE = 2
 # The service that runs a worker sets these variables. They have the names of its own settings.

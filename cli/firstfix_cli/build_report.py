@@ -1,4 +1,4 @@
-"""Stages and chunks that a build took over from earlier ones, as text."""
+"""Results of a build as text: reused stages and chunks, and the self-test of the version."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 
 def reused_lines(stages: Iterable[Mapping[str, Any]]) -> list[str]:
-    """Returns one line about stages and chunks that an earlier build had made, or none if it made nothing.
+    """Returns one line about the stages and chunks of earlier builds that were reused; no line if none were.
 
     Args:
         stages: ``stage``, ``cached``, ``chunks`` and ``chunks_reused`` of each.
@@ -18,4 +18,24 @@ def reused_lines(stages: Iterable[Mapping[str, Any]]) -> list[str]:
         for one in stages
         if one.get("chunks_reused")
     ]
-    return [f"taken over from earlier builds: {', '.join(taken)}"] if taken else []
+    return [f"reused from earlier builds: {', '.join(taken)}"] if taken else []
+
+
+def self_test_lines(tested: Mapping[str, Any]) -> list[str]:
+    """Returns the results that the build measured on perturbed scans."""
+    if not tested.get("queries"):
+        return ["self-test: none"]
+    success = ", ".join(f"{share:.0%} within {limit}" for limit, share in tested["success"].items())
+    lines = [
+        f"self-test, {tested['queries']} perturbed scans: {success}",
+        f"  median error {tested['median_error_m']:.3f} m, {tested['localized']:.0%} answered localized, "
+        f"{tested['false_accepts']} false among them and {tested['outside']} scans from elsewhere",
+    ]
+    rows = tested.get("false_accept_bound", {}).get("rows", ())
+    least = next((row for row in rows if row["bound"] == rows[-1]["bound"]), None)
+    if least is not None:
+        lines.append(
+            f"  from probability {least['min_probability']} at most {least['bound']:.2%} of scans from "
+            "elsewhere are localized (95% confidence)"
+        )
+    return lines

@@ -75,7 +75,7 @@ def main() -> int:
 
 
 def _make_world(directory: Path) -> None:
-    from firstfix_builder.worlds import make_world, write_world
+    from firstfix_builder.simulation.worlds import make_world, write_world
 
     write_world(make_world(WORLD), directory)
 

@@ -7,7 +7,6 @@ from collections.abc import Iterable
 from firstfix.errors import InvalidOption, NotFound
 
 MIN_PREFIX_CHARS = 8
-VERSION_CHARS = 64
 
 
 def full_version(prefix: str, versions: Iterable[str]) -> str:

@@ -125,9 +125,9 @@ def test_figures_of_known_answers():
 
 
 def test_an_alias_is_recognised_when_the_answer_is_not_localized():
-    told = replace(WRONG, standing=Standing.TWIN, verdict=Verdict.AMBIGUOUS)
-    guessed, lost = replace(RIGHT, standing=Standing.OUTSHONE), replace(told, nearest_m=5.0)
-    row = figures_of([RIGHT, WRONG, told, guessed, lost])
+    recognised = replace(WRONG, standing=Standing.ALIAS, verdict=Verdict.AMBIGUOUS)
+    guessed, lost = replace(RIGHT, standing=Standing.OUTSHONE), replace(recognised, nearest_m=5.0)
+    row = figures_of([RIGHT, WRONG, recognised, guessed, lost])
     assert row["distinct"] == 2
     assert row["distinct_0.2m_2deg"] == 0.5
     assert row["aliases_recognised"] == pytest.approx(1 / 3, abs=1e-4)
@@ -144,10 +144,10 @@ def test_a_second_place_just_as_good_is_an_alias(small_version, small_scans):
     assert wrong.standing is Standing.OUTSHONE
 
 
-def test_a_twin_fits_nearly_as_well_or_a_little_better():
+def test_an_alias_fits_nearly_as_well_or_a_little_better():
     true = AlignmentQuality(0.9, 0.85, 0.01)
     assert standing_of(true, []) is Standing.DISTINCT
-    for score, wanted in ((0.8, Standing.DISTINCT), (0.84, Standing.TWIN), (0.86, Standing.TWIN)):
+    for score, wanted in ((0.8, Standing.DISTINCT), (0.84, Standing.ALIAS), (0.86, Standing.ALIAS)):
         assert (
             standing_of(true, [AlignmentQuality(0.5, 0.3, 0.0), replace(true, alignment_score=score)])
             is wanted
@@ -157,13 +157,13 @@ def test_a_twin_fits_nearly_as_well_or_a_little_better():
 
 
 def test_bars_of_known_answers():
-    twin = replace(WRONG, standing=Standing.TWIN, verdict=Verdict.AMBIGUOUS)
+    alias = replace(WRONG, standing=Standing.ALIAS, verdict=Verdict.AMBIGUOUS)
     doubted = replace(RIGHT, verdict=Verdict.AMBIGUOUS)
     look_alike = replace(NOT_OURS, case=LOOK_ALIKES, verdict=Verdict.REJECTED, probability=0.2)
-    row = bars_of([RIGHT, RIGHT, doubted, WRONG, twin, replace(twin, nearest_m=2.0), look_alike])
-    assert (row["answers"], row["distinct"], row["twins"], row["outshone"]) == (7, 4, 2, 0)
-    assert (row["first"], row["localized"], row["twins_told"]) == (0.75, 0.5, 0.5)
-    assert row["outshone_told"] is None
+    row = bars_of([RIGHT, RIGHT, doubted, WRONG, alias, replace(alias, nearest_m=2.0), look_alike])
+    assert (row["answers"], row["distinct"], row["aliases"], row["outshone"]) == (7, 4, 2, 0)
+    assert (row["first"], row["localized"], row["aliases_recognised"]) == (0.75, 0.5, 0.5)
+    assert row["outshone_recognised"] is None
     assert row["false_accepts"] == 1
     assert row["false_accepts_at_most"] == upper_bound(1, 7)
     assert row["look_alikes_ece"] == pytest.approx(0.2)

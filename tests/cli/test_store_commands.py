@@ -95,13 +95,13 @@ def test_a_provisional_version_is_marked(tmp_path, capsys):
     assert is_provisional(str(tmp_path / "store"), "hall", version)
 
 
-def test_what_was_taken_over_is_one_line():
+def test_what_was_reused_is_one_line():
     stages = [
         {"stage": "read_map", "cached": True, "chunks": 0, "chunks_reused": 0},
         {"stage": "make_templates", "cached": False, "chunks": 1200, "chunks_reused": 1100},
         {"stage": "self_test", "cached": False},
     ]
-    said = "taken over from earlier builds: read_map, 1,100 of 1,200 chunks of make_templates"
+    said = "reused from earlier builds: read_map, 1,100 of 1,200 chunks of make_templates"
     assert reused_lines(stages) == [said]
     assert reused_lines(stages[2:]) == []
 

@@ -69,9 +69,6 @@ class Caller:
         host = proxy.url.removeprefix("http://")
         self._connection = http.client.HTTPConnection(host, timeout=LIMIT_S)
 
-    def ask_often(self) -> list[int]:
-        return [self.ask() for _ in range(20)]
-
     def ask(self) -> int:
         self._connection.request("POST", "/localize?map=hall", BODY)
         answer = self._connection.getresponse()

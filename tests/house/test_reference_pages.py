@@ -2,9 +2,12 @@
 
 import re
 from pathlib import Path
+from types import ModuleType
 
+import pytest
 from fastapi.testclient import TestClient
 
+import firstfix
 import firstfix_client
 from firstfix.catalog.manifest import FORMAT
 from firstfix_service.app import create_app
@@ -41,10 +44,11 @@ def test_every_metric_is_documented(tmp_path: Path):
     assert set(rows("metrics.md")) == {name for name in names if not name.endswith("_created")}
 
 
-def test_every_public_name_of_the_client_is_documented():
-    page = (REFERENCE / "python-api.md").read_text()
-    documented = re.findall(r"^::: firstfix_client\.(\w+)$", page, re.M)
-    assert sorted(documented) == sorted(firstfix_client.__all__)
+@pytest.mark.parametrize(("name", "package"), [("python-api", firstfix_client), ("core-api", firstfix)])
+def test_every_public_name_is_documented(name: str, package: ModuleType):
+    page = (REFERENCE / f"{name}.md").read_text()
+    documented = re.findall(rf"^::: {package.__name__}\.(\w+)$", page, re.M)
+    assert sorted(documented) == sorted(set(package.__all__) - {"__version__"})
 
 
 def test_the_format_of_versions_is_the_documented_one():

@@ -11,10 +11,16 @@ MOST_FILES, MOST_LINES = 15, 400
 ROOMS_AT_THE_TOP = {
     "core/firstfix": 20,
     "service/firstfix_service": 18,
-    "builder/firstfix_builder": 16,
+    "builder/firstfix_builder": 15,
     "clients/python/firstfix_client": 15,
 }
 PACKAGES = [*ROOMS_AT_THE_TOP, "cli/firstfix_cli"]
+TESTS = {
+    "core/firstfix": "core",
+    "service/firstfix_service": "service",
+    "builder/firstfix_builder": "builder",
+    "clients/python/firstfix_client": "client",
+}
 
 
 def entries(folder: Path) -> list[Path]:
@@ -38,6 +44,15 @@ def test_no_room_is_crowded_and_no_file_is_long(package: str):
     for path in (REPO / package).rglob("*.py"):
         lines = len(path.read_text().splitlines())
         assert lines <= MOST_LINES, f"{path.relative_to(REPO)} has {lines} lines"
+
+
+@pytest.mark.parametrize("package", TESTS)
+def test_tests_mirror_the_rooms(package: str):
+    own = REPO / "tests" / TESTS[package]
+    folders = {path.parent.relative_to(own) for path in own.rglob("test_*.py")}
+    assert folders > {Path()}
+    strange = [folder.as_posix() for folder in folders if not (REPO / package / folder).is_dir()]
+    assert not strange, f"tests/{TESTS[package]} has folders that are no rooms: {strange}"
 
 
 @pytest.mark.parametrize("package", PACKAGES)

@@ -24,7 +24,7 @@ print(len(vectors), "vectors, failed:", failed)
 """
 pytestmark = pytest.mark.slow
 NAMED = "import firstfix.native as n; print(n.variant, n.source_digest)"
-SOURCE_HASH = "from firstfix_builder.execution.stage_cache import source_hash; print(source_hash())"
+SOURCE_HASH = "from firstfix_builder.execution.source_hash import source_hash; print(source_hash())"
 
 
 def with_variant(variant: str, *command: str) -> subprocess.CompletedProcess[str]:

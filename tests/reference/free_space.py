@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from firstfix.engine.registration.surface_grid import SurfaceGrid
 from firstfix.engine.retrieval.tile_table import runs_around
-from firstfix.engine.verification.free_space import MapView, SeenThrough
+from firstfix.engine.verification.free_space import FreeSpaceShares, MapView
 from firstfix.engine.verification.point_tiles import PointTiles
 from firstfix.scan.levelling import turned
 from firstfix.scan.range_view import RangeView, directions, nearest_by_direction
@@ -26,7 +26,9 @@ def around(tiles: PointTiles, centre: NDArray[np.float64], reach_m: float) -> ND
     return near
 
 
-def seen_through(view: MapView, grid: SurfaceGrid, scan: RangeView, T_level_sensor: Matrix) -> SeenThrough:
+def seen_through(
+    view: MapView, grid: SurfaceGrid, scan: RangeView, T_level_sensor: Matrix
+) -> FreeSpaceShares:
     """Shares of directions in which the scan sees through the map; 1 and 0 if they have none in common."""
     R, centre = T_level_sensor[:3, :3].astype(np.float32), T_level_sensor[:3, 3]
     near = around(view.near, centre, min(NEAR_M, view.reach_m))
@@ -34,7 +36,7 @@ def seen_through(view: MapView, grid: SurfaceGrid, scan: RangeView, T_level_sens
     mapped = nearest_by_direction(turned(away, R.T))
     both = np.isfinite(mapped) & scan.returned
     if not both.any():
-        return SeenThrough(1.0, 0.0)
+        return FreeSpaceShares(1.0, 0.0)
     beyond = both & (scan.least > mapped * np.float32(1 + TOLERANCE) + np.float32(TOLERANCE_M))
     returns = directions()[beyond] * scan.least[beyond, None]
     from_corner = turned(returns, R) + (centre - grid.corner).astype(np.float32)
@@ -42,4 +44,4 @@ def seen_through(view: MapView, grid: SurfaceGrid, scan: RangeView, T_level_sens
     scaled = from_corner / grid.cell
     inside = ((scaled >= 0) & (scaled < cells)).all(axis=1)
     onto_surface = int((grid.nearest(from_corner[inside]) >= 0).sum())
-    return SeenThrough((int(beyond.sum()) - onto_surface) / both.sum(), onto_surface / both.sum())
+    return FreeSpaceShares((int(beyond.sum()) - onto_surface) / both.sum(), onto_surface / both.sum())

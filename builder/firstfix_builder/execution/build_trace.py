@@ -1,7 +1,7 @@
 """Durations of a build's stages, for its record and as OpenTelemetry spans.
 
-The spans go on in the trace of the request that asked for the build (``traceparent`` in its record). They
-are made when OpenTelemetry's variables name a collector; else its SDK is never imported.
+The spans continue the trace of the request that started the build (``traceparent`` in its record). They are
+made only if OpenTelemetry's environment variables name a collector. Otherwise its SDK is not imported.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ SERVICE_NAME = "firstfix-builder"
 
 @dataclass(frozen=True)
 class StageTime:
-    """One stage that has ended.
+    """A stage that has ended.
 
     Attributes:
-        seconds: from its first tick to the next stage's.
-        cached: an earlier run had done it.
-        chunks: number of chunks of a stage that was done; 0: it has none.
-        chunks_reused: number of those that an earlier build had made.
+        seconds: from its first tick to that of the next stage.
+        cached: its result came from the cache.
+        chunks: number of its chunks; 0: the stage has none, or came from the cache.
+        chunks_reused: number of these that an earlier build had made.
     """
 
     stage: str
@@ -42,12 +42,12 @@ class StageTime:
 
 
 class BuildTrace:
-    """Follows one build while it is used as a context. ``tick`` is cheap, and safe from any thread.
+    """Follows one build, as a context manager. ``tick`` is cheap and may be called by any thread.
 
-    Nothing begins before the first tick.
+    The time starts at the first tick.
 
     Args:
-        traceparent: of the build's record.
+        traceparent: in the build's record.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class BuildTrace:
         return self._stage
 
     def tick(self, stage: str) -> None:
-        """The stage is under way; the one before has ended."""
+        """Notes that the stage runs, and that the former one has ended."""
         with self._lock:
             if self._outcome is not None or stage == self._stage:
                 return
@@ -97,9 +97,9 @@ class BuildTrace:
             self._stage = stage
 
     def mark_cached(self, stage: str) -> None:
-        """Notes that the result of the stage that is under way came from the cache."""
+        """Notes that the result of the current stage came from the cache."""
         with self._lock:
-            if stage == self._stage:  # not one of the provisional version's, which are no stages of their own
+            if stage == self._stage:  # not a stage within the provisional version
                 self._cached.add(stage)
 
     def mark_chunks(self, stage: str, count: int, reused: int) -> None:
@@ -110,7 +110,7 @@ class BuildTrace:
                 self._chunks[stage] = before[0] + count, before[1] + reused
 
     def end(self, state: str, error_code: str | None = None) -> None:
-        """The build is over; the first call counts."""
+        """Ends the build. Only the first call has an effect."""
         with self._lock:
             if self._outcome is None:
                 if self._stage:
@@ -134,18 +134,18 @@ class BuildTrace:
         self._since_ns = now_ns
 
 
-_inner: list[None] = []  # stages that are under way within others
-_under_way: list[BuildTrace] = []  # of this process, which runs one at a time; its threads all work for it
+_inner: list[None] = []  # stages that run within other stages
+_under_way: list[BuildTrace] = []  # of this process, which runs one build at a time, in all its threads
 
 
 def current_build() -> BuildTrace | None:
-    """The build that this process is at."""
+    """The build that this process runs, or None."""
     return _under_way[-1] if _under_way else None
 
 
 @contextmanager
 def within_a_stage() -> Iterator[None]:
-    """Around stages that a stage runs for itself: their names are those of the build's own stages."""
+    """Marks stages that run within another stage, because their names are those of the build's own stages."""
     _inner.append(None)
     try:
         yield
@@ -154,21 +154,21 @@ def within_a_stage() -> Iterator[None]:
 
 
 def mark_cached(stage: str) -> None:
-    """Tells the build that is under way, if any, that a stage needed no work."""
+    """Notes in the current build, if any, that the result of a stage came from the cache."""
     build = current_build()
     if build is not None and not _inner:
         build.mark_cached(stage)
 
 
 def mark_chunks(stage: str, count: int, reused: int) -> None:
-    """Tells the build that is under way, if any, how many of a stage's chunks needed no work."""
+    """Notes in the current build, if any, the number of a stage's chunks and of the reused ones."""
     build = current_build()
     if build is not None:
         build.mark_chunks(stage, count, reused)
 
 
 class _Spans:
-    """The build's span and its stages'."""
+    """Spans of the build and of its stages."""
 
     def __init__(
         self, about: Mapping[str, str], parent: TraceContext | None, start_ns: int, environ: Mapping[str, str]

@@ -1,7 +1,7 @@
-"""Chunks of a stage, of which only those are run whose inputs differ from everything that was run before.
+"""Runs the chunks of a stage, except those whose result is known from an earlier run.
 
-A result is found by its key, a hash of the content that the chunk reads: in the work folder or the cluster's
-store, or where finished stages are shared when another machine made it.
+A result is found by its key, a hash of the content that the chunk reads. It is searched for in the work
+folder or in the cluster's store, then where finished stages are shared with other machines.
 """
 
 from __future__ import annotations
@@ -22,8 +22,9 @@ class ChunkCache:
     """The chunks of builds.
 
     Attributes:
-        keys: makes the keys, of the code's version among others.
-        shared: where results come from and go to besides, unless other machines see the executor's store.
+        keys: makes the keys, which depend on the code's version.
+        shared: where results are fetched from and shared besides; not used if other machines see the
+            executor's store.
     """
 
     keys: StageCache
@@ -38,13 +39,13 @@ class ChunkCache:
         progress: Callable[[float], None],
         cancelled: Callable[[], bool],
     ) -> Iterator[Arrays]:
-        """Yields the results of all chunks in order, one at a time. Only those not found are run.
+        """Yields the results of all chunks in order, one at a time. Runs only the chunks without a result.
 
         Args:
             stage: its name.
 
         Raises:
-            whatever ``run_chunks`` raises.
+            Exception: any error of ``run_chunks``.
         """
         results = ChunkResults(self.executor.store)
         keyed = [KeyedChunk(self._key(stage, chunk, inputs), chunk) for chunk in chunks]
@@ -52,7 +53,7 @@ class ChunkCache:
         for key in sorted(found):
             if results.has(key):
                 results.keep(key)
-            else:  # the rest of one that is being removed
+            else:  # the rest of a result that is being removed
                 found.discard(key)
         shared = None if self.executor.is_shared else self.shared
         if shared is not None:

@@ -1,4 +1,4 @@
-"""Running a stage's chunks: on this machine (``local_executor``) or on a cluster (``dask_executor``)."""
+"""Interface for running chunks: here (``local_executor``) or on a cluster (``dask_executor``)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from firstfix.store.store import Store
 from .chunks import Arrays, ChunkResults, KeyedChunk
 from .stage_cache import StageResult
 
-TRIES = 3  # more of a chunk whose result is damaged, or gone when it is read
+TRIES = 3  # further attempts, if a result is damaged or gone when it is read
 
 
 @dataclass(frozen=True)
@@ -20,9 +20,9 @@ class ChunkBatch:
     """Chunks of one stage that are to be run.
 
     Attributes:
-        inputs: finished stages that the chunks read, by the chunks' names for them.
+        inputs: finished stages that the chunks read, by the names that the chunks use.
         done: called after each chunk.
-        cancelled: whether the build is to stop.
+        cancelled: returns whether the build is cancelled.
     """
 
     chunks: Sequence[KeyedChunk]
@@ -35,8 +35,8 @@ class ChunkExecutor(ABC):
     """Runs chunks and puts their results into a store.
 
     Attributes:
-        store: takes the results.
-        is_shared: other machines see the store.
+        store: stores the results.
+        is_shared: whether other machines see the store.
     """
 
     store: Store
@@ -47,10 +47,10 @@ class ChunkExecutor(ABC):
         """Runs all chunks of the batch. Their results are in the store when it returns.
 
         Raises:
-            BuildCancelled: cancelled() said so; no further chunk was begun.
+            BuildCancelled: the build was cancelled; no further chunk was started.
             BuildFailed: a chunk ended the processes that ran it.
             ClusterUnavailable: the machines that run chunks are gone.
-            whatever a chunk raises.
+            Exception: any error of a chunk.
         """
 
 
@@ -68,8 +68,8 @@ def run_chunks(
         made: keys that have a result.
 
     Raises:
-        StoreError: a result is damaged or gone time after time.
-        whatever ``ChunkExecutor.run`` raises.
+        StoreError: a result is damaged or gone, repeatedly.
+        Exception: any error of ``ChunkExecutor.run``.
     """
     results = ChunkResults(executor.store)
     missing = [chunk for chunk in chunks if chunk.key not in made]

@@ -1,4 +1,4 @@
-"""A chunk as it goes to a worker of a cluster, and what that worker does with it. Knows nothing of Dask."""
+"""Job of a worker in a cluster: one chunk, its inputs, and how it is run. Independent of Dask."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from .chunks import ChunkResults, KeyedChunk, make_chunk
 from .runtime import Runtime, this_runtime
 from .stage_cache import StageCache, StageResult
 
-KEPT_INPUTS = 4  # stages that a worker keeps at hand; the stage cache on its disk keeps more
+KEPT_INPUTS = 4  # stages that a worker keeps open; the stage cache on its disk keeps more
 
 
 @dataclass(frozen=True)
 class ChunkJob:
-    """All that a worker needs to know: a kilobyte or two. Credentials of the store are its own.
+    """Everything that a worker needs, in one or two kilobytes. The worker has its own store credentials.
 
     Attributes:
-        store: URL of the store that has the inputs and takes the result.
-        inputs: keys of finished stages, by the chunk's names for them.
-        runtime: of whoever hands it out.
+        store: URL of the store for the inputs and the result.
+        inputs: keys of finished stages, by the names that the chunk uses.
+        runtime: of the process that hands the chunk out.
     """
 
     store: str
@@ -47,8 +47,8 @@ def run_job(job: ChunkJob, folder: Path) -> None:
 
     Raises:
         BuildFailed: this worker's software differs.
-        StoreUnavailable: an input cannot be had.
-        whatever the chunk raises.
+        StoreUnavailable: an input cannot be fetched.
+        Exception: any error of the chunk.
     """
     check_runtime(job.runtime)
     _one_blas_thread()
@@ -71,7 +71,7 @@ def check_runtime(wanted: Runtime) -> None:
 
 
 class _Inputs:
-    """Stages that this process reads, locked on the disk as long as they are kept here."""
+    """Stages that this process reads. They are locked on the disk as long as they are kept here."""
 
     def __init__(self) -> None:
         self._kept: OrderedDict[str, tuple[StageCache, StageResult]] = OrderedDict()
@@ -98,5 +98,5 @@ def _opened(store: str) -> Store:
 
 @cache
 def _one_blas_thread() -> None:
-    """For good: its sums depend on how many threads share them."""
+    """Limits BLAS to one thread for this process: its sums depend on the number of threads."""
     threadpool_limits(1, user_api="blas")

@@ -3,11 +3,11 @@
     stages/<key>/<sha256>      the arrays that one chunk made
     stages/<key>/stage.json    written last
 
-The layout is that of shared stages (``firstfix.builds.shared_stages``), so they are shared and expire
-alike. The key is a hash of everything that makes the result: the kind of work, its values, the code, and
-the content of what the chunk reads. So a result never changes, whoever made it, for whatever map or
-version, and an existing result is never made again. Workers write arrays to the store directly; the process
-that hands out the work never sees them.
+The layout is that of shared stages (``firstfix.builds.shared_stages``): chunks are shared and expire in the
+same way. The key is a hash of everything that determines the result: the kind of work, its values, the code,
+and the content that the chunk reads. So a key has one result, for all machines, maps and versions, and an
+existing result is never made again. Workers write the arrays directly to the store; they do not pass through
+the process that hands out the work.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ _FILE = "arrays.npz"
 
 @dataclass(frozen=True)
 class Chunk(ABC):
-    """A part of a stage's work: a pure function and the plain values it is called with. Picklable.
+    """A part of a stage's work: a pure function and its arguments, which are plain values. Picklable.
 
     Attributes:
-        keeps_interpreter: it holds the interpreter lock, so it runs in a process and not in a thread.
+        keeps_interpreter: the work holds the interpreter lock, so it runs in a process, not in a thread.
     """
 
     keeps_interpreter: ClassVar[bool] = False
@@ -48,19 +48,19 @@ class Chunk(ABC):
         """Returns the chunk's arrays: the same bytes on every machine.
 
         Args:
-            inputs: folders of the finished stages that the stage reads, by its names for them.
+            inputs: folders of the finished stages that it reads, by the names that it uses.
         """
 
     @property
     def values(self) -> dict[str, Any]:
-        """The values that decide the result, besides what the chunk reads."""
+        """The values that determine the result, besides the content that the chunk reads."""
         return asdict(self)
 
     def reads(self, inputs: Mapping[str, StageResult]) -> Mapping[str, str]:
-        """Hashes of everything that ``run`` reads, by any names. It is cheap: nothing large is hashed anew.
+        """Hashes of everything that ``run`` reads, by any names. Cheap: it hashes nothing large.
 
-        Chunks of equal values and equal hashes have equal results. By default these are the digests of whole
-        stages; a chunk that reads a part of a map tells the hash of that part.
+        Chunks with equal values and equal hashes have equal results. By default these are the digests of
+        whole stages. A chunk that reads only a part of a map returns the hash of that part.
         """
         return {name: result.digest for name, result in inputs.items()}
 
@@ -93,7 +93,7 @@ class ChunkResults:
         self._entries = SharedStages(store)
 
     def made(self) -> set[str]:
-        """Returns the keys that have a result, or had one that was removed in part."""
+        """Returns the keys that have a result, or a partly removed one."""
         return set(self._store.folders(ROOT))
 
     def has(self, key: str) -> bool:
@@ -101,7 +101,7 @@ class ChunkResults:
         return self._store.exists(f"{ROOT}/{key}/{RECORD}")
 
     def put(self, key: str, arrays: Arrays) -> None:
-        """Stores a result: whole or not at all."""
+        """Stores a result, completely or not at all."""
         with TemporaryDirectory() as folder:
             named: dict[str, Any] = dict(arrays)
             np.savez(Path(folder) / _FILE, **named)
@@ -128,7 +128,7 @@ class ChunkResults:
                 return None
 
     def keep(self, key: str) -> None:
-        """Makes a result that was used as young as a new one."""
+        """Renews the age of a result that was used, so that it expires later."""
         where = f"{ROOT}/{key}/{RECORD}"
         self._store.put(where, self._store.get(where))
 

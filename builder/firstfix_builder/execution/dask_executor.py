@@ -1,4 +1,4 @@
-"""Chunks on the workers of a Dask cluster. The only module that uses Dask."""
+"""Runs chunks on the workers of a Dask cluster. The only module that uses Dask."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .runtime import Runtime, this_runtime
 _log = logging.getLogger(__name__)
 CONNECT_S = 5.0
 CLOSE_S = 2.0
-AWAY_S = 120.0  # that a scheduler, or all of its workers, may be gone
+AWAY_S = 120.0  # longest absence of the scheduler, or of all its workers
 POLL_S = 0.2
 LOOK_S = 5.0  # between looks at the workers
 WORK_VARIABLE = "FIRSTFIX_WORK_DIR"
@@ -36,14 +36,14 @@ class _SchedulerLost(Exception):
 
 
 class DaskExecutor(ChunkExecutor):
-    """Runs the chunks of one build on a cluster. A context manager: it closes its connection.
+    """Runs the chunks of one build on a cluster. As a context manager it closes its connection.
 
     When a worker dies, Dask gives its chunk to another worker. When the scheduler dies, only the chunks that
     were running are made again: the results in the store stay.
 
     Args:
-        address: of the scheduler, as Dask writes it.
-        store_url: of the store that all workers can reach; they have credentials of their own.
+        address: of the scheduler, in the form of Dask.
+        store_url: of a store that all workers can reach, with their own credentials.
         away_s: longest wait for the scheduler, or a worker, to come back.
 
     Raises:
@@ -92,7 +92,7 @@ class DaskExecutor(ChunkExecutor):
                     del left[name]
                     batch.done()
             except _SchedulerLost:
-                _log.warning("the scheduler at %s is lost with %d chunks to go", self._address, len(left))
+                _log.warning("lost the scheduler at %s, with %d chunks left to run", self._address, len(left))
                 self._close()
                 self._client = self._connect(batch.cancelled)
                 for name in ChunkResults(self.store).made() & left.keys():
@@ -100,10 +100,10 @@ class DaskExecutor(ChunkExecutor):
                     batch.done()
 
     def _ended(self, jobs: Sequence[ChunkJob], cancelled: Callable[[], bool]) -> Iterator[str]:
-        """Keys of the chunks, each as it ends.
+        """Yields the key of each chunk when it ends.
 
         Raises:
-            _SchedulerLost: the rest is to be handed out again.
+            _SchedulerLost: the other chunks have to be handed out again.
         """
         pending: dict[str, Any] = {}
         attempt = uuid.uuid4().hex[:8]
@@ -121,7 +121,7 @@ class DaskExecutor(ChunkExecutor):
                         raise _reason(future)
                     if future.status == "cancelled":
                         raise _SchedulerLost
-                    # lost: it ended at a worker that died since. What it made is in the store.
+                    # lost: it ended at a worker that died afterwards. Its result is in the store.
                     if future.status in ("finished", "lost"):
                         del pending[name]
                         yield name
@@ -129,11 +129,11 @@ class DaskExecutor(ChunkExecutor):
                 time.sleep(POLL_S)
         finally:
             if pending:
-                with suppress(Exception):  # of a client that has no scheduler any more
+                with suppress(Exception):  # the scheduler may be gone
                     self._client.cancel(list(pending.values()))
 
     def _connect(self, cancelled: Callable[[], bool]) -> Any:
-        """A client whose cluster has workers, all of them fit for this build."""
+        """A client of a cluster that has workers, all of them fit for this build."""
         try:
             from distributed import Client
         except ImportError:
@@ -172,7 +172,7 @@ class DaskExecutor(ChunkExecutor):
         finally:
             self.store.delete(key)
         for worker, said in found.items():
-            if isinstance(said, OSError):  # it has just gone; who comes is looked at with every chunk
+            if isinstance(said, OSError):  # this worker has just left; new ones are checked with every chunk
                 continue
             if isinstance(said, BuildFailed):
                 raise BuildFailed(f"{worker}: {said}")
@@ -180,12 +180,12 @@ class DaskExecutor(ChunkExecutor):
                 raise BuildFailed(f"the worker {worker} cannot build: {_brief(said)}")
 
     def _close(self) -> None:
-        with suppress(Exception):  # there may be no scheduler to say good-bye to
+        with suppress(Exception):  # the scheduler may be gone
             self._client.close(timeout=CLOSE_S)
 
 
 class _Watch:
-    """Sees when a cluster has been without workers for too long."""
+    """Notices that a cluster has had no workers for too long."""
 
     def __init__(self, client: Any, address: str, away_s: float) -> None:
         self._client = client
@@ -197,7 +197,7 @@ class _Watch:
         """Checks the cluster, at most every few seconds.
 
         Raises:
-            ClusterUnavailable: nobody is there to do the work.
+            ClusterUnavailable: the cluster has had no workers for too long.
             _SchedulerLost: the scheduler does not answer.
         """
         now = time.monotonic()
@@ -214,7 +214,7 @@ class _Watch:
 
 @contextmanager
 def _noticing_loss(client: Any) -> Iterator[None]:
-    """Raises _SchedulerLost for the several errors that Dask raises when its scheduler is gone."""
+    """Raises _SchedulerLost for each of the errors by which Dask reports a lost scheduler."""
     try:
         yield
     except Exception as error:
@@ -228,12 +228,12 @@ def _reason(future: Any) -> BaseException:
 
     error: BaseException = future.exception()
     if isinstance(error, KilledWorker):
-        return BuildFailed("every worker that ran one chunk died of it, maybe out of memory")
+        return BuildFailed("every worker that ran a certain chunk died, maybe out of memory")
     return error
 
 
 def _run(job: ChunkJob) -> None:
-    """On a worker."""
+    """Runs a job. Called on a worker."""
     from distributed import get_worker
 
     folder = Path(os.environ.get(WORK_VARIABLE) or get_worker().local_directory) / "cluster"
@@ -241,10 +241,10 @@ def _run(job: ChunkJob) -> None:
 
 
 def _fit(wanted: Runtime, store_url: str, key: str) -> None:
-    """On a worker: whether it can take part."""
+    """Checks whether a worker can take part. Called on the worker."""
     check_runtime(wanted)
     if not Store.open(store_url).exists(key):
-        raise BuildFailed("it sees another store than this build: a directory has to be shared by all")
+        raise BuildFailed("it sees another store than this build: all machines must share the directory")
 
 
 def _brief(error: BaseException) -> str:

@@ -1,4 +1,4 @@
-"""Worker processes that end with their parent, however it ended."""
+"""Ends worker processes together with their parent, even if the parent is killed."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from multiprocessing.connection import wait
 def die_with_parent() -> None:
     """Ends this process when its parent ends. For ``ProcessPoolExecutor(initializer=...)``.
 
-    Without it the pool's processes would wait for ever after a kill -9 of the parent: each holds both ends of
-    the pipe that its work comes by.
+    Without it the processes of a pool would wait for ever after a kill -9 of the parent: each holds both ends
+    of the pipe through which it gets its work.
     """
     parent = multiprocessing.parent_process()
     if parent is None:

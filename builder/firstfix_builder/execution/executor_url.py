@@ -1,8 +1,8 @@
-"""The executor of a build: ``threads`` of this machine, or the workers of a Dask cluster.
+"""URL of a build's executor: ``threads`` of this machine, or the workers of a Dask cluster.
 
 threads
 dask://scheduler:8786
-dask+tls://scheduler:8786     certificates as Dask's own configuration names them
+dask+tls://scheduler:8786     with the certificates of Dask's own configuration
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _SCHEMES = {"dask": "tcp", "dask+tls": "tls"}
 
 
 def dask_address(executor: str) -> str | None:
-    """The scheduler's address as Dask writes it, such as tcp://scheduler:8786; None for threads.
+    """The scheduler's address in the form of Dask, such as tcp://scheduler:8786; None for threads.
 
     Raises:
         InvalidOption: the executor is neither, or an address is incomplete.
@@ -35,6 +35,6 @@ def dask_address(executor: str) -> str | None:
     if not parts.hostname or port is None or not 1 <= port <= 65535:
         raise InvalidOption(f"{executor!r} names no scheduler: {parts.scheme}://HOST:PORT, such as :8786")
     if parts.username is not None or parts.path not in ("", "/") or parts.query or parts.fragment:
-        raise InvalidOption(f"an executor is {parts.scheme}://HOST:PORT and nothing else")
+        raise InvalidOption(f"an executor is {parts.scheme}://HOST:PORT, without user, path or query")
     host = f"[{parts.hostname}]" if ":" in parts.hostname else parts.hostname
     return f"{_SCHEMES[parts.scheme]}://{host}:{port}"

@@ -1,4 +1,4 @@
-"""Work in threads whose results are taken one after the other, in order."""
+"""Calls a function in threads and yields the results in order."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ _R = TypeVar("_R")
 
 
 def in_turn(function: Callable[[_T], _R], items: Iterable[_T]) -> Iterator[tuple[_T, _R]]:
-    """Yields each item with the function's result, which as many threads work on as there are processors.
+    """Yields each item with the function's result, in order. There is one thread for each processor.
 
-    They work only a few items ahead, so that few results are in memory.
+    The threads are only a few items ahead of the caller, so few results are in memory.
     """
     workers = os.cpu_count() or 1
     waiting: deque[tuple[_T, Future[_R]]] = deque()

@@ -1,4 +1,4 @@
-"""Chunks on this machine: in threads, and in processes for work that holds the interpreter lock."""
+"""Runs chunks on this machine: in threads, or in processes if the work holds the interpreter lock."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ DEFAULT_CHUNK_BYTES = 20_000_000_000
 class LocalExecutor(ChunkExecutor):
     """Runs chunks here, and keeps results in the work folder of builds.
 
-    So a killed build resumes within a stage, and the next build of a map finds what has not changed.
+    So a killed build resumes within a stage, and the next build of a map reuses the unchanged chunks.
 
     Args:
-        work: the folder; results in it are removed by age and size (``prune``).
+        work: the folder; ``prune`` removes results by age and size.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class LocalExecutor(ChunkExecutor):
         self.prune()
 
     def prune(self) -> None:
-        """Removes results that were unused for too long, then the oldest ones beyond the size."""
+        """Removes results that were unused for too long, then the oldest ones beyond the size limit."""
         collect_stages(self.store, DEFAULT_MAX_AGE_S, max_bytes=self._max_bytes)
 
     def run(self, batch: ChunkBatch) -> None:
@@ -67,8 +67,8 @@ class LocalExecutor(ChunkExecutor):
 def _make(store: str, chunk: KeyedChunk, inputs: Mapping[str, Path]) -> None:
     try:
         make_chunk(_opened(store), chunk, inputs)
-    except StoreError as error:  # not the store of maps, which may come back
-        raise BuildFailed(f"the work folder took no result, its disk may be full: {error}") from None
+    except StoreError as error:  # of the work folder: the build does not wait for it as for the store of maps
+        raise BuildFailed(f"cannot write to the work folder, whose disk may be full: {error}") from None
 
 
 @cache

@@ -11,7 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 import firstfix
 
-from .stage_cache import source_hash
+from .source_hash import source_hash
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def this_runtime() -> Runtime:
 
 
 def _open3d() -> str:
-    """Told without importing it, which takes seconds."""
+    """Version of Open3D, from the package metadata: an import would take seconds."""
     for name in ("open3d-cpu", "open3d"):
         with suppress(PackageNotFoundError):
             return version(name)

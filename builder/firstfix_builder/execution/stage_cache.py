@@ -4,20 +4,20 @@ A repeated or resumed build skips the stages whose results are there.
 
     <root>/stages/<key>/files/...     what the stage made
     <root>/stages/<key>/stage.json    its name, and sha256 of every file
-    <root>/stages/.<unique>/          a stage under way, or the rest of one that was killed
+    <root>/stages/.<unique>/          a stage under way, or what a killed process left of one
 
 The key is the sha256 of the stage's name, the code's version, its inputs' hashes and its own config.
-A stage is made in a folder of its own and renamed when it is whole, so that a kill at any moment
-leaves either a stage or rubbish, and rubbish is known by its lock having died with its owner.
+A stage is made in a folder of its own, which is renamed when the stage is complete. So a kill at any moment
+leaves either a stage or an unfinished folder. The lock of a process ends with the process, and an unfinished
+folder without a lock is removed.
 
-With ``firstfix.builds.shared_stages`` behind it, a stage that is not here is fetched when another machine has
-made it, and one that is made here is shared.
+With ``firstfix.builds.shared_stages``, stages that other machines have made are fetched, and stages that are
+made here are shared.
 """
 
 from __future__ import annotations
 
 import fcntl
-import functools
 import hashlib
 import json
 import os
@@ -33,13 +33,11 @@ from typing import Any, Protocol
 
 from pydantic import BaseModel
 
-import firstfix
-import firstfix_builder
-from firstfix import native
 from firstfix.errors import StoreUnavailable
 from firstfix.store.sha256 import sha256_of
 
 from .build_trace import mark_cached
+from .source_hash import source_hash
 
 DEFAULT_MAX_BYTES = 50_000_000_000
 DEFAULT_MAX_AGE_S = 30 * 86400.0
@@ -75,15 +73,15 @@ class StageResult:
 class StageCache:
     """Stages below one folder. Many threads and processes may share the folder.
 
-    What ``run`` returned stays on disk as long as this object lives, whoever prunes.
+    Results of ``run`` stay on disk as long as this object lives, even if another process prunes.
 
     Args:
         root: made if missing.
-        max_bytes: the longest unused stages go when all together are larger.
-        max_age_s: stages that were not used for so long go in any case.
-        shared: where stages come from and go to besides.
-        code_version: of everything that makes a stage; by default the hash of the source files of
-            builder and core, so that a changed program never meets its predecessor's results.
+        max_bytes: limit on the size of all stages; beyond it, the longest unused ones are removed.
+        max_age_s: stages that were not used for this time are removed in any case.
+        shared: where stages are fetched from and shared besides; None: nowhere.
+        code_version: of everything that makes a stage; by default ``source_hash``, so that a changed program
+            never reads the results of the former one.
     """
 
     def __init__(
@@ -103,7 +101,7 @@ class StageCache:
         self._code_version = source_hash() if code_version is None else code_version
         self._in_use: list[int] = []  # shared locks on the stages that were handed out
         weakref.finalize(self, _close_all, self._in_use)
-        self._remove_rubbish()
+        self._remove_unfinished()
 
     def run(
         self,
@@ -116,11 +114,11 @@ class StageCache:
 
         Args:
             inputs: name to sha256 of what the stage reads.
-            config: the stage's own: all that decides its result besides the inputs.
+            config: of this stage: everything that decides its result besides the inputs.
             produce: writes its files into the empty folder that it is given.
 
         Raises:
-            whatever ``produce`` raises; nothing is kept then.
+            Exception: any error of ``produce``; nothing is kept then.
         """
         key = self.key_of(name, inputs, config)
         found = self._find(key)
@@ -150,10 +148,10 @@ class StageCache:
         return hashlib.sha256(json.dumps(recipe, sort_keys=True).encode()).hexdigest()
 
     def fetched(self, key: str) -> StageResult:
-        """A stage that another machine made: from here, or from where stages are shared.
+        """A stage that another machine made: from this folder, or from where stages are shared.
 
         Raises:
-            StoreUnavailable: it cannot be had there.
+            StoreUnavailable: it is in neither.
         """
         found = self._find(key)
         if found is not None:
@@ -161,7 +159,7 @@ class StageCache:
 
         def fill(files: Path) -> None:
             if self._shared is None or not self._shared.fetch(key, files):
-                raise StoreUnavailable(f"stage {key[:12]} cannot be had from the store")
+                raise StoreUnavailable(f"stage {key[:12]} cannot be fetched from the store")
 
         found = self._keep(key, "fetched", fill)
         self.prune()
@@ -197,7 +195,7 @@ class StageCache:
                 total -= sizes[path]
 
     def _find(self, key: str) -> StageResult | None:
-        """The stage, locked against pruning; None when it is not there or was damaged."""
+        """The stage, locked against pruning; None if it is missing or damaged."""
         path = self._folder / key
         lock = _lock(path, fcntl.LOCK_SH)
         if lock is None:
@@ -208,7 +206,7 @@ class StageCache:
             os.utime(path / "stage.json")
         except (OSError, ValueError, KeyError, TypeError):
             intact = False
-        if not intact:  # a power cut, or a stranger's hand: it is made again
+        if not intact:  # by a power cut, or changed by somebody: it is made again
             os.close(lock)
             self._remove(path)
             return None
@@ -221,14 +219,14 @@ class StageCache:
             part = self._folder / f".{uuid.uuid4().hex}"
             part.mkdir()
             lock = _lock(part, fcntl.LOCK_EX)
-            if lock is not None:  # else somebody took it for rubbish before it was locked
+            if lock is not None:  # else another process removed it before it was locked
                 return part, lock
 
     def _move_in(self, part: Path, key: str) -> None:
         try:
             part.rename(self._folder / key)
         except OSError:
-            # Somebody made the same stage meanwhile: theirs is as good.
+            # Another process made the same stage meanwhile, with the same result.
             if not (self._folder / key).is_dir():
                 raise
 
@@ -237,7 +235,7 @@ class StageCache:
         if lock is None:
             return False
         try:
-            # Renamed first: half a stage must never stand under its key.
+            # Renamed first: a folder named by a key must never hold half a stage.
             doomed = self._folder / f".{uuid.uuid4().hex}"
             path.rename(doomed)
             shutil.rmtree(doomed, ignore_errors=True)
@@ -247,7 +245,7 @@ class StageCache:
             os.close(lock)
         return True
 
-    def _remove_rubbish(self) -> None:
+    def _remove_unfinished(self) -> None:
         for path in self._folder.glob(".*"):
             self._remove(path)
 
@@ -292,16 +290,3 @@ def _last_use(stage: Path) -> float:
         return (stage / "stage.json").stat().st_mtime
     except FileNotFoundError:
         return 0.0
-
-
-@functools.cache
-def source_hash() -> str:
-    """Returns a hash of the source code of core and builder, the compiled core's included.
-
-    It is the same for all instruction sets, as their results are.
-    """
-    digest = hashlib.sha256(native.source_digest.encode())
-    for package in (Path(firstfix.__file__).parent, Path(firstfix_builder.__file__).parent):
-        for path in sorted(package.rglob("*.py")):
-            digest.update(f"{path.relative_to(package)}\0{sha256_of(path)}\n".encode())
-    return digest.hexdigest()

@@ -1,4 +1,4 @@
-"""Running one stage of a build: from the cache or anew, in this process or in chunks."""
+"""Runs one stage of a build, unless its result is cached: in this process, or in chunks."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class StageRunner:
     """Runs stages, reports their progress and stops between them when the build is cancelled.
 
     Attributes:
-        chunks: runs the chunks that no build has run.
-        progress: called with a stage's name and the share of it that is done.
-        cancelled: whether the build is to stop.
+        chunks: runs the chunks that no build has run before.
+        progress: called with a stage's name and the completed share, 0..1.
+        cancelled: returns whether the build is cancelled.
     """
 
     cache: StageCache
@@ -35,7 +35,7 @@ class StageRunner:
     def _stage(
         self, name: str, inputs: Mapping[str, str], config: Any, produce: Callable[[Path], None]
     ) -> StageResult:
-        """A stage that this process makes, unless the cache has it."""
+        """Result of a stage that runs in this process, unless it is cached."""
         if self.cancelled():
             raise BuildCancelled(f"cancelled before {name}")
         self.progress(name, 0.0)

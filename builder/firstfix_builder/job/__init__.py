@@ -1,1 +1,1 @@
-"""One build as a job: its sources fetched, its progress reported and logged."""
+"""One build as a job: fetches its sources, reports and logs its progress."""

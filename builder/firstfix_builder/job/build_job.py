@@ -1,4 +1,4 @@
-"""The inputs of one build, and the interface of whatever builds a version from them."""
+"""Inputs of one build, and the interface of functions that build a version from them."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ class BuildJob:
         trajectory: poses of the mapping run, or None.
         config: the build's configuration as JSON.
         work: folder for stages and the version.
-        progress: called with a stage's name and the share of it that is done.
-        cancelled: whether the build is to stop.
-        publish_provisional: called with a coarse version as soon as there is one; None: it is not made.
+        progress: called with a stage's name and its completed share, 0..1.
+        cancelled: returns whether the build is cancelled.
+        publish_provisional: called with the provisional version when it is ready; None: none is made.
     """
 
     source: Path

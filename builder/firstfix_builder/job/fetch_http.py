@@ -1,4 +1,4 @@
-"""A source by HTTP, from a place that the operator of the service has allowed, and from no other."""
+"""Fetches a source by HTTP, only from places that the operator of the service has allowed."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ TIMEOUT_S = 60.0  # without a byte
 
 
 class _Broken(Exception):
-    """The connection or the server failed in a way that may pass.
+    """A temporary failure of the connection or of the server.
 
     Attributes:
-        etag: of the file whose beginning has arrived; empty: it cannot be gone on with.
+        etag: of the file whose beginning has arrived; empty: the download cannot be resumed.
     """
 
     def __init__(self, why: str, etag: str = "") -> None:
@@ -32,16 +32,16 @@ def fetch_http(
 ) -> None:
     """Downloads a URL to a file, completely or not at all.
 
-    An interrupted download resumes where it broke, if the server supports it. Redirects are not followed:
-    nobody has checked where they lead.
+    An interrupted download resumes where it broke, if the server supports it. Redirects are not followed,
+    because their targets were not checked.
 
     Args:
-        on_progress: called as it arrives with the share that is done, 0..1.
+        on_progress: called while the file arrives, with the completed share, 0..1.
 
     Raises:
-        NotFound: there is nothing.
-        TooLarge: over the limit.
-        BuildFailed: the server refuses, redirects, or fails again and again.
+        NotFound: there is no file at the URL.
+        TooLarge: the file exceeds the limit.
+        BuildFailed: the server refuses, redirects, or fails repeatedly.
     """
     part = path.with_name(f".{path.name}.part")
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -56,7 +56,7 @@ def fetch_http(
                 except _Broken as error:
                     etag = error.etag
                     if attempt == ATTEMPTS:
-                        raise BuildFailed(f"the source's server does not give it: {error}") from None
+                        raise BuildFailed(f"the source cannot be fetched from its server: {error}") from None
                     time.sleep(PAUSE_S * attempt)
         part.replace(path)
     finally:
@@ -71,7 +71,7 @@ def _fetch(
     etag: str,
     on_progress: Callable[[float], None],
 ) -> None:
-    """One attempt, which appends to the part while the server's file is still that of the ETag."""
+    """Makes one attempt. It appends to the part if the server's file still has the ETag."""
     have = part.stat().st_size if part.exists() else 0
     headers = {"Accept-Encoding": "identity"}
     if have and etag:
@@ -104,6 +104,6 @@ def _check(answer: httpx.Response, expected_range: str, etag: str) -> None:
     if status in (404, 410):
         raise NotFound("there is nothing at the source's URL")
     if answer.is_redirect:
-        raise BuildFailed("the source's URL redirects, which is not followed: name the place itself")
+        raise BuildFailed("the source's URL redirects, and redirects are not followed: give the final URL")
     if status not in (200, 206) or not answer.headers.get("Content-Range", "").startswith(expected_range):
         raise BuildFailed(f"the source's server answered {status}")

@@ -65,7 +65,7 @@ class SourceFetch:
             on_progress: called with the share of all files that has arrived, 0..1.
 
         Raises:
-            what ``fetch`` raises.
+            FirstfixError: as ``fetch``.
         """
         source, trajectory = json_object(request, "source"), json_object(request, "trajectory")
         named = {"source": (source, str(request.get("file_name") or _url_ending(source)))}
@@ -119,8 +119,8 @@ class SourceFetch:
         # Fetched anew in every run: unlike an upload, the object at a URL may have changed.
         try:
             _download(Store.open_at(replace(where, prefix=parent)), name, path, policy.max_bytes, on_progress)
-        except StoreError as error:  # a stranger's store: trying again would not help
-            raise BuildFailed(f"the source's store does not give it: {error}") from None
+        except StoreError as error:  # not the store of maps: another attempt would not help
+            raise BuildFailed(f"the source cannot be fetched from its store: {error}") from None
         return path
 
 
@@ -132,7 +132,7 @@ def json_object(request: Mapping[str, Any], name: str) -> dict[str, Any]:
     """
     value = request.get(name) or {}
     if not isinstance(value, dict):
-        raise InvalidOption(f"{name} of the request is no JSON object")
+        raise InvalidOption(f"{name} of the request is not a JSON object")
     return value
 
 
@@ -142,7 +142,7 @@ def _share(on_progress: Callable[[float], None], number: int, count: int) -> Cal
 
 
 def _url_ending(named: Mapping[str, Any]) -> str:
-    """A file name for a source that has only a URL."""
+    """File name of a source that has only a URL."""
     return urlsplit(str(named.get("url", ""))).path.rsplit("/", 1)[-1]
 
 
@@ -157,10 +157,10 @@ def _download(
 
 
 def _allowed(url: str, own: StoreUrl, roots: Sequence[Path]) -> StoreUrl:
-    """The URL with the own store's settings.
+    """Returns the URL with the settings of the worker's own store, if it is allowed.
 
-    The worker's credentials open more than the caller's: a caller must not reach another map through
-    them, nor have them sent to a server of the caller's choice.
+    The worker's credentials allow more than those of the caller. So a caller must not reach another map
+    through them, and they must not be sent to a server that the caller chooses.
     """
     if "://" not in url:
         raise InvalidOption("the source is an upload, or a URL such as s3://bucket/map.ply")
@@ -168,7 +168,7 @@ def _allowed(url: str, own: StoreUrl, roots: Sequence[Path]) -> StoreUrl:
     if where.scheme == "file":
         path = Path(where.prefix).resolve()
         if not any(path.is_relative_to(root.resolve()) for root in roots):
-            raise InvalidOption("this worker reads no source from its own disk at that place")
+            raise InvalidOption("this worker may not read a source from that place of its disk")
         if not path.is_file():
             raise NotFound(f"no file {path.name} at the source's place")
         return replace(where, prefix=str(path))
@@ -192,6 +192,6 @@ def _allowed(url: str, own: StoreUrl, roots: Sequence[Path]) -> StoreUrl:
 
 
 def _safe_name(file_name: str) -> str:
-    """The last part of a name from outside: readers go by its ending."""
+    """Last part of a file name from outside, whose ending tells the format."""
     name = _ODD.sub("_", file_name.replace("\\", "/").rsplit("/", 1)[-1])[-120:].lstrip(".")
     return name or "source"

@@ -1,4 +1,4 @@
-"""The worker's log: lines for eyes, or JSON in the form of the service's log, with the build's ids."""
+"""Log of the build process: plain text, or JSON in the form of the service's log, with the build's ids."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _PLAIN = "%(asctime)s %(levelname)s %(name)s %(message)s"
 
 
 def set_up_build_log(build_id: str, *, level: str = "info", as_json: bool = False) -> None:
-    """For the process: called by the worker's ``main``, never by an import."""
+    """Sets up the log of this process. Called by the worker's ``main``, never by an import."""
     handler = logging.StreamHandler()
     handler.setFormatter(_JsonLines(build_id) if as_json else logging.Formatter(_PLAIN))
     logging.basicConfig(level=level.upper(), handlers=[handler], force=True)

@@ -1,8 +1,8 @@
 """Reports a running build's progress to the store, and stops the build when it is cancelled.
 
-One thread writes the status at most twice a second, looks once a second whether the build is to be
-cancelled, and hears the signals that stop the process, or that whoever started it is gone: also while
-the main thread is deep in a long native call, where a Python signal handler would not run.
+One thread writes the status at most twice a second, and checks once a second for a cancellation. It also
+receives the signals that stop the process, and notices that the parent has ended. It does so even while the
+main thread is in a long native call, during which Python runs no signal handlers.
 """
 
 from __future__ import annotations
@@ -26,27 +26,28 @@ from firstfix.errors import StoreError
 _log = logging.getLogger(__name__)
 STATUS_PERIOD_S = 0.5
 CANCEL_PERIOD_S = 1.0
-CANCEL_GRACE_S = 10.0  # for the stages to notice; then the process ends without them
-LAST_WORD_S = 3.0  # for the store to take it, when the process has to end
+CANCEL_GRACE_S = 10.0  # for the stages to notice; then the process ends
+LAST_WORD_S = 3.0  # to write the last status when the process has to end
 EXIT_CANCELLED = 3
 EXIT_TRY_AGAIN = 75  # EX_TEMPFAIL of sysexits.h
 
 
 class BuildReporter:
-    """Reports one build while it is used as a context manager.
+    """Reports one build, as a context manager.
 
-    ``tick`` and ``is_cancelled`` are cheap, and safe from any thread.
+    ``tick`` and ``is_cancelled`` are cheap and may be called by any thread.
 
     Attributes:
-        provisional_version: digest of what the build has published early, or None; part of every status.
+        provisional_version: digest of the provisional version that the build has published, or None; it is
+            part of every status.
 
     Args:
-        stages: all of the build in order: they make the overall progress.
-        own_process: SIGTERM and SIGINT put the status back to queued and end the process with
-            ``EXIT_TRY_AGAIN``; a cancel that the stages ignore ends it as well. Only for the main
-            thread of a process that runs nothing else.
-        tied_to_stdin: the end of standard input does what SIGTERM does: its writer, who sees to the
-            build, was killed, and will be or was started again.
+        stages: all stages of the build in order, for the overall progress.
+        own_process: SIGTERM and SIGINT set the status to queued and end the process with
+            ``EXIT_TRY_AGAIN``; a cancellation that the stages ignore ends it, too. Only for the main thread
+            of a process that runs nothing else.
+        tied_to_stdin: the end of standard input has the effect of SIGTERM: the parent was killed, and another
+            process will run the build.
     """
 
     def __init__(
@@ -95,10 +96,10 @@ class BuildReporter:
         os.close(self._wake_write)
 
     def tick(self, stage: str, fraction: float) -> None:
-        """``fraction`` 0..1 of the stage is done."""
+        """Notes the completed share of a stage, 0..1."""
         if stage in self._stages:
             overall = (self._stages[stage] + min(max(fraction, 0.0), 1.0)) / len(self._stages)
-            self._progress = max(self._progress, overall)  # a bar that goes back tells nothing
+            self._progress = max(self._progress, overall)  # progress never goes back
         self._stage = stage
 
     @property
@@ -107,7 +108,7 @@ class BuildReporter:
         return self._stage
 
     def is_cancelled(self) -> bool:
-        """Returns whether the build is to stop."""
+        """Returns whether the build is cancelled."""
         return self._cancelled.is_set()
 
     def _watch(self) -> None:
@@ -164,4 +165,4 @@ class BuildReporter:
 
 
 def _heard(number: int, frame: FrameType | None) -> None:
-    """Python calls this late or never; the thread at the wake-up pipe has heard the signal."""
+    """Does nothing: the thread at the wake-up pipe receives the signal. Python calls this late or never."""

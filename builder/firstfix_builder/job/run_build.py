@@ -1,4 +1,4 @@
-"""One build from an object store to an object store: fetch the source, build, publish, record the result."""
+"""Runs one build: fetches the source, builds the version, publishes it and records the result."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ def run_build(
 
 @contextmanager
 def _alone_in(work: Path) -> Iterator[None]:
-    """Holds the folder's lock: two builds would write their versions to the same place."""
+    """Locks the work folder, because two builds would write their versions to the same place."""
     work.mkdir(parents=True, exist_ok=True)
     handle = os.open(work / "worker.lock", os.O_RDWR | os.O_CREAT, 0o644)
     try:

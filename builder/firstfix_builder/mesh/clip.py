@@ -1,4 +1,4 @@
-"""Cuts a mesh along axis-aligned planes: what makes tiles meet without a gap and without an overlap."""
+"""Cuts a mesh along axis-aligned planes, so that tiles meet without a gap or an overlap."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ def clip_mesh(mesh: Mesh, axis: int, limit_m: float, keep_below: bool) -> Mesh:
 
     Args:
         axis: 0, 1 or 2.
-        limit_m: where the plane stands.
-        keep_below: which side stays.
+        limit_m: coordinate of the plane.
+        keep_below: keep the lower side; False: the upper one.
     """
     side = 1.0 if keep_below else -1.0
     depth = (limit_m - mesh.vertices[:, axis]) * side  # >= 0 stays

@@ -12,12 +12,12 @@ from firstfix.scan.voxel_filter import voxel_means
 from firstfix.transform import Matrix, make_transform, rotation_between
 
 VOXEL_M = 0.3
-MAX_LEAN_DEG = 10.0  # further off, it is the place that is odd and not the frame
+MAX_LEAN_DEG = 10.0  # a larger lean is a property of the place, not of the frame
 MIN_LEAN_DEG = 0.2
 
 
 def level_frame(points: NDArray[np.float64]) -> Matrix:
-    """T_map_level: the frame with the map's origin whose z is the up of its surfaces.
+    """T_map_level: the level frame has the map's origin, and its z axis is the up of the map's surfaces.
 
     Raises:
         BuildFailed: the points are too far apart.
@@ -30,6 +30,6 @@ def level_frame(points: NDArray[np.float64]) -> Matrix:
     lean_deg = np.degrees(np.arccos(np.clip(up[2], -1, 1)))
     if not MIN_LEAN_DEG < lean_deg < MAX_LEAN_DEG:
         return np.eye(4)
-    # in steps of a twentieth of a degree: a change of a part of the map must not turn all of it
+    # rounded to a twentieth of a degree: a change of a part of the map must not turn the whole map
     R_level_map = rotation_between(np.round(up, 3), [0.0, 0.0, 1.0])
     return make_transform(R_level_map.T, np.zeros(3))

@@ -1,4 +1,4 @@
-"""The square tiles that a large map is worked in: what lies near together also stands together in files."""
+"""Square tiles of a large map: points that lie near each other stand near each other in files."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from numpy.typing import NDArray
 
 
 def by_tiles(points: NDArray[np.floating], side_m: float) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
-    """The order in which (n, 3) points stand tile by tile, within a tile as they stood before.
+    """Sorts (n, 3) points by tile. Within a tile they keep their order.
 
-    Tiles are counted from the frame's origin, so that a change of the map elsewhere leaves them alone.
+    Tiles are counted from the frame's origin, so a change of the map elsewhere does not change them.
 
     Returns:
         order: (n,) rows.
-        start: (k + 1,) tile i holds ``order[start[i]:start[i + 1]]``, and none of them is empty.
+        start: (k + 1,) tile i holds ``order[start[i]:start[i + 1]]``. No tile is empty.
     """
     tile = np.floor(points[:, :2] / side_m).astype(np.int64)
     order = np.lexsort((tile[:, 1], tile[:, 0]))
@@ -24,10 +24,10 @@ def by_tiles(points: NDArray[np.floating], side_m: float) -> tuple[NDArray[np.in
 def by_nested_tiles(
     points: NDArray[np.floating], side_m: float, inner_m: float
 ) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
-    """``by_tiles``, with the points of each tile in smaller tiles, whose start is returned.
+    """Sorts like ``by_tiles``, and within each tile by smaller tiles. Returns the start of the smaller ones.
 
     Args:
-        inner_m: edge of the smaller tiles, of which the larger ones hold a whole number.
+        inner_m: edge of the smaller tiles: ``side_m`` divided by an integer.
     """
     inner, start = by_tiles(points, inner_m)
     first = inner[start[:-1]]

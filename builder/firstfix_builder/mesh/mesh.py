@@ -1,4 +1,4 @@
-"""A triangle mesh, as it goes from stage to stage."""
+"""A triangle mesh, as stages exchange it."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Mesh:
         return cls(np.concatenate([mesh.vertices for mesh in parts]), np.concatenate(triangles))
 
     def with_triangles(self, keep: NDArray[np.bool_]) -> Mesh:
-        """The mesh of the (t,) kept triangles, without the vertices nobody uses any more."""
+        """Mesh of the (t,) kept triangles, without unused vertices."""
         triangles = self.triangles[keep]
         used = np.zeros(len(self.vertices), bool)
         used[triangles] = True

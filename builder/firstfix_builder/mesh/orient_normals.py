@@ -1,10 +1,9 @@
-"""Normals of a map cloud, turned towards where the scanner was.
+"""Normals of a map cloud, oriented towards the scanner.
 
-A Poisson surface needs to know which side of every point is free. A scanner saw the point, so the
-free side is the scanner's, and the scanner most likely stood at the nearest place of the trajectory
-that is not hidden from the point by other points: through a floor slab or a wall the nearest place is
-the wrong one. Where no trajectory is known, places are made up that a scanner could have had: above
-flat patches with headroom.
+Poisson reconstruction needs to know which side of each point is free. The scanner saw the point, so the free
+side is the side of the scanner. Its most likely place is the nearest one of the trajectory that other points
+do not hide from the point: behind a slab or a wall, the nearest place is wrong. If no trajectory is known,
+possible places of the scanner are used: above flat patches with headroom.
 """
 
 from __future__ import annotations
@@ -15,10 +14,10 @@ from scipy.spatial import cKDTree
 
 from .open3d_core import o3d
 
-STOREY_M = 2.0  # places are looked up per slice of this height, so that a slab has candidates on both sides
+STOREY_M = 2.0  # height of the slices in which places are searched, so that both sides of a slab have some
 PER_STOREY = 3
 SIGHT_START_VOXELS = 1.5  # the point's own surface must not hide the scanner
-SIGHT_STEPS = 16  # what stands between a point and the wrong scanner place (a slab, a wall) stands close
+SIGHT_STEPS = 16  # few are enough: a slab or a wall that hides a wrong place is close to the point
 EYE_M = 1.2
 HEADROOM_M = 1.5
 FLAT_COSINE = 0.9
@@ -37,7 +36,7 @@ def orient_normals(
     places: NDArray[np.float64] | None,
     voxel_m: float,
 ) -> NDArray[np.float64]:
-    """The (n, 3) normals, each turned to the nearest scanner place in sight of its point.
+    """Orients each of (n, 3) normals towards the nearest scanner place in sight of its point.
 
     Args:
         places: (m, 3) where the scanner was, or None when that is unknown.
@@ -46,7 +45,7 @@ def orient_normals(
     occupied = Occupancy(points, voxel_m)
     if places is None or len(places) == 0:
         places = likely_places(points, normals, occupied)
-    if len(places) == 0:  # nothing flat anywhere: up is the best guess left
+    if len(places) == 0:  # nothing is flat: up is the best guess
         return normals * np.where(normals[:, 2:] < 0, -1.0, 1.0)
     candidates = _candidates(points, places)  # (n, k), nearest first
     sign = np.sign(np.einsum("ni,ni->n", normals, places[candidates[:, 0]] - points))
@@ -65,7 +64,7 @@ def orient_normals(
 
 
 def _candidates(points: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.int64]:
-    """(n, k) indices of the nearest places of every storey, nearest first."""
+    """(n, k) indices of the nearest places of each storey, nearest first."""
     storey = np.floor((places[:, 2] - places[:, 2].min()) / STOREY_M).astype(np.int64)
     found, distances = [], []
     for level in np.unique(storey):

@@ -1,4 +1,4 @@
-"""One block of the map as a surface: normals, screened Poisson, and the parts without data cut away.
+"""Screened Poisson reconstruction of one block of the map; surface without data is cut away.
 
 M. Kazhdan and H. Hoppe, "Screened Poisson surface reconstruction", ACM ToG 32(3), 2013, in Open3D.
 """
@@ -16,22 +16,22 @@ from .mesh import Mesh
 from .open3d_core import o3d
 from .orient_normals import estimate_normals, orient_normals
 
-MIN_POINTS = 50  # below this there is no surface to speak of
+MIN_POINTS = 50  # fewer points make no surface
 
 
 @dataclass(frozen=True)
 class Tile:
-    """The work for one block; pickles, so that it can go to another process or machine.
+    """Reconstruction of one block. Picklable, for other processes and machines.
 
     Attributes:
         points: (n, 3) of the block and its margin.
-        places: (m, 3) where the scanner was, or None.
-        low, high: (2,) the block, metres: what this tile answers for.
+        places: (m, 3) positions of the scanner, or None.
+        low, high: (2,) corners of the block, metres; the result is cut there.
         cell_m: edge of the finest Poisson cell.
-        point_weight: of the points against smoothness, in the screened Poisson equation.
-        trim_m: surface further than this from every point is a guess, and goes.
-        normal_radius_m, normal_neighbours: what a normal is taken from.
-        sight_voxel_m: grain of the line-of-sight test that orients the normals.
+        point_weight: weight of the points against smoothness, in the screened Poisson equation.
+        trim_m: surface further than this from every point is removed, because it is only interpolated.
+        normal_radius_m, normal_neighbours: neighbourhood of a normal.
+        sight_voxel_m: resolution of the line-of-sight test that orients the normals.
     """
 
     points: NDArray[np.float64]
@@ -47,7 +47,7 @@ class Tile:
 
 
 def poisson_tile(tile: Tile) -> Mesh:
-    """The surface of a tile, cut at its block. Bit for bit the same wherever it runs."""
+    """Surface of a tile, cut at its block. The result is the same on every machine, to the last bit."""
     if len(tile.points) < MIN_POINTS:
         return Mesh.empty()
     normals = estimate_normals(tile.points, tile.normal_radius_m, tile.normal_neighbours)
@@ -64,12 +64,12 @@ def poisson_surface(
     points: NDArray[np.float64], normals: NDArray[np.float64], cell_m: float, point_weight: float
 ) -> Mesh:
     """The closed surface through (n, 3) points with (n, 3) outward normals."""
-    # About its own middle: single precision inside the solver loses nothing on a map far from zero.
+    # Relative to its centre: the solver has single precision, and a map may lie far from the origin.
     middle = np.round(points.mean(axis=0))
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points - middle))
     cloud.normals = o3d.utility.Vector3dVector(normals)
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        # One thread: with more, sums change their order and the last bits of the vertices with it.
+        # One thread: with more, the order of sums changes, and with it the last bits of the vertices.
         surface, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(
             cloud,
             depth=0,
@@ -83,7 +83,7 @@ def poisson_surface(
 
 
 def trim_mesh(mesh: Mesh, points: NDArray[np.float64], trim_m: float) -> Mesh:
-    """Only the triangles whose corners all have a point of the map within trim_m."""
+    """Keeps the triangles whose corners all have a point of the map within trim_m."""
     distance, _ = cKDTree(points).query(mesh.vertices, distance_upper_bound=trim_m)
     supported = np.isfinite(distance)
     return mesh.with_triangles(supported[mesh.triangles].all(axis=1))

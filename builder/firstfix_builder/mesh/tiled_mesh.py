@@ -1,4 +1,4 @@
-"""A mesh whose triangles lie tile by tile, so that whoever works at one place reads what is near it."""
+"""A mesh whose triangles are sorted by tile, so that work at one place reads only triangles near it."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class TiledMesh:
 
     @classmethod
     def of(cls, mesh: Mesh) -> TiledMesh:
-        """The mesh of one triangle or more, put in order. Vertices that nobody uses are gone."""
+        """Sorts a mesh of at least one triangle, and removes unused vertices."""
         order, start = by_tiles(mesh.vertices[mesh.triangles].mean(axis=1), TILE_M)
         triangles = mesh.triangles[order]
         tile = np.repeat(np.arange(len(start) - 1), np.diff(start))
@@ -60,13 +60,13 @@ class TiledMesh:
         return cls(ordered, start, vertex_start, low, high)
 
     def save(self, directory: Path) -> None:
-        """The files of ``Mesh.save`` and ``SurfaceCells.save``, tile_start.npy and tile_box.npy."""
+        """Writes the files of ``Mesh.save`` and ``SurfaceCells.save``, tile_start.npy and tile_box.npy."""
         self.mesh.save(directory)
         _save_places(directory, [SurfaceCells.of(self.mesh.vertices, self.mesh.triangles)], self)
 
     @classmethod
     def load(cls, directory: Path) -> TiledMesh:
-        """Memory-mapped: of a part only that part is read."""
+        """Loads a mesh, memory-mapped: only the parts in use are read from the disk."""
         vertices, triangles = (
             np.load(directory / f"{n}.npy", mmap_mode="r") for n in ("vertices", "triangles")
         )

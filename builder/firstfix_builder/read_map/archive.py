@@ -39,7 +39,7 @@ def unpack(archive: Path, folder: Path) -> Path:
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
         raise MalformedData(f"{archive.name}: {' '.join(str(error).split())[:200]}") from None
     except FileExistsError:
-        raise MalformedData(f"{archive.name}: a name stands for a file and for a folder") from None
+        raise MalformedData(f"{archive.name}: a file and a folder have the same name") from None
     inside = list(folder.iterdir())
     if not inside:
         raise MalformedData(f"{archive.name}: there is no file in it")
@@ -53,7 +53,7 @@ def _parts(archive: Path, entry: zipfile.ZipInfo) -> tuple[str, ...]:
         raise MalformedData(f"{archive.name}: {entry.filename[:100]!r} leads out of the folder")
     kind = stat.S_IFMT(entry.external_attr >> 16)
     if kind not in (0, stat.S_IFREG):
-        raise MalformedData(f"{archive.name}: {entry.filename[:100]!r} is no plain file")
+        raise MalformedData(f"{archive.name}: {entry.filename[:100]!r} is not a regular file")
     return path.parts
 
 

@@ -41,7 +41,7 @@ def read_map_file(path: Path) -> MapData:
         raise UnsupportedFormat(RECORDING_REASON)
     if reader is None:
         raise UnsupportedFormat(
-            f"no map is read from a file that ends in {path.suffix!r}; there are {' '.join(READERS)}"
+            f"a file that ends in {path.suffix!r} cannot be read as a map; there are {' '.join(READERS)}"
         )
     if path.stat().st_size == 0:
         raise MalformedData("the file is empty (0 bytes)")

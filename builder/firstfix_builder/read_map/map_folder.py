@@ -64,7 +64,7 @@ def read_map_folder(path: Path) -> MapData:
     if len(clouds) == 1 and clouds[0].points is None:
         return clouds[0]
     if any(cloud.points is None for cloud in clouds):
-        raise MalformedData("a mesh stands where a cloud is expected")
+        raise MalformedData("it is a mesh, but a cloud is expected")
     return MapData(
         points=np.concatenate([cloud.points for cloud in clouds if cloud.points is not None]),
         trajectory=trajectory_in(path),
@@ -96,7 +96,7 @@ def _cloud_names(path: Path, names: set[str]) -> list[str]:
         raise UnsupportedFormat(RECORDING_REASON)
     known = ", ".join(dict.fromkeys(layout.package for layout in LAYOUTS))
     raise UnsupportedFormat(
-        f"the folder is neither a GLIM dump nor of {known}, and holds {len(readable)} map files, not one"
+        f"the folder is neither a GLIM dump nor of {known}, and has {len(readable)} map files instead of one"
     )
 
 

@@ -36,7 +36,7 @@ def _checked(
     if triangles.ndim != 2 or not len(triangles):
         raise MalformedData("the mesh has no triangle")
     if triangles.min() < 0 or triangles.max() >= len(vertices):
-        raise MalformedData(f"a triangle names a vertex that is none of the {len(vertices)}: cut off")
+        raise MalformedData(f"a triangle has a vertex beyond the {len(vertices)} of the file")
     good: NDArray[np.bool_] = np.all(np.abs(vertices) <= MAX_ABS_COORDINATE_M, axis=1)  # NaN compares false
     triangles = triangles[good[triangles].all(axis=1)]
     if not len(triangles):

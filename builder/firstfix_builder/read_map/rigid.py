@@ -1,4 +1,4 @@
-"""Rows of numbers to rigid transforms, refusing what is none."""
+"""Converts rows of numbers to rigid transforms, and refuses rows that are none."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def rigid_matrices(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
         or np.linalg.det(rotations).min() < 0
         or last_row_is_bad
     ):
-        raise MalformedData("poses: a matrix is no rigid transform")
+        raise MalformedData("poses: a matrix is not a rigid transform")
     u, _, vt = np.linalg.svd(rotations)
     T = np.tile(np.eye(4), (len(matrices), 1, 1))
     T[:, :3, :3] = u @ vt

@@ -1,4 +1,4 @@
-"""Files of poses, told apart by name, header and number of columns."""
+"""Reads files of poses. Name, header and number of columns show the format."""
 
 from __future__ import annotations
 

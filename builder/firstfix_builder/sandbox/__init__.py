@@ -1,4 +1,5 @@
-"""The sandbox of a build: a process that reads strangers' files has no store, no network, no other files.
+"""The sandbox of a build: a process that reads untrusted files, without a store, network or other files.
 
-Standard library only, and imported before anything else: what is to be confined must not have begun yet.
+It needs only the standard library, and is imported before anything else: the process confines itself before
+it runs other code.
 """

@@ -1,4 +1,4 @@
-"""Confines this process, before it has read anything of a stranger's."""
+"""Confines this process, before it reads untrusted files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .landlock import SIGNALS_VERSION, allow_only, landlock_version
 from .seccomp import refuse_system_calls
 
 MAX_OPEN_FILES = 4096
-# The system's programs and libraries, and what libraries look for there when they are loaded.
+# Programs and libraries of the system, and files that libraries read when they are loaded.
 _SYSTEM = ("/usr", "/bin", "/lib", "/lib32", "/lib64", "/opt/firstfix")
 _SYSTEM_FILES = (
     "/etc/ld.so.cache",
@@ -22,7 +22,7 @@ _SYSTEM_FILES = (
     "/etc/ssl/openssl.cnf",
     "/dev/urandom",
     "/dev/random",
-    "/proc",  # without what it has of processes outside: Landlock keeps their memory and environment back
+    "/proc",  # Landlock hides the memory and environment of processes outside the sandbox
     "/sys/devices/system",
 )
 _WRITABLE = ("/dev/null", "/dev/shm")  # the second for multiprocessing's semaphores
@@ -33,8 +33,8 @@ class Limits:
     """Resource limits of one process.
 
     Attributes:
-        memory_bytes: of private memory that it may reserve, used or not.
-        file_bytes: of one file.
+        memory_bytes: private memory that it may reserve, used or not.
+        file_bytes: size of one file.
     """
 
     memory_bytes: int
@@ -42,10 +42,10 @@ class Limits:
 
 
 def confine(*, read: tuple[Path, ...], write: tuple[Path, ...], limits: Limits) -> list[str]:
-    """For good, and for all that this process starts. What the kernel has no means for, in words.
+    """Confines this process and its children, permanently. Returns what the kernel cannot confine, as text.
 
     Args:
-        read, write: folders, beside those of the system and of Python.
+        read, write: folders that it may read and write, besides those of the system and of Python.
     """
     missing = []
     end_with_parent()

@@ -1,4 +1,4 @@
-"""Errors of a sandboxed build, as the worker outside raises them."""
+"""Conversion of the failure of a sandboxed build into an error of the worker outside."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from firstfix.errors import BuildCancelled, BuildFailed, FirstfixError, InputErr
 def as_error(said: Any) -> FirstfixError:
     """Returns the error that a sandboxed build reported. A build cannot ask to be run again."""
     if not isinstance(said, dict):
-        return BuildFailed("the build failed without a reason")
+        return BuildFailed("the build failed and gave no reason")
     code, detail = str(said.get("code")), str(said.get("detail"))[:1000]
     if code == FirstfixError.code:
         return FirstfixError(detail)  # a fault of the program itself: the log has it

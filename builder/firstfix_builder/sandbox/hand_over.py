@@ -1,7 +1,7 @@
-"""Takes files out of a folder whose owner is not trusted, and may change it meanwhile.
+"""Takes files out of a folder whose owner is not trusted and may change it at any moment.
 
-A link in that folder could lead the reader to a file of its own, such as its credentials. So no link is
-followed, at no level; and what was taken stands where the other one cannot reach.
+A link in that folder could lead the reader to one of its own files, such as its credentials. So no link is
+followed, at any level. The files that were taken stand in a folder to which the owner has no access.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ def take_files(root: Path, folder: str, into: Path) -> None:
     """Links the files below ``root/folder`` into a new folder, or copies them.
 
     Args:
-        root: a folder that the other one cannot replace.
-        folder: below it, as the other one named it.
+        root: a folder that the owner cannot replace.
+        folder: path below it, as given by the owner.
 
     Raises:
-        BuildFailed: the name leads elsewhere, or there is something that is no plain file.
+        BuildFailed: the path leads elsewhere, or something in the folder is not a regular file.
     """
     into.mkdir(parents=True)
     try:
@@ -78,20 +78,20 @@ def _take(folder: int, into: Path, depth: int, budget: _Budget) -> None:
             finally:
                 os.close(inner)
         else:
-            raise BuildFailed("the build made something that is no plain file")
+            raise BuildFailed("the build made something that is not a regular file")
 
 
 def _take_file(folder: int, name: str, target: Path) -> None:
-    """Looked at again where it is out of reach: it may have been replaced since it was looked at."""
+    """Takes a file, and checks its type again afterwards: the owner may have replaced it meanwhile."""
     try:
         os.link(name, target, src_dir_fd=folder, follow_symlinks=False)
     except OSError:  # another file system, or one without links
         handle = os.open(name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=folder)
         with os.fdopen(handle, "rb") as source:
             if not stat.S_ISREG(os.fstat(source.fileno()).st_mode):
-                raise BuildFailed("the build made something that is no plain file") from None
+                raise BuildFailed("the build made something that is not a regular file") from None
             with target.open("xb") as copy:
                 shutil.copyfileobj(source, copy)
     if not stat.S_ISREG(target.lstat().st_mode):
         target.unlink()
-        raise BuildFailed("the build made something that is no plain file")
+        raise BuildFailed("the build made something that is not a regular file")

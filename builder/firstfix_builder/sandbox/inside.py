@@ -1,8 +1,8 @@
-"""The build's own process, in its sandbox: it confines itself, gets its job and reports the result.
+"""The process of a build in the sandbox: it confines itself, receives its job and reports the result.
 
     python -m firstfix_builder.sandbox.inside --work DIR --sources DIR --say-to HANDLE ...
 
-Standard input brings the job. Nothing but the standard library is imported before the process is confined.
+The job arrives at standard input. Only the standard library is imported before the process is confined.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def main(flows: Callable[[], Flows] = pipeline_flows) -> int:
 
 
 class Outside:
-    """The worker outside: it cancels the build, and brings and takes finished stages."""
+    """The worker outside the sandbox: it cancels the build, and fetches and shares finished stages."""
 
     def __init__(self, speaker: Speaker, lines: Lines, work: Path) -> None:
         self._speaker = speaker
@@ -92,7 +92,7 @@ class Outside:
         return self._cancelled.is_set()
 
     def tick(self, stage: str, fraction: float) -> None:
-        """Reports progress, not more often than every ``TICK_S``."""
+        """Reports progress, at most once in ``TICK_S``."""
         said, at = self._said
         if stage != said or fraction >= 1.0 or time.monotonic() - at >= TICK_S:
             self._said = stage, time.monotonic()
@@ -113,7 +113,7 @@ class Outside:
         return int(self._ask(share=[key, name, str(folder.resolve().relative_to(self._work.resolve()))]))
 
     def publish_provisional(self) -> None:
-        """Has the worker take the provisional version and publish it."""
+        """Asks the worker to publish the provisional version."""
         self._ask(provisional=True)
 
     def _ask(self, **message: Any) -> Any:
@@ -150,7 +150,7 @@ def run_job(flows: Flows, job: dict[str, Any], work: Path, speaker: Speaker, lin
     outside = Outside(speaker, lines, work)
 
     class Trace(BuildTrace):
-        """For the log's lines. The spans are made outside, where the network is."""
+        """Trace for the log lines. The worker outside makes the spans, because it has the network."""
 
         def mark_cached(self, stage: str) -> None:
             speaker.say(cached=stage)

@@ -1,4 +1,4 @@
-"""The system calls that Python has no function for."""
+"""System calls for which Python has no function."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def prctl(option: int, *arguments: int) -> None:
 
 
 def system_call(number: int, *arguments: object) -> int:
-    """Its result.
+    """Makes a system call and returns its result.
 
     Raises:
         OSError: the kernel refuses.
@@ -36,12 +36,12 @@ def system_call(number: int, *arguments: object) -> int:
 
 
 def gain_no_privileges() -> None:
-    """Neither by a program with a set-user bit nor in any other way, from now on."""
+    """Prevents this process from gaining privileges, also by programs with a set-user bit."""
     prctl(_SET_NO_NEW_PRIVS, 1)
 
 
 def end_with_parent() -> None:
-    """This process is killed when the one that started it ends, however that ended."""
+    """Lets the kernel kill this process when its parent ends, even if the parent is killed."""
     parent = os.getppid()
     prctl(_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:  # it has ended meanwhile
@@ -49,7 +49,7 @@ def end_with_parent() -> None:
 
 
 def drop_capabilities() -> None:
-    """All of them, also of root: its user alone is left."""
+    """Drops all capabilities, those of root, too."""
     number = _CAPSET.get(os.uname().machine)
     if number is None:
         return

@@ -2,8 +2,8 @@
 
 The kernel's documentation is Documentation/userspace-api/landlock.rst.
 
-It also keeps a process from looking into others that are not in the same sandbox (their memory, their
-``/proc/<pid>/environ``), and from signalling them.
+It also prevents a process from reading other processes outside its sandbox (their memory, their
+``/proc/<pid>/environ``), and from sending signals to them.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _CREATE_RULESET, _ADD_RULE, _RESTRICT_SELF = 444, 445, 446  # on every machine
 _VERSION, _PATH_BENEATH = 1, 1
 _EXECUTE, _WRITE_FILE, _READ_FILE, _READ_DIR = 1, 2, 4, 8
 _REFER, _TRUNCATE, _IOCTL_DEVICE = 1 << 13, 1 << 14, 1 << 15
-_FIRST_RIGHTS = (1 << 13) - 1  # what the first version knew
+_FIRST_RIGHTS = (1 << 13) - 1  # those of the first version
 _OF_FILES = _EXECUTE | _WRITE_FILE | _READ_FILE | _TRUNCATE | _IOCTL_DEVICE
 _READ = _READ_FILE | _READ_DIR
 _MAKE_DEVICES = 1 << 6 | 1 << 11  # characters, blocks
@@ -30,7 +30,7 @@ SIGNALS_VERSION = 6
 
 
 def landlock_version() -> int:
-    """0 where the kernel has none, or it is switched off."""
+    """Version of Landlock; 0 if the kernel has none, or it is switched off."""
     try:
         return system_call(_CREATE_RULESET, None, ctypes.c_size_t(0), ctypes.c_uint32(_VERSION))
     except OSError:
@@ -38,13 +38,13 @@ def landlock_version() -> int:
 
 
 def allow_only(*, run: Iterable[Path], read: Iterable[Path], write: Iterable[Path]) -> None:
-    """Refuses access to all other files from now on, with EACCES.
+    """Permanently refuses access to all other files, with EACCES.
 
-    Needs PR_SET_NO_NEW_PRIVS, and a process without other threads: they would not be confined.
+    Needs PR_SET_NO_NEW_PRIVS, and a process without other threads, because these would not be confined.
 
     Args:
         run: folders and files that may be read and executed.
-        write: folders in which anything may be made, or devices.
+        write: folders in which files may be created, or devices.
 
     Raises:
         OSError: the kernel has no Landlock, or refuses.

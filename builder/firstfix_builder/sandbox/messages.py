@@ -1,10 +1,10 @@
-"""Messages between a build in its sandbox and the worker outside: one JSON object a line, over two pipes.
+"""Messages between a sandboxed build and the worker outside: one JSON object on each line, over two pipes.
 
 to the build    {"job": {...}}, {"cancel": true}, {"answer": ...} to the last "fetch", "share" or
                 "provisional"
-from the build  {"confined": [what the kernel has no means for]}, {"stage": name, "done": 0..1},
+from the build  {"confined": [what the kernel cannot confine]}, {"stage": name, "done": 0..1},
                 {"cached": stage}, {"chunks": [stage, number, reused]}, {"fetch": key},
-                {"share": [key, stage, folder]}, {"provisional": true}: take it,
+                {"share": [key, stage, folder]}, {"provisional": true}: publish it,
                 {"built": true} or {"failed": {"code", "detail"}}
 """
 
@@ -23,7 +23,7 @@ MAX_LINE_BYTES = 256 << 10
 
 
 class Lines:
-    """Reads messages from a pipe. One thread's."""
+    """Reads messages from a pipe. For use by one thread."""
 
     def __init__(self, handle: int) -> None:
         self._handle = handle
@@ -34,12 +34,12 @@ class Lines:
 
         Raises:
             EOFError: the other side has closed.
-            BuildFailed: it does not hold to the form.
+            BuildFailed: the message is malformed or too long.
         """
         end = time.monotonic() + timeout_s
         while b"\n" not in self._buffer:
             if len(self._buffer) > MAX_LINE_BYTES:
-                raise BuildFailed("the build said too much at once")
+                raise BuildFailed(f"the build sent a message of over {MAX_LINE_BYTES} bytes")
             readable, _, _ = select.select([self._handle], [], [], max(end - time.monotonic(), 0.0))
             if not readable:
                 return None
@@ -53,7 +53,7 @@ class Lines:
         except ValueError:
             message = None
         if not isinstance(message, dict) or len(message) == 0:
-            raise BuildFailed("the build said something that is no message")
+            raise BuildFailed("the build sent a message of no known form")
         return message
 
 
@@ -68,7 +68,7 @@ class Speaker:
         """Sends a message.
 
         Raises:
-            BrokenPipeError: nobody hears it.
+            BrokenPipeError: the other side has closed.
         """
         line = json.dumps(message).encode() + b"\n"
         with self._lock:

@@ -1,6 +1,6 @@
 """Limits on the processes and threads of a process group.
 
-RLIMIT_NPROC does not help: it counts all processes of a user on the machine, those of other containers too,
+RLIMIT_NPROC does not help: it counts all processes of a user on the machine, also those in other containers,
 and does not apply to root.
 """
 
@@ -11,13 +11,13 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-# A build has a process for each processor, and in each of them libraries have a few threads for each.
+# A build has one process for each processor, and in each process a few threads for each processor.
 MAX_PROCESSES = 64 + 4 * (os.cpu_count() or 1)
 MAX_THREADS = 1024 + 16 * (os.cpu_count() or 1) ** 2
 
 
 def too_many_processes(group: int) -> str:
-    """Says which limit the group is over; empty if it holds to all."""
+    """Returns a message about the limit that the group exceeds; empty if it exceeds none."""
     processes = threads = 0
     for count in _threads(group):
         processes += 1
@@ -30,7 +30,7 @@ def too_many_processes(group: int) -> str:
 
 
 def wait_until_ended(group: int, timeout_s: float) -> None:
-    """Until none of the group runs, each of which was killed."""
+    """Waits until no process of the group runs; all of them were killed."""
     end = time.monotonic() + timeout_s
     while any(_threads(group)) and time.monotonic() < end:
         time.sleep(0.01)

@@ -1,4 +1,4 @@
-"""The worker's side of a sandboxed build: starts it, sends it the job, and takes its files over.
+"""The worker's side of a sandboxed build: sends it the job, follows its messages, and takes its files over.
 
 <work>/sources/    files that the build reads
 <work>/build/      files that the build writes: stages, chunks, the version
@@ -11,12 +11,9 @@ import logging
 import math
 import os
 import shutil
-import signal
 import subprocess
-import sys
 import time
 import uuid
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,17 +28,11 @@ from ..job.build_job import BuildJob
 from .failures import as_error, of_exit
 from .hand_over import take_files
 from .messages import Lines, Speaker
-from .process_group import too_many_processes, wait_until_ended
+from .process import SandboxOptions, end_process, start_process
+from .process_group import too_many_processes
 
 _log = logging.getLogger(__name__)
 LOOK_S = 0.2
-END_WITHIN_S = 20.0  # of a process that was killed
-PROGRAM = ("-m", "firstfix_builder.sandbox.inside")
-MIN_FILE_BYTES = 1 << 30
-MIN_MEMORY_BYTES = 4 << 30  # that libraries reserve for threads and heaps
-# The environment variables that a build gets: how to find Python and its libraries.
-_PASSED = ("PATH", "LANG", "LC_ALL", "TZ", "PYTHONPATH", "PYTHONUNBUFFERED", "PYTHONDONTWRITEBYTECODE")
-_PASSED_PREFIXES = ("OMP_", "OPENBLAS_", "MKL_", "LD_LIBRARY_", "MPL")
 
 
 @dataclass(frozen=True)
@@ -52,33 +43,8 @@ class Built:
     manifest: Manifest
 
 
-@dataclass(frozen=True)
-class SandboxOptions:
-    """Options of the sandbox.
-
-    Attributes:
-        required: refuse to build when the kernel cannot confine it completely.
-        max_memory_bytes: memory of all processes of the build together, which the service enforces. One
-            process may reserve twice as much, used or not. None: all memory of the machine.
-        log_level, log_json: of the build's own log.
-        program: the inner side, as arguments of the Python interpreter.
-    """
-
-    required: bool
-    max_memory_bytes: int | None = None
-    log_level: str = "info"
-    log_json: bool = False
-    program: tuple[str, ...] = PROGRAM
-
-    @property
-    def reserved_bytes(self) -> int:
-        """Memory that one process may reserve."""
-        all_bytes = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-        return max(2 * (self.max_memory_bytes or all_bytes), MIN_MEMORY_BYTES)
-
-
 class SandboxedBuild:
-    """Runs one build in its sandbox. No other build may use the folder at the same time.
+    """One build in a sandbox. No other build may use the folder at the same time.
 
     Args:
         work: the worker's folder.
@@ -143,7 +109,7 @@ class SandboxedBuild:
             folder.mkdir(parents=True, exist_ok=True)
         heard, said = os.pipe()
         try:
-            process = self._start(said, scratch)
+            process = start_process(self._options, self._folder, self._sources, scratch, said)
         except BaseException:
             os.close(heard)
             raise
@@ -152,29 +118,9 @@ class SandboxedBuild:
         try:
             self._hear(process, heard, job, self._message(job, read_only))
         finally:
-            _end(process)  # with all that it started: from here on nothing changes its files
+            end_process(process)  # from here on nothing changes its files
             os.close(heard)
             shutil.rmtree(scratch, ignore_errors=True)
-
-    def _start(self, said: int, scratch: Path) -> subprocess.Popen[bytes]:
-        options = {
-            "--work": self._folder,
-            "--sources": self._sources,
-            "--say-to": said,
-            "--memory-bytes": self._options.reserved_bytes,
-            "--file-bytes": max(shutil.disk_usage(self._folder).free, MIN_FILE_BYTES),
-        }
-        return subprocess.Popen(
-            [
-                *(sys.executable, "-P", *self._options.program),
-                *(str(part) for option in options.items() for part in option),
-                *(["--required"] if self._options.required else []),
-            ],
-            stdin=subprocess.PIPE,
-            pass_fds=(said,),
-            env=_environment(scratch, self._folder / "home"),
-            process_group=0,
-        )
 
     def _message(self, job: BuildJob, read_only: bool) -> dict[str, Any]:
         """The job as the inner side reads it."""
@@ -198,7 +144,7 @@ class SandboxedBuild:
         """Follows the build until it is done.
 
         Raises:
-            FirstfixError: it failed, ended without a word, or took more processes than it may.
+            FirstfixError: it failed, ended without a message, or started more processes than it may.
         """
         assert process.stdin is not None
         lines, speaker = Lines(heard), Speaker(process.stdin.fileno())
@@ -233,7 +179,7 @@ class SandboxedBuild:
             case {"provisional": True} if job.publish_provisional is not None:
                 built = self._take_version("provisional")
                 if not built.manifest.provisional:
-                    raise BuildFailed("the build calls a full version provisional")
+                    raise BuildFailed("the build sent a full version as a provisional one")
                 job.publish_provisional(built)
                 speaker.say(answer=True)
             case {"cached": str(stage)} if stage in STAGES:
@@ -253,7 +199,7 @@ class SandboxedBuild:
             case {"failed": said}:
                 raise as_error(said)
             case _:
-                raise BuildFailed("the build said something that is no message")
+                raise BuildFailed("the build sent a message of no known form")
         return False
 
     def _check_confined(self, missing: list[str]) -> None:
@@ -261,12 +207,12 @@ class SandboxedBuild:
             return
         if self._options.required:
             raise BuildFailed(
-                f"the sandbox is not whole on this machine, and it is required: {'; '.join(missing)}"
+                f"the sandbox is required, and incomplete on this machine: {'; '.join(missing)}"
             )
-        _log.warning("the build's sandbox is not whole on this machine: %s", "; ".join(missing))
+        _log.warning("the build's sandbox is incomplete on this machine: %s", "; ".join(missing))
 
     def _fetch(self, key: str) -> str:
-        """The name of a folder of the build's in which the stage was put; empty: there is none."""
+        """Name of the build's folder into which the stage was put; empty if there is no such stage."""
         name = f"fetched-{uuid.uuid4().hex}"  # nobody in the sandbox could put a link there before
         folder = self._taken / name
         folder.mkdir()
@@ -280,31 +226,10 @@ class SandboxedBuild:
 
     def _put(self, key: str, name: str, folder: str) -> int:
         if self._shared is None or name not in STAGES:
-            raise BuildFailed("the build shared something that is no stage")
+            raise BuildFailed("the build shared a stage of no known name")
         taken = self._taken / uuid.uuid4().hex
         try:
             take_files(self._folder, folder, taken)
             return self._shared.put(key, name, taken)
         finally:
             shutil.rmtree(taken, ignore_errors=True)
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """All of the build: none of its processes can leave the group."""
-    assert process.stdin is not None
-    with suppress(ProcessLookupError):
-        os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
-    wait_until_ended(process.pid, END_WITHIN_S)
-    with suppress(BrokenPipeError):
-        process.stdin.close()
-
-
-def _environment(scratch: Path, home: Path) -> dict[str, str]:
-    passed = {
-        name: value
-        for name, value in os.environ.items()
-        if name in _PASSED or name.startswith(_PASSED_PREFIXES)
-    }
-    # libraries keep lists there that take seconds to make, such as that of the fonts
-    return {**passed, "HOME": str(home), "MPLCONFIGDIR": str(home), "TMPDIR": str(scratch)}

@@ -1,8 +1,8 @@
-"""A seccomp filter: system calls that a build has no use for fail with EPERM.
+"""A seccomp filter: system calls that a build does not need fail with EPERM.
 
-A list of what is refused, not of what is allowed: the libraries of a build (open3d, TBB, BLAS, glibc)
-change what they call with every release, and a container's own profile stands around this one. Written
-as BPF here rather than with libseccomp, which neither Python nor the images have.
+It lists the refused calls, not the allowed ones: the libraries of a build (open3d, TBB, BLAS, glibc) make
+other calls in every release, and a container adds its own profile. It is written as BPF, because the images
+have no libseccomp.
 """
 
 from __future__ import annotations
@@ -111,10 +111,10 @@ class _Program(ctypes.Structure):
 
 
 def refuse_system_calls() -> None:
-    """For this process and all that it starts, for good. Needs PR_SET_NO_NEW_PRIVS.
+    """Refuses the system calls to this process and its children, permanently. Needs PR_SET_NO_NEW_PRIVS.
 
     Raises:
-        OSError: the kernel has no seccomp, or this machine's system calls are not known here.
+        OSError: the kernel has no seccomp, or this module has no table for this machine.
     """
     if platform.machine() not in _MACHINES:
         raise OSError(errno.ENOSYS, f"no table of system calls for {platform.machine()}")
@@ -124,7 +124,7 @@ def refuse_system_calls() -> None:
 
 
 def filter_program(machine: str) -> bytes:
-    """The filter in BPF, eight bytes an instruction."""
+    """The filter as BPF code, with eight bytes for each instruction."""
     column, arch = _MACHINES[machine]
     refuse = _return(_ERRNO | errno.EPERM)
     steps = [_load(_ARCH), _skip_unless_equal(arch, 0, 1), _skip_always(1), _return(_KILL_PROCESS)]

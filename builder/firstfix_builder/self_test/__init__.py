@@ -1,1 +1,1 @@
-"""Simulated queries against the finished index: success, calibration, localizability."""
+"""Simulated queries to the finished index: success, calibration, localizability."""

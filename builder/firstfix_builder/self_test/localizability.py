@@ -23,7 +23,7 @@ class Spot:
     Attributes:
         position_m: (3,) where it was taken, in the index's levelled frame.
         outcome: "localized" with a right pose; "unsure", no pose; or "wrong".
-        rival_m: (3,) the place elsewhere that it resembles most, or None.
+        rival_m: (3,) the most similar place elsewhere, or None.
     """
 
     position_m: NDArray[np.float64]
@@ -56,7 +56,7 @@ def grid_of(spots: Sequence[Spot]) -> list[dict[str, object]]:
 
 
 def draw_localizability(map_points: NDArray[np.floating], spots: Sequence[Spot], path: Path) -> None:
-    """PNG: every scan of the self-test by its outcome, and lines to what the unsure ones resemble.
+    """Draws a PNG: each scan of the self-test by its outcome, and lines from unsure ones to similar places.
 
     No date and no tool's name go into the file: equal input gives equal bytes.
     """

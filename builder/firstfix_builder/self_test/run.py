@@ -1,8 +1,7 @@
-"""Before a version is published: can a robot find itself with it, and does it know when not?
+"""The self-test of a version, before it is published.
 
-Held-out, perturbed scans simulated between the templates, and scans of a place that is not in the
-map, go through the real localizer. The outcome is the version's own success rate and the calibration
-of its probabilities (design: a figure nobody measured on this map is not promised).
+Perturbed scans are simulated between the templates, and in a place that is not in the map. The real localizer
+answers them. The results are the success rate of the version, and the calibration of its probabilities.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from .mirrored import is_in_map, mirrored
 from .outcome import RIGHT_M, Outcome
 from .reliability import ABSENT_WEIGHT, Case, bound_of, fit, mirrored_weight, reliability_of
 
-SURE = 0.5  # a mirror image that was found with more may be in the map
+SURE = 0.5  # a mirror image that was found with a higher probability may be in the map
 LIMITS_M = (0.05, 0.2, 0.5, 1)
 
 
@@ -41,14 +40,14 @@ class SelfTest:
     """Results of ``queries`` perturbed scans in the map and ``outside`` scans from elsewhere.
 
     Attributes:
-        mirrored: number of mirror images of the queries that were asked too, and are not in the map.
-        success: "0.2m" and so on to the share of the queries whose best hypothesis is that near.
-        among: the same of any hypothesis: the place was found, whether or not it was ranked first.
+        mirrored: number of mirror images of the queries that were asked, without those that are in the map.
+        success: by limit, such as "0.2m": share of the queries whose best hypothesis is within the limit.
+        among: the same for any hypothesis: the place was found, but not necessarily ranked first.
         localized: share of the queries answered ``localized``.
-        false_accepts: answers ``localized`` that were wrong by over 1 m or 10 degrees, or outside.
-        reliability: ``reliability.reliability_of`` all of them.
-        false_accept_bound: ``reliability.bound_of`` them, their mirror images and their hard negatives.
-        localizability: ``localizability.grid_of`` the queries.
+        false_accepts: number of answers ``localized`` that were off by over 1 m or 10 degrees, or outside.
+        reliability: result of ``reliability.reliability_of`` for all of them.
+        false_accept_bound: result of ``reliability.bound_of``, with mirror images and hard negatives.
+        localizability: result of ``localizability.grid_of`` for the queries.
     """
 
     queries: int
@@ -133,7 +132,7 @@ def run_self_test(
 
 
 def _spots(outcomes: Sequence[Outcome], calibration: Calibration, T_level_map: Matrix) -> list[Spot]:
-    """The queries in the map, each with the place elsewhere that it resembles most."""
+    """The queries in the map, each with the most similar place elsewhere."""
     spots = []
     for outcome in outcomes:
         if outcome.T_level_sensor is None:
@@ -188,7 +187,7 @@ def _summary(
 
 
 def _shares(errors_m: NDArray[np.float64]) -> dict[str, float]:
-    """The share of the errors within each limit."""
+    """Share of the errors within each limit."""
     return {
         f"{limit}m": round(float(np.mean(errors_m <= limit)), 4) if len(errors_m) else 0.0
         for limit in LIMITS_M

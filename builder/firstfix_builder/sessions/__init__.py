@@ -1,1 +1,1 @@
-"""Several sessions of one place as one map: which they are, where each lies, and what they say together."""
+"""Merging of several sessions of one place: reads them, aligns them, checks the result, and makes one map."""

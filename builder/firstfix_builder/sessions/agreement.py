@@ -1,4 +1,4 @@
-"""Do the places that were localized lie where the registration of the clouds puts them?"""
+"""Comparison of the localized places of a session with the transform that the registration found."""
 
 from __future__ import annotations
 
@@ -18,13 +18,16 @@ from .session_map import PlacedSession
 
 @dataclass(frozen=True)
 class Agreement:
-    """The asked places, beside the transform that the registration found.
+    """Agreement of the asked places with the transform that the registration found.
 
     Attributes:
-        asked: number of places; localized: of them with an answer; agreeing: with a hypothesis that agrees.
-        in_both: asked places that lie where a placed session has been; agreeing_in_both: of them.
-        astray_m: (n,) how far off the answers for localized places in both are.
-        position_m: (n, 3) of these places.
+        asked: number of places that were asked.
+        localized: number of these that were localized.
+        agreeing: number of these with a hypothesis that agrees with the transform.
+        in_both: number of asked places at which a placed session has been, too.
+        agreeing_in_both: number of these that agree.
+        astray_m: (n,) errors of the localized places in both sessions, by the transform.
+        position_m: (n, 3) these places.
     """
 
     asked: int

@@ -1,4 +1,4 @@
-"""Scans of one session, localized in another one's index."""
+"""Localizes simulated scans of one session in the index of another session."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ..viewpoints.even_sample import rows_by_place
 from .session_map import SessionMap
 
 PLACES = 48
-PLACE_M = 4.0  # places are drawn square by square of this width
+PLACE_M = 4.0  # edge of the cubes from which places are drawn in turn
 RIVALS = 5  # hypotheses of one place that may vote
 MIN_POINTS = 200  # of a scan
 _DOWN = np.array([0.0, 0.0, -1.0])  # sessions are levelled
@@ -29,13 +29,13 @@ _DOWN = np.array([0.0, 0.0, -1.0])  # sessions are levelled
 
 @dataclass(frozen=True)
 class AskedPlace:
-    """A place of the asked session, and where the other session's index says it is.
+    """A place of the asked session, and its hypotheses in the other session's index.
 
     Attributes:
         position_m: (3,) in the asked session.
-        T_known_asked: (k, 4, 4) between the two sessions, by each hypothesis, the best first.
+        T_known_asked: (k, 4, 4) transform between the two sessions by each hypothesis, best first.
         probability: (k,) of the hypotheses.
-        localized: whether the best one would be an answer.
+        localized: whether the verdict was ``localized``.
     """
 
     position_m: NDArray[np.float64]
@@ -60,7 +60,7 @@ def ask_places(
     *,
     count: int = PLACES,
 ) -> list[AskedPlace]:
-    """Localizes scans of one session, from places all over it, in the other session's index.
+    """Simulates scans at places all over one session, and localizes them in the other session's index.
 
     Raises:
         BuildCancelled: cancelled() said so.
@@ -90,11 +90,11 @@ def ask_places(
 
 
 def moved(T: Matrix, point_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3,) point, or (n, 3) points, brought from the right frame of T to its left one."""
+    """Returns a (3,) point or (n, 3) points, transformed by T from its right frame to its left one."""
     found: NDArray[np.float64] = point_m @ T[:3, :3].T + T[:3, 3]
     return found
 
 
 def translation(offset_m: NDArray[np.float64]) -> Matrix:
-    """(4, 4) transform that moves without turning."""
+    """(4, 4) transform without a rotation."""
     return make_transform(np.eye(3), offset_m)

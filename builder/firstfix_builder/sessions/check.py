@@ -1,4 +1,4 @@
-"""Checks that two sessions, laid on each other, show one place, and that neither is bent."""
+"""Compares two aligned sessions: whether they show the same place, and whether either of them is bent."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ from ..viewpoints.even_sample import rows_by_place
 from .ask_places import moved, scan_at
 from .session_map import SessionMap
 
-SHARED_WITHIN_M = 2.0  # of a place of the other session, a place is in both
+SHARED_WITHIN_M = 2.0  # a place so near to a place of the other session is in both
 PLACES = 40
 PLACE_M = 2.0
-SIGHT_M = 20.0  # rays that go further see the ends of a session more than the place
-SAME_M, SAME_PER_M = 0.2, 0.01  # ranges that show the same surface
+SIGHT_M = 20.0  # longer rays show where a session ends rather than the place
+SAME_M, SAME_PER_M = 0.2, 0.01  # difference of two ranges to the same surface, at most
 PATCH_VOXEL_M = 0.15
-MIN_PATCH_POINTS, MIN_MAPPED = 300, 0.7  # share of what is seen from a place that both must have
-HELD_PAIRS, HELD_ARM_M = 50.0, 3.0  # pairs that hold a patch in a direction, and how far off about an axis
+MIN_PATCH_POINTS, MIN_MAPPED = 300, 0.7  # points seen from a place that both have: number, and share
+HELD_PAIRS, HELD_ARM_M = 50.0, 3.0  # pairs that fix a direction; about an axis, their distance from it
 
 
 @dataclass(frozen=True)
 class SharedPlace:
-    """A place that both sessions saw, and what they saw from it.
+    """A place that both sessions saw, and a comparison of their views from it.
 
     Attributes:
         position_m: (3,) in the session that was placed.
-        rays: number of rays that meet something in both.
-        same: 0..1, share of them that show the same surface in both.
-        things: rays to things that both have, and to things that only one has.
-        offset: how far off the surfaces around the place lie, in metres, and how far they are turned, in
-            degrees; None: too little of them is in both.
+        rays: number of rays that meet a surface in both sessions.
+        same: 0..1, share of these that meet the same surface.
+        things: number of rays to things that both have, and to things that only one has.
+        offset: offset of the surfaces around the place, in metres and in degrees; None: too little of them is
+            in both sessions.
     """
 
     position_m: NDArray[np.float64]
@@ -52,7 +52,7 @@ class SharedPlace:
 def shared_places(
     placed: SessionMap, grids: MapSurface, known: SessionMap, T_known_placed: Matrix
 ) -> list[SharedPlace]:
-    """Looks around from places that are in both sessions, in one and in the other.
+    """Compares the simulated views of two sessions from places that are in both.
 
     Args:
         grids: surface of the known session.
@@ -71,7 +71,7 @@ def shared_places(
             continue
         here, there, seen = here[both], there[both], rays.directions[both].astype(np.float64)
         same = np.abs(here - there) <= SAME_M + SAME_PER_M * here
-        # the nearer surface is the thing, where only one session has it
+        # where only one session has a thing, the nearer surface is the thing
         points = position_m + np.minimum(here, there)[:, None] * seen
         floor_z = position_m[2] - height_m
         floor_known_z = moved(T_known_placed, np.array([*position_m[:2], floor_z]))[2]
@@ -89,7 +89,7 @@ def shared_places(
 def rows_in_both(
     position_m: NDArray[np.float64], known: SessionMap, T_known_placed: Matrix
 ) -> NDArray[np.int64]:
-    """Rows of those of (n, 3) positions that are near a place of the known session."""
+    """Rows of the (n, 3) positions that are near a place of the known session."""
     away_m, _ = cKDTree(known.position_m).query(
         moved(T_known_placed, position_m), distance_upper_bound=SHARED_WITHIN_M
     )
@@ -99,10 +99,10 @@ def rows_in_both(
 def _offset(
     points: NDArray[np.float32], grids: MapSurface, T_known_sensor: Matrix
 ) -> tuple[float, float] | None:
-    """Step that lays what is seen from a place on the surface best, in metres and degrees.
+    """Correction that aligns the points seen from a place with the known surface, in metres and degrees.
 
-    Directions in which it could slide or turn freely, as along a corridor, do not count. None: the known
-    session saw too little of it.
+    Directions that the surface does not fix, such as along a corridor, do not count. None: the known session
+    saw too little of these points.
     """
     near = voxel_means(points[np.linalg.norm(points, axis=1) < SIGHT_M], PATCH_VOXEL_M)
     at = moved(T_known_sensor, near) - grids.coarse.corner
@@ -120,6 +120,6 @@ def _offset(
 
 
 def _held(step: NDArray[np.float64], information: NDArray[np.float64], strength: float) -> float:
-    """Length of a step in the directions that the surface holds with at least this strength."""
+    """Length of a correction in the directions that the surface fixes with at least this strength."""
     values, vectors = np.linalg.eigh(information)
     return float(np.linalg.norm(vectors[:, values >= strength].T @ step))

@@ -1,4 +1,4 @@
-"""The transform between two sessions that most localized places agree on."""
+"""Consensus: the transform between two sessions with which most localized places agree."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from firstfix.transform import Matrix
 
 from .ask_places import AskedPlace
 
-NEAR_M = 0.5  # places that agree put each other within this,
-NEAR_PER_M = 0.012  # and this for each metre between them: a scan's heading is known to some 0.5 degrees
+NEAR_M = 0.5  # error of one place by the transform of another, at most,
+NEAR_PER_M = 0.012  # and for each metre between them: the heading of a fix has errors of about 0.5 degrees
 NEAR_DEG = 4.0
-MIN_PROBABILITY = 0.05  # of a hypothesis that may be what others agree with
+MIN_PROBABILITY = 0.05  # of a hypothesis whose transform others may vote for
 
 
 @dataclass(frozen=True)
 class Consensus:
-    """A transform, and who is for it.
+    """A transform and its votes.
 
     Attributes:
         T_known_asked: (4, 4).
         agreeing: rows of the places that agree, ascending.
         votes: sum of their probabilities.
-        rival_votes: those of the best transform that is another one.
+        rival_votes: votes of the best different transform.
     """
 
     T_known_asked: Matrix
@@ -36,9 +36,9 @@ class Consensus:
 
 
 def consensus_of(places: Sequence[AskedPlace]) -> Consensus | None:
-    """The transform with the most votes. Every place votes once for each transform it agrees with.
+    """The transform with the most votes. Each place has one vote for each transform that it agrees with.
 
-    A vote counts as much as the probability of the hypothesis that agrees. None: no place was localized.
+    The weight of a vote is the probability of the hypothesis that agrees. None: there is no hypothesis.
     """
     owner = np.repeat(np.arange(len(places)), [len(place.probability) for place in places]).astype(np.int64)
     if not len(owner):
@@ -61,10 +61,11 @@ def consensus_of(places: Sequence[AskedPlace]) -> Consensus | None:
 def agrees(
     T_one: NDArray[np.float64], T_other: Matrix, position_m: NDArray[np.float64], from_m: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Returns whether each of (n, 4, 4) transforms puts its own (n, 3) position where the other one does.
+    """Returns for each of (n, 4, 4) transforms whether the other one moves the (n, 3) position equally.
 
     Args:
-        from_m: (3,) where the other one was measured: the further away, the more its heading matters.
+        from_m: (3,) position at which the other one was measured: errors of its heading grow with the
+            distance.
     """
     here = np.einsum("nij,nj->ni", T_one[:, :3, :3], position_m) + T_one[:, :3, 3]
     there = position_m @ T_other[:3, :3].T + T_other[:3, 3]

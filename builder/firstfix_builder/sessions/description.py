@@ -1,4 +1,4 @@
-"""``sessions.yaml``: a folder that holds several sessions of one place says which they are."""
+"""Reads ``sessions.yaml``: the list of the sessions in a folder."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ class Session(BaseModel):
     """One session, as the file describes it.
 
     Attributes:
-        source: path below the folder, of a map file or the folder of a SLAM package.
-        trajectory: path below the folder, of the mapping run's poses; None: those in the source, if any.
-        T_map_session: rows of the 4x4 transform that brings the session's coordinates to the map's; None: it
-            is found.
-        align: True where the transform is to be found.
+        source: path below the folder, to a map file or to the folder of a SLAM package.
+        trajectory: path below the folder, to the poses of the mapping run; None: those in the source, if any.
+        T_map_session: rows of the 4x4 transform from the session's coordinates to the map's; None: the build
+            finds it.
+        align: True: the build finds the transform.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -58,7 +58,7 @@ class Session(BaseModel):
             try:
                 rigid_matrices(np.array([self.T_map_session]))
             except MalformedData:
-                raise ValueError("T_map_session is no rigid transform") from None
+                raise ValueError("T_map_session is not a rigid transform") from None
         elif self.align is False:
             raise ValueError("align: false needs T_map_session")
         return self
@@ -86,7 +86,7 @@ class _Description(BaseModel):
 
 
 def description_in(source: Path) -> Path | None:
-    """The file in a source's folder that lists its sessions, or None: it is one map."""
+    """Path of the file that lists a folder's sessions; None: the folder is one map."""
     return next((source / name for name in FILE_NAMES if (source / name).is_file()), None)
 
 
@@ -94,8 +94,8 @@ def read_description(path: Path) -> tuple[Session, ...]:
     """The sessions of a folder, in order. The first one's frame is the map's, unless it has a transform.
 
     Raises:
-        MalformedData: the file is not as ``Session`` says; or a path leads out of the folder.
-        NotFound: a path leads to nothing.
+        MalformedData: the file does not match ``Session``, or a path leads out of the folder.
+        NotFound: there is no file at a path.
         TooLarge: the file is over 64 KB.
     """
     if path.stat().st_size > MAX_BYTES:
@@ -118,7 +118,7 @@ def read_description(path: Path) -> tuple[Session, ...]:
 
 
 def _check(folder: Path, named: str) -> None:
-    """A link could lead out of the folder, so where it leads counts."""
+    """Checks the target of a path, because a link could lead out of the folder."""
     target = (folder / named).resolve()
     if not target.is_relative_to(folder.resolve()):
         raise MalformedData(f"{named}: it leads out of the folder")

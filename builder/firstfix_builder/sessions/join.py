@@ -1,4 +1,4 @@
-"""Registration of one session's whole surface with that of the sessions that are placed."""
+"""Registration of the whole surface of a session with the surface of the placed sessions."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from .ask_places import moved, translation
 
 POINTS = 60_000  # of the surface that is registered, from all of its places
 PLACE_M = 0.5
-PAIR_M = 0.3  # surfaces of one thing lie within this,
-PAIR_COSINE = 0.8  # and face the same way
+PAIR_M = 0.3  # distance of two surfaces of one thing, at most,
+PAIR_COSINE = 0.8  # and cosine between their normals, at least
 _STEPS = ((True, 0.9, 20), (False, 0.5, 30), (False, 0.2, 30))  # coarse grid or not, reach in m, iterations
 _HALF_ANGLE = 0.2
 
@@ -29,9 +29,9 @@ class Overlap:
     """Common part of two surfaces.
 
     Attributes:
-        share: 0..1, of the moved surface that has its pair in the other one.
+        share: 0..1, of the moved surface's points that have a pair in the other surface.
         residual_m: median distance of the pairs, point to plane.
-        paired_m: (m, 3) the moved surface's points that have a pair, in their own frame.
+        paired_m: (m, 3) points of the moved surface that have a pair, in their own frame.
     """
 
     share: float
@@ -40,7 +40,7 @@ class Overlap:
 
 
 class PlacedSurface:
-    """The surface of all sessions that are placed, to register others with.
+    """The surface of all placed sessions, for the registration of another one.
 
     Args:
         surface: in the frame of the first session.
@@ -50,18 +50,18 @@ class PlacedSurface:
         self.grids = MapSurface.of(surface, RegistrationConfig())
 
     def join(self, surface: Surface, T_first_session: Matrix) -> Matrix:
-        """Registers a session's surface, over all of the overlap at once.
+        """Registers the surface of a session, with the whole overlap at once.
 
         Args:
-            T_first_session: (4, 4) within a metre where the surfaces overlap.
+            T_first_session: (4, 4) with errors below a metre in the overlap.
 
         Returns:
-            (4, 4) T_first_session.
+            (4, 4) the better T_first_session.
         """
         some = _even(surface)
         for coarse, reach_m, iterations in _STEPS:
             grid = self.grids.coarse if coarse else self.grids.fine
-            # about the overlap's centre: there, turning and moving hardly depend on each other
+            # about the centre of the overlap: there, rotation and translation hardly depend on each other
             paired_m = self.overlap(some, T_first_session, within_m=reach_m).paired_m
             if not len(paired_m):
                 return T_first_session
@@ -81,7 +81,7 @@ class PlacedSurface:
         return T_first_session
 
     def overlap(self, surface: Surface, T_first_session: Matrix, within_m: float = PAIR_M) -> Overlap:
-        """Returns which part of a session's surface lies on the placed one, and how near."""
+        """Returns the part of a session's surface that lies on the placed one, and the distance there."""
         some = _even(surface)
         grid = self.grids.fine
         points = (moved(T_first_session, some.points.astype(np.float64)) - grid.corner).astype(np.float32)

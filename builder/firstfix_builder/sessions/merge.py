@@ -1,4 +1,4 @@
-"""Places all sessions of a folder, and lays them together as one map."""
+"""Places all sessions of a folder, and merges their clouds into one map."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .session_map import PlacedSession, SessionMap
 
 @dataclass(frozen=True)
 class ReadSession:
-    """A session as the reader left it, in its levelled frame.
+    """A session after reading, in its levelled frame.
 
     Attributes:
         points: (n, 3) its cleaned cloud.
@@ -41,7 +41,7 @@ class MergedSessions:
     """Sessions as one map, in the levelled frame of the first.
 
     Attributes:
-        points: (n, 3) of all sessions, those that a later session saw through left out.
+        points: (n, 3) of all sessions, without those that a later session saw through.
         trajectory: (m, 4, 4) of all sessions that have one, in their order, or None.
         T_map_first: (4, 4) to the map's coordinates.
         record: for the version's manifest, one entry for each session.
@@ -63,16 +63,16 @@ def merge(
 ) -> MergedSessions:
     """Merges two or more sessions.
 
-    A session whose transform is not given is aligned with those that are placed. One that finds no place is
-    tried again when others have found theirs.
+    A session without a given transform is aligned with the placed ones. A session that cannot be placed is
+    tried again after the others.
 
     Args:
-        map_of: makes the index of a session, by its number. Called when it is needed.
+        map_of: makes the index of a session, by its number; called only where an index is needed.
         simulator_of: makes the mesh of a session, which is less work.
-        placed_one: called when a session was aligned.
+        placed_one: called after each session that was aligned.
 
     Raises:
-        BuildFailed: a session cannot be placed; the message names it and says why.
+        BuildFailed: a session cannot be placed; the message has its name and the reason.
         BuildCancelled: cancelled() said so.
     """
     first = read[0]
@@ -115,13 +115,13 @@ def _together(
     removed = [0] * len(read)
     for number, one in enumerate(read[1:], start=1):
         if one.trajectory is None:
-            continue  # nobody knows where it was seen from
+            continue  # the sensor positions are not known
         for earlier in range(number):
             cloud = transform_points(inverse(T[number]), clouds[earlier])
             gone = seen_through(cloud, simulator_of(number), one.trajectory)
             clouds[earlier] = clouds[earlier][~gone]
             removed[earlier] += int(gone.sum())
-    driven = [T[n] @ one.trajectory for n, one in enumerate(read) if one.trajectory is not None]
+    trajectories = [T[n] @ one.trajectory for n, one in enumerate(read) if one.trajectory is not None]
     record = []
     for number, one in enumerate(read):
         T_map_session = T_map_first @ T[number] @ inverse(one.T_session_level)
@@ -135,5 +135,5 @@ def _together(
                 "evidence": evidence.get(number),
             }
         )
-    trajectory = np.concatenate(driven) if driven else None
+    trajectory = np.concatenate(trajectories) if trajectories else None
     return MergedSessions(np.concatenate(clouds), trajectory, T_map_first, record)

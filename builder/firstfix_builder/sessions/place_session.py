@@ -1,4 +1,4 @@
-"""Places a session among those that are placed, or gives the reason why not."""
+"""Finds the transform of a session to the placed ones, or the reason why there is none."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .session_map import PlacedSession, SessionMap
 
 @dataclass(frozen=True)
 class Placement:
-    """Transform of a session, with the evidence for it.
+    """Transform of a session, with the figures that support it.
 
     Attributes:
         T_first_session: (4, 4), between levelled frames.
@@ -36,7 +36,7 @@ class Placement:
 
 @dataclass(frozen=True)
 class NotPlaced:
-    """The reason why a session was not placed, for people."""
+    """The reason why a session was not placed, as text for the user."""
 
     reason: str
 
@@ -47,7 +47,7 @@ def place_session(
     executor: Executor,
     cancelled: Callable[[], bool],
 ) -> Placement | NotPlaced:
-    """Localizes the session's scans in the placed ones, registers the clouds, and checks what it finds.
+    """Localizes scans of the session in the placed ones, registers the clouds, and checks the result.
 
     Raises:
         BuildCancelled: cancelled() said so.
@@ -89,7 +89,7 @@ def _evidence(
     overlap: Overlap,
     shared: Sequence[SharedPlace],
 ) -> dict[str, Any]:
-    """Rounded: the digest of a version must not hang on the last bit."""
+    """Figures for the record, rounded: the digest of a version must not depend on their last bits."""
     offsets = [place.offset for place in shared if place.offset is not None]
     return {
         "places_asked": asked.asked,

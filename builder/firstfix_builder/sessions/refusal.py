@@ -1,4 +1,4 @@
-"""Reasons not to merge a session: sentences that say what was found, and how much of it is needed."""
+"""Reasons to refuse a session, as text: each has the measured value and, where there is one, the limit."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from .check import SharedPlace
 from .consensus import Consensus
 from .join import Overlap
 
-MIN_AGREEING = 5  # places, and this share of those that both sessions have:
-MIN_AGREEING_SHARE = 0.4
-MIN_VOTES = 5.0  # sum of probabilities,
-MIN_LEAD = 2.0  # and so many times the votes of any other transform
+MIN_AGREEING = 5  # places
+MIN_AGREEING_SHARE = 0.4  # of the places that are in both sessions
+MIN_VOTES = 5.0  # sum of probabilities
+MIN_LEAD = 2.0  # ratio to the votes of any other transform
 MIN_OVERLAP = 0.05
 MAX_RESIDUAL_M = 0.08
-MIN_SAME = 0.7  # median share of the view from places of both
-MIN_THINGS, MIN_THINGS_SAME = 0.03, 0.35  # share of the view that is things; and of these, in both sessions
+MIN_SAME = 0.7  # median share of equal rays, over the places in both sessions
+MIN_THINGS, MIN_THINGS_SAME = 0.03, 0.35  # share of rays to things; of these, to things of both sessions
 MAX_OFFSET_M, MAX_OFFSET_DEG = 0.2, 1.5
-MAX_OFF_SHARE = 0.1  # of the places may be off by more
-BENT_WITHIN_M = 6.0  # a place that is localized off by less than this is of a bent map, by more a mistake
+MAX_OFF_SHARE = 0.1  # of the places that may be off by more
+BENT_WITHIN_M = 6.0  # smaller errors of a localized place show a bent map, larger ones a wrong answer
 
 
 def no_consensus(votes: Sequence[AskedPlace], found: Consensus | None) -> str | None:
-    """Refuses what too few places agree on, or what they agree on at two positions."""
+    """Refuses a transform with which too few places agree, and one with a strong rival."""
     asked = len({tuple(place.position_m) for place in votes})
     if not asked:
-        return "no place of it shows enough to be localized"
+        return "no place of it shows enough surface to be localized"
     votes_for = 0.0 if found is None else found.votes
     if found is None or len(found.agreeing) < MIN_AGREEING or votes_for < MIN_VOTES:
         return (
-            f"too little overlap: {asked} places of it were looked for, and those that agree on where it is "
-            f"have {votes_for:.1f} votes, where {MIN_VOTES:.0f} are needed"
+            f"too little overlap: {asked} places of it were searched for; those that agree on a transform "
+            f"have {votes_for:.1f} votes, and {MIN_VOTES:.0f} votes of {MIN_AGREEING} places are needed"
         )
     if found.votes < MIN_LEAD * found.rival_votes:
         return (
@@ -45,7 +45,7 @@ def no_consensus(votes: Sequence[AskedPlace], found: Consensus | None) -> str | 
 
 
 def not_one_place(asked: Agreement, overlap: Overlap, shared: Sequence[SharedPlace]) -> str | None:
-    """Refuses sessions that show too little of one place, or two places."""
+    """Refuses sessions with too little in common, and sessions of two places that look alike."""
     if overlap.share < MIN_OVERLAP or len(shared) < MIN_AGREEING:
         return (
             f"too little overlap: {overlap.share:.0%} of its surface lies on the others', and {len(shared)} "
@@ -66,22 +66,22 @@ def not_one_place(asked: Agreement, overlap: Overlap, shared: Sequence[SharedPla
     if things >= MIN_THINGS and things_same < MIN_THINGS_SAME:
         return (
             "it may be another place that looks alike, such as another storey: only "
-            f"{things_same:.0%} of what stands about is the same"
+            f"{things_same:.0%} of the things in it are the same"
         )
     if overlap.residual_m > MAX_RESIDUAL_M:
-        return f"the surfaces lie {overlap.residual_m:.2f} m apart in the median, after registration"
+        return f"after registration the surfaces lie {overlap.residual_m:.2f} m apart (median)"
     return None
 
 
 def things_of(shared: Sequence[SharedPlace]) -> tuple[float, float]:
-    """Share of the rays that meet things, and the share of these that meet the same in both sessions."""
+    """Share of the rays that meet things, and share of these that meet the same thing in both sessions."""
     same, other = (sum(place.things[which] for place in shared) for which in (0, 1))
     rays = sum(place.rays for place in shared)
     return (same + other) / max(rays, 1), same / max(same + other, 1)
 
 
 def bent(asked: Agreement, shared: Sequence[SharedPlace]) -> str | None:
-    """Refuses a session that no rigid transform lays on the others."""
+    """Refuses a session that no rigid transform aligns with the others."""
     off = [(*place.offset, place.position_m) for place in shared if place.offset is not None]
     astray = asked.astray_m < BENT_WITHIN_M
     off += [(float(m), 0.0, p) for m, p in zip(asked.astray_m[astray], asked.position_m[astray], strict=True)]

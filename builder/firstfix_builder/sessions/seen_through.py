@@ -1,4 +1,4 @@
-"""Points of an earlier session that a later one saw through: what was there is gone."""
+"""Finds points of an earlier session that a later one saw through: the thing there has left."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from ..simulation.simulate import Simulator
 FAR_FROM_SURFACE_M = 0.3  # points nearer to the later session's surface are still there
 SIGHT_M = 15.0
 BEHIND_M = 0.3  # the surface that the ray meets is at least this far behind the point
-WITNESSES = 6  # nearest places of the later run that are asked about a point
-MIN_WITNESSES = 2  # that must have seen through it
+WITNESSES = 6  # nearest sensor positions of the later run, from which a point is looked at
+MIN_WITNESSES = 2  # of these that must have seen through it
 PLACE_STEP_M = 0.5
 _AT_ONCE = 200_000
 
@@ -22,10 +22,10 @@ def seen_through(
 ) -> NDArray[np.bool_]:
     """Returns for each of (n, 3) earlier points whether the later session saw through it.
 
-    The later run's own sensor positions count alone: from other places nobody knows what was seen.
+    Only the sensor positions of the later run count: nothing is known about the view from other places.
 
     Args:
-        simulator: mesh of the later session; all is in its frame.
+        simulator: mesh of the later session, in whose frame all arguments are.
         trajectory: (m, 4, 4) of the later session's sensor.
     """
     gone = np.zeros(len(points), np.bool_)
@@ -56,6 +56,6 @@ def _witnesses(
 
 
 def _thinned(positions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """One position of every half metre: a robot that stood still is one witness."""
+    """One position for each half metre: a robot that stood still counts once."""
     _, first = np.unique(np.floor(positions / PLACE_STEP_M), axis=0, return_index=True)
     return positions[np.sort(first)]

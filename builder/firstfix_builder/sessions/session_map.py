@@ -1,4 +1,4 @@
-"""One session as a map of its own: what the alignment of sessions works with."""
+"""A session with its own index, for the alignment of sessions."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ class SessionMap:
     """A session with an index of its own. Everything is in the session's levelled frame, metres.
 
     Attributes:
-        name: of the session, for people.
+        name: of the session, for messages.
         simulator: its reconstructed mesh.
-        sensor: scans are simulated with it.
-        position_m: (v, 3) where a robot's sensor may stand.
+        sensor: sensor model of the simulated scans.
+        position_m: (v, 3) viewpoints of the sensor.
         height_m: (v,) of these over the floor.
-        surface: what is seen from there, thinned, with normals that point to who sees it.
+        surface: surface that is seen from there, thinned, with normals that point to the sensor.
         localizer: over its index.
     """
 
@@ -48,7 +48,7 @@ class SessionMap:
         points: NDArray[np.float32],
         found: Localizer,
     ) -> SessionMap:
-        """The parts of an index that the alignment needs.
+        """Takes the parts of an index that the alignment needs.
 
         Args:
             points: (n, 3) of the index's surface.
@@ -67,18 +67,18 @@ class SessionMap:
 
     @cached_property
     def things(self) -> Things:
-        """Things that stand about."""
+        """Classifier of things and tall surfaces."""
         return Things(self.surface)
 
     @property
     def T_level_map(self) -> Matrix:
-        """(4, 4) from the frame of the index's answers to the levelled one."""
+        """(4, 4) from the frame of the answers to the levelled frame."""
         return inverse(self.localizer.index.T_map_level)
 
 
 @dataclass(frozen=True)
 class PlacedSession:
-    """A session and where it lies.
+    """A session and its transform to the first one.
 
     Attributes:
         T_first_session: (4, 4) from its levelled frame to that of the first session.

@@ -35,22 +35,22 @@ from .merge import ReadSession, merge
 from .session_map import SessionMap
 
 SESSIONS_FILE = "sessions.json"
-NEAR_TRAJECTORY_M = 5.0  # where a session was mapped well, if it says where it was mapped from
+NEAR_TRAJECTORY_M = 5.0  # distance from the trajectory within which a session is mapped well
 
 
 @dataclass(frozen=True)
 class SessionStages(BuildStages):
-    """The stages of a build, the first of which merges a source's sessions if it has several."""
+    """The stages of a build. The first one merges the sessions of the source, if it has several."""
 
     def read_map(self, source: Path, trajectory: Path | None) -> StageResult:
-        """The map, all sessions of a folder with a ``sessions.yaml`` as one map, or either in an archive."""
+        """The map: of one file or folder, of the sessions in a folder, or of an archive of a folder."""
         if source.suffix.lower() == SUFFIX and source.is_file():
             return self._unpacked(source, trajectory)
         described = description_in(source) if source.is_dir() else None
         if described is None:
             return super().read_map(source, trajectory)
         if trajectory is not None:
-            raise InvalidOption(f"the trajectories of several sessions stand in {described.name}")
+            raise InvalidOption(f"give the trajectories of several sessions in {described.name}")
 
         def produce(out: Path) -> None:
             with within_a_stage():
@@ -59,10 +59,10 @@ class SessionStages(BuildStages):
         return self._stage("read_map", {"source": content_hash(source)}, self._chosen("sessions"), produce)
 
     def _unpacked(self, archive: Path, trajectory: Path | None) -> StageResult:
-        """The map in an archive, read as the folder that it was made from."""
+        """The map of an archive, which is unpacked and read like a folder."""
 
         def produce(out: Path) -> None:
-            folder = unpack(archive, out.parent / "unpacked")  # goes as the stage is done
+            folder = unpack(archive, out.parent / "unpacked")  # removed when the stage is done
             with within_a_stage():
                 read = self.read_map(folder, trajectory)
             for path in read.directory.iterdir():
@@ -112,9 +112,10 @@ class SessionStages(BuildStages):
         (out / SESSIONS_FILE).write_text(json.dumps(merged.record, sort_keys=True, indent=1) + "\n")
 
     def _lean(self) -> SessionStages:
-        """The stages that make a session's own index, as far as its alignment needs it.
+        """The stages that make the index of one session, reduced to what its alignment needs.
 
-        Its sensor and spacing are always the same, so that a map for another sensor reuses the transforms.
+        The sensor and the spacing are always the same, so that a build for another sensor reuses the
+        transforms.
         """
         config = BuildConfig(
             axis=self.config.axis,
@@ -127,13 +128,13 @@ class SessionStages(BuildStages):
 
 
 class _Steps:
-    """Progress of a stage that consists of other stages, several times over."""
+    """Progress of a stage that runs other stages several times."""
 
     def __init__(self, count: int, progress: Callable[[float], None]) -> None:
         self._count, self._progress, self._done = count, progress, 0
 
     def within(self, stage: str, fraction: float) -> None:
-        """Tells how far the step is that is under way."""
+        """Reports the progress of the current step."""
         done = self._done + (STAGES.index(stage) + fraction) / len(STAGES)
         self._progress(min(done / self._count, 1.0))
 
@@ -149,7 +150,7 @@ def _result(lean: SessionStages, source: Path, session: Session) -> StageResult:
     with _naming(session.source):
         result = BuildStages.read_map(lean, source / session.source, trajectory)
         if not (result.directory / "points.npy").exists():
-            raise MalformedData("a mesh, and only clouds can be merged")
+            raise MalformedData("it is a mesh, and only clouds can be merged")
     return result
 
 

@@ -1,4 +1,4 @@
-"""Things in a place, told from its walls and floor. Storeys of a building may differ in nothing else."""
+"""Classifies points as things or as tall surfaces. Storeys of a building may differ only in their things."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from firstfix.engine.registration.surface import Surface
 
 CELL_M = 0.25
-TALL_M = 2.2  # what is upright over more than this is a wall, a pillar, a facade or a rack
+TALL_M = 2.2  # higher upright surfaces are walls, pillars, facades or racks
 UPRIGHT_NZ = 0.5
-ABOVE_FLOOR_M = (0.2, 2.0)  # things are looked for at this height
+ABOVE_FLOOR_M = (0.2, 2.0)  # heights at which things are searched for
 
 
 class Things:
-    """Tells things from tall surfaces. Immutable.
+    """Separates things from tall surfaces. Immutable.
 
     Args:
         surface: of a session, z up.
@@ -36,10 +36,10 @@ class Things:
         self._tall = around
 
     def among(self, points: NDArray[np.float64], floor_z: float) -> NDArray[np.bool_]:
-        """Returns whether each of (n, 3) points of the surface is of a thing.
+        """Returns for each of (n, 3) points of the surface whether it belongs to a thing.
 
         Args:
-            floor_z: of the place from which the points are seen.
+            floor_z: height of the floor at the place from which the points are seen, metres.
         """
         cell = self._cell(points)
         inside = ((cell >= 0) & (cell < self._tall.shape)).all(axis=1)

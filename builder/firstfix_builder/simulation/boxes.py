@@ -1,4 +1,4 @@
-"""Upright boxes that stand in a world: as a mesh, and as regions of space."""
+"""Upright boxes in a world, as a mesh and as regions of space."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Boxes:
     Attributes:
         centre_m: (n, 3).
         half_m: (n, 3) half of length, width and height.
-        yaw: (n,) radians, of the length.
+        yaw: (n,) radians, direction of the length.
     """
 
     centre_m: NDArray[np.float64]
@@ -35,7 +35,7 @@ class Boxes:
 
     @classmethod
     def none(cls) -> Boxes:
-        """No box."""
+        """An empty set of boxes."""
         return cls(np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
 
     def __len__(self) -> int:

@@ -1,8 +1,8 @@
-"""The world of one scan, which has more than the map, and less.
+"""Simulates changes between the map and the world of a scan: unmapped surfaces, and things that have left.
 
-A mapping run misses surfaces: a room that it only saw through the door, the back of a shelf. Later, mapped
-things leave. The mesh of the map has none of this, so a scan simulated there fits the map better than a real
-one.
+A mapping run misses surfaces, such as the back of a shelf or a room that it saw only through the door. Later,
+mapped things leave. The mesh of the map shows neither, so a scan that is simulated in it fits the map better
+than a real scan does.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from .boxes import Boxes
 from .rays import Rays
 from .simulate import Simulator, upright
 
-_COLUMNS, _RISES = 180, 128  # of azimuth and of height, in which holes are told from the sky
+_COLUMNS, _RISES = 180, 128  # grid over azimuth and height that separates holes from the sky
 _COMPARED_RAYS = 96
-_SECTORS = (1, 3)  # least and largest number of those in which surfaces were missed
-_WIDEST = 0.5  # of all azimuth: most of a place has been mapped
+_SECTORS = (1, 3)  # least and largest number of sectors with missed surfaces
+_WIDEST = 0.5  # of the full circle: most of a place has been mapped
 _LEFT_SAMPLE = 4096  # rays to choose from
-_LEFT_AWAY_M = 1.0  # what leaves was further from the sensor
-_LEFT_OVER_SENSOR_M = 1.0  # and no ceiling
+_LEFT_AWAY_M = 1.0  # least distance from the sensor of a thing that leaves
+_LEFT_OVER_SENSOR_M = 1.0  # its greatest height over the sensor: ceilings do not leave
 _LEFT_HALF_M = (0.2, 0.6)  # half an edge, for each root of a metre of the median range: a chair, a car
 _LEFT_SCALE_M = (1.0, 16.0)  # limits of that median
-_KEPT_FLOOR_M = 0.15  # what leaves leaves its floor
+_KEPT_FLOOR_M = 0.15  # the floor below a thing that leaves remains
 
 
 @dataclass(frozen=True)
@@ -49,23 +49,23 @@ class Sight:
 
     @property
     def origin_m(self) -> NDArray[np.float64]:
-        """(3,) of the rays."""
+        """(3,) origin of the rays."""
         origin: NDArray[np.float64] = self.T_level_sensor[:3, 3]
         return origin
 
     def ends_m(self, rows: NDArray[np.intp], ranges: NDArray[np.float32]) -> NDArray[np.float64]:
-        """(k, 3) where the given rays end, if (n,) ranges are all that they have."""
+        """(k, 3) ends of the given rays, by (n,) ranges of all rays."""
         return self.origin_m + self.rays.directions[rows] * ranges[rows, None].astype(np.float64)
 
     @cached_property
     def _cells(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """(n,) column of azimuth and row of height of each ray."""
+        """(n,) column by azimuth and row by height of each ray."""
         x, y, z = self.rays.directions.T
         column = ((np.arctan2(y, x) / np.float32(2 * np.pi) + 0.5) * _COLUMNS).astype(np.intp) % _COLUMNS
         return column, ((z + 1) / 2 * (_RISES - 1)).astype(np.intp)
 
     def holes(self, ranges: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Returns which of n rays end nowhere, but below a surface: in a hole of the map, not in the sky."""
+        """Returns which of n rays meet nothing, but pass below a surface: holes of the map, not the sky."""
         met = np.isfinite(ranges)
         column, rise = self._cells
         is_met = np.zeros((_COLUMNS, _RISES + 1), bool)
@@ -85,7 +85,7 @@ def changed_ranges(
     """(n,) ranges in a world that has changed since it was mapped.
 
     Args:
-        elsewhere_m: (k, 3) sensor positions at other places of the map. What was never mapped looks like one.
+        elsewhere_m: (k, 3) sensor positions at other places, whose views stand for unmapped surfaces.
     """
     severity = rng.uniform(0, 2)  # a quiet night, a rush hour
     left = what_left(sight, int(rng.poisson(config.vanished * severity)), rng)
@@ -100,7 +100,7 @@ def changed_ranges(
 
 
 def what_left(sight: Sight, count: int, rng: np.random.Generator) -> Boxes:
-    """Boxes around surfaces that the scan sees, from closely above the floor upwards."""
+    """Boxes around surfaces that the scan sees, from just above the floor upwards."""
     some = rng.integers(len(sight.ranges), size=_LEFT_SAMPLE)
     some = some[np.isfinite(sight.ranges[some])]
     ends = sight.ends_m(some, sight.ranges)
@@ -142,13 +142,13 @@ def _most_alike(
     missed: NDArray[np.bool_],
     rng: np.random.Generator,
 ) -> NDArray[np.float32]:
-    """(m,) ranges of m missed rays at the place elsewhere that looks most like this one, by quarter turns.
+    """(m,) ranges of m missed rays at the most similar place elsewhere, in the best of four headings.
 
-    What a mapping run misses looks like what it has seen: the next room, the next row of shelves. Nothing
-    confuses places more.
+    A mapping run misses surfaces that look like those it has seen: the next room, the next row of shelves.
+    Such surfaces confuse places most.
 
     Args:
-        missed: (n,) which of the rays.
+        missed: (n,) whether a ray is one of the m.
     """
     turns = [make_transform(rotation_z(turn * np.pi / 2), np.zeros(3)) for turn in range(4)]
     few = rng.integers(len(sight.rays), size=_COMPARED_RAYS)

@@ -1,4 +1,4 @@
-"""The simulator for one place of a large map: only the tiles of the mesh that its rays can meet."""
+"""Simulator for one place of a large map, with only the tiles of the mesh that its rays can meet."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..mesh.tiled_mesh import TiledMesh
 from .simulate import Simulator
 
-KEPT = 2  # of a process: work comes tile after tile
+KEPT = 2  # simulators of a process: it works on one tile after the other
 
 _kept: OrderedDict[tuple[Path, tuple[int, ...]], Simulator] = OrderedDict()
 _lock = threading.Lock()
@@ -33,7 +33,7 @@ def local_simulator(
 
 
 def whole_simulator(mesh: Path) -> Simulator:
-    """Returns a simulator over the whole mesh. Stages share it, and so do the places of a map that is small.
+    """Returns a simulator over the whole mesh, which all stages share.
 
     Args:
         mesh: folder of the finished stage.

@@ -1,4 +1,4 @@
-"""Scans of a sensor that moves while it turns: each column is seen from where the sensor is at its time."""
+"""Simulates scans of a sensor in motion: each column is seen from the sensor's position at its time."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Sweep:
 
     Attributes:
         period_s: of a revolution.
-        stamp: where in the revolution the scan's stamp is: 0 at its begin, 0.5 in its middle, 1 at its end.
+        stamp: position of the stamp in the revolution: 0 at its start, 0.5 in its middle, 1 at its end.
         cut_rad: azimuth at which the revolution begins and ends.
         clockwise: seen from above.
     """
@@ -64,7 +64,8 @@ def moving_ranges(
         rays: unit rays in the sensor frame.
     """
     directions = rays.directions
-    moments, of_ray = np.unique(motion.sweep.times(directions), return_inverse=True)  # a column shares one
+    # the rays of a column share one moment
+    moments, of_ray = np.unique(motion.sweep.times(directions), return_inverse=True)
     R, t = poses_along(motion.twist, moments)
     R, t = T_map_sensor[:3, :3] @ R, t @ T_map_sensor[:3, :3].T + T_map_sensor[:3, 3]
     ranges = simulator.cast(t[of_ray], np.einsum("nij,nj->ni", R[of_ray], directions))

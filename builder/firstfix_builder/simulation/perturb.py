@@ -1,4 +1,4 @@
-"""Scans as a robot's would be, not as the simulator's are: noise, dropout, passers-by, tilt, height."""
+"""Simulates realistic scans: with noise, dropout, passers-by, tilt and other sensor heights."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ _STRANGER = _Occluder((3.0, 15.0), (1.0, 4.0), 1.0)
 
 @dataclass(frozen=True)
 class ScanCase:
-    """A scan that is to be simulated: where, and with which perturbations.
+    """Pose and perturbations of a scan to simulate.
 
     Attributes:
         T_level_sensor: (4, 4).
         seed: of all other perturbations.
-        elsewhere_m: (k, 3) sensor positions at other places of the map: what was never mapped looks like one.
+        elsewhere_m: (k, 3) sensor positions at other places, whose views stand for unmapped surfaces.
     """
 
     T_level_sensor: Matrix
@@ -66,7 +66,7 @@ class ScanSimulation:
     ) -> list[ScanCase]:
         """Chooses free spots within half of ``reach_m`` of the given places along x and y, any heading.
 
-        Nothing stands between a spot and its place: what is behind a wall is not in the map.
+        Nothing stands between a spot and its place, because a place behind a wall may not be in the map.
 
         Args:
             around_m: (n, 3) sensor positions.
@@ -105,7 +105,7 @@ class ScanSimulation:
             ranges = moving_ranges(self.simulator, self.sensor, case.T_level_sensor, motion, rays)
         ranges += config.noise_m * rng.standard_normal(len(ranges), np.float32)
         lost = rng.random(len(ranges), np.float32) < config.dropout
-        severity = rng.uniform(0, 2)  # a quiet night, a rush hour: real overlaps vary as widely
+        severity = rng.uniform(0, 2)  # from a quiet night to a rush hour
         around = _Panorama.of(self.sensor, moment)
         around.occlude(ranges, rng.poisson(config.occluders * severity), _PERSON, rng)
         around.occlude(ranges, rng.poisson(config.strangers * severity), _STRANGER, rng)
@@ -173,11 +173,11 @@ class _Panorama:
     def occlude(
         self, ranges: NDArray[np.float32], count: int, kind: _Occluder, rng: np.random.Generator
     ) -> None:
-        """Things that stand between the sensor and the map stop the rays that would pass through them."""
+        """Adds obstacles between the sensor and the map, which stop the rays through them."""
         for _ in range(count):
             away, width = rng.uniform(*kind.away_m), rng.uniform(*kind.width_m)
             middle, half = rng.uniform(-np.pi, np.pi), width / away / 2
-            for turn in (-2 * np.pi, 0.0, 2 * np.pi):  # it may stand where the azimuth jumps
+            for turn in (-2 * np.pi, 0.0, 2 * np.pi):  # an obstacle may stand where the azimuth jumps
                 ends = (middle - half + turn, middle + half + turn)
                 here = slice(*np.searchsorted(self.azimuth, ends))
                 row = self.row[here][self.rise[here] * away < kind.top_m]
@@ -193,7 +193,7 @@ def _panorama(sensor: SensorModel, moment: int) -> _Panorama:
 
 
 def elsewhere(rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Vertices and triangles of a place that is in nobody's map: a yard of random boxes."""
+    """Vertices and triangles of a place outside all maps: a yard with random boxes."""
     sizes, centres, yaws = [np.array([80.0, 80.0, 0.2])], [np.array([0.0, 0.0, -0.1])], [0.0]
     for _ in range(40):
         centre = rng.uniform(-30, 30, 2)

@@ -54,13 +54,13 @@ class Rays:
         return _at_any_heading(sensor)
 
     def of_rows(self, chosen: NDArray[np.bool_]) -> Rays:
-        """The chosen of n rays. Neighbours stay neighbours."""
+        """The chosen ones of n rays, in the same order."""
         number = (np.cumsum(chosen) - 1).astype(np.uint32)
         directions = np.ascontiguousarray(self.directions[chosen])
         return Rays(directions, number[self.order[chosen[self.order]]])
 
     def turned(self, T: Matrix) -> Rays:
-        """The rays, brought from the right frame of T to its left frame. Neighbours stay neighbours."""
+        """The rays, rotated from the right frame of T to its left frame, in the same order."""
         return Rays(np.ascontiguousarray(turned(self.directions, T[:3, :3])), self.order)
 
 

@@ -1,4 +1,4 @@
-"""Groups of templates that look alike, and the one that stands for each (paper III.B)."""
+"""Clusters of similar templates, each with its representative (paper III.B)."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from ..execution.chunks import Arrays, Chunk
 from .cluster_unconstrained import cluster_unconstrained
 from .linkage import Pairs, agglomerate
 
-BLOCK = 256  # templates compared with their neighbours at once; in the order of a KD tree's leaves
+BLOCK = 256  # templates that are compared with their neighbours at once, in the order of a KD tree's leaves
 ROWS = 2048
-CHUNK = 4096  # templates whose neighbours a worker compares in one go
+CHUNK = 4096  # templates of one chunk
 
 
 def cluster_templates(
@@ -58,7 +58,7 @@ def cluster_by_pairs(
     pairs: Sequence[Pairs],
     config: ClusterConfig,
 ) -> Clusters:
-    """Clusters of so many templates, whose neighbours were compared."""
+    """Clusters of ``count`` templates from the pairs that were compared."""
     label = agglomerate(count, Pairs.concatenate(pairs), config.linkage, config.threshold)
     return _clusters(descriptor, described, label)
 
@@ -73,15 +73,15 @@ def neighbour_pairs(
     """Distances (equations 4 and 5) of every template to its nearest neighbours by position.
 
     Args:
-        rows: only the pairs of these templates with any; of two that are each other's neighbours the first
-            has the pair. None: all.
+        rows: only pairs of these templates with any other; None: all. A pair of mutual neighbours belongs to
+            the first of the two.
 
     Yields:
-        share of the templates done, and a part of the pairs.
+        completed share of the templates, and a part of the pairs.
     """
     tree = cKDTree(position_m)
     near = _near(tree, position_m, neighbours, rows)
-    order = tree.indices  # leaf by leaf: a block of templates and their neighbours are few
+    order = tree.indices  # leaf by leaf: so the templates of a block have many neighbours in common
     if rows is not None:
         order = order[(order >= rows.start) & (order < rows.stop)]
     count = len(order)
@@ -93,7 +93,7 @@ def neighbour_pairs(
         a = np.repeat(block, here.shape[1])
         b = here.ravel()
         distance = 1 - np.take_along_axis(alike, place.reshape(here.shape), axis=1).ravel()
-        # of two that are each other's neighbours only the first keeps the pair
+        # a pair of mutual neighbours is kept once, by the first of the two
         keep = (a < b) | ((a > b) & ~(near[b] == a[:, None]).any(axis=1))
         yield (start + len(block)) / count, Pairs.of(a[keep], b[keep], distance[keep])
 
@@ -101,7 +101,7 @@ def neighbour_pairs(
 def _near(
     tree: cKDTree, position_m: NDArray[np.floating], neighbours: int, rows: range | None
 ) -> NDArray[np.intp]:
-    """(n, k) nearest templates of each, usually itself among them.
+    """(n, k) nearest templates of each template, usually including itself.
 
     Only the given rows and their neighbours are filled in. The rest are zeros that take no memory.
     """
@@ -122,7 +122,7 @@ def _near(
 
 @dataclass(frozen=True)
 class ClusterChunk(Chunk):
-    """The neighbours' pairs of some templates, with those beyond the edge. Reads the stage ``templates``.
+    """Pairs of some templates and their neighbours, in or out of the chunk. Reads the stage ``templates``.
 
     Attributes:
         first, last: rows of the templates, which stand tile by tile.
@@ -144,7 +144,7 @@ class ClusterChunk(Chunk):
 
 
 def cluster_chunks(count: int, neighbours: int, descriptor: DescriptorConfig) -> list[ClusterChunk]:
-    """The work for so many templates."""
+    """The chunks for ``count`` templates."""
     return [
         ClusterChunk(first, min(first + CHUNK, count), neighbours, descriptor)
         for first in range(0, count, CHUNK)
@@ -156,7 +156,7 @@ def _clusters(descriptor: Descriptor, described: Described, label: NDArray[np.in
 
 
 def most_typical(descriptor: Descriptor, described: Described) -> int:
-    """Equation 7: the row of the template that is most like all the others."""
+    """Row of the template that is most similar to all others (equation 7)."""
     count = len(next(iter(described.values())))
     total = np.concatenate(
         [

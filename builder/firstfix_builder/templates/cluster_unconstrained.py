@@ -1,4 +1,4 @@
-"""Clustering with every template compared with every other: what the constraint saves (paper, Table II)."""
+"""Clustering that compares all pairs of templates, without the neighbour constraint (paper, Table II)."""
 
 from __future__ import annotations
 
@@ -59,9 +59,9 @@ def _complete_by_blocks(
     progress: Callable[[float], None],
     cancelled: Callable[[], bool],
 ) -> NDArray[np.intp]:
-    """Complete linkage in bounded memory: merged up to each step of the threshold in turn.
+    """Complete linkage in bounded memory: it merges up to one step of the threshold after the other.
 
-    The merges below one step come before those of the next, so the steps together give the one tree.
+    All merges below one step come before those of the next step, so the steps together give the same tree.
     """
     label = np.arange(len(next(iter(described.values()))))
     steps = [*np.arange(STEP, threshold, STEP).tolist(), threshold]
@@ -79,7 +79,7 @@ def cluster_pairs(
     threshold: float,
     cancelled: Callable[[], bool],
 ) -> Pairs:
-    """The pairs of clusters all of whose templates are within the threshold of each other (equation 1).
+    """Pairs of clusters whose templates are all within the threshold of each other (equation 1).
 
     Args:
         label: (n,) the cluster of each template, 0 and up, none empty.

@@ -1,4 +1,4 @@
-"""The engine's parameters, from how dense the map is and how far one sees in it."""
+"""Chooses the engine's parameters by the density of the map and the view distance in it."""
 
 from __future__ import annotations
 
@@ -33,9 +33,10 @@ def fit_engine(
     spacing_m: float,
     T_map_level: Matrix,
 ) -> EngineConfig:
-    """Lengths scale with the map's own resolution and with the place's size, both in coarse steps.
+    """Engine parameters. Their lengths scale with the map's point spacing and with the view distance.
 
-    So a change of one part of a map usually leaves them as they are, and with them what was made elsewhere.
+    Both are rounded to coarse steps: a change of one part of a map usually does not change the parameters, so
+    the chunks of the other parts are reused.
 
     Args:
         map_spacing_m: median distance between neighbouring map points.
@@ -52,7 +53,7 @@ def fit_engine(
         preprocess=overrides.preprocess
         or PreprocessConfig(
             min_range_m=sensor.min_range_m,
-            # further out the map is thin: what a scan sees there speaks against every place alike
+            # further out the map is sparse: returns there would count against every place alike
             max_range_m=round(min(sensor.max_range_m, max(30.0, 2.5 * view_m)), 1),
             voxel_m=source_m,
             default_height_m=sensor.mount_height_m,

@@ -1,7 +1,7 @@
-"""Chooses the spacing of the templates from how far one sees, unless the config sets it.
+"""Chooses the spacing of the templates by the view distance, unless the config sets it.
 
-In rooms a step aside shows another view, so templates stand close. Over open ground one template stands for a
-block: what is found from it is aligned with the map anyway, and that bridges more than a metre.
+In a room the view changes with every step, so templates stand close together. In the open one template can
+represent a whole block, because alignment corrects an offset of more than a metre.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .make import chunk_tile_m
 from .outlook import VIEWPOINT_CELL_M, VIEWPOINTS, percentile_m
 
 ROOM_SPACING_M = 0.5
-ROOM_VIEW_M = 12.0  # where one sees less far, a metre aside is another view: half the metre doubles the finds
+ROOM_VIEW_M = 12.0  # below this view distance, 0.5 m finds twice as many places as 1 m
 
 Run = Callable[[Sequence[Chunk]], Iterator[Arrays]]
 RunAt = Callable[[StageResult, Sequence[Chunk]], Iterator[Arrays]]

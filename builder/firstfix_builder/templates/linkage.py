@@ -71,7 +71,7 @@ def agglomerate(samples: int, pairs: Pairs, linkage: Linkage, threshold: float) 
     """
     threshold = float(np.float32(threshold))  # as precise as the distances are: equal is merged
     links = _Links(pairs.a, pairs.b, pairs.distance.astype(np.float64), np.ones(len(pairs), np.int64))
-    if linkage != "average":  # what is further apart will never be merged
+    if linkage != "average":  # pairs that are further apart are never merged
         links = links.taken(pairs.distance <= threshold)
     label, size = np.arange(samples, dtype=np.int32), np.ones(samples, np.int64)
     while True:

@@ -20,7 +20,7 @@ from ..viewpoints.one_per_block import Spots, one_per_block
 from .outlook import Outlook
 
 OPEN_SPACING_M = 2.0
-OPEN_VIEW_M = 20.0  # where one sees as far, two metres find as much as one (docs/method.md section 1)
+OPEN_VIEW_M = 20.0  # from this view distance on, 2 m find as many as 1 m (docs/method.md section 1)
 AT_ONCE = 256
 REACH_MARGIN_M = 0.1  # above the rounding of single precision
 

@@ -1,4 +1,4 @@
-"""Simulated scans at the viewpoints, described: the templates (paper III.A)."""
+"""Makes the templates: descriptors of scans that are simulated at the viewpoints (paper III.A)."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from ..simulation.rays import Rays
 from ..simulation.simulate import Simulator, upright
 
 SCANS_AT_ONCE = 128
-CHUNK_SPACINGS = 16  # edge of a chunk's tile in template spacings: what a local change costs
+CHUNK_SPACINGS = 16  # edge of a chunk's tile in template spacings: smaller ones limit the cost of a change
 REACH_MARGIN_M = 0.1  # above the rounding of single precision
 
 
 def scan_batch(
     ranges: NDArray[np.float32], directions: NDArray[np.float32], height_m: NDArray[np.floating]
 ) -> ScanBatch:
-    """(n, rays) ranges of upright sensors, (n,) above their floors, to the returns of all scans."""
+    """Batch of scans from the (n, rays) ranges of upright sensors at (n,) heights above their floors."""
     seen = np.isfinite(ranges)
     scan, ray = np.nonzero(seen)
     start = np.concatenate([[0], np.cumsum(seen.sum(axis=1))])
@@ -47,12 +47,12 @@ def described_views(
     height_m: NDArray[np.floating],
     descriptor: Descriptor,
 ) -> Described:
-    """Describes the clean scans of upright sensors at (n, 3) positions, (n,) above their floors.
+    """Descriptors of the clean scans of upright sensors at (n, 3) positions, (n,) heights above their floors.
 
     Args:
         rays: unit rays of the sensor at heading zero.
     """
-    if isinstance(descriptor, LayeredOccupancy):  # its scans are never made
+    if isinstance(descriptor, LayeredOccupancy):  # computed directly, without the scans
         return {"occupancy": simulator.occupied_cells(positions, height_m, sensor, rays, descriptor)}
     ranges = np.concatenate(list(simulator.ranges(upright(positions), sensor, rays)))
     return descriptor.describe(scan_batch(ranges, rays.directions, height_m))
@@ -95,7 +95,7 @@ class TemplatesChunk(Chunk):
 
     @property
     def values(self) -> dict[str, Any]:
-        """Sensor and descriptor. Rows and tiles say where the viewpoints stand, and these are read."""
+        """Sensor and descriptor. Rows and tiles do not count: the viewpoints themselves are in ``reads``."""
         return {"sensor": asdict(self.sensor), "descriptor": self.descriptor}
 
     def reads(self, inputs: Mapping[str, StageResult]) -> Mapping[str, str]:
@@ -118,7 +118,7 @@ class TemplatesChunk(Chunk):
 
     @property
     def _reach_m(self) -> float:
-        """Horizontal distance beyond which a return is in no cell of the descriptor."""
+        """Horizontal distance beyond which no return is in a cell of the descriptor."""
         return min(self.sensor.max_range_m, self.descriptor.grid.max_range_m + REACH_MARGIN_M)
 
     @property
@@ -129,7 +129,7 @@ class TemplatesChunk(Chunk):
 
 
 def chunk_tile_m(tile_m: float, spacing_m: float) -> float:
-    """Edge of the tiles of chunks, of which a tile of the map holds a whole number."""
+    """Edge of a chunk's tile: the edge of a map tile divided by an integer."""
     return tile_m / np.ceil(tile_m / (CHUNK_SPACINGS * spacing_m))
 
 
@@ -141,9 +141,9 @@ def template_chunks(
     sensor: SensorModel,
     descriptor: DescriptorConfig,
 ) -> list[TemplatesChunk]:
-    """The work for (n, 3) viewpoints that stand in nested tiles (``by_nested_tiles``).
+    """The chunks for (n, 3) viewpoints that are sorted by nested tiles (``by_nested_tiles``).
 
-    Chunks depend on their place alone: what is added elsewhere makes no other chunks of the rest.
+    A chunk depends only on its place: additions elsewhere do not change it.
 
     Args:
         chunk_start: rows at which the tiles of chunks start.
@@ -159,7 +159,7 @@ def template_chunks(
 
 
 def write_templates(parts: Iterable[Arrays], count: int, directory: Path) -> None:
-    """``Templates.save`` of templates that come in parts, one of which is in memory at a time."""
+    """Writes the files of ``Templates.save`` from parts, with one part in memory at a time."""
     files: dict[str, NDArray[Any]] = {}
     row = 0
     for part in parts:

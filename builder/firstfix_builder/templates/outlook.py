@@ -1,4 +1,4 @@
-"""Viewing distance at places of a map, and the places that see nothing but ground."""
+"""View distance at places of a map, and the places that see only ground."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from ..simulation.rays import Rays
 from ..simulation.simulate import Simulator, upright
 
 RAYS = 4000
-SHARE = 75  # percentile, of the directions
-GROUND_M = 0.3  # what is nearer to the floor's height is ground
-OPEN_SIDES = 0.75  # of the directions have nothing but ground: then the place is open
-LEAST_RETURNS = 4  # of RAYS, from anything but the ground
-VIEWPOINTS, VIEWPOINT_CELL_M = 200, 2.0  # that tell how far one sees in a map
+SHARE = 75  # percentile, over the directions
+GROUND_M = 0.3  # returns nearer than this to the floor's height are ground
+OPEN_SIDES = 0.75  # a place is open if a larger share of its directions has only ground
+LEAST_RETURNS = 4  # of RAYS, that are not ground
+VIEWPOINTS, VIEWPOINT_CELL_M = 200, 2.0  # sample of viewpoints for the view distance of a map
 
 
 @dataclass(frozen=True)
 class Outlook:
-    """Some rays all round.
+    """View in all horizontal directions, with few rays.
 
     Attributes:
-        sensor: whose rays are few.
+        sensor: sensor model with few rays.
         rays: its n rays at heading zero.
-        column: (n,) number of the direction in the ground plane that each looks into.
+        column: (n,) number of each ray's horizontal direction.
     """
 
     sensor: SensorModel
@@ -36,7 +36,7 @@ class Outlook:
 
     @classmethod
     def of(cls, sensor: SensorModel) -> Outlook:
-        """Outlook with some of a sensor's rays."""
+        """Outlook with about RAYS of a sensor's rays."""
         few = sensor.coarser(RAYS)
         rays = Rays.at_any_heading(few)
         columns = round(360 / few.azimuth_step_deg)
@@ -44,13 +44,13 @@ class Outlook:
         return cls(few, rays, np.rint(turn * columns).astype(np.int64) % columns)
 
     def ranges(self, simulator: Simulator, positions: NDArray[np.floating]) -> NDArray[np.float32]:
-        """(k, n) ranges at (k, 3) positions, inf where nothing returns."""
+        """(k, n) ranges at (k, 3) positions, inf where there is no return."""
         return np.concatenate(list(simulator.ranges(upright(positions), self.sensor, self.rays)))
 
     def furthest_m(self, ranges: NDArray[np.float32]) -> NDArray[np.float32]:
-        """(columns, k) level distance of the furthest of (k, n) returns in every direction, 0 without one.
+        """(columns, k) horizontal distance of the furthest of (k, n) returns in each direction; 0: no return.
 
-        The furthest of a column of beams: the nearer ones mostly show the floor.
+        Of a column of beams the furthest return counts, because the nearer ones mostly show the floor.
         """
         level = np.linalg.norm(self.rays.directions[:, :2], axis=1)
         away = np.zeros((int(self.column.max()) + 1, len(ranges)), np.float32)
@@ -60,7 +60,7 @@ class Outlook:
     def off_ground(
         self, simulator: Simulator, positions: NDArray[np.floating], floor_z: NDArray[np.floating]
     ) -> NDArray[np.float32]:
-        """(k, n) ranges at (k, 3) positions over (k,) floors, inf where nothing but ground returns."""
+        """(k, n) ranges at (k, 3) positions over (k,) floors, inf for ground and where there is no return."""
         ranges = self.ranges(simulator, positions)
         met = np.isfinite(ranges)
         height_m = (
@@ -71,11 +71,11 @@ class Outlook:
     def at(
         self, simulator: Simulator, positions: NDArray[np.floating], floor_z: NDArray[np.floating]
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Viewing distance at each of (k, 3) positions over (k,) floors, and where more than ground is seen.
+        """View distance at each of (k, 3) positions over (k,) floors, and whether more than ground is seen.
 
         Returns:
-            (k,) the percentile SHARE of what is furthest in every direction but the ground, metres, inf where
-            most directions have nothing; (k,) whether so much as LEAST_RETURNS rays meet anything but ground.
+            (k,) metres: percentile SHARE, over the directions, of the furthest return that is not ground; inf
+            if most directions have none. (k,) whether at least LEAST_RETURNS returns are not ground.
         """
         ranges = self.off_ground(simulator, positions, floor_z)
         away = self.furthest_m(ranges).astype(np.float64)

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..arguments import AsJson, Url, cache_directory, examples
-from ..build_report import reused_lines
-from ..self_test_lines import self_test_lines
+from ..build_report import reused_lines, self_test_lines
 
 if TYPE_CHECKING:
     from firstfix.catalog.manifest import Manifest

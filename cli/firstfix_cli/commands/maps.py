@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from ..arguments import AsJson, Store, Url, examples
-from ..self_test_lines import self_test_lines
+from ..build_report import self_test_lines
 
 app = typer.Typer(
     help="List, inspect and switch maps.",

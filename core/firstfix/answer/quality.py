@@ -100,7 +100,7 @@ def match_features(
     """Match features of one pose, given the qualities of all poses that compete.
 
     If several poses compete and all of them tie, the best rival was not compared. Then the margin is what is
-    known of it: by how much the pose exceeds the weakest one.
+    known of it: the lead of the pose over the weakest one.
 
     Args:
         tied_within: poses tie if their support differs by less.

@@ -17,7 +17,7 @@ from .preprocess import PreparedQuery, spots_of
 from .registered_candidate import NOT_MEASURED, RegisteredCandidate, distinct, features_of, ranked
 from .registration.align import Agreement, Registration, Registrations
 from .registration.surface import Surface
-from .verification.free_space import SeenThrough
+from .verification.free_space import FreeSpaceShares
 
 SAME_START_M, SAME_START_DEG = 0.3, 3.0  # nearer starts end at one pose
 _SAME_START_COS = math.cos(math.radians(SAME_START_DEG))
@@ -42,7 +42,7 @@ class HypothesisSearch:
         self._template = np.empty(0, np.int64)
         self._aligned: list[Registrations] = []  # of all starts, batch by batch
         self._in_motion: dict[int, Registration] = {}  # by row: a later run does not solve it again
-        self._seen_through: dict[bytes, SeenThrough] = {}  # by pose: a later run does not check it again
+        self._free_space: dict[bytes, FreeSpaceShares] = {}  # by pose: a later run does not check it again
         self._agreement: dict[bytes, Agreement] = {}  # the same, of the few points
 
     def run(self, candidates: Candidates) -> list[RegisteredCandidate]:
@@ -218,12 +218,12 @@ class HypothesisSearch:
         """The candidate with the shares of directions that pass through the map, over the query's scans."""
         T_level_last, twist = candidate.registration.T_level_sensor, candidate.registration.twist
         pose = T_level_last.tobytes()
-        if pose not in self._seen_through:
+        if pose not in self._free_space:
             surface, view = self._index.surface, self._index.view
-            self._seen_through[pose] = SeenThrough.mean(
+            self._free_space[pose] = FreeSpaceShares.mean(
                 [
                     view.seen_through(surface, scan.view_deskewed(twist), T_level_last @ scan.T_last_scan)
                     for scan in self._prepared.scans
                 ]
             )
-        return replace(candidate, seen_through=self._seen_through[pose])
+        return replace(candidate, free_space=self._free_space[pose])

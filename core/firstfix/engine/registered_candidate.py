@@ -16,11 +16,11 @@ from ..transform import Matrix
 from .index import MapIndex
 from .motion.sweep import discounted_score
 from .registration.align import Agreement, Registration
-from .verification.free_space import SeenThrough
+from .verification.free_space import FreeSpaceShares
 
 SAME_POSE_M = 1.0
 SAME_POSE_DEG = 15.0
-NOT_CHECKED = SeenThrough(0.0, 0.0)
+NOT_CHECKED = FreeSpaceShares(0.0, 0.0)
 NOT_MEASURED = Agreement(0.0, 0.0)
 
 
@@ -33,7 +33,7 @@ class RegisteredCandidate:
         map_id: its id, where several maps compete.
         template: row of the template that the candidate came from.
         registration: the aligned pose, and how well the scan fits there.
-        seen_through: shares of directions that pass through the map; 0 until free space is checked.
+        free_space: shares of directions that pass through the map; 0 until free space is checked.
         agreement: how the scan agrees with the map there, beyond how much of it does.
         start_z_m: height, in the level frame, at which the alignment began: the sensor's above the template's
             floor. nan: not known.
@@ -44,7 +44,7 @@ class RegisteredCandidate:
     map_id: str
     template: int
     registration: Registration
-    seen_through: SeenThrough = NOT_CHECKED
+    free_space: FreeSpaceShares = NOT_CHECKED
     agreement: Agreement = NOT_MEASURED
     start_z_m: float = math.nan
     spots: int = 1
@@ -55,8 +55,8 @@ class RegisteredCandidate:
         return AlignmentQuality(
             self.registration.inlier_ratio,
             discounted_score(self.registration.alignment_score, self.registration.twist),
-            self.seen_through.onto_nothing,
-            self.seen_through.onto_surface,
+            self.free_space.free_space_violation,
+            self.free_space.removed_surface,
             self.agreement.beside_surface,
             self.agreement.same_plane,
         )

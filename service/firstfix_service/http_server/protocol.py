@@ -80,9 +80,8 @@ class LimitedHttpProtocol(HttpToolsProtocol):
     def overdue(self, now: float) -> EndReason | None:
         """Returns the reason to end the connection now, if there is one."""
         last_check, self._checked_at = self._checked_at, now
-        if (
-            self._unsent_bytes is not None
-        ):  # nothing is written during a pause, so the caller has read the difference
+        if self._unsent_bytes is not None:
+            # nothing is written during a pause, so the caller has read the difference
             read_bytes = self._unsent_bytes - self.transport.get_write_buffer_size()
             allowed_s = self._limits.answer_s + read_bytes / MIN_BYTES_PER_S
             return EndReason.ANSWER if now - self._write_paused_at > allowed_s else None
@@ -93,9 +92,8 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         if self.is_lingering:
             return EndReason.UNREAD if now - self._since > LINGER_S else None
         if self._reading is Reading.BODY:
-            if (
-                self.flow.read_paused or self.cycle.waiting_for_100_continue
-            ):  # the caller must wait for this side
+            if self.flow.read_paused or self.cycle.waiting_for_100_continue:
+                # the caller must wait for this side
                 self._since += now - last_check
             allowed_s = self._limits.body_s + LINGER_S + self._body_bytes / MIN_BYTES_PER_S
             return EndReason.BODY if now - self._since > allowed_s else None
@@ -223,8 +221,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         """Closes the connection after an answer.
 
         If the request is still arriving, the connection lingers first: the operating system would drop the
-            answer if the
-        connection were closed with unread data.
+        answer if the connection were closed with unread data.
         """
         if self._reading is Reading.BODY and self.cycle.response_complete:
             self._linger()

@@ -1,4 +1,4 @@
-"""Sightings of this replica: put into the store now and then, and read together with those of the others."""
+"""Sightings of this replica: stored at intervals, and read together with those of other replicas."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _log = structlog.get_logger(__name__)
 class SightingsKeeper:
     """Keeps what the query workers of this replica have counted. Thread-safe.
 
-    What was counted since the last ``flush`` is in memory: ``read`` has it too, but other replicas have not.
+    Counts since the last ``flush`` are in memory. ``read`` includes them, but other replicas do not see them.
     """
 
     def __init__(self, catalog: Catalog, workers: QueryWorkers, metrics: Metrics) -> None:
@@ -53,7 +53,7 @@ class SightingsKeeper:
         return stored if own is None else stored.plus([("", SightingsRecord.of(own, now))])
 
     def flush(self) -> None:
-        """Put what was counted into the store, and merge the parts there if they are many.
+        """Store the counts, and merge the parts in the store if there are many.
 
         What a failing store does not take is kept for the next time. Counts of retired versions are dropped.
         """

@@ -20,11 +20,10 @@ import zenoh
 
 import firstfix
 from firstfix.catalog.catalog import Catalog
-from firstfix.errors import FirstfixError, NotFound
+from firstfix.errors import NotFound
 
-from .. import problems
 from ..maps.map_cache import MapCache
-from ..problems import problem_of
+from .query import reply_error
 
 _log = structlog.get_logger(__name__)
 JSON = "application/json"
@@ -129,7 +128,7 @@ class ZenohCatalog:
             for one in found:
                 query.reply(one.key, one.to_json(self._replica), encoding=JSON)
             if not found:
-                _reply_error(query, NotFound(f"no map is served on {query.key_expr}"))
+                reply_error(query, NotFound(f"no map is served on {query.key_expr}"))
 
     def _asked_for(self, key: Any) -> list[MapVersions]:
         known, parts = self._known, str(key).split("/")
@@ -152,7 +151,3 @@ class ZenohCatalog:
 
 def _json(value: dict[str, Any]) -> bytes:
     return json.dumps(value, separators=(",", ":")).encode()
-
-
-def _reply_error(query: Any, error: FirstfixError) -> None:
-    query.reply_err(problem_of(error).body, encoding=problems.MEDIA_TYPE)

@@ -29,18 +29,16 @@ import zenoh
 from firstfix.access.permissions import Scope
 from firstfix.errors import FirstfixError, InvalidOption, Overloaded, TooLarge
 
-from .. import problems
 from ..auth.authenticate import Authenticator
 from ..auth.principal import Principal
 from ..localize.response_format import content_of
 from ..localize.use_case import LocalizeUseCase
-from ..problems import problem_of
 from ..query_workers.answer import AnswerForm
 from ..settings import Settings
 from ..telemetry.request_scope import Requests, note
 from .config import session_config
 from .log import TRANSPORT, logged_query
-from .query import ANY_MAP, credential_of, key_of, read_query
+from .query import ANY_MAP, credential_of, key_of, read_query, reply_error
 
 _log = structlog.get_logger(__name__)
 TRUSTED = "zenoh"  # name of a caller whom zenoh's own access rules let through
@@ -144,7 +142,7 @@ class ZenohEndpoint:
         except FirstfixError as error:  # before the payload is copied
             with query, logged_query(self._requests, query, arrived):
                 self._use_case.count(TRANSPORT, error)
-                _reply_error(query, error)
+                reply_error(query, error)
             return
         try:
             future = asyncio.run_coroutine_threadsafe(self._answer(query, arrived), self._loop)
@@ -193,7 +191,7 @@ class ZenohEndpoint:
                 if not isinstance(error, FirstfixError):
                     _log.exception("unexpected error", key=str(query.key_expr))
                 self._use_case.count(TRANSPORT, error)
-                await self._reply(query, partial(_reply_error, query, error))
+                await self._reply(query, partial(reply_error, query, error))
                 # Its frames hold the body in a reference cycle, which only the garbage collector would free.
                 error.__traceback__ = None
                 return
@@ -221,7 +219,3 @@ class ZenohEndpoint:
         caller = await self._authenticator.check(credential_of(query), Scope.LOCALIZE, None)
         self._authenticator.take("localize", caller)
         return caller
-
-
-def _reply_error(query: Any, error: BaseException) -> None:
-    query.reply_err(problem_of(error).body, encoding=problems.MEDIA_TYPE)

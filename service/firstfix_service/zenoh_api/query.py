@@ -1,4 +1,4 @@
-"""Reading of a zenoh query: its key, selector parameters, encoding and attachment."""
+"""Reading of a zenoh query (key, selector parameters, encoding, attachment), and the reply if it failed."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from typing import Any
 
 from firstfix.errors import InvalidOption, Unauthorized
 
+from .. import problems
 from ..localize.query_head import QueryHead, split_map_ids
 from ..localize.response_format import requested_pose
+from ..problems import problem_of
 from ..query_workers.answer import PoseFormat
 from .log import PARAMETERS
 
@@ -76,3 +78,8 @@ def read_query(query: Any, arrived: float) -> ZenohQuery:
 def key_of(map_id: str) -> str:
     """Returns the key on which a map's queries are asked."""
     return f"firstfix/{map_id}/localize"
+
+
+def reply_error(query: Any, error: BaseException) -> None:
+    """Answers a query with the problem document of an error."""
+    query.reply_err(problem_of(error).body, encoding=problems.MEDIA_TYPE)

@@ -32,9 +32,9 @@ def test_an_executor_is_threads_or_a_scheduler(executor: str, address: str | Non
         ("dask://scheduler:0", "names no scheduler"),
         ("dask://scheduler:99999", "names no scheduler"),
         ("dask://scheduler:port", "names no scheduler"),
-        ("dask://me@scheduler:8786", "nothing else"),
-        ("dask://scheduler:8786/maps", "nothing else"),
-        ("dask://scheduler:8786?workers=4", "nothing else"),
+        ("dask://me@scheduler:8786", "without user, path or query"),
+        ("dask://scheduler:8786/maps", "without user, path or query"),
+        ("dask://scheduler:8786?workers=4", "without user, path or query"),
     ],
 )
 def test_anything_else_is_refused_with_a_reason(executor: str, said: str):

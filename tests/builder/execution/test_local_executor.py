@@ -102,7 +102,7 @@ def test_a_folder_that_takes_nothing_fails_the_build(
     executor: LocalExecutor, log: Path, numbers: StageResult, tmp_path: Path
 ):
     (tmp_path / "work" / "chunks" / "stages").write_text("in the way")
-    with pytest.raises(BuildFailed, match="work folder took no result"):
+    with pytest.raises(BuildFailed, match="cannot write to the work folder"):
         executor.run(ChunkBatch([keyed(Toy(1, str(log)))], {"numbers": numbers}, lambda: None, lambda: False))
 
 

@@ -15,10 +15,14 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
+import firstfix
+import firstfix_builder
 from firstfix import native
 from firstfix.builds.shared_stages import SharedStages
 from firstfix.store.store import Store
-from firstfix_builder.execution.stage_cache import StageCache, source_hash
+from firstfix_builder.execution import source_hash as source_hash_module
+from firstfix_builder.execution.source_hash import source_hash
+from firstfix_builder.execution.stage_cache import StageCache
 from waiting import LIMIT_S
 
 X, Y = "1" * 64, "2" * 64
@@ -88,6 +92,18 @@ def test_a_changed_kernel_makes_it_anew(tmp_path: Path, monkeypatch: pytest.Monk
     assert stage.made == 2
 
 
+def test_the_hash_of_the_program_covers_every_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    hashed: list[str] = []
+    monkeypatch.setattr(source_hash_module, "sha256_of", lambda path: hashed.append(path.as_posix()) or "")
+    source_hash.cache_clear()
+    source_hash()
+    source_hash.cache_clear()
+    for package in (firstfix, firstfix_builder):
+        folder = Path(package.__file__).parent
+        assert {path.as_posix() for path in folder.rglob("*.py")} <= set(hashed)
+    assert {"engine/localizer.py", "self_test/run.py"} <= {"/".join(name.split("/")[-2:]) for name in hashed}
+
+
 def test_the_digest_is_of_the_content_alone(tmp_path: Path) -> None:
     cache = StageCache(tmp_path)
     one = cache.run("one", {"map": X}, {}, Stage())
@@ -132,7 +148,7 @@ def test_a_damaged_stage_is_made_again(damage: str, tmp_path: Path) -> None:
 KILLED = """
 import signal, sys
 from pathlib import Path
-from firstfix_builder.execution.stage_cache import StageCache, source_hash
+from firstfix_builder.execution.stage_cache import StageCache
 
 def produce(out):
     (out / "a.bin").write_bytes(b"half")

@@ -116,7 +116,7 @@ def test_without_an_etag_nothing_is_pieced_together(server: Server, tmp_path: Pa
         (says(403), BuildFailed, "403"),
         (says(302, Location="http://169.254.169.254/latest/meta-data"), BuildFailed, "redirects"),
         (says(500), BuildFailed, "500"),
-        (says(200, DATA, len(DATA) + 1), BuildFailed, "server does not give it"),
+        (says(200, DATA, len(DATA) + 1), BuildFailed, "cannot be fetched from its server"),
         (says(200, b"", 1 << 30), TooLarge, "limit"),
         (says(206, DATA, Content_Range="bytes 7-9/10"), BuildFailed, "206"),
     ],
@@ -154,5 +154,5 @@ def test_only_where_the_operator_allows(server: Server, tmp_path: Path):
 
 def test_nobody_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(module, "PAUSE_S", 0.01)
-    with pytest.raises(BuildFailed, match="does not give it"):
+    with pytest.raises(BuildFailed, match="cannot be fetched from its server"):
         fetch_http("http://127.0.0.1:9/x", tmp_path / "a", 100)

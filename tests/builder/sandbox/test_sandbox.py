@@ -30,7 +30,8 @@ from firstfix_builder.job.run_build import run_build
 from firstfix_builder.sandbox import seccomp
 from firstfix_builder.sandbox.hand_over import take_files
 from firstfix_builder.sandbox.landlock import SIGNALS_VERSION, landlock_version
-from firstfix_builder.sandbox.sandboxed_build import Built, SandboxedBuild, SandboxOptions
+from firstfix_builder.sandbox.process import SandboxOptions
+from firstfix_builder.sandbox.sandboxed_build import Built, SandboxedBuild
 from firstfix_builder.sessions import stages as session_stages
 from firstfix_builder.worker import build_here
 from small_world import CONFIG
@@ -138,14 +139,14 @@ def test_what_it_made_is_taken_over(place: Place):
         ("allocate", {"bytes": 6 << 30}, "the worker ran out of memory"),
         ("crash", {}, "ended by SIGSEGV in read_map"),
         ("leave", {}, "ended with exit code 0 in read_map"),
-        ("babble", {}, "said too much at once"),
-        ("lie", {"message": ["x"]}, "no message"),
-        ("lie", {"message": {"stage": "read_map", "done": None}}, "no message"),
+        ("babble", {}, "sent a message of over 262144 bytes"),
+        ("lie", {"message": ["x"]}, "no known form"),
+        ("lie", {"message": {"stage": "read_map", "done": None}}, "no known form"),
         ("lie", {"message": {"fetch": "../../secret"}}, "ended with exit code 0"),
-        ("lie", {"message": {"share": ["a" * 64, "read_map", "../../store"]}}, "no stage"),
+        ("lie", {"message": {"share": ["a" * 64, "read_map", "../../store"]}}, "no known name"),
         ("lie", {"message": {"failed": {"code": "store_unavailable", "detail": "again"}}}, "again"),
         ("lie", {"message": {"built": True}}, "taken over|no version"),
-        ("link", {"target": "/etc/passwd"}, "no plain file"),
+        ("link", {"target": "/etc/passwd"}, "not a regular file"),
         ("link the folder", {"target": "/etc"}, "cannot be taken over"),
     ],
 )
@@ -197,7 +198,7 @@ def test_stages_go_out_and_come_in_through_the_worker(place: Place, tmp_path: Pa
     assert (tmp_path / "fetched" / "inner" / "a.bin").read_bytes() == b"a stage"
     built = place.build("fetch", shared=shared, key=key)
     assert (built.directory / "index.bin").read_bytes() == b"a stage"
-    with pytest.raises(BuildFailed, match="no plain file"):
+    with pytest.raises(BuildFailed, match="not a regular file"):
         place.build("share a link", shared=shared, key="b" * 64, target="/proc/self/environ")
     assert not shared.fetch("b" * 64, tmp_path / "fetched" / "inner")
 
@@ -216,11 +217,11 @@ def test_a_kernel_that_lacks_a_means_is_told_of(
         "sys.exit(inside.main(lambda: inside.Flows(build_version, build_version)))\n"
     )
     monkeypatch.setattr(f"{__name__}.PROGRAM", (str(program),))
-    with pytest.raises(BuildFailed, match="it is required: the network is open"):
+    with pytest.raises(BuildFailed, match="incomplete on this machine: the network is open"):
         place.build("succeed")
     place.required = False
     assert place.build("succeed").manifest.files
-    assert "not whole on this machine: the network is open (no seccomp: not here)" in caplog.text
+    assert "incomplete on this machine: the network is open (no seccomp: not here)" in caplog.text
 
 
 def test_the_worker_goes_on_after_a_hostile_build(tmp_path: Path):

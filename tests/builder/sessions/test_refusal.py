@@ -33,7 +33,7 @@ def test_right_findings_are_not_refused():
     [
         (None, "too little overlap: 20 places"),
         (replace(FOUND, agreeing=np.arange(4)), "too little overlap"),
-        (replace(FOUND, votes=3.0), "3.0 votes, where 5"),
+        (replace(FOUND, votes=3.0), "3.0 votes, and 5 votes of 5 places"),
         (replace(FOUND, rival_votes=5.0), "ambiguous: .* 8.4 and 5.0 votes"),
     ],
 )

@@ -60,12 +60,6 @@ def sampled(parts: list[Mesh], **config: object) -> tuple[NDArray[np.float64], f
         return np.load(out / "positions.npy"), float(np.load(out / "spacing_m.npy"))
 
 
-def share_beside(positions: NDArray[np.float64], reach_m: float) -> float:
-    """Share of positions with another one within reach."""
-    away = np.linalg.norm(positions[:, None, :2] - positions[None, :, :2], axis=2)
-    return float(((away > 0) & (away < reach_m)).any(axis=1).mean())
-
-
 def test_a_room_has_close_viewpoints():
     room = [floor(0, 0, 8, 6), *walls(0, 0, 8, 6), floor(0, 0, 8, 6, 3)]
     found, spacing_m = sampled(room)

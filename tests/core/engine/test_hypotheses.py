@@ -12,7 +12,7 @@ from firstfix.engine.config import EngineConfig
 from firstfix.engine.hypotheses import MAX_REFINED, NEIGHBOUR_M, HypothesisSearch
 from firstfix.engine.index import MapIndex
 from firstfix.engine.registration.align import Agreement, Registrations
-from firstfix.engine.verification.free_space import SeenThrough
+from firstfix.engine.verification.free_space import FreeSpaceShares
 from firstfix.transform import make_transform, rotation_z
 
 APART_M = 10.0  # candidate i stands at x = 10 i
@@ -70,7 +70,7 @@ class MadeUpMap:
 
     def seen_through(self, surface, view, T):
         self.checked.append(number_of(T))
-        return SeenThrough(self.violations[number_of(T)], 0.0)
+        return FreeSpaceShares(self.violations[number_of(T)], 0.0)
 
     def _score(self, T):
         number = number_of(T)

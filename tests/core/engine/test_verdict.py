@@ -10,7 +10,7 @@ from firstfix.engine.index import MapIndex
 from firstfix.engine.registered_candidate import RegisteredCandidate
 from firstfix.engine.registration.align import Registration
 from firstfix.engine.verdict import judge
-from firstfix.engine.verification.free_space import SeenThrough
+from firstfix.engine.verification.free_space import FreeSpaceShares
 from firstfix.transform import make_transform
 
 CALIBRATION = Calibration(min_inlier_ratio=0.5)
@@ -21,7 +21,7 @@ INDEX = MapIndex(EngineConfig(T_map_level=tuple(T_MAP_LEVEL.ravel())), CALIBRATI
 def place(number: int, inlier_ratio: float, through: float = 0.005) -> RegisteredCandidate:
     T_level_sensor = make_transform(np.eye(3), [10.0 * number, 0, 0])
     registration = Registration(T_level_sensor, inlier_ratio, inlier_ratio * 0.85, np.eye(6))
-    return RegisteredCandidate(INDEX, "yard", number, registration, SeenThrough(through, 0.0))
+    return RegisteredCandidate(INDEX, "yard", number, registration, FreeSpaceShares(through, 0.0))
 
 
 def judged(
@@ -43,7 +43,7 @@ def test_a_good_place_without_rivals_is_localized():
     )
 
 
-def test_a_twin_makes_it_ambiguous_and_both_are_returned():
+def test_an_alias_makes_it_ambiguous_and_both_are_returned():
     answer = judged(place(0, 0.95), place(1, 0.94))
     assert (answer.verdict, answer.reasons) == (Verdict.AMBIGUOUS, (Reason.SEVERAL_PLACES,))
     assert [h.template for h in answer.hypotheses] == [0, 1]
@@ -58,11 +58,11 @@ def test_of_places_that_tie_the_probability_is_that_the_truth_is_among_them():
     assert sum(h.probability for h in tied.hypotheses) <= 1
 
 
-def test_a_twin_with_a_wall_in_the_way_is_no_rival():
+def test_an_alias_with_a_wall_in_the_way_is_no_rival():
     assert judged(place(0, 0.97, 0.001), place(1, 0.96, 0.2)).verdict is Verdict.LOCALIZED
 
 
-def test_a_twin_makes_it_ambiguous_however_sure_the_model_is():
+def test_an_alias_makes_it_ambiguous_however_sure_the_model_is():
     sure = Calibration(bias=0, alignment_score=50, free_space=0, margin=0, min_margin=0.1)
     assert judged(place(0, 0.99), place(1, 0.95), calibration=sure).verdict is Verdict.AMBIGUOUS
     assert judged(place(0, 0.99), place(1, 0.80), calibration=sure).verdict is Verdict.LOCALIZED

@@ -1,1 +1,1 @@
-"""Parts of a map by place, with hashes: whoever reads a part can tell whether that part has changed."""
+"""Parts of a map by place, with hashes that show whether a part has changed."""

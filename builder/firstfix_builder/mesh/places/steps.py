@@ -1,4 +1,4 @@
-"""Estimates of a whole map in coarse steps: a change of a part of it usually leaves them as they are."""
+"""Rounding of estimates of a whole map, so that a change of a part of the map usually leaves them equal."""
 
 from __future__ import annotations
 

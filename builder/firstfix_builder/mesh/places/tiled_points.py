@@ -1,4 +1,4 @@
-"""A cloud whose points lie tile by tile, so that whoever works at one place reads only what is near it."""
+"""A cloud sorted by tile, so that work at one place reads only the points near it."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _POINTS, _TILES = "points.npy", "point_tiles.npz"
 
 @dataclass(frozen=True)
 class TiledPoints:
-    """A cloud in tiles of the ground plane, which are counted from the map's zero.
+    """A cloud in tiles of the ground plane, which are counted from the map's origin.
 
     Attributes:
-        points: (n, 3) metres, tile by tile, within a tile in the order that they came in.
+        points: (n, 3) metres, tile by tile; within a tile in their former order.
         tile: (k, 2) int64 number of each tile in x and y.
         start: (k + 1,) int64, tile i holds ``points[start[i]:start[i + 1]]``.
         sha256: (k, 32) uint8 of each tile's points.
@@ -48,7 +48,7 @@ class TiledPoints:
 
     @classmethod
     def load(cls, directory: Path) -> TiledPoints:
-        """Memory-mapped: of a part only that part is read."""
+        """Loads a cloud, memory-mapped: only the parts in use are read from the disk."""
         with np.load(directory / _TILES) as tiles:
             return cls(np.load(directory / _POINTS, mmap_mode="r"), **dict(tiles))
 

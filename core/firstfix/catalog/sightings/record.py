@@ -114,7 +114,7 @@ class SightingsRecord:
 
     @classmethod
     def of(cls, tally: Tally, time: datetime) -> SightingsRecord:
-        """Record of what was counted until a time, UTC."""
+        """Record of the counts until a time, UTC."""
         return cls({time.date().isoformat(): Day(tally, time.isoformat(), time.isoformat())})
 
 

@@ -40,7 +40,7 @@ class Sightings:
         self._store = store
 
     def put(self, folder: VersionFolder, tally: Tally, now: datetime) -> None:
-        """Store what was counted, as a part.
+        """Store counts as a part.
 
         Args:
             now: UTC.

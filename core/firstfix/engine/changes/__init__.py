@@ -1,1 +1,1 @@
-"""Changes of a map since it was made: counts by cell of what localized scans contradict, and areas."""
+"""Changes of a map since it was made: counts of contradictions by cell, and the areas that have changed."""

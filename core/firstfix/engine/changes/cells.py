@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 CELL_M = 0.5  # edge, along the axes of the map's own frame
-SPOT_M = 1.0  # edge of a spot: scans taken in one show nearly the same, and have one vote
-SLOTS = 32  # that a cell has for the spots it was seen from
+SPOT_M = 1.0  # edge of a spot: scans from one spot show nearly the same, and share one vote
+SLOTS = 32  # of a cell, for the spots from which it was seen
 _HALF = 1 << 20  # a key has 21 bits for each axis: a thousand kilometres
 _FACTORS = (0x9E3779B1, 0x85EBCA77, 0xC2B2AE3D)
 _MASK = (1 << 64) - 1
@@ -16,7 +16,7 @@ Spot = tuple[int, int, int]
 
 
 def cells_of(points_m: NDArray[np.floating]) -> NDArray[np.int64]:
-    """(n, 3) whole numbers of the cells of (n, 3) points in the map's frame."""
+    """(n, 3) integer cells of (n, 3) points in the map's frame."""
     return np.floor(np.asarray(points_m, np.float64) / CELL_M).astype(np.int64)
 
 

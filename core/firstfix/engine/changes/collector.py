@@ -1,4 +1,4 @@
-"""Collector: sightings that come in, as a tally that does not grow without end."""
+"""Collector: sums up incoming sightings in a tally of limited size."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from .tally import Tally
 
 MAX_ROWS = 1_000_000  # of a tally, 25 bytes each
 MAX_SPOTS = 100_000
-AGAIN_S = 300.0
-MAX_SUSPECTS = 200_000  # cells that were once not explained
-_TOGETHER = 16  # tallies that are summed up at a time
+AGAIN_S = 300.0  # after this time a spot counts again
+MAX_SUSPECTS = 200_000  # cells that were not explained at least once
+_TOGETHER = 16  # tallies that are summed at a time
 
 
 class Collector:
     """Sum of sightings of one map version since the last ``take``. Not thread-safe.
 
-    A spot counts again only after AGAIN_S: a robot that stands still shows nothing new. Free cells are
-    counted from the first time on that something was not explained there: all others are air.
+    A spot counts again only after AGAIN_S: a robot that stands still shows nothing new. A free cell is
+    counted only after something in it was not explained: the other free cells are only air.
     """
 
     def __init__(self) -> None:
         self._parts: list[Tally] = []
-        self._spots: dict[Spot, float] = {}  # when they counted
+        self._spots: dict[Spot, float] = {}  # time at which each counted
         self._suspects: NDArray[np.int64] = np.empty(0, np.int64)
 
     @property
@@ -43,7 +43,7 @@ class Collector:
         """Count a sighting.
 
         Args:
-            now_s: of any clock.
+            now_s: time by any clock, seconds.
         """
         if len(self._suspects) < MAX_SUSPECTS:
             self._suspects = np.union1d(self._suspects, sighting.unexplained)

@@ -25,7 +25,7 @@ class Tally:
         sightings: number of the sightings.
         cell: (n,) int64 keys of cells, ascending, and for each cell the slots ascending.
         slot: (n,) uint8.
-        counts: (n, 4) uint32 sightings of each of KINDS, none of the rows all zero.
+        counts: (n, 4) uint32 sightings of each of KINDS; no row is all zero.
     """
 
     sightings: int = 0
@@ -62,13 +62,13 @@ class Tally:
         """Check the form of a tally that was read.
 
         Raises:
-            ValueError: it is not what this class makes.
+            ValueError: it does not have the form of this class.
         """
         n = len(self.cell)
         if self.slot.shape != (n,) or self.counts.shape != (n, len(KINDS)) or self.sightings < 0:
             raise ValueError("the columns of a tally differ in length")
         if n and (int(self.slot.max()) >= SLOTS or not self.counts.any(axis=1).all()):
-            raise ValueError("a row of a tally has no such slot, or no counts")
+            raise ValueError("a row of a tally has a slot that does not exist, or no counts")
         if n and int(self.cell.min()) < 0:
             raise ValueError("a key of a tally is negative")
         order = self.cell[1:] > self.cell[:-1]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ...answer.quality import BEST_SCORE
 
 # Scale of the twist about 0 (a Cauchy distribution), linear then angular, along the level axes. A robot
-# drives and turns on its floor: the other axes are kept still, so that noise is not taken for motion.
+# drives and turns on its floor: the other axes are fixed, so that noise does not look like motion.
 TWIST_SCALE = np.array([1.0, 1.0, 1e-6, 1e-6, 1e-6, 1.0])  # m/s, rad/s
 # Speeds at which a motion is half as likely as rest. A wrong place often needs one that no robot has there.
 _UNLIKELY_M_S, _UNLIKELY_RAD_S = 3.0, 4.0

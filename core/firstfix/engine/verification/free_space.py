@@ -25,23 +25,24 @@ _NEAR_FILE, _FAR_FILE = "view_near.safetensors", "view_far.safetensors"
 
 
 @dataclass(frozen=True)
-class SeenThrough:
+class FreeSpaceShares:
     """Shares, 0..1, of the directions of a scan that pass through a surface of the map.
 
     Attributes:
-        onto_nothing: the scan's return lies where the map has nothing.
-        onto_surface: the scan's return lies near another surface of the map.
+        free_space_violation: the scan's return lies where the map has nothing.
+        removed_surface: the scan's return lies near another surface of the map.
     """
 
-    onto_nothing: float
-    onto_surface: float
+    free_space_violation: float
+    removed_surface: float
 
     @classmethod
-    def mean(cls, shares: Sequence[SeenThrough]) -> SeenThrough:
+    def mean(cls, shares: Sequence[FreeSpaceShares]) -> FreeSpaceShares:
         """Mean over several scans, at least one."""
         count = len(shares)
         return cls(
-            sum(one.onto_nothing for one in shares) / count, sum(one.onto_surface for one in shares) / count
+            sum(one.free_space_violation for one in shares) / count,
+            sum(one.removed_surface for one in shares) / count,
         )
 
 
@@ -79,7 +80,7 @@ class MapView:
         """Reads a version's files, memory-mapped."""
         return cls(PointTiles.load(directory / _NEAR_FILE), PointTiles.load(directory / _FAR_FILE), reach_m)
 
-    def seen_through(self, surface: MapSurface, scan: RangeView, T_level_sensor: Matrix) -> SeenThrough:
+    def seen_through(self, surface: MapSurface, scan: RangeView, T_level_sensor: Matrix) -> FreeSpaceShares:
         """Shares of directions in which the scan sees through the map.
 
         Directions count in which both scan and map have a surface. The scan sees through the map if its
@@ -93,6 +94,6 @@ class MapView:
             1 and 0 if scan and map have no direction in common.
         """
         near, far, coarse = self.near.tables, self.far.tables, surface.coarse.tables
-        return SeenThrough(
+        return FreeSpaceShares(
             *native.seen_through(near, far, self.reach_m, coarse, scan.returned, scan.least, T_level_sensor)
         )

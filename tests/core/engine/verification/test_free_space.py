@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from firstfix.engine.config import RegistrationConfig
 from firstfix.engine.registration.align import MapSurface
 from firstfix.engine.registration.surface import Surface
-from firstfix.engine.verification.free_space import MapView, SeenThrough
+from firstfix.engine.verification.free_space import FreeSpaceShares, MapView
 from firstfix.scan.range_view import RangeView
 from firstfix.transform import make_transform, rotation_z
 from reference import free_space as reference
@@ -32,7 +32,9 @@ ROOM = np.array([10.0, 8.0, 3.0])
 WALLS = box_surface(ROOM)
 
 
-def seen_through(points: np.ndarray, scan: RangeView, T: np.ndarray, reach_m: float = 20.0) -> SeenThrough:
+def seen_through(
+    points: np.ndarray, scan: RangeView, T: np.ndarray, reach_m: float = 20.0
+) -> FreeSpaceShares:
     surface = MapSurface.of(Surface.around(points), RegistrationConfig())
     return MapView.of(points, reach_m).seen_through(surface, scan, T)
 
@@ -45,7 +47,7 @@ def scan_of(points: np.ndarray, T_map_sensor: np.ndarray) -> RangeView:
 def test_nothing_is_seen_through_at_the_true_pose(yaw_deg):
     T = make_transform(rotation_z(np.radians(yaw_deg)), [1.0, -0.7, 0.2])
     found = seen_through(WALLS, scan_of(WALLS, T), T)
-    assert found.onto_nothing + found.onto_surface < 0.005
+    assert found.free_space_violation + found.removed_surface < 0.005
 
 
 def test_where_a_mapped_wall_has_left_the_scan_ends_at_the_wall_behind_it():
@@ -53,24 +55,24 @@ def test_where_a_mapped_wall_has_left_the_scan_ends_at_the_wall_behind_it():
     T = make_transform(np.eye(3), [0.0, 0, 0])
     found = seen_through(np.concatenate([WALLS, wall]), scan_of(WALLS, T), T)
     assert (
-        0.08 < found.onto_surface < 0.5
+        0.08 < found.removed_surface < 0.5
     )  # it stood before the far wall and before what lies on the way there
-    assert found.onto_nothing < 0.001
+    assert found.free_space_violation < 0.001
 
 
 def test_a_scan_that_ends_behind_the_map_contradicts_it():
     T = make_transform(np.eye(3), [0.0, 0, 0])
     hall = box_surface(np.array([30.0, 24.0, 9.0]))
     found = seen_through(WALLS, scan_of(hall, T), T)
-    assert found.onto_nothing > 0.9
-    assert found.onto_surface < 0.01
+    assert found.free_space_violation > 0.9
+    assert found.removed_surface < 0.01
 
 
 def test_a_return_outside_of_the_grid_is_near_nothing():
     """The grid ends a cell beyond the map: what lies further out must not be taken for the border's cell."""
     T = make_transform(np.eye(3), [0.0, 0, 0])
     far_out = seen_through(WALLS, scan_of(box_surface(np.array([500.0, 8.0, 3.0]), 1.0), T), T)
-    assert far_out.onto_surface < 0.1 < far_out.onto_nothing
+    assert far_out.removed_surface < 0.1 < far_out.free_space_violation
 
 
 def test_what_stands_before_a_mapped_wall_hides_nothing():
@@ -80,25 +82,27 @@ def test_what_stands_before_a_mapped_wall_hides_nothing():
     seen = WALLS[(WALLS[:, 0] < 2) | (np.abs(WALLS[:, 1]) > 3)]
     scan = scan_of(np.concatenate([seen, shelf]), T)
     found = seen_through(WALLS, scan, T)
-    assert found.onto_nothing + found.onto_surface < 0.01
+    assert found.free_space_violation + found.removed_surface < 0.01
 
 
 def test_at_a_pose_a_metre_off_walls_are_seen_through():
     T = make_transform(np.eye(3), [0.0, 0, 0])
     shifted = make_transform(np.eye(3), [1.2, 0, 0])
     found = seen_through(WALLS, scan_of(WALLS, T), shifted)
-    assert found.onto_nothing > 0.05
+    assert found.free_space_violation > 0.05
 
 
 def test_far_from_the_map_all_is_contradiction():
     nowhere = make_transform(np.eye(3), [500.0, 0, 0])
     nothing = RangeView.of(np.empty((0, 3), np.float32))
-    assert seen_through(WALLS, scan_of(WALLS, np.eye(4)), nowhere) == SeenThrough(1.0, 0.0)
-    assert seen_through(WALLS, nothing, np.eye(4)) == SeenThrough(1.0, 0.0)
+    assert seen_through(WALLS, scan_of(WALLS, np.eye(4)), nowhere) == FreeSpaceShares(1.0, 0.0)
+    assert seen_through(WALLS, nothing, np.eye(4)) == FreeSpaceShares(1.0, 0.0)
 
 
 def test_several_scans_count_alike():
-    assert SeenThrough.mean([SeenThrough(0.25, 0.5), SeenThrough(0.75, 0.0)]) == SeenThrough(0.5, 0.25)
+    assert FreeSpaceShares.mean([FreeSpaceShares(0.25, 0.5), FreeSpaceShares(0.75, 0.0)]) == FreeSpaceShares(
+        0.5, 0.25
+    )
 
 
 def test_tiles_give_what_all_points_give():
@@ -108,8 +112,8 @@ def test_tiles_give_what_all_points_give():
     scan = rng.normal(0, 3, (5000, 3)).astype(np.float32)
     within = RangeView.of(scan[np.linalg.norm(scan, axis=1) < 11])
     near, far = (seen_through(points, within, T, reach_m) for reach_m in (12.0, 500.0))
-    assert near.onto_nothing == pytest.approx(far.onto_nothing, abs=0.02)
-    assert near.onto_surface == pytest.approx(far.onto_surface, abs=0.02)
+    assert near.free_space_violation == pytest.approx(far.free_space_violation, abs=0.02)
+    assert near.removed_surface == pytest.approx(far.removed_surface, abs=0.02)
 
 
 @pytest.mark.parametrize("name", list(MAPS))
@@ -123,9 +127,9 @@ def test_the_shares_are_those_of_numpy(name):
             wanted = reference.seen_through(place.view, place.surface.coarse, view, at)
             found = place.view.seen_through(place.surface, view, at)
             # a return on the border of two cells may lie in either
-            assert found.onto_nothing == pytest.approx(wanted.onto_nothing, abs=1e-3)
-            assert found.onto_surface == pytest.approx(wanted.onto_surface, abs=1e-3)
-            assert 0 < found.onto_nothing + found.onto_surface < 1
+            assert found.free_space_violation == pytest.approx(wanted.free_space_violation, abs=1e-3)
+            assert found.removed_surface == pytest.approx(wanted.removed_surface, abs=1e-3)
+            assert 0 < found.free_space_violation + found.removed_surface < 1
 
 
 @pytest.mark.parametrize("band_deg", [(-90, -60), (-15, 15), (-1, 1), (-90, 90), (70, 90), (88.5, 90)])
@@ -143,7 +147,7 @@ def test_a_scan_of_few_elevations_is_checked_there(band_deg):
             reference.seen_through(view, surface.coarse, scan, T),
             view.seen_through(surface, scan, T),
         )
-        assert found.onto_nothing == pytest.approx(wanted.onto_nothing, abs=1e-3)
-        assert found.onto_nothing + found.onto_surface == pytest.approx(
-            wanted.onto_nothing + wanted.onto_surface, abs=1e-9
+        assert found.free_space_violation == pytest.approx(wanted.free_space_violation, abs=1e-3)
+        assert found.free_space_violation + found.removed_surface == pytest.approx(
+            wanted.free_space_violation + wanted.removed_surface, abs=1e-9
         )

@@ -117,7 +117,7 @@ def _bay(place: Place, rng: np.random.Generator, x: float, y: float, levels: tup
             if rng.uniform() < 0.15:
                 continue
             goods = _load(1.0 if rng.uniform() < 0.7 else rng.uniform(0.2, 1.25))
-            if z < 2:  # what is at hand is what comes and goes
+            if z < 2:  # only things within reach come and go
                 place.put(goods, x + slot, y, z, reach_m=0.1)
             else:
                 place.fix(goods, x + slot, y, z)

@@ -64,7 +64,7 @@ def foreign_scan(
 
 
 class ChangedWorld:
-    """A place on another day, to be looked at from poses that nobody has driven."""
+    """A place on another day, scanned from poses beside the drive."""
 
     def __init__(self, place: Place, rng: np.random.Generator, sensor: SensorModel | None = None) -> None:
         self.sensor = sensor or place.sensor

@@ -1,4 +1,4 @@
-"""Sample worlds: procedural places, the map a SLAM would leave of them, and scans with known poses."""
+"""Sample worlds: generated places, maps of them as a SLAM would make, and scans with known poses."""
 
 from .city.write_city import write_city
 from .make_world import NAMES, World, make_world

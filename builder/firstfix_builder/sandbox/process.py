@@ -1,0 +1,99 @@
+"""The process of a sandboxed build: its options, its environment, its start and its end."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from .process_group import wait_until_ended
+
+END_WITHIN_S = 20.0  # of a process that was killed
+PROGRAM = ("-m", "firstfix_builder.sandbox.inside")
+MIN_FILE_BYTES = 1 << 30
+MIN_MEMORY_BYTES = 4 << 30  # that libraries reserve for threads and heaps
+# The environment variables that a build gets: how to find Python and its libraries.
+_PASSED = ("PATH", "LANG", "LC_ALL", "TZ", "PYTHONPATH", "PYTHONUNBUFFERED", "PYTHONDONTWRITEBYTECODE")
+_PASSED_PREFIXES = ("OMP_", "OPENBLAS_", "MKL_", "LD_LIBRARY_", "MPL")
+
+
+@dataclass(frozen=True)
+class SandboxOptions:
+    """Options of the sandbox.
+
+    Attributes:
+        required: refuse to build when the kernel cannot confine it completely.
+        max_memory_bytes: memory of all processes of the build together, which the service enforces. One
+            process may reserve twice as much, used or not. None: all memory of the machine.
+        log_level, log_json: of the build's own log.
+        program: the inner side, as arguments of the Python interpreter.
+    """
+
+    required: bool
+    max_memory_bytes: int | None = None
+    log_level: str = "info"
+    log_json: bool = False
+    program: tuple[str, ...] = PROGRAM
+
+    @property
+    def reserved_bytes(self) -> int:
+        """Memory that one process may reserve."""
+        all_bytes = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        return max(2 * (self.max_memory_bytes or all_bytes), MIN_MEMORY_BYTES)
+
+
+def start_process(
+    options: SandboxOptions, folder: Path, sources: Path, scratch: Path, said: int
+) -> subprocess.Popen[bytes]:
+    """Starts the inner side. It reads messages from its standard input.
+
+    Args:
+        folder: the build's own; it may write there.
+        sources: may be read.
+        scratch: for temporary files.
+        said: handle that it writes messages to.
+    """
+    arguments = {
+        "--work": folder,
+        "--sources": sources,
+        "--say-to": said,
+        "--memory-bytes": options.reserved_bytes,
+        "--file-bytes": max(shutil.disk_usage(folder).free, MIN_FILE_BYTES),
+    }
+    return subprocess.Popen(
+        [
+            *(sys.executable, "-P", *options.program),
+            *(str(part) for argument in arguments.items() for part in argument),
+            *(["--required"] if options.required else []),
+        ],
+        stdin=subprocess.PIPE,
+        pass_fds=(said,),
+        env=_environment(scratch, folder / "home"),
+        process_group=0,
+    )
+
+
+def end_process(process: subprocess.Popen[bytes]) -> None:
+    """Kills a build and all processes that it started: none of them can leave its group."""
+    assert process.stdin is not None
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    wait_until_ended(process.pid, END_WITHIN_S)
+    with suppress(BrokenPipeError):
+        process.stdin.close()
+
+
+def _environment(scratch: Path, home: Path) -> dict[str, str]:
+    passed = {
+        name: value
+        for name, value in os.environ.items()
+        if name in _PASSED or name.startswith(_PASSED_PREFIXES)
+    }
+    # libraries cache lists there that take seconds to make, such as that of the fonts
+    return {**passed, "HOME": str(home), "MPLCONFIGDIR": str(home), "TMPDIR": str(scratch)}
