@@ -168,7 +168,7 @@ def test_a_folder_with_one_mesh_or_a_cloud_among_meshes_is_no_folder_of_meshes(t
     (part,) = read_parts(tmp_path / "city")
     assert len(part.surface[1]) == 1
     np.save(tmp_path / "city" / "cloud.npy", np.zeros((5, 3)))
-    with pytest.raises(UnsupportedFormat, match="holds 2 map files"):
+    with pytest.raises(UnsupportedFormat, match="has 2 map files"):
         list(read_parts(tmp_path / "city"))
     shutil.rmtree(tmp_path / "city")
     mesh_folder(tmp_path / "city", np.zeros(3))
