@@ -28,13 +28,13 @@ _LEVEL_M = 0.2  # nearer to the floor or the ceiling, a surface tells no places 
 _FOUND_M, _FOUND_DEG = 0.2, 2.0  # from the true pose
 _ELSEWHERE_M = 1.0
 _COMPARED = 3  # rivals of one scan
-_TIE, _LEAST_SCANS = 0.98, 20  # share of the equal places that tie, and scans of such places to learn it from
+_TIE, _LEAST_SCANS = 0.95, 20  # share of the equal places that tie, and scans of such places to learn it from
 
 
 def tie_width(unequal: Sequence[float | None]) -> float:
     """Difference of support below which poses of a map tie, from what its scans' ``unequal_by`` were.
 
-    So wide that all but two in a hundred equal places tie. Of few equal places nothing is learned.
+    So wide that all but one in twenty equal places tie. Of few equal places nothing is learned.
     """
     found = [by for by in unequal if by is not None]
     if len(found) < _LEAST_SCANS:

@@ -80,7 +80,7 @@ def test_what_is_no_equal_place_tells_nothing():
 def test_equal_places_tie_but_for_rare_ones():
     usual = np.linspace(0.0, 0.1, 99).tolist()
     width = tie_width([*usual, 0.24, None, None])
-    assert np.mean(np.array(usual) < width) >= 0.98
+    assert np.mean(np.array(usual) < width) >= 0.95
     assert 0.09 < width < 0.11, "one scan alone does not make it"
 
 
