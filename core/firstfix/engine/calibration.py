@@ -108,7 +108,9 @@ class Calibration:
 
         bounds = [(None, None)] + [(0, None)] * (len(prior) - 1)
         found = minimize(loss, prior, jac=True, method="L-BFGS-B", bounds=bounds).x
-        rounded = {name: round(float(value), 4) for name, value in zip(WEIGHTS, found, strict=True)}
+        rounded: dict[str, Any] = {
+            name: round(float(value), 4) for name, value in zip(WEIGHTS, found, strict=True)
+        }
         return cls(**rounded, cases=len(truth))
 
     def to_mapping(self) -> dict[str, Any]:
