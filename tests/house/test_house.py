@@ -13,7 +13,8 @@ REPO = Path(__file__).resolve().parents[2]
 REGISTRY = re.compile(
     r"(pypi|pythonhosted|npmjs|registry\.[a-z]+|crates|proxy\.golang)\.(org|com|io|dev)\b|--(extra-)?index-url=?\s*http"
 )
-STRIDE = re.compile(r"\[\s*::\s*(?!-?\d+\s*[\],])")  # by a computed step: a constant one is no sample
+# By a computed step: a constant one is no sample.
+STRIDE = re.compile(r"\[\s*::\s*(?!-?\d+\s*[\],])|\barange\(\s*0\s*,\s*len\([^)]*\)\s*,(?!\s*\d+\s*\))")
 MACHINE = re.compile(r"(?<![\w.])/(work|root|tmp/(venv|clone))/")
 
 
@@ -40,6 +41,21 @@ def test_no_sample_is_a_stride_through_a_list():
         if STRIDE.search(line)
     ]
     assert not found
+
+
+@pytest.mark.parametrize(
+    ("line", "seen"),
+    [
+        ("points[::step]", True),
+        ("points[:: len(points) // 100]", True),
+        ("rows = np.arange(0, len(rows), -(-len(rows) // 10))", True),
+        ("points[::-1]", False),
+        ("pairs = numbers[::2]", False),
+        ("for start in range(0, len(rows), AT_ONCE):", False),
+    ],
+)
+def test_a_stride_is_seen(line: str, seen: bool):
+    assert bool(STRIDE.search(line)) == seen
 
 
 @pytest.mark.parametrize("pattern", [REGISTRY, MACHINE], ids=["registry host", "machine path"])

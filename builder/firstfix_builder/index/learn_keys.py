@@ -20,6 +20,7 @@ from firstfix.engine.config import EngineConfig
 from firstfix.engine.preprocess import preprocess
 from firstfix.engine.retrieval.templates import Templates
 from firstfix.errors import BuildCancelled
+from firstfix.portable.sample import rows_by_chance
 from firstfix.scan.sequence import ScanSequence
 from firstfix.sensor import SensorModel
 
@@ -72,7 +73,7 @@ def learn_keys(
     seen = {name: np.concatenate([one[name] for _, one in made]) for name in descriptor.arrays}
     spots = np.array([case.T_level_sensor[:3, 3] for case, _ in made])
     nearest = cKDTree(templates.position_m).query(spots)[1]
-    sample = np.arange(0, len(templates), -(-len(templates) // COMPARED_TEMPLATES))
+    sample = rows_by_chance(len(templates), COMPARED_TEMPLATES)  # they stand column by column
     return discriminants(
         descriptor.keys(templates.described_at(sample)),
         descriptor.keys(seen) - descriptor.keys(templates.described_at(nearest)),

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from firstfix.answer.localization import Localization
-from firstfix.answer.quality import AlignmentQuality, MatchFeatures
+from firstfix.answer.quality import AlignmentQuality, MatchFeatures, match_features
 from firstfix.engine.calibration import Calibration
 from firstfix.transform import Matrix, pose_error
 
 RIGHT_M, RIGHT_DEG = 1.0, 10.0  # further off than this, a fix is a false one
 ABSENT_BEYOND_M = 3.0  # from the true place: what is nearer would not be in the map without it either
-_UNFITTED = Calibration()  # says which places tie; fitting does not change that
 
 
 @dataclass(frozen=True)
@@ -25,6 +24,8 @@ class Outcome:
         T_level_sensor: (4, 4) where the scan was taken, or None: at no place of the map.
         errors_m: of each hypothesis in turn; infinite where it is turned by over RIGHT_DEG too.
         is_mirrored: whether the scan is the mirror image of one taken in the map.
+        unequal_by: see ``equal_places.unequal_by``.
+        min_margin: of this map: places whose support differs by less tie.
     """
 
     query: int
@@ -32,6 +33,8 @@ class Outcome:
     T_level_sensor: Matrix | None
     errors_m: tuple[float, ...]
     is_mirrored: bool = False
+    unequal_by: float | None = None
+    min_margin: float = Calibration().min_margin
 
     @classmethod
     def here(cls, query: int, answer: Localization, T_level_sensor: Matrix, T_map_level: Matrix) -> Outcome:
@@ -64,7 +67,7 @@ class Outcome:
     @property
     def evidence(self) -> MatchFeatures | None:
         """Match features of the best hypothesis, None if there is none."""
-        return _UNFITTED.match_features(self._fits) if self._fits else None
+        return match_features(self._fits, self.min_margin) if self._fits else None
 
     @property
     def right_among_tied(self) -> bool:
@@ -95,7 +98,7 @@ class Outcome:
             and all(pose_error(one.T_map_sensor, other.T_map_sensor)[0] > ABSENT_BEYOND_M for one in tied)
         ]
         # of one alone the margin is not known
-        return _UNFITTED.match_features(elsewhere) if len(elsewhere) > 1 else None
+        return match_features(elsewhere, self.min_margin) if len(elsewhere) > 1 else None
 
     @property
     def _fits(self) -> list[AlignmentQuality]:

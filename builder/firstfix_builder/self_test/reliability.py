@@ -47,15 +47,20 @@ def mirrored_weight(queries: int, mirrored: int) -> float:
 def fit(cases: Sequence[Case]) -> Calibration:
     """The calibration that the cases teach.
 
-    Scans whose best places tie teach nothing. They are never localized, and which margin a place without an
-    equal needs is learned from such places alone. Their mirror images and hard negatives are left out with
-    them: alone they would teach that nothing is ever right.
+    Which margin a place without an equal needs is learned from such places alone. Scans whose best places tie
+    are left out there, together with their mirror images and hard negatives: alone these would teach that
+    nothing is ever right. How likely one of several places that tie is right, all cases teach.
     """
     tied = {case.query for case in cases if case.asked and case.evidence.tied > 1}
     single = [case for case in cases if case.query not in tied and case.evidence.tied == 1]
-    if not single:
+    fitted = _fit(single)
+    return fitted if len(single) == len(cases) else fitted.with_ties_as_in(_fit(cases))
+
+
+def _fit(cases: Sequence[Case]) -> Calibration:
+    if not cases:
         return Calibration()
-    return Calibration.fit(*zip(*((c.evidence, c.right, c.weight) for c in single), strict=True))
+    return Calibration.fit(*zip(*((c.evidence, c.right, c.weight) for c in cases), strict=True))
 
 
 def reliability_of(cases: Sequence[Case]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,7 @@ from firstfix.transform import Matrix, inverse, make_transform
 
 from ..simulation.perturb import ScanCase, ScanSimulation, elsewhere
 from ..simulation.simulate import Simulator
+from .equal_places import tie_width, unequal_by
 from .localizability import Spot, grid_of
 from .mirrored import is_in_map, mirrored
 from .outcome import RIGHT_M, Outcome
@@ -106,7 +107,10 @@ def run_self_test(
         if simulation is strange:
             outcomes = [Outcome.nowhere(number, answer)]
         else:
-            outcomes = [Outcome.here(number, answer, case.T_level_sensor, T_map_level)]
+            by = unequal_by(answer, simulator, sensor, case.T_level_sensor, T_level_map)
+            outcomes = [
+                replace(Outcome.here(number, answer, case.T_level_sensor, T_map_level), unequal_by=by)
+            ]
             if number < config.mirrored:
                 image = localizer.localize(mirrored(scan, sensor), asked_with)
                 if not _is_right(image, case):
@@ -123,8 +127,10 @@ def run_self_test(
         return is_in_map(simulator, sensor, case.T_level_sensor, found)
 
     outcomes = [outcome for of_query in executor.map(run, range(len(queries))) for outcome in of_query]
+    min_margin = tie_width([outcome.unequal_by for outcome in outcomes])
+    outcomes = [replace(outcome, min_margin=min_margin) for outcome in outcomes]
     cases = _cases(outcomes, mirrored_weight(len(inside), config.mirrored))
-    calibration = fit(cases)
+    calibration = replace(fit(cases), min_margin=min_margin)
     tested = _spots(outcomes, calibration, T_level_map)
     bound = bound_of(cases, unanswered=sum(o.evidence is None for o in outcomes))
     found = _summary(outcomes, calibration, cases, bound, grid_of(tested))

@@ -1,13 +1,14 @@
 """Calibration: from match features to the probability that the best pose is right.
 
 The build's self-test fits it. Poses that tie count as one: two equal storeys of a map make every answer there
-ambiguous, but no answer less likely to contain the true pose (docs/method.md section 7).
+ambiguous, but no answer less likely to contain the true pose. How likely that is, a model of its own says
+(docs/method.md section 7).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,7 @@ class Calibration:
         min_margin: poses tie if their support differs by less: the answer is then ambiguous, however good
             they are.
         cases: number of self-test cases it was fitted on; 0: it is the prior.
+        among_tied: weights of the model for poses that tie, bias first; empty: they are the others.
     """
 
     bias: float = -20.1
@@ -51,11 +53,16 @@ class Calibration:
     max_free_space_violation: float = 0.1
     min_margin: float = 0.05
     cases: int = 0
+    among_tied: tuple[float, ...] = ()
 
     @property
     def weights(self) -> NDArray[np.float64]:
         """(6,) weights of the model, bias first."""
         return np.array([getattr(self, name) for name in WEIGHTS])
+
+    def with_ties_as_in(self, other: Calibration) -> Calibration:
+        """This calibration, with the other one's weights for poses that tie."""
+        return replace(self, among_tied=tuple(other.weights.tolist()))
 
     def match_features(self, qualities: Sequence[AlignmentQuality], number: int = 0) -> MatchFeatures:
         """Match features of one of the competing poses. Poses that tie with it count as one pose."""
@@ -63,7 +70,9 @@ class Calibration:
 
     def probability(self, features: MatchFeatures) -> float:
         """Probability, 0..1, that the pose or one that ties with it is right."""
-        return float(_logistic(self.weights[0] + features.vector @ self.weights[1:]))
+        tie = features.tied > 1 and self.among_tied
+        weights = np.array(self.among_tied) if tie else self.weights
+        return float(_logistic(weights[0] + features.vector @ weights[1:]))
 
     def accepts(self, features: MatchFeatures, min_probability: float | None = None) -> bool:
         """Returns whether the verdict may be ``localized``.
@@ -99,7 +108,9 @@ class Calibration:
 
         bounds = [(None, None)] + [(0, None)] * (len(prior) - 1)
         found = minimize(loss, prior, jac=True, method="L-BFGS-B", bounds=bounds).x
-        rounded = {name: round(float(value), 4) for name, value in zip(WEIGHTS, found, strict=True)}
+        rounded: dict[str, Any] = {
+            name: round(float(value), 4) for name, value in zip(WEIGHTS, found, strict=True)
+        }
         return cls(**rounded, cases=len(truth))
 
     def to_mapping(self) -> dict[str, Any]:
@@ -108,14 +119,18 @@ class Calibration:
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any]) -> Calibration:
-        """Reads what ``to_mapping`` returned.
+        """Reads what ``to_mapping`` returned, in this release or before there was ``among_tied``.
 
         Raises:
             ValueError: the fields are not those of this class.
         """
-        if set(data) != {field.name for field in fields(cls)}:
+        values = {"among_tied": (), **data}
+        if set(values) != {field.name for field in fields(cls)}:
             raise ValueError(f"unexpected fields of a calibration: {sorted(data)}")
-        return cls(**data)
+        among_tied = tuple(map(float, values["among_tied"]))
+        if among_tied and len(among_tied) != len(WEIGHTS):
+            raise ValueError(f"fields of a calibration: {len(among_tied)} weights for poses that tie")
+        return cls(**{**values, "among_tied": among_tied})
 
 
 def _logistic(x: ArrayLike) -> NDArray[np.float64]:

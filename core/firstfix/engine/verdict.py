@@ -15,6 +15,8 @@ from .index import MapIndex
 from .registered_candidate import RegisteredCandidate, features_of
 from .registration.covariance import pose_covariance
 
+LIKELY = 0.5  # from here on, one of the places that tie is more likely right than not
+
 
 def judge(ranked: Sequence[RegisteredCandidate], options: LocalizeOptions) -> Localization:
     """Answer of one map or several, each candidate judged by the calibration of its own map.
@@ -64,7 +66,10 @@ def threshold_of(index: MapIndex, options: LocalizeOptions, map_id: str = "") ->
 def _why_not_localized(
     best: MatchFeatures, calibration: Calibration, min_probability: float | None
 ) -> Reason | None:
-    """First reason against the best candidate, or None: it is accepted."""
+    """First reason against the best candidate, or None: it is accepted.
+
+    Places that tie are never localized, so one of them need only be likely, whatever the caller's threshold.
+    """
     needed = calibration.min_probability if min_probability is None else min_probability
 
     def would_do(changed: MatchFeatures) -> bool:
@@ -76,7 +81,9 @@ def _why_not_localized(
         return Reason.FREE_SPACE_VIOLATION
     if calibration.accepts(best, min_probability):
         return None
-    if would_do(replace(best, margin=MAX_MARGIN)):  # without its rivals, tied or not
+    if best.tied > 1 and calibration.probability(best) >= LIKELY:
+        return Reason.SEVERAL_PLACES
+    if would_do(replace(best, margin=MAX_MARGIN, tied=1)):  # without its rivals, tied or not
         return Reason.SEVERAL_PLACES
     if would_do(replace(best, quality=replace(best.quality, free_space_violation=0.0))):
         return Reason.FREE_SPACE_VIOLATION

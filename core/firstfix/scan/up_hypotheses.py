@@ -18,6 +18,7 @@ from .voxel_filter import at_most
 _MAIN_AXES = 3  # the floor's normal and those of two directions of walls
 _LEAST_VOTES = 0.5  # of the best axis's votes: an axis with fewer comes from clutter
 _AXIS_COSINE = np.cos(np.radians(25.0))  # nearer directions are one axis
+_IN_PLANE_COSINE = np.cos(np.radians(65.0))  # with the normal of a plane, of axes in it
 _NEW_DEG = 10.0  # nearer up directions lead to the same poses
 _NEW_BY_GRAVITY_DEG = 1.5  # the surfaces may correct a shaken IMU by little more than this
 _VOTERS = 1000
@@ -44,9 +45,11 @@ def other_ups(
 
 
 def main_axes(normals: NDArray[np.floating]) -> list[NDArray[np.float64]]:
-    """Main axes of (n, 3) surface normals: up to three unit vectors of any sign.
+    """Main axes of (n, 3) surface normals: unit vectors of any sign, up to three by votes.
 
-    Most of the normals are parallel to an axis or at right angles to it.
+    Most of the normals are parallel to an axis or at right angles to it. Where floor and ceiling are rough,
+    every level direction may have more votes than up has: more normals are about at right angles to it than
+    are about parallel to up. So where all axes lie in one plane, its normal is an axis too.
     """
     directions = directions_about_z(90.0)
     normals = at_most(normals, _VOTERS)
@@ -57,6 +60,11 @@ def main_axes(normals: NDArray[np.floating]) -> list[NDArray[np.float64]]:
         voted = directions[int(np.argmax(won))]
         axes.append(refined_up(normals, voted))
         won[np.abs(directions @ voted) > _AXIS_COSINE] = -1
+    if len(axes) == _MAIN_AXES:
+        across = np.cross(axes[0], axes[1])
+        length = np.linalg.norm(across)
+        if abs(across @ axes[2]) < _IN_PLANE_COSINE * length:
+            axes.append(refined_up(normals, across / length))
     return axes
 
 

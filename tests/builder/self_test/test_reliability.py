@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 
 from firstfix.answer.quality import AlignmentQuality, MatchFeatures
@@ -48,15 +50,29 @@ def test_what_was_not_asked_teaches_but_is_not_counted():
     assert fit(asked + twins).probability(twins[0].evidence) < fit(asked).probability(twins[0].evidence)
 
 
-def test_equal_places_do_not_move_the_calibration():
+def test_equal_places_do_not_move_the_calibration_of_others():
     asked = cases(200, 5)
     ties = [
         Case(200 + c.query, MatchFeatures(c.evidence.quality, 0.4, tied=2), c.query % 2 == 0) for c in asked
     ]
-    assert fit(asked + ties) == fit(asked)
-    assert fit(ties) == Calibration()
+    assert replace(fit(asked + ties), among_tied=()) == fit(asked)
+    assert replace(fit(ties), among_tied=()) == Calibration()
     found = reliability_of(asked + ties)
     assert sum(part["cases"] for part in found["bins"]) == 400  # that they come true is still measured
+
+
+def test_equal_places_teach_how_likely_one_of_them_is_right():
+    """In a building of equal storeys a weak scan finds both, whatever the prior expects of such a fit."""
+    weak = MatchFeatures(AlignmentQuality(0.85, 0.84, 0.0, 0.01, 0.15, 0.2), 0.06, tied=2)
+    absent = MatchFeatures(AlignmentQuality(0.5, 0.4, 0.01, 0.02, 0.2, 0.1), 0.02, tied=2)
+    assert Calibration().probability(weak) < 0.5
+    found = [Case(query, weak, True) for query in range(100)]
+    missed = [Case(query, absent, False, ABSENT_WEIGHT, asked=False) for query in range(100)]
+    taught = fit(found + missed)
+    assert taught.probability(weak) > 0.9
+    assert taught.probability(absent) < 0.1
+    alone = replace(weak, tied=1)
+    assert taught.probability(alone) == Calibration().probability(alone)
 
 
 def test_few_mirror_images_weigh_as_much_as_all():

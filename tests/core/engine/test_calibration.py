@@ -1,3 +1,5 @@
+import json
+
 import numpy as np
 import pytest
 
@@ -72,7 +74,13 @@ def test_round_trip():
     fitted = Calibration.fit(*cases(200, 3))
     assert Calibration.from_mapping(fitted.to_mapping()) == fitted
     assert fitted.cases == 200
+    with_ties = fitted.with_ties_as_in(Calibration.fit(*cases(200, 4)))
+    assert Calibration.from_mapping(json.loads(json.dumps(with_ties.to_mapping()))) == with_ties
+    earlier = fitted.to_mapping()
+    del earlier["among_tied"]
+    assert Calibration.from_mapping(earlier) == fitted
     for wrong in (
+        {**fitted.to_mapping(), "among_tied": [1.0, 2.0]},
         {"nonsense": 1},
         {"bias": -12.0, "inlier_ratio": 18.0, "margin": 8.0},
     ):

@@ -1,6 +1,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
@@ -66,6 +67,30 @@ def test_an_alias_makes_it_ambiguous_however_sure_the_model_is():
     sure = Calibration(bias=0, alignment_score=50, free_space=0, margin=0, min_margin=0.1)
     assert judged(place(0, 0.99), place(1, 0.95), calibration=sure).verdict is Verdict.AMBIGUOUS
     assert judged(place(0, 0.99), place(1, 0.80), calibration=sure).verdict is Verdict.LOCALIZED
+
+
+def claiming(probability: float, *places: RegisteredCandidate) -> Calibration:
+    """A calibration that gives the best of the places, or those that tie with it, this probability."""
+
+    def log_odds(p: float) -> float:
+        return float(np.log(p / (1 - p)))
+
+    said = CALIBRATION.probability(CALIBRATION.match_features([place.quality for place in places]))
+    return replace(CALIBRATION, bias=CALIBRATION.bias + log_odds(probability) - log_odds(said))
+
+
+@pytest.mark.parametrize("options", [{}, {"min_probability": 0.9999}], ids=["the map's threshold", "its own"])
+def test_places_that_tie_are_ambiguous_if_one_of_them_is_likely(options):
+    tied = place(0, 0.8), place(1, 0.8), place(2, 0.5)
+    answer = judged(*tied, calibration=claiming(0.6, *tied), **options)
+    assert (answer.verdict, answer.reasons) == (Verdict.AMBIGUOUS, (Reason.SEVERAL_PLACES,))
+    answer = judged(*tied, calibration=claiming(0.4, *tied), **options)
+    assert (answer.verdict, answer.reasons) == (Verdict.REJECTED, (Reason.LOW_PROBABILITY,))
+
+
+def test_one_place_has_to_be_surer_than_places_that_tie():
+    alone = place(0, 0.8), place(2, 0.5)
+    assert judged(*alone, calibration=claiming(0.6, *alone)).reasons == (Reason.LOW_PROBABILITY,)
 
 
 def test_a_place_that_is_seen_through_is_rejected_and_told_so():

@@ -37,6 +37,19 @@ def test_one_hypothesis_is_up_whatever_the_orientation(seed):
     assert all(off_deg(a, b) > 9 for n, a in enumerate(ups) for b in ups[:n])
 
 
+@pytest.mark.parametrize("seed", range(10))
+def test_up_is_found_where_level_directions_outvote_it(seed):
+    """In a garage: rough floor and ceiling, few walls. What is uneven by 6 degrees is still level."""
+    R_sensor_level = Rotation.random(random_state=seed).as_matrix()
+    normals = room(seed, floor=250, ceiling=220, walls=120, clutter=400)
+    normals += np.random.default_rng(seed).normal(0, 0.1, normals.shape)
+    normals = normals / np.linalg.norm(normals, axis=1, keepdims=True) @ R_sensor_level.T
+    tried = estimate_up(normals)
+    ups = [tried, *other_ups(normals, tried, None)]
+    assert min(off_deg(one, R_sensor_level[:, 2]) for one in ups) < 2.0
+    assert len(ups) <= 10  # and both ways along the one at right angles to three in a plane
+
+
 @pytest.mark.parametrize("mounted", [[180, 0], [0, 180], [90, 0], [0, -90], [135, 20]])
 def test_up_is_found_near_where_the_mounting_has_it(mounted):
     R_base_sensor = Rotation.from_euler("XY", mounted, degrees=True).as_matrix()

@@ -9,7 +9,7 @@ from pathlib import Path
 import httpx
 import numpy as np
 import pytest
-from access_world import ask_zenoh, get, give, localize
+from access_world import LaterClock, ask_zenoh, get, give, localize
 from fastapi.routing import APIRoute, iter_route_contexts
 from service_world import Service, publish, running_service
 from starlette.routing import Route
@@ -20,11 +20,15 @@ from firstfix.errors import Forbidden, StoreUnavailable, Unauthorized
 from firstfix.store.store import Store
 from firstfix_client import Client, ZenohClient
 from firstfix_service.app import create_app
+from firstfix_service.auth import key_ring
+from firstfix_service.auth.key_ring import KeyRing
 from firstfix_service.http_api.authorize import SCOPES, authorize
 from firstfix_service.settings import Settings
 from waiting import wait_until
 
 pytestmark = pytest.mark.slow
+
+DAY_S = 86400.0
 
 
 @pytest.fixture
@@ -198,16 +202,16 @@ def test_keys_come_and_go_while_the_service_runs(guarded: Service):
     wait_until(lambda: localize(guarded, key).status_code == 401)
 
 
-def test_a_key_expires_without_a_look_at_the_store(tmp_path: Path):
-    with running_service(tmp_path, auth="on", keys_refresh_s=0.1, zenoh=False) as service:
-        key = give(service, "localize", expires=datetime.now(timezone.utc) + timedelta(seconds=3))
-        wait_until(lambda: get(service, "/maps", key).is_success)
-        wait_until(lambda: "has expired" in get(service, "/maps", key).text)
+def test_a_key_expires_without_a_look_at_the_store(guarded: Service, monkeypatch: pytest.MonkeyPatch):
+    key = give(guarded, "localize", expires=datetime.now(timezone.utc) + timedelta(hours=1))
+    wait_until(lambda: get(guarded, "/maps", key).is_success)
+    monkeypatch.setattr(key_ring, "datetime", LaterClock)
+    assert "has expired" in get(guarded, "/maps", key).text
 
 
 def test_known_keys_outlive_the_store_for_a_while(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     with running_service(
-        tmp_path, auth="on", keys_refresh_s=0.05, keys_max_age_s=1.5, poll_interval_s=30, zenoh=False
+        tmp_path, auth="on", keys_refresh_s=0.05, keys_max_age_s=DAY_S, poll_interval_s=30, zenoh=False
     ) as service:
         publish(service.catalog, "hall", "1", service.scratch)
         key = give(service, "localize")
@@ -218,7 +222,9 @@ def test_known_keys_outlive_the_store_for_a_while(tmp_path: Path, monkeypatch: p
 
         monkeypatch.setattr(Store, "list", gone)
         assert localize(service, key).is_success
-        wait_until(lambda: localize(service, key).status_code == 503)
+        age_s = KeyRing.age_s.fget
+        monkeypatch.setattr(KeyRing, "age_s", property(lambda keys: age_s(keys) + DAY_S))
+        assert localize(service, key).status_code == 503
         assert localize(service, key).json()["code"] == "store_unavailable"
         monkeypatch.undo()
         wait_until(lambda: localize(service, key).is_success)

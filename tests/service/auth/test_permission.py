@@ -6,12 +6,12 @@ import json
 import socket
 import time
 from collections.abc import Callable, Iterator
-from datetime import datetime, timedelta, timezone, tzinfo
+from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 import httpx
 import pytest
-from access_world import give, localize
+from access_world import LaterClock, give, localize
 from jwt import api_jwt
 from service_world import XYZ, Service, publish, running_service
 from token_world import ALL_KEYS, AUDIENCE, ISSUER, signed
@@ -43,14 +43,6 @@ def is_known(service: Service, credential: str) -> bool:
 
 def revoke(service: Service, key: str) -> None:
     ApiKeys(service.catalog.store).revoke(key.split("_")[1])
-
-
-class LaterClock(datetime):
-    """A clock that is a day ahead."""
-
-    @classmethod
-    def now(cls, tz: tzinfo | None = None) -> datetime:
-        return datetime.now(tz) + timedelta(days=1)
 
 
 def seen_of_events(service: Service, credential: str, opened: Callable[[], object]) -> list[str]:

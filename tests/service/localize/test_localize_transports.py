@@ -175,7 +175,7 @@ def test_a_deadline_is_kept(tmp_path: Path, transport: str):
         reply = service.ask(transport, options={"deadline_ms": "150"})
         assert (reply.json["code"], reply.json["status"]) == ("deadline_exceeded", 504)
         behaviour.gate.set()
-        assert service.ask(transport, options={"deadline_ms": "15000"}).ok
+        assert service.ask(transport, options={"deadline_ms": "600000"}).ok
 
 
 @both

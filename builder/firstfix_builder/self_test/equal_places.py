@@ -1,0 +1,107 @@
+"""Equal places of a map, such as those of two storeys of one plan: how unequally does a scan fit them?
+
+No matcher can tell them apart. But their surfaces were sampled from different viewpoints, so a scan fits one
+a little better than the other. Poses whose support differs by no more than that must tie.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from firstfix.answer.localization import Localization
+from firstfix.answer.quality import MAX_MARGIN
+from firstfix.engine.calibration import Calibration
+from firstfix.scan.levelling import turned
+from firstfix.sensor import SensorModel
+from firstfix.transform import Matrix, pose_error
+
+from ..simulation.rays import Rays
+from ..simulation.simulate import Simulator
+
+_ALIKE_M, _ALIKE_SHARE = 0.1, 0.02  # of ranges: what is nearer is the same surface
+_EQUAL_RAYS = 0.97  # more rays that meet the same: the places are equal
+_COMPARED_RAYS, _LEAST_RAYS = 2000, 100
+_LEVEL_M = 0.2  # nearer to the floor or the ceiling, a surface tells no places apart
+_FOUND_M, _FOUND_DEG = 0.2, 2.0  # from the true pose
+_ELSEWHERE_M = 1.0
+_COMPARED = 3  # rivals of one scan
+_TIE, _LEAST_SCANS = 0.95, 20  # share of the equal places that tie, and scans of such places to learn it from
+
+
+def tie_width(unequal: Sequence[float | None]) -> float:
+    """Difference of support below which poses of a map tie, from what its scans' ``unequal_by`` were.
+
+    So wide that all but one in twenty equal places tie. Of few equal places nothing is learned.
+    """
+    found = [by for by in unequal if by is not None]
+    if len(found) < _LEAST_SCANS:
+        return Calibration().min_margin
+    most = float(np.quantile(found, _TIE, method="lower"))
+    return max(Calibration().min_margin, math.floor(most * 1e4 + 1) / 1e4)
+
+
+def unequal_by(
+    answer: Localization,
+    simulator: Simulator,
+    sensor: SensorModel,
+    T_level_sensor: Matrix,
+    T_level_map: Matrix,
+) -> float | None:
+    """Largest difference of support between the true place and an equal one, for one scan's answer.
+
+    None if the true place was not found, or none of its closest rivals is its equal.
+
+    Args:
+        T_level_sensor: (4, 4) where the scan was taken.
+    """
+    poses = [
+        (one.quality, T_level_map @ one.T_map_sensor) for one in answer.hypotheses if one.quality is not None
+    ]
+    off = [pose_error(T_level_sensor, T) for _, T in poses]
+    true = next((n for n, (m, deg) in enumerate(off) if m < _FOUND_M and deg < _FOUND_DEG), None)
+    if true is None:
+        return None
+    own = poses[true][0].support
+    rivals = [
+        (abs(quality.support - own), T)
+        for (quality, T), (off_m, _) in zip(poses, off, strict=True)
+        if off_m > _ELSEWHERE_M and abs(quality.support - own) < MAX_MARGIN
+    ]
+    equal = [
+        by
+        for by, T in sorted(rivals, key=lambda rival: rival[0])[:_COMPARED]
+        if share_seen_alike(simulator, sensor, T_level_sensor, T) > _EQUAL_RAYS
+    ]
+    return max(equal, default=None)
+
+
+def share_seen_alike(
+    simulator: Simulator,
+    sensor: SensorModel,
+    T_level_one: Matrix,
+    T_level_other: Matrix,
+    R_other_one: Matrix | None = None,
+) -> float:
+    """Share of a sensor's rays, 0..1, that meet the same at two poses. 0 if there are too few to tell.
+
+    Floor and ceiling do not count: they are the same in every room.
+
+    Args:
+        R_other_one: (3, 3) by which each ray is turned, or mirrored, at the other pose. None: it is the same.
+    """
+    rays = Rays.of_sensor(sensor).directions
+    some = Rays.of(rays[np.random.default_rng(len(rays)).integers(len(rays), size=_COMPARED_RAYS)])
+    there = some if R_other_one is None else Rays.of(turned(some.directions, R_other_one))
+    own = next(simulator.ranges(T_level_one[None], sensor, some))[0]
+    found = next(simulator.ranges(T_level_other[None], sensor, there))[0]
+    height_m = some.turned(T_level_one).directions[:, 2] * own
+    met = np.isfinite(own)
+    if not met.any():
+        return 0.0
+    floor_m, ceiling_m = np.percentile(height_m[met], [5, 95])
+    tells = met & (height_m > floor_m + _LEVEL_M) & (height_m < ceiling_m - _LEVEL_M)
+    same = np.abs(own[tells] - found[tells]) < _ALIKE_M + _ALIKE_SHARE * own[tells]
+    return float(same.mean()) if len(same) >= _LEAST_RAYS else 0.0
