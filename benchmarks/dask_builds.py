@@ -128,7 +128,7 @@ class _Before:
         read = stages.read_map(mesh, trajectory)
         self._mesh = stages.reconstruct_mesh(read)
         self._viewpoints = stages.sample_viewpoints(read, self._mesh)
-        self._engine = engine_of(stages.fit_engine(read, self._mesh, self._viewpoints))
+        self._engine = engine_of(stages.fit_engine(read, self._viewpoints))
         self.chunks = 0
 
     def templates(
@@ -200,11 +200,12 @@ class _Killer:
 def _floor_m2(folder: Path, config: dict[str, Any], files: Any) -> float:
     """Floor area that a coarse sampling of the world finds."""
     from firstfix_builder.read_map import read_trajectory
-    from firstfix_builder.templates.fit_spacing import sample_fitting_viewpoints
+    from firstfix_builder.viewpoints.sample import sample_viewpoints
 
     parsed = BuildConfig.parse({**config, "viewpoints": {"spacing_m": 1.0}})
     poses = None if files.trajectory is None else read_trajectory(files.trajectory)
-    found, _ = sample_fitting_viewpoints(files.simulator(), parsed.viewpoints, parsed.sensor_model, poses)
+    mount_height_m = parsed.sensor_model.mount_height_m
+    found = sample_viewpoints(files.simulator(), parsed.viewpoints, mount_height_m, poses)
     return float(len(found))
 
 

@@ -53,10 +53,15 @@ def descendants(pid: int) -> list[int]:
     return found
 
 
-def _pss_bytes(pid: int) -> int:
+def own_bytes(pid: int) -> int:
+    """Bytes of a process that are no pages of files (Linux)."""
+    return _pss_bytes(pid, "Pss_Anon:")
+
+
+def _pss_bytes(pid: int, kind: str = "Pss:") -> int:
     try:
         for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines():
-            if line.startswith("Pss:"):
+            if line.startswith(kind):
                 return int(line.split()[1]) * 1024
     except OSError:
         pass

@@ -1,1 +1,1 @@
-"""Growth of time, memory and disk with the map: 10 thousand, 100 thousand and a million templates."""
+"""Growth of time, memory and disk with the map: from 20 thousand to ten million templates."""

@@ -26,7 +26,7 @@ from .build import Built
 from .queries import in_level_frame, read_scans
 
 Engine = Literal["faiss_sq8", "faiss_ivf_sq8", "faiss_ivf_pq"]
-ENGINES: tuple[Engine, ...] = ("faiss_sq8", "faiss_ivf_sq8", "faiss_ivf_pq")
+ENGINES: tuple[Engine, ...] = ("faiss_ivf_sq8", "faiss_sq8", "faiss_ivf_pq")
 NEAREST = 400
 RIGHT_M = 0.75
 ROWS = 100_000
@@ -71,7 +71,7 @@ def asked_of(built: Built, scans: Path, work: Path) -> Asked:
             made.append(cascade.key_of(prepared.scans[0].described_by(cascade.descriptor)))
             at.append(T[:3, 3])
     position_m = cascade.templates.position_m
-    right = cKDTree(position_m).query_ball_point(np.array(at), max(RIGHT_M, built.extent.spacing_m))
+    right = cKDTree(position_m).query_ball_point(np.array(at), max(RIGHT_M, built.spacing_m))
     asked = np.array(made)
     return Asked(keys, position_m, asked, right, _exact(keys, asked))
 

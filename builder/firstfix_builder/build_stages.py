@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,8 @@ from firstfix.engine.retrieval.clusters import Clusters
 from firstfix.engine.retrieval.templates import Templates
 from firstfix.transform import inverse, make_transform, transform_points
 
+from .execution.build_trace import within_a_stage
+from .execution.chunks import Arrays, Chunk
 from .execution.stage_cache import StageResult
 from .execution.stage_runner import RunChunks, StageRunner
 from .index.index_files import write_index_files
@@ -29,23 +32,21 @@ from .index.learn_keys import learn_keys
 from .job.provisional import THINNED_M, write_prior
 from .mesh.clean_cloud import clean_cloud, voxel_means
 from .mesh.level import level_frame
-from .mesh.map_tiles import by_nested_tiles
 from .mesh.mesh import Mesh
 from .mesh.places.tiled_points import TiledPoints
-from .mesh.reconstruct import joined_mesh, mesh_chunks
-from .mesh.tiled_mesh import TiledMesh
-from .read_map import read_map, read_trajectory
+from .mesh.reconstruct import block_meshes, mesh_chunks
+from .mesh.tiled_mesh import write_tiled_mesh
+from .read_map import read_parts, read_trajectory
 from .read_map.content_hash import content_hash
 from .self_test.localizability import draw_localizability
 from .self_test.reliability import draw_reliability
 from .self_test.run import run_self_test
-from .stage_files import engine_of, link, simulator_of, spacing_m_of, trajectory_of
+from .stage_files import engine_of, link, simulator_of, spacing_m_of
 from .templates.cluster import cluster_by_pairs, cluster_chunks, cluster_templates
 from .templates.fit_engine import fit_engine
-from .templates.fit_spacing import sample_fitting_viewpoints
+from .templates.fit_spacing import fitting_viewpoints, write_places
 from .templates.linkage import Pairs
-from .templates.make import chunk_tile_m, template_chunks, write_templates
-from .templates.outlook import view_distance_m
+from .templates.make import template_chunks, write_templates
 
 
 @dataclass(frozen=True)
@@ -63,22 +64,21 @@ class BuildStages(StageRunner):
         """The map in its levelled local frame: points or a mesh, trajectory, T_map_level."""
 
         def produce(out: Path) -> None:
-            data = read_map(source, axis=self.config.axis)
+            parts = read_parts(source, axis=self.config.axis)
+            data = next(parts)
             poses = data.trajectory
             if trajectory is not None:
                 poses = read_trajectory(trajectory)
                 poses[:, :3, 3] -= data.origin
-            surface = data.points if data.points is not None else data.vertices
-            assert surface is not None
-            T_map_level = level_frame(surface) if self.config.level and data.points is not None else np.eye(4)
-            T_level_map = inverse(T_map_level)
+            T_map_level = np.eye(4)
             if data.points is not None:
-                cloud = clean_cloud(transform_points(T_level_map, data.points), self.config.clean)
+                T_map_level = level_frame(data.points) if self.config.level else T_map_level
+                cloud = clean_cloud(transform_points(inverse(T_map_level), data.points), self.config.clean)
                 TiledPoints.of(cloud).save(out)
-            elif data.vertices is not None and data.triangles is not None:
-                Mesh(transform_points(T_level_map, data.vertices), data.triangles).save(out)
+            else:
+                write_tiled_mesh((Mesh(*part.surface) for part in chain([data], parts)), out)
             if poses is not None:
-                np.save(out / "trajectory.npy", T_level_map @ poses)
+                np.save(out / "trajectory.npy", inverse(T_map_level) @ poses)
             # answers are in the file's own coordinates: the local origin goes back in here
             np.save(out / "T_map_level.npy", make_transform(np.eye(3), data.origin) @ T_map_level)
 
@@ -97,7 +97,7 @@ class BuildStages(StageRunner):
         """The surface of a map that was read, and all that scans are localized with but the calibration."""
         mesh = self.reconstruct_mesh(read)
         viewpoints = self.sample_viewpoints(read, mesh)
-        fitted = self.fit_engine(read, mesh, viewpoints)
+        fitted = self.fit_engine(read, viewpoints)
         engine = engine_of(fitted)
         templates = self.make_templates(mesh, viewpoints, engine)
         clusters = self.cluster(templates, engine)
@@ -123,44 +123,54 @@ class BuildStages(StageRunner):
 
         def produce(out: Path, run: RunChunks) -> None:
             if (read.directory / "triangles.npy").exists():  # the source is a mesh: taken as it is
-                mesh = Mesh.load(read.directory)
+                for path in read.directory.iterdir():
+                    link(path, out / path.name)
             else:
                 points = np.load(read.directory / "points.npy")
-                mesh = joined_mesh(run(mesh_chunks(points, self.config.reconstruct)))
-            TiledMesh.of(mesh).save(out)
+                write_tiled_mesh(block_meshes(run(mesh_chunks(points, self.config.reconstruct))), out)
 
         return self._chunked_stage("reconstruct_mesh", {"map": read}, self.config.reconstruct, produce)
 
     def sample_viewpoints(self, read: StageResult, mesh: StageResult) -> StageResult:
-        """The sensor positions of the templates."""
-
-        def produce(out: Path) -> None:
-            found, spacing_m = sample_fitting_viewpoints(
-                simulator_of(mesh), self.config.viewpoints, self.config.sensor_model, trajectory_of(read)
-            )
-            tile_m = self.config.viewpoints.tile_m
-            order, start = by_nested_tiles(found.positions, tile_m, chunk_tile_m(tile_m, spacing_m))
-            np.save(out / "positions.npy", found.positions[order])
-            np.save(out / "floor_z.npy", found.floor_z[order])
-            np.save(out / "chunk_start.npy", start)
-            np.save(out / "spacing_m.npy", spacing_m)
-
+        """The sensor positions of the templates, and how far one sees from them."""
+        name, inputs = "sample_viewpoints", {"map": read.digest, "mesh": mesh.digest}
         chosen = {
             "viewpoints": self.config.viewpoints.model_dump(mode="json"),
             "sensor": self.config.sensor_model.to_mapping(),
         }
-        return self._stage("sample_viewpoints", {"map": read.digest, "mesh": mesh.digest}, chosen, produce)
 
-    def fit_engine(self, read: StageResult, mesh: StageResult, viewpoints: StageResult) -> StageResult:
+        def run(chunks: Sequence[Chunk], **places: StageResult) -> Iterator[Arrays]:
+            reads = {"map": read, "mesh": mesh, **places}
+            return self.chunks.run(name, chunks, reads, self._ticks(name), self.cancelled)
+
+        def places_at(spacing_m: float) -> StageResult:
+            def produce(out: Path) -> None:
+                config, sensor = self.config.viewpoints, self.config.sensor_model
+                write_places(run, read.directory, mesh.directory, config, spacing_m, sensor, out)
+
+            with within_a_stage():
+                return self.cache.run(name, inputs, {**chosen, "places_m": spacing_m}, produce)
+
+        def produce(out: Path) -> None:
+            fitting_viewpoints(
+                places_at,
+                lambda places, chunks: run(chunks, places=places),
+                self.config.viewpoints,
+                self.config.sensor_model,
+                out,
+            )
+
+        return self._stage(name, inputs, chosen, produce)
+
+    def fit_engine(self, read: StageResult, viewpoints: StageResult) -> StageResult:
         """The engine's parameters: what the version is made with and asked with."""
 
         def produce(out: Path) -> None:
-            positions = np.load(viewpoints.directory / "positions.npy")
             engine = fit_engine(
                 self.config.engine,
                 self.config.sensor_model,
                 spacing_m_of(read),
-                view_distance_m(simulator_of(mesh), positions, self.config.sensor_model),
+                float(np.load(viewpoints.directory / "view_m.npy")),
                 float(np.load(viewpoints.directory / "spacing_m.npy")),
                 np.load(read.directory / "T_map_level.npy"),
             )
@@ -170,8 +180,9 @@ class BuildStages(StageRunner):
             "sensor": self.config.sensor_model.to_mapping(),
             "engine": self.config.engine.model_dump(mode="json"),
         }
-        inputs = {"map": read.digest, "mesh": mesh.digest, "viewpoints": viewpoints.digest}
-        return self._stage("fit_engine", inputs, chosen, produce)
+        return self._stage(
+            "fit_engine", {"map": read.digest, "viewpoints": viewpoints.digest}, chosen, produce
+        )
 
     def make_templates(self, mesh: StageResult, viewpoints: StageResult, engine: EngineConfig) -> StageResult:
         """The templates: simulated scans at the viewpoints, described."""

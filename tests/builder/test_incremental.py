@@ -67,6 +67,11 @@ def test_only_what_the_change_can_reach_is_made_again(tmp_path: Path):
     tile_m, reach_m = 24.0, _descriptor_range_m(second)
     near = [tile for tile in range(-(-200 // int(tile_m))) if (tile + 1) * tile_m + reach_m >= 192.2]
     assert reused["make_templates"] == (count, count - len(near)), "those whose cells can hold the change"
+    chunks, kept = reused["sample_viewpoints"]
+    assert anew["sample_viewpoints"][1] == 0
+    # of 7 tiles of 33 m, the change is in one, near another, and seen from those within the sensor's range
+    assert kept >= 5
+    assert chunks - kept < chunks / 2
     back, again = build(before, tmp_path / "work")
     assert back.manifest.digest == first.manifest.digest
     assert again == {}, "the whole stages are there"

@@ -103,10 +103,11 @@ class BuildTrace:
                 self._cached.add(stage)
 
     def mark_chunks(self, stage: str, count: int, reused: int) -> None:
-        """Notes the number of chunks of the stage, and of those that an earlier build had made."""
+        """Notes that the stage has more chunks, and how many of them an earlier build had made."""
         with self._lock:
             if stage == self._stage:
-                self._chunks[stage] = count, reused
+                before = self._chunks.get(stage, (0, 0))
+                self._chunks[stage] = before[0] + count, before[1] + reused
 
     def end(self, state: str, error_code: str | None = None) -> None:
         """Ends the build. Only the first call has an effect."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -144,16 +144,9 @@ def mesh_chunks(points: NDArray[np.float64], config: ReconstructConfig) -> list[
     ]
 
 
-def joined_mesh(parts: Iterable[Arrays]) -> Mesh:
-    """The surface of all blocks, in their order.
-
-    Raises:
-        BuildFailed: there is none.
-    """
-    mesh = Mesh.joined(Mesh(part["vertices"], part["triangles"]) for part in parts)
-    if len(mesh.triangles) == 0:
-        raise BuildFailed("the map gives no surface: its points are too sparse or too scattered")
-    return mesh
+def block_meshes(parts: Iterable[Arrays]) -> Iterator[Mesh]:
+    """Yields the surface of each block, in their order."""
+    return (Mesh(part["vertices"], part["triangles"]) for part in parts)
 
 
 def _pair(corner: NDArray[np.float64]) -> tuple[float, float]:

@@ -2,55 +2,67 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
+
+from firstfix.errors import BuildFailed
 
 from .map_tiles import by_tiles
 from .mesh import Mesh
 from .places.surface_cells import SurfaceCells
 
 TILE_M = 32.0
+AT_ONCE = 1_000_000  # triangles that are put in order in memory
 
 
 @dataclass(frozen=True)
 class TiledMesh:
-    """A mesh whose triangles are sorted by tile.
+    """A mesh whose triangles stand tile by tile, and whose vertices do too.
 
     Attributes:
-        mesh: its vertices stand in the order in which the triangles first use them.
+        mesh: a vertex of triangles in several tiles is in each of them; in a tile, vertices stand in the
+            order in which its triangles first use them.
         start: (k + 1,) int64, tile i holds ``mesh.triangles[start[i]:start[i + 1]]``.
+        vertex_start: (k + 1,) int64, and ``mesh.vertices[vertex_start[i]:vertex_start[i + 1]]``.
         low, high: (k, 2) metres, the corners of the box in x and y that holds a tile's triangles whole.
     """
 
     mesh: Mesh
     start: NDArray[np.int64]
+    vertex_start: NDArray[np.int64]
     low: NDArray[np.float64]
     high: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.low)
 
     @classmethod
     def of(cls, mesh: Mesh) -> TiledMesh:
         """Sorts a mesh of at least one triangle, and removes unused vertices."""
         order, start = by_tiles(mesh.vertices[mesh.triangles].mean(axis=1), TILE_M)
         triangles = mesh.triangles[order]
-        used, first = np.unique(triangles, return_index=True)
-        used = used[np.argsort(first)]
-        number = np.zeros(len(mesh.vertices), np.int64)
-        number[used] = np.arange(len(used))
-        ordered = Mesh(mesh.vertices[used], number[triangles])
+        tile = np.repeat(np.arange(len(start) - 1), np.diff(start))
+        in_tile = triangles + tile[:, None] * len(mesh.vertices)
+        used, first, corner = np.unique(in_tile, return_index=True, return_inverse=True)
+        by_use = np.argsort(first)
+        number = np.empty(len(used), np.int64)
+        number[by_use] = np.arange(len(used))
+        vertex_start = np.searchsorted(first[by_use], 3 * start)
+        ordered = Mesh(mesh.vertices[used[by_use] % len(mesh.vertices)], number[corner.reshape(-1, 3)])
         corners = ordered.vertices[ordered.triangles, :2]
         low = np.minimum.reduceat(corners.min(axis=1), start[:-1])
         high = np.maximum.reduceat(corners.max(axis=1), start[:-1])
-        return cls(ordered, start, low, high)
+        return cls(ordered, start, vertex_start, low, high)
 
     def save(self, directory: Path) -> None:
         """Writes the files of ``Mesh.save`` and ``SurfaceCells.save``, tile_start.npy and tile_box.npy."""
         self.mesh.save(directory)
-        SurfaceCells.of(self.mesh.vertices, self.mesh.triangles).save(directory)
-        np.save(directory / "tile_start.npy", self.start)
-        np.save(directory / "tile_box.npy", np.stack([self.low, self.high]))
+        _save_places(directory, [SurfaceCells.of(self.mesh.vertices, self.mesh.triangles)], self)
 
     @classmethod
     def load(cls, directory: Path) -> TiledMesh:
@@ -58,8 +70,9 @@ class TiledMesh:
         vertices, triangles = (
             np.load(directory / f"{n}.npy", mmap_mode="r") for n in ("vertices", "triangles")
         )
+        start, vertex_start = np.load(directory / "tile_start.npy")
         low, high = np.load(directory / "tile_box.npy")
-        return cls(Mesh(vertices, triangles), np.load(directory / "tile_start.npy"), low, high)
+        return cls(Mesh(vertices, triangles), start, vertex_start, low, high)
 
     def near(self, low: NDArray[np.float64], high: NDArray[np.float64], reach_m: float) -> tuple[int, ...]:
         """Returns the tiles within reach_m of the box of (2,) corners, and always the nearest one."""
@@ -67,10 +80,89 @@ class TiledMesh:
         away_m = np.hypot(gap_m[:, 0], gap_m[:, 1])
         return tuple(np.flatnonzero(away_m <= max(reach_m, float(away_m.min()))).tolist())
 
-    def part(self, tiles: tuple[int, ...]) -> Mesh:
+    def part(self, tiles: Sequence[int]) -> Mesh:
         """The triangles of the given tiles, in their order."""
-        if len(tiles) == len(self.low):
+        if len(tiles) == len(self):
             return self.mesh
-        triangles = np.concatenate([self.mesh.triangles[self.start[i] : self.start[i + 1]] for i in tiles])
-        used, corner = np.unique(triangles, return_inverse=True)
-        return Mesh(self.mesh.vertices[used], corner.reshape(-1, 3))
+        return Mesh.joined(self._tile(i) for i in tiles)
+
+    def _tile(self, number: int) -> Mesh:
+        first = int(self.vertex_start[number])
+        triangles = self.mesh.triangles[self.start[number] : self.start[number + 1]]
+        return Mesh(self.mesh.vertices[first : self.vertex_start[number + 1]], triangles - first)
+
+
+def write_tiled_mesh(parts: Iterable[Mesh], directory: Path) -> None:
+    """``TiledMesh.save`` of the mesh of all parts, of which AT_ONCE triangles or one part are in memory.
+
+    Raises:
+        BuildFailed: there is no triangle.
+    """
+    with TemporaryDirectory(dir=directory) as folder:
+        tiled = []
+        for number, mesh in enumerate(_batches(parts)):
+            (Path(folder) / str(number)).mkdir()
+            TiledMesh.of(mesh).save(Path(folder) / str(number))
+            tiled.append(TiledMesh.load(Path(folder) / str(number)))
+        if not tiled:
+            raise BuildFailed("the map gives no surface: its points are too sparse or too scattered")
+        _merge(tiled, directory)
+
+
+def _batches(parts: Iterable[Mesh]) -> Iterator[Mesh]:
+    waiting: list[Mesh] = []
+    for mesh in parts:
+        if len(mesh.triangles):
+            waiting.append(mesh)
+        if sum(len(one.triangles) for one in waiting) >= AT_ONCE:
+            yield Mesh.joined(waiting)
+            waiting = []
+    if waiting:
+        yield Mesh.joined(waiting)
+
+
+def _merge(tiled: Sequence[TiledMesh], directory: Path) -> None:
+    """Writes what several tiled meshes have, tile by tile."""
+    holders: dict[tuple[float, ...], list[tuple[TiledMesh, int]]] = {}
+    for one in tiled:
+        corners = one.mesh.vertices[one.mesh.triangles[one.start[:-1]]]  # of the first triangle of each tile
+        for number, tile in enumerate(np.floor(corners.mean(axis=1)[:, :2] / TILE_M).tolist()):
+            holders.setdefault(tuple(tile), []).append((one, number))
+    shape = {
+        "vertices": (sum(len(one.mesh.vertices) for one in tiled), np.float64),
+        "triangles": (sum(len(one.mesh.triangles) for one in tiled), np.int64),
+    }
+    vertices, triangles = (
+        np.lib.format.open_memmap(directory / f"{name}.npy", "w+", kind, (count, 3))
+        for name, (count, kind) in shape.items()
+    )
+    start, vertex_start, low, high = [0], [0], [], []
+    cells, large = [], []
+    for _, held in sorted(holders.items(), key=lambda entry: entry[0]):
+        mesh = Mesh.joined(one._tile(number) for one, number in held)
+        start.append(start[-1] + len(mesh.triangles))
+        vertex_start.append(vertex_start[-1] + len(mesh.vertices))
+        vertices[vertex_start[-2] : vertex_start[-1]] = mesh.vertices
+        triangles[start[-2] : start[-1]] = mesh.triangles + vertex_start[-2]
+        corners = mesh.vertices[mesh.triangles]
+        low.append(corners[..., :2].min(axis=(0, 1)))
+        high.append(corners[..., :2].max(axis=(0, 1)))
+        is_large = np.ptp(corners, axis=1).max(axis=1) > TILE_M  # its cell may be that of several tiles
+        large.append(mesh.with_triangles(is_large))
+        if not is_large.all():
+            cells.append(SurfaceCells.of(mesh.vertices, mesh.triangles[~is_large]))
+    over = Mesh.joined(large)
+    if len(over.triangles):
+        cells.append(SurfaceCells.of(over.vertices, over.triangles))
+    whole = TiledMesh(
+        Mesh(vertices, triangles), np.array(start), np.array(vertex_start), np.array(low), np.array(high)
+    )
+    for array in (vertices, triangles):
+        array.flush()
+    _save_places(directory, cells, whole)
+
+
+def _save_places(directory: Path, cells: Sequence[SurfaceCells], tiled: TiledMesh) -> None:
+    SurfaceCells.joined(cells).save(directory)
+    np.save(directory / "tile_start.npy", np.stack([tiled.start, tiled.vertex_start]))
+    np.save(directory / "tile_box.npy", np.stack([tiled.low, tiled.high]))

@@ -46,17 +46,23 @@ def turn_z_up(data: MapData) -> MapData:
     )
 
 
-def subtract_origin(data: MapData) -> MapData:
-    """Moves UTM-sized coordinates to a local origin, a multiple of 100 m in x and y.
+def local_origin(data: MapData) -> NDArray[np.float64]:
+    """(3,) the local origin of a map with UTM-sized coordinates: a multiple of 100 m in x and y.
 
-    The median decides, so that stray points do not. Coordinates within 10 km stay as they are.
+    The median decides, so that stray points do not. Within 10 km it is zero.
     """
     coordinates = data.coordinates
     sample = coordinates[rows_by_chance(len(coordinates), _SAMPLED_POINTS), :2]
     centre = np.median(sample, axis=0)
     if np.abs(centre).max() <= LARGE_COORDINATE_M:
+        return np.zeros(3)
+    return np.array([*(np.floor(centre / ORIGIN_STEP_M) * ORIGIN_STEP_M), 0.0])
+
+
+def subtract_origin(data: MapData, origin: NDArray[np.float64]) -> MapData:
+    """Moves a map to a local origin."""
+    if not origin.any():
         return data
-    origin = np.array([*(np.floor(centre / ORIGIN_STEP_M) * ORIGIN_STEP_M), 0.0])
     trajectory = data.trajectory
     if trajectory is not None:
         trajectory = trajectory.copy()

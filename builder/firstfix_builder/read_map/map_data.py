@@ -33,3 +33,10 @@ class MapData:
         if coordinates is None:
             raise ValueError("a map has points or vertices")
         return coordinates
+
+    @property
+    def surface(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Vertices and triangles of a mesh."""
+        if self.vertices is None or self.triangles is None:
+            raise ValueError("the map is no mesh")
+        return self.vertices, self.triangles

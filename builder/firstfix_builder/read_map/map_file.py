@@ -48,6 +48,17 @@ def read_map_file(path: Path) -> MapData:
     return reader(path)
 
 
+def is_mesh_file(path: Path) -> bool:
+    """Returns whether a map file is a mesh, from its ending or its header."""
+    ending = path.suffix.lower()
+    if ending != ".ply" or not path.stat().st_size:
+        return READERS.get(ending) is read_mesh
+    try:
+        return parse_ply_header(_mapped(path)).count_of("face") > 0
+    except MalformedData:
+        return False
+
+
 def _mapped(path: Path) -> memoryview:
     """The file's bytes without reading them: the decoders take views of what they need."""
     return memoryview(np.memmap(path, np.uint8, "r"))  # type: ignore[arg-type]

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firstfix.errors import MalformedData, UnsupportedFormat
 
 from .file_errors import naming
 from .glim import is_glim_dump, read_glim_dump
 from .map_data import MapData
-from .map_file import READERS, RECORDING_REASON, RECORDINGS, read_map_file
+from .map_file import READERS, RECORDING_REASON, RECORDINGS, is_mesh_file, read_map_file
 from .trajectory import read_trajectory
 
 
@@ -64,11 +65,23 @@ def read_map_folder(path: Path) -> MapData:
         return clouds[0]
     if any(cloud.points is None for cloud in clouds):
         raise MalformedData("it is a mesh, but a cloud is expected")
-    trajectory = next((name for name in TRAJECTORIES if name in names), None)
     return MapData(
         points=np.concatenate([cloud.points for cloud in clouds if cloud.points is not None]),
-        trajectory=None if trajectory is None else read_trajectory(path / trajectory),
+        trajectory=trajectory_in(path),
     )
+
+
+def trajectory_in(path: Path) -> NDArray[np.float64] | None:
+    """(m, 4, 4) the richest trajectory in a folder, or None if it has none."""
+    name = next((name for name in TRAJECTORIES if (path / name).is_file()), None)
+    return None if name is None else read_trajectory(path / name)
+
+
+def mesh_files(path: Path) -> list[Path]:
+    """Returns the files, by name, of a folder whose maps are several meshes; nothing of any other folder."""
+    files = sorted(file for file in path.iterdir() if file.suffix.lower() in READERS)
+    files = [file for file in files if file.is_file() and file.name not in TRAJECTORIES]
+    return files if len(files) > 1 and all(is_mesh_file(file) for file in files) else []
 
 
 def _cloud_names(path: Path, names: set[str]) -> list[str]:

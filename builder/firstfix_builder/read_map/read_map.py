@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from firstfix.errors import InvalidOption, NotFound
 
 from .file_errors import naming
-from .local_frame import subtract_origin, turn_z_up
+from .local_frame import local_origin, subtract_origin, turn_z_up
 from .map_data import MapData
 from .map_file import read_map_file
-from .map_folder import read_map_folder
+from .map_folder import mesh_files, read_map_folder, trajectory_in
 from .trajectory import read_trajectory
 
 Axis = Literal["z-up", "y-up"]
@@ -47,4 +51,29 @@ def read_map(path: Path, *, axis: Axis = "z-up", trajectory: Path | None = None)
         data = replace(data, trajectory=read_trajectory(trajectory))
     if axis == "y-up":
         data = turn_z_up(data)
-    return subtract_origin(data)
+    return subtract_origin(data, local_origin(data))
+
+
+def read_parts(path: Path, *, axis: Axis = "z-up") -> Iterator[MapData]:
+    """A map in parts, of which one is in memory at a time: the files of a folder of meshes, by their names.
+
+    Anything else is one part. All parts have the origin of the first, and that one has the trajectory.
+
+    Raises:
+        whatever ``read_map`` raises.
+    """
+    files = mesh_files(path) if path.is_dir() else []
+    if not files:
+        yield read_map(path, axis=axis)
+        return
+    origin: NDArray[np.float64] | None = None
+    for file in files:
+        with naming(file):
+            data = read_map_file(file)
+        if origin is None:
+            data = replace(data, trajectory=trajectory_in(path))
+        if axis == "y-up":
+            data = turn_z_up(data)
+        if origin is None:
+            origin = local_origin(data)
+        yield subtract_origin(data, origin)

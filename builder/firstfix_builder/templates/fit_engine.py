@@ -40,7 +40,7 @@ def fit_engine(
 
     Args:
         map_spacing_m: median distance between neighbouring map points.
-        view_m: view distance (``outlook.view_distance_m``).
+        view_m: how far one sees (``view_m.npy`` of ``fitting_viewpoints``).
         spacing_m: between templates.
     """
     map_spacing_m, view_m = stepped(map_spacing_m, SPACING_STEPS), stepped(view_m, VIEW_STEPS)

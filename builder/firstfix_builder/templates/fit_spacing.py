@@ -6,67 +6,146 @@ represent a whole block, because alignment corrects an offset of more than a met
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.builds.config import ViewpointConfig
 from firstfix.sensor import SensorModel
 
-from ..execution.in_turn import in_turn
-from ..simulation.simulate import Simulator
-from ..viewpoints.one_per_block import one_per_block
-from ..viewpoints.sample import DEFAULT_SPACING_M, Viewpoints, sample_viewpoints
-from .outlook import Outlook, room_view_m
+from ..execution.chunks import Arrays, Chunk
+from ..execution.stage_cache import StageResult
+from ..mesh.map_tiles import by_nested_tiles
+from ..viewpoints.even_sample import rows_by_hash
+from ..viewpoints.floor_chunks import tiled_viewpoints
+from ..viewpoints.sample import DEFAULT_SPACING_M
+from ..viewpoints.tiles import Tiling, in_order
+from .look_chunks import OPEN_SPACING_M, LookChunk, TellChunk
+from .make import chunk_tile_m
+from .outlook import VIEWPOINT_CELL_M, VIEWPOINTS, percentile_m
 
 ROOM_SPACING_M = 0.5
 ROOM_VIEW_M = 12.0  # below this view distance, 0.5 m finds twice as many places as 1 m
-OPEN_SPACING_M = 2.0
-OPEN_VIEW_M = 20.0  # from this view distance on, 2 m find as many as 1 m (docs/method.md section 1)
-AT_ONCE = 256
+
+Run = Callable[[Sequence[Chunk]], Iterator[Arrays]]
+RunAt = Callable[[StageResult, Sequence[Chunk]], Iterator[Arrays]]
 
 
-def sample_fitting_viewpoints(
-    simulator: Simulator,
+def write_places(
+    run: Run,
+    read: Path,
+    mesh: Path,
     config: ViewpointConfig,
+    spacing_m: float,
     sensor: SensorModel,
-    trajectory: NDArray[np.float64] | None,
-) -> tuple[Viewpoints, float]:
-    """Viewpoints, and their largest spacing in metres.
+    out: Path,
+) -> None:
+    """Writes the viewpoints of one spacing, tile by tile.
+
+    ``positions.npy`` and ``floor_z.npy`` as in ``Viewpoints``; ``tile.npy`` and ``tile_start.npy``: which
+    tiles have some, and where they start; ``shown.npy``: the rows of those that tell how far one sees.
+
+    Args:
+        run: runs chunks that read the stages ``map`` and ``mesh``.
 
     Raises:
         BuildFailed: there is no floor to stand on.
     """
+    _, parts = tiled_viewpoints(run, read, mesh, config, spacing_m, sensor.mount_height_m)
+    tiles, start = [], [0]
+    positions, floor_z = [], []
+    shown = np.zeros((0, 4))
+    for tile, found in parts:
+        tiles.append(tile)
+        positions.append(found.positions)
+        floor_z.append(found.floor_z)
+        shown = _shown(np.concatenate([shown, _numbered(found.positions, start[-1])]))
+        start.append(start[-1] + len(found))
+    np.save(out / "positions.npy", np.concatenate(positions))
+    np.save(out / "floor_z.npy", np.concatenate(floor_z))
+    np.save(out / "tile.npy", np.array(tiles, np.int64))
+    np.save(out / "tile_start.npy", np.array(start, np.int64))
+    np.save(out / "shown.npy", shown[:, 3].astype(np.int64))
 
-    def sample(spacing_m: float) -> tuple[Viewpoints, float]:
-        chosen = config.model_copy(update={"spacing_m": spacing_m})
-        return sample_viewpoints(simulator, chosen, sensor.mount_height_m, trajectory), spacing_m
 
-    if config.spacing_m is not None:
-        return sample(config.spacing_m)
-    found, spacing_m = sample(DEFAULT_SPACING_M)
-    if room_view_m(simulator, found.positions, found.floor_z, sensor) < ROOM_VIEW_M:
-        return sample(ROOM_SPACING_M)
-    thinned = where_it_tells(simulator, sensor, found)
-    return thinned, spacing_m if len(thinned) == len(found) else OPEN_SPACING_M
+def fitting_viewpoints(
+    places_at: Callable[[float], StageResult],
+    run: RunAt,
+    config: ViewpointConfig,
+    sensor: SensorModel,
+    out: Path,
+) -> None:
+    """Writes the viewpoints of a map in the order in which templates are made.
 
+    ``positions.npy``, ``floor_z.npy``; ``chunk_start.npy``: where the tiles of chunks start;
+    ``spacing_m.npy``: the largest spacing between them; ``view_m.npy``: how far one sees from them, the
+    ground included.
 
-def where_it_tells(simulator: Simulator, sensor: SensorModel, found: Viewpoints) -> Viewpoints:
-    """Removes viewpoints in the open that a neighbour represents, and viewpoints that see only ground.
-
-    The result for a block of OPEN_SPACING_M depends only on the map around it.
+    Args:
+        places_at: makes the places of ``write_places`` at a spacing.
+        run: runs chunks that read the stage ``mesh``, and such places as the stage ``places``.
     """
-    block, standing = one_per_block(found.positions[:, :2], found.floor_z, OPEN_SPACING_M)
-    outlook = Outlook.of(sensor)
-    places = found.subset(standing)
-    parts = [slice(start, start + AT_ONCE) for start in range(0, len(standing), AT_ONCE)]
+    spacing_m = config.spacing_m or DEFAULT_SPACING_M
+    places = places_at(spacing_m)
+    keep: NDArray[np.bool_] | None = None
+    if config.spacing_m is None:
+        rows = np.load(places.directory / "shown.npy")
+        if percentile_m(_looks(run, places, spacing_m, rows, sensor, "off_ground_m"), sensor) < ROOM_VIEW_M:
+            spacing_m = ROOM_SPACING_M
+            places = places_at(spacing_m)
+        else:
+            keep = _where_it_tells(run, places, spacing_m, sensor)
+    positions, floor_z = (np.load(places.directory / f"{name}.npy") for name in ("positions", "floor_z"))
+    rows = np.arange(len(positions)) if keep is None else np.flatnonzero(keep)
+    shown = rows[rows_by_hash(positions[rows], VIEWPOINTS, VIEWPOINT_CELL_M)]
+    view_m = percentile_m(_looks(run, places, spacing_m, shown, sensor, "furthest_m"), sensor)
+    if keep is not None and not keep.all():
+        spacing_m = OPEN_SPACING_M
+    order, start = by_nested_tiles(positions[rows], config.tile_m, chunk_tile_m(config.tile_m, spacing_m))
+    np.save(out / "positions.npy", positions[rows[order]])
+    np.save(out / "floor_z.npy", floor_z[rows[order]])
+    np.save(out / "chunk_start.npy", start)
+    np.save(out / "spacing_m.npy", spacing_m)
+    np.save(out / "view_m.npy", view_m)
 
-    def look(rows: slice) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        return outlook.at(simulator, places.positions[rows], places.floor_z[rows])
 
-    looks = [seen for _, seen in in_turn(look, parts)]
-    view_m, tells = (np.concatenate(column) for column in zip(*looks, strict=True))
-    keep = np.zeros(len(found), np.bool_)
-    keep[standing] = True
-    keep |= (view_m < OPEN_VIEW_M)[block]
-    keep &= tells[block]
-    return found.subset(keep) if keep.any() else found
+def _where_it_tells(
+    run: RunAt, places: StageResult, spacing_m: float, sensor: SensorModel
+) -> NDArray[np.bool_] | None:
+    """(n,) the places without those in the open that a neighbour stands for, and those that see nothing.
+
+    None: there would be none left.
+    """
+    tiling = Tiling(spacing_m)
+    tiles, start = (np.load(places.directory / f"{name}.npy").tolist() for name in ("tile", "tile_start"))
+    chunks = [
+        TellChunk((x, y), tiling, sensor, first, last)
+        for (x, y), first, last in zip(tiles, start[:-1], start[1:], strict=True)
+    ]
+    keep = np.concatenate([part["keep"] for part in run(places, chunks)])
+    return keep if keep.any() else None
+
+
+def _looks(
+    run: RunAt, places: StageResult, spacing_m: float, rows: NDArray[np.int64], sensor: SensorModel, name: str
+) -> NDArray[np.float32]:
+    """(k,) what ``LookChunk`` returns by a name for some rows of the places."""
+    tiling = Tiling(spacing_m)
+    tile = tiling.of(np.load(places.directory / "positions.npy", mmap_mode="r")[rows])
+    tiles = in_order((x, y) for x, y in np.unique(tile, axis=0).tolist())
+    chunks = [
+        LookChunk(one, tiling, sensor, tuple(rows[(tile == one).all(axis=1)].tolist())) for one in tiles
+    ]
+    return np.concatenate([part[name] for part in run(places, chunks)])
+
+
+def _numbered(positions: NDArray[np.float64], first: int) -> NDArray[np.float64]:
+    """(n, 4) positions with their rows."""
+    return np.column_stack([positions, np.arange(first, first + len(positions))])
+
+
+def _shown(places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rows of (n, 4) numbered places that tell how far one sees in a map."""
+    return places[rows_by_hash(places[:, :3], VIEWPOINTS, VIEWPOINT_CELL_M)]

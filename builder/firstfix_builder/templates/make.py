@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
-from functools import lru_cache
 from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
@@ -20,8 +19,7 @@ from firstfix.sensor import SensorModel
 
 from ..execution.chunks import Arrays, Chunk
 from ..execution.stage_cache import StageResult
-from ..mesh.places.surface_cells import FILE as SURFACE_CELLS
-from ..mesh.places.surface_cells import SurfaceCells
+from ..mesh.places.surface_cells import surface_cells_of
 from ..simulation.local_simulator import local_simulator
 from ..simulation.rays import Rays
 from ..simulation.simulate import Simulator, upright
@@ -103,7 +101,7 @@ class TemplatesChunk(Chunk):
     def reads(self, inputs: Mapping[str, StageResult]) -> Mapping[str, str]:
         """Hashes of the viewpoints, and of the surface that the descriptor can see from there."""
         low = np.array(self.tile) * self.tile_m
-        cells = _surface_cells(inputs["mesh"].directory)
+        cells = surface_cells_of(inputs["mesh"].directory)
         positions, floor_z = self._viewpoints(inputs["viewpoints"].directory)
         return {
             "viewpoints": sha256(positions.tobytes() + floor_z.tobytes()).hexdigest(),
@@ -128,11 +126,6 @@ class TemplatesChunk(Chunk):
         """The (2,) corners of the larger tile."""
         low = np.floor((np.array(self.tile) + 0.5) * self.tile_m / self.shared_m) * self.shared_m
         return low, low + self.shared_m
-
-
-@lru_cache(2)
-def _surface_cells(mesh: Path) -> SurfaceCells:
-    return SurfaceCells.load(mesh / SURFACE_CELLS)
 
 
 def chunk_tile_m(tile_m: float, spacing_m: float) -> float:

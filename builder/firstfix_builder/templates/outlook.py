@@ -11,14 +11,13 @@ from firstfix.sensor import SensorModel
 
 from ..simulation.rays import Rays
 from ..simulation.simulate import Simulator, upright
-from ..viewpoints.even_sample import rows_by_place
 
 RAYS = 4000
 SHARE = 75  # percentile, over the directions
 GROUND_M = 0.3  # returns nearer than this to the floor's height are ground
 OPEN_SIDES = 0.75  # a place is open if a larger share of its directions has only ground
 LEAST_RETURNS = 4  # of RAYS, that are not ground
-_VIEWPOINTS, _CELL_M = 200, 2.0  # sample of viewpoints for the view distance of a map
+VIEWPOINTS, VIEWPOINT_CELL_M = 200, 2.0  # sample of viewpoints for the view distance of a map
 
 
 @dataclass(frozen=True)
@@ -87,24 +86,7 @@ class Outlook:
         return view_m, np.isfinite(ranges).sum(axis=1) >= LEAST_RETURNS
 
 
-def room_view_m(
-    simulator: Simulator,
-    positions: NDArray[np.floating],
-    floor_z: NDArray[np.floating],
-    sensor: SensorModel,
-) -> float:
-    """View distance in a map in metres, without the ground, from up to 200 of (n, 3) viewpoints."""
-    chosen = rows_by_place(positions, _VIEWPOINTS, _CELL_M)
-    outlook = Outlook.of(sensor)
-    seen = outlook.furthest_m(outlook.off_ground(simulator, positions[chosen], floor_z[chosen])).ravel()
-    seen = seen[seen > 0]
-    return float(np.percentile(seen, SHARE)) if len(seen) else sensor.max_range_m
-
-
-def view_distance_m(simulator: Simulator, positions: NDArray[np.floating], sensor: SensorModel) -> float:
-    """View distance in a map in metres, with the ground, from up to 200 of (n, 3) viewpoints."""
-    chosen = positions[rows_by_place(positions, _VIEWPOINTS, _CELL_M)]
-    outlook = Outlook.of(sensor)
-    seen = outlook.furthest_m(outlook.ranges(simulator, chosen)).ravel()
-    seen = seen[seen > 0]
+def percentile_m(furthest_m: NDArray[np.float32], sensor: SensorModel) -> float:
+    """Returns how far one sees in a map, from the furthest returns in directions of some viewpoints."""
+    seen = furthest_m[furthest_m > 0]
     return float(np.percentile(seen, SHARE)) if len(seen) else sensor.max_range_m

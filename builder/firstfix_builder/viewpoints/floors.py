@@ -20,6 +20,7 @@ from ..simulation.simulate import MOST_SURFACES, Simulator
 APART_M = 0.02  # of the surfaces of a column
 COLUMNS_AT_ONCE = 65_536
 SURFACES_AT_ONCE = 262_144  # whose planes are fitted: 30 numbers each
+_PLANE_SUMS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # entries of the normal equations of a plane
 FIT_PULL = 1e-3  # makes the plane of a lone cell level, and leaves every other one alone
 
 
@@ -177,15 +178,22 @@ def _planes_around(
     step_m: float,
 ) -> NDArray[np.float64]:
     """(n, 3) plane through the neighbours of each of n surfaces: height over it, rise along x and y."""
-    normal = np.zeros((len(z), 3, 3))
-    right = np.zeros((len(z), 3))
-    normal[:, (1, 2), (1, 2)] = FIT_PULL
+    sums = np.zeros((len(_PLANE_SUMS), len(z)))
+    right = np.zeros((3, len(z)))
+    for number, (one, other) in enumerate(_PLANE_SUMS):
+        sums[number] = FIT_PULL if one == other != 0 else 0.0
     for dx in range(-reach_cells, reach_cells + 1):
         for dy in range(-reach_cells, reach_cells + 1):
             reach = max(abs(dx), abs(dy), 1)
             near = index.nearest(column + np.array([dx, dy]), z, step_m * reach)
-            have = np.flatnonzero(near >= 0)
-            row = np.array([1.0, dx * cell_m, dy * cell_m])
-            normal[have] += np.outer(row, row)
-            right[have] += row * (every_z[near[have]] - z[have])[:, None]
-    return np.asarray(np.linalg.solve(normal, right[..., None])[..., 0], np.float64)
+            there = near >= 0
+            rise = np.where(there, every_z[near] - z, 0.0)
+            row = (1.0, dx * cell_m, dy * cell_m)
+            for number, (one, other) in enumerate(_PLANE_SUMS):
+                sums[number] += there * (row[one] * row[other])
+            for number in range(3):
+                right[number] += row[number] * rise
+    normal = np.empty((len(z), 3, 3))
+    for number, (one, other) in enumerate(_PLANE_SUMS):
+        normal[:, one, other] = normal[:, other, one] = sums[number]
+    return np.asarray(np.linalg.solve(normal, right.T[..., None])[..., 0], np.float64)

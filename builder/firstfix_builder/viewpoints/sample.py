@@ -1,28 +1,30 @@
-"""Samples the sensor positions of the templates, over the floors that a robot can reach (paper III.A)."""
+"""Samples the sensor positions of the templates, over the floors that a robot can reach (paper III.A).
+
+Tile by tile: each tile's floors are found alone, then the parts of tiles are joined, and those of them that
+robots drive on give the viewpoints.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from firstfix.builds.config import ViewpointConfig
 from firstfix.errors import BuildFailed
 
 from ..simulation.simulate import Simulator
-from .drivable_components import components_under, drivable_components
-from .floors import Grid, Surfaces, find_surfaces, fit_planes
-from .one_per_block import one_per_block
-from .trajectory_floor import TrajectoryFloor, trajectory_floor, with_trajectory_floor
-from .traversable import has_room, traversable_components
+from .joined_parts import JoinedParts
+from .one_per_block import Spots, one_per_block
+from .tile_floors import FloorSampling, TileFloors, tile_floors
+from .tiles import Tiling
+from .trajectory_floor import Track, mount_height_m
 
-MAX_CELL_M = 0.4
 DEFAULT_SPACING_M = 1.0
-PLANE_REACH_M = 0.5
-MAX_COLUMNS = 50e6  # 2.3 km square at 1/3 m
-HEAD_ROOM_M = 0.1  # over the sensor
+
+Kept = Callable[[int], tuple[Spots, NDArray[np.int32]]]
 
 
 @dataclass(frozen=True)
@@ -47,99 +49,114 @@ class Viewpoints:
         return Viewpoints(self.positions[keep], self.floor_z[keep], self.mount_height_m)
 
 
+def joined_viewpoints(
+    sampling: FloorSampling,
+    tiles: Sequence[tuple[int, int]],
+    found: Iterable[TileFloors],
+    keep: Callable[[int, TileFloors], None],
+    kept: Kept,
+    *,
+    by_trajectory: bool,
+) -> Iterator[Viewpoints]:
+    """Yields the viewpoints of one tile after the other.
+
+    Args:
+        tiles: in order.
+        found: the floors of each. One is in memory at a time.
+        keep: called with each tile's number and floors: remembers their spots.
+        kept: returns a tile's spots with their parts.
+        by_trajectory: there is one, and what it passed over is driven on.
+
+    Raises:
+        BuildFailed: there is no floor to stand on, or none under the trajectory.
+    """
+    parts = JoinedParts()
+    for number, (tile, floors) in enumerate(zip(tiles, found, strict=True)):
+        parts.add(tile, floors)
+        keep(number, floors)
+    chosen = parts.chosen(by_trajectory=by_trajectory)
+    if len(chosen) == 0:
+        near = " near the trajectory" if by_trajectory else ""
+        raise BuildFailed(f"the map has no floor with room for the robot{near}")
+    if not chosen.any():
+        raise BuildFailed("no floor of the map lies under the trajectory: another frame?")
+    for number in range(len(tiles)):
+        spots, part = kept(number)
+        here = chosen[parts.parts_of(number)][part]
+        yield _viewpoints(
+            Spots(spots.xy_m[here], spots.z[here], spots.low_z[here], spots.high_z[here]), sampling
+        )
+
+
 def sample_viewpoints(
     simulator: Simulator,
     config: ViewpointConfig,
-    mount_height_m: float,
+    sensor_height_m: float,
     trajectory: NDArray[np.float64] | None = None,
-    seeds: NDArray[np.float64] | None = None,
 ) -> Viewpoints:
-    """Viewpoints on every floor that is reached from the trajectory or the seeds.
+    """Viewpoints of a map that is small, on every floor that is reached from the trajectory.
 
-    With neither of them, on the largest floor that is no roof and on storeys of comparable size.
+    Without one, on the largest floor that is no roof and on storeys of comparable size.
 
     Args:
-        mount_height_m: the sensor model's, for mount_height_m = "auto" without a trajectory.
+        sensor_height_m: the sensor model's, for mount_height_m = "auto" without a trajectory.
         trajectory: (m, 4, 4) T_map_sensor, or None.
-        seeds: (k, 3) metres, places in free space above the floor to start from, or None.
 
     Raises:
         BuildFailed: there is no floor to stand on, none under the trajectory, or the map is too large.
     """
-    spacing_m = config.spacing_m or DEFAULT_SPACING_M
-    cell_m = spacing_m / int(np.ceil(spacing_m / MAX_CELL_M))
-    under_track = None
-    if trajectory is not None and len(trajectory):
-        under_track = trajectory_floor(simulator, trajectory, cell_m / 2, mount_height_m)
-    if config.mount_height_m != "auto":
-        mount_height_m = config.mount_height_m
-    elif under_track is not None:
-        mount_height_m = under_track.mount_height_m
-    grid = Grid.over(simulator.low, simulator.high, cell_m)
-    if float(np.prod(grid.size.astype(np.float64))) > MAX_COLUMNS:
-        raise BuildFailed(f"the map is too large for cells of {cell_m:.2f} m: set a larger spacing_m")
-    surfaces = find_surfaces(simulator, grid, _columns(grid, under_track, config))
-    passed = np.zeros(len(surfaces), bool)
-    if under_track is not None:
-        surfaces, passed = with_trajectory_floor(grid, surfaces, under_track.foot)
-    height_m = max(config.robot_height_m, mount_height_m + HEAD_ROOM_M)
-    standing, passed = _standing(grid, surfaces, passed, config, height_m)
-    feet = np.column_stack([grid.centre_m(standing.column), standing.z])
-    room = passed | has_room(simulator, feet, config.footprint_radius_m, config.step_height_m, height_m)
-    floors = standing.subset(room)
-    if len(floors) == 0:
-        near = "" if under_track is None else " near the trajectory"
-        raise BuildFailed(f"the map has no floor with room for the robot{near}")
-    part = traversable_components(
-        simulator,
-        grid,
-        floors,
-        step_m=config.step_height_m,
-        max_slope=float(np.tan(np.radians(config.max_slope_deg))),
-        bridge_gap_m=config.bridge_gap_m,
-        height_m=height_m,
+    tiling = Tiling(config.spacing_m or DEFAULT_SPACING_M)
+    positions = None if trajectory is None or not len(trajectory) else trajectory[:, :3, 3]
+    drop_m = None if positions is None else simulator.drops(positions)
+    sampling = floor_sampling(tiling, config, sensor_height_m, drop_m)
+    track = None if positions is None else Track.of(positions, tiling.cell_m / 2)
+    tiles = tiling.over(simulator.low[None, :2], simulator.high[None, :2])
+    found: list[TileFloors] = []
+    parts = joined_viewpoints(
+        sampling,
+        tiles,
+        (tile_floors(simulator, sampling, tile, foot_near(track, sampling, tile)) for tile in tiles),
+        lambda number, floors: found.append(floors),
+        lambda number: (found[number].spots, found[number].part),
+        by_trajectory=track is not None,
     )
-    if under_track is None and seeds is None:
-        chosen = drivable_components(grid, standing, floors, part)
-    else:
-        chosen = part[passed[room]]
-        if seeds is not None:
-            chosen = np.union1d(chosen, components_under(grid, floors, part, seeds))
-        if len(chosen) == 0:
-            raise BuildFailed("no floor of the map lies under the trajectory or the seeds: another frame?")
-    return _one_per_block(grid, floors.subset(np.isin(part, chosen)), spacing_m, mount_height_m)
+    every = list(parts)
+    return Viewpoints(
+        np.concatenate([one.positions for one in every]),
+        np.concatenate([one.floor_z for one in every]),
+        sampling.mount_height_m,
+    )
 
 
-def _columns(grid: Grid, under_track: TrajectoryFloor | None, config: ViewpointConfig) -> NDArray[np.int64]:
-    """(n, 2) the columns to look at: all, or those near the trajectory."""
-    x, y = np.meshgrid(np.arange(grid.size[0]), np.arange(grid.size[1]), indexing="ij")
-    columns = np.column_stack([x.ravel(), y.ravel()])
-    limit_m = config.max_distance_to_trajectory_m
-    if under_track is None or limit_m is None:
-        return columns
-    away, _ = cKDTree(under_track.foot[:, :2]).query(grid.centre_m(columns), distance_upper_bound=limit_m)
-    return columns[np.isfinite(away)]
+def floor_sampling(
+    tiling: Tiling, config: ViewpointConfig, sensor_height_m: float, drop_m: NDArray[np.float64] | None
+) -> FloorSampling:
+    """Returns how floors are sampled.
+
+    Args:
+        sensor_height_m: the sensor model's.
+        drop_m: (m,) heights of the trajectory over the surfaces below it; None: there is none.
+    """
+    track_m = sensor_height_m if drop_m is None else mount_height_m(drop_m, sensor_height_m)
+    return FloorSampling(
+        tiling, config, track_m if config.mount_height_m == "auto" else config.mount_height_m, track_m
+    )
 
 
-def _standing(
-    grid: Grid, surfaces: Surfaces, passed: NDArray[np.bool_], config: ViewpointConfig, height_m: float
-) -> tuple[Surfaces, NDArray[np.bool_]]:
-    """The surfaces with headroom that are level enough, at their smoothed height; which were passed over."""
-    high = passed | (surfaces.headroom_m >= height_m)
-    surfaces, passed = surfaces.subset(high), passed[high]
-    reach = max(1, round(PLANE_REACH_M / grid.cell_m))
-    plane_z, slope = fit_planes(grid, surfaces, reach, config.step_height_m)
-    even = slope <= np.tan(np.radians(config.max_slope_deg))
-    tread = surfaces.level >= np.cos(np.radians(config.max_slope_deg))
-    z = np.where(even & (np.abs(plane_z - surfaces.z) <= config.step_height_m), plane_z, surfaces.z)
-    keep = passed | even | tread
-    return replace(surfaces, z=z).subset(keep), passed[keep]
+def foot_near(
+    track: Track | None, sampling: FloorSampling, tile: tuple[int, int]
+) -> NDArray[np.float64] | None:
+    """(k, 3) points under the trajectory that decide on the floors of a tile; None: there is none."""
+    if track is None:
+        return None
+    low, high = sampling.tiling.box(tile)
+    reach_m = sampling.reach_m + (sampling.config.max_distance_to_trajectory_m or 0.0)
+    return track.near(low - reach_m, high + reach_m, sampling.track_height_m)
 
 
-def _one_per_block(grid: Grid, floors: Surfaces, spacing_m: float, mount_height_m: float) -> Viewpoints:
+def _viewpoints(spots: Spots, sampling: FloorSampling) -> Viewpoints:
     """For each block of the spacing and each storey in it, the floor nearest to the block's centre."""
-    centre = grid.centre_m(floors.column)
-    _, first = one_per_block(centre, floors.z, spacing_m)
-    floor_z = floors.z[first]
-    positions = np.column_stack([centre[first], floor_z + mount_height_m])
-    return Viewpoints(positions, floor_z, mount_height_m)
+    _, first = one_per_block(spots, sampling.tiling.spacing_m)
+    floor_z = spots.z[first]
+    positions = np.column_stack([spots.xy_m[first], floor_z + sampling.mount_height_m])
+    return Viewpoints(positions, floor_z, sampling.mount_height_m)

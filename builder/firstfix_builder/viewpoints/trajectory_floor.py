@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..simulation.simulate import Simulator
 from .floors import ColumnIndex, Grid, Surfaces
 
 MAX_STRIDE_M = 3.0  # poses further apart are not joined by a straight line
@@ -16,36 +16,44 @@ HEIGHT_TOLERANCE_M = 0.5  # a hand-held scanner goes up and down by this much
 
 
 @dataclass(frozen=True)
-class TrajectoryFloor:
-    """The floor that a trajectory passed over.
+class Track:
+    """Points of a trajectory, no further apart than a cell, of which those near a place are found quickly.
 
     Attributes:
-        mount_height_m: median height of the trajectory over the floor below it.
-        foot: (k, 3) points on the floor under the trajectory, metres, no further apart than a cell.
+        points: (k, 3) metres.
     """
 
-    mount_height_m: float
-    foot: NDArray[np.float64]
+    points: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, positions: NDArray[np.float64], step_m: float) -> Track:
+        """Points along (m, 3) positions, step_m apart or less."""
+        return cls(_densified(positions, step_m))
+
+    def near(
+        self, low: NDArray[np.float64], high: NDArray[np.float64], lowered_m: float
+    ) -> NDArray[np.float64]:
+        """(n, 3) points over the box of (2,) corners in their order, each lowered."""
+        order, x = self._by_x
+        rows = np.sort(order[slice(*np.searchsorted(x, [low[0], high[0]]).tolist())])
+        y = self.points[rows, 1]
+        return self.points[rows[(y >= low[1]) & (y < high[1])]] - [0.0, 0.0, lowered_m]
+
+    @cached_property
+    def _by_x(self) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+        order = np.argsort(self.points[:, 0], kind="stable")
+        return order, self.points[order, 0]
 
 
-def trajectory_floor(
-    simulator: Simulator, trajectory: NDArray[np.float64], step_m: float, default_height_m: float
-) -> TrajectoryFloor:
-    """The floor under a trajectory.
+def mount_height_m(drop_m: NDArray[np.float64], default_m: float) -> float:
+    """Returns how high a sensor is mounted, from the (m,) drops under its trajectory.
 
     Args:
-        trajectory: (m, 4, 4) T_map_sensor.
-        step_m: distance between the feet that come out.
-        default_height_m: taken where no pose has a floor below it.
+        default_m: taken where no pose has a floor below it.
     """
-    positions = trajectory[:, :3, 3]
-    drop = simulator.drops(positions)
-    below = drop[np.isfinite(drop) & (drop < MAX_MOUNT_M)]
+    below = drop_m[np.isfinite(drop_m) & (drop_m < MAX_MOUNT_M)]
     # to the centimetre: a hair's change of some floor leaves the viewpoints of all the others alone
-    height_m = round(float(np.median(below)), 2) if len(below) else default_height_m
-    foot = _densified(positions, step_m)
-    foot[:, 2] -= height_m
-    return TrajectoryFloor(height_m, foot)
+    return round(float(np.median(below)), 2) if len(below) else default_m
 
 
 def _densified(positions: NDArray[np.float64], step_m: float) -> NDArray[np.float64]:

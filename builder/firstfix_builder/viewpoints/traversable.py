@@ -44,56 +44,70 @@ def has_room(
     return free
 
 
-def traversable_components(
+def gap_strides(cell_m: float, bridge_gap_m: float) -> int:
+    """Returns how many cells away a floor's neighbour may be."""
+    return max(1, int(bridge_gap_m / cell_m + 1))
+
+
+def passable_pairs(
     simulator: Simulator,
     grid: Grid,
     floors: Surfaces,
+    own: NDArray[np.int64],
     *,
     step_m: float,
     max_slope: float,
     bridge_gap_m: float,
     height_m: float,
 ) -> NDArray[np.int64]:
-    """(n,) number of the connected part that each floor belongs to.
+    """(k, 2) rows of floors that a robot gets from one to the other, from each of the (n,) own rows.
 
     Neighbouring columns are joined when the way up or down is within a step plus the slope and nothing
     stands between them. Where no floor is next to one, the next floor within bridge_gap_m in that
     direction counts as the neighbour: reconstructed floors have holes, under the scanner for one.
     """
     feet = np.column_stack([grid.centre_m(floors.column), floors.z])
-    ends = [np.zeros((0, 2), np.int32)]
-    for pair in _neighbours(grid, floors, step_m, max_slope, bridge_gap_m):
-        ends.append(pair[_passable(simulator, feet, pair, step_m, height_m)])
-    pairs = np.concatenate(ends)
-    shape = (len(floors), len(floors))
-    graph = coo_matrix((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=shape)
+    found = [np.zeros((0, 2), np.int64)]
+    for pair in _neighbours(grid, floors, own, step_m, max_slope, bridge_gap_m):
+        found.append(pair[_passable(simulator, feet, pair, step_m, height_m)])
+    return np.concatenate(found)
+
+
+def connected_parts(pairs: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """(count,) number of the connected part that each is in, of (k, 2) pairs of them."""
+    graph = coo_matrix((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
     part: NDArray[np.int64] = connected_components(graph, directed=False)[1].astype(np.int64)
     return part
 
 
 def _neighbours(
-    grid: Grid, floors: Surfaces, step_m: float, max_slope: float, bridge_gap_m: float
-) -> Iterator[NDArray[np.int32]]:
-    """(k, 2) pairs of floors, direction by direction."""
+    grid: Grid,
+    floors: Surfaces,
+    own: NDArray[np.int64],
+    step_m: float,
+    max_slope: float,
+    bridge_gap_m: float,
+) -> Iterator[NDArray[np.int64]]:
+    """(k, 2) pairs of floors from the own ones, direction by direction."""
     index = ColumnIndex(grid, floors)
     for direction in DIRECTIONS:
         for sign in (1, -1):
             stride_m = grid.cell_m * float(np.linalg.norm(direction))
-            searching = np.arange(len(floors))
-            for stride in range(1, 1 + max(1, int(bridge_gap_m / stride_m + 1))):
+            searching = own
+            for stride in range(1, 1 + gap_strides(stride_m, bridge_gap_m)):
                 # over a gap only a step: with the slope added, a table would be in reach of the floor
                 limit_m = step_m + max_slope * stride_m if stride == 1 else step_m
                 column = floors.column[searching] + sign * stride * direction
                 near = index.nearest(column, floors.z[searching], limit_m)
                 found = near >= 0
-                yield np.column_stack([searching[found], near[found]]).astype(np.int32)
+                yield np.column_stack([searching[found], near[found]])
                 searching = searching[~found]
 
 
 def _passable(
     simulator: Simulator,
     feet: NDArray[np.float64],
-    pair: NDArray[np.int32],
+    pair: NDArray[np.int64],
     step_m: float,
     height_m: float,
 ) -> NDArray[np.bool_]:

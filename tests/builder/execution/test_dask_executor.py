@@ -25,8 +25,9 @@ from firstfix_builder.execution.chunks import ChunkResults
 from firstfix_builder.execution.dask_executor import DaskExecutor
 from firstfix_builder.execution.executor_url import dask_address
 from firstfix_builder.execution.stage_cache import StageCache, StageResult
+from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.mesh.places.tiled_points import TiledPoints
-from firstfix_builder.mesh.reconstruct import joined_mesh, mesh_chunks
+from firstfix_builder.mesh.reconstruct import block_meshes, mesh_chunks
 from firstfix_builder.pipeline import BuiltVersion, Cluster, build_version
 from servers import free_port
 from small_world import CONFIG
@@ -137,8 +138,9 @@ def test_a_cloud_becomes_the_same_mesh(cluster: DaskCluster, tmp_path: Path, sur
 
     with DaskExecutor(cluster.address, str(tmp_path / "store")) as executor:
         cache = ChunkCache(StageCache(tmp_path / "cache"), executor)
-        far = joined_mesh(cache.run("mesh", chunks, {"map": read}, lambda fraction: None, lambda: False))
-    near = joined_mesh(chunk.run({"map": tmp_path / "map"}) for chunk in chunks)
+        parts = list(cache.run("mesh", chunks, {"map": read}, lambda fraction: None, lambda: False))
+    far = Mesh.joined(block_meshes(parts))
+    near = Mesh.joined(block_meshes(chunk.run({"map": tmp_path / "map"}) for chunk in chunks))
     assert far.vertices.tobytes() == near.vertices.tobytes()
     assert far.triangles.tobytes() == near.triangles.tobytes()
 

@@ -8,10 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from firstfix.errors import BuildFailed
+from firstfix_builder.mesh import tiled_mesh
 from firstfix_builder.mesh.map_tiles import by_tiles
 from firstfix_builder.mesh.mesh import Mesh
-from firstfix_builder.mesh.tiled_mesh import TILE_M, TiledMesh
+from firstfix_builder.mesh.tiled_mesh import TILE_M, TiledMesh, write_tiled_mesh
 from firstfix_builder.simulation.simulate import Simulator
+from firstfix_builder.simulation.worlds.primitives import height_field
 
 
 def test_points_stand_tile_by_tile():
@@ -88,3 +91,34 @@ def test_far_from_everything_the_nearest_tile_stands_for_the_map(field: Mesh):
     tiled = TiledMesh.of(field)
     far = np.array([5e3, 5e3])
     assert tiled.near(far, far, 10.0) == (len(tiled.start) - 2,)
+
+
+def test_a_mesh_in_parts_is_written_as_the_whole_one(
+    field: Mesh, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(tiled_mesh, "AT_ONCE", 700)
+    wide = np.array([[0.0, 0, -5], [290, 3, -5], [100, 190, -5]])  # in cells of several tiles
+    parts = [field.with_triangles(np.arange(len(field.triangles)) % 7 == k) for k in range(7)]
+    parts[2:2] = [Mesh(wide, np.array([[0, 1, 2]])), Mesh.empty(), Mesh(wide - 1, np.array([[0, 2, 1]]))]
+    for name in ("whole", "parts"):
+        (tmp_path / name).mkdir()
+    TiledMesh.of(Mesh.joined(parts)).save(tmp_path / "whole")
+    write_tiled_mesh(iter(parts), tmp_path / "parts")
+    for file in ("vertices.npy", "triangles.npy", "tile_start.npy", "tile_box.npy", "surface_cells.npz"):
+        assert (tmp_path / "whole" / file).read_bytes() == (tmp_path / "parts" / file).read_bytes(), file
+    assert len(list((tmp_path / "parts").iterdir())) == len(list((tmp_path / "whole").iterdir()))
+
+
+def test_no_triangle_at_all_is_refused(tmp_path: Path):
+    with pytest.raises(BuildFailed, match="no surface"):
+        write_tiled_mesh([Mesh.empty()], tmp_path)
+
+
+def test_triangles_of_a_tile_share_their_vertices():
+    x, y = np.meshgrid(np.arange(0, 97.0, 2), np.arange(0, 97.0, 2))
+    tiled = TiledMesh.of(height_field(x[0], y[:, 0], 0 * x))
+    assert len(tiled) == 3 * 3
+    for number in range(len(tiled)):
+        part = tiled.part([number])
+        assert len(part.vertices) < 0.7 * len(part.triangles)
+        assert (np.sort(np.unique(part.triangles)) == np.arange(len(part.vertices))).all()

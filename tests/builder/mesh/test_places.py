@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from firstfix.sensor import preset
 from firstfix_builder.execution.stage_cache import StageResult
 from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.mesh.places.steps import stepped
-from firstfix_builder.mesh.places.surface_cells import CELL_M, FILE, SurfaceCells
+from firstfix_builder.mesh.places.surface_cells import CELL_M, FILE, GROUP, SurfaceCells
 from firstfix_builder.mesh.places.tiled_points import TILE_M, TiledPoints
 from firstfix_builder.mesh.reconstruct import PoissonChunk
 from firstfix_builder.mesh.tiled_mesh import TiledMesh
@@ -83,6 +84,18 @@ def test_a_hash_of_the_surface_tells_of_changes_within_reach_and_of_no_others(re
             assert changed
         if away_m > reach_m + 2**0.5 * CELL_M + 1:
             assert not changed
+
+
+def test_cells_in_many_groups_give_the_hash_of_all_that_are_near():
+    rng = np.random.default_rng(8)
+    found = cells(triangles(*rng.uniform(-300, 300, (4000, 3)), size_m=3.0))
+    assert len(found.cell) > 20 * GROUP
+    for low_x, low_y, reach_m in [(0, 0, 0.0), (-250, 90, 30.0), (900, 900, 5.0), (-400, -400, 2000.0)]:
+        low, high = box(low_x, low_y)
+        gap = np.maximum(np.maximum(found.low[:, :2] - high, low - found.high[:, :2]), 0)
+        near = np.hypot(*gap.T) <= reach_m
+        wanted = sha256(found.cell[near].tobytes() + found.sha256[near].tobytes()).hexdigest()
+        assert found.digest_within(low, high, reach_m) == wanted
 
 
 def test_a_large_triangle_does_not_make_small_cells_large():

@@ -14,7 +14,7 @@ from firstfix.transform import make_transform
 from firstfix_builder.mesh.clean_cloud import clean_cloud
 from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.mesh.places.tiled_points import TiledPoints
-from firstfix_builder.mesh.reconstruct import joined_mesh, mesh_chunks
+from firstfix_builder.mesh.reconstruct import block_meshes, mesh_chunks
 from firstfix_builder.simulation.simulate import Simulator
 
 pytestmark = pytest.mark.slow
@@ -31,7 +31,8 @@ def reconstruct_mesh(
         TiledPoints.of(points).save(Path(folder))
         if trajectory is not None:
             np.save(Path(folder) / "trajectory.npy", trajectory)
-        return joined_mesh(chunk.run({"map": Path(folder)}) for chunk in mesh_chunks(points, config))
+        parts = [chunk.run({"map": Path(folder)}) for chunk in mesh_chunks(points, config)]
+        return Mesh.joined(block_meshes(parts))
 
 
 @pytest.fixture(scope="module")

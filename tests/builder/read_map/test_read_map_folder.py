@@ -1,11 +1,15 @@
 from __future__ import annotations
 
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
+import trimesh
 
-from firstfix.errors import MalformedData, UnsupportedFormat
+from firstfix.errors import InputError, MalformedData, UnsupportedFormat
 from firstfix.transform import from_quaternion, transform_points
-from firstfix_builder.read_map import read_map
+from firstfix_builder.read_map import read_map, read_parts
 
 RNG = np.random.default_rng(4)
 A, B = RNG.uniform(-20, 20, (30, 3)).astype("<f4"), RNG.uniform(-20, 20, (50, 3)).astype("<f4")
@@ -131,3 +135,43 @@ def test_folders_that_are_no_map(tmp_path):
     write_pcd(tmp_path / "two.pcd", B)
     with pytest.raises(UnsupportedFormat, match="2 map files"):
         read_map(tmp_path)
+
+
+def mesh_folder(folder: Path, shift: np.ndarray) -> list[np.ndarray]:
+    """Two files of a triangle each, UTM-sized, and poses."""
+    folder.mkdir()
+    corners = [
+        np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.0]]),
+        np.array([[60, 0, 0], [61, 0, 0], [60, 1, 2.0]]),
+    ]
+    for name, one in zip(("b.ply", "a.obj"), corners, strict=True):
+        trimesh.Trimesh(one + shift, [[0, 1, 2]], process=False).export(folder / name)
+    (folder / "poses.txt").write_text(f"0 {shift[0] + 1} {shift[1]} 1 0 0 0 1\n")
+    return [one + shift for one in corners]
+
+
+def test_a_folder_of_meshes_is_one_map_file_by_file(tmp_path):
+    b, a = mesh_folder(tmp_path / "city", np.array([400_060.0, 5_000_030.0, 0.0]))
+    parts = list(read_parts(tmp_path / "city"))
+    for part, corners in zip(parts, (a, b), strict=True):
+        vertices, triangles = part.surface
+        np.testing.assert_array_equal(part.origin, [400_100.0, 5_000_000.0, 0.0])
+        np.testing.assert_allclose(vertices[triangles[0]] + part.origin, corners, atol=0.6)
+    assert parts[0].trajectory is not None
+    np.testing.assert_allclose(parts[0].trajectory[0, :3, 3], [-39, 30, 1], atol=0.6)
+    assert parts[1].trajectory is None
+
+
+def test_a_folder_with_one_mesh_or_a_cloud_among_meshes_is_no_folder_of_meshes(tmp_path):
+    mesh_folder(tmp_path / "city", np.zeros(3))
+    (tmp_path / "city" / "a.obj").rename(tmp_path / "a.obj")
+    (part,) = read_parts(tmp_path / "city")
+    assert len(part.surface[1]) == 1
+    np.save(tmp_path / "city" / "cloud.npy", np.zeros((5, 3)))
+    with pytest.raises(UnsupportedFormat, match="has 2 map files"):
+        list(read_parts(tmp_path / "city"))
+    shutil.rmtree(tmp_path / "city")
+    mesh_folder(tmp_path / "city", np.zeros(3))
+    (tmp_path / "city" / "b.ply").write_bytes(b"ply\nformat ascii 1.0\nelement vertex 3\nelement face 1\n")
+    with pytest.raises(InputError, match=r"b\.ply|2 map files"):
+        list(read_parts(tmp_path / "city"))

@@ -274,7 +274,9 @@ def test_with_a_cluster_the_source_is_read_in_the_sandbox(
     else:
         shutil.copy(small_map, source)
     sandbox = SandboxedBuild(tmp_path / "work", "b1", SandboxOptions(required=True))
-    monkeypatch.setattr(build_stages, "read_map", lambda *_, **__: pytest.fail("the worker reads the source"))
+    monkeypatch.setattr(
+        build_stages, "read_parts", lambda *_, **__: pytest.fail("the worker reads the source")
+    )
     monkeypatch.setattr(session_stages, "unpack", lambda *_: pytest.fail("the worker reads the source"))
     seen: list[str] = []
 

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
 import numpy as np
 from box_scenes import box, floor, walls
 from numpy.typing import NDArray
 
 from firstfix.builds.config import ViewpointConfig
 from firstfix.sensor import SensorModel
+from firstfix_builder.execution.chunks import Arrays, Chunk
+from firstfix_builder.execution.stage_cache import StageResult
 from firstfix_builder.mesh.mesh import Mesh
+from firstfix_builder.mesh.tiled_mesh import TiledMesh
 from firstfix_builder.simulation.simulate import Simulator
-from firstfix_builder.templates.fit_spacing import (
-    OPEN_SPACING_M,
-    ROOM_SPACING_M,
-    sample_fitting_viewpoints,
-)
+from firstfix_builder.templates.fit_spacing import ROOM_SPACING_M, fitting_viewpoints, write_places
+from firstfix_builder.templates.look_chunks import OPEN_SPACING_M
 from firstfix_builder.templates.outlook import Outlook
 from firstfix_builder.viewpoints.sample import DEFAULT_SPACING_M
 
@@ -27,13 +31,33 @@ def field(*more: Mesh) -> list[Mesh]:
     return [floor(0, -40, 130, 40), *blocks, *more]
 
 
+def finished(folder: Path) -> StageResult:
+    return StageResult(folder.name, folder, folder.name)
+
+
 def sampled(parts: list[Mesh], **config: object) -> tuple[NDArray[np.float64], float]:
-    mesh = Mesh.joined(parts)
-    simulator = Simulator(mesh.vertices, mesh.triangles)
-    found, spacing_m = sample_fitting_viewpoints(
-        simulator, ViewpointConfig.model_validate(config), SENSOR, None
-    )
-    return found.positions, spacing_m
+    """Positions and spacing of the stage."""
+    with TemporaryDirectory() as name:
+        mesh, read, out = (Path(name) / part for part in ("mesh", "map", "out"))
+        for folder in (mesh, read, out):
+            folder.mkdir()
+        TiledMesh.of(Mesh.joined(parts)).save(mesh)
+        inputs = {"mesh": mesh, "map": read}
+        chosen = ViewpointConfig.model_validate(config)
+
+        def run(chunks: Sequence[Chunk], **places: Path) -> Iterator[Arrays]:
+            return (chunk.run({**inputs, **places}) for chunk in chunks)
+
+        def places_at(spacing_m: float) -> StageResult:
+            folder = Path(name) / f"{spacing_m}"
+            folder.mkdir()
+            write_places(run, read, mesh, chosen, spacing_m, SENSOR, folder)
+            return finished(folder)
+
+        fitting_viewpoints(
+            places_at, lambda places, chunks: run(chunks, places=places.directory), chosen, SENSOR, out
+        )
+        return np.load(out / "positions.npy"), float(np.load(out / "spacing_m.npy"))
 
 
 def test_a_room_has_close_viewpoints():

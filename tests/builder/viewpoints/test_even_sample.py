@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from firstfix_builder.viewpoints.even_sample import rows_by_place
+from firstfix_builder.viewpoints.even_sample import rows_by_hash, rows_by_place
 
 
 def columns(storeys=2, side=40):
@@ -40,3 +40,35 @@ def test_the_same_seed_gives_the_same_rows():
     np.testing.assert_array_equal(
         rows_by_place(points, 99, 3.0, seed=3), rows_by_place(points, 99, 3.0, seed=3)
     )
+
+
+def test_by_hash_a_storey_or_a_corner_gets_its_share_too():
+    points = columns()
+    upper = (points[rows_by_hash(points, 200, 3.0)][:, 2] > 2).mean()
+    assert 0.4 < upper < 0.6
+    crowd = np.random.default_rng(2).uniform(0, 3, (3000, 3)) * [1, 1, 0]
+    lonely = columns(storeys=1, side=10) + [50.0, 50.0, 0.0]
+    chosen = rows_by_hash(np.concatenate([crowd, lonely]), 60, 3.0)
+    assert (chosen >= len(crowd)).mean() > 0.5
+    assert rows_by_hash(points[:7], 7, 3.0).tolist() == list(range(7))
+
+
+def test_by_hash_a_choice_of_choices_of_tiles_is_the_choice_of_all_in_any_order():
+    points = columns()
+    rng = np.random.default_rng(5)
+    whole = {tuple(spot) for spot in points[rows_by_hash(points, 150, 2.0)]}
+    assert len(whole) == 150
+    shuffled = points[rng.permutation(len(points))]
+    tile = np.floor(shuffled[:, 0] / 8)
+    parts = [shuffled[tile == number] for number in np.unique(tile)]
+    kept = np.concatenate([part[rows_by_hash(part, 150, 2.0)] for part in parts])
+    assert len(kept) < len(points)
+    assert {tuple(spot) for spot in kept[rows_by_hash(kept, 150, 2.0)]} == whole
+
+
+def test_by_hash_a_change_elsewhere_makes_few_others_of_the_chosen():
+    points = columns()
+    before = {tuple(spot) for spot in points[rows_by_hash(points, 200, 2.0)]}
+    left = points[(points[:, 0] > 4) | (points[:, 1] > 4)]
+    after = {tuple(spot) for spot in left[rows_by_hash(left, 200, 2.0)]}
+    assert len(before & after) >= 190

@@ -12,6 +12,7 @@ from firstfix.errors import BuildFailed
 from firstfix.transform import make_transform
 from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.simulation.simulate import Simulator
+from firstfix_builder.viewpoints import tiles
 from firstfix_builder.viewpoints.sample import Viewpoints, sample_viewpoints
 
 MOUNT_M = 0.6
@@ -21,12 +22,11 @@ WORLDS = Path(__file__).resolve().parents[4] / "shared" / "data" / "worlds"
 def sample(
     parts: list[Mesh],
     trajectory: NDArray[np.float64] | None = None,
-    seeds: NDArray[np.float64] | None = None,
     **config: object,
 ) -> Viewpoints:
     mesh = Mesh.joined(parts)
     chosen = ViewpointConfig.model_validate(config)
-    return sample_viewpoints(Simulator(mesh.vertices, mesh.triangles), chosen, MOUNT_M, trajectory, seeds)
+    return sample_viewpoints(Simulator(mesh.vertices, mesh.triangles), chosen, MOUNT_M, trajectory)
 
 
 def path(*positions: tuple[float, float, float]) -> NDArray[np.float64]:
@@ -98,7 +98,7 @@ def test_storeys_without_stairs_are_both_found_when_nothing_says_where_the_robot
 
 def test_a_closed_wall_is_not_passed_and_a_door_is():
     left, right = (0, 0, 4.9, 8), (5.1, 0, 10, 8)
-    closed = sample([*room(), box((4.95, 0, -0.1), (5.05, 8, 3))], seeds=np.array([[1.0, 1.0, 1.0]]))
+    closed = sample([*room(), box((4.95, 0, -0.1), (5.05, 8, 3))], path((1.0, 1.0, 1.0)))
     assert inside(closed, *left).any()
     assert not inside(closed, *right).any()
     door = [
@@ -106,7 +106,7 @@ def test_a_closed_wall_is_not_passed_and_a_door_is():
         box((4.95, 4.2, -0.1), (5.05, 8, 3)),
         box((4.95, 3.2, 2), (5.05, 4.2, 3)),
     ]
-    opened = sample([*room(), *door], seeds=np.array([[1.0, 1.0, 1.0]]))
+    opened = sample([*room(), *door], path((1.0, 1.0, 1.0)))
     assert inside(opened, *right).sum() >= 30
 
 
@@ -129,7 +129,7 @@ def holed_floor(gap_m: float) -> list[Mesh]:
 
 @pytest.mark.parametrize(("gap_m", "bridged"), [(0.8, True), (2.5, False)])
 def test_a_gap_in_the_floor_is_bridged_up_to_its_limit(gap_m: float, bridged: bool):
-    found = sample(holed_floor(gap_m), seeds=np.array([[1.0, 1.0, 1.0]]))
+    found = sample(holed_floor(gap_m), path((1.0, 1.0, 1.0)))
     assert inside(found, 5 + gap_m, 0, 10, 6).any() == bridged
 
 
@@ -204,6 +204,30 @@ def test_a_map_with_a_stray_corner_far_away_is_refused_before_memory_is_taken():
 def test_the_same_map_gives_the_same_bytes():
     first, second = sample(room()), sample(room())
     assert first.positions.tobytes() == second.positions.tobytes()
+
+
+@pytest.mark.parametrize("with_track", [False, True])
+def test_small_tiles_give_what_one_tile_gives(monkeypatch: pytest.MonkeyPatch, with_track: bool):
+    rng = np.random.default_rng(4)
+    parts = [
+        floor(-20, -17, 21, 23),
+        floor(-8, -8, 8, 8, 3.0),
+        *walls(-8, -8, 8, 8),
+        *walls(-20, -17, 21, 23),
+    ]
+    parts += [quad((8, -2, 3), (14, -2, 0), (14, 2, 0), (8, 2, 3)), floor(-6, 12, -3, 15, 0.4)]
+    for x, y in rng.uniform(-19, 20, (60, 2)):
+        parts.append(box((x, y, -0.1), (x + 0.9, y + 0.7, rng.uniform(0.1, 2.5))))
+    track = path((-15, -12, 0.9), (-12.5, -12, 0.9), (10, 20, 0.9)) if with_track else None
+    config = {"max_distance_to_trajectory_m": 9.0} if with_track else {}
+    found = []
+    for side_m in (4.0, 1000.0):
+        monkeypatch.setattr(tiles, "SIDE_M", side_m)
+        made = sample(parts, track, **config)
+        rows = np.column_stack([made.positions, made.floor_z])
+        found.append(rows[np.lexsort(rows.T)])
+    assert len(found[0]) > 300
+    np.testing.assert_array_equal(found[0], found[1])
 
 
 def test_real_floor_plan_without_a_trajectory():

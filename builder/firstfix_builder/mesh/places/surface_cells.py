@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -12,6 +14,7 @@ from numpy.typing import NDArray
 
 CELL_M = 4.0
 FILE = "surface_cells.npz"
+GROUP = 64  # cells side by side that are looked at together
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,13 @@ class SurfaceCells:
             np.maximum.reduceat(corners.max(axis=1), first).astype(np.float64),
         )
 
+    @classmethod
+    def joined(cls, parts: Sequence[SurfaceCells]) -> SurfaceCells:
+        """Cells of which none is in two parts."""
+        joined = cls(*(np.concatenate([getattr(one, field.name) for one in parts]) for field in fields(cls)))
+        order = np.lexsort(joined.cell.T[::-1])
+        return cls(*(getattr(joined, field.name)[order] for field in fields(cls)))
+
     def save(self, directory: Path) -> None:
         """Writes the file of this name."""
         np.savez(directory / FILE, cell=self.cell, sha256=self.sha256, low=self.low, high=self.high)
@@ -61,9 +71,41 @@ class SurfaceCells:
 
     def digest_within(self, low: NDArray[np.float64], high: NDArray[np.float64], reach_m: float) -> str:
         """Returns a hash of the surface within reach_m of the box of (2,) corners in x and y."""
-        gap_m = np.maximum(np.maximum(self.low[:, :2] - high, low - self.high[:, :2]), 0)
-        near = np.hypot(gap_m[:, 0], gap_m[:, 1]) <= reach_m
+        start, group_low, group_high = self._groups
+        groups = np.flatnonzero(_is_near(group_low, group_high, low, high, reach_m))
+        none = np.zeros(0, np.int64)
+        rows = np.concatenate([none, *(np.arange(start[i], start[i + 1]) for i in groups)])
+        near = rows[_is_near(self.low[rows, :2], self.high[rows, :2], low, high, reach_m)]
         return hashlib.sha256(self.cell[near].tobytes() + self.sha256[near].tobytes()).hexdigest()
+
+    @cached_property
+    def _groups(self) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        """Rows one after the other in groups: (g + 1,) the first of each, (g, 2) corners of their boxes."""
+        start = np.append(np.arange(0, len(self.cell), GROUP), len(self.cell))
+        return (
+            start,
+            np.minimum.reduceat(self.low[:, :2], start[:-1]),
+            np.maximum.reduceat(self.high[:, :2], start[:-1]),
+        )
+
+
+@lru_cache(2)
+def surface_cells_of(mesh: Path) -> SurfaceCells:
+    """Returns the cells of a finished mesh stage, read once for all chunks."""
+    return SurfaceCells.load(mesh / FILE)
+
+
+def _is_near(
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+    box_low: NDArray[np.float64],
+    box_high: NDArray[np.float64],
+    reach_m: float,
+) -> NDArray[np.bool_]:
+    """(k,) which of (k, 2) boxes are within reach_m of a box."""
+    gap_m = np.maximum(np.maximum(low - box_high, box_low - high), 0)
+    near: NDArray[np.bool_] = np.hypot(gap_m[:, 0], gap_m[:, 1]) <= reach_m
+    return near
 
 
 def _cells_of(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from firstfix.transform import quaternion_of
 from firstfix_builder.mesh.mesh import Mesh
 
 from .make_world import World
+from .query import WorldQuery
 
 SPEED_M_S = 0.8  # for the trajectory's time stamps
 
@@ -22,19 +24,25 @@ def write_world(world: World, directory: Path) -> None:
     Files: mesh.ply, map.ply, trajectory.txt (TUM), sensor.yaml, scans/NNN.pcd, poses.csv, README.txt.
     The same world gives the same bytes.
     """
-    scans = directory / "scans"
-    scans.mkdir(parents=True, exist_ok=True)
+    directory.mkdir(parents=True, exist_ok=True)
     (directory / "mesh.ply").write_bytes(ply_of_mesh(world.mesh))
     (directory / "map.ply").write_bytes(ply_of_cloud(world.cloud))
     (directory / "trajectory.txt").write_text(_tum(world.trajectory))
     (directory / "sensor.yaml").write_text(yaml.safe_dump(world.sensor.to_mapping(), sort_keys=False))
+    write_queries(directory, world.queries)
+    (directory / "README.txt").write_text(_readme(world))
+
+
+def write_queries(directory: Path, queries: Iterable[WorldQuery]) -> None:
+    """Writes scans/NNN.pcd and poses.csv."""
+    scans = directory / "scans"
+    scans.mkdir(parents=True, exist_ok=True)
     rows = ["scan,tx,ty,tz,qx,qy,qz,qw"]
-    for k, query in enumerate(world.queries):
+    for k, query in enumerate(queries):
         (scans / f"{k:03}.pcd").write_bytes(pcd_of_points(query.scan.points))
         pose = "," * 6 if query.T_map_sensor is None else ",".join(_pose_numbers(query.T_map_sensor))
         rows.append(f"scans/{k:03}.pcd,{pose}")
     (directory / "poses.csv").write_text("\n".join(rows) + "\n")
-    (directory / "README.txt").write_text(_readme(world))
 
 
 def ply_of_cloud(points: NDArray[np.floating]) -> bytes:

@@ -1,0 +1,1 @@
+"""A simulated city of any extent, made block by block."""
