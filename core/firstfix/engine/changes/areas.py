@@ -18,6 +18,7 @@ from .tally import Tally
 
 MIN_SHARE = 0.3  # of the spots that see a cell: with 95 % confidence more of them say that it has changed
 MIN_SPOTS = 4  # that have a vote about a cell
+MIN_SPOTS_BESIDE = 2  # that have a vote about a cell beside one that has changed
 FEWEST_CELLS = 3  # of an area: one cell may be an error of all poses on one side
 ENOUGH_SPOTS = 16  # of the newest sightings of a cell: then the older ones do not matter
 # For each kind of change, the columns of a tally's counts that speak for it and against it.
@@ -57,6 +58,20 @@ class CellVotes:
         least = _least_shares()
         votes = np.minimum(np.floor(self.share * self.spots + 1e-9).astype(np.int64), self.spots)
         return (self.spots >= MIN_SPOTS) & (least[self.spots, votes] > min_share)
+
+    def changed_around(self, min_share: float = MIN_SHARE) -> NDArray[np.bool_]:
+        """Returns for each cell whether it has changed, or probably has and touches one that has.
+
+        What moves is larger than a cell. Its edges, seen by few rays or beside what stays, have fewer votes.
+        """
+        sure = self.changed(min_share)
+        likely = np.flatnonzero(~sure & (self.spots >= MIN_SPOTS_BESIDE) & (self.share > min_share))
+        if not sure.any() or not len(likely):
+            return sure
+        tree = cKDTree(cells_of_keys(self.cell[sure]))
+        away = tree.query(cells_of_keys(self.cell[likely]), p=np.inf, distance_upper_bound=1.5)[0]
+        sure[likely[np.isfinite(away)]] = True
+        return sure
 
 
 @dataclass(frozen=True)
@@ -104,7 +119,7 @@ def find_areas(tally: Tally, min_share: float = MIN_SHARE) -> list[Area]:
     found = []
     for kind in KINDS:
         votes = CellVotes.of(tally, kind)
-        rows = np.flatnonzero(votes.changed(min_share))
+        rows = np.flatnonzero(votes.changed_around(min_share))
         if not len(rows):
             continue
         cells = cells_of_keys(votes.cell[rows])
