@@ -11,7 +11,7 @@ from firstfix.engine.false_accept_bound import FILE_NAME as BOUND_FILE
 from firstfix.engine.false_accept_bound import FalseAcceptBound
 from firstfix.engine.index import CALIBRATION_FILE
 
-THINNED_M = 0.16  # between points
+THINNED_M = 0.2  # between points
 COARSER = 1.5  # cells of the surface, against those that follow the points' spacing
 BLOCK_CELLS = 128  # edge of a block of the surface: small ones, so that all processors work
 MAX_RAYS = 4096  # of a simulated scan
