@@ -55,10 +55,12 @@ class BuildStages(StageRunner):
 
     Attributes:
         threads: run the work of ``learn_keys`` and ``self_test``.
+        provisional: make a provisional version, whose index takes less work.
     """
 
     config: BuildConfig
     threads: Executor
+    provisional: bool = False
 
     def read_map(self, source: Path, trajectory: Path | None) -> StageResult:
         """The map in its levelled local frame: points or a mesh, trajectory, T_map_level."""
@@ -288,6 +290,7 @@ class BuildStages(StageRunner):
                 self.config.sensor_model,
                 engine_of(fitted),
                 self._ticks("build_index"),
+                provisional=self.provisional,
             )
 
         inputs = {
@@ -298,7 +301,7 @@ class BuildStages(StageRunner):
             "clusters": clusters.digest,
             "learned": learned.digest,
         }
-        chosen = {"sensor": self.config.sensor_model.to_mapping()}
+        chosen = {"sensor": self.config.sensor_model.to_mapping(), "provisional": self.provisional}
         return self._stage("build_index", inputs, chosen, produce)
 
     def self_test(self, mesh: StageResult, index: StageResult) -> StageResult:

@@ -115,7 +115,7 @@ def _provisional(build: BuildStages, read: StageResult, work: Path) -> BuiltVers
     def progress(stage: str, fraction: float) -> None:
         build.progress(PROVISIONAL, (STAGES.index(stage) + fraction) / len(STAGES))
 
-    coarse = replace(build, config=provisional_config(build.config), progress=progress)
+    coarse = replace(build, config=provisional_config(build.config), progress=progress, provisional=True)
     try:
         read = coarse.thin_map(read)
         _, index = coarse.index_map(read)

@@ -20,5 +20,6 @@ NB_MODULE(FIRSTFIX_MODULE, module) {
   firstfix::python::bind_simulation(module);
   firstfix::python::bind_surface(module);
   firstfix::python::bind_verification(module);
+  firstfix::python::bind_changes(module);
   firstfix::python::bind_wire(module);
 }

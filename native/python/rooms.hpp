@@ -5,6 +5,7 @@
 
 namespace firstfix::python {
 
+void bind_changes(nanobind::module_& module);
 void bind_descriptor(nanobind::module_& module);
 void bind_mesh(nanobind::module_& module);
 void bind_registration(nanobind::module_& module);

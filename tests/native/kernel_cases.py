@@ -91,6 +91,14 @@ def _aligned() -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.boo
     return FEW[::5] + np.float32(0.05), NORMALS[::5], SURFACE.oriented[::5]
 
 
+def _returns() -> NDArray[np.float32]:
+    """Returns that half fit the tiles of ``_tiles``: every other one has come closer."""
+    away = (FEW - T_MAP_SENSOR[:3, 3].astype(np.float32)) @ T_MAP_SENSOR[:3, :3].astype(np.float32)
+    return np.ascontiguousarray(
+        away * np.where(np.arange(len(FEW)) % 2, 0.6, 1.2)[:, None].astype(np.float32)
+    )
+
+
 def _view() -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
     seen = RangeView.of(STREET)
     return seen.returned, seen.least
@@ -174,6 +182,25 @@ CASES: dict[str, Callable[[Any], Any]] = {
     "PointTiles": lambda native: _tiles(native, 0.2).nearest_by_direction(T_MAP_SENSOR, 30.0),
     "seen_through": lambda native: native.seen_through(
         _tiles(native, 0.2), _tiles(native, 0.4), 40.0, _grid(native), *_view(), T_MAP_SENSOR
+    ),
+    "compare_points": lambda native: native.compare_points(
+        _tiles(native, 0.2), _tiles(native, 0.4), 9.0, 25.0, T_MAP_SENSOR, _returns(), 360
+    ),
+    "unexplained_returns": lambda native: native.unexplained_returns(
+        _returns(), FEW, _grid(native), _grid(native, 1.5), T_MAP_SENSOR, FEW[:5] / 40, FEW[5:7] / 40, 25.0
+    ),
+    "cell_counts": lambda native: native.cell_counts(
+        R_LEVEL_SENSOR.astype(np.float32) * 2,
+        np.float32([51.2, 51.7, 51.5]),
+        103,
+        FEW,
+        NORMALS[:, 0] > 0,
+        NORMALS[:, 1] > 0,
+        FEW,
+        NORMALS[:, 2] > 0,
+        NORMALS[:500],
+        FEW[:500, 0],
+        0.5,
     ),
 }
 

@@ -22,7 +22,7 @@ from firstfix.sensor import SensorModel
 from ..simulation.simulate import Simulator
 from .make_keys import make_keys
 from .preview import draw_preview
-from .visible_points import map_surface
+from .visible_points import VIEWPOINTS, map_surface
 
 SURFACE_STEP_M = 0.1  # between the points that stand for a mesh in registration
 
@@ -34,10 +34,13 @@ def write_index_files(
     sensor: SensorModel,
     engine: EngineConfig,
     progress: Callable[[float], None],
+    *,
+    provisional: bool = False,
 ) -> None:
     """Key search, tiles, surface, view and picture.
 
     Args:
+        provisional: look at the surface from fewer places, and draw no picture.
         progress: called after each with the share that is done, 0..1.
         directory: has templates, clusters and, if there is one, the keys' projection.
         cloud: (m, 3) the map's points; None: it is a mesh.
@@ -47,7 +50,13 @@ def write_index_files(
     TemplateTiles.of(templates.position_m).save(directory)
     progress(0.2)
     surface = map_surface(
-        cloud, simulator, templates.position_m, sensor, SURFACE_STEP_M, engine.registration.map_voxel_m
+        cloud,
+        simulator,
+        templates.position_m,
+        sensor,
+        SURFACE_STEP_M,
+        engine.registration.map_voxel_m,
+        viewpoints=0 if provisional else VIEWPOINTS,
     )
     progress(0.7)
     MapSurface.of(surface, engine.registration).save(directory)
@@ -55,7 +64,8 @@ def write_index_files(
     MapView.of(surface.points, engine.verification.reach_m).save(directory)
     progress(0.9)
     np.save(directory / MAP_FILE, surface.points)
-    draw_preview(surface.points, templates.position_m, directory / "preview.png")
+    if not provisional:
+        draw_preview(surface.points, templates.position_m, directory / "preview.png")
 
 
 def _write_keys(directory: Path, templates: Templates, engine: EngineConfig) -> None:

@@ -26,7 +26,7 @@ from ..simulation.simulate import Simulator, upright
 from ..viewpoints.even_sample import cells_of, rows_by_place
 
 RAYS, RAYS_ALL_ROUND = 12_288, 4096
-VIEWPOINTS = 3000  # or one for each cube of VIEWPOINT_M, where that is more
+VIEWPOINTS = 3000  # at least, and no fewer than one for each cube of VIEWPOINT_M
 VIEWPOINT_M = 3.0
 AT_ONCE = 64
 BLOCK_M = 200.0
@@ -41,6 +41,8 @@ def map_surface(
     sensor: SensorModel,
     step_m: float,
     voxel_m: float,
+    *,
+    viewpoints: int = VIEWPOINTS,
 ) -> Surface:
     """The cloud of a map, or what is seen of a mesh, thinned and turned towards who sees it.
 
@@ -48,8 +50,9 @@ def map_surface(
         cloud: (n, 3), or None: the map is the simulator's mesh.
         positions: (v, 3) of the templates.
         step_m: between the points that are seen.
+        viewpoints: see ``visible_points``.
     """
-    seen = visible_points(simulator, positions, sensor, step_m)
+    seen = visible_points(simulator, positions, sensor, step_m, viewpoints)
     if cloud is None:
         thinned = []
         while seen:  # each goes as its successor comes
@@ -57,7 +60,7 @@ def map_surface(
         return Surface.together([_with_normals(thinned, number) for number in range(len(thinned))])
     points = np.concatenate(seen)
     thin = voxel_means(np.asarray(cloud, np.float64), voxel_m)
-    away_m, row = cKDTree(points[:, :3]).query(thin, distance_upper_bound=SEEN_WITHIN_M)
+    away_m, row = cKDTree(points[:, :3]).query(thin, distance_upper_bound=SEEN_WITHIN_M, workers=-1)
     known = np.isfinite(away_m)
     toward = np.zeros_like(thin)
     toward[known] = points[row[known], 3:]
@@ -65,17 +68,24 @@ def map_surface(
 
 
 def visible_points(
-    simulator: Simulator, positions: NDArray[np.floating], sensor: SensorModel, step_m: float
+    simulator: Simulator,
+    positions: NDArray[np.floating],
+    sensor: SensorModel,
+    step_m: float,
+    viewpoints: int = VIEWPOINTS,
 ) -> list[NDArray[np.float64]]:
     """Points on the visible surface, about ``step_m`` apart, as (m, 6) for every block.
 
     Columns 3 to 5 are the mean direction to the viewpoints that saw a point. It is short where they stood all
     around. Clean scans are cast from some of the (n, 3) positions: most rays go where this sensor looks, the
     rest in all directions, for sensors that look elsewhere.
+
+    Args:
+        viewpoints: number of positions to look from, or one for each cube of VIEWPOINT_M, where that is more.
     """
     probe = sensor.coarser(RAYS)
     rays = Rays.of(np.concatenate([Rays.at_any_heading(probe).directions, _all_round(RAYS_ALL_ROUND)]))
-    chosen = positions[rows_by_place(positions, max(VIEWPOINTS, _occupied(positions)), VIEWPOINT_M)]
+    chosen = positions[rows_by_place(positions, max(viewpoints, _occupied(positions)), VIEWPOINT_M)]
     origins = np.ascontiguousarray(chosen, np.float32)
     surface = SeenSurface(step_m)
 

@@ -11,10 +11,9 @@ from firstfix.engine.false_accept_bound import FILE_NAME as BOUND_FILE
 from firstfix.engine.false_accept_bound import FalseAcceptBound
 from firstfix.engine.index import CALIBRATION_FILE
 
-THINNED_M = 0.16  # between points
+THINNED_M = 0.2  # between points
 COARSER = 1.5  # cells of the surface, against those that follow the points' spacing
-BLOCK_CELLS = 192  # edge of a block of the surface: small ones, so that all processors work
-SPACING_M = 1.5  # of templates, at least
+BLOCK_CELLS = 128  # edge of a block of the surface: small ones, so that all processors work
 MAX_RAYS = 4096  # of a simulated scan
 NEAR_TRAJECTORY_M = 4.0
 
@@ -22,7 +21,7 @@ NEAR_TRAJECTORY_M = 4.0
 def provisional_config(config: BuildConfig) -> BuildConfig:
     """The config of the provisional version: the same place and sensor, with a fraction of the work.
 
-    Templates stand further apart, and near the trajectory if there is one. Keys are not learned.
+    Its surface is coarse. Templates stand near the trajectory if there is one. Keys are not learned.
     """
     reconstruct, viewpoints = config.reconstruct, config.viewpoints
     near_m = min(viewpoints.max_distance_to_trajectory_m or NEAR_TRAJECTORY_M, NEAR_TRAJECTORY_M)
@@ -30,17 +29,13 @@ def provisional_config(config: BuildConfig) -> BuildConfig:
         update={
             "reconstruct": reconstruct.model_copy(
                 update={
+                    "surface": "signed-distance",
                     "cell_m": None if reconstruct.cell_m is None else COARSER * reconstruct.cell_m,
                     "cell_spacings": COARSER * reconstruct.spacings_per_cell,
                     "tile_cells": min(reconstruct.tile_cells, BLOCK_CELLS),
                 }
             ),
-            "viewpoints": viewpoints.model_copy(
-                update={
-                    "spacing_m": max(viewpoints.spacing_m or SPACING_M, SPACING_M),
-                    "max_distance_to_trajectory_m": near_m,
-                }
-            ),
+            "viewpoints": viewpoints.model_copy(update={"max_distance_to_trajectory_m": near_m}),
             "simulate": config.simulate.model_copy(
                 update={"max_rays": min(config.simulate.max_rays, MAX_RAYS)}
             ),

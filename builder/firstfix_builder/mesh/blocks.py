@@ -31,5 +31,7 @@ def occupied_blocks(points: NDArray[np.float64], side_m: float) -> list[Block]:
 
     The grid does not depend on the points: what changes in one block leaves the others as they are.
     """
-    occupied = np.unique(np.floor(points[:, :2] / side_m), axis=0)
-    return [Block(corner * side_m, (corner + 1) * side_m) for corner in occupied]
+    column, row = np.floor(points[:, :2] / side_m).T
+    occupied = np.unique(column + 1j * row)  # rows of an array would take eight times as long to sort
+    corners = np.stack([occupied.real, occupied.imag], axis=1)
+    return [Block(corner * side_m, (corner + 1) * side_m) for corner in corners]

@@ -54,7 +54,9 @@ def voxel_means(points: NDArray[np.float64], voxel_m: float) -> NDArray[np.float
 def without_strays(points: NDArray[np.float64], radius_m: float, min_neighbours: int) -> NDArray[np.float64]:
     """The points with at least so many others within the radius."""
     # the k-th neighbour's distance, not a count: its cost does not grow with the density
-    distance, _ = cKDTree(points).query(points, k=[min_neighbours + 1], distance_upper_bound=radius_m)
+    distance, _ = cKDTree(points).query(
+        points, k=[min_neighbours + 1], distance_upper_bound=radius_m, workers=-1
+    )
     return points[np.isfinite(distance[:, 0])]
 
 

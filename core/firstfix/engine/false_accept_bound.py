@@ -125,9 +125,9 @@ class FalseAcceptBound:
         return cls.from_mapping(json.loads(path.read_text())) if path.exists() else cls()
 
 
-def upper_bound(accepted: int, negatives: int) -> float:
+def upper_bound(accepted: int, negatives: int, confidence: float = CONFIDENCE) -> float:
     """One-sided upper confidence bound of a share (Clopper and Pearson, 1934), rounded up to six digits."""
     if accepted >= negatives:
         return 1.0
-    exact = float(betaincinv(accepted + 1, negatives - accepted, CONFIDENCE))
+    exact = float(betaincinv(accepted + 1, negatives - accepted, confidence))
     return math.ceil(exact * 1e6) / 1e6

@@ -16,9 +16,11 @@ from ..false_accept_bound import upper_bound
 from .cells import CELL_M, SLOTS, cells_of_keys
 from .tally import Tally
 
-MIN_SHARE = 0.3  # of the spots that see a cell: with 95 % confidence more of them say that it has changed
+MIN_SHARE = 0.3  # of the spots that see a cell: more of them say that it has changed
 MIN_SPOTS = 4  # that have a vote about a cell
-FEWEST_CELLS = 3  # of an area: one cell may be an error of all poses on one side
+CONFIDENCE = 0.95  # of the vote about a cell
+CONFIDENCE_BESIDE = 0.8  # of that about one beside a cell that has changed
+FEWEST_CELLS = 3  # of an area, with full confidence: one cell may be an error of all poses on one side
 ENOUGH_SPOTS = 16  # of the newest sightings of a cell: then the older ones do not matter
 # For each kind of change, the columns of a tally's counts that speak for it and against it.
 KINDS = {"gone": (1, 0), "new": (2, 3)}
@@ -53,10 +55,26 @@ class CellVotes:
         return cls(cell, spots, share / np.maximum(spots, 1), sightings)
 
     def changed(self, min_share: float = MIN_SHARE) -> NDArray[np.bool_]:
-        """Returns for each cell whether, with 95 % confidence, over ``min_share`` of the spots say so."""
-        least = _least_shares()
+        """Returns for each cell whether, with CONFIDENCE, over ``min_share`` of the spots say so."""
+        return (self.spots >= MIN_SPOTS) & (self._least_share(CONFIDENCE) > min_share)
+
+    def changed_beside(self, changed: NDArray[np.bool_], min_share: float = MIN_SHARE) -> NDArray[np.bool_]:
+        """Returns which further cells, that touch one of these, have changed with CONFIDENCE_BESIDE.
+
+        What moves is larger than a cell. There are fewer votes about its edges, which few rays meet, and
+        beside which other things stand.
+        """
+        beside = ~changed & (self._least_share(CONFIDENCE_BESIDE) > min_share)
+        rows = np.flatnonzero(beside)
+        tree = cKDTree(cells_of_keys(self.cell[changed]))
+        away = tree.query(cells_of_keys(self.cell[rows]), p=np.inf, distance_upper_bound=1.5)[0]
+        beside[rows] = np.isfinite(away)
+        return beside
+
+    def _least_share(self, confidence: float) -> NDArray[np.float64]:
+        """(n,) least share of all spots that say so, with this confidence."""
         votes = np.minimum(np.floor(self.share * self.spots + 1e-9).astype(np.int64), self.spots)
-        return (self.spots >= MIN_SPOTS) & (least[self.spots, votes] > min_share)
+        return _least_shares(confidence)[self.spots, votes]
 
 
 @dataclass(frozen=True)
@@ -104,15 +122,16 @@ def find_areas(tally: Tally, min_share: float = MIN_SHARE) -> list[Area]:
     found = []
     for kind in KINDS:
         votes = CellVotes.of(tally, kind)
-        rows = np.flatnonzero(votes.changed(min_share))
-        if not len(rows):
+        changed = votes.changed(min_share)
+        if not changed.any():
             continue
+        rows = np.flatnonzero(changed | votes.changed_beside(changed, min_share))
         cells = cells_of_keys(votes.cell[rows])
         group = _groups(cells)
         for number in range(int(group.max()) + 1):
             inside = group == number
-            if inside.sum() >= FEWEST_CELLS:
-                part = rows[inside]
+            part = rows[inside]
+            if changed[part].sum() >= FEWEST_CELLS:
                 one = Area(kind, cells[inside], votes.share[part], votes.spots[part], votes.sightings[part])
                 found.append(one)
     return sorted(found, key=lambda area: (-len(area.cells), area.kind, area.cells[0].tolist()))
@@ -127,10 +146,10 @@ def _groups(cells: NDArray[np.int64]) -> NDArray[np.int32]:
 
 
 @cache
-def _least_shares() -> NDArray[np.float64]:
-    """(SLOTS + 1, SLOTS + 1) least share with 95 % confidence, by numbers of votes and of votes for it."""
+def _least_shares(confidence: float) -> NDArray[np.float64]:
+    """(SLOTS + 1, SLOTS + 1) least share with this confidence, by numbers of votes and of votes for it."""
     least = np.zeros((SLOTS + 1, SLOTS + 1))
     for count in range(1, SLOTS + 1):
         for votes in range(1, count + 1):
-            least[count, votes] = 1 - upper_bound(count - votes, count)
+            least[count, votes] = 1 - upper_bound(count - votes, count, confidence)
     return least

@@ -14,7 +14,7 @@ REACH_M = (
     25.0  # what lies further away is not counted: there a small error of the pose moves it to another cell
 )
 _CELLS_AROUND = int(np.ceil(REACH_M / CELL_M)) + 1
-_SIZE = 2 * _CELLS_AROUND + 1
+SIZE = 2 * _CELLS_AROUND + 1  # cells along an edge of a block
 
 
 @dataclass(frozen=True)
@@ -35,33 +35,17 @@ class Block:
         middle = np.floor(T_map_sensor[:3, 3] / CELL_M).astype(np.int64)
         return cls(T_map_sensor, middle - _CELLS_AROUND)
 
-    def count(self, points: NDArray[np.float32]) -> NDArray[np.int64]:
-        """Number of points in each cell.
+    @property
+    def turn(self) -> NDArray[np.float32]:
+        """(3, 3) from the sensor frame to cells."""
+        return np.ascontiguousarray(self.T_map_sensor[:3, :3] / CELL_M, np.float32)
 
-        Args:
-            points: (n, 3) in the sensor frame, within REACH_M.
-        """
-        start = (self.T_map_sensor[:3, 3] / CELL_M - self.low).astype(np.float32)
-        turned = points @ (self.T_map_sensor[:3, :3].T / CELL_M).astype(np.float32)
-        at = (turned + start).astype(np.int32)
-        return np.bincount((at[:, 0] * _SIZE + at[:, 1]) * _SIZE + at[:, 2], minlength=_SIZE**3)
+    @property
+    def start(self) -> NDArray[np.float32]:
+        """(3,) place of the sensor in the block, in cells."""
+        return (self.T_map_sensor[:3, 3] / CELL_M - self.low).astype(np.float32)
 
-    def count_passing(
-        self, directions: NDArray[np.float32], until_m: NDArray[np.float32]
-    ) -> NDArray[np.int64]:
-        """Number of rays that pass through each cell, about: some count twice.
-
-        Args:
-            directions: (n, 3) unit vectors in the sensor frame.
-            until_m: (n,) length of each ray; none is longer than REACH_M.
-        """
-        steps = np.maximum(until_m / CELL_M, 0).astype(np.int64)
-        ray = np.repeat(np.arange(len(steps)), steps)
-        number = np.arange(len(ray)) - np.repeat(np.cumsum(steps) - steps, steps)
-        at_m = ((number + 1) * CELL_M).astype(np.float32)
-        return self.count(directions[ray] * at_m[:, None])
-
-    def keys(self, chosen: NDArray[np.bool_]) -> NDArray[np.int64]:
-        """Keys of the chosen cells, ascending."""
-        inside = np.unravel_index(np.flatnonzero(chosen), (_SIZE,) * 3)
+    def keys(self, numbers: NDArray[np.int32]) -> NDArray[np.int64]:
+        """Keys of cells by their numbers in the block. Both ascend."""
+        inside = np.unravel_index(numbers, (SIZE,) * 3)
         return keys_of(np.stack(inside, axis=1) + self.low)

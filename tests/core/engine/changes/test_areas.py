@@ -61,6 +61,18 @@ def test_one_cell_is_no_area():
     assert kinds(tally(20, contradicted=PLACE[:1])) == []
 
 
+def test_cells_beside_a_changed_one_need_less_confidence():
+    beside = keys_of(np.array([[4, 4, 2]]))  # touches the last cell of PLACE
+    apart = keys_of(np.array([[6, 4, 2], [7, 4, 2], [8, 4, 2]]))
+    sure, two = tally(8, contradicted=PLACE), tally(2, contradicted=np.sort(np.r_[beside, apart]))
+    (area,) = find_areas(Tally.sum([sure, two]))
+    assert keys_of(area.cells).tolist() == [*PLACE.tolist(), *beside.tolist()]
+    denied = tally(8, 100, confirmed=beside)
+    (area,) = find_areas(Tally.sum([sure, two, denied]))
+    assert keys_of(area.cells).tolist() == PLACE.tolist()
+    assert find_areas(two) == []
+
+
 def test_areas_are_connected_cells_with_a_box():
     apart = np.concatenate([PLACE, keys_of(np.array([[40, 4, 2], [41, 5, 2], [42, 4, 3]]))])
     areas = find_areas(tally(8, contradicted=np.sort(apart)))

@@ -1,4 +1,4 @@
-"""Range image: the nearest point in each direction, at any resolution, and around each direction."""
+"""Range image in NumPy: the nearest point in each direction, at any resolution, and around each direction."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...portable.atan2 import atan2_turns
+from firstfix.portable.atan2 import atan2_turns
 
 ENOUGH = 3  # of a direction and its eight neighbours that have a return
 
@@ -33,11 +33,11 @@ class RangeImage:
     covered: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, points: NDArray[np.float32], step_deg: float) -> RangeImage:
+    def of(cls, points: NDArray[np.float32], columns: int) -> RangeImage:
         """Range image of (n, 3) points in the sensor frame."""
-        columns = round(360 / step_deg)
         flat_m = np.full(columns // 2 * columns, np.inf, np.float32)
-        np.minimum.at(flat_m, _cells_of(points, columns), np.linalg.norm(points, axis=1))
+        x, y, z = np.ascontiguousarray(points.T, np.float32)
+        np.minimum.at(flat_m, _cells_of(points, columns), np.sqrt(x * x + y * y + z * z))
         nearest_m = flat_m.reshape(columns // 2, columns)
         is_filled = np.isfinite(nearest_m)
         return cls(

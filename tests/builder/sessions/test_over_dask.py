@@ -1,0 +1,63 @@
+"""Sessions and the provisional version on a real Dask cluster: the same bytes as with threads."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("distributed", reason="needs firstfix[dask]")
+
+from building import building, session
+
+from benchmarks.common.dask_cluster import dask_cluster
+from firstfix.builds.config import BuildConfig
+from firstfix.errors import BuildCancelled
+from firstfix.store.store import Store
+from firstfix_builder.pipeline import BuiltVersion, Cluster, build_version
+
+pytestmark = pytest.mark.slow
+
+PLACE, STEP_M = building(21), 0.14
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two sessions of one building, the second of which has to be aligned."""
+    made = tmp_path_factory.mktemp("sessions")
+    entries = []
+    for number, (from_m, to_m) in enumerate([(0.0, 20.5), (11.0, 32.0)]):
+        session(PLACE, from_m, to_m, seed=number + 1, step_m=STEP_M).write(made / f"s{number}")
+        entries.append({"source": f"s{number}/cloud.npy", "trajectory": f"s{number}/poses.txt"})
+    (made / "sessions.yaml").write_text(json.dumps({"sessions": entries}))
+    return made
+
+
+def provisional(folder: Path, work: Path, cluster: Cluster | None) -> BuiltVersion:
+    """The provisional version. Its build is then cancelled."""
+    found: list[BuiltVersion] = []
+    with pytest.raises(BuildCancelled):
+        build_version(
+            folder,
+            BuildConfig(),
+            work,
+            cluster=cluster,
+            cancelled=lambda: bool(found),
+            publish_provisional=found.append,
+        )
+    return found[0]
+
+
+def test_sessions_and_a_provisional_version_are_the_same_as_with_threads(folder: Path, tmp_path: Path):
+    near = provisional(folder, tmp_path / "near", None)
+    store = tmp_path / "store"
+    with dask_cluster(tmp_path / "dask", 2) as cluster:
+        far = provisional(folder, tmp_path / "far", Cluster(cluster.address, str(store)))
+    assert far.manifest.digest == near.manifest.digest
+    assert far.manifest.source["sessions"][1]["aligned"]
+    shared = Store.open(str(store))
+    stages = [json.loads(shared.get(key))["stage"] for key in shared.list("stages") if key.endswith(".json")]
+    assert stages.count("map") == 3, "workers read both sessions' maps, and the thinned one"
+    assert stages.count("mesh") == 3
+    assert "chunk" in stages
