@@ -89,7 +89,7 @@ def test_a_cloud_learns_its_faces_and_keeps_what_nobody_sees():
 def test_block_by_block_the_same_is_seen(monkeypatch):
     whole = map_surface(None, views_in(two_rooms(), VIEWPOINTS, SENSOR), 0.12)
     for module in (visible_points_module, seen_voxels_module):
-        monkeypatch.setattr(module, "BLOCK_M", 2.0)
+        monkeypatch.setattr(module, "BLOCK_M", 2.4)
     parted = map_surface(None, views_in(two_rooms(), VIEWPOINTS, SENSOR), 0.12)
     away_m, row = cKDTree(whole.points).query(parted.points)
     assert abs(len(parted) - len(whole)) < 0.1 * len(whole)
@@ -118,11 +118,11 @@ def test_no_storey_is_passed_over(tmp_path):
 
 
 def test_what_is_far_from_all_viewpoints_is_seen_too(tmp_path):
-    hall = Simulator(*box([0, 0, 0], [70, 6, 3]))
+    hall = Simulator(*box([0, 0, 0], [40, 6, 3]))
     near_one_end = np.array([[x, y, 1.0] for x in range(1, 9) for y in range(1, 6)], float)
     seen = seen_points(hall, near_one_end, tmp_path)
-    end = seen[np.abs(seen[:, 0] - 70) < 0.02]
-    assert NEAR_M < 70 - 8
+    end = seen[np.abs(seen[:, 0] - 40) < 0.02]
+    assert NEAR_M < 40 - 8
     assert len(end) > 150, "the wall at the other end"
     assert (end[:, 3] < -0.9).all()
 
