@@ -55,7 +55,7 @@ class Reach:
 
 
 NEAR = Reach(16.0, 3.0, 0.0, NEAR_M)
-FAR = Reach(64.0, 12.0, NEAR_M, np.inf)
+FAR = Reach(64.0, 6.0, NEAR_M, np.inf)
 
 
 @dataclass(frozen=True)

@@ -123,7 +123,7 @@ def test_what_is_far_from_all_viewpoints_is_seen_too(tmp_path):
     seen = seen_points(hall, near_one_end, tmp_path)
     end = seen[np.abs(seen[:, 0] - 40) < 0.02]
     assert NEAR_M < 40 - 8
-    assert len(end) > 150, "the wall at the other end"
+    assert len(end) > 60, "the wall at the other end"
     assert (end[:, 3] < -0.9).all()
 
 
