@@ -24,15 +24,15 @@ from firstfix.sensor import SensorModel
 
 from ..execution.chunks import Arrays, Chunk
 from ..execution.stage_cache import StageResult
-from ..mesh.map_tiles import by_tiles
+from ..mesh.map_tiles import by_nested_tiles
 from ..mesh.places.chance import chance_of, rows_by_rank
 from ..mesh.places.surface_cells import surface_cells_of
 from ..simulation.local_simulator import local_simulator
 from ..simulation.perturb import ScanSimulation
 from ..simulation.simulate import Simulator
+from .views import SHARED_M
 
 TILE_M = 32.0
-SHARED_M = 128.0  # edge of the tiles whose chunks share a part of the mesh
 MARGIN_M = 1.0  # that noise may move a return, in or out of what the preprocessing keeps
 
 
@@ -121,7 +121,7 @@ class KeyScansChunk(Chunk):
 def key_scan_chunks(positions: NDArray[np.floating], count: int, scans: KeyScans) -> list[KeyScansChunk]:
     """The chunks of up to ``count`` scans in a map with templates at (n, 3) positions."""
     places = np.asarray(positions[rows_by_rank(positions, count, scans.seed)], np.float32)
-    order, start = by_tiles(places, TILE_M)
+    order, start = by_nested_tiles(places, SHARED_M, TILE_M)
     chunks = []
     for first, last in pairwise(start.tolist()):
         at = places[order[first:last]]

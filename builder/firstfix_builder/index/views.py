@@ -21,7 +21,7 @@ from firstfix.sensor import SensorModel
 
 from ..execution.chunks import Arrays, Chunk
 from ..execution.stage_cache import StageResult
-from ..mesh.map_tiles import by_tiles
+from ..mesh.map_tiles import by_nested_tiles
 from ..mesh.places.chance import rows_by_cell
 from ..mesh.places.surface_cells import surface_cells_of
 from ..simulation.local_simulator import local_simulator
@@ -31,10 +31,10 @@ from .seen_voxels import seen_voxels
 
 STEP_M = 0.1  # between the points that are seen
 RAYS, RAYS_ALL_ROUND = 12_288, 4096
-VIEWS_A_CELL = 2
+TEMPLATES_A_VIEW = 4  # of a cell with few templates
 CELL_HEIGHT_M = 3.0  # storeys count as places of their own
 NEAR_M = 15.0
-SHARED_M = 128.0  # edge of the tiles whose chunks share a part of the mesh
+SHARED_M = 512.0  # edge of the tiles whose chunks share a part of the mesh
 AT_ONCE = 16
 
 
@@ -44,18 +44,20 @@ class Reach:
 
     Attributes:
         tile_m: edge of a chunk's tile.
-        cell_m: edge of the square cells with VIEWS_A_CELL viewpoints.
+        cell_m: edge of the square cells that viewpoints are chosen in.
+        views: most viewpoints of a cell.
         beyond_m, within_m: only returns further than the one, and no further than the other, count.
     """
 
     tile_m: float
     cell_m: float
+    views: int
     beyond_m: float
     within_m: float
 
 
-NEAR = Reach(16.0, 3.0, 0.0, NEAR_M)
-FAR = Reach(64.0, 6.0, NEAR_M, np.inf)
+NEAR = Reach(16.0, 3.0, 2, 0.0, NEAR_M)
+FAR = Reach(64.0, 6.0, 1, NEAR_M, np.inf)
 
 
 @dataclass(frozen=True)
@@ -138,8 +140,8 @@ def _tiles(
 ) -> Iterator[tuple[tuple[int, int], NDArray[np.floating]]]:
     """Each tile's number with its viewpoints, some of (n, 3) positions."""
     cell_m = (reach.cell_m, reach.cell_m, CELL_HEIGHT_M)
-    chosen = positions[rows_by_cell(positions, cell_m, VIEWS_A_CELL)]
-    order, start = by_tiles(chosen, reach.tile_m)
+    chosen = positions[rows_by_cell(positions, cell_m, reach.views, TEMPLATES_A_VIEW)]
+    order, start = by_nested_tiles(chosen, SHARED_M, reach.tile_m)
     for first, last in pairwise(start.tolist()):
         at = chosen[order[first:last]]
         at = at[np.lexsort(at.T)]

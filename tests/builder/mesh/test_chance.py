@@ -29,6 +29,10 @@ def test_each_cell_gives_up_to_so_many():
     assert (chosen == cells).all()
     assert (chosen_count == np.minimum(count, 2)).all()
     assert (np.diff(rows) > 0).all()
+    few = rows_by_cell(PLACES, (8.0, 8.0, 4.0), 3, one_of=4)
+    few_cells, few_count = np.unique(cell[few], axis=0, return_counts=True)
+    assert (few_cells == cells).all()
+    assert (few_count == np.minimum(np.ceil(count / 4), 3)).all()
 
 
 def test_points_of_other_cells_change_nothing_here():

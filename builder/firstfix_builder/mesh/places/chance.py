@@ -20,9 +20,13 @@ def chance_of(points: NDArray[np.floating], seed: int) -> NDArray[np.uint32]:
 
 
 def rows_by_cell(
-    points: NDArray[np.floating], cell_m: tuple[float, float, float], at_most: int, seed: int = 0
+    points: NDArray[np.floating],
+    cell_m: tuple[float, float, float],
+    at_most: int,
+    one_of: int = 1,
+    seed: int = 0,
 ) -> NDArray[np.int64]:
-    """Rows, ascending, of up to ``at_most`` random points of each cell.
+    """Rows, ascending, of some random points of each cell: one of every ``one_of``, up to ``at_most``.
 
     Args:
         points: (n, 3) metres.
@@ -32,8 +36,9 @@ def rows_by_cell(
     order = np.lexsort((*points.T, chance_of(points, seed), *cell.T))
     new = np.any(np.diff(cell[order], axis=0, prepend=cell[order[:1]] - 1) != 0, axis=1)
     first = np.flatnonzero(new)
-    turn = np.arange(len(points)) - np.repeat(first, np.diff(first, append=len(points)))
-    return np.sort(order[turn < at_most])
+    count = np.diff(first, append=len(points))
+    turn = np.arange(len(points)) - np.repeat(first, count)
+    return np.sort(order[turn < np.repeat(np.minimum(-(-count // one_of), at_most), count)])
 
 
 def rows_by_rank(points: NDArray[np.floating], at_most: int, seed: int = 0) -> NDArray[np.int64]:
