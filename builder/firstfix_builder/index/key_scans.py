@@ -38,7 +38,7 @@ MARGIN_M = 1.0  # that noise may move a return, in or out of what the preprocess
 
 @dataclass(frozen=True)
 class KeyScans:
-    """How scans are made and described.
+    """Recipe of scans and of their descriptions.
 
     Attributes:
         spacing_m: between templates. A scan is taken within half of it of its place, along x and y.

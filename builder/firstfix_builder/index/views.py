@@ -1,4 +1,4 @@
-"""What is seen from the viewpoints of one tile of a map, as a chunk of the index's stage.
+"""Views of the surface from the viewpoints of one tile of a map, as a chunk of the index's stage.
 
 Most surfaces are seen from near by, from many places. What no robot comes near, a roof or a hill, is seen
 well enough from few places. So most views end at NEAR_M, and a change of the map touches few of them.
@@ -57,7 +57,7 @@ class Reach:
 
 
 NEAR = Reach(16.0, 3.0, 2, 0.0, NEAR_M)
-FAR = Reach(64.0, 6.0, 1, NEAR_M, np.inf)
+FAR = Reach(64.0, 6.0, 2, NEAR_M, np.inf)
 
 
 @dataclass(frozen=True)
