@@ -20,7 +20,8 @@ from firstfix.engine.retrieval.clusters import Clusters
 from firstfix.engine.retrieval.key_search import ENGINES
 from firstfix.engine.verification.free_space import MapView
 from firstfix.transform import pose_error
-from firstfix_builder.index.visible_points import VIEWPOINT_M, map_surface
+from firstfix_builder.index.views import views_in
+from firstfix_builder.index.visible_points import map_surface
 from firstfix_builder.templates.fit_engine import fit_engine
 from firstfix_builder.viewpoints.even_sample import rows_by_place
 
@@ -32,6 +33,7 @@ from .tables import K
 
 Row = dict[str, Any]
 MAP_STEP_M = 0.1
+VIEWPOINT_M = 3.0
 DEFAULT_SEARCH = SearchConfig()
 
 
@@ -102,8 +104,8 @@ class _Surfaces:
 
     def of(self, voxel_m: float) -> Surface:
         if voxel_m not in self._made:
-            simulator = self._scene.simulator
-            self._made[voxel_m] = map_surface(None, simulator, self._positions, SENSOR, MAP_STEP_M, voxel_m)
+            views = views_in(self._scene.simulator, self._positions, SENSOR)
+            self._made[voxel_m] = map_surface(None, views, voxel_m)
         return self._made[voxel_m]
 
 

@@ -27,8 +27,10 @@ from .execution.build_trace import within_a_stage
 from .execution.chunks import Arrays, Chunk
 from .execution.stage_cache import StageResult
 from .execution.stage_runner import RunChunks, StageRunner
-from .index.index_files import write_index_files
-from .index.learn_keys import learn_keys
+from .index.index_files import VIEWS_SHARE, write_index_files
+from .index.key_scans import KeyScans, key_scan_chunks
+from .index.learn_keys import is_worth_learning, learn_keys, scans_for
+from .index.views import PROVISIONAL_REACHES, REACHES, view_chunks
 from .job.provisional import THINNED_M, write_prior
 from .mesh.clean_cloud import clean_cloud, voxel_means
 from .mesh.level import level_frame
@@ -54,7 +56,7 @@ class BuildStages(StageRunner):
     """The stages of one build. Each takes the results of earlier stages and returns its own.
 
     Attributes:
-        threads: run the work of ``learn_keys`` and ``self_test``.
+        threads: run the work of ``self_test``.
         provisional: make a provisional version, whose index takes less work.
     """
 
@@ -243,29 +245,31 @@ class BuildStages(StageRunner):
     def learn_keys(self, mesh: StageResult, templates: StageResult, engine: EngineConfig) -> StageResult:
         """The projection of the keys; nothing where the config or the map asks for none."""
 
-        def produce(out: Path) -> None:
-            projection = learn_keys(
-                simulator_of(mesh),
+        def produce(out: Path, run: RunChunks) -> None:
+            made = Templates.load(templates.directory, engine.descriptor.make())
+            if not is_worth_learning(len(made), engine, config):
+                return
+            scans = KeyScans(
                 self.config.sensor_model.coarser(self.config.simulate.max_rays),
-                Templates.load(templates.directory, engine.descriptor.make()),
-                engine,
-                self.config.learn_keys,
-                self.threads,
-                self._ticks("learn_keys"),
-                self.cancelled,
+                config.perturb,
+                engine.spacing_m,
+                engine.preprocess,
+                engine.descriptor,
+                config.seed,
             )
+            chunks = key_scan_chunks(made.position_m, scans_for(len(made), config), scans)
+            projection = learn_keys(made, run(chunks), engine, config)
             if projection is not None:
                 save_projection(projection, out)
 
+        config = self.config.learn_keys
         chosen = {
-            "learn_keys": self.config.learn_keys.model_dump(mode="json"),
+            "learn_keys": config.model_dump(mode="json"),
             "sensor": self.config.sensor_model.to_mapping(),
             "simulate": self.config.simulate.model_dump(mode="json"),
             "engine": engine.model_dump(mode="json"),
         }
-        return self._stage(
-            "learn_keys", {"mesh": mesh.digest, "templates": templates.digest}, chosen, produce
-        )
+        return self._chunked_stage("learn_keys", {"mesh": mesh}, chosen, produce, {"templates": templates})
 
     def build_index(
         self,
@@ -278,31 +282,30 @@ class BuildStages(StageRunner):
     ) -> StageResult:
         """All files of the version but what the self-test adds."""
 
-        def produce(out: Path) -> None:
+        def produce(out: Path, run: RunChunks) -> None:
             for part in (fitted, templates, clusters, learned):
                 for path in part.directory.iterdir():
                     link(path, out / path.name)
             cloud = read.directory / "points.npy"
+            reaches = PROVISIONAL_REACHES if self.provisional else REACHES
             write_index_files(
                 out,
                 np.load(cloud) if cloud.exists() else None,
-                simulator_of(mesh),
-                self.config.sensor_model,
                 engine_of(fitted),
+                lambda positions: run(view_chunks(positions, self.config.sensor_model, reaches)),
                 self._ticks("build_index"),
                 provisional=self.provisional,
             )
 
-        inputs = {
-            "map": read.digest,
-            "mesh": mesh.digest,
-            "engine": fitted.digest,
-            "templates": templates.digest,
-            "clusters": clusters.digest,
-            "learned": learned.digest,
+        besides = {
+            "map": read,
+            "engine": fitted,
+            "templates": templates,
+            "clusters": clusters,
+            "learned": learned,
         }
         chosen = {"sensor": self.config.sensor_model.to_mapping(), "provisional": self.provisional}
-        return self._stage("build_index", inputs, chosen, produce)
+        return self._chunked_stage("build_index", {"mesh": mesh}, chosen, produce, besides, VIEWS_SHARE)
 
     def self_test(self, mesh: StageResult, index: StageResult) -> StageResult:
         """The calibration, and the version's measured success."""

@@ -12,7 +12,7 @@ from firstfix.engine.config import EngineConfig
 from firstfix.engine.index import ENGINE_FILE
 
 from .execution.stage_cache import StageResult
-from .index.index_files import SURFACE_STEP_M
+from .index.views import STEP_M
 from .mesh.clean_cloud import point_spacing_m
 from .simulation.local_simulator import whole_simulator
 from .simulation.simulate import Simulator
@@ -27,7 +27,7 @@ def trajectory_of(read: StageResult) -> NDArray[np.float64] | None:
 def spacing_m_of(read: StageResult) -> float:
     """Spacing of the map's points."""
     path = read.directory / "points.npy"
-    return point_spacing_m(np.load(path)) if path.exists() else SURFACE_STEP_M
+    return point_spacing_m(np.load(path)) if path.exists() else STEP_M
 
 
 def simulator_of(mesh: StageResult) -> Simulator:

@@ -1,5 +1,6 @@
 #include <nanobind/stl/tuple.h>
 
+#include <algorithm>
 #include <limits>
 #include <tuple>
 
@@ -8,6 +9,7 @@
 #include "firstfix/registration/align.hpp"
 #include "firstfix/registration/align_moving.hpp"
 #include "firstfix/registration/distinct_poses.hpp"
+#include "firstfix/registration/nearest_points.hpp"
 #include "firstfix/registration/surface_grid.hpp"
 #include "grid.hpp"
 #include "rooms.hpp"
@@ -34,6 +36,32 @@ nb::ndarray<nb::numpy, std::int32_t> nearest(const Grid& grid, Points points) {
   }
   const std::size_t count = rows.size();
   return array_of(std::move(rows), {count});
+}
+
+// The cubes of blocks first to end, the last one excluded.
+auto nearest_of_points(In<std::int32_t, nb::shape<-1, 3>> cell, Points offset, In<std::int32_t, nb::ndim<1>> row,
+                       In<std::int32_t, nb::ndim<3>> group, Cubes block, int block_bits, std::int64_t first,
+                       std::int64_t end) {
+  const std::size_t count = cell.shape(0);
+  require(offset.shape(0) == count && row.shape(0) == count, "cell, offset and row differ in length");
+  require(block_bits >= 0 && block_bits <= 4, "blocks are of 1 to 16 cells a side");
+  constexpr std::int64_t kMostSlots = std::int64_t{1} << 30;
+  require(0 <= first && first <= end && end - first <= kMostSlots >> 3 * block_bits, "the blocks are no range, or too many");
+  require(block.shape(0) > 0, "a table is empty");
+  const auto usable = [](float part) { return part >= 0 && part <= 1; };
+  require(std::all_of(offset.data(), offset.data() + 3 * count, usable), "a point is not in its cell");
+  const auto counts = [](std::int32_t number) { return number >= 0; };
+  require(std::all_of(row.data(), row.data() + count, counts), "a row is negative");
+  GridBlocks grid{group.data(), {}, block.data(), static_cast<std::int64_t>(block.shape(0)), bits_of(block), block_bits,
+                  first, end - first};
+  for (std::size_t axis = 0; axis < 3; ++axis) grid.shape[axis] = static_cast<std::int64_t>(group.shape(axis));
+  std::vector<std::int32_t> found;
+  {
+    nb::gil_scoped_release release;
+    found = nearest_points(grid, cell.data(), offset.data(), row.data(), count);
+  }
+  const std::size_t side = std::size_t{1} << block_bits;
+  return array_of(std::move(found), {static_cast<std::size_t>(grid.count), side, side, side});
 }
 
 void check(const Points& points, const Points& normals, const Flags& oriented, int iterations,
@@ -122,6 +150,8 @@ void bind_registration(nb::module_& module) {
            nb::arg("oriented").noconvert(), nb::arg("other_face").noconvert(), nb::arg("group").noconvert(),
            nb::arg("block").noconvert(), nb::arg("point").noconvert())
       .def("nearest", &nearest, nb::arg("points"));
+  module.def("nearest_points", &nearest_of_points, nb::arg("cell"), nb::arg("offset"), nb::arg("row"), nb::arg("group"),
+             nb::arg("block"), nb::arg("block_bits"), nb::arg("first"), nb::arg("end"));
   module.def("align", &align_all, nb::arg("grid"), nb::arg("points"), nb::arg("normals"), nb::arg("oriented"),
              nb::arg("T_start"), nb::arg("iterations"), nb::arg("reach_m"), nb::arg("half_angle"),
              nb::arg("inlier_distance_m"));

@@ -6,12 +6,32 @@
 #include "firstfix/registration/align.hpp"
 #include "firstfix/registration/align_moving.hpp"
 #include "firstfix/registration/distinct_poses.hpp"
+#include "firstfix/registration/nearest_points.hpp"
 #include "firstfix/verification/free_space.hpp"
 #include "hostile.hpp"
 #include "random_grid.hpp"
 
 namespace firstfix::tests {
 namespace {
+
+void nearest_points_once(Hostile& random) {
+  const RandomGrid tables(random, random.chance(0.5) ? 0.3 : 0);
+  const auto count = static_cast<std::size_t>(random.number(0, 700));
+  const std::int64_t first = random.number(0, 20), blocks = random.number(0, 30);
+  std::vector<std::int32_t> cell(3 * count), row(count);
+  for (std::int32_t& one : cell) {
+    one = static_cast<std::int32_t>(random.chance(0.1) ? random.number(-2'000'000'000, 2'000'000'000) : random.number(-2, 90));
+  }
+  for (std::int32_t& one : row) one = static_cast<std::int32_t>(random.number(0, 2'000'000'000));
+  std::vector<float> offset(3 * count);
+  for (float& one : offset) one = static_cast<float>(random.number(0, 1000)) / 1000;
+  const SurfaceGrid& grid = tables.grid;
+  const GridBlocks part{grid.group, {grid.shape[0], grid.shape[1], grid.shape[2]}, grid.block, grid.groups, grid.side_bits,
+                        grid.block_bits, first, blocks};
+  const std::vector<std::int32_t> found = nearest_points(part, cell.data(), offset.data(), row.data(), count);
+  expect(found.size() == static_cast<std::size_t>(blocks) << 3 * grid.block_bits, "a number for each cell");
+  for (const std::int32_t one : found) expect(one >= -1, "a row or none");
+}
 
 bool are_numbers(const double* values, std::size_t count) {
   for (std::size_t i = 0; i < count; ++i) {
@@ -113,6 +133,7 @@ int main() {
   for (std::uint64_t seed = 0; seed < 1500; ++seed) {
     firstfix::tests::Hostile random(seed);
     firstfix::tests::align_once(random);
+    firstfix::tests::nearest_points_once(random);
     firstfix::tests::align_moving_once(random);
     firstfix::tests::look_once(random);
     firstfix::tests::choose_once(random);

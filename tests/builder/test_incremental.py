@@ -12,10 +12,14 @@ import trimesh
 
 from firstfix.builds.config import BuildConfig
 from firstfix_builder.execution.build_trace import BuildTrace
+from firstfix_builder.index.key_scans import TILE_M
+from firstfix_builder.index.views import FAR, NEAR
 from firstfix_builder.pipeline import BuiltVersion, build_version
 from small_world import COARSE_CONFIG
 
 pytestmark = pytest.mark.slow
+
+RANGE_M = BuildConfig.parse(COARSE_CONFIG).sensor_model.max_range_m
 
 
 def corridor(path: Path, *, changed: bool = False) -> Path:
@@ -65,8 +69,14 @@ def test_only_what_the_change_can_reach_is_made_again(tmp_path: Path):
     assert second.manifest.digest == fresh.manifest.digest != first.manifest.digest
     assert anew["make_templates"] == (count, 0)
     tile_m, reach_m = 24.0, _descriptor_range_m(second)
-    near = [tile for tile in range(-(-200 // int(tile_m))) if (tile + 1) * tile_m + reach_m >= 192.2]
-    assert reused["make_templates"] == (count, count - len(near)), "those whose cells can hold the change"
+    near = _tiles_near_the_change(tile_m, reach_m)
+    assert reused["make_templates"] == (count, count - near), "those whose cells can hold the change"
+    views = sum(-(-200 // int(reach.tile_m)) for reach in (NEAR, FAR))
+    changed = sum(_tiles_near_the_change(reach.tile_m, min(reach.within_m, RANGE_M)) for reach in (NEAR, FAR))
+    assert reused["build_index"] == (views, views - changed), "those that can see the change"
+    scans = -(-200 // int(TILE_M))
+    assert anew["learn_keys"] == (scans, 0)
+    assert 0 < reused["learn_keys"][1] < scans
     chunks, kept = reused["sample_viewpoints"]
     assert anew["sample_viewpoints"][1] == 0
     # of 7 tiles of 33 m, the change is in one, near another, and seen from those within the sensor's range
@@ -75,6 +85,11 @@ def test_only_what_the_change_can_reach_is_made_again(tmp_path: Path):
     back, again = build(before, tmp_path / "work")
     assert back.manifest.digest == first.manifest.digest
     assert again == {}, "the whole stages are there"
+
+
+def _tiles_near_the_change(tile_m: float, reach_m: float) -> int:
+    """Number of tiles from which the moved box is within reach."""
+    return sum((tile + 1) * tile_m + reach_m >= 192.2 for tile in range(-(-200 // int(tile_m))))
 
 
 def _descriptor_range_m(built: BuiltVersion) -> float:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from firstfix.engine.registration.surface import Surface
 from firstfix.engine.registration.surface_grid import SurfaceGrid
+from firstfix.engine.registration.surface_grid_build import BLOCK_BITS, CellsOf, tables_around
 from firstfix.engine.verification.point_tiles import PointTiles
 from firstfix.scan.range_view import RangeView
 from firstfix.transform import make_transform
@@ -80,6 +81,11 @@ def _grid(native: Any, cell_m: float = 0.5) -> Any:
     grid = SurfaceGrid.of(SURFACE, cell_m)
     tables = (grid.corner, grid.planes, grid.oriented, grid.other_face, grid.group, grid.block, grid.point)
     return native.SurfaceGrid(float(grid.cell[0]), *tables)
+
+
+def _cells() -> tuple[NDArray[Any], ...]:
+    cells = CellsOf.points(FEW, 0.5)
+    return *cells.of(slice(None)), np.arange(len(FEW), dtype=np.int32), *tables_around(cells)
 
 
 def _tiles(native: Any, voxel_m: float) -> Any:
@@ -169,6 +175,7 @@ CASES: dict[str, Callable[[Any], Any]] = {
     "bundle_rays": lambda native: native.bundle_rays(NORMALS),
     "TriangleTree": _cast,
     "SurfaceGrid": lambda native: _grid(native).nearest(FEW[::3]),
+    "nearest_points": lambda native: native.nearest_points(*_cells(), BLOCK_BITS, 1, 40),
     "align": lambda native: native.align(_grid(native), *_aligned(), np.eye(4)[None], 5, 0.4, 0.5, 0.13),
     "agreement": lambda native: native.agreement(
         _grid(native), _grid(native, 1.5), *_aligned(), np.array([np.eye(4), T_MAP_SENSOR]), 0.13

@@ -233,9 +233,10 @@ def test_means_of_what_is_seen():
     points = origins[scan].astype(np.float64) + rays[ray] * ranges[scan, ray][:, None]
     wanted = column_means(np.column_stack([points, -rays[ray]]), 0.25)
     found = surface.means()
-    assert found.shape == wanted.shape
-    assert np.abs(found - wanted).max() < 1e-6
-    assert SeenSurface(0.25).means().shape == (0, 6)
+    assert found.shape == (len(wanted), 7)
+    assert np.abs(found[:, :6] - wanted).max() < 1e-6
+    assert found[:, 6].sum() == len(points)
+    assert SeenSurface(0.25).means().shape == (0, 7)
 
 
 def test_column_means_are_numpys():

@@ -15,6 +15,8 @@ from test_scan_kernels import CLOUD, METRES, SCANS, WILD_CLOUD, scan
 import firstfix.native as native
 from every_case import every_case
 from firstfix.engine.registration.surface import Surface
+from firstfix.engine.registration.surface_grid_build import BLOCK_BITS, CellsOf, tables_around
+from reference.registration import nearest_points
 from reference.surface import neighbour_scatter, neighbour_scatter_by_side, thinned
 
 
@@ -135,3 +137,16 @@ def test_a_surface_of_unequal_parts_is_refused():
     with pytest.raises(ValueError, match="not finite"):
         native.thin_surface(points * np.nan, points, np.ones(4, np.bool_), 0.5)
     assert len(native.thin_surface(points[:0], points[:0], np.ones(0, np.bool_), 0.5)[0]) == 0
+
+
+@pytest.mark.parametrize("place", SCANS)
+def test_the_nearest_points_of_cells_are_numpys(place: str):
+    cells = CellsOf.points(native.voxel_means(scan(place), 0.3)[:4000].astype(np.float32), 0.25)
+    group, block = tables_around(cells)
+    cell, offset = cells.of(slice(None))
+    row = np.arange(len(cell), dtype=np.int32)
+    count = int(block.max()) + 1
+    for first, end in ((1, count), (count // 3, count // 2)):
+        found = native.nearest_points(cell, offset, row, group, block, BLOCK_BITS, first, end)
+        assert np.array_equal(found, nearest_points(cells, group, block, first, end))
+        assert (found >= 0).any()

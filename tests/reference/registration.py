@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from firstfix.engine.registration.surface import Surface
 from firstfix.engine.registration.surface_grid import SurfaceGrid
-from firstfix.engine.registration.surface_grid_build import slot_of
+from firstfix.engine.registration.surface_grid_build import BLOCK_BITS, CellsOf
 from firstfix.portable.atan2 import atan2_turns
 from firstfix.transform import pose_error
 
@@ -29,6 +30,44 @@ def nearest(grid: SurfaceGrid, points: NDArray[np.float32]) -> NDArray[np.int32]
     last = np.array(grid.group.shape, np.float32) * (1 << group_bits) - 1
     cell = (points * (1 / grid.cell)).clip(0, last).astype(np.int32)
     return grid.point.ravel()[slot_of(cell, grid.group, grid.block, block_bits)]
+
+
+def slot_of(
+    cell: NDArray[np.int32], group: NDArray[np.int32], block: NDArray[np.int32], block_bits: int
+) -> NDArray[np.int64]:
+    """Positions (n,) of (n, 3) cells among the cells of the kept blocks."""
+    side_bits = block.shape[1].bit_length() - 1
+    _, columns, layers = group.shape
+    outer = cell >> block_bits
+    x, y, z = (outer >> side_bits).T
+    number = group.ravel()[(x * columns + y) * layers + z]
+    number = block.ravel()[(number.astype(np.int64) << 3 * side_bits) + _within(outer, side_bits)]
+    return (number.astype(np.int64) << 3 * block_bits) + _within(cell, block_bits)
+
+
+def _within(cell: NDArray[np.int32], bits: int) -> NDArray[np.int32]:
+    """Numbers of (n, 3) cells in a cube of 2**bits a side."""
+    inner = cell & ((1 << bits) - 1)
+    number: NDArray[np.int32] = ((inner[:, 0] << bits) + inner[:, 1] << bits) + inner[:, 2]
+    return number
+
+
+def nearest_points(
+    cells: CellsOf, group: NDArray[np.int32], block: NDArray[np.int32], first: int, end: int
+) -> NDArray[np.int32]:
+    """Points (end - first, s, s, s) nearest to the centres of the cells of some blocks; -1: none."""
+    side = 1 << BLOCK_BITS
+    nothing = np.iinfo(np.int64).max
+    best = np.full((end - first) * side**3, nothing)
+    cell, offset = cells.of(slice(None))
+    for step in product((-1, 0, 1), repeat=3):
+        away = offset - np.asarray(step, np.float32) - np.float32(0.5)
+        distance2 = np.square(away).sum(axis=1)
+        slot = slot_of(cell + np.array(step, np.int32), group, block, BLOCK_BITS) - first * side**3
+        entry = (distance2 * 2**20).astype(np.int64) << 32 | np.arange(len(cell))
+        inside = (slot >= 0) & (slot < len(best))
+        np.minimum.at(best, slot[inside], entry[inside])
+    return np.where(best == nothing, -1, best & 0xFFFFFFFF).astype(np.int32).reshape(-1, side, side, side)
 
 
 @dataclass(frozen=True)

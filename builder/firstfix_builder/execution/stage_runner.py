@@ -49,14 +49,22 @@ class StageRunner:
         inputs: Mapping[str, StageResult],
         config: Any,
         produce: Callable[[Path, RunChunks], None],
+        besides: Mapping[str, StageResult] | None = None,
+        share: float = 1.0,
     ) -> StageResult:
-        """A stage in chunks. Only those are run whose inputs have changed."""
+        """A stage in chunks. Only those are run whose inputs have changed.
+
+        Args:
+            inputs: what chunks read, and perhaps this process.
+            besides: further stages, which this process alone reads.
+            share: of the stage's work that is in the chunks; ``produce`` tells the progress of the rest.
+        """
 
         def run(chunks: Sequence[Chunk]) -> Iterator[Arrays]:
-            return self.chunks.run(name, chunks, inputs, self._ticks(name), self.cancelled)
+            return self.chunks.run(name, chunks, inputs, self._ticks(name, share), self.cancelled)
 
-        digests = {reads: result.digest for reads, result in inputs.items()}
+        digests = {reads: result.digest for reads, result in {**inputs, **(besides or {})}.items()}
         return self._stage(name, digests, config, lambda out: produce(out, run))
 
-    def _ticks(self, stage: str) -> Callable[[float], None]:
-        return lambda fraction: self.progress(stage, fraction)
+    def _ticks(self, stage: str, share: float = 1.0) -> Callable[[float], None]:
+        return lambda fraction: self.progress(stage, share * fraction)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -17,22 +17,20 @@ from firstfix.engine.retrieval.key_search import build_key_search
 from firstfix.engine.retrieval.template_tiles import TemplateTiles
 from firstfix.engine.retrieval.templates import Templates
 from firstfix.engine.verification.free_space import MapView
-from firstfix.sensor import SensorModel
 
-from ..simulation.simulate import Simulator
+from ..execution.chunks import Arrays
 from .make_keys import make_keys
 from .preview import draw_preview
-from .visible_points import VIEWPOINTS, map_surface
+from .visible_points import map_surface
 
-SURFACE_STEP_M = 0.1  # between the points that stand for a mesh in registration
+VIEWS_SHARE = 0.6  # of the stage's progress, that the views' chunks tell themselves
 
 
 def write_index_files(
     directory: Path,
     cloud: NDArray[np.floating] | None,
-    simulator: Simulator,
-    sensor: SensorModel,
     engine: EngineConfig,
+    look: Callable[[NDArray[np.floating]], Iterable[Arrays]],
     progress: Callable[[float], None],
     *,
     provisional: bool = False,
@@ -40,23 +38,17 @@ def write_index_files(
     """Key search, tiles, surface, view and picture.
 
     Args:
-        provisional: look at the surface from fewer places, and draw no picture.
-        progress: called after each with the share that is done, 0..1.
+        provisional: draw no picture.
+        progress: called after all but the views with the share that is done, 0..1.
         directory: has templates, clusters and, if there is one, the keys' projection.
         cloud: (m, 3) the map's points; None: it is a mesh.
+        look: returns what is seen from (n, 3) positions of templates, as results of ``views.view_chunks``.
     """
     templates = Templates.load(directory, engine.descriptor.make())
     _write_keys(directory, templates, engine)
     TemplateTiles.of(templates.position_m).save(directory)
-    progress(0.2)
     surface = map_surface(
-        cloud,
-        simulator,
-        templates.position_m,
-        sensor,
-        SURFACE_STEP_M,
-        engine.registration.map_voxel_m,
-        viewpoints=0 if provisional else VIEWPOINTS,
+        cloud, look(templates.position_m), engine.registration.map_voxel_m, directory.parent
     )
     progress(0.7)
     MapSurface.of(surface, engine.registration).save(directory)

@@ -6,8 +6,7 @@ place and a perturbed scan near it little. Fewer numbers are searched faster, an
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import Executor
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,65 +14,40 @@ from scipy.linalg import eigh
 from scipy.spatial import cKDTree
 
 from firstfix.builds.config import LearnKeysConfig
-from firstfix.descriptor import Described
 from firstfix.engine.config import EngineConfig
-from firstfix.engine.preprocess import preprocess
 from firstfix.engine.retrieval.templates import Templates
-from firstfix.errors import BuildCancelled
-from firstfix.portable.sample import rows_by_chance
-from firstfix.scan.sequence import ScanSequence
-from firstfix.sensor import SensorModel
 
-from ..simulation.perturb import ScanCase, ScanSimulation
-from ..simulation.simulate import Simulator
+from ..execution.chunks import Arrays
+from ..mesh.places.chance import rows_by_rank
 
 TEMPLATES_A_SCAN = 4
 COMPARED_TEMPLATES = 10_000  # enough for their covariance: the keys of 100k at once are gigabytes
 
 
-def learn_keys(
-    simulator: Simulator,
-    sensor: SensorModel,
-    templates: Templates,
-    engine: EngineConfig,
-    config: LearnKeysConfig,
-    executor: Executor,
-    progress: Callable[[float], None],
-    cancelled: Callable[[], bool],
-) -> NDArray[np.float32] | None:
-    """(d, numbers) by which keys are multiplied from the right.
+def is_worth_learning(templates: int, engine: EngineConfig, config: LearnKeysConfig) -> bool:
+    """Returns whether anything is to be gained.
 
-    None where nothing is to be gained: the paper's keys have 20 numbers, and a map of hardly more
-    templates than are compared anyway needs no key.
-
-    Raises:
-        BuildCancelled: cancelled() said so.
+    The paper's keys have 20 numbers. A map of hardly more templates than are compared anyway needs no key.
     """
-    if not config.scans or engine.descriptor.kind != "occupancy" or len(templates) <= engine.search.clusters:
-        return None
-    descriptor, done = engine.descriptor.make(), 0
-    simulation = ScanSimulation(simulator, sensor, config.perturb)
-    rng = np.random.default_rng(config.seed)
-    count = scans_for(len(templates), config)
-    cases = simulation.cases(templates.position_m, engine.spacing_m, count, rng)
+    return bool(config.scans) and engine.descriptor.kind == "occupancy" and templates > engine.search.clusters
 
-    def described(case: ScanCase) -> Described | None:
-        nonlocal done
-        if cancelled():
-            raise BuildCancelled("cancelled while learning keys")
-        scan = ScanSequence.single(simulation.scan(case))
-        prepared = preprocess(scan, None, engine.preprocess, sensor.R_base_sensor)
-        done += 1
-        progress(done / len(cases))
-        return None if prepared is None else prepared.scans[0].described_by(descriptor)
 
-    made = [(case, one) for case, one in zip(cases, executor.map(described, cases), strict=True) if one]
+def learn_keys(
+    templates: Templates, scans: Iterable[Arrays], engine: EngineConfig, config: LearnKeysConfig
+) -> NDArray[np.float32] | None:
+    """(d, numbers) by which keys are multiplied from the right. None where no scan could be taken.
+
+    Args:
+        scans: results of ``key_scans.key_scan_chunks``.
+    """
+    descriptor = engine.descriptor.make()
+    made = [one for one in scans if len(one["position_m"])]
     if not made:
         return None
-    seen = {name: np.concatenate([one[name] for _, one in made]) for name in descriptor.arrays}
-    spots = np.array([case.T_level_sensor[:3, 3] for case, _ in made])
+    spots = np.concatenate([one["position_m"] for one in made])
+    seen = {name: np.concatenate([one[name] for one in made]) for name in descriptor.arrays}
     nearest = cKDTree(templates.position_m).query(spots)[1]
-    sample = rows_by_chance(len(templates), COMPARED_TEMPLATES)  # they stand column by column
+    sample = np.sort(rows_by_rank(templates.position_m, COMPARED_TEMPLATES, config.seed))
     return discriminants(
         descriptor.keys(templates.described_at(sample)),
         descriptor.keys(seen) - descriptor.keys(templates.described_at(nearest)),

@@ -1,11 +1,16 @@
 """The visible points of a place with known walls, and the sides they are seen from."""
 
+from pathlib import Path
+
 import numpy as np
 from scipy.spatial import cKDTree
 
 from firstfix.sensor import preset
+from firstfix_builder.index import seen_voxels as seen_voxels_module
 from firstfix_builder.index import visible_points as visible_points_module
-from firstfix_builder.index.visible_points import map_surface, visible_points
+from firstfix_builder.index.seen_voxels import SeenBlocks
+from firstfix_builder.index.views import NEAR_M, STEP_M, view_chunks, views_in
+from firstfix_builder.index.visible_points import map_surface
 from firstfix_builder.simulation.simulate import Simulator
 
 SENSOR = preset("os0-64")
@@ -28,8 +33,16 @@ def two_rooms() -> Simulator:
 VIEWPOINTS = np.array([[1.5, 2, 1], [2.5, 2, 1], [5.5, 2, 1], [6.5, 2, 1]])
 
 
-def test_points_lie_on_what_is_seen_and_know_from_where():
-    (seen,) = visible_points(two_rooms(), VIEWPOINTS, SENSOR, 0.1)
+def seen_points(simulator: Simulator, viewpoints: np.ndarray, folder: Path) -> np.ndarray:
+    """(m, 6) of all blocks."""
+    seen = SeenBlocks(folder, STEP_M)
+    for part in views_in(simulator, viewpoints, SENSOR):
+        seen.add(part["voxels"])
+    return np.concatenate([seen.means(block) for block in sorted(seen.blocks)])
+
+
+def test_points_lie_on_what_is_seen_and_know_from_where(tmp_path):
+    seen = seen_points(two_rooms(), VIEWPOINTS, tmp_path)
     points, to_viewer = seen[:, :3], seen[:, 3:]
     inside = (points > -0.01).all(axis=1) & (points < np.array([8, 4, 3]) + 0.01).all(axis=1)
     assert inside.all()
@@ -44,7 +57,7 @@ def test_points_lie_on_what_is_seen_and_know_from_where():
 
 def test_the_map_has_what_other_sensors_see():
     """A VLP-16 sees floor and ceiling from afar alone; an OS0 in the same place sees them above and below."""
-    surface = map_surface(None, two_rooms(), VIEWPOINTS, preset("vlp-16"), 0.1, 0.12)
+    surface = map_surface(None, views_in(two_rooms(), VIEWPOINTS, preset("vlp-16")), 0.12)
     x, y, z = surface.points.T
     for level in (0, 3):
         here = np.abs(z - level) < 0.02
@@ -52,7 +65,7 @@ def test_the_map_has_what_other_sensors_see():
 
 
 def test_the_surface_of_a_mesh_faces_those_who_see_it():
-    surface = map_surface(None, two_rooms(), VIEWPOINTS, SENSOR, 0.1, 0.12)
+    surface = map_surface(None, views_in(two_rooms(), VIEWPOINTS, SENSOR), 0.12)
     x = surface.points[:, 0]
     middle = (np.abs(surface.points[:, 1] - 2) < 1.5) & (np.abs(surface.points[:, 2] - 1.5) < 1)
     west, east = middle & (np.abs(x - 3.9) < 0.03), middle & (np.abs(x - 4.1) < 0.03)
@@ -65,7 +78,7 @@ def test_a_cloud_learns_its_faces_and_keeps_what_nobody_sees():
     rng = np.random.default_rng(1)
     west = np.column_stack([np.full(600, 3.91), rng.uniform([0.5, 0.5], [3.5, 2.5], (600, 2))])
     unseen = np.column_stack([rng.uniform([20, 0], [22, 2], (300, 2)), np.zeros(300)])
-    surface = map_surface(np.concatenate([west, unseen]), two_rooms(), VIEWPOINTS, SENSOR, 0.1, 0.05)
+    surface = map_surface(np.concatenate([west, unseen]), views_in(two_rooms(), VIEWPOINTS, SENSOR), 0.05)
     on_wall = surface.points[:, 0] < 10
     assert surface.oriented[on_wall].mean() > 0.95
     assert np.median(surface.normals[on_wall, 0]) < -0.95
@@ -74,10 +87,10 @@ def test_a_cloud_learns_its_faces_and_keeps_what_nobody_sees():
 
 
 def test_block_by_block_the_same_is_seen(monkeypatch):
-    whole = map_surface(None, two_rooms(), VIEWPOINTS, SENSOR, 0.1, 0.12)
-    monkeypatch.setattr(visible_points_module, "BLOCK_M", 2.0)
-    monkeypatch.setattr(visible_points_module, "AT_ONCE", 1)
-    parted = map_surface(None, two_rooms(), VIEWPOINTS, SENSOR, 0.1, 0.12)
+    whole = map_surface(None, views_in(two_rooms(), VIEWPOINTS, SENSOR), 0.12)
+    for module in (visible_points_module, seen_voxels_module):
+        monkeypatch.setattr(module, "BLOCK_M", 2.4)
+    parted = map_surface(None, views_in(two_rooms(), VIEWPOINTS, SENSOR), 0.12)
     away_m, row = cKDTree(whole.points).query(parted.points)
     assert abs(len(parted) - len(whole)) < 0.1 * len(whole)
     assert np.percentile(away_m, 99) < 0.1
@@ -94,15 +107,50 @@ def two_storeys() -> tuple[Simulator, np.ndarray]:
     return simulator, np.array(columns)
 
 
-def test_no_storey_is_passed_over(monkeypatch):
+def test_no_storey_is_passed_over(tmp_path):
     """Each storey is looked at as well as the other, although not all viewpoints are used."""
     simulator, viewpoints = two_storeys()
-    monkeypatch.setattr(visible_points_module, "VIEWPOINTS", -(-len(viewpoints) // 4))
-    looked_from = []
-    ranges = simulator.ranges
-    monkeypatch.setattr(simulator, "ranges", lambda T, *rays: looked_from.append(T) or ranges(T, *rays))
-    (seen,) = visible_points(simulator, viewpoints, SENSOR, 0.05)
-    z = np.concatenate(looked_from)[:, 2, 3]
-    assert 0.4 < (z < 2).mean() < 0.6
-    points_below = (seen[:, 2] < 2.9).mean()
-    assert 0.45 < points_below < 0.55
+    used = np.concatenate([chunk.viewpoints for chunk in view_chunks(viewpoints, SENSOR)])
+    assert len(used) < len(viewpoints) / 2
+    assert 0.4 < (used[:, 2] < 2).mean() < 0.6
+    seen = seen_points(simulator, viewpoints, tmp_path)
+    assert 0.45 < (seen[:, 2] < 2.9).mean() < 0.55
+
+
+def test_what_is_far_from_all_viewpoints_is_seen_too(tmp_path):
+    hall = Simulator(*box([0, 0, 0], [40, 6, 3]))
+    near_one_end = np.array([[x, y, 1.0] for x in range(1, 9) for y in range(1, 6)], float)
+    seen = seen_points(hall, near_one_end, tmp_path)
+    end = seen[np.abs(seen[:, 0] - 40) < 0.02]
+    assert NEAR_M < 40 - 8
+    assert len(end) > 60, "the wall at the other end"
+    assert (end[:, 3] < -0.9).all()
+
+
+def test_viewpoints_elsewhere_change_no_chunk():
+    rng = np.random.default_rng(5)
+    west, east = (
+        rng.uniform([0, 0, 1], [60, 60, 1], (4000, 3)),
+        rng.uniform([70, 0, 1], [130, 60, 1], (4000, 3)),
+    )
+    more = rng.uniform([70, 0, 1], [130, 60, 1], (500, 3))
+    before = view_chunks(np.concatenate([west, east]), SENSOR)
+    after = view_chunks(np.concatenate([west, more, east])[::-1], SENSOR)
+    same = [chunk for chunk in after if chunk in before]
+    here = [chunk for chunk in before if (chunk.tile[0] + 1) * chunk.reach.tile_m <= 64]
+    assert here
+    assert all(chunk in same for chunk in here)
+    assert len(same) < len(after)
+
+
+def test_the_order_of_what_is_seen_does_not_matter(tmp_path):
+    parts = [part["voxels"] for part in views_in(*two_storeys(), SENSOR)]
+    found = []
+    for name, order in (("there", parts), ("back", parts[::-1])):
+        (tmp_path / name).mkdir()
+        seen = SeenBlocks(tmp_path / name, STEP_M)
+        for part in order:
+            seen.add(part)
+        found.append(np.concatenate([seen.means(block) for block in sorted(seen.blocks)]))
+    assert len(parts) > 2
+    assert found[0].tobytes() == found[1].tobytes()

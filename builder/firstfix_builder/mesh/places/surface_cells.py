@@ -81,7 +81,7 @@ class SurfaceCells:
     @cached_property
     def _groups(self) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
         """Rows one after the other in groups: (g + 1,) the first of each, (g, 2) corners of their boxes."""
-        start = np.append(np.arange(0, len(self.cell), GROUP), len(self.cell))
+        start = np.append(np.arange(-(-len(self.cell) // GROUP)) * GROUP, len(self.cell))
         return (
             start,
             np.minimum.reduceat(self.low[:, :2], start[:-1]),

@@ -9,12 +9,13 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from ... import native
+
 BLOCK_BITS = 2  # blocks of 4 cells a side: half of the cells in kept blocks are near the surface
 GROUP_BITS = 2  # groups of 4 blocks a side, or more
 MOST_GROUPS = 1 << 24  # entries of the table of all groups
 PART = 1 << 20  # points at once
-MOST_SLOTS = 1 << 26  # cells at once
-_NOTHING = np.iinfo(np.int64).max
+MOST_SLOTS = 1 << 24  # cells at once
 
 
 @dataclass(frozen=True)
@@ -58,26 +59,6 @@ class CellsOf:
         return cell.astype(np.int32), (scaled - self.low - cell).astype(np.float32)
 
 
-def slot_of(
-    cell: NDArray[np.int32], group: NDArray[np.int32], block: NDArray[np.int32], block_bits: int
-) -> NDArray[np.int64]:
-    """Positions (n,) of (n, 3) cells among the cells of the kept blocks."""
-    side_bits = block.shape[1].bit_length() - 1
-    _, columns, layers = group.shape
-    outer = cell >> block_bits
-    x, y, z = (outer >> side_bits).T
-    number = group.ravel()[(x * columns + y) * layers + z]
-    number = block.ravel()[(number.astype(np.int64) << 3 * side_bits) + _within(outer, side_bits)]
-    return (number.astype(np.int64) << 3 * block_bits) + _within(cell, block_bits)
-
-
-def _within(cell: NDArray[np.int32], bits: int) -> NDArray[np.int32]:
-    """Numbers of (n, 3) cells in a cube of 2**bits a side."""
-    inner = cell & ((1 << bits) - 1)
-    number: NDArray[np.int32] = ((inner[:, 0] << bits) + inner[:, 1] << bits) + inner[:, 2]
-    return number
-
-
 def tables_around(cells: CellsOf) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Tables of the groups and blocks within one cell of a point."""
     bits = GROUP_BITS
@@ -116,20 +97,10 @@ def nearest_points(cells: CellsOf, group: NDArray[np.int32], block: NDArray[np.i
     side = 1 << BLOCK_BITS
     point = np.full((int(block.max()) + 1, side, side, side), -1, np.int32)
     for rows, first, end in _slabs(cells, group, block):
-        part = point[first:end].reshape(-1)
-        best = np.full(part.shape, _NOTHING)  # squared distance in the high bits, row in the low
-        for start in range(0, len(rows), PART):
-            few = rows[start : start + PART]
-            cell, offset = cells.of(few)
-            for step in product((-1, 0, 1), repeat=3):
-                away = offset - np.asarray(step, np.float32) - np.float32(0.5)
-                distance2 = np.square(away).sum(axis=1)
-                slot = slot_of(cell + np.array(step, np.int32), group, block, BLOCK_BITS) - first * side**3
-                entry = (distance2 * 2**20).astype(np.int64) << 32 | few
-                inside = (slot >= 0) & (slot < len(best))
-                np.minimum.at(best, slot[inside], entry[inside])
-        found = best != _NOTHING
-        part[found] = best[found] & 0xFFFFFFFF
+        cell, offset = cells.of(rows)
+        point[first:end] = native.nearest_points(
+            cell, offset, rows.astype(np.int32), group, block, BLOCK_BITS, first, end
+        )
     return point
 
 

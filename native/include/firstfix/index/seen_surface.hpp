@@ -13,7 +13,7 @@ namespace firstfix {
 // Returns are added scan by scan. Memory grows with the surface, not with the returns.
 class SeenSurface {
  public:
-  static constexpr std::size_t kColumns = 6;  // of a voxel's means: x, y, z, and the direction to the viewers
+  static constexpr std::size_t kColumns = 7;  // of a voxel: mean x, y, z, mean direction to the viewers, returns
 
   explicit SeenSurface(double voxel_m) : voxel_m_(voxel_m), voxels_(std::size_t{1} << kLeastBits) {}
 
@@ -41,6 +41,7 @@ class SeenSurface {
     for (const Voxel* voxel : kept) {
       for (const double sum : voxel->point) columns.push_back(sum / voxel->count);
       for (const float sum : voxel->toward) columns.push_back(static_cast<double>(sum) / voxel->count);
+      columns.push_back(voxel->count);
     }
     return columns;
   }

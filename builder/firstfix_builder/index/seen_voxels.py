@@ -1,0 +1,85 @@
+"""Seen surface in small voxels, merged block by block: neither the returns nor the map are in memory.
+
+A voxel's mean is kept in whole numbers, to a 256th of its edge. Sums of them do not depend on their order.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+BLOCK_M = 64.0
+VOXEL = np.dtype([("voxel", "<i4", 3), ("offset", "u1", 3), ("toward", "i1", 3), ("count", "<u2")])
+_OFFSETS, _TOWARDS, _MOST = 256, 127, 65_535
+_BITS = 21  # of a voxel's number along each axis, in its key
+
+
+def seen_voxels(means: NDArray[np.float64], step_m: float) -> NDArray[np.void]:
+    """Voxels of edge step_m as records of type VOXEL.
+
+    Args:
+        means: (n, 7) of ``SeenSurface.means``.
+    """
+    found = np.empty(len(means), VOXEL)
+    scaled = means[:, :3] / step_m
+    voxel = np.floor(scaled)
+    found["voxel"] = voxel
+    found["offset"] = np.minimum((scaled - voxel) * _OFFSETS, _OFFSETS - 1)
+    found["toward"] = np.rint(means[:, 3:6] * _TOWARDS)
+    found["count"] = np.minimum(means[:, 6], _MOST)
+    return found
+
+
+class SeenBlocks:
+    """Seen voxels of a map, in files of square blocks.
+
+    Args:
+        folder: empty; takes the files.
+        step_m: edge of the voxels.
+    """
+
+    def __init__(self, folder: Path, step_m: float) -> None:
+        self._folder = folder
+        self._step_m = step_m
+        self._side = round(BLOCK_M / step_m)
+        self.blocks: set[tuple[int, int]] = set()
+
+    def add(self, voxels: NDArray[np.void]) -> None:
+        """Adds what is seen from some viewpoints."""
+        block = voxels["voxel"][:, :2] // self._side
+        order = np.lexsort(block.T)
+        block = block[order]
+        ends = np.flatnonzero(np.any(np.diff(block, axis=0) != 0, axis=1)) + 1
+        for first, last in pairwise([0, *ends.tolist(), len(order)]):
+            if first == last:
+                continue
+            x, y = block[first].tolist()
+            self.blocks.add((x, y))
+            with self._path((x, y)).open("ab") as file:
+                voxels[order[first:last]].tofile(file)
+
+    def means(self, block: tuple[int, int]) -> NDArray[np.float64]:
+        """(m, 6) the mean point of each voxel of a block, and the mean direction to those who see it.
+
+        In x-y-z order of the voxels. The direction is short where they stood all around.
+        """
+        voxels = np.fromfile(self._path(block), VOXEL)
+        x, y, z = voxels["voxel"].astype(np.int64).T + (1 << _BITS - 1)
+        key = (x << 2 * _BITS) + (y << _BITS) + z
+        order = np.argsort(key)
+        first = np.flatnonzero(np.diff(key[order], prepend=-1))
+        voxels = voxels[order]
+        weight = voxels["count"].astype(np.int64)
+        total = np.add.reduceat(weight, first)[:, None]
+        offset, toward = (
+            np.add.reduceat(voxels[name].astype(np.int64) * weight[:, None], first) / total
+            for name in ("offset", "toward")
+        )
+        point = (voxels["voxel"][first] + (offset + 0.5) / _OFFSETS) * self._step_m
+        return np.concatenate([point, toward / _TOWARDS], axis=1)
+
+    def _path(self, block: tuple[int, int]) -> Path:
+        return self._folder / f"{block[0]}_{block[1]}.voxels"

@@ -1,0 +1,50 @@
+"""Samples that depend on each place alone: a change of a map leaves the sample elsewhere as it is."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firstfix.portable.sample import hashed
+
+_SPREAD = np.uint32(0x9E3779B1)
+
+
+def chance_of(points: NDArray[np.floating], seed: int) -> NDArray[np.uint32]:
+    """(n,) a random number for each of (n, 3) points, made of its coordinates in single precision."""
+    bits = (np.asarray(points, np.float32) + np.float32(0)).view(np.uint32)  # there is one zero only
+    mixed = hashed(np.full(len(bits), seed, np.uint32))
+    for column in bits.T:
+        mixed = hashed(mixed * _SPREAD ^ column)
+    return mixed
+
+
+def rows_by_cell(
+    points: NDArray[np.floating],
+    cell_m: tuple[float, float, float],
+    at_most: int,
+    one_of: int = 1,
+    seed: int = 0,
+) -> NDArray[np.int64]:
+    """Rows, ascending, of some random points of each cell: one of every ``one_of``, up to ``at_most``.
+
+    Args:
+        points: (n, 3) metres.
+        cell_m: edges of a cell. Cells are counted from the frame's origin.
+    """
+    cell = np.floor(np.asarray(points, np.float64) / cell_m).astype(np.int64)
+    order = np.lexsort((*points.T, chance_of(points, seed), *cell.T))
+    new = np.any(np.diff(cell[order], axis=0, prepend=cell[order[:1]] - 1) != 0, axis=1)
+    first = np.flatnonzero(new)
+    count = np.diff(first, append=len(points))
+    turn = np.arange(len(points)) - np.repeat(first, count)
+    return np.sort(order[turn < np.repeat(np.minimum(-(-count // one_of), at_most), count)])
+
+
+def rows_by_rank(points: NDArray[np.floating], at_most: int, seed: int = 0) -> NDArray[np.int64]:
+    """Rows, in the order of chance, of up to ``at_most`` random points of (n, 3).
+
+    Where some points are replaced, about as large a share of the sample is.
+    """
+    order = np.lexsort((*points.T, chance_of(points, seed)))
+    return order[:at_most]
