@@ -129,9 +129,10 @@ class BuildStages(StageRunner):
                     link(path, out / path.name)
             else:
                 points = np.load(read.directory / "points.npy")
-                write_tiled_mesh(block_meshes(run(mesh_chunks(points, self.config.reconstruct))), out)
+                chunks = mesh_chunks(points, trajectory_of(read), self.config.surface)
+                write_tiled_mesh(block_meshes(run(chunks)), out)
 
-        return self._chunked_stage("reconstruct_mesh", {"map": read}, self.config.reconstruct, produce)
+        return self._chunked_stage("reconstruct_mesh", {"map": read}, self.config.surface, produce)
 
     def sample_viewpoints(self, read: StageResult, mesh: StageResult) -> StageResult:
         """The sensor positions of the templates, and how far one sees from them."""

@@ -36,7 +36,8 @@ void bind_mesh(nb::module_& module) {
         const std::size_t cells = planes.weights.size();
         return std::make_tuple(array_of(std::move(planes.means), {cells, 3}),
                                array_of(std::move(planes.normals), {cells, 3}),
-                               array_of(std::move(planes.weights), {cells}));
+                               array_of(std::move(planes.weights), {cells}),
+                               array_of(std::move(planes.supports), {cells}));
       },
       "points"_a, "cell_m"_a);
   module.def(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from firstfix.errors import BuildFailed
 from firstfix.native import cell_planes, surface_net
@@ -17,6 +18,7 @@ from .blocks import Block
 from .mesh import Mesh
 from .orient_normals import orient_normals
 
+EDGE_CELLS = 3.0  # points around a cell at the straight edge of a surface, by the tent of cell_planes
 REACH_CELLS = 2.0  # less leaves holes at the foot of walls and between sparse rings, more rounds corners
 MOST_TRIM_CELLS = 4.0
 
@@ -27,6 +29,8 @@ def signed_distance_mesh(
     block: Block,
     *,
     cell_m: float,
+    spacing_m: float,
+    usual_range_m: float,
     trim_m: float,
     sight_voxel_m: float,
 ) -> Mesh:
@@ -39,6 +43,8 @@ def signed_distance_mesh(
         places: (m, 3) where the scanner was, or None.
         block: what the result answers for.
         cell_m: edge of a cell.
+        spacing_m: between the cloud's points.
+        usual_range_m: from the cloud's points to the nearest place, the median over the cloud.
         trim_m: surface further than this from the points goes.
         sight_voxel_m: grain of the line-of-sight test that orients the normals.
 
@@ -46,7 +52,10 @@ def signed_distance_mesh(
         BuildFailed: a point is over a million cells away from the origin.
     """
     try:
-        means, normals, weights = cell_planes(points, cell_m)
+        means, normals, weights, supports = cell_planes(points, cell_m)
+        if places is not None and len(places):
+            dense = supports >= least_support(means, places, cell_m / spacing_m, usual_range_m)
+            means, normals, weights = means[dense], normals[dense], weights[dense]
         if len(means) == 0:
             return Mesh.empty()
         normals = orient_normals(means, normals, places, sight_voxel_m)
@@ -56,3 +65,18 @@ def signed_distance_mesh(
         raise BuildFailed(f"no surface of cells of {cell_m:.3g} m: {error}") from None
     middle = vertices[triangles].mean(axis=1)
     return Mesh(vertices, triangles.astype(np.int64)).with_triangles(block.holds(middle))
+
+
+def least_support(
+    means: NDArray[np.float64], places: NDArray[np.float64], cell_spacings: float, usual_range_m: float
+) -> NDArray[np.float64]:
+    """The (n,) supports that cells need: those at the edge of a surface that was sampled from the nearest place.
+
+    Rays spread, so a surface has the fewer points the further the scanner stayed away, as one over the square.
+    One that is nearer than usual has at least the usual density. What is thinner is no surface: returns from
+    passers-by, from dust, and from the robot.
+    """
+    range_m, _ = cKDTree(places).query(means)
+    sampled = np.minimum(1.0, (usual_range_m / np.maximum(range_m, 1e-9)) ** 2)
+    needed: NDArray[np.float64] = EDGE_CELLS * cell_spacings**2 * sampled
+    return needed

@@ -16,6 +16,7 @@ struct CellPlanes {
   std::vector<double> means;    // x, y, z
   std::vector<double> normals;  // unit, of unknown sign
   std::vector<double> weights;  // points in the cell
+  std::vector<double> supports;  // points around it, nearer ones more: four times the weight in a plane of even density
 };
 
 namespace detail {
@@ -100,6 +101,7 @@ inline CellPlanes cell_planes(const double* points, std::size_t count, double ce
       planes.normals.push_back(normal[axis]);
     }
     planes.weights.push_back(own[row].count);
+    planes.supports.push_back(around.count);
   }
   return planes;
 }
