@@ -37,7 +37,8 @@ void bind_mesh(nb::module_& module) {
         return std::make_tuple(array_of(std::move(planes.means), {cells, 3}),
                                array_of(std::move(planes.normals), {cells, 3}),
                                array_of(std::move(planes.weights), {cells}),
-                               array_of(std::move(planes.supports), {cells}));
+                               array_of(std::move(planes.supports), {cells}),
+                               array_of(std::move(planes.best), {cells}));
       },
       "points"_a, "cell_m"_a);
   module.def(

@@ -31,10 +31,12 @@ def towards(
 @pytest.mark.parametrize("seed", range(3))
 def test_planes_of_cells_are_those_of_the_reference(seed: int):
     points = room(700, seed)
-    means, normals, weights = native.cell_planes(points, CELL_M)
-    expected, axes, number, variance = oracle.cell_planes(points, CELL_M)
+    means, normals, weights, supports, best = native.cell_planes(points, CELL_M)
+    expected, axes, number, around, highest, variance = oracle.cell_planes(points, CELL_M)
     assert np.allclose(means, expected, atol=1e-12)
     assert (weights == number).all()
+    assert (supports == around).all()  # eighths: exact
+    assert (best == highest).all()
     clear = variance[:, 1] > 1.2 * variance[:, 0] + 1e-9
     assert clear.mean() > 0.8
     assert (np.abs((normals * axes).sum(axis=1))[clear] > 1 - 1e-6).all()
@@ -43,7 +45,7 @@ def test_planes_of_cells_are_those_of_the_reference(seed: int):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_net_is_that_of_the_reference(seed: int):
-    means, normals, weights = native.cell_planes(room(500, seed), CELL_M)
+    means, normals, weights, *_ = native.cell_planes(room(500, seed), CELL_M)
     normals = towards(means, normals, [-0.5, 0.0, 1.0])
     vertices, triangles = native.surface_net(means, normals, weights, CELL_M, REACH, TRIM)
     expected, quadrangles = oracle.surface_net(means, normals, weights, CELL_M, REACH, TRIM)
@@ -66,7 +68,7 @@ def test_a_net_is_that_of_the_reference(seed: int):
 def test_triangles_face_free_space():
     points = room(3000, 7)
     points[:, 0] = -5  # a wall at x = -5, seen from the origin
-    means, normals, weights = native.cell_planes(points, CELL_M)
+    means, normals, weights, *_ = native.cell_planes(points, CELL_M)
     vertices, triangles = native.surface_net(
         means, towards(means, normals, [0, 0, 1]), weights, CELL_M, REACH, TRIM
     )
@@ -77,8 +79,8 @@ def test_triangles_face_free_space():
 def test_nothing_makes_nothing():
     for points in (np.zeros((0, 3)), np.ones((1, 3)), np.ones((2, 3))):
         planes = native.cell_planes(points, CELL_M)
-        assert [len(part) for part in planes] == [0, 0, 0]
-        assert [len(part) for part in native.surface_net(*planes, CELL_M, REACH, TRIM)] == [0, 0]
+        assert [len(part) for part in planes] == [0, 0, 0, 0, 0]
+        assert [len(part) for part in native.surface_net(*planes[:3], CELL_M, REACH, TRIM)] == [0, 0]
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf, 1e300, CELL_M * 2**20])
@@ -92,7 +94,7 @@ def test_points_that_have_no_cell_are_refused(wrong: float):
 
 
 def test_limits_are_checked():
-    planes = native.cell_planes(room(300, 1), CELL_M)
+    planes = native.cell_planes(room(300, 1), CELL_M)[:3]
     for cell_m in (0.0, -1.0, np.nan, np.inf, 1e-300):
         with pytest.raises(ValueError, match="edge of a cell"):
             native.cell_planes(room(300, 1), cell_m)

@@ -15,13 +15,15 @@ EDGES = [(low, high) for low in range(8) for high in range(8) if (CORNERS[high] 
          and (CORNERS[high] - CORNERS[low]).sum() == 1]  # fmt: skip
 
 
-def cell_planes(
-    points: NDArray[np.float64], cell_m: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Means (m, 3), normals (m, 3), weights (m,) and variances along the axes (m, 3) of the cells."""
+def cell_planes(points: NDArray[np.float64], cell_m: float) -> tuple[NDArray[np.float64], ...]:
+    """Means (m, 3), normals (m, 3), weights, supports, best supports (m,) and variances along the axes (m, 3) of the cells."""
     cell, row = np.unique(np.floor(points / cell_m).astype(int), axis=0, return_inverse=True)
     row = row.ravel()
     first = np.unique(row, return_index=True)[1]
+    away = np.abs(cell[:, None] - cell[row])  # of each point from each cell
+    tent = np.where((away <= 1).all(axis=2), 0.5 ** away.sum(axis=2), 0)
+    around = (np.abs(cell[:, None] - cell) <= 1).all(axis=2)
+    best = np.where(around, tent.sum(axis=1), 0).max(axis=1)
     rows = []
     for number in np.argsort(first):
         off = np.abs(cell[row] - cell[number])
@@ -31,9 +33,18 @@ def cell_planes(
         weight = 0.5 ** off[near].sum(axis=1)
         away = points[near] - np.average(points[near], axis=0, weights=weight)
         variance, axes = np.linalg.eigh((weight * away.T) @ away / weight.sum())
-        rows.append((points[row == number].mean(axis=0), axes[:, 0], float((row == number).sum()), variance))
-    means, normals, weights, variances = (np.array(column) for column in zip(*rows, strict=True))
-    return means, normals, weights, variances
+        inside = row == number
+        rows.append(
+            (
+                points[inside].mean(axis=0),
+                axes[:, 0],
+                float(inside.sum()),
+                weight.sum(),
+                best[number],
+                variance,
+            )
+        )
+    return tuple(np.array(column) for column in zip(*rows, strict=True))
 
 
 def surface_net(

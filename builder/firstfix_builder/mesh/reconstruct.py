@@ -11,27 +11,25 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from firstfix.builds.config import ReconstructConfig
 from firstfix.errors import BuildFailed
-from firstfix.portable.sample import rows_by_chance
 
 from ..execution.chunks import Arrays, Chunk
 from ..execution.stage_cache import StageResult
 from .blocks import Block, occupied_blocks
 from .clean_cloud import surface_spacings_m
 from .mesh import Mesh
-from .places.steps import SPACING_STEPS, VIEW_STEPS, stepped
+from .places.steps import SPACING_STEPS, stepped
 from .places.tiled_points import TiledPoints
 from .poisson import Tile, poisson_tile
+from .sampling import Sampling
 from .signed_distance import signed_distance_mesh
 
 PLACE_STEP_M = 0.5
 SIGHT_RANGE_M = 100.0  # a scanner further than this from a block was not what saw it
 SIGHT_SPACINGS = 1.8
 MOST_THIN = 0.1  # of an even cloud's points
-RANGE_SAMPLES = 50_000
 
 
 @dataclass(frozen=True)
@@ -98,10 +96,10 @@ class SignedDistanceChunk(MeshChunk):
     """The surface of one block where the signed distance is zero.
 
     Attributes:
-        usual_range_m: from the cloud's points to the nearest place, the median; inf without places.
+        sampling: of the cloud; None where no place is known.
     """
 
-    usual_range_m: float
+    sampling: Sampling | None
 
     def _surface(self, points: NDArray[np.float64], places: NDArray[np.float64] | None, block: Block) -> Mesh:
         return signed_distance_mesh(
@@ -109,8 +107,7 @@ class SignedDistanceChunk(MeshChunk):
             places,
             block,
             cell_m=self.cell_m,
-            spacing_m=self.spacing_m,
-            usual_range_m=self.usual_range_m,
+            sampling=self.sampling,
             trim_m=self._trim_m,
             sight_voxel_m=SIGHT_SPACINGS * self.spacing_m,
         )
@@ -156,39 +153,27 @@ def mesh_chunks(
         raise BuildFailed(f"a map of {len(points)} points has no surface")
     spacings_m = surface_spacings_m(points)
     spacing_m = stepped(float(np.median(spacings_m)), SPACING_STEPS)
+    sampling = None
+    if trajectory is not None and len(trajectory):
+        sampling = Sampling.of(points, _thinned(trajectory[:, :3, 3]))
     if config.surface == "auto":
-        thin = float(np.mean(spacings_m > _cell_m(config, spacing_m)))
-        known = trajectory is not None or thin <= MOST_THIN
+        is_thin = spacings_m > config.spacings_per_cell * spacing_m
+        known = sampling is not None or float(is_thin.mean()) <= MOST_THIN
         config = config.model_copy(update={"surface": "signed-distance" if known else "poisson"})
-    cell_m = _cell_m(config, spacing_m)
-    usual_range_m = _usual_range_m(points, trajectory)
+    cell_m = config.cell_m or config.spacings_per_cell * spacing_m
     chunks: list[MeshChunk] = []
     for block in occupied_blocks(points, config.tile_cells * cell_m):
         common = _pair(block.low), _pair(block.high), cell_m, spacing_m, config
-        chunks.append(
-            PoissonChunk(*common)
-            if config.surface == "poisson"
-            else SignedDistanceChunk(*common, usual_range_m)
-        )
+        if config.surface == "poisson":
+            chunks.append(PoissonChunk(*common))
+        else:
+            chunks.append(SignedDistanceChunk(*common, sampling))
     return chunks
 
 
 def block_meshes(parts: Iterable[Arrays]) -> Iterator[Mesh]:
     """Yields the surface of each block, in their order."""
     return (Mesh(part["vertices"], part["triangles"]) for part in parts)
-
-
-def _cell_m(config: ReconstructConfig, spacing_m: float) -> float:
-    return config.cell_m or config.spacings_per_cell * spacing_m
-
-
-def _usual_range_m(points: NDArray[np.float64], trajectory: NDArray[np.float64] | None) -> float:
-    """Median distance from a point to the nearest place of the scanner, from a sample of the points."""
-    if trajectory is None or len(trajectory) == 0:
-        return float("inf")
-    some = points[rows_by_chance(len(points), RANGE_SAMPLES)]
-    range_m, _ = cKDTree(_thinned(trajectory[:, :3, 3])).query(some)
-    return stepped(max(float(np.median(range_m)), PLACE_STEP_M), VIEW_STEPS)
 
 
 def _pair(corner: NDArray[np.float64]) -> tuple[float, float]:

@@ -17,8 +17,13 @@ from firstfix.native import cell_planes, surface_net
 from .blocks import Block
 from .mesh import Mesh
 from .orient_normals import orient_normals
+from .sampling import Sampling
 
-EDGE_CELLS = 3.0  # points around a cell at the straight edge of a surface, by the tent of cell_planes
+PLANE_CELLS = (
+    4.0  # the points around a cell of a plane are those of so many cells, as cell_planes counts them
+)
+CORE_SHARE = 1 / 2  # of the points that a surface has at this range
+BORDER_SHARE = 1 / 3  # of these, beside such a cell: at an edge, or in a gap
 REACH_CELLS = 2.0  # less leaves holes at the foot of walls and between sparse rings, more rounds corners
 MOST_TRIM_CELLS = 4.0
 
@@ -29,8 +34,7 @@ def signed_distance_mesh(
     block: Block,
     *,
     cell_m: float,
-    spacing_m: float,
-    usual_range_m: float,
+    sampling: Sampling | None,
     trim_m: float,
     sight_voxel_m: float,
 ) -> Mesh:
@@ -43,8 +47,7 @@ def signed_distance_mesh(
         places: (m, 3) where the scanner was, or None.
         block: what the result answers for.
         cell_m: edge of a cell.
-        spacing_m: between the cloud's points.
-        usual_range_m: from the cloud's points to the nearest place, the median over the cloud.
+        sampling: of the cloud; None: thin surface stays wherever it is.
         trim_m: surface further than this from the points goes.
         sight_voxel_m: grain of the line-of-sight test that orients the normals.
 
@@ -52,9 +55,10 @@ def signed_distance_mesh(
         BuildFailed: a point is over a million cells away from the origin.
     """
     try:
-        means, normals, weights, supports = cell_planes(points, cell_m)
-        if places is not None and len(places):
-            dense = supports >= least_support(means, places, cell_m / spacing_m, usual_range_m)
+        means, normals, weights, supports, best = cell_planes(points, cell_m)
+        if sampling is not None and places is not None and len(places):
+            full = PLANE_CELLS * sampling.points_on(cell_m**2, cKDTree(places).query(means)[0])
+            dense = (best >= CORE_SHARE * full) & (supports >= BORDER_SHARE * full)
             means, normals, weights = means[dense], normals[dense], weights[dense]
         if len(means) == 0:
             return Mesh.empty()
@@ -65,18 +69,3 @@ def signed_distance_mesh(
         raise BuildFailed(f"no surface of cells of {cell_m:.3g} m: {error}") from None
     middle = vertices[triangles].mean(axis=1)
     return Mesh(vertices, triangles.astype(np.int64)).with_triangles(block.holds(middle))
-
-
-def least_support(
-    means: NDArray[np.float64], places: NDArray[np.float64], cell_spacings: float, usual_range_m: float
-) -> NDArray[np.float64]:
-    """The (n,) supports that cells need: those at the edge of a surface that was sampled from the nearest place.
-
-    Rays spread, so a surface has the fewer points the further the scanner stayed away, as one over the square.
-    One that is nearer than usual has at least the usual density. What is thinner is no surface: returns from
-    passers-by, from dust, and from the robot.
-    """
-    range_m, _ = cKDTree(places).query(means)
-    sampled = np.minimum(1.0, (usual_range_m / np.maximum(range_m, 1e-9)) ** 2)
-    needed: NDArray[np.float64] = EDGE_CELLS * cell_spacings**2 * sampled
-    return needed
