@@ -16,7 +16,7 @@ EDGES = [(low, high) for low in range(8) for high in range(8) if (CORNERS[high] 
 
 
 def cell_planes(points: NDArray[np.float64], cell_m: float) -> tuple[NDArray[np.float64], ...]:
-    """Means (m, 3), normals (m, 3), weights, supports, best supports (m,) and variances along the axes (m, 3) of the cells."""
+    """Columns of cells: means, normals, weights, supports, best supports around, variances along the axes."""
     cell, row = np.unique(np.floor(points / cell_m).astype(int), axis=0, return_inverse=True)
     row = row.ravel()
     first = np.unique(row, return_index=True)[1]
@@ -33,17 +33,8 @@ def cell_planes(points: NDArray[np.float64], cell_m: float) -> tuple[NDArray[np.
         weight = 0.5 ** off[near].sum(axis=1)
         away = points[near] - np.average(points[near], axis=0, weights=weight)
         variance, axes = np.linalg.eigh((weight * away.T) @ away / weight.sum())
-        inside = row == number
-        rows.append(
-            (
-                points[inside].mean(axis=0),
-                axes[:, 0],
-                float(inside.sum()),
-                weight.sum(),
-                best[number],
-                variance,
-            )
-        )
+        own = points[row == number]
+        rows.append((own.mean(axis=0), axes[:, 0], float(len(own)), weight.sum(), best[number], variance))
     return tuple(np.array(column) for column in zip(*rows, strict=True))
 
 

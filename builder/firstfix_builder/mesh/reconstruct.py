@@ -155,7 +155,7 @@ def mesh_chunks(
     spacing_m = stepped(float(np.median(spacings_m)), SPACING_STEPS)
     sampling = None
     if trajectory is not None and len(trajectory):
-        sampling = Sampling.of(points, _thinned(trajectory[:, :3, 3]))
+        sampling = Sampling.of(points, spacings_m, _thinned(trajectory[:, :3, 3]))
     if config.surface == "auto":
         is_thin = spacings_m > config.spacings_per_cell * spacing_m
         known = sampling is not None or float(is_thin.mean()) <= MOST_THIN

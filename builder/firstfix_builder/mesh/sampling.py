@@ -10,7 +10,6 @@ from scipy.spatial import cKDTree
 
 from firstfix.portable.sample import rows_by_chance
 
-from .clean_cloud import surface_spacings_m
 from .places.steps import SPACING_STEPS, VIEW_STEPS, stepped
 
 RANGE_SAMPLES = 50_000
@@ -36,14 +35,19 @@ class Sampling:
     dense_spacing_m: float
 
     @classmethod
-    def of(cls, points: NDArray[np.float64], places: NDArray[np.float64]) -> Sampling:
-        """Measures a sample of (n, 3) points against (m, 3) places, in coarse steps.
+    def of(
+        cls, points: NDArray[np.float64], spacings_m: NDArray[np.float64], places: NDArray[np.float64]
+    ) -> Sampling:
+        """Measures in coarse steps: a change in a part of the map leaves them as they are, as a rule.
 
-        A change in a part of the map leaves them as they are, as a rule.
+        Args:
+            points: (n, 3) metres, of which a sample is measured.
+            spacings_m: (k,) at some of the points.
+            places: (m, 3) where the scanner was.
         """
         some = points[rows_by_chance(len(points), RANGE_SAMPLES)]
         range_m = float(np.median(cKDTree(places).query(some)[0]))
-        dense_m, median_m = np.quantile(surface_spacings_m(points), [DENSEST, 0.5])
+        dense_m, median_m = np.quantile(spacings_m, [DENSEST, 0.5])
         return cls(
             stepped(float(median_m), SPACING_STEPS),
             stepped(max(range_m, LEAST_RANGE_M), VIEW_STEPS),

@@ -19,9 +19,7 @@ from .mesh import Mesh
 from .orient_normals import orient_normals
 from .sampling import Sampling
 
-PLANE_CELLS = (
-    4.0  # the points around a cell of a plane are those of so many cells, as cell_planes counts them
-)
+PLANE_CELLS = 4.0  # around a cell of a plane are the points of so many cells, as cell_planes counts
 CORE_SHARE = 1 / 2  # of the points that a surface has at this range
 BORDER_SHARE = 1 / 3  # of these, beside such a cell: at an edge, or in a gap
 REACH_CELLS = 2.0  # less leaves holes at the foot of walls and between sparse rings, more rounds corners

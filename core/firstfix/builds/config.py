@@ -45,9 +45,9 @@ class ReconstructConfig(Stage):
     """Reconstruction of the surface. Lengths follow the point spacing unless given.
 
     Attributes:
-        surface: "signed-distance": where the distance from the planes of the cloud's cells is zero, in a small
-            part of Poisson's time; "poisson": screened Poisson; "auto": Poisson for the paper's method, and
-            for an uneven cloud without a trajectory, otherwise the signed distance.
+        surface: "signed-distance": where the distance from the planes of the cloud's cells is zero;
+            "poisson": screened Poisson, which takes ten times as long; "auto": Poisson for the paper's
+            method, and for an uneven cloud without a trajectory, otherwise the signed distance.
         cell_m: edge of the finest cell; None: ``cell_spacings`` point spacings.
         cell_spacings: see ``cell_m``; None: 1.4, or 1.2 with Poisson.
         trim_spacings: surface further than this from every point is cut away; None: 1.75, or 2 with Poisson.
