@@ -36,7 +36,7 @@ void try_surface(Hostile& random) {
       expect(planes.best[row] >= planes.supports[row], "a cell is one of those around it");
     }
     const SurfaceNet net = surface_net(planes.means.data(), planes.normals.data(), planes.weights.data(),
-                                       planes.weights.size(), cell_m, 0.1 + 3.9 * std::fabs(random.real(1, 0)),
+                                       planes.weights.size(), points.data(), count, cell_m, 0.1 + 3.9 * std::fabs(random.real(1, 0)),
                                        0.1 + 3.9 * std::fabs(random.real(1, 0)));
     for (const double value : net.vertices) expect(std::isfinite(value), "a vertex is finite");
     for (const std::uint32_t corner : net.triangles) {

@@ -42,6 +42,7 @@ def surface_net(
     means: NDArray[np.float64],
     normals: NDArray[np.float64],
     weights: NDArray[np.float64],
+    near: NDArray[np.float64],
     cell_m: float,
     reach_cells: float,
     trim_cells: float,
@@ -57,7 +58,7 @@ def surface_net(
         return float((nearness * (normals * off).sum(axis=1)).sum() / nearness.sum())
 
     vertices: dict[Cell, NDArray[np.float64]] = {}
-    for cell in np.unique((np.floor(means / cell_m).astype(int)[:, None] + AROUND).reshape(-1, 3), axis=0):
+    for cell in np.unique((np.floor(near / cell_m).astype(int)[:, None] + AROUND).reshape(-1, 3), axis=0):
         at = [distance(cell + corner) for corner in CORNERS]
         if None in at:
             continue
@@ -68,7 +69,7 @@ def surface_net(
         ]
         if crossings:
             vertex = (cell + np.mean(crossings, axis=0)) * cell_m
-            if np.linalg.norm(means - vertex, axis=1).min() <= trim_cells * cell_m:
+            if np.linalg.norm(near - vertex, axis=1).min() <= trim_cells * cell_m:
                 vertices[tuple(cell.tolist())] = vertex
     quadrangles = []
     for cell in vertices:

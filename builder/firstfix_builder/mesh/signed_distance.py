@@ -54,6 +54,7 @@ def signed_distance_mesh(
     """
     try:
         means, normals, weights, supports, best = cell_planes(points, cell_m)
+        near = means
         if sampling is not None and places is not None and len(places):
             full = PLANE_CELLS * sampling.points_on(cell_m**2, cKDTree(places).query(means)[0])
             dense = (best >= CORE_SHARE * full) & (supports >= BORDER_SHARE * full)
@@ -62,7 +63,7 @@ def signed_distance_mesh(
             return Mesh.empty()
         normals = orient_normals(means, normals, places, sight_voxel_m)
         trim_cells = min(trim_m / cell_m, MOST_TRIM_CELLS)
-        vertices, triangles = surface_net(means, normals, weights, cell_m, REACH_CELLS, trim_cells)
+        vertices, triangles = surface_net(means, normals, weights, near, cell_m, REACH_CELLS, trim_cells)
     except ValueError as error:
         raise BuildFailed(f"no surface of cells of {cell_m:.3g} m: {error}") from None
     middle = vertices[triangles].mean(axis=1)
