@@ -1,4 +1,4 @@
-"""How densely a scanner that moves through a place samples its surfaces, as a map cloud shows it."""
+"""The density of points that a moving scanner leaves on a surface, by its range."""
 
 from __future__ import annotations
 

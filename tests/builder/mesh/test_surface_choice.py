@@ -1,4 +1,4 @@
-"""Which surface a cloud gets when the config leaves it open."""
+"""The surface that a cloud gets when the config says "auto"."""
 
 from __future__ import annotations
 
