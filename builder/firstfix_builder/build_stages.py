@@ -41,7 +41,7 @@ from .read_map.content_hash import content_hash
 from .self_test.localizability import draw_localizability
 from .self_test.reliability import draw_reliability
 from .self_test.run import run_self_test
-from .stage_files import engine_of, link, simulator_of, spacing_m_of
+from .stage_files import engine_of, link, simulator_of, spacing_m_of, trajectory_of
 from .templates.cluster import cluster_by_pairs, cluster_chunks, cluster_templates
 from .templates.fit_engine import fit_engine
 from .templates.fit_spacing import fitting_viewpoints, write_places
