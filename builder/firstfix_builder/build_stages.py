@@ -43,7 +43,7 @@ from .read_map.content_hash import content_hash
 from .self_test.localizability import draw_localizability
 from .self_test.reliability import draw_reliability
 from .self_test.run import run_self_test
-from .stage_files import engine_of, link, simulator_of, spacing_m_of
+from .stage_files import engine_of, link, simulator_of, spacing_m_of, trajectory_of
 from .templates.cluster import cluster_by_pairs, cluster_chunks, cluster_templates
 from .templates.fit_engine import fit_engine
 from .templates.fit_spacing import fitting_viewpoints, write_places
@@ -131,9 +131,10 @@ class BuildStages(StageRunner):
                     link(path, out / path.name)
             else:
                 points = np.load(read.directory / "points.npy")
-                write_tiled_mesh(block_meshes(run(mesh_chunks(points, self.config.reconstruct))), out)
+                chunks = mesh_chunks(points, trajectory_of(read), self.config.surface)
+                write_tiled_mesh(block_meshes(run(chunks)), out)
 
-        return self._chunked_stage("reconstruct_mesh", {"map": read}, self.config.reconstruct, produce)
+        return self._chunked_stage("reconstruct_mesh", {"map": read}, self.config.surface, produce)
 
     def sample_viewpoints(self, read: StageResult, mesh: StageResult) -> StageResult:
         """The sensor positions of the templates, and how far one sees from them."""

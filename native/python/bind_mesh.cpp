@@ -36,16 +36,19 @@ void bind_mesh(nb::module_& module) {
         const std::size_t cells = planes.weights.size();
         return std::make_tuple(array_of(std::move(planes.means), {cells, 3}),
                                array_of(std::move(planes.normals), {cells, 3}),
-                               array_of(std::move(planes.weights), {cells}));
+                               array_of(std::move(planes.weights), {cells}),
+                               array_of(std::move(planes.supports), {cells}),
+                               array_of(std::move(planes.best), {cells}));
       },
       "points"_a, "cell_m"_a);
   module.def(
       "surface_net",
-      [](Points means, Points normals, In<double, nb::shape<-1>> weights, double cell_m, double reach_cells,
-         double trim_cells) {
+      [](Points means, Points normals, In<double, nb::shape<-1>> weights, Points near, double cell_m,
+         double reach_cells, double trim_cells) {
         const std::size_t rows = means.shape(0);
         require(normals.shape(0) == rows && weights.shape(0) == rows, "there is not one normal and weight for each mean");
         require_cells(rows, cell_m);
+        require_cells(near.shape(0), cell_m);
         constexpr double kMostCells = 4.0;  // work and memory grow with its third power
         require(reach_cells > 0 && reach_cells <= kMostCells && trim_cells > 0 && trim_cells <= kMostCells,
                 "reach and trim are more than 0 and at most 4 cells");
@@ -56,13 +59,14 @@ void bind_mesh(nb::module_& module) {
         SurfaceNet net;
         {
           nb::gil_scoped_release release;
-          net = surface_net(means.data(), normals.data(), weights.data(), rows, cell_m, reach_cells, trim_cells);
+          net = surface_net(means.data(), normals.data(), weights.data(), rows, near.data(), near.shape(0), cell_m,
+                            reach_cells, trim_cells);
         }
         const std::size_t vertices = net.vertices.size() / 3, triangles = net.triangles.size() / 3;
         return std::make_tuple(array_of(std::move(net.vertices), {vertices, 3}),
                                array_of(std::move(net.triangles), {triangles, 3}));
       },
-      "means"_a, "normals"_a, "weights"_a, "cell_m"_a, "reach_cells"_a, "trim_cells"_a);
+      "means"_a, "normals"_a, "weights"_a, "near"_a, "cell_m"_a, "reach_cells"_a, "trim_cells"_a);
 }
 
 }  // namespace firstfix::python

@@ -31,8 +31,12 @@ void try_surface(Hostile& random) {
     double held = 0;
     for (const double weight : planes.weights) held += weight;
     expect(held <= static_cast<double>(count), "every point is in one cell");
+    for (std::size_t row = 0; row < planes.weights.size(); ++row) {
+      expect(planes.supports[row] >= planes.weights[row], "the points of a cell are around it");
+      expect(planes.best[row] >= planes.supports[row], "a cell is one of those around it");
+    }
     const SurfaceNet net = surface_net(planes.means.data(), planes.normals.data(), planes.weights.data(),
-                                       planes.weights.size(), cell_m, 0.1 + 3.9 * std::fabs(random.real(1, 0)),
+                                       planes.weights.size(), points.data(), count, cell_m, 0.1 + 3.9 * std::fabs(random.real(1, 0)),
                                        0.1 + 3.9 * std::fabs(random.real(1, 0)));
     for (const double value : net.vertices) expect(std::isfinite(value), "a vertex is finite");
     for (const std::uint32_t corner : net.triangles) {

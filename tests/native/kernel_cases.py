@@ -169,7 +169,7 @@ CASES: dict[str, Callable[[Any], Any]] = {
     "column_means": lambda native: native.column_means(np.column_stack([FEW, NORMALS]).astype(float), 0.7),
     "cell_planes": lambda native: native.cell_planes(STREET.astype(float), 0.6),
     "surface_net": lambda native: native.surface_net(
-        *native.cell_planes(STREET.astype(float), 0.6), 0.6, 2.0, 1.25
+        *native.cell_planes(STREET.astype(float), 0.6)[:3], STREET.astype(float)[::3], 0.6, 2.0, 1.25
     ),
     "SeenSurface": _seen_surface,
     "bundle_rays": lambda native: native.bundle_rays(NORMALS),

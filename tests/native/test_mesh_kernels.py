@@ -31,10 +31,12 @@ def towards(
 @pytest.mark.parametrize("seed", range(3))
 def test_planes_of_cells_are_those_of_the_reference(seed: int):
     points = room(700, seed)
-    means, normals, weights = native.cell_planes(points, CELL_M)
-    expected, axes, number, variance = oracle.cell_planes(points, CELL_M)
+    means, normals, weights, supports, best = native.cell_planes(points, CELL_M)
+    expected, axes, number, around, highest, variance = oracle.cell_planes(points, CELL_M)
     assert np.allclose(means, expected, atol=1e-12)
     assert (weights == number).all()
+    assert (supports == around).all()  # eighths: exact
+    assert (best == highest).all()
     clear = variance[:, 1] > 1.2 * variance[:, 0] + 1e-9
     assert clear.mean() > 0.8
     assert (np.abs((normals * axes).sum(axis=1))[clear] > 1 - 1e-6).all()
@@ -43,10 +45,11 @@ def test_planes_of_cells_are_those_of_the_reference(seed: int):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_net_is_that_of_the_reference(seed: int):
-    means, normals, weights = native.cell_planes(room(500, seed), CELL_M)
+    means, normals, weights, *_ = native.cell_planes(room(500, seed), CELL_M)
     normals = towards(means, normals, [-0.5, 0.0, 1.0])
-    vertices, triangles = native.surface_net(means, normals, weights, CELL_M, REACH, TRIM)
-    expected, quadrangles = oracle.surface_net(means, normals, weights, CELL_M, REACH, TRIM)
+    near = means[means[:, 1] < 0.3]
+    vertices, triangles = native.surface_net(means, normals, weights, near, CELL_M, REACH, TRIM)
+    expected, quadrangles = oracle.surface_net(means, normals, weights, near, CELL_M, REACH, TRIM)
     assert len(quadrangles) > 30
     cells = list(map(tuple, np.floor(vertices / CELL_M).astype(int).tolist()))
     assert sorted(cells) == sorted(expected)
@@ -66,9 +69,9 @@ def test_a_net_is_that_of_the_reference(seed: int):
 def test_triangles_face_free_space():
     points = room(3000, 7)
     points[:, 0] = -5  # a wall at x = -5, seen from the origin
-    means, normals, weights = native.cell_planes(points, CELL_M)
+    means, normals, weights, *_ = native.cell_planes(points, CELL_M)
     vertices, triangles = native.surface_net(
-        means, towards(means, normals, [0, 0, 1]), weights, CELL_M, REACH, TRIM
+        means, towards(means, normals, [0, 0, 1]), weights, means, CELL_M, REACH, TRIM
     )
     a, b, c = (vertices[triangles[:, corner]] for corner in range(3))
     assert (np.cross(b - a, c - a)[:, 0] > 0).all()
@@ -77,8 +80,8 @@ def test_triangles_face_free_space():
 def test_nothing_makes_nothing():
     for points in (np.zeros((0, 3)), np.ones((1, 3)), np.ones((2, 3))):
         planes = native.cell_planes(points, CELL_M)
-        assert [len(part) for part in planes] == [0, 0, 0]
-        assert [len(part) for part in native.surface_net(*planes, CELL_M, REACH, TRIM)] == [0, 0]
+        assert [len(part) for part in planes] == [0, 0, 0, 0, 0]
+        assert [len(part) for part in native.surface_net(*planes[:3], points, CELL_M, REACH, TRIM)] == [0, 0]
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf, 1e300, CELL_M * 2**20])
@@ -88,23 +91,26 @@ def test_points_that_have_no_cell_are_refused(wrong: float):
     with pytest.raises(ValueError, match="not finite, or too many cells away"):
         native.cell_planes(points, CELL_M)
     with pytest.raises(ValueError, match="not finite, or too many cells away"):
-        native.surface_net(points, np.zeros((9, 3)), np.ones(9), CELL_M, REACH, TRIM)
+        native.surface_net(points, np.zeros((9, 3)), np.ones(9), points[:3], CELL_M, REACH, TRIM)
+    with pytest.raises(ValueError, match="not finite, or too many cells away"):
+        native.surface_net(points[:3], np.zeros((3, 3)), np.ones(3), points, CELL_M, REACH, TRIM)
 
 
 def test_limits_are_checked():
-    planes = native.cell_planes(room(300, 1), CELL_M)
+    planes = native.cell_planes(room(300, 1), CELL_M)[:3]
     for cell_m in (0.0, -1.0, np.nan, np.inf, 1e-300):
         with pytest.raises(ValueError, match="edge of a cell"):
             native.cell_planes(room(300, 1), cell_m)
     for reach, trim in ((0, 1), (5, 1), (np.nan, 1), (1, 0), (1, 1e9), (1, np.nan)):
         with pytest.raises(ValueError, match="reach and trim"):
-            native.surface_net(*planes, CELL_M, reach, trim)
+            native.surface_net(*planes, planes[0], CELL_M, reach, trim)
     means, normals, weights = planes
+    near = means
     for bad in (np.nan, 1e9):
         with pytest.raises(ValueError, match="unit vector"):
-            native.surface_net(means, normals * bad, weights, CELL_M, REACH, TRIM)
+            native.surface_net(means, normals * bad, weights, near, CELL_M, REACH, TRIM)
     for bad in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(ValueError, match="weight"):
-            native.surface_net(means, normals, weights * bad, CELL_M, REACH, TRIM)
+            native.surface_net(means, normals, weights * bad, near, CELL_M, REACH, TRIM)
     with pytest.raises(ValueError, match="one normal and weight"):
-        native.surface_net(means, normals[1:], weights, CELL_M, REACH, TRIM)
+        native.surface_net(means, normals[1:], weights, near, CELL_M, REACH, TRIM)

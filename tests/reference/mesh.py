@@ -15,13 +15,15 @@ EDGES = [(low, high) for low in range(8) for high in range(8) if (CORNERS[high] 
          and (CORNERS[high] - CORNERS[low]).sum() == 1]  # fmt: skip
 
 
-def cell_planes(
-    points: NDArray[np.float64], cell_m: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Means (m, 3), normals (m, 3), weights (m,) and variances along the axes (m, 3) of the cells."""
+def cell_planes(points: NDArray[np.float64], cell_m: float) -> tuple[NDArray[np.float64], ...]:
+    """Columns of cells: means, normals, weights, supports, best supports around, variances along the axes."""
     cell, row = np.unique(np.floor(points / cell_m).astype(int), axis=0, return_inverse=True)
     row = row.ravel()
     first = np.unique(row, return_index=True)[1]
+    away = np.abs(cell[:, None] - cell[row])  # of each point from each cell
+    tent = np.where((away <= 1).all(axis=2), 0.5 ** away.sum(axis=2), 0)
+    around = (np.abs(cell[:, None] - cell) <= 1).all(axis=2)
+    best = np.where(around, tent.sum(axis=1), 0).max(axis=1)
     rows = []
     for number in np.argsort(first):
         off = np.abs(cell[row] - cell[number])
@@ -31,15 +33,16 @@ def cell_planes(
         weight = 0.5 ** off[near].sum(axis=1)
         away = points[near] - np.average(points[near], axis=0, weights=weight)
         variance, axes = np.linalg.eigh((weight * away.T) @ away / weight.sum())
-        rows.append((points[row == number].mean(axis=0), axes[:, 0], float((row == number).sum()), variance))
-    means, normals, weights, variances = (np.array(column) for column in zip(*rows, strict=True))
-    return means, normals, weights, variances
+        own = points[row == number]
+        rows.append((own.mean(axis=0), axes[:, 0], float(len(own)), weight.sum(), best[number], variance))
+    return tuple(np.array(column) for column in zip(*rows, strict=True))
 
 
 def surface_net(
     means: NDArray[np.float64],
     normals: NDArray[np.float64],
     weights: NDArray[np.float64],
+    near: NDArray[np.float64],
     cell_m: float,
     reach_cells: float,
     trim_cells: float,
@@ -55,7 +58,7 @@ def surface_net(
         return float((nearness * (normals * off).sum(axis=1)).sum() / nearness.sum())
 
     vertices: dict[Cell, NDArray[np.float64]] = {}
-    for cell in np.unique((np.floor(means / cell_m).astype(int)[:, None] + AROUND).reshape(-1, 3), axis=0):
+    for cell in np.unique((np.floor(near / cell_m).astype(int)[:, None] + AROUND).reshape(-1, 3), axis=0):
         at = [distance(cell + corner) for corner in CORNERS]
         if None in at:
             continue
@@ -66,7 +69,7 @@ def surface_net(
         ]
         if crossings:
             vertex = (cell + np.mean(crossings, axis=0)) * cell_m
-            if np.linalg.norm(means - vertex, axis=1).min() <= trim_cells * cell_m:
+            if np.linalg.norm(near - vertex, axis=1).min() <= trim_cells * cell_m:
                 vertices[tuple(cell.tolist())] = vertex
     quadrangles = []
     for cell in vertices:

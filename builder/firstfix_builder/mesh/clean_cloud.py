@@ -72,8 +72,8 @@ def point_spacing_m(points: NDArray[np.float64]) -> float:
     return float(np.median(nearest))
 
 
-def surface_spacing_m(points: NDArray[np.float64]) -> float:
-    """Edge of the square of surface that one point stands for, the median over the cloud.
+def surface_spacings_m(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Edges of the squares of surface that points of a sample stand for.
 
     From the distance to the eighth neighbour: on a raster it is the spacing of the raster, and unlike
     the nearest neighbour's it does not shrink where points fall at random.
@@ -85,4 +85,9 @@ def surface_spacing_m(points: NDArray[np.float64]) -> float:
     ring = ring[ring > 0]
     if len(ring) == 0:
         raise BuildFailed("the points of the map coincide")
-    return float(np.median(ring)) / RING_RADIUS
+    return ring / RING_RADIUS
+
+
+def surface_spacing_m(points: NDArray[np.float64]) -> float:
+    """Edge of the square of surface that one point stands for, the median over the cloud."""
+    return float(np.median(surface_spacings_m(points)))

@@ -18,16 +18,18 @@ from firstfix.errors import BuildFailed
 from ..execution.chunks import Arrays, Chunk
 from ..execution.stage_cache import StageResult
 from .blocks import Block, occupied_blocks
-from .clean_cloud import surface_spacing_m
+from .clean_cloud import surface_spacings_m
 from .mesh import Mesh
 from .places.steps import SPACING_STEPS, stepped
 from .places.tiled_points import TiledPoints
 from .poisson import Tile, poisson_tile
+from .sampling import Sampling
 from .signed_distance import signed_distance_mesh
 
 PLACE_STEP_M = 0.5
 SIGHT_RANGE_M = 100.0  # a scanner further than this from a block was not what saw it
 SIGHT_SPACINGS = 1.8
+MOST_THIN = 0.1  # of an even cloud's points
 
 
 @dataclass(frozen=True)
@@ -91,7 +93,13 @@ class MeshChunk(Chunk):
 
 @dataclass(frozen=True)
 class SignedDistanceChunk(MeshChunk):
-    """The surface of one block where the signed distance is zero."""
+    """The surface of one block where the signed distance is zero.
+
+    Attributes:
+        sampling: of the cloud; None where no place is known.
+    """
+
+    sampling: Sampling | None
 
     def _surface(self, points: NDArray[np.float64], places: NDArray[np.float64] | None, block: Block) -> Mesh:
         return signed_distance_mesh(
@@ -99,6 +107,7 @@ class SignedDistanceChunk(MeshChunk):
             places,
             block,
             cell_m=self.cell_m,
+            sampling=self.sampling,
             trim_m=self._trim_m,
             sight_voxel_m=SIGHT_SPACINGS * self.spacing_m,
         )
@@ -127,21 +136,39 @@ class PoissonChunk(MeshChunk):
         )
 
 
-def mesh_chunks(points: NDArray[np.float64], config: ReconstructConfig) -> list[MeshChunk]:
+def mesh_chunks(
+    points: NDArray[np.float64], trajectory: NDArray[np.float64] | None, config: ReconstructConfig
+) -> list[MeshChunk]:
     """The work for a cloud of (n, 3) cleaned points, block by block.
+
+    Args:
+        points: metres.
+        trajectory: (m, 4, 4) poses of the scanner, or None.
+        config: of the reconstruction.
 
     Raises:
         BuildFailed: too few points.
     """
     if len(points) < 100:
         raise BuildFailed(f"a map of {len(points)} points has no surface")
-    spacing_m = stepped(surface_spacing_m(points), SPACING_STEPS)
+    spacings_m = surface_spacings_m(points)
+    spacing_m = stepped(float(np.median(spacings_m)), SPACING_STEPS)
+    sampling = None
+    if trajectory is not None and len(trajectory):
+        sampling = Sampling.of(points, spacings_m, _thinned(trajectory[:, :3, 3]))
+    if config.surface == "auto":
+        is_thin = spacings_m > config.spacings_per_cell * spacing_m
+        known = sampling is not None or float(is_thin.mean()) <= MOST_THIN
+        config = config.model_copy(update={"surface": "signed-distance" if known else "poisson"})
     cell_m = config.cell_m or config.spacings_per_cell * spacing_m
-    work = PoissonChunk if config.surface == "poisson" else SignedDistanceChunk
-    return [
-        work(_pair(block.low), _pair(block.high), cell_m, spacing_m, config)
-        for block in occupied_blocks(points, config.tile_cells * cell_m)
-    ]
+    chunks: list[MeshChunk] = []
+    for block in occupied_blocks(points, config.tile_cells * cell_m):
+        common = _pair(block.low), _pair(block.high), cell_m, spacing_m, config
+        if config.surface == "poisson":
+            chunks.append(PoissonChunk(*common))
+        else:
+            chunks.append(SignedDistanceChunk(*common, sampling))
+    return chunks
 
 
 def block_meshes(parts: Iterable[Arrays]) -> Iterator[Mesh]:

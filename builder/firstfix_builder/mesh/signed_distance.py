@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from firstfix.errors import BuildFailed
 from firstfix.native import cell_planes, surface_net
@@ -16,7 +17,11 @@ from firstfix.native import cell_planes, surface_net
 from .blocks import Block
 from .mesh import Mesh
 from .orient_normals import orient_normals
+from .sampling import Sampling
 
+PLANE_CELLS = 4.0  # around a cell of a plane are the points of so many cells, as cell_planes counts
+CORE_SHARE = 1 / 2  # of the points that a surface has at this range
+BORDER_SHARE = 1 / 3  # of these, beside such a cell: at an edge, or in a gap
 REACH_CELLS = 2.0  # less leaves holes at the foot of walls and between sparse rings, more rounds corners
 MOST_TRIM_CELLS = 4.0
 
@@ -27,6 +32,7 @@ def signed_distance_mesh(
     block: Block,
     *,
     cell_m: float,
+    sampling: Sampling | None,
     trim_m: float,
     sight_voxel_m: float,
 ) -> Mesh:
@@ -39,6 +45,7 @@ def signed_distance_mesh(
         places: (m, 3) where the scanner was, or None.
         block: what the result answers for.
         cell_m: edge of a cell.
+        sampling: of the cloud; None: thin surface stays wherever it is.
         trim_m: surface further than this from the points goes.
         sight_voxel_m: grain of the line-of-sight test that orients the normals.
 
@@ -46,12 +53,17 @@ def signed_distance_mesh(
         BuildFailed: a point is over a million cells away from the origin.
     """
     try:
-        means, normals, weights = cell_planes(points, cell_m)
+        means, normals, weights, supports, best = cell_planes(points, cell_m)
+        near = means
+        if sampling is not None and places is not None and len(places):
+            full = PLANE_CELLS * sampling.points_on(cell_m**2, cKDTree(places).query(means)[0])
+            dense = (best >= CORE_SHARE * full) & (supports >= BORDER_SHARE * full)
+            means, normals, weights = means[dense], normals[dense], weights[dense]
         if len(means) == 0:
             return Mesh.empty()
         normals = orient_normals(means, normals, places, sight_voxel_m)
         trim_cells = min(trim_m / cell_m, MOST_TRIM_CELLS)
-        vertices, triangles = surface_net(means, normals, weights, cell_m, REACH_CELLS, trim_cells)
+        vertices, triangles = surface_net(means, normals, weights, near, cell_m, REACH_CELLS, trim_cells)
     except ValueError as error:
         raise BuildFailed(f"no surface of cells of {cell_m:.3g} m: {error}") from None
     middle = vertices[triangles].mean(axis=1)

@@ -45,9 +45,9 @@ class ReconstructConfig(Stage):
     """Reconstruction of the surface. Lengths follow the point spacing unless given.
 
     Attributes:
-        surface: "poisson": screened Poisson; "signed-distance": where the distance from the planes of the
-            cloud's cells is zero. It takes a small part of Poisson's time. It is at least as exact where the
-            cloud is dense, and keeps more of the stray points of a thin one.
+        surface: "signed-distance": where the distance from the planes of the cloud's cells is zero;
+            "poisson": screened Poisson, which takes ten times as long; "auto": Poisson for the paper's
+            method, and for an uneven cloud without a trajectory, otherwise the signed distance.
         cell_m: edge of the finest cell; None: ``cell_spacings`` point spacings.
         cell_spacings: see ``cell_m``; None: 1.4, or 1.2 with Poisson.
         trim_spacings: surface further than this from every point is cut away; None: 1.75, or 2 with Poisson.
@@ -57,7 +57,7 @@ class ReconstructConfig(Stage):
         margin_cells: margin that a tile reads around itself, so that neighbours agree at their border.
     """
 
-    surface: Literal["poisson", "signed-distance"] = "poisson"
+    surface: Literal["auto", "signed-distance", "poisson"] = "auto"
     cell_m: float | None = Field(None, gt=0, le=10)
     cell_spacings: float | None = Field(None, gt=0, le=20)
     trim_spacings: float | None = Field(None, gt=0, le=100)
@@ -70,12 +70,12 @@ class ReconstructConfig(Stage):
     @property
     def spacings_per_cell(self) -> float:
         """Edge of the finest cell in point spacings."""
-        return self.cell_spacings or {"signed-distance": 1.4, "poisson": 1.2}[self.surface]
+        return self.cell_spacings or (1.2 if self.surface == "poisson" else 1.4)
 
     @property
     def trimmed_spacings(self) -> float:
         """Distance in point spacings beyond which surface is cut away."""
-        return self.trim_spacings or {"signed-distance": 1.75, "poisson": 2.0}[self.surface]
+        return self.trim_spacings or (2.0 if self.surface == "poisson" else 1.75)
 
 
 class ViewpointConfig(Stage):
@@ -213,6 +213,13 @@ class BuildConfig(Stage):
     def sensor_model(self) -> SensorModel:
         """Model of the sensor."""
         return _sensor(self.sensor)
+
+    @property
+    def surface(self) -> ReconstructConfig:
+        """Reconstruction of the surface. The paper's method has Poisson's unless another is named."""
+        if self.engine.method == "paper" and self.reconstruct.surface == "auto":
+            return self.reconstruct.model_copy(update={"surface": "poisson"})
+        return self.reconstruct
 
     @classmethod
     def parse(cls, data: Any) -> BuildConfig:

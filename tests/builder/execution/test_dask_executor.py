@@ -133,7 +133,7 @@ def test_a_cloud_becomes_the_same_mesh(cluster: DaskCluster, tmp_path: Path, sur
     (tmp_path / "map").mkdir()
     TiledPoints.of(points).save(tmp_path / "map")
     read = StageResult("9" * 64, tmp_path / "map", "a" * 64)
-    chunks = mesh_chunks(points, ReconstructConfig(surface=surface, tile_cells=40))
+    chunks = mesh_chunks(points, None, ReconstructConfig(surface=surface, tile_cells=40))
     assert len(chunks) >= 4
 
     with DaskExecutor(cluster.address, str(tmp_path / "store")) as executor:

@@ -31,8 +31,8 @@ def reconstruct_mesh(
         TiledPoints.of(points).save(Path(folder))
         if trajectory is not None:
             np.save(Path(folder) / "trajectory.npy", trajectory)
-        parts = [chunk.run({"map": Path(folder)}) for chunk in mesh_chunks(points, config)]
-        return Mesh.joined(block_meshes(parts))
+        chunks = mesh_chunks(points, trajectory, config)
+        return Mesh.joined(block_meshes(chunk.run({"map": Path(folder)}) for chunk in chunks))
 
 
 @pytest.fixture(scope="module")

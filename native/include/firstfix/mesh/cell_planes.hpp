@@ -2,6 +2,7 @@
 // around it.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -16,6 +17,8 @@ struct CellPlanes {
   std::vector<double> means;    // x, y, z
   std::vector<double> normals;  // unit, of unknown sign
   std::vector<double> weights;  // points in the cell
+  std::vector<double> supports;  // points around the cell, nearer ones more: in a plane, those of four cells
+  std::vector<double> best;      // the largest support of the 27 cells around
 };
 
 namespace detail {
@@ -78,6 +81,8 @@ inline CellPlanes cell_planes(const double* points, std::size_t count, double ce
     own[static_cast<std::size_t>(row)].add(from_centre);
   }
   CellPlanes planes;
+  std::vector<std::size_t> with_plane;
+  std::vector<double> support(cells.size());
   for (std::size_t row = 0; row < cells.size(); ++row) {
     Moments around;
     double number = 0;
@@ -93,13 +98,28 @@ inline CellPlanes cell_planes(const double* points, std::size_t count, double ce
         }
       }
     }
+    support[row] = around.count;
     if (number < 3) continue;
+    with_plane.push_back(row);
     const detail::Vector3 normal = detail::smallest_eigenvector(around.covariance()).vector;
     for (std::size_t axis = 0; axis < 3; ++axis) {
       planes.means.push_back(centre(cells[row][axis]) + own[row].sum[axis] / own[row].count);
       planes.normals.push_back(normal[axis]);
     }
     planes.weights.push_back(own[row].count);
+    planes.supports.push_back(around.count);
+  }
+  for (const std::size_t row : with_plane) {
+    double best = 0;
+    for (std::int32_t x = -1; x <= 1; ++x) {
+      for (std::int32_t y = -1; y <= 1; ++y) {
+        for (std::int32_t z = -1; z <= 1; ++z) {
+          const std::int32_t other = row_of.get(beside(cells[row], x, y, z));
+          if (other >= 0) best = std::max(best, support[static_cast<std::size_t>(other)]);
+        }
+      }
+    }
+    planes.best.push_back(best);
   }
   return planes;
 }

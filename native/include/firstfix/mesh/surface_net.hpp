@@ -85,15 +85,17 @@ inline bool crossing(const BrickGrid<Distance>& corner, const CellIndex& cell, s
 
 }  // namespace detail
 
-// Rows of means, unit normals towards free space, and weights > 0. A vertex stays where one of the means is within
+// Rows of means, unit normals towards free space, and weights > 0. A vertex stays where one of the places near is within
 // trim_cells of it. Throws as cell_of does.
 inline SurfaceNet surface_net(const double* means, const double* normals, const double* weights, std::size_t count,
-                              double cell_m, double reach_cells, double trim_cells) {
+                              const double* near, std::size_t near_count, double cell_m, double reach_cells,
+                              double trim_cells) {
   BrickGrid<std::int32_t> first(-1), vertex(-1);
-  std::vector<std::int32_t> next(count, -1);  // rows of one cell, as a list
-  std::vector<CellIndex> cells(count);
-  for (std::size_t row = 0; row < count; ++row) {
-    cells[row] = cell_of(means + 3 * row, cell_m);
+  std::vector<std::int32_t> next(near_count, -1);  // rows of one cell, as a list
+  std::vector<CellIndex> cells(near_count);
+  for (std::size_t row = 0; row < count; ++row) cell_of(means + 3 * row, cell_m);  // throws
+  for (std::size_t row = 0; row < near_count; ++row) {
+    cells[row] = cell_of(near + 3 * row, cell_m);
     std::int32_t& head = first.at(cells[row]);
     next[row] = head;
     head = static_cast<std::int32_t>(row);
@@ -106,8 +108,8 @@ inline SurfaceNet surface_net(const double* means, const double* normals, const 
       for (std::int32_t y = -wide; y <= wide; ++y) {
         for (std::int32_t z = -wide; z <= wide; ++z) {
           for (std::int32_t row = first.get(beside(cell, x, y, z)); row >= 0; row = next[static_cast<std::size_t>(row)]) {
-            const double* mean = means + 3 * static_cast<std::size_t>(row);
-            const double off[3] = {mean[0] - at[0], mean[1] - at[1], mean[2] - at[2]};
+            const double* place = near + 3 * static_cast<std::size_t>(row);
+            const double off[3] = {place[0] - at[0], place[1] - at[1], place[2] - at[2]};
             if (off[0] * off[0] + off[1] * off[1] + off[2] * off[2] <= most) return true;
           }
         }
@@ -118,7 +120,7 @@ inline SurfaceNet surface_net(const double* means, const double* normals, const 
   SurfaceNet net;
   std::vector<CellIndex> holds;
   constexpr std::int32_t kSeen = -2;  // looked at, and without a vertex
-  for (std::size_t row = 0; row < count; ++row) {
+  for (std::size_t row = 0; row < near_count; ++row) {
     for (std::int32_t x = -1; x <= 1; ++x) {
       for (std::int32_t y = -1; y <= 1; ++y) {
         for (std::int32_t z = -1; z <= 1; ++z) {
