@@ -38,3 +38,18 @@ def test_points_that_are_not_finite_do_not_count():
 def test_a_map_without_end_is_refused():
     with pytest.raises(BuildFailed, match="too large"):
         level_frame(np.concatenate([ROOM, [[1e18, 0, 0]]]))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_change_of_a_part_does_not_turn_the_map(seed: int):
+    """Else nothing of the version before could be used again."""
+    R_map_level = Rotation.from_euler("XY", [2.1, -1.3], degrees=True).as_matrix()
+    rng = np.random.default_rng(seed)
+    rough = np.concatenate([ROOM] * 3) + rng.normal(0, 0.04, (3 * len(ROOM), 3))
+    low = rng.uniform(2, 16, 2)
+    inside = ((rough[:, :2] > low) & (rough[:, :2] < low + 2.0)).all(axis=1)
+    things = np.column_stack([rng.uniform(low, low + 2.0, (400, 2)), rng.uniform(0, 1.5, 400)])
+    before, after = (
+        level_frame(part @ R_map_level.T) for part in (rough, np.concatenate([rough[~inside], things]))
+    )
+    assert np.array_equal(before, after)
