@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..mesh.places.chance import chance_of
+
 
 def rows_by_place(
     points: NDArray[np.floating], at_most: int, cell_m: float, seed: int = 0
@@ -41,24 +43,13 @@ def rows_by_hash(points: NDArray[np.floating], at_most: int, cell_m: float) -> N
     if len(points) <= at_most:
         return np.arange(len(points))
     cell = cells_of(points, cell_m)
-    chance = _hashed(np.rint(np.asarray(points, np.float64) * 1000).astype(np.int64))
+    chance = chance_of(points, seed=0)
     by_cell = np.lexsort((chance, *cell.T[::-1]))  # within a cell: by chance
     new = np.append(True, np.any(np.diff(cell[by_cell], axis=0) != 0, axis=1))
     rows = np.arange(len(points))
     turn = np.empty(len(points), np.int64)  # of each point: how many of its cell come before it
     turn[by_cell] = rows - np.maximum.accumulate(np.where(new, rows, 0))
     return np.sort(np.lexsort((chance, turn))[:at_most])
-
-
-def _hashed(numbers: NDArray[np.int64]) -> NDArray[np.uint64]:
-    """(n,) 64 bits, as good as chance, of each of (n, k) rows of whole numbers (splitmix64)."""
-    mixed = np.zeros(len(numbers), np.uint64)
-    for column in numbers.T:
-        mixed += column.astype(np.uint64) + np.uint64(0x9E3779B97F4A7C15)
-        mixed = (mixed ^ (mixed >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-        mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-        mixed ^= mixed >> np.uint64(31)
-    return mixed
 
 
 def cells_of(points: NDArray[np.floating], cell_m: float) -> NDArray[np.int64]:
