@@ -183,5 +183,5 @@ def test_a_mesh_is_no_session(tmp_path, work, first):
     (folder / "sessions.yaml").write_text(
         json.dumps({"sessions": [{"source": "s0/cloud.npy"}, {"source": "wall.obj"}]})
     )
-    with pytest.raises(MalformedData, match=r"session wall\.obj: a mesh"):
+    with pytest.raises(MalformedData, match=r"session wall\.obj: it is a mesh"):
         read_map(folder, work)

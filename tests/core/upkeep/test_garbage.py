@@ -126,6 +126,7 @@ def test_an_upload_that_goes_on_is_young(catalog: Catalog, monkeypatch: pytest.M
     assert remove_abandoned(catalog, older_than_s=-5).count == 2
 
 
+@pytest.mark.usefixtures("frequent_snapshots")
 def test_entries_that_snapshots_have_summed_up_go(catalog: Catalog, tmp_path: Path):
     for name in ("one", "two"):
         publish(catalog, tmp_path, name)
