@@ -29,7 +29,7 @@ class ScaleStages(BuildStages):
         took: by stage, of those asked for so far.
     """
 
-    work: Path
+    work: Path = field(kw_only=True)
     took: dict[str, Cost] = field(default_factory=dict)
 
     @classmethod
@@ -45,7 +45,7 @@ class ScaleStages(BuildStages):
             lambda: False,
             config,
             threads,
-            work,
+            work=work,
         )
 
     def _stage(
