@@ -31,7 +31,7 @@ from .seen_voxels import seen_voxels
 
 STEP_M = 0.1  # between the points that are seen
 RAYS, RAYS_ALL_ROUND = 12_288, 4096
-TEMPLATES_A_VIEW = 4  # of a cell with few templates
+TEMPLATES_A_VIEW = 3  # in rooms, where they stand half a metre apart, a cell then has twelve views
 CELL_HEIGHT_M = 3.0  # storeys count as places of their own
 NEAR_M = 15.0
 SHARED_M = 512.0  # edge of the tiles whose chunks share a part of the mesh
@@ -56,7 +56,7 @@ class Reach:
     within_m: float
 
 
-NEAR = Reach(16.0, 3.0, 2, 0.0, NEAR_M)
+NEAR = Reach(16.0, 3.0, 12, 0.0, NEAR_M)
 FAR = Reach(64.0, 6.0, 2, NEAR_M, np.inf)
 REACHES = (NEAR, FAR)
 PROVISIONAL_REACHES = (Reach(64.0, 6.0, 1, 0.0, np.inf),)
