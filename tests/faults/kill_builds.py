@@ -107,7 +107,7 @@ def kill_builds(
         open_builds = list(posted)
         deadline = time.monotonic() + end_s
         while open_builds and time.monotonic() < deadline:
-            open_builds = [b for b in catalog.build_ids() if _state(catalog, b) not in FINAL_STATES]
+            open_builds = [b for b in _recorded(catalog) if _state(catalog, b) not in FINAL_STATES]
             time.sleep(0.2)
         time.sleep(0.2)
     finally:
@@ -121,11 +121,11 @@ def kill_builds(
         "seconds": round(time.monotonic() - began, 1),
         "kills": dict(killed),
         "builds_taken": len(posted),
-        "builds_on_record": len(catalog.build_ids()),
-        "attempts": sum(_attempts(catalog, build_id) for build_id in catalog.build_ids()),
+        "builds_on_record": len(_recorded(catalog)),
+        "attempts": sum(_attempts(catalog, build_id) for build_id in _recorded(catalog)),
         "versions_verified": len(reader.verified),
-        "not_succeeded": {b: s for b in catalog.build_ids() if (s := _state(catalog, b)) != "succeeded"}
-        | {b: "lost" for b in posted if b not in catalog.build_ids()},
+        "not_succeeded": {b: s for b in _recorded(catalog) if (s := _state(catalog, b)) != "succeeded"}
+        | {b: "lost" for b in posted if b not in _recorded(catalog)},
         "broken": reader.broken,
         "published_twice": _published_twice(catalog),
         "left_before_gc": len(_orphans(catalog)),
@@ -188,6 +188,11 @@ def _kill_one(deployment: Deployment, rng: random.Random) -> str:
     return member.name
 
 
+def _recorded(catalog: Catalog) -> list[str]:
+    """Ids of the builds with a record. A kill while it is written leaves a folder without one."""
+    return [one for one in catalog.build_ids() if catalog.store.exists(f"builds/{one}/request.json")]
+
+
 def _state(catalog: Catalog, build_id: str) -> str:
     return str(catalog.build_status(build_id)["state"])
 
@@ -208,7 +213,7 @@ def _published_twice(catalog: Catalog) -> list[str]:
 def _orphans(catalog: Catalog) -> list[str]:
     """Files of the store that no version, no build and no log refers to."""
     store = catalog.store
-    referred = {str(catalog.build_request(b)["source"]["key"]) for b in catalog.build_ids()}
+    referred = {str(catalog.build_request(b)["source"]["key"]) for b in _recorded(catalog)}
     kept = {key for folder in ("changes", "checked", "callers") for key in store.list(folder)}
     for map_id in catalog.map_ids():
         for version in catalog.state(map_id).published:
@@ -217,7 +222,7 @@ def _orphans(catalog: Catalog) -> list[str]:
             kept |= {f"{folder}/manifest.json", *(f"{folder}/{name}" for name in names)}
         kept |= {*store.list(f"maps/{map_id}/log"), *store.list(f"maps/{map_id}/snapshots")}
     builds = set(store.list("builds"))
-    root = store.local_path(f"builds/{catalog.build_ids()[0]}/request.json")
+    root = store.local_path(f"builds/{_recorded(catalog)[0]}/request.json")
     assert root is not None
     root = root.parents[2]
     on_disk = {path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file()}
