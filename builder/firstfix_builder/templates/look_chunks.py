@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from hashlib import sha256
@@ -53,8 +54,9 @@ class PlacesChunk(TileChunk):
         return positions, floor_z
 
     @property
+    @abstractmethod
     def _rows(self) -> slice | list[int]:
-        raise NotImplementedError
+        """Rows of the places."""
 
     @property
     def _reach_m(self) -> float:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..mesh.places.chance import chance_of
+from ..mesh.places.runs import rank_in_run
 
 
 def rows_by_place(
@@ -45,10 +46,8 @@ def rows_by_hash(points: NDArray[np.floating], at_most: int, cell_m: float) -> N
     cell = cells_of(points, cell_m)
     chance = chance_of(points, seed=0)
     by_cell = np.lexsort((chance, *cell.T[::-1]))  # within a cell: by chance
-    new = np.append(True, np.any(np.diff(cell[by_cell], axis=0) != 0, axis=1))
-    rows = np.arange(len(points))
     turn = np.empty(len(points), np.int64)  # of each point: how many of its cell come before it
-    turn[by_cell] = rows - np.maximum.accumulate(np.where(new, rows, 0))
+    turn[by_cell] = rank_in_run(cell[by_cell])
     return np.sort(np.lexsort((chance, turn))[:at_most])
 
 

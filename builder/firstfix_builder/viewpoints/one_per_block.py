@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..mesh.places.runs import begins_run
+
 STOREY_GAP_M = 1.0
 
 
@@ -50,7 +52,7 @@ def one_per_block(
     block = np.floor(xy_m / side_m).astype(np.int64)
     place = np.column_stack([np.zeros(len(z), np.int64) if part is None else part, block])
     order = np.lexsort((spots.low_z, place[:, 2], place[:, 1], place[:, 0]))
-    new_place = np.append(True, np.any(np.diff(place[order], axis=0) != 0, axis=1))[: len(z)]
+    new_place = begins_run(place[order])
     below = spots.high_z[order[_highest_so_far(spots.high_z[order], np.cumsum(new_place))]]
     new_storey = np.append(True, spots.low_z[order][1:] - below[:-1] > STOREY_GAP_M)[: len(z)]
     group = np.zeros(len(z), np.int64)

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from firstfix.builds.config import ViewpointConfig
 
+from ..mesh.places.runs import rank_in_run
 from ..simulation.simulate import Simulator
 from .floors import Grid, Surfaces, find_surfaces, fit_planes
 from .one_per_block import Spots, one_per_block
@@ -176,11 +177,8 @@ def _standing(
 
 def _numbers(grid: Grid, floors: Surfaces) -> NDArray[np.int64]:
     """(n,) number of each floor, by its column and its place in it: the same from every tile."""
-    new = np.append(True, np.any(np.diff(floors.column, axis=0) != 0, axis=1))[: len(floors)]
-    rows = np.arange(len(floors))
-    rank = rows - np.maximum.accumulate(np.where(new, rows, 0)) if len(rows) else rows
     column = floors.column + grid.low + MAX_COLUMN
-    numbers: NDArray[np.int64] = (column[:, 0] << 35) | (column[:, 1] << 8) | rank
+    numbers: NDArray[np.int64] = (column[:, 0] << 35) | (column[:, 1] << 8) | rank_in_run(column)
     return numbers
 
 

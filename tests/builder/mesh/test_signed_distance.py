@@ -87,7 +87,7 @@ def test_a_door_stays_open():
     door = (np.abs(wall[:, 1]) < 0.45) & (wall[:, 2] < 2)
     mesh = surface(wall[~door], [[0, 0, 1]])
     assert np.isinf(ranges(mesh, grid([0, -0.3, 0.2], [0, 0.3, 1.8]), [1, 0, 0])).all()
-    assert np.isfinite(ranges(mesh, grid([0, 0.6, 0.2], [0, 1.8, 2.3]), [1, 0, 0])).mean() > 0.99
+    assert np.isfinite(ranges(mesh, grid([0, 0.6, 0.2], [0, 1.8, 2.3]), [1, 0, 0])).all()
 
 
 def test_rings_that_are_two_spacings_apart_close():

@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 from firstfix.portable.sample import hashed
 
+from .runs import begins_run, rank_in_run
+
 _SPREAD = np.uint32(0x9E3779B1)
 
 
@@ -34,11 +36,9 @@ def rows_by_cell(
     """
     cell = np.floor(np.asarray(points, np.float64) / cell_m).astype(np.int64)
     order = np.lexsort((*points.T, chance_of(points, seed), *cell.T))
-    new = np.any(np.diff(cell[order], axis=0, prepend=cell[order[:1]] - 1) != 0, axis=1)
-    first = np.flatnonzero(new)
-    count = np.diff(first, append=len(points))
-    turn = np.arange(len(points)) - np.repeat(first, count)
-    return np.sort(order[turn < np.repeat(np.minimum(-(-count // one_of), at_most), count)])
+    count = np.diff(np.flatnonzero(begins_run(cell[order])), append=len(points))
+    most = np.repeat(np.minimum(-(-count // one_of), at_most), count)
+    return np.sort(order[rank_in_run(cell[order]) < most])
 
 
 def rows_by_rank(points: NDArray[np.floating], at_most: int, seed: int = 0) -> NDArray[np.int64]:

@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from .runs import begins_run
+
 CELL_M = 4.0
 FILE = "surface_cells.npz"
 GROUP = 64  # cells side by side that are looked at together
@@ -42,7 +44,7 @@ class SurfaceCells:
         order = np.lexsort(number.T[::-1])
         number = number[order]
         corners = vertices[triangles[order]].astype(np.float32)  # (t, 3, 3)
-        first = np.flatnonzero(np.any(np.diff(number, axis=0, prepend=number[:1] - 1) != 0, axis=1))
+        first = np.flatnonzero(begins_run(number))
         ends = [*first.tolist(), len(corners)]
         found = b"".join(hashlib.sha256(corners[a:b].tobytes()).digest() for a, b in pairwise(ends))
         return cls(

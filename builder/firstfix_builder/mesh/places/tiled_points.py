@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from .runs import begins_run
+
 TILE_M = 8.0
 _POINTS, _TILES = "points.npy", "point_tiles.npz"
 
@@ -36,7 +38,7 @@ class TiledPoints:
         number = np.floor(points[:, :2] / TILE_M).astype(np.int64)
         order = np.lexsort((number[:, 1], number[:, 0]))
         ordered, number = points[order], number[order]
-        first = np.flatnonzero(np.any(np.diff(number, axis=0, prepend=number[:1] - 1) != 0, axis=1))
+        first = np.flatnonzero(begins_run(number))
         start = np.append(first, len(points)).astype(np.int64)
         found = [hashlib.sha256(ordered[a:b].tobytes()).digest() for a, b in pairwise(start.tolist())]
         return cls(ordered, number[first], start, np.frombuffer(b"".join(found), np.uint8).reshape(-1, 32))
