@@ -34,13 +34,20 @@ def other_faces(surface: Surface, reach_m: float) -> NDArray[np.int32]:
                 away_m, nearest = tree.query(surface.points[asking], distance_upper_bound=reach_m)
                 near = np.isfinite(away_m)
                 found[asking[near]] = facing_back[nearest[near]]
-    cosine = np.einsum("ij,ij->i", surface.normals, surface.normals[found])
-    found[cosine > FACES_BACK] = -1
+    for start in range(0, len(found), PART):
+        part = slice(start, start + PART)
+        cosine = np.einsum("ij,ij->i", surface.normals[part], surface.normals[found[part]])
+        found[part][cosine > FACES_BACK] = -1
     return found
 
 
-def _ways(surface: Surface) -> NDArray[np.intp]:
+def _ways(surface: Surface) -> NDArray[np.int8]:
     """The main axis (n,) of each normal: 0 to 2 forwards, 3 to 5 backwards, 6: not known which."""
-    axis = np.abs(surface.normals).argmax(axis=1)
-    along = surface.normals[np.arange(len(surface)), axis]
-    return np.where(surface.oriented, axis + _AXES * (along < 0), 2 * _AXES)
+    ways = np.full(len(surface), 2 * _AXES, np.int8)
+    for start in range(0, len(surface), PART):
+        normals = surface.normals[start : start + PART]
+        axis = np.abs(normals).argmax(axis=1)
+        backwards = normals[np.arange(len(normals)), axis] < 0
+        ways[start : start + PART] = axis + _AXES * backwards
+    ways[~surface.oriented] = 2 * _AXES
+    return ways

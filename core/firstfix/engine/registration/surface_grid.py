@@ -74,6 +74,7 @@ class SurfaceGrid:
     @classmethod
     def of(cls, surface: Surface, cell_m: float) -> SurfaceGrid:
         """Grid of a surface."""
+        behind = other_faces(surface, 2 * cell_m)  # first: it takes much memory for itself
         cells = CellsOf.points(surface.points, cell_m)
         planes = np.empty((len(surface), 4), np.float32)
         planes[:, :3] = surface.normals
@@ -82,7 +83,7 @@ class SurfaceGrid:
             planes[rows, 3] = np.einsum("ij,ij->i", surface.normals[rows], away)
         group, block = tables_around(cells)
         point = nearest_points(cells, group, block)
-        cell, behind = np.array([cell_m], np.float32), other_faces(surface, 2 * cell_m)
+        cell = np.array([cell_m], np.float32)
         return cls(cell, cells.corner, planes, surface.oriented, behind, group, block, point)
 
     def nearest(self, points: NDArray[np.float32]) -> NDArray[np.int32]:
