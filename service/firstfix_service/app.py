@@ -20,7 +20,9 @@ from .http_api.request_log import RequestLog
 from .http_api.routes import (
     build_events,
     builds,
+    caller,
     changes,
+    cloud,
     garbage,
     georeference,
     localize,
@@ -35,7 +37,7 @@ from .startup.retry import PlainStartError, RetryingStart
 from .telemetry.metrics import Metrics
 from .telemetry.request_scope import Requests
 
-_OF_THE_STORE = (maps, versions, changes, georeference, uploads, builds, build_events, garbage)
+_OF_THE_STORE = (maps, versions, cloud, changes, georeference, uploads, builds, build_events, garbage)
 _PROBLEM = {
     "description": "a problem document (RFC 9457) with a stable `code`",
     "content": {
@@ -87,6 +89,7 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
     app.state.draining = asyncio.Event()
     localize.add_route(app)
     app.include_router(operations.router)
+    app.include_router(caller.router)
     for module in _OF_THE_STORE:
         app.include_router(module.router, dependencies=[Depends(refuse_changes)])
     problems.add_handlers(app)

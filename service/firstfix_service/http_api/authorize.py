@@ -35,6 +35,9 @@ SCOPES: dict[str, Scope | None] = {
     "get_version": Scope.LOCALIZE,
     "get_report": Scope.LOCALIZE,
     "get_picture": Scope.LOCALIZE,
+    "get_cloud": Scope.LOCALIZE,
+    "get_cloud_points": Scope.LOCALIZE,
+    "get_caller": Scope.LOCALIZE,
     "get_georeference": Scope.LOCALIZE,
     "get_changes": Scope.LOCALIZE,
     "post_map": Scope.BUILD,
@@ -53,6 +56,7 @@ SCOPES: dict[str, Scope | None] = {
     "get_build_events": Scope.BUILD,
     "cancel_build": Scope.BUILD,
     "retire": Scope.ADMIN,
+    "delete_map": Scope.ADMIN,
     "collect_garbage_of_map": Scope.ADMIN,
     "collect_all_garbage": Scope.ADMIN,
 }
@@ -63,6 +67,7 @@ LIMITED = {
     "activate": "change",
     "roll_back": "change",
     "retire": "change",
+    "delete_map": "change",
     "put_georeference": "change",
     "delete_georeference": "change",
 }
