@@ -28,6 +28,7 @@ from .http_api.routes import (
     localize,
     maps,
     operations,
+    samples,
     uploads,
     versions,
 )
@@ -37,7 +38,18 @@ from .startup.retry import PlainStartError, RetryingStart
 from .telemetry.metrics import Metrics
 from .telemetry.request_scope import Requests
 
-_OF_THE_STORE = (maps, versions, cloud, changes, georeference, uploads, builds, build_events, garbage)
+_OF_THE_STORE = (
+    maps,
+    versions,
+    cloud,
+    changes,
+    georeference,
+    uploads,
+    builds,
+    build_events,
+    samples,
+    garbage,
+)
 _PROBLEM = {
     "description": "a problem document (RFC 9457) with a stable `code`",
     "content": {

@@ -11,6 +11,7 @@ from fastapi import Depends, Request
 from firstfix.builds.caller_usage import CallerUsage
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.georeferences import Georeferences
+from firstfix.catalog.query_samples import QuerySamples
 from firstfix.catalog.uploads.uploads import Uploads
 
 from ..auth.authenticate import Authenticator
@@ -61,6 +62,7 @@ class Parts:
     georeferences: Georeferences
     georeference_cache: GeoreferenceCache
     sightings: SightingsKeeper
+    samples: QuerySamples
     closing: asyncio.Event
 
 

@@ -114,8 +114,9 @@ async def compose(
         metrics.holding_replicas.set_function(lambda: len(placement.replicas))
     bodies = BodyReader(settings.max_body_bytes, settings.max_inflight_bytes, settings.body_timeout_s)
     metrics.body_bytes.set_function(lambda: bodies.inflight_bytes)
-    samples = await _start_samples(settings, store, metrics, stack)
-    recorder = QueryRecorder(metrics, requests, samples)
+    samples = await _open_samples(settings, store, metrics)
+    sampler = _start_sampler(settings, samples, metrics, stack)
+    recorder = QueryRecorder(metrics, requests, sampler)
     limit = settings.max_decoded_bytes
     use_case = LocalizeUseCase(maps, pool, workers, recorder, max_decoded_bytes=limit)
     health = Health(maps, pool, metrics)
@@ -159,6 +160,7 @@ async def compose(
         georeferences,
         GeoreferenceCache(georeferences, settings.georeference_ttl_s),
         sightings,
+        samples,
         closing,
     )
     update_zenoh = None
@@ -211,18 +213,22 @@ async def _start_tracing(requests: Requests, replica: str, stack: AsyncExitStack
         stack.push_async_callback(START.run, requests.tracing.close)
 
 
-async def _start_samples(
-    settings: Settings, store: Store, metrics: Metrics, stack: AsyncExitStack
+async def _open_samples(settings: Settings, store: Store, metrics: Metrics) -> QuerySamples:
+    if settings.samples_store is None:
+        return QuerySamples(store)
+    return QuerySamples(metered(await START.run(Store.open, settings.samples_store), metrics))
+
+
+def _start_sampler(
+    settings: Settings, samples: QuerySamples, metrics: Metrics, stack: AsyncExitStack
 ) -> QuerySampler | None:
     policy = SamplePolicy.of(settings)
     if not policy.is_on:
         return None
-    if settings.samples_store is not None:
-        store = metered(await START.run(Store.open, settings.samples_store), metrics)
-    keeper = QuerySampler(QuerySamples(store), policy, metrics)
-    keeper.start()
-    stack.push_async_callback(START.run, keeper.close)
-    return keeper
+    sampler = QuerySampler(samples, policy, metrics)
+    sampler.start()
+    stack.push_async_callback(START.run, sampler.close)
+    return sampler
 
 
 async def _start_zenoh(
