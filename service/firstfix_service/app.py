@@ -18,6 +18,7 @@ from .http_api.authorize import authorize, refuse_changes
 from .http_api.openapi import DocumentedApp
 from .http_api.request_log import RequestLog
 from .http_api.routes import (
+    answer_events,
     build_events,
     builds,
     caller,
@@ -47,6 +48,7 @@ _OF_THE_STORE = (
     uploads,
     builds,
     build_events,
+    answer_events,
     samples,
     garbage,
 )

@@ -55,6 +55,7 @@ SCOPES: dict[str, Scope | None] = {
     "get_build": Scope.BUILD,
     "get_build_events": Scope.BUILD,
     "cancel_build": Scope.BUILD,
+    "get_answer_events": Scope.BUILD,
     "get_samples": Scope.BUILD,
     "get_sample": Scope.BUILD,
     "get_sample_body": Scope.BUILD,

@@ -18,6 +18,7 @@ from ..auth.authenticate import Authenticator
 from ..builds.queue import BuildQueue
 from ..builds.quota import BuildQuota
 from ..localize.pool import QueryPool
+from ..localize.recent import RecentAnswers
 from ..localize.use_case import LocalizeUseCase
 from ..maps.georeference_cache import GeoreferenceCache
 from ..maps.map_cache import MapCache
@@ -63,6 +64,7 @@ class Parts:
     georeference_cache: GeoreferenceCache
     sightings: SightingsKeeper
     samples: QuerySamples
+    recent: RecentAnswers
     closing: asyncio.Event
 
 

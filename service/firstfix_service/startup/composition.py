@@ -38,6 +38,7 @@ from ..http_api.health import Health
 from ..lanes import START
 from ..lanes.background import run_in_background
 from ..localize.pool import QueryPool
+from ..localize.recent import RecentAnswers
 from ..localize.recorder import QueryRecorder
 from ..localize.sampler import QuerySampler, SamplePolicy
 from ..localize.use_case import LocalizeUseCase
@@ -116,7 +117,8 @@ async def compose(
     metrics.body_bytes.set_function(lambda: bodies.inflight_bytes)
     samples = await _open_samples(settings, store, metrics)
     sampler = _start_sampler(settings, samples, metrics, stack)
-    recorder = QueryRecorder(metrics, requests, sampler)
+    recent = RecentAnswers()
+    recorder = QueryRecorder(metrics, requests, recent, sampler)
     limit = settings.max_decoded_bytes
     use_case = LocalizeUseCase(maps, pool, workers, recorder, max_decoded_bytes=limit)
     health = Health(maps, pool, metrics)
@@ -161,6 +163,7 @@ async def compose(
         GeoreferenceCache(georeferences, settings.georeference_ttl_s),
         sightings,
         samples,
+        recent,
         closing,
     )
     update_zenoh = None
