@@ -24,12 +24,14 @@ from .http_api.routes import (
     caller,
     changes,
     cloud,
+    console,
     garbage,
     georeference,
     localize,
     maps,
     operations,
     samples,
+    sensors,
     uploads,
     versions,
 )
@@ -103,7 +105,9 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
     app.state.draining = asyncio.Event()
     localize.add_route(app)
     app.include_router(operations.router)
+    app.include_router(console.router)
     app.include_router(caller.router)
+    app.include_router(sensors.router)
     for module in _OF_THE_STORE:
         app.include_router(module.router, dependencies=[Depends(refuse_changes)])
     problems.add_handlers(app)

@@ -299,3 +299,18 @@ class Caller(BaseModel):
     maps: list[str] = Field(description="patterns of the ids of the maps that it sees")
     authentication: bool = Field(description="false: the service asks nobody for a key")
     read_only: bool = Field(description="true: the service refuses all changes")
+
+
+class Sensor(BaseModel):
+    """A sensor model: the rays of a LiDAR and its mounting."""
+
+    name: str
+    elevations_deg: list[float] = Field(description="one for each beam")
+    azimuth_step_deg: float
+    min_range_m: float
+    max_range_m: float
+    mount_height_m: float = Field(description="above the floor that the robot drives on")
+    range_noise_m: float
+    mount_roll_deg: float
+    mount_pitch_deg: float
+    pattern: Literal["rows", "rosette"]
