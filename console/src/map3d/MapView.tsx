@@ -7,14 +7,14 @@ import { get, type Schemas } from "../api/client";
 import { note, route } from "../router";
 import { ErrorText } from "../ui/ErrorText";
 import { useLoaded } from "../ui/useLoaded";
-import { type Cloud, mark } from "./cloud";
+import type { Cloud } from "./cloud";
 import { Layers, type LayerName } from "./Layers";
 import { layerOf } from "./layerMarks";
-import { MapCanvas } from "./MapCanvas";
+import { MapCanvas, showStorey } from "./MapCanvas";
 import type { Colouring } from "./material";
 import { Measure } from "./measure";
 import { clear, type MapScene } from "./scene";
-import { type Storey, storeysOf } from "./storeys";
+import type { Storey } from "./storeys";
 
 export function MapView({ map }: { map: string }) {
   const asked = route.value.query;
@@ -35,9 +35,10 @@ export function MapView({ map }: { map: string }) {
   const length = useSignal<number | null>(null);
   const problem = useSignal<unknown>(null);
 
-  const opened = (found: MapScene | null, with_: Cloud | null) => {
+  const opened = (found: MapScene | null, with_: Cloud | null, its: Storey[]) => {
     scene.current = found;
     cloud.current = with_;
+    storeys.value = its;
     isReady.value += 1;
     if (!found || !with_) return;
     const eye = asked.get("view")?.split(",").map(Number);
@@ -53,31 +54,15 @@ export function MapView({ map }: { map: string }) {
       waiting = window.setTimeout(() => note({ view: [...target, ...at].map((v) => v.toFixed(2)).join(",") }), 300);
     };
     measure.current = new Measure(found, (m) => (length.value = m));
-    mark(with_, "templates")
-      .then((positions) => {
-        const heights = [];
-        for (let i = 2; i < positions.length; i += 3) heights.push(positions[i]!);
-        storeys.value = storeysOf(heights);
-      })
-      .catch((error: unknown) => (problem.value = error));
   };
 
   useEffect(() => {
     const here = scene.current;
     if (!here) return;
     here.material.colouring = colouring.value;
-    const chosen = storeys.value[Number(storey.value) - 1];
-    const [low, high] = here.material.uniforms.slice
-      ? chosen
-        ? [chosen.low, chosen.high]
-        : [-1e9, 1e9]
-      : [-1e9, 1e9];
-    here.material.slice = [low, Math.min(high, 1e9)];
-    const bounds = cloud.current!.index.bounds_m.map((corner) => here.local(corner).z) as [number, number];
-    here.material.heights = chosen ? [low, Math.min(high, bounds[1])] : bounds;
+    showStorey(here, cloud.current!, storeys.value, storeys.value[Number(storey.value) - 1] ?? null);
     note({ colour: colouring.value === "height" ? "" : colouring.value, storey: storey.value });
-    here.redraw();
-  }, [isReady.value, colouring.value, storey.value, storeys.value]);
+  }, [isReady.value, colouring.value, storey.value]);
 
   useEffect(() => {
     const here = scene.current;

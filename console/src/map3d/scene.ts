@@ -56,6 +56,7 @@ export class MapScene {
     private readonly element: HTMLElement,
   ) {
     this.renderer = new WebGLRenderer({ antialias: false, powerPreference: "high-performance" });
+    this.renderer.setClearColor(0x10161b);
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 1.5));
     element.append(this.renderer.domElement);
     this.renderer.domElement.tabIndex = 0;
