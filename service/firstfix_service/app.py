@@ -30,6 +30,7 @@ from .http_api.routes import (
     localize,
     maps,
     operations,
+    overlay,
     samples,
     sensors,
     uploads,
@@ -108,6 +109,7 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
     app.include_router(console.router)
     app.include_router(caller.router)
     app.include_router(sensors.router)
+    app.include_router(overlay.router)
     for module in _OF_THE_STORE:
         app.include_router(module.router, dependencies=[Depends(refuse_changes)])
     problems.add_handlers(app)

@@ -38,6 +38,7 @@ SCOPES: dict[str, Scope | None] = {
     "get_report": Scope.LOCALIZE,
     "get_picture": Scope.LOCALIZE,
     "get_cloud": Scope.LOCALIZE,
+    "post_overlay": Scope.LOCALIZE,
     "get_cloud_points": Scope.LOCALIZE,
     "get_caller": Scope.LOCALIZE,
     "get_sensors": Scope.LOCALIZE,
@@ -73,6 +74,7 @@ SCOPES: dict[str, Scope | None] = {
 # Rate limits of routes.
 LIMITED = {
     "localize": "localize",
+    "post_overlay": "localize",
     "post_map": "build",
     "activate": "change",
     "roll_back": "change",
