@@ -1,8 +1,9 @@
 // The console: the gate, the way between the views, and the view of the address.
 
 import { render } from "preact";
+import { KeysView } from "./access/KeysView";
 import { Gate } from "./access/SignIn";
-import { caller, key, mayBuild, signOut } from "./access/session";
+import { caller, key, mayAdminister, mayBuild, signOut } from "./access/session";
 import { LiveView } from "./live/LiveView";
 import { MapView } from "./map3d/MapView";
 import { MapList } from "./maps/MapList";
@@ -16,6 +17,7 @@ import { VersionsView } from "./versions/VersionsView";
 function View() {
   const [first = "maps", map, part] = route.value.path;
   if (first === "live") return <LiveView />;
+  if (first === "keys") return <KeysView />;
   if (first === "samples") return <SamplesView />;
   if (first === "maps" && !map) return <MapList />;
   if (first === "maps" && map && !part) return <MapView key={map} map={map} />;
@@ -48,6 +50,11 @@ function Bar() {
             Live
           </a>
         </>
+      ) : null}
+      {mayAdminister.value && caller.value?.maps.includes("*") ? (
+        <a href={link(["keys"])} aria-current={here("keys")}>
+          Keys
+        </a>
       ) : null}
       {first === "maps" && map ? (
         <span class="crumbs">

@@ -27,6 +27,7 @@ from .http_api.routes import (
     console,
     garbage,
     georeference,
+    keys,
     localize,
     maps,
     operations,
@@ -53,6 +54,7 @@ _OF_THE_STORE = (
     build_events,
     answer_events,
     samples,
+    keys,
     garbage,
 )
 _PROBLEM = {

@@ -29,6 +29,7 @@ export function LiveView() {
   const isConnected = useSignal(false);
   const scene = useRef<MapScene | null>(null);
   const marks = useRef(new Group());
+  const isReady = useSignal(0);
 
   useEffect(() => {
     if (!map) return;
@@ -70,7 +71,7 @@ export function LiveView() {
       marks.current.add(poseMark(here.local(pose.position), pose, colourOf(fix.answer.verdict), 2));
     }
     here.redraw();
-  }, [fixes.value]);
+  }, [fixes.value, isReady.value]);
 
   if (maps.value && !maps.value.maps.length) {
     return (
@@ -103,6 +104,7 @@ export function LiveView() {
           ready={(found) => {
             scene.current = found;
             found?.overlay.add(marks.current);
+            isReady.value += 1;
           }}
         />
       ) : null}

@@ -77,7 +77,7 @@ export function colouredDots(positions: Float32Array, colours: Float32Array, siz
 export function squareMark(middle: Vector3, edge: number, colour: number): Mesh {
   const square = new Mesh(
     new PlaneGeometry(edge, edge),
-    new MeshBasicMaterial({ color: colour, transparent: true, opacity: 0.5, depthWrite: false, side: DoubleSide }),
+    new MeshBasicMaterial({ color: colour, transparent: true, opacity: 0.4, depthTest: false, side: DoubleSide }),
   );
   square.position.copy(middle);
   return square;

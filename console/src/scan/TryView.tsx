@@ -3,6 +3,7 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { Group } from "three";
+import { mayBuild } from "../access/session";
 import { get, type Query, type Schemas, send } from "../api/client";
 import { MapCanvas } from "../map3d/MapCanvas";
 import { poseMark } from "../map3d/marks";
@@ -12,6 +13,7 @@ import { ErrorText } from "../ui/ErrorText";
 import { useLoaded } from "../ui/useLoaded";
 import { colourOf } from "../ui/verdict";
 import { AnswerPanel } from "./AnswerPanel";
+import { Truth } from "./Truth";
 import { CopyAs } from "./CopyAs";
 import { mediaTypeOf, SUFFIXES } from "./media";
 import { drawOverlay, type OverlayShares } from "./overlay";
@@ -182,6 +184,9 @@ export function TryView({ map }: { map: string }) {
             <li class="contradicts">through the map: {shares.value.contradicts}</li>
             <li class="unexplained">not in the map: {shares.value.unexplained}</li>
           </ul>
+        ) : null}
+        {sampleId && answer.value && mayBuild.value ? (
+          <Truth sample={sampleId} map={map} pose={answer.value.hypotheses[chosen.value]?.T_map_sensor ?? null} />
         ) : null}
         {asked.value ? <CopyAs map={map} file={asked.value.name} type={asked.value.type} options={options} /> : null}
       </aside>

@@ -68,6 +68,9 @@ SCOPES: dict[str, Scope | None] = {
     "delete_sample": Scope.ADMIN,
     "retire": Scope.ADMIN,
     "delete_map": Scope.ADMIN,
+    "get_keys": Scope.ADMIN,
+    "post_key": Scope.ADMIN,
+    "delete_key": Scope.ADMIN,
     "collect_garbage_of_map": Scope.ADMIN,
     "collect_all_garbage": Scope.ADMIN,
 }
@@ -80,6 +83,8 @@ LIMITED = {
     "roll_back": "change",
     "retire": "change",
     "delete_map": "change",
+    "post_key": "change",
+    "delete_key": "change",
     "put_georeference": "change",
     "delete_georeference": "change",
 }
