@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field
+from pydantic.config import JsonDict
 
-_EXAMPLE = {"name": "robot-7", "scopes": ["localize"], "maps": ["hall*"], "expires_in_days": 90}
+_EXAMPLE: JsonDict = {"name": "robot-7", "scopes": ["localize"], "maps": ["hall*"], "expires_in_days": 90}
 
 
 class NewKeyBody(BaseModel):
