@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ... import native
 from ...errors import CorruptVersion, InvalidScan
 from ...portable.sample import rows_by_chance
 from ...scan.compact import CompactScan, ScanDescriptor
+from ...scan.range_view import cells_of, nearest_by_direction
 from ...scan.scan import Scan
 from ...scan.sequence import AnyScan, ScanSequence
 from ...transform import Matrix, inverse
@@ -18,11 +20,9 @@ from ..config import EngineConfig
 from ..index import ENGINE_FILE
 from ..registration.align import MapSurface
 from ..verification.free_space import MapView
-from .range_image import RangeImage
-from .sighting import TOLERANCE, TOLERANCE_M, points_around
+from .sighting import COARSE_COLUMNS, FINE_POINTS_M
 
 AGREES, CONTRADICTS, UNEXPLAINED = 0, 1, 2
-STEP_DEG = 2.0  # between the directions in which a return is compared with the map
 MOST_POINTS = 60_000
 
 
@@ -99,10 +99,17 @@ class OverlayMap:
         return near
 
     def _passes_through(self, returns: NDArray[np.float32], T_level_sensor: Matrix) -> NDArray[np.bool_]:
-        """Whether each return lies beyond all that the map has in and around its direction."""
-        mapped = RangeImage.of(points_around(self.view, T_level_sensor), STEP_DEG)
-        at = mapped.at(returns)
-        slack_m = TOLERANCE * np.linalg.norm(returns, axis=1) + TOLERANCE_M
-        beyond = np.linalg.norm(returns, axis=1) > mapped.most_m.ravel()[at] + slack_m
-        through: NDArray[np.bool_] = mapped.covered.ravel()[at] & beyond
+        """Whether each return lies beyond a mapped point that all rays around its direction pass through."""
+        reach_m = self.view.reach_m
+        mapped, gone, _ = native.compare_points(
+            self.view.near.tables,
+            self.view.far.tables,
+            min(FINE_POINTS_M, reach_m),
+            reach_m,
+            np.ascontiguousarray(T_level_sensor),
+            returns,
+            COARSE_COLUMNS,
+        )
+        passed_m = nearest_by_direction(mapped[gone])
+        through: NDArray[np.bool_] = np.linalg.norm(returns, axis=1) > passed_m[cells_of(returns)]
         return through
