@@ -4,15 +4,17 @@ import { render } from "preact";
 import { KeysView } from "./access/KeysView";
 import { Gate } from "./access/SignIn";
 import { caller, key, mayAdminister, mayBuild, signOut } from "./access/session";
-import { LiveView } from "./live/LiveView";
-import { MapView } from "./map3d/MapView";
 import { MapList } from "./maps/MapList";
 import { link, route } from "./router";
 import { SamplesView } from "./samples/SamplesView";
-import { TryView } from "./scan/TryView";
 import "./style.css";
 import { Empty } from "./ui/Empty";
+import { later } from "./ui/Later";
 import { VersionsView } from "./versions/VersionsView";
+
+const LiveView = later(async () => (await import("./live/LiveView")).LiveView);
+const MapView = later(async () => (await import("./map3d/MapView")).MapView);
+const TryView = later(async () => (await import("./scan/TryView")).TryView);
 
 function View() {
   const [first = "maps", map, part] = route.value.path;
