@@ -108,7 +108,9 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
     app.state.draining = asyncio.Event()
     localize.add_route(app)
     app.include_router(operations.router)
-    app.include_router(console.router)
+    if settings.console:
+        console.page_files()  # packed here, not while queries wait
+        app.include_router(console.router)
     app.include_router(caller.router)
     app.include_router(sensors.router)
     app.include_router(overlay.router)

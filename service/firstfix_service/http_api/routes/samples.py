@@ -87,7 +87,7 @@ def get_sample_body(sample_id: SampleId, parts: PartsDep, caller: CallerDep) -> 
     return Response(
         parts.samples.body(sample_id),
         media_type="application/octet-stream",
-        headers={"Cache-Control": "private, no-store", "X-Body-Type": sample.media_type[:200]},
+        headers={"Cache-Control": "private, no-store", "X-Body-Type": _printable(sample.media_type)},
     )
 
 
@@ -117,6 +117,11 @@ def delete_sample(sample_id: SampleId, parts: PartsDep, caller: CallerDep) -> No
     """Removes a kept query for good."""
     _shown(parts, caller, sample_id)
     parts.samples.delete(sample_id)
+
+
+def _printable(media_type: str) -> str:
+    """What of a type may stand in a header: zenoh's types, and a store's records, may hold any text."""
+    return "".join(char for char in media_type[:200] if " " <= char <= "~")
 
 
 def _set_truth(parts: Parts, caller: Principal, sample_id: str, truth: dict[str, Any]) -> Sample:

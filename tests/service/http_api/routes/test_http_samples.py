@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -151,3 +152,17 @@ def test_a_caller_is_told_what_its_key_may_do(closed: Service):
     )
     assert caller["name"].startswith("key:")
     assert closed.http.get("/caller").status_code == 401
+
+
+def test_a_type_with_line_breaks_makes_no_header(service: Service):
+    sample_id = keep(service, 1)
+    kept = QuerySamples(service.catalog.store)
+    hostile = replace(kept.get(sample_id), media_type="text/html\r\nX-Injected: 1; \u2603<b>")
+    kept.put(hostile, SCAN_BODY)
+    answer = service.http.get(f"/samples/{sample_id}/body")
+    assert answer.status_code == 200
+    assert answer.content == SCAN_BODY
+    assert "x-injected" not in answer.headers
+    assert answer.headers["x-body-type"] == "text/htmlX-Injected: 1; <b>"
+    assert answer.headers["content-type"] == "application/octet-stream"
+    assert answer.headers["x-content-type-options"] == "nosniff"
