@@ -21,7 +21,7 @@ build/.native: .venv/.ready scripts/native.sh $(shell find native -name '*.[ch]p
 console: .venv/.ready  ## build the console's page anew, where a source has changed
 	@scripts/console.sh
 
-demo: setup  ## a map in, a version published, poses out over HTTP and zenoh
+demo: setup  ## a map in, a version published, poses out over HTTP and zenoh (OPEN=1: stays up, with the console)
 	@$(bin)/python -m firstfix_cli.demo
 
 lint: setup  ## style, types, and who may import whom

@@ -53,7 +53,7 @@ class RequestLog:
             await self._answer(request, scope, receive, send)
 
     async def _answer(self, request: RequestScope, scope: Scope, receive: Receive, send: Send) -> None:
-        request_id = request.request_id.encode()
+        own_headers = [(b"x-request-id", request.request_id.encode()), _NOSNIFF]
         status = 0
 
         async def send_with_id(message: Message) -> None:
@@ -62,7 +62,7 @@ class RequestLog:
                 status = message["status"]
                 message = {
                     **message,
-                    "headers": [*message["headers"], (b"x-request-id", request_id), _NOSNIFF],
+                    "headers": [*message["headers"], *own_headers],
                 }
             await send(message)
 
