@@ -18,25 +18,20 @@ from .http_api.authorize import authorize, refuse_changes
 from .http_api.openapi import DocumentedApp
 from .http_api.request_log import RequestLog
 from .http_api.routes import (
-    answer_events,
     build_events,
     builds,
-    caller,
     changes,
-    cloud,
-    console,
     garbage,
     georeference,
     keys,
     localize,
     maps,
     operations,
-    overlay,
     samples,
-    sensors,
     uploads,
     versions,
 )
+from .http_api.routes.console import answer_events, caller, cloud, overlay, page, sensors
 from .settings import Settings
 from .startup.composition import compose
 from .startup.retry import PlainStartError, RetryingStart
@@ -109,8 +104,8 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
     localize.add_route(app)
     app.include_router(operations.router)
     if settings.console:
-        console.page_files()  # packed here, not while queries wait
-        app.include_router(console.router)
+        page.page_files()  # packed here, not while queries wait
+        app.include_router(page.router)
     app.include_router(caller.router)
     app.include_router(sensors.router)
     app.include_router(overlay.router)

@@ -33,7 +33,7 @@ def scripts_and_styles() -> list[Path]:
 
 
 def first_files() -> set[Path]:
-    """What the page names, and what those files import at once."""
+    """The files that the page names, and those that they import at once."""
     waiting = [
         PAGE / name for name in re.findall(r'(?:src|href)="\./([^"]+)"', (PAGE / "index.html").read_text())
     ]

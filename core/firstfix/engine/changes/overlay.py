@@ -42,7 +42,7 @@ class Overlay:
 
 @dataclass(frozen=True)
 class OverlayMap:
-    """What an overlay needs of a version: far less than a query. Thread-safe."""
+    """Files of a version that an overlay needs: far less than a query. Thread-safe."""
 
     config: EngineConfig
     surface: MapSurface
@@ -99,7 +99,7 @@ class OverlayMap:
         return near
 
     def _passes_through(self, returns: NDArray[np.float32], T_level_sensor: Matrix) -> NDArray[np.bool_]:
-        """Whether each return lies beyond a mapped point that all rays around its direction pass through."""
+        """Returns whether each return lies beyond a mapped point that all rays around its direction pass through."""
         reach_m = self.view.reach_m
         mapped, gone, _ = native.compare_points(
             self.view.near.tables,

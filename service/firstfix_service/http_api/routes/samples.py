@@ -120,7 +120,7 @@ def delete_sample(sample_id: SampleId, parts: PartsDep, caller: CallerDep) -> No
 
 
 def _printable(media_type: str) -> str:
-    """What of a type may stand in a header: zenoh's types, and a store's records, may hold any text."""
+    """The type as a header may hold it: a type that came over zenoh, or a record, may hold any text."""
     return "".join(char for char in media_type[:200] if " " <= char <= "~")
 
 

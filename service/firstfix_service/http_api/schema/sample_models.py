@@ -13,7 +13,7 @@ from .answer_models import Pose
 
 
 class Truth(BaseModel):
-    """Where a scan was taken, as people have told."""
+    """Place where a scan was taken, as people have told."""
 
     model_config = ConfigDict(
         extra="forbid",

@@ -16,10 +16,10 @@ from firstfix.errors import InvalidOption
 from firstfix.ids import check_map_id, check_version
 from firstfix.transform import Matrix
 
-from ...lanes import LOOKS
-from ...query_workers.body_format import Body, BodyFormat
-from ..dependencies import PartsDep
-from ..schema.parameters import MapId, Version
+from ....lanes import LOOKS
+from ....query_workers.body_format import Body, BodyFormat
+from ...dependencies import PartsDep
+from ...schema.parameters import MapId, Version
 
 router = APIRouter(prefix="/maps/{map_id}/versions/{version}/overlay", tags=["localize"])
 POINT = np.dtype([("at", "<f4", 3), ("kind", "<u4")])

@@ -12,10 +12,10 @@ from fastapi.responses import RedirectResponse
 
 from firstfix.errors import NotFound
 
-from ..cache_headers import FOREVER
+from ...cache_headers import FOREVER
 
 router = APIRouter(include_in_schema=False)
-FILES = Path(__file__).parents[2] / "console_files"
+FILES = Path(__file__).parents[3] / "console_files"
 INDEX = "index.html"
 # Not those of the machine, which may know other names.
 MEDIA_TYPES = {

@@ -6,9 +6,9 @@ from fastapi import APIRouter
 
 from firstfix.access.permissions import Scope
 
-from ..authorize import CallerDep
-from ..dependencies import PartsDep
-from ..schema.api_models import Caller
+from ...authorize import CallerDep
+from ...dependencies import PartsDep
+from ...schema.api_models import Caller
 
 router = APIRouter(tags=["operations"])
 

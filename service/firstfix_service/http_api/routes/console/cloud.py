@@ -8,10 +8,10 @@ from fastapi import APIRouter, Query, Response
 
 from firstfix.errors import InvalidOption, NotFound
 
-from ...lanes import LISTS
-from ..cache_headers import FOREVER
-from ..dependencies import PartsDep
-from ..schema.parameters import MapId, Version
+from ....lanes import LISTS
+from ...cache_headers import FOREVER
+from ...dependencies import PartsDep
+from ...schema.parameters import MapId, Version
 
 router = APIRouter(prefix="/maps/{map_id}/versions/{version}/cloud", tags=["versions"])
 INDEX_FILE, POINTS_FILE = "cloud.json", "cloud.bin"

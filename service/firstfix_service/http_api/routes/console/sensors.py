@@ -6,7 +6,7 @@ from fastapi import APIRouter
 
 from firstfix.sensor import preset, presets
 
-from ..schema.api_models import Sensor
+from ...schema.api_models import Sensor
 
 router = APIRouter(tags=["maps"])
 

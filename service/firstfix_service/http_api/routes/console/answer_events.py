@@ -16,12 +16,12 @@ from fastapi.responses import StreamingResponse
 from firstfix.errors import FirstfixError
 from firstfix.ids import check_map_id
 
-from ...auth.permission import Permission, PermissionDep
-from ...auth.principal import Principal
-from ...localize.recent import RecentAnswer
-from ..authorize import CallerDep
-from ..dependencies import Parts, PartsDep
-from ..event_stream import HEARTBEAT, HEARTBEAT_S, EventStream
+from ....auth.permission import Permission, PermissionDep
+from ....auth.principal import Principal
+from ....localize.recent import RecentAnswer
+from ...authorize import CallerDep
+from ...dependencies import Parts, PartsDep
+from ...event_stream import HEARTBEAT, HEARTBEAT_S, EventStream
 
 router = APIRouter(prefix="/answers", tags=["answers"])
 _log = structlog.get_logger(__name__)

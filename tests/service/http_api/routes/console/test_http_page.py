@@ -11,7 +11,7 @@ import pytest
 from raw_connection import all_of, connect
 from service_world import Service, running_service
 
-from firstfix_service.http_api.routes import console
+from firstfix_service.http_api.routes.console import page as console_page
 
 SCRIPT = b"export const answer = 42;" * 100
 FILES = {
@@ -23,19 +23,21 @@ FILES = {
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> dict[str, console.PageFile]:
+def page(tmp_path_factory: pytest.TempPathFactory) -> dict[str, console_page.PageFile]:
     folder = tmp_path_factory.mktemp("page")
     for name, content in FILES.items():
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_bytes(content)
-    return console.read_page(folder)
+    return console_page.read_page(folder)
 
 
 @pytest.fixture(scope="module")
-def closed(page: dict[str, console.PageFile], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+def closed(
+    page: dict[str, console_page.PageFile], tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Service]:
     """A service that asks for keys."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(console, "page_files", lambda: page)
+        patch.setattr(console_page, "page_files", lambda: page)
         folder = tmp_path_factory.mktemp("service")
         with running_service(folder, auth="on", keys_refresh_s=0.1, zenoh=False) as running:
             yield running
@@ -193,7 +195,7 @@ def test_it_can_be_switched_off(tmp_path: Path):
 def test_an_installation_without_a_page_says_so(
     closed: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(console, "page_files", lambda: console.read_page(tmp_path / "none"))
+    monkeypatch.setattr(console_page, "page_files", lambda: console_page.read_page(tmp_path / "none"))
     for path in ("/", "/console/"):
         answer: httpx.Response = closed.http.get(path)
         assert answer.status_code == 404
