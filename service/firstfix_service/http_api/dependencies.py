@@ -60,6 +60,7 @@ class Parts:
     usage: CallerUsage
     disks: DiskSpace
     event_streams: ConcurrencyLimit
+    overlays: ConcurrencyLimit
     georeferences: Georeferences
     georeference_cache: GeoreferenceCache
     sightings: SightingsKeeper

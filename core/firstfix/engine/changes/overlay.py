@@ -99,7 +99,7 @@ class OverlayMap:
         return near
 
     def _passes_through(self, returns: NDArray[np.float32], T_level_sensor: Matrix) -> NDArray[np.bool_]:
-        """Returns whether each return lies beyond a mapped point that all rays around its direction pass through."""
+        """Returns whether each return lies beyond a mapped point that all rays around it pass through."""
         reach_m = self.view.reach_m
         mapped, gone, _ = native.compare_points(
             self.view.near.tables,

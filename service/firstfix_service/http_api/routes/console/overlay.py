@@ -18,6 +18,7 @@ from firstfix.transform import Matrix
 
 from ....lanes import LOOKS
 from ....query_workers.body_format import Body, BodyFormat
+from ...authorize import CallerDep
 from ...dependencies import PartsDep
 from ...schema.parameters import MapId, Version
 
@@ -40,6 +41,7 @@ async def post_overlay(
     version: Version,
     request: Request,
     parts: PartsDep,
+    caller: CallerDep,
     T_map_sensor: Annotated[str, Query(max_length=400, description="pose, `x,y,z,qx,qy,qz,qw`")],
 ) -> Response:
     """The points of a scan at a pose, 16 bytes each: x, y, z as float32, then what the map says as uint32.
@@ -54,17 +56,18 @@ async def post_overlay(
         raise InvalidOption("T_map_sensor is 7 numbers separated by commas")
     headers = request.headers
     body_format = BodyFormat.of(headers.get("content-type", ""), headers.get("content-encoding"))
-    body = await parts.bodies.read(request)
-    try:
-        leases = await asyncio.wrap_future(parts.maps.lease((map_id,), version))
+    with parts.overlays.request(caller.name):
+        body = await parts.bodies.read(request)
         try:
-            directory = leases.served[0].directory
-            limit = parts.settings.max_decoded_bytes
-            data = await LOOKS.run(_overlay, directory, body_format, body, limit, pose)
+            leases = await asyncio.wrap_future(parts.maps.lease((map_id,), version))
+            try:
+                directory = leases.served[0].directory
+                limit = parts.settings.max_decoded_bytes
+                data = await LOOKS.run(_overlay, directory, body_format, body, limit, pose)
+            finally:
+                leases.close()
         finally:
-            leases.close()
-    finally:
-        parts.bodies.release(body)
+            parts.bodies.release(body)
     return Response(data, media_type="application/octet-stream", headers={"Cache-Control": "no-store"})
 
 
