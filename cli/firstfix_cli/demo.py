@@ -58,7 +58,7 @@ def main() -> int:
         http = _localize(scans, service, over="http")
         zenoh = _localize(scans, service, over="zenoh")
         code = _show(console, store, version, scans, http, zenoh)
-        _name_the_console(console, service)
+        offer_console(console, service)
     return code
 
 
@@ -93,7 +93,7 @@ def _show(
     return 1 if wrong else 0
 
 
-def _name_the_console(console: Console, service: LocalService) -> None:
+def offer_console(console: Console, service: LocalService) -> None:
     """Prints where the console is, and with OPEN=1 keeps the service running until Ctrl-C."""
     address = f"{service.url}/console/"
     if not httpx.get(address).is_success:
