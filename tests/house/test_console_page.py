@@ -99,3 +99,12 @@ def test_the_wheel_has_the_page_and_none_of_its_sources(wheel: Path):
     assert held == {path.relative_to(PAGE).as_posix() for path in PAGE.rglob("*") if path.is_file()}
     assert "index.html" in held
     assert not sources
+
+
+def test_the_wheel_has_every_module(wheel: Path):
+    listed = subprocess.run(
+        ["git", "ls-files", "service/*.py", "cli/*.py"], cwd=REPO, capture_output=True, text=True, check=True
+    )
+    with zipfile.ZipFile(wheel) as archive:
+        held = set(archive.namelist())
+    assert {name.partition("/")[2] for name in listed.stdout.split()} <= held
