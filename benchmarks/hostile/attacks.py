@@ -104,7 +104,7 @@ async def unread_page(target: Target, reader: StreamReader, writer: StreamWriter
     writer.transport.pause_reading()  # type: ignore[attr-defined]
     for name in itertools.cycle((b"", b"..%2f..%2fapp.py", b"a" * 30_000, b"%00")):
         await _send(writer, b"GET /console/" + name + b" HTTP/1.1\r\n" + _HOST + b"\r\n")
-        await asyncio.sleep(DRIP_S / 10)
+        await asyncio.sleep(DRIP_S)
 
 
 async def unread_stream(target: Target, reader: StreamReader, writer: StreamWriter) -> None:
