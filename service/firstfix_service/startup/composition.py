@@ -59,7 +59,7 @@ from ..upkeep.sightings import SightingsKeeper, sightings_upkeep
 from ..upkeep.verification import store_verification
 from .settings_summary import settings_summary
 
-MOST_OVERLAYS, MOST_OVERLAYS_PER_CALLER = 16, 2  # at the same time, with their scans in memory
+MOST_OVERLAYS, MOST_OVERLAYS_PER_CALLER = 16, 4  # at the same time, with their scans in memory
 _log = structlog.get_logger(__name__)
 ABANDONED_UPLOAD_S = 86400.0
 
