@@ -10,8 +10,8 @@
 # (a tmpfs). They listen beyond the container, so they start only with FIRSTFIX_AUTH=on, or off where nobody else gets
 # there. /usr/share/sbom/firstfix.cdx.json says what is in them.
 #
-# A machine with a package index of its own gives it with --build-arg PIP_INDEX_URL=..., and one that pins its base image
-# --build-arg BASE=debian:bookworm-slim@sha256:...
+# A machine with a package index of its own gives it with --build-arg PIP_INDEX_URL=..., one with a registry of npm's packages of
+# its own --build-arg NPM_CONFIG_REGISTRY=..., and one that pins its base image --build-arg BASE=debian:bookworm-slim@sha256:...
 ARG BASE=debian:bookworm-slim
 FROM $BASE AS python
 RUN apt-get update \
@@ -28,10 +28,19 @@ RUN python3 -m venv /opt/tools \
  && python3 -m venv --without-pip /opt/firstfix
 COPY deploy/image /image
 
+# The page at /console/. Where its packages cannot be had, the script goes on without it, and the next stage's COPY fails.
+FROM tools AS console
+ARG NPM_CONFIG_REGISTRY
+COPY scripts/console.sh /src/scripts/
+COPY docs/openapi.json /src/docs/
+COPY console /src/console
+RUN PYTHON=/opt/tools/bin/python /src/scripts/console.sh
+
 # The one stage with a compiler.
 FROM tools AS wheel
 RUN apt-get install -y --no-install-recommends g++ python3-dev
 COPY . /src
+COPY --from=console /src/service/firstfix_service/console_files /src/service/firstfix_service/console_files
 RUN /opt/tools/bin/pip wheel --quiet --no-deps --no-build-isolation --wheel-dir /wheel /src
 
 # Without bytecode: slim.py leaves that of what is used.

@@ -1,5 +1,5 @@
 # firstfix. `make demo` shows it, `make test` proves it; both set up what they need.
-.PHONY: setup native demo test test-fast lint docs bench faults lock test-servers clean
+.PHONY: setup native console demo test test-fast lint docs bench faults lock test-servers clean
 .DEFAULT_GOAL := help
 bin := .venv/bin
 # Three files' tests at a time, as tests often wait; PYTEST_ARGS="-k name" or a path narrows a run.
@@ -9,7 +9,7 @@ FAST := $(addprefix tests/, core builder service client cli ros2 house)
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-13s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-setup: .venv/.ready native  ## make .venv from the locks (system libraries too, where it may)
+setup: .venv/.ready native console  ## make .venv from the locks (system libraries too, where it may)
 .venv/.ready: pyproject.toml deploy/locks/setup.txt deploy/locks/dev.txt scripts/setup.sh
 	@scripts/setup.sh
 
@@ -18,7 +18,10 @@ build/.native: .venv/.ready scripts/native.sh $(shell find native -name '*.[ch]p
 	@scripts/native.sh
 	@touch $@
 
-demo: setup  ## a map in, a version published, poses out over HTTP and zenoh
+console: .venv/.ready  ## build the console's page anew, where a source has changed
+	@scripts/console.sh
+
+demo: setup  ## a map in, a version published, poses out over HTTP and zenoh (OPEN=1: stays up, with the console)
 	@$(bin)/python -m firstfix_cli.demo
 
 lint: setup  ## style, types, and who may import whom
@@ -50,5 +53,5 @@ lock: setup  ## resolve deploy/locks anew (LOCK_ARGS=--upgrade for newer release
 	@scripts/lock.sh $(LOCK_ARGS)
 
 clean:  ## remove what the targets above made
-	rm -rf .venv build dist demo .*_cache core/firstfix/native/_*.so
+	rm -rf .venv build dist demo .*_cache core/firstfix/native/_*.so console/node_modules service/firstfix_service/console_files
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,6 +1,6 @@
 """The process of the attackers, apart from the clients that are measured.
 
-    python -m benchmarks.hostile.attackers 'slow heads' --port 8080 --map hall --key ffx_... --seconds 10
+    python -m benchmarks.hostile.attackers 'slow heads' --port 8080 --map hall --version DIGEST --key ffx_...
 
 It attacks this machine alone, from a loopback address of its own, and prints the counts of its connections
 as JSON.
@@ -79,11 +79,12 @@ def main() -> None:
     parser.add_argument("attack", choices=ATTACKS)
     parser.add_argument("--port", type=int, required=True)
     parser.add_argument("--map", required=True, metavar="ID")
+    parser.add_argument("--version", required=True, metavar="DIGEST")
     parser.add_argument("--key", required=True)
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--share", type=float, default=1.0, help="of the attack's connections")
     given = parser.parse_args()
-    target = Target(given.map, given.key)
+    target = Target(given.map, given.version, given.key)
     seen = asyncio.run(attack(ATTACKS[given.attack], target, given.port, given.share, given.seconds))
     json.dump(seen, sys.stdout)
 

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+import struct
 from asyncio import StreamReader, StreamWriter
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
 DRIP_S = 1.0  # between two of the bytes of a slow one
 FORM_BYTES = 1 << 20
+SCAN = struct.pack("<3f", 3.0, 4.0, 1.0) * 400_000
 _HOST = b"Host: firstfix\r\n"
 _form_number = itertools.count()
 
@@ -22,10 +24,12 @@ class Target:
     """The service's map and the attacker's key.
 
     Attributes:
+        version: of the map.
         key: for attacks by a caller with permissions.
     """
 
     map_id: str
+    version: str
     key: str
 
     @property
@@ -95,6 +99,32 @@ async def unread_answers(target: Target, reader: StreamReader, writer: StreamWri
         await asyncio.sleep(DRIP_S)
 
 
+async def unread_page(target: Target, reader: StreamReader, writer: StreamWriter) -> None:
+    """Asks for the console's page without a key, with names that lead out of it too, and reads nothing."""
+    writer.transport.pause_reading()  # type: ignore[attr-defined]
+    for name in itertools.cycle((b"", b"..%2f..%2fapp.py", b"a" * 30_000, b"%00")):
+        await _send(writer, b"GET /console/" + name + b" HTTP/1.1\r\n" + _HOST + b"\r\n")
+        await asyncio.sleep(DRIP_S)
+
+
+async def unread_stream(target: Target, reader: StreamReader, writer: StreamWriter) -> None:
+    """A stream of live answers, with all that there are, of which nothing is taken in."""
+    await _send(writer, b"GET /answers/events HTTP/1.1\r\n" + _HOST + target.authorization + b"\r\n")
+    await reader.readuntil(b"\r\n\r\n")
+    writer.transport.pause_reading()  # type: ignore[attr-defined]
+    while not writer.transport.is_closing():
+        await asyncio.sleep(DRIP_S)
+
+
+async def overlay(target: Target, reader: StreamReader, writer: StreamWriter) -> None:
+    """A large scan to lay over the map, as fast as it is taken."""
+    path = f"/maps/{target.map_id}/versions/{target.version}/overlay?T_map_sensor=0,0,1,0,0,0,1"
+    about = b"Content-Type: application/vnd.firstfix.xyz\r\nConnection: close\r\nContent-Length: %d\r\n\r\n"
+    head = f"POST {path} HTTP/1.1\r\n".encode() + _HOST + target.authorization + about % len(SCAN)
+    await _send(writer, head + SCAN)
+    await reader.read()
+
+
 async def long_head(target: Target, reader: StreamReader, writer: StreamWriter) -> None:
     """9,000 headers in one send."""
     await _send(writer, b"GET /healthz HTTP/1.1\r\n" + _HOST + b"A: b\r\n" * 9000 + b"\r\n")
@@ -136,6 +166,9 @@ ATTACKS = {
     "unread bodies": Attack(unread_body, 200),
     "empty lines": Attack(empty_lines, 200),
     "unread answers": Attack(unread_answers, 50),
+    "unread pages": Attack(unread_page, 50),
+    "unread streams": Attack(unread_stream, 100),
+    "floods of overlays": Attack(overlay, 16),
     "long heads": Attack(long_head, 20, rounds=20),
     "1,000 connections": Attack(silence, 1000),
     "floods of uploads": Attack(upload, 8, rounds=25),

@@ -63,7 +63,7 @@ def under_attack(
         share: of the connections that each attack has in full.
     """
     store = directory / "store"
-    Catalog(Store.open(str(store))).publish(MAP, version, Manifest.for_directory(version))
+    digest = Catalog(Store.open(str(store))).publish(MAP, version, Manifest.for_directory(version))
     keys = ApiKeys(Store.open(str(store)))
     _, ours = keys.create("robot", Grant.parse(["localize"], ALL_MAPS))
     _, theirs = keys.create("attacker", Grant.parse(["build"], ALL_MAPS))
@@ -80,7 +80,7 @@ def under_attack(
             with _watched(one, ours, body) as quiet:
                 time.sleep(seconds)
             with (
-                _attacked(one, name, theirs, seconds + TIMEOUT_S, share) as attackers,
+                _attacked(one, name, (digest, theirs), seconds + TIMEOUT_S, share) as attackers,
                 _watched(one, ours, body) as attacked,
             ):
                 time.sleep(seconds)
@@ -189,11 +189,18 @@ def _ask(url: str, key: str, body: Body, http: httpx.Client | None = None) -> st
 
 
 @contextmanager
-def _attacked(one: Replica, name: str, key: str, at_most_s: float, share: float) -> Iterator[dict[str, int]]:
-    """Under attack as long as the block lasts. What the attackers saw is there after it."""
+def _attacked(
+    one: Replica, name: str, aim: tuple[str, str], at_most_s: float, share: float
+) -> Iterator[dict[str, int]]:
+    """Under attack as long as the block lasts. What the attackers saw is there after it.
+
+    Args:
+        aim: the version, and the attacker's key.
+    """
     seen: dict[str, int] = {}
+    version, key = aim
     command = [sys.executable, "-m", "benchmarks.hostile.attackers", name]
-    command += ["--port", str(one.port), "--map", MAP, "--key", key]
+    command += ["--port", str(one.port), "--map", MAP, "--version", version, "--key", key]
     command += ["--seconds", str(at_most_s), "--share", str(share)]
     process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE)
     try:

@@ -27,6 +27,7 @@ from .execution.build_trace import within_a_stage
 from .execution.chunks import Arrays, Chunk
 from .execution.stage_cache import StageResult
 from .execution.stage_runner import RunChunks, StageRunner
+from .index.draw_cloud import draw_cloud
 from .index.index_files import VIEWS_SHARE, write_index_files
 from .index.key_scans import KeyScans, key_scan_chunks
 from .index.learn_keys import is_worth_learning, learn_keys, scans_for
@@ -307,6 +308,24 @@ class BuildStages(StageRunner):
         }
         chosen = {"sensor": self.config.sensor_model.to_mapping(), "provisional": self.provisional}
         return self._chunked_stage("build_index", {"mesh": mesh}, chosen, produce, besides, VIEWS_SHARE)
+
+    def draw_cloud(self, read: StageResult, index: StageResult) -> StageResult:
+        """The map's points in levels of detail, for viewers. Of a mesh those that are seen."""
+
+        def produce(out: Path) -> None:
+            cloud = read.directory / "points.npy"
+            engine = engine_of(index)
+            draw_cloud(
+                out,
+                np.load(cloud if cloud.exists() else index.directory / MAP_FILE),
+                Templates.load(index.directory, engine.descriptor.make()).position_m,
+                trajectory_of(read),
+                index.directory,
+                engine.registration,
+                np.load(read.directory / "T_map_level.npy"),
+            )
+
+        return self._stage("draw_cloud", {"map": read.digest, "index": index.digest}, {}, produce)
 
     def self_test(self, mesh: StageResult, index: StageResult) -> StageResult:
         """The calibration, and the version's measured success."""

@@ -6,7 +6,7 @@ import json
 import logging
 import os
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -102,8 +102,9 @@ def build_version(
             if early is not None:
                 publish_provisional(early)
         mesh, index = build.index_map(read)
+        drawn = build.draw_cloud(read, index)
         tested = build.self_test(mesh, index)
-        return _collect(config, read, index, tested, work / "version")
+        return _collect(config, read, [index, drawn, tested], work / "version")
 
 
 def _provisional(build: BuildStages, read: StageResult, work: Path) -> BuiltVersion | None:
@@ -123,7 +124,7 @@ def _provisional(build: BuildStages, read: StageResult, work: Path) -> BuiltVers
     except BuildFailed as error:
         _log.warning("no provisional version: %s", error)
         return None
-    return _collect(coarse.config, read, index, tested, work / "provisional", provisional=True)
+    return _collect(coarse.config, read, [index, tested], work / "provisional", provisional=True)
 
 
 def read_source(
@@ -167,16 +168,15 @@ def _chunk_executor(cluster: Cluster | None, work: Path, threads: Executor) -> I
 def _collect(
     config: BuildConfig,
     read: StageResult,
-    index: StageResult,
-    tested: StageResult,
+    parts: Sequence[StageResult],
     directory: Path,
     *,
     provisional: bool = False,
 ) -> BuiltVersion:
-    """The version's folder with its manifest. Files are linked, not copied, where that works."""
+    """The version's folder with its manifest, of the files of all parts. They are linked where that works."""
     shutil.rmtree(directory, ignore_errors=True)
     directory.mkdir(parents=True)
-    for path in sorted([*index.directory.iterdir(), *tested.directory.iterdir()]):
+    for path in sorted(path for part in parts for path in part.directory.iterdir()):
         link(path, directory / path.name)
     points = np.load(directory / MAP_FILE, mmap_mode="r")
     clusters = Clusters.load(directory)

@@ -3,16 +3,20 @@
 Everything is real and has its default: file store, build in the service, HTTP and zenoh. Where racks of the
 world look alike, the right answer is ``ambiguous``; the demo then shows its first hypothesis. The demo fails
 if a first hypothesis is off by more than 0.1 m, if too few scans are localized, or if a scan from another
-place gets a pose.
+place gets a pose. With ``OPEN=1`` in the environment the service goes on until Ctrl-C, with the console at
+its address.
 """
 
 from __future__ import annotations
 
 import math
+import os
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
+import httpx
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
@@ -32,6 +36,7 @@ from .poses_csv import PosedScan, read_poses_csv
 
 WORLD = "factory"
 DIRECTORY = Path("demo")
+PORT = 8080  # of HTTP, if it is free
 WORST_M = 0.1
 FOREIGN_SHOWN, OWN_SHOWN = 2, 10
 LEAST_LOCALIZED = 7  # of the ten
@@ -45,13 +50,27 @@ def main() -> int:
     if not (world / "poses.csv").exists():
         console.print(f"Making the world in {world} ...")
         _make_world(world)
-    with local_service(DIRECTORY, store) as service:
+    with local_service(DIRECTORY, store, PORT) as service:
         console.print(f"Service at {service.url} and {service.zenoh}, log in {service.log}")
         version = _build(console, service, world)
         console.print(f"Map [bold]{WORLD}[/bold] published as version {version[:12]}")
         scans = _chosen(read_poses_csv(world / "poses.csv"))
         http = _localize(scans, service, over="http")
         zenoh = _localize(scans, service, over="zenoh")
+        code = _show(console, store, version, scans, http, zenoh)
+        offer_console(console, service)
+    return code
+
+
+def _show(
+    console: Console,
+    store: Path,
+    version: str,
+    scans: list[PosedScan],
+    http: list[Outcome],
+    zenoh: list[Outcome],
+) -> int:
+    """Prints the poses and draws the picture. Returns the exit code."""
     console.print(_table(scans, http, zenoh))
     picture = DIRECTORY / "demo.png"
     loaded = {str(row.path): read_scan_file(row.path) for row in scans}
@@ -72,6 +91,22 @@ def main() -> int:
             f" marked ?; every one within {WORST_M} m of the truth, none for scans of other places.[/green]"
         )
     return 1 if wrong else 0
+
+
+def offer_console(console: Console, service: LocalService) -> None:
+    """Prints where the console is, and with OPEN=1 keeps the service running until Ctrl-C."""
+    address = f"{service.url}/console/"
+    if not httpx.get(address).is_success:
+        console.print("Console: this installation has none. [bold]make console[/bold] builds it.")
+        return
+    if os.environ.get("OPEN", "") in ("", "0"):
+        console.print(
+            f"Console: [bold]make demo OPEN=1[/bold] keeps the service running, with it at {address}"
+        )
+        return
+    console.print(f"Console: [bold]{address}[/bold]\nThe service runs until you press Ctrl-C.")
+    with suppress(KeyboardInterrupt):
+        service.process.wait()
 
 
 def _make_world(directory: Path) -> None:

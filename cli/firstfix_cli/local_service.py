@@ -27,43 +27,38 @@ class LocalService:
         url: URL for HTTP clients.
         zenoh: endpoint for zenoh clients.
         log: file with its output.
+        process: of the service.
     """
 
     url: str
     zenoh: str
     log: Path
+    process: subprocess.Popen[bytes]
 
 
 @contextmanager
-def local_service(directory: Path, store: Path) -> Iterator[LocalService]:
-    """Runs ``firstfix serve`` in its own process, on free ports of the loopback interface.
+def local_service(directory: Path, store: Path, port: int = 0) -> Iterator[LocalService]:
+    """Runs ``firstfix serve`` in its own process, on the loopback interface.
 
     Args:
         directory: folder for its zenoh configuration, log and build cache.
+        port: for HTTP, if it is free; else any free port.
 
     Raises:
         FirstfixError: it does not start; the log says why.
     """
     directory.mkdir(parents=True, exist_ok=True)
-    service = LocalService(
-        f"http://127.0.0.1:{_free_port()}", f"tcp/127.0.0.1:{_free_port()}", directory / "service.log"
-    )
+    port, zenoh, log = _free_port(port), f"tcp/127.0.0.1:{_free_port()}", directory / "service.log"
     config = directory / "zenoh.json5"
-    settings = {"listen": {"endpoints": [service.zenoh]}, "scouting": {"multicast": {"enabled": False}}}
+    settings = {"listen": {"endpoints": [zenoh]}, "scouting": {"multicast": {"enabled": False}}}
     config.write_text(json.dumps(settings))
     command = [sys.executable, "-m", "firstfix_cli.main", "serve", "--store", str(store)]
-    command += [
-        "--port",
-        service.url.rpartition(":")[2],
-        "--zenoh",
-        str(config),
-        "--work",
-        str(directory / "work"),
-    ]
-    with service.log.open("w") as log:
-        process = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT)
+    command += ["--port", str(port), "--zenoh", str(config), "--work", str(directory / "work")]
+    with log.open("w") as output:
+        process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
+        service = LocalService(f"http://127.0.0.1:{port}", zenoh, log, process)
         try:
-            _wait(service, process)
+            _wait(service)
             yield service
         finally:
             process.terminate()
@@ -74,9 +69,9 @@ def local_service(directory: Path, store: Path) -> Iterator[LocalService]:
                 process.wait()
 
 
-def _wait(service: LocalService, process: subprocess.Popen[bytes]) -> None:
+def _wait(service: LocalService) -> None:
     deadline = time.monotonic() + START_S
-    while time.monotonic() < deadline and process.poll() is None:
+    while time.monotonic() < deadline and service.process.poll() is None:
         try:
             if httpx.get(f"{service.url}/readyz", timeout=2.0).is_success:
                 return
@@ -86,8 +81,13 @@ def _wait(service: LocalService, process: subprocess.Popen[bytes]) -> None:
     raise FirstfixError(f"the service did not start, see {service.log}")
 
 
-def _free_port() -> int:
+def _free_port(wanted: int = 0) -> int:
+    """The wanted port if it is free, else another."""
     with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", wanted))
+        except OSError:
+            probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
         return port

@@ -23,19 +23,35 @@ from .http_api.routes import (
     changes,
     garbage,
     georeference,
+    keys,
     localize,
     maps,
     operations,
+    samples,
     uploads,
     versions,
 )
+from .http_api.routes.console import answer_events, caller, cloud, overlay, page, sensors
 from .settings import Settings
 from .startup.composition import compose
 from .startup.retry import PlainStartError, RetryingStart
 from .telemetry.metrics import Metrics
 from .telemetry.request_scope import Requests
 
-_OF_THE_STORE = (maps, versions, changes, georeference, uploads, builds, build_events, garbage)
+_OF_THE_STORE = (
+    maps,
+    versions,
+    cloud,
+    changes,
+    georeference,
+    uploads,
+    builds,
+    build_events,
+    answer_events,
+    samples,
+    keys,
+    garbage,
+)
 _PROBLEM = {
     "description": "a problem document (RFC 9457) with a stable `code`",
     "content": {
@@ -87,6 +103,12 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
     app.state.draining = asyncio.Event()
     localize.add_route(app)
     app.include_router(operations.router)
+    if settings.console:
+        page.page_files()  # packed here, not while queries wait
+        app.include_router(page.router)
+    app.include_router(caller.router)
+    app.include_router(sensors.router)
+    app.include_router(overlay.router)
     for module in _OF_THE_STORE:
         app.include_router(module.router, dependencies=[Depends(refuse_changes)])
     problems.add_handlers(app)

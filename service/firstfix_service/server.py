@@ -12,6 +12,7 @@ import uvicorn
 from fastapi import FastAPI
 
 from .app import create_app
+from .http_api.routes.console.page import page_files
 from .http_server.connections import ConnectionLimits, Connections, EndReason
 from .http_server.protocol import LimitedHttpProtocol
 from .settings import Settings
@@ -60,6 +61,17 @@ class Server(uvicorn.Server):
         super().__init__(uvicorn_config(app, settings))
         self._app = app
         self._drain_s = settings.drain_s
+        self._has_console = settings.console and bool(page_files())
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Starts to listen, and logs where."""
+        await super().startup(sockets)
+        if self.started:
+            host, port = self.servers[0].sockets[0].getsockname()[:2]
+            address = f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
+            _log.info(
+                "listening", address=address, console=f"{address}console/" if self._has_console else None
+            )
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Drains and stops the server."""

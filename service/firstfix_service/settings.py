@@ -33,6 +33,8 @@ class Settings(BaseSettings):
     )
     log_json: bool = Field(True, description="write the log as JSON lines; false: as text for a terminal")
 
+    console: bool = Field(True, description="give the console's page at /console/")
+
     workers: int = Field(
         os.cpu_count() or 1,
         ge=1,
@@ -212,9 +214,9 @@ class Settings(BaseSettings):
         ge=0,
         description="space that uploads leave free on the disks of the work folder and of a file store",
     )
-    max_event_streams: int = Field(128, ge=0, description="maximum number of open build event streams")
+    max_event_streams: int = Field(128, ge=0, description="maximum number of open streams of events")
     max_event_streams_per_caller: int = Field(
-        16, ge=1, description="maximum number of open build event streams of one caller"
+        16, ge=1, description="maximum number of open streams of events of one caller"
     )
     verify_bytes_per_s: int = Field(
         4 * MIB,

@@ -20,8 +20,8 @@ BASE = "debian:bookworm-slim"
 BUILD_S = 1200
 # The older builder takes a network for its steps without more rights, and is in every engine.
 ENVIRONMENT = {**os.environ, "DOCKER_BUILDKIT": "0"}
-INDEX = ["--build-arg", "PIP_INDEX_URL"] if "PIP_INDEX_URL" in os.environ else []
-BUILD_ARGS = ["--network", "host", *INDEX]
+REGISTRIES = [name for name in ("PIP_INDEX_URL", "NPM_CONFIG_REGISTRY") if name in os.environ]
+BUILD_ARGS = ["--network", "host", *(part for name in REGISTRIES for part in ("--build-arg", name))]
 
 
 def docker(*arguments: str, check: bool = True) -> str:

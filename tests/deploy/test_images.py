@@ -73,6 +73,12 @@ def test_it_becomes_healthy_without_root_and_with_a_read_only_root(container: st
         assert python(container, tried) == str(errno.EROFS)
 
 
+def test_the_console_is_in_it(container: str):
+    address = "http://127.0.0.1:8080/console/"
+    page = python(container, f"import urllib.request as u; print(u.urlopen('{address}').read())")
+    assert "assets/index-" in page
+
+
 def test_there_is_nothing_in_it_to_build_with(container: str):
     found = python(
         container,

@@ -9,6 +9,7 @@ STAGES = (
     "cluster",
     "learn_keys",
     "build_index",
+    "draw_cloud",
     "self_test",
 )
 PROVISIONAL = "provisional"  # after read_map, where a provisional version is made: all of its stages together

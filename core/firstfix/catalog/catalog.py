@@ -18,6 +18,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -147,6 +148,14 @@ class Catalog(BuildRecords):
         """
         return self._objects.read_file(self.folder_of(map_id, version), name, max_bytes=max_bytes)
 
+    def read_part(self, map_id: str, version: str, name: str, start: int, length: int) -> bytes:
+        """Read part of one file of a version. A part cannot be verified by the file's sha256.
+
+        Raises:
+            NotFound: the version has no such file; or see ``manifest``.
+        """
+        return self.store.get_range(f"{self.folder_of(map_id, version).key}/{name}", start, length)
+
     def folder_of(self, map_id: str, version: str) -> VersionFolder:
         """Folder of a published version.
 
@@ -230,6 +239,26 @@ class Catalog(BuildRecords):
         """
         activation.retire(map_id, self._map_log(map_id), check_version(version), force=force)
         self._note_change(map_id)
+
+    def remove_map(self, map_id: str) -> list[str]:
+        """Take all versions of a map out of service. Their objects stay until ``collect_garbage``.
+
+        A version that is published meanwhile stays.
+
+        Returns:
+            The versions that were retired.
+
+        Raises:
+            NotFound: the map has no version.
+        """
+        state = self.state(map_id)
+        if not state.published:
+            raise NotFound(f"no map {map_id}")
+        for version in sorted(state.published, key=lambda one: one == state.active):  # the active one last
+            with suppress(NotFound):  # somebody else has just retired it
+                activation.retire(map_id, self._map_log(map_id), version, force=True)
+        self._note_change(map_id)
+        return list(state.published)
 
     def collect_garbage(
         self,

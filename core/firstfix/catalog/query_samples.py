@@ -12,7 +12,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from datetime import datetime, timedelta
 from typing import Any
 
@@ -36,6 +36,8 @@ class QuerySample:
         map_id: as in the request: one, several separated by commas, or empty.
         options: as in the request, in the form of ``LocalizeOptions.from_strings``.
         answer: ``Localization.to_mapping``.
+        truth: where the scan was taken, as people have told since: ``map_id`` and ``T_map_sensor``, in the
+            form of the answer; empty if nobody has.
     """
 
     sample_id: str
@@ -50,10 +52,16 @@ class QuerySample:
     answer: Mapping[str, Any]
     body_bytes: int
     service_version: str = field(default="")
+    truth: Mapping[str, Any] = field(default_factory=dict)
 
     def is_about(self, map_id: str) -> bool:
         """Returns whether the map is in the request or the answer."""
-        return map_id in (*self.map_id.split(","), self.answer.get("map_id"))
+        return map_id in self.maps
+
+    @property
+    def maps(self) -> frozenset[str]:
+        """Ids of the maps in the request and in the answer. Empty: any map was asked and none is answered."""
+        return frozenset(filter(None, (*self.map_id.split(","), self.answer.get("map_id"))))
 
 
 class QuerySamples:
@@ -69,7 +77,7 @@ class QuerySamples:
     def put(self, sample: QuerySample, body: bytes) -> None:
         """Store a sample."""
         self._store.put(_key(sample.sample_id, "body"), body)
-        self._store.put(_key(sample.sample_id, "json"), json.dumps(asdict(sample), sort_keys=True).encode())
+        self._put_record(sample)
 
     def ids(self) -> list[str]:
         """Ids of all samples, oldest first."""
@@ -91,8 +99,14 @@ class QuerySamples:
     def each(self) -> Iterator[QuerySample]:
         """Read all samples, oldest first. Skips damaged ones and those removed meanwhile."""
         for sample_id in self.ids():
-            with suppress(NotFound, UnreadableRecord):
-                yield self.get(sample_id)
+            if (sample := self.find(sample_id)) is not None:
+                yield sample
+
+    def find(self, sample_id: str) -> QuerySample | None:
+        """Read a sample. Returns None if it is damaged or was removed."""
+        with suppress(NotFound, UnreadableRecord):
+            return self.get(sample_id)
+        return None
 
     def body(self, sample_id: str) -> bytes:
         """Body of a sample's query.
@@ -102,10 +116,23 @@ class QuerySamples:
         """
         return self._store.get(_key(sample_id, "body"))
 
+    def set_truth(self, sample_id: str, truth: Mapping[str, Any]) -> QuerySample:
+        """Note where the scan of a sample was taken; empty: it is not known. The last word is valid.
+
+        Raises:
+            NotFound, UnreadableRecord: see ``get``.
+        """
+        sample = replace(self.get(sample_id), truth=truth)
+        self._put_record(sample)
+        return sample
+
     def delete(self, sample_id: str) -> None:
         """Remove a sample. A missing sample is no error."""
         for ending in ("json", "body"):  # the record first: without it there is no sample
             self._store.delete(_key(sample_id, ending))
+
+    def _put_record(self, sample: QuerySample) -> None:
+        self._store.put(_key(sample.sample_id, "json"), json.dumps(asdict(sample), sort_keys=True).encode())
 
     def prune(self, *, older_than_s: float, max_bytes: int) -> int:
         """Remove samples of this age by the store's clock, then the oldest until ``max_bytes`` are left.
@@ -138,11 +165,11 @@ def parse_sample(record: dict[str, Any]) -> QuerySample:
     """
     sample = QuerySample(**record)
     for one in fields(QuerySample):
-        if one.name not in ("options", "answer", "body_bytes"):
+        if one.name not in ("options", "answer", "body_bytes", "truth"):
             text_of(record, one.name, "")
     whole_number_of(record, "body_bytes")
-    if not isinstance(sample.options, dict):
-        raise TypeError("options is not an object")
+    if not isinstance(sample.options, dict) or not isinstance(sample.truth, dict):
+        raise TypeError("options or truth is not an object")
     text_of(record["answer"], "verdict")
     texts_of(record["answer"], "reasons")
     float(record["answer"]["probability"])

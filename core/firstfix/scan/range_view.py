@@ -72,15 +72,21 @@ def filled_around(image: NDArray[np.bool_]) -> NDArray[np.uint8]:
 def nearest_by_direction(points: NDArray[np.float32]) -> NDArray[np.float32]:
     """Nearest range of (n, 3) points in each of (cells,) directions from the origin, inf without a point."""
     x, y, z = np.ascontiguousarray(points.T)
-    across2 = x * x + y * y
-    distance = np.sqrt(across2 + z * z)
-    column = ((atan2_turns(y, x) + np.float32(0.5)) * np.float32(COLUMNS)).astype(np.int32)
-    row = ((atan2_turns(z, np.sqrt(across2)) + np.float32(0.25)) * np.float32(COLUMNS)).astype(np.int32)
-    cell = np.minimum(row, ROWS - 1) * COLUMNS + column % COLUMNS
+    distance = np.sqrt(x * x + y * y + z * z)
     image = np.full(ROWS * COLUMNS, np.inf, np.float32)
     far = distance > NEAREST_M
-    np.minimum.at(image, cell[far], distance[far])
+    np.minimum.at(image, cells_of(points)[far], distance[far])
     return image
+
+
+def cells_of(points: NDArray[np.float32]) -> NDArray[np.int32]:
+    """(n,) cell of ``nearest_by_direction`` in which each of (n, 3) points lies, seen from the origin."""
+    x, y, z = np.ascontiguousarray(points.T)
+    column = ((atan2_turns(y, x) + np.float32(0.5)) * np.float32(COLUMNS)).astype(np.int32)
+    elevation = atan2_turns(z, np.sqrt(x * x + y * y))
+    row = ((elevation + np.float32(0.25)) * np.float32(COLUMNS)).astype(np.int32)
+    cells: NDArray[np.int32] = np.minimum(row, ROWS - 1) * COLUMNS + column % COLUMNS
+    return cells
 
 
 @cache

@@ -23,6 +23,7 @@ STAGES = frozenset(
         "cluster",
         "learn_keys",
         "build_index",
+        "draw_cloud",
         "self_test",
         "publish",
     }

@@ -11,12 +11,14 @@ from fastapi import Depends, Request
 from firstfix.builds.caller_usage import CallerUsage
 from firstfix.catalog.catalog import Catalog
 from firstfix.catalog.georeferences import Georeferences
+from firstfix.catalog.query_samples import QuerySamples
 from firstfix.catalog.uploads.uploads import Uploads
 
 from ..auth.authenticate import Authenticator
 from ..builds.queue import BuildQueue
 from ..builds.quota import BuildQuota
 from ..localize.pool import QueryPool
+from ..localize.recent import RecentAnswers
 from ..localize.use_case import LocalizeUseCase
 from ..maps.georeference_cache import GeoreferenceCache
 from ..maps.map_cache import MapCache
@@ -58,9 +60,12 @@ class Parts:
     usage: CallerUsage
     disks: DiskSpace
     event_streams: ConcurrencyLimit
+    overlays: ConcurrencyLimit
     georeferences: Georeferences
     georeference_cache: GeoreferenceCache
     sightings: SightingsKeeper
+    samples: QuerySamples
+    recent: RecentAnswers
     closing: asyncio.Event
 
 

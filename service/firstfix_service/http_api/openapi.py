@@ -10,7 +10,9 @@ from pydantic import BaseModel
 
 from .schema.answer_models import GeoPose
 from .schema.api_models import GeoreferenceBody
+from .schema.key_models import NewKeyBody
 from .schema.map_submission import CONFIG_SCHEMAS
+from .schema.sample_models import Truth
 
 _REF = "#/components/schemas/{model}"
 
@@ -23,7 +25,7 @@ class DocumentedApp(FastAPI):
         if self.openapi_schema is None:
             schemas = super().openapi()["components"]["schemas"]
             schemas.update(CONFIG_SCHEMAS)
-            for model in (GeoPose, GeoreferenceBody):
+            for model in (GeoPose, GeoreferenceBody, NewKeyBody, Truth):
                 schemas.update(_schemas_of(model))
         assert self.openapi_schema is not None
         return self.openapi_schema

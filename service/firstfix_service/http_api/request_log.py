@@ -18,11 +18,16 @@ _QUIET = {"/healthz", "/readyz", "/metrics"}
 _METHODS = {"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"}
 TRANSPORT = "http"
 MAX_PATH_CHARS = 300  # a longer path is cut in the log
+_NOSNIFF = (b"x-content-type-options", b"nosniff")
 CLIENT_GONE = 499  # nginx's status for it; nobody reads the answer
 
 
 class RequestLog:
-    """ASGI middleware. Every answer has an X-Request-Id: the caller's, if it is well-formed."""
+    """ASGI middleware. Every answer has an X-Request-Id: the caller's, if it is well-formed.
+
+    Every answer also forbids browsers to guess another type than that in its header: names that callers gave
+    stay text.
+    """
 
     def __init__(self, app: ASGIApp, metrics: Metrics, requests: Requests) -> None:
         self._app = app
@@ -48,14 +53,17 @@ class RequestLog:
             await self._answer(request, scope, receive, send)
 
     async def _answer(self, request: RequestScope, scope: Scope, receive: Receive, send: Send) -> None:
-        request_id = request.request_id.encode()
+        own_headers = [(b"x-request-id", request.request_id.encode()), _NOSNIFF]
         status = 0
 
         async def send_with_id(message: Message) -> None:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
-                message = {**message, "headers": [*message["headers"], (b"x-request-id", request_id)]}
+                message = {
+                    **message,
+                    "headers": [*message["headers"], *own_headers],
+                }
             await send(message)
 
         try:

@@ -9,7 +9,19 @@ from __future__ import annotations
 
 from .lane import Lane
 
-__all__ = ["AUTH", "BUILDS", "CHANGES", "COPIES", "KEYS", "LISTS", "READS", "START", "UPKEEP", "Lane"]
+__all__ = [
+    "AUTH",
+    "BUILDS",
+    "CHANGES",
+    "COPIES",
+    "KEYS",
+    "LISTS",
+    "LOOKS",
+    "READS",
+    "START",
+    "UPKEEP",
+    "Lane",
+]
 
 START = Lane("start", 8)  # opens resources at the start and closes them at the end
 KEYS = Lane("keys", 2)  # reads API keys and the keys of the token issuer
@@ -17,6 +29,7 @@ AUTH = Lane("auth", 4)  # reads whether a caller may see the build that a reques
 BUILDS = Lane("builds", 8)  # leases of builds, and how builds ended
 READS = Lane("reads", 16)  # reads one small record of the catalog
 LISTS = Lane("lists", 4)  # reads much of the catalog: pages of lists, pictures
+LOOKS = Lane("looks", 2)  # lays scans over maps, for people who look at answers
 CHANGES = Lane("changes", 4)  # activates versions, sets georeferences
 COPIES = Lane("copies", 4)  # copies map files to the disk and to the store, and hashes them
 UPKEEP = Lane("upkeep", 4)  # removes abandoned objects, stages and garbage; looks for unfinished builds

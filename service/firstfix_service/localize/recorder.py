@@ -11,6 +11,7 @@ from ..telemetry.metrics import Metrics
 from ..telemetry.request_scope import Requests, RequestScope, current_request, note
 from ..telemetry.tracing import started_ns
 from .query_head import QueryHead
+from .recent import RecentAnswers
 from .sampler import QuerySampler
 
 _OK = 200
@@ -20,12 +21,16 @@ class QueryRecorder:
     """Records the queries of one app. It runs before each answer is sent, so it must be cheap.
 
     Args:
+        recent: keeps the last answers.
         sampler: None: no query is stored.
     """
 
-    def __init__(self, metrics: Metrics, requests: Requests, sampler: QuerySampler | None = None) -> None:
+    def __init__(
+        self, metrics: Metrics, requests: Requests, recent: RecentAnswers, sampler: QuerySampler | None = None
+    ) -> None:
         self._metrics = metrics
         self._requests = requests
+        self._recent = recent
         self._sampler = sampler
         # Finding a series by its labels takes longer than counting in it. There are few series.
         self._verdicts = cache(metrics.verdicts.labels)
@@ -68,6 +73,7 @@ class QueryRecorder:
             self._stage_seconds(stage).observe(ms / 1e3, exemplar)
         if scope is not None:
             scope.status = _OK
+            self._recent.add(scope.fields.get("caller", ""), transport, scope.seconds, answer)
         note(
             map_id=answer.map_id,
             map_version=answer.map_version,

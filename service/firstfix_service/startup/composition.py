@@ -38,6 +38,7 @@ from ..http_api.health import Health
 from ..lanes import START
 from ..lanes.background import run_in_background
 from ..localize.pool import QueryPool
+from ..localize.recent import RecentAnswers
 from ..localize.recorder import QueryRecorder
 from ..localize.sampler import QuerySampler, SamplePolicy
 from ..localize.use_case import LocalizeUseCase
@@ -58,6 +59,7 @@ from ..upkeep.sightings import SightingsKeeper, sightings_upkeep
 from ..upkeep.verification import store_verification
 from .settings_summary import settings_summary
 
+MOST_OVERLAYS, MOST_OVERLAYS_PER_CALLER = 16, 4  # at the same time, with their scans in memory
 _log = structlog.get_logger(__name__)
 ABANDONED_UPLOAD_S = 86400.0
 
@@ -114,8 +116,10 @@ async def compose(
         metrics.holding_replicas.set_function(lambda: len(placement.replicas))
     bodies = BodyReader(settings.max_body_bytes, settings.max_inflight_bytes, settings.body_timeout_s)
     metrics.body_bytes.set_function(lambda: bodies.inflight_bytes)
-    samples = await _start_samples(settings, store, metrics, stack)
-    recorder = QueryRecorder(metrics, requests, samples)
+    samples = await _open_samples(settings, store, metrics)
+    sampler = _start_sampler(settings, samples, metrics, stack)
+    recent = RecentAnswers()
+    recorder = QueryRecorder(metrics, requests, recent, sampler)
     limit = settings.max_decoded_bytes
     use_case = LocalizeUseCase(maps, pool, workers, recorder, max_decoded_bytes=limit)
     health = Health(maps, pool, metrics)
@@ -156,9 +160,12 @@ async def compose(
         ConcurrencyLimit(
             settings.max_event_streams, settings.max_event_streams_per_caller, "streams of events"
         ),
+        ConcurrencyLimit(MOST_OVERLAYS, MOST_OVERLAYS_PER_CALLER, "overlays"),
         georeferences,
         GeoreferenceCache(georeferences, settings.georeference_ttl_s),
         sightings,
+        samples,
+        recent,
         closing,
     )
     update_zenoh = None
@@ -211,18 +218,22 @@ async def _start_tracing(requests: Requests, replica: str, stack: AsyncExitStack
         stack.push_async_callback(START.run, requests.tracing.close)
 
 
-async def _start_samples(
-    settings: Settings, store: Store, metrics: Metrics, stack: AsyncExitStack
+async def _open_samples(settings: Settings, store: Store, metrics: Metrics) -> QuerySamples:
+    if settings.samples_store is None:
+        return QuerySamples(store)
+    return QuerySamples(metered(await START.run(Store.open, settings.samples_store), metrics))
+
+
+def _start_sampler(
+    settings: Settings, samples: QuerySamples, metrics: Metrics, stack: AsyncExitStack
 ) -> QuerySampler | None:
     policy = SamplePolicy.of(settings)
     if not policy.is_on:
         return None
-    if settings.samples_store is not None:
-        store = metered(await START.run(Store.open, settings.samples_store), metrics)
-    keeper = QuerySampler(QuerySamples(store), policy, metrics)
-    keeper.start()
-    stack.push_async_callback(START.run, keeper.close)
-    return keeper
+    sampler = QuerySampler(samples, policy, metrics)
+    sampler.start()
+    stack.push_async_callback(START.run, sampler.close)
+    return sampler
 
 
 async def _start_zenoh(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import uuid
 from collections.abc import Iterator
+from datetime import datetime, timezone
 
 import pytest
 import schemathesis
@@ -18,8 +19,11 @@ from schemathesis.specs.openapi.checks import (
     response_schema_conformance,
     status_code_conformance,
 )
-from service_world import Service, publish, running_service
+from service_world import SCAN_BODY, XYZ, Service, publish, running_service
 
+from firstfix.access.api_keys import ApiKeys
+from firstfix.access.permissions import Grant
+from firstfix.catalog.query_samples import QuerySample, QuerySamples, new_sample_id
 from firstfix.catalog.uploads.uploads import Uploads
 from firstfix.decode import MEDIA_TYPES
 from firstfix_service.app import create_app
@@ -46,10 +50,9 @@ CHECKS = [
 
 
 SCHEMA = schemathesis.openapi.from_dict(create_app(Settings(store="memory://")).openapi())
-# A stream that does not end by itself, as the build that is found does not.
-CALLS = [
-    result.ok() for result in SCHEMA.get_all_operations() if result.ok().path != "/builds/{build_id}/events"
-]
+# Streams that do not end by themselves, as the build that is found does not.
+STREAMS = {"/builds/{build_id}/events", "/answers/events"}
+CALLS = [result.ok() for result in SCHEMA.get_all_operations() if result.ok().path not in STREAMS]
 
 
 schemathesis.serializer.alias([*MEDIA_TYPES, "application/offset+octet-stream"], "application/octet-stream")
@@ -71,11 +74,18 @@ def known(service: Service) -> dict[str, str]:
     service.catalog.put_build(names["build"], {"map_id": names["map"]})
     uploads = Uploads(service.catalog.store)
     uploads.create(names["upload"], size_bytes=1000, file_name="hall.ply")
+    sample_id = new_sample_id(uuid.uuid4().hex[:8], datetime.now(timezone.utc))
+    answer = {"verdict": "rejected", "reasons": ["low_probability"], "probability": 0.2}
+    sample = QuerySample(sample_id, "", "http", "r", "", names["map"], XYZ, "", {}, answer, len(SCAN_BODY))
+    QuerySamples(service.catalog.store).put(sample, SCAN_BODY)
+    key, _ = ApiKeys(service.catalog.store).create(names["map"], Grant.parse(["localize"], [names["map"]]))
     return {
         "map_id": names["map"],
         "version": version,
         "build_id": names["build"],
         "upload_id": names["upload"],
+        "sample_id": sample_id,
+        "key_id": key.key_id,
     }
 
 

@@ -28,7 +28,7 @@ FINE_COLUMNS, COARSE_COLUMNS = 360, 180  # directions around the sensor; near it
 FEWEST = 2  # points or returns of a cell that must agree: one alone may be a stray
 GONE_SHARE = 0.3  # of the mapped points of a cell that show: its floor stays where a rack has left
 NEW_SHARE = 0.03  # of the rays at a cell: most of them pass through a shelf, or beside it
-_FINE_POINTS_M = 9.0  # up to which the fine points are compared, as in the free-space check
+FINE_POINTS_M = 9.0  # up to which the fine points are compared, as in the free-space check
 _EXPLAINED_M = 0.2  # and up to twice the cell of the surface's grid more
 _RETURNS = 20_000
 
@@ -69,7 +69,7 @@ def sighting_of(
     mapped, gone, met = native.compare_points(
         view.near.tables,
         view.far.tables,
-        min(_FINE_POINTS_M, reach_m),
+        min(FINE_POINTS_M, reach_m),
         reach_m,
         T_level_sensor,
         returns,

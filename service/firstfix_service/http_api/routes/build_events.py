@@ -12,7 +12,6 @@ from typing import Any
 import structlog
 from fastapi import APIRouter
 from fastapi.responses import StreamingResponse
-from starlette.types import Receive, Scope, Send
 
 from firstfix.builds.records import FINAL_STATES
 from firstfix.errors import FirstfixError, StoreUnavailable
@@ -21,12 +20,12 @@ from ...auth.permission import Permission, PermissionDep
 from ...lanes import READS
 from ..authorize import CallerDep
 from ..dependencies import Parts, PartsDep
+from ..event_stream import HEARTBEAT, HEARTBEAT_S, EventStream
 from ..schema.parameters import BuildId
 
 router = APIRouter(prefix="/builds", tags=["builds"])
 _log = structlog.get_logger(__name__)
 LOOK_S = 1.0  # between reads of the status, which its writer renews twice a second
-HEARTBEAT_S = 15.0  # proxies close idle connections
 _EVENTS: dict[int | str, dict[str, Any]] = {
     200: {
         "description": "`event: progress` with the status as `data` at every change, then `event: end` with "
@@ -50,20 +49,7 @@ async def get_build_events(
     status = await READS.run(parts.catalog.build_status, build_id)
     counted = ExitStack()
     counted.enter_context(parts.event_streams.request(caller.name))
-    return _Stream(_events(parts, permission, build_id, status), counted)
-
-
-class _Stream(StreamingResponse):
-    """A stream that counts as a request under way until it ends."""
-
-    def __init__(self, events: AsyncIterator[bytes], counted: ExitStack) -> None:
-        headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-        super().__init__(events, media_type="text/event-stream", headers=headers)
-        self._counted = counted
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        with self._counted:
-            await super().__call__(scope, receive, send)
+    return EventStream(_events(parts, permission, build_id, status), counted)
 
 
 async def _events(
@@ -77,7 +63,7 @@ async def _events(
             yield _event("progress", build_id, status)
             said, last = status, time.monotonic()
         elif time.monotonic() - last > HEARTBEAT_S:
-            yield b": still there\n\n"
+            yield HEARTBEAT
             last = time.monotonic()
         with suppress(TimeoutError):
             async with asyncio.timeout(LOOK_S):

@@ -14,14 +14,14 @@ from firstfix.errors import Conflict, NotFound, UnsupportedFormat
 from firstfix.ids import is_name, new_build_id
 
 from ...auth.principal import Principal
-from ...lanes import COPIES, LISTS, READS
+from ...lanes import CHANGES, COPIES, LISTS, READS
 from ...telemetry.request_scope import with_traceparent
 from ..authorize import CallerDep
 from ..bodies.form_room import form_room
 from ..bodies.request_body import check_declared_length, declared_length
 from ..bodies.submission import Submission, from_form, from_json, keep_for_good
 from ..dependencies import Parts, PartsDep
-from ..schema.api_models import Build, MapDetails, MapPage
+from ..schema.api_models import Build, MapDetails, MapPage, MapRemoval
 from ..schema.map_submission import BODY, IDEMPOTENCY_KEY_TEXT
 from ..schema.parameters import DEFAULT_LIMIT, After, Limit, MapId
 
@@ -98,6 +98,17 @@ def get_map(map_id: MapId, parts: PartsDep) -> dict[str, Any]:
     if state.active is not None:
         described["manifest"] = parts.catalog.manifest(map_id, state.active).to_mapping()
     return described
+
+
+@router.delete("/{map_id}")
+@CHANGES.route
+def delete_map(map_id: MapId, parts: PartsDep) -> MapRemoval:
+    """Takes all versions of a map out of service, so that the map is no longer listed.
+
+    Replicas stop answering within their poll interval. The next garbage collection removes the files. A build
+    of the map that ends later publishes the map again: cancel it first.
+    """
+    return MapRemoval(map_id=map_id, retired=parts.catalog.remove_map(map_id))
 
 
 @asynccontextmanager

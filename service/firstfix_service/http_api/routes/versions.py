@@ -9,6 +9,7 @@ from fastapi import APIRouter, Header, Query, Request, Response
 from firstfix.errors import NotFound
 
 from ...lanes import CHANGES, LISTS, READS
+from ..cache_headers import FOREVER
 from ..dependencies import PartsDep
 from ..schema.api_models import Activation, Retirement, VersionDetails, VersionPage, VersionReport
 from ..schema.parameters import DEFAULT_LIMIT, After, Limit, MapId, Version
@@ -16,8 +17,6 @@ from ..schema.parameters import DEFAULT_LIMIT, After, Limit, MapId, Version
 router = APIRouter(prefix="/maps/{map_id}", tags=["versions"])
 PICTURES = ("preview", "reliability", "localizability")
 MAX_PICTURE_BYTES = 64 << 20
-# The content of a version never changes. Shared caches must not serve it: callers need permission.
-_FOREVER = "private, max-age=31536000, immutable"
 _PICTURE: dict[int | str, dict[str, Any]] = {
     200: {
         "content": {"image/png": {"schema": {"type": "string", "format": "binary"}}},
@@ -104,7 +103,7 @@ def get_picture(
     entry = parts.catalog.manifest(map_id, version).files.get(name)
     if entry is None:
         raise NotFound(f"version {version} of map {map_id} has no {name}")
-    headers = {"ETag": f'"{entry.sha256}"', "Cache-Control": _FOREVER}
+    headers = {"ETag": f'"{entry.sha256}"', "Cache-Control": FOREVER}
     if if_none_match is not None and _names(if_none_match, headers["ETag"]):
         return Response(status_code=304, headers=headers)
     data = parts.catalog.read_file(map_id, version, name, max_bytes=MAX_PICTURE_BYTES)

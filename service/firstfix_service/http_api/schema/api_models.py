@@ -38,6 +38,14 @@ class MapDetails(MapSummary):
     manifest: dict[str, Any] = Field({}, description="manifest of the active version; missing without one")
 
 
+class MapRemoval(BaseModel):
+    """A map that was taken out of service."""
+
+    model_config = _example(map_id="hall", retired=[_VERSION])
+    map_id: str
+    retired: list[str] = Field(description="its versions, which are retired now")
+
+
 class VersionSummary(BaseModel):
     """A published version."""
 
@@ -278,3 +286,31 @@ class Readiness(BaseModel):
     holding: Holding | None = Field(description="null: the replicas do not share the maps")
     catalog: CatalogHealth
     queries: int = Field(description="number of queries that wait or run")
+
+
+class Caller(BaseModel):
+    """The caller of a request, and what it may do."""
+
+    model_config = _example(
+        name="key:ops1", scopes=["build", "localize"], maps=["hall*"], authentication=True, read_only=False
+    )
+    name: str = Field(description="as in the logs")
+    scopes: list[str] = Field(description="every scope that the caller has, those included by others too")
+    maps: list[str] = Field(description="patterns of the ids of the maps that it sees")
+    authentication: bool = Field(description="false: the service asks nobody for a key")
+    read_only: bool = Field(description="true: the service refuses all changes")
+
+
+class Sensor(BaseModel):
+    """A sensor model: the rays of a LiDAR and its mounting."""
+
+    name: str
+    elevations_deg: list[float] = Field(description="one for each beam")
+    azimuth_step_deg: float
+    min_range_m: float
+    max_range_m: float
+    mount_height_m: float = Field(description="above the floor that the robot drives on")
+    range_noise_m: float
+    mount_roll_deg: float
+    mount_pitch_deg: float
+    pattern: Literal["rows", "rosette"]

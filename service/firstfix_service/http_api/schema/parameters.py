@@ -14,6 +14,13 @@ MapId = Annotated[
 ]
 BuildId = Annotated[str, Path(description="id of the build", json_schema_extra=_NAME)]
 UploadId = Annotated[str, Path(description="id of the upload", json_schema_extra=_NAME)]
+KeyId = Annotated[str, Path(description="id of the key", json_schema_extra={"pattern": "^[0-9a-f]{12}$"})]
+SampleId = Annotated[
+    str,
+    Path(
+        description="id of the kept query", json_schema_extra={"pattern": "^[0-9]{8}t[0-9]{12}-[0-9a-f]{8}$"}
+    ),
+]
 Version = Annotated[
     str, Path(description="digest of the version", json_schema_extra={"pattern": "^[0-9a-f]{64}$"})
 ]

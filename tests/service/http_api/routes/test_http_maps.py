@@ -29,3 +29,23 @@ def test_rolling_back_takes_effect_at_once(service: Service):
     assert service.ask("http").x == 1
     service.http.post(f"/maps/hall/versions/{second}/activate")
     assert service.ask("zenoh").x == 2
+
+
+def test_a_deleted_map_is_listed_no_more_and_answers_no_more(service: Service):
+    first = service.catalog.active_version("hall")
+    second = publish(service.catalog, "hall", "2", service.scratch)
+    publish(service.catalog, "attic", "3", service.scratch)
+    answer = service.http.delete("/maps/hall")
+    assert (answer.status_code, sorted(answer.json()["retired"])) == (200, sorted([first, second]))
+    assert [entry["map_id"] for entry in service.http.get("/maps").json()["maps"]] == ["attic"]
+    wait_until(lambda: service.http.post("/localize?map=hall", content=b"").status_code != 200)
+    assert service.http.get(f"/maps/hall/versions/{second}").status_code == 404
+    assert service.http.delete("/maps/hall").status_code == 404
+    assert service.http.delete("/maps/cellar").status_code == 404
+
+
+def test_a_deleted_map_can_be_published_again(service: Service):
+    assert service.http.delete("/maps/hall").is_success
+    again = publish(service.catalog, "hall", "4", service.scratch)
+    assert service.http.get("/maps/hall").json()["active_version"] == again
+    wait_until(lambda: service.ask("http").ok and service.ask("http").x == 4)

@@ -1,0 +1,26 @@
+// Who is signed in. The key stays in this tab alone, and goes with it.
+
+import { computed, signal } from "@preact/signals";
+import type { Schemas } from "../api/client";
+
+const PLACE = "firstfix.key";
+
+export const key = signal(sessionStorage.getItem(PLACE) ?? "");
+export const caller = signal<Schemas["Caller"] | null>(null);
+export const mayBuild = computed(() => may("build"));
+export const mayAdminister = computed(() => may("admin"));
+
+function may(scope: string): boolean {
+  return caller.value !== null && !caller.value.read_only && caller.value.scopes.includes(scope);
+}
+
+export function signIn(given: string, keep: boolean): void {
+  key.value = given;
+  if (keep) sessionStorage.setItem(PLACE, given);
+}
+
+export function signOut(): void {
+  sessionStorage.removeItem(PLACE);
+  key.value = "";
+  caller.value = null;
+}

@@ -1,0 +1,82 @@
+// Calls of the service: one place that knows its address, the caller's key and the form of its errors.
+
+import { key, signOut } from "../access/session";
+import type { components } from "./schema";
+
+export type Schemas = components["schemas"];
+export type Query = Record<string, string | number | boolean | null | undefined>;
+
+/** An answer of the service that is not a success, with the service's own text. */
+export class Problem extends Error {
+  constructor(
+    readonly status: number,
+    readonly code: string,
+    detail: string,
+  ) {
+    super(detail);
+  }
+}
+
+export interface CallOptions {
+  query?: Query;
+  json?: unknown;
+  body?: BodyInit;
+  headers?: Record<string, string>;
+  signal?: AbortSignal;
+}
+
+// The page lies one level below the service: at "console/".
+const ROOT = new URL("..", document.baseURI);
+
+export function addressOf(path: string, query: Query = {}): URL {
+  const url = new URL(path.replace(/^\//, ""), ROOT);
+  for (const [name, value] of Object.entries(query)) {
+    if (value !== undefined && value !== null && value !== "") url.searchParams.set(name, String(value));
+  }
+  return url;
+}
+
+/** Sends a request, and returns the answer if it is a success. */
+export async function send(method: string, path: string, options: CallOptions = {}): Promise<Response> {
+  const headers = new Headers(options.headers);
+  if (key.value) headers.set("Authorization", `Bearer ${key.value}`);
+  let body = options.body;
+  if (options.json !== undefined) {
+    headers.set("Content-Type", "application/json");
+    body = JSON.stringify(options.json);
+  }
+  let response: Response;
+  try {
+    response = await fetch(addressOf(path, options.query), {
+      method,
+      headers,
+      body,
+      signal: options.signal,
+      credentials: "omit",
+    });
+  } catch (error) {
+    if (error instanceof DOMException && error.name === "AbortError") throw error;
+    throw new Problem(0, "unreachable", "The service cannot be reached.");
+  }
+  if (!response.ok) throw await problemOf(response);
+  return response;
+}
+
+export async function get<T>(path: string, query: Query = {}, signal?: AbortSignal): Promise<T> {
+  return (await send("GET", path, { query, signal })).json() as Promise<T>;
+}
+
+export async function change<T>(method: string, path: string, options: CallOptions = {}): Promise<T> {
+  const response = await send(method, path, options);
+  return (response.status === 204 ? undefined : await response.json()) as T;
+}
+
+async function problemOf(response: Response): Promise<Problem> {
+  if (response.status === 401) signOut();
+  try {
+    const said = (await response.json()) as { code?: string; detail?: string; title?: string };
+    return new Problem(response.status, said.code ?? "unknown", said.detail ?? said.title ?? response.statusText);
+  } catch {
+    return new Problem(response.status, "unknown", response.statusText || `status ${response.status}`);
+  }
+}

@@ -1,0 +1,151 @@
+// What robots are told, as it happens: fixes on the map, and how many, how fast, how sure.
+
+import { useSignal } from "@preact/signals";
+import { useEffect, useRef } from "preact/hooks";
+import { Group } from "three";
+import { get, type Schemas } from "../api/client";
+import { follow } from "../api/events";
+import { MapCanvas } from "../map3d/MapCanvas";
+import { poseMark } from "../map3d/marks";
+import { clear, type MapScene } from "../map3d/scene";
+import { go, route } from "../router";
+import { Empty } from "../ui/Empty";
+import { percent } from "../ui/text";
+import { useLoaded } from "../ui/useLoaded";
+import { colourOf } from "../ui/verdict";
+import { Verdict } from "../ui/Verdict";
+import { Plots } from "./Plots";
+import { type Fix, type Second, seconds } from "./seconds";
+
+const KEPT = 500;
+const SHOWN_ROWS = 30;
+
+export function LiveView() {
+  const maps = useLoaded((signal) => get<Schemas["MapPage"]>("/maps", { limit: 1000 }, signal), []);
+  const map = route.value.query.get("map") || maps.value?.maps[0]?.map_id || "";
+  const version = maps.value?.maps.find((one) => one.map_id === map)?.active_version ?? "";
+  const fixes = useSignal<Fix[]>([]);
+  const now = useSignal(Date.now() / 1000);
+  const isConnected = useSignal(false);
+  const scene = useRef<MapScene | null>(null);
+  const marks = useRef(new Group());
+  const isReady = useSignal(0);
+
+  useEffect(() => {
+    if (!map) return;
+    const stop = new AbortController();
+    fixes.value = [];
+    let last = 0;
+    void follow(
+      "/answers/events",
+      () => ({ map_id: map, after: last }),
+      (event) => {
+        const fix = event.data as Fix;
+        isConnected.value = true;
+        // a replica that was started again counts from one
+        last = fix.number;
+        fixes.value = [...fixes.value, fix].slice(-KEPT);
+      },
+      stop.signal,
+      () => {
+        isConnected.value = false;
+        last = 0;
+      },
+    );
+    isConnected.value = true;
+    const clock = setInterval(() => (now.value = Date.now() / 1000), 1000);
+    return () => {
+      stop.abort();
+      clearInterval(clock);
+    };
+  }, [map]);
+
+  useEffect(() => {
+    const here = scene.current;
+    if (!here) return;
+    clear(marks.current);
+    const latest = new Map<string, Fix>();
+    for (const fix of fixes.value) if (fix.answer.T_map_sensor) latest.set(fix.caller, fix);
+    for (const fix of latest.values()) {
+      const pose = fix.answer.T_map_sensor!;
+      marks.current.add(poseMark(here.local(pose.position), pose, colourOf(fix.answer.verdict), 2));
+    }
+    here.redraw();
+  }, [fixes.value, isReady.value]);
+
+  if (maps.value && !maps.value.maps.length) {
+    return (
+      <Empty title="No map yet">
+        <p>Build one, then robots can be followed in it.</p>
+      </Empty>
+    );
+  }
+  const history: Second[] = seconds(fixes.value, now.value);
+  return (
+    <main class="live">
+      <header class="row">
+        <h1>Live</h1>
+        <label>
+          Map
+          <select value={map} onChange={(event) => go(["live"], { map: event.currentTarget.value })}>
+            {(maps.value?.maps ?? []).map((one) => (
+              <option key={one.map_id}>{one.map_id}</option>
+            ))}
+          </select>
+        </label>
+        <span role="status">{isConnected.value ? "Connected" : "Connecting again …"}</span>
+      </header>
+      <Plots seconds={history} />
+      {version ? (
+        <MapCanvas
+          key={version}
+          map={map}
+          version={version}
+          ready={(found) => {
+            scene.current = found;
+            found?.overlay.add(marks.current);
+            isReady.value += 1;
+          }}
+        />
+      ) : null}
+      {fixes.value.length ? (
+        <table class="fixes">
+          <thead>
+            <tr>
+              <th>Time</th>
+              <th>Caller</th>
+              <th>Verdict</th>
+              <th class="number">Probability</th>
+              <th class="number">ms</th>
+            </tr>
+          </thead>
+          <tbody>
+            {fixes.value
+              .slice(-SHOWN_ROWS)
+              .reverse()
+              .map((fix) => (
+                <tr
+                  key={fix.number}
+                  onClick={() => fix.answer.T_map_sensor && scene.current?.lookAt(fix.answer.T_map_sensor.position)}
+                >
+                  <td>{new Date(fix.time_s * 1000).toLocaleTimeString("en-GB")}</td>
+                  <td>{fix.caller}</td>
+                  <td>
+                    <Verdict verdict={fix.answer.verdict} />
+                  </td>
+                  <td class="number">{percent(fix.answer.probability, 1)}</td>
+                  <td class="number">{fix.ms.toFixed(0)}</td>
+                </tr>
+              ))}
+          </tbody>
+        </table>
+      ) : (
+        <Empty title="No query yet">
+          <p>
+            Answers appear here as robots ask. Try one yourself: <a href={`#/maps/${map}/try`}>try a scan</a>.
+          </p>
+        </Empty>
+      )}
+    </main>
+  );
+}

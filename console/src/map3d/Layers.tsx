@@ -1,0 +1,69 @@
+// The switches of the map view: colour, storey, layers.
+
+import type { Signal } from "@preact/signals";
+import type { Colouring } from "./material";
+import type { Storey } from "./storeys";
+
+export type LayerName = "trajectory" | "templates" | "localizability" | "changes";
+
+const LAYERS: Record<LayerName, string> = {
+  trajectory: "Mapping run",
+  templates: "Templates",
+  localizability: "Where a robot finds itself",
+  changes: "Changes since the map was made",
+};
+const COLOURS: Record<Colouring, string> = { height: "Height", normal: "Normal", plain: "One colour" };
+
+export interface LayersProps {
+  colouring: Signal<Colouring>;
+  layers: Signal<LayerName[]>;
+  storeys: Storey[];
+  storey: Signal<string>;
+  whole: () => void;
+}
+
+export function Layers({ colouring, layers, storeys, storey, whole }: LayersProps) {
+  const toggle = (name: LayerName) => {
+    const on = layers.value.includes(name);
+    layers.value = on ? layers.value.filter((one) => one !== name) : [...layers.value, name];
+  };
+  return (
+    <section>
+      <h3>View</h3>
+      <button onClick={whole}>Whole map</button>
+      <label>
+        Colour
+        <select
+          value={colouring.value}
+          onChange={(event) => (colouring.value = event.currentTarget.value as Colouring)}
+        >
+          {Object.entries(COLOURS).map(([value, name]) => (
+            <option value={value} key={value}>
+              {name}
+            </option>
+          ))}
+        </select>
+      </label>
+      {storeys.length > 1 ? (
+        <label>
+          Storey
+          <select value={storey.value} onChange={(event) => (storey.value = event.currentTarget.value)}>
+            <option value="">All</option>
+            {storeys.map((one, i) => (
+              <option value={String(i + 1)} key={one.name}>
+                {one.name}
+              </option>
+            ))}
+          </select>
+        </label>
+      ) : null}
+      <h3>Layers</h3>
+      {(Object.entries(LAYERS) as [LayerName, string][]).map(([name, text]) => (
+        <label class="check" key={name}>
+          <input type="checkbox" checked={layers.value.includes(name)} onChange={() => toggle(name)} />
+          {text}
+        </label>
+      ))}
+    </section>
+  );
+}

@@ -1,0 +1,132 @@
+// One map: its cloud, what is known about it, and the layers that can be laid over it.
+
+import { useSignal } from "@preact/signals";
+import { useEffect, useRef } from "preact/hooks";
+import { Group } from "three";
+import { get, type Schemas } from "../api/client";
+import { note, route } from "../router";
+import { ErrorText } from "../ui/ErrorText";
+import { useLoaded } from "../ui/useLoaded";
+import type { Cloud } from "./cloud";
+import { Layers, type LayerName } from "./Layers";
+import { layerOf } from "./layerMarks";
+import { MapCanvas, showStorey } from "./MapCanvas";
+import type { Colouring } from "./material";
+import { Measure } from "./measure";
+import { clear, type MapScene } from "./scene";
+import type { Storey } from "./storeys";
+
+export function MapView({ map }: { map: string }) {
+  const asked = route.value.query;
+  const details = useLoaded(
+    (signal) => get<Schemas["MapDetails"]>(`/maps/${map}`, {}, signal),
+    [map],
+  );
+  const version = asked.get("version") || details.value?.active_version || "";
+  const scene = useRef<MapScene | null>(null);
+  const cloud = useRef<Cloud | null>(null);
+  const isReady = useSignal(0);
+  const colouring = useSignal<Colouring>((asked.get("colour") as Colouring) || "height");
+  const layers = useSignal<LayerName[]>((asked.get("layers")?.split(",") as LayerName[]) ?? ["trajectory"]);
+  const storeys = useSignal<Storey[]>([]);
+  const storey = useSignal(asked.get("storey") ?? "");
+  const measuring = useSignal(false);
+  const measure = useRef<Measure | null>(null);
+  const length = useSignal<number | null>(null);
+  const problem = useSignal<unknown>(null);
+
+  const opened = (found: MapScene | null, with_: Cloud | null, its: Storey[]) => {
+    scene.current = found;
+    cloud.current = with_;
+    storeys.value = its;
+    isReady.value += 1;
+    if (!found || !with_) return;
+    const eye = asked.get("view")?.split(",").map(Number);
+    if (eye?.length === 6 && eye.every(Number.isFinite)) {
+      found.view = {
+        target: eye.slice(0, 3) as [number, number, number],
+        eye: eye.slice(3) as [number, number, number],
+      };
+    }
+    let waiting = 0;
+    found.moved = ({ target, eye: at }) => {
+      clearTimeout(waiting);
+      waiting = window.setTimeout(() => note({ view: [...target, ...at].map((v) => v.toFixed(2)).join(",") }), 300);
+    };
+    measure.current = new Measure(found, (m) => (length.value = m));
+  };
+
+  useEffect(() => {
+    const here = scene.current;
+    if (!here) return;
+    here.material.colouring = colouring.value;
+    showStorey(here, cloud.current!, storeys.value, storeys.value[Number(storey.value) - 1] ?? null);
+    note({ colour: colouring.value === "height" ? "" : colouring.value, storey: storey.value });
+  }, [isReady.value, colouring.value, storey.value]);
+
+  useEffect(() => {
+    const here = scene.current;
+    if (!here || !cloud.current) return;
+    const stop = new AbortController();
+    const group = new Group();
+    here.overlay.add(group);
+    note({ layers: layers.value.join(",") });
+    for (const name of layers.value) {
+      layerOf(name, here, cloud.current, map, version, stop.signal)
+        .then((found) => {
+          if (stop.signal.aborted || !found) return;
+          group.add(found);
+          here.redraw();
+        })
+        .catch((error: unknown) => {
+          if (!stop.signal.aborted) problem.value = error;
+        });
+    }
+    return () => {
+      stop.abort();
+      clear(group);
+      here.overlay.remove(group);
+      here.redraw();
+    };
+  }, [isReady.value, layers.value, version]);
+
+  if (details.error) return <ErrorText error={details.error} again={details.again} />;
+  if (!details.value) return <p role="status">Opening {map} …</p>;
+  if (!version) return <p>The map {map} has no active version.</p>;
+  return (
+    <div class="map-view">
+      <MapCanvas
+        key={version}
+        map={map}
+        version={version}
+        ready={opened}
+        clicked={measuring.value ? (position) => measure.current?.add(position) : undefined}
+      />
+      <aside class="panel" aria-label="Layers and tools">
+        <Layers
+          colouring={colouring}
+          layers={layers}
+          storeys={storeys.value}
+          storey={storey}
+          whole={() => scene.current?.lookAtAll()}
+        />
+        <section>
+          <h3>Measure</h3>
+          <label class="check">
+            <input
+              type="checkbox"
+              checked={measuring.value}
+              onChange={(event) => {
+                measuring.value = event.currentTarget.checked;
+                measure.current?.clear();
+              }}
+            />
+            Click two points
+          </label>
+          {length.value === null ? null : <output>{length.value.toFixed(3)} m</output>}
+        </section>
+        {problem.value ? <ErrorText error={problem.value} /> : null}
+      </aside>
+    </div>
+  );
+}

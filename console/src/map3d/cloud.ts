@@ -1,0 +1,72 @@
+// The cloud of a version: which nodes there are, and their points.
+
+import { get, send } from "../api/client";
+
+export interface CloudIndex {
+  low_m: [number, number, number];
+  edge_m: number;
+  points: number;
+  point_bytes: number;
+  normals: boolean;
+  bounds_m: [[number, number, number], [number, number, number]];
+  marks: Record<string, [number, number]>;
+  nodes: [number, number, number, number, number, number][];
+}
+
+export interface CloudNode {
+  key: string;
+  level: number;
+  low: [number, number, number]; // from the root's low corner, metres
+  edge: number;
+  first: number;
+  count: number;
+  children: CloudNode[];
+}
+
+/** The octree as the viewer walks it. */
+export interface Cloud {
+  index: CloudIndex;
+  root: CloudNode;
+  path: string;
+}
+
+export async function openCloud(map: string, version: string, signal: AbortSignal): Promise<Cloud> {
+  const path = `/maps/${map}/versions/${version}/cloud`;
+  const index = await get<CloudIndex>(path, {}, signal);
+  const found = new Map<string, CloudNode>();
+  for (const [level, x, y, z, first, count] of index.nodes) {
+    const edge = index.edge_m / 2 ** level;
+    const node: CloudNode = {
+      key: `${level}/${x}/${y}/${z}`,
+      level,
+      low: [x * edge, y * edge, z * edge],
+      edge,
+      first,
+      count,
+      children: [],
+    };
+    found.set(node.key, node);
+    if (level > 0) found.get(`${level - 1}/${x >> 1}/${y >> 1}/${z >> 1}`)?.children.push(node);
+  }
+  const root = found.get("0/0/0/0");
+  if (!root) throw new Error("the cloud has no points");
+  return { index, root, path };
+}
+
+/** Points as they come: x, y, z as uint16 in 1/65535 of the node's edge, then two int8 of the normal. */
+export async function points(cloud: Cloud, first: number, count: number, signal?: AbortSignal): Promise<ArrayBuffer> {
+  if (count === 0) return new ArrayBuffer(0);
+  const answer = await send("GET", `${cloud.path}/points`, { query: { first, count }, signal });
+  return answer.arrayBuffer();
+}
+
+/** Positions of a mark, metres from the root's low corner: (x, y, z) one after the other. */
+export async function mark(cloud: Cloud, name: string, signal?: AbortSignal): Promise<Float32Array> {
+  const [first, count] = cloud.index.marks[name] ?? [0, 0];
+  const packed = new Uint16Array(await points(cloud, first, count, signal));
+  const found = new Float32Array(count * 3);
+  const scale = cloud.index.edge_m / 65535;
+  for (let i = 0; i < count; i++)
+    for (let axis = 0; axis < 3; axis++) found[3 * i + axis] = (packed[4 * i + axis] ?? 0) * scale;
+  return found;
+}

@@ -1,0 +1,99 @@
+// What is laid over the cloud: poses, paths, templates, a scan, cells.
+
+import {
+  ArrowHelper,
+  BoxGeometry,
+  Color,
+  DoubleSide,
+  Group,
+  InstancedMesh,
+  Line,
+  LineBasicMaterial,
+  Matrix4,
+  Mesh,
+  MeshBasicMaterial,
+  PlaneGeometry,
+  Points,
+  PointsMaterial,
+  Quaternion,
+  SphereGeometry,
+  Vector3,
+  BufferAttribute,
+} from "three";
+import { geometryOf } from "./scene";
+
+export interface Pose {
+  position: number[];
+  quaternion: number[];
+}
+
+/** The axes of a sensor with a ball at its place. */
+export function poseMark(at: Vector3, pose: Pose, colour: number, size = 1): Group {
+  const group = new Group();
+  const [x, y, z, w] = pose.quaternion as [number, number, number, number];
+  const turn = new Quaternion(x, y, z, w);
+  const ball = new Mesh(
+    new SphereGeometry(0.18 * size, 16, 12),
+    new MeshBasicMaterial({ color: colour, depthTest: false, transparent: true }),
+  );
+  ball.renderOrder = 10;
+  ball.position.copy(at);
+  group.add(ball);
+  const axes: [Vector3, number, number][] = [
+    [new Vector3(1, 0, 0), colour, 1.4],
+    [new Vector3(0, 0, 1), 0x8899aa, 0.7],
+  ];
+  for (const [axis, tint, length] of axes) {
+    const arrow = new ArrowHelper(axis.applyQuaternion(turn), at, length * size, tint, 0.35 * size, 0.22 * size);
+    arrow.traverse((part) => {
+      part.renderOrder = 10;
+      const { material } = part as Partial<Mesh>;
+      if (material && !Array.isArray(material)) material.depthTest = false;
+    });
+    group.add(arrow);
+  }
+  return group;
+}
+
+export function pathMark(positions: Float32Array, colour: number): Line {
+  return new Line(geometryOf(positions), new LineBasicMaterial({ color: colour }));
+}
+
+export function dotsMark(positions: Float32Array, colour: number, sizePx = 3): Points {
+  return new Points(
+    geometryOf(positions),
+    new PointsMaterial({ color: colour, size: sizePx, sizeAttenuation: false }),
+  );
+}
+
+/** Dots with a colour each: (r, g, b) of 0..1 one after the other. */
+export function colouredDots(positions: Float32Array, colours: Float32Array, sizePx = 3): Points {
+  const geometry = geometryOf(positions);
+  geometry.setAttribute("color", new BufferAttribute(colours, 3));
+  return new Points(geometry, new PointsMaterial({ size: sizePx, sizeAttenuation: false, vertexColors: true }));
+}
+
+/** A square that lies flat, around its middle. */
+export function squareMark(middle: Vector3, edge: number, colour: number): Mesh {
+  const square = new Mesh(
+    new PlaneGeometry(edge, edge),
+    new MeshBasicMaterial({ color: colour, transparent: true, opacity: 0.4, depthTest: false, side: DoubleSide }),
+  );
+  square.position.copy(middle);
+  return square;
+}
+
+/** Cubes of one edge at the given low corners. */
+export function cellsMark(corners: Vector3[], edge: number, colour: number): InstancedMesh {
+  const mesh = new InstancedMesh(
+    new BoxGeometry(edge, edge, edge),
+    new MeshBasicMaterial({ color: new Color(colour), transparent: true, opacity: 0.45, depthWrite: false }),
+    corners.length,
+  );
+  const half = new Vector3(edge / 2, edge / 2, edge / 2);
+  corners.forEach((corner, i) => {
+    const middle = corner.clone().add(half);
+    mesh.setMatrixAt(i, new Matrix4().makeTranslation(middle));
+  });
+  return mesh;
+}

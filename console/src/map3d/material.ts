@@ -1,0 +1,100 @@
+// How points are drawn: by height, by normal or in one colour, and only those of the slice.
+
+import { Color, GLSL3, ShaderMaterial, Vector2 } from "three";
+
+export type Colouring = "height" | "normal" | "plain";
+const MODES: Record<Colouring, number> = { height: 0, normal: 1, plain: 2 };
+
+const VERTEX = `
+  in vec2 bend;
+  uniform int mode;
+  uniform float size, ratio;
+  uniform vec2 heights, slice;
+  uniform vec3 plain;
+  out vec3 tint;
+
+  // Turbo, as a polynomial (Mikhailov, 2019).
+  vec3 turbo(float x) {
+    const vec4 r4 = vec4(0.13572138, 4.61539260, -42.66032258, 132.13108234);
+    const vec4 g4 = vec4(0.09140261, 2.19418839, 4.84296658, -14.18503333);
+    const vec4 b4 = vec4(0.10667330, 12.64194608, -60.58204836, 110.36276771);
+    const vec2 r2 = vec2(-152.94239396, 59.28637943);
+    const vec2 g2 = vec2(4.27729857, 2.82956604);
+    const vec2 b2 = vec2(-89.90310912, 27.34824973);
+    x = clamp(x, 0.0, 1.0);
+    vec4 v4 = vec4(1.0, x, x * x, x * x * x);
+    vec2 v2 = v4.zw * v4.z;
+    return vec3(dot(v4, r4) + dot(v2, r2), dot(v4, g4) + dot(v2, g2), dot(v4, b4) + dot(v2, b2));
+  }
+
+  vec3 unfolded(vec2 e) {
+    vec3 n = vec3(e, 1.0 - abs(e.x) - abs(e.y));
+    if (n.z < 0.0) n.xy = (1.0 - abs(n.yx)) * vec2(n.x < 0.0 ? -1.0 : 1.0, n.y < 0.0 ? -1.0 : 1.0);
+    return normalize(n);
+  }
+
+  void main() {
+    vec4 at = modelMatrix * vec4(position, 1.0);
+    vec4 seen = viewMatrix * at;
+    gl_Position = projectionMatrix * seen;
+    if (at.z < slice.x || at.z > slice.y) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
+    gl_PointSize = clamp(size * ratio / -seen.z, 1.5 * ratio / 300.0, 12.0);
+    bool known = bend.x > -0.9999 || bend.y > -0.9999; // (-128, -128): no normal
+    float light = known ? 0.75 + 0.25 * abs(dot(unfolded(bend), normalize(vec3(0.3, 0.5, 0.8)))) : 0.9;
+    if (mode == 0) tint = turbo((at.z - heights.x) / max(heights.y - heights.x, 0.01)) * light;
+    else if (mode == 1) tint = known ? abs(unfolded(bend)) : vec3(0.5);
+    else tint = plain * light;
+  }
+`;
+
+const FRAGMENT = `
+  precision highp float;
+  in vec3 tint;
+  layout(location = 0) out highp vec4 colour;
+  void main() {
+    vec2 off = gl_PointCoord - 0.5;
+    if (dot(off, off) > 0.25) discard;
+    colour = vec4(tint, 1.0);
+  }
+`;
+
+export class PointMaterial extends ShaderMaterial {
+  constructor() {
+    super({
+      glslVersion: GLSL3,
+      vertexShader: VERTEX,
+      fragmentShader: FRAGMENT,
+      uniforms: {
+        mode: { value: MODES.height },
+        size: { value: 0.05 },
+        ratio: { value: 500 },
+        heights: { value: new Vector2(0, 1) },
+        slice: { value: new Vector2(-1e9, 1e9) },
+        plain: { value: new Color(0x8fa3ad) },
+      },
+    });
+  }
+
+  set colouring(colouring: Colouring) {
+    this.uniforms.mode!.value = MODES[colouring];
+  }
+
+  /** Lowest and highest z that the colours span. */
+  set heights([low, high]: [number, number]) {
+    this.uniforms.heights!.value.set(low, high);
+  }
+
+  /** Lowest and highest z that is drawn. */
+  set slice([low, high]: [number, number]) {
+    this.uniforms.slice!.value.set(low, high);
+  }
+
+  /** Height of the picture in pixels over twice the tangent of half the angle of view. */
+  set pixelsPerTangent(ratio: number) {
+    this.uniforms.ratio!.value = ratio;
+  }
+
+  set spacing(m: number) {
+    this.uniforms.size!.value = m;
+  }
+}

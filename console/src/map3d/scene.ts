@@ -1,0 +1,290 @@
+// The picture of one map: a camera over the cloud, and what is laid over it. All positions that come in are of the
+// map's frame; within, they are counted from the cloud's low corner, so that single precision is fine enough.
+
+import {
+  AmbientLight,
+  Box3,
+  BufferAttribute,
+  BufferGeometry,
+  Group,
+  InterleavedBuffer,
+  InterleavedBufferAttribute,
+  Frustum,
+  Matrix4,
+  type Object3D,
+  PerspectiveCamera,
+  Points,
+  Scene,
+  Vector3,
+  WebGLRenderer,
+} from "three";
+import { MapControls } from "three/addons/controls/MapControls.js";
+import { type Cloud, type CloudNode, points } from "./cloud";
+import { choose } from "./levels";
+import { PointMaterial } from "./material";
+
+const AT_ONCE = 6; // requests
+const KEPT_POINTS = 4_000_000; // in memory, drawn or not
+
+export interface View {
+  target: [number, number, number];
+  eye: [number, number, number];
+}
+
+export class MapScene {
+  readonly overlay = new Group();
+  readonly material = new PointMaterial();
+  readonly camera = new PerspectiveCamera(55, 1, 0.05, 20000);
+  shownPoints = 0;
+  moved: (view: View) => void = () => {};
+  drawn: () => void = () => {};
+  failed: (error: unknown) => void = () => {};
+
+  private readonly scene = new Scene();
+  private readonly renderer: WebGLRenderer;
+  private readonly controls: MapControls;
+  private readonly loaded = new Map<string, { object: Points; count: number; used: number }>();
+  private readonly loading = new Set<string>();
+  private readonly stop = new AbortController();
+  private wanted: CloudNode[] = [];
+  private frame = 0;
+  private isDirty = true;
+  private round = 0;
+
+  constructor(
+    private readonly cloud: Cloud,
+    private readonly element: HTMLElement,
+  ) {
+    this.renderer = new WebGLRenderer({ antialias: false, powerPreference: "high-performance" });
+    this.renderer.setClearColor(0x10161b);
+    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 1.5));
+    element.append(this.renderer.domElement);
+    this.renderer.domElement.tabIndex = 0;
+    this.renderer.domElement.setAttribute("aria-label", "The map in 3D. Arrow keys move it.");
+    this.camera.up.set(0, 0, 1);
+    this.controls = new MapControls(this.camera, this.renderer.domElement);
+    this.controls.enableDamping = false;
+    this.controls.maxPolarAngle = Math.PI * 0.85;
+    this.controls.listenToKeyEvents(this.renderer.domElement);
+    this.controls.addEventListener("change", () => {
+      this.redraw();
+      this.moved(this.view);
+    });
+    this.scene.add(this.overlay, new AmbientLight(0xffffff, 3));
+    const [low, high] = cloud.index.bounds_m.map((corner) => this.local(corner)) as [Vector3, Vector3];
+    this.material.heights = [low.z, high.z];
+    this.material.spacing = 0.05;
+    this.lookAtAll();
+    new ResizeObserver(() => this.resize()).observe(element);
+    this.resize();
+  }
+
+  /** A position of the map's frame as the scene counts it. */
+  local([x, y, z]: readonly number[]): Vector3 {
+    const [x0, y0, z0] = this.cloud.index.low_m;
+    return new Vector3(x! - x0, y! - y0, z! - z0);
+  }
+
+  /** A position of the scene in the map's frame. */
+  inMap(at: Vector3): [number, number, number] {
+    const [x0, y0, z0] = this.cloud.index.low_m;
+    return [at.x + x0, at.y + y0, at.z + z0];
+  }
+
+  get view(): View {
+    return { target: this.inMap(this.controls.target), eye: this.inMap(this.camera.position) };
+  }
+
+  set view({ target, eye }: View) {
+    this.controls.target.copy(this.local(target));
+    this.camera.position.copy(this.local(eye));
+    this.controls.update();
+    this.redraw();
+  }
+
+  /** Looks at the whole map from the south, obliquely. */
+  lookAtAll(): void {
+    const [low, high] = this.cloud.index.bounds_m.map((corner) => this.local(corner)) as [Vector3, Vector3];
+    const middle = low.clone().add(high).multiplyScalar(0.5);
+    const reach = 0.6 * low.distanceTo(high);
+    this.controls.target.copy(middle);
+    this.camera.position.copy(middle).add(new Vector3(0, -0.75 * reach, 0.95 * reach));
+    this.controls.update();
+    this.redraw();
+  }
+
+  /** Looks at a position from a few metres away. */
+  lookAt(position: readonly number[], away = 15): void {
+    const at = this.local(position);
+    this.controls.target.copy(at);
+    this.camera.position.copy(at).add(new Vector3(0, -0.7 * away, 0.8 * away));
+    this.controls.update();
+    this.redraw();
+  }
+
+  redraw(): void {
+    this.isDirty = true;
+    if (!this.frame) this.frame = requestAnimationFrame(() => this.draw());
+  }
+
+  /** The point of the cloud that is drawn nearest to a place of the picture, within some pixels. */
+  pick(clientX: number, clientY: number, withinPx = 8): [number, number, number] | null {
+    const box = this.renderer.domElement.getBoundingClientRect();
+    const [px, py] = [clientX - box.left, clientY - box.top];
+    const project = new Matrix4();
+    const whole = new Matrix4().multiplyMatrices(this.camera.projectionMatrix, this.camera.matrixWorldInverse);
+    const [low, high] = this.material.uniforms.slice!.value.toArray() as [number, number];
+    const at = new Vector3();
+    let best: Vector3 | null = null;
+    let bestCost = Infinity;
+    for (const { object } of this.loaded.values()) {
+      if (!object.visible) continue;
+      project.multiplyMatrices(whole, object.matrixWorld);
+      const packed = object.geometry.getAttribute("position");
+      for (let i = 0; i < packed.count; i++) {
+        at.set(packed.getX(i), packed.getY(i), packed.getZ(i)).applyMatrix4(project);
+        if (at.z > 1 || at.z < -1) continue;
+        const dx = ((at.x + 1) / 2) * box.width - px;
+        const dy = ((1 - at.y) / 2) * box.height - py;
+        const away = dx * dx + dy * dy;
+        if (away > withinPx * withinPx) continue;
+        const cost = at.z * 1e3 + away * 1e-3; // the nearest to the eye
+        if (cost >= bestCost) continue;
+        const position = new Vector3(packed.getX(i), packed.getY(i), packed.getZ(i)).applyMatrix4(object.matrixWorld);
+        if (position.z < low || position.z > high) continue;
+        bestCost = cost;
+        best = position;
+      }
+    }
+    return best ? this.inMap(best) : null;
+  }
+
+  /** The place of a position in the picture, in CSS pixels; null behind the eye. */
+  place(position: readonly number[]): [number, number] | null {
+    const at = this.local(position).project(this.camera);
+    if (at.z > 1) return null;
+    const { clientWidth, clientHeight } = this.element;
+    return [((at.x + 1) / 2) * clientWidth, ((1 - at.y) / 2) * clientHeight];
+  }
+
+  dispose(): void {
+    this.stop.abort();
+    cancelAnimationFrame(this.frame);
+    this.controls.dispose();
+    for (const { object } of this.loaded.values()) object.geometry.dispose();
+    clear(this.overlay);
+    this.material.dispose();
+    this.renderer.dispose();
+    this.renderer.domElement.remove();
+  }
+
+  private resize(): void {
+    const { clientWidth, clientHeight } = this.element;
+    if (!clientWidth || !clientHeight) return;
+    this.renderer.setSize(clientWidth, clientHeight);
+    this.camera.aspect = clientWidth / clientHeight;
+    this.camera.updateProjectionMatrix();
+    this.redraw();
+  }
+
+  private draw(): void {
+    this.frame = 0;
+    if (!this.isDirty) return;
+    this.isDirty = false;
+    const canvas = this.renderer.domElement;
+    const perTangent = canvas.height / (2 * Math.tan((this.camera.fov * Math.PI) / 360));
+    this.material.pixelsPerTangent = perTangent;
+    this.wanted = this.chosen(perTangent);
+    this.round += 1;
+    for (const { object } of this.loaded.values()) object.visible = false;
+    this.shownPoints = 0;
+    for (const node of this.wanted) {
+      const there = this.loaded.get(node.key);
+      if (!there) continue;
+      there.object.visible = true;
+      there.used = this.round;
+      this.shownPoints += there.count;
+    }
+    this.renderer.render(this.scene, this.camera);
+    this.fetchMissing();
+    this.drawn();
+  }
+
+  private chosen(pixelsPerTangent: number): CloudNode[] {
+    this.camera.updateMatrixWorld();
+    const frustum = new Frustum().setFromProjectionMatrix(
+      new Matrix4().multiplyMatrices(this.camera.projectionMatrix, this.camera.matrixWorldInverse),
+    );
+    const box = new Box3();
+    return choose(this.cloud.root, {
+      at: this.camera.position.toArray(),
+      pixelsPerTangent,
+      sees: (low, edge) => {
+        box.min.set(...low);
+        box.max.set(low[0] + edge, low[1] + edge, low[2] + edge);
+        return frustum.intersectsBox(box);
+      },
+    });
+  }
+
+  private fetchMissing(): void {
+    for (const node of this.wanted) {
+      if (this.loading.size >= AT_ONCE) return;
+      if (this.loaded.has(node.key) || this.loading.has(node.key)) continue;
+      this.loading.add(node.key);
+      points(this.cloud, node.first, node.count, this.stop.signal)
+        .then((data) => this.add(node, data))
+        .catch((error: unknown) => {
+          if (!this.stop.signal.aborted) this.failed(error);
+        })
+        .finally(() => this.loading.delete(node.key));
+    }
+  }
+
+  private add(node: CloudNode, data: ArrayBuffer): void {
+    const geometry = new BufferGeometry();
+    const positions = new InterleavedBuffer(new Uint16Array(data), 4);
+    geometry.setAttribute("position", new InterleavedBufferAttribute(positions, 3, 0, true));
+    const bends = new InterleavedBuffer(new Int8Array(data), 8);
+    geometry.setAttribute("bend", new InterleavedBufferAttribute(bends, 2, 6, true));
+    const object = new Points(geometry, this.material);
+    object.position.set(...node.low);
+    object.scale.setScalar(node.edge);
+    object.frustumCulled = false;
+    this.scene.add(object);
+    object.updateMatrixWorld();
+    this.loaded.set(node.key, { object, count: node.count, used: this.round });
+    this.forget();
+    this.redraw();
+  }
+
+  /** Frees what was not drawn for longest, if there is too much. */
+  private forget(): void {
+    let kept = 0;
+    for (const { count } of this.loaded.values()) kept += count;
+    const oldest = [...this.loaded].sort(([, a], [, b]) => a.used - b.used);
+    for (const [key, { object, count, used }] of oldest) {
+      if (kept <= KEPT_POINTS || used >= this.round) return;
+      this.scene.remove(object);
+      object.geometry.dispose();
+      this.loaded.delete(key);
+      kept -= count;
+    }
+  }
+}
+
+/** Removes and frees all that a group holds. */
+export function clear(group: Object3D): void {
+  group.traverse((one) => {
+    const held = one as Partial<Points>;
+    held.geometry?.dispose();
+  });
+  group.clear();
+}
+
+/** Geometry of (x, y, z) positions that are counted from the cloud's low corner. */
+export function geometryOf(positions: Float32Array): BufferGeometry {
+  const geometry = new BufferGeometry();
+  geometry.setAttribute("position", new BufferAttribute(positions, 3));
+  return geometry;
+}

@@ -1,0 +1,47 @@
+// Kept queries whose truth is known, as a test set that `firstfix evaluate` reads: scans and poses.csv in a zip.
+
+import { get, type Schemas, send } from "../api/client";
+import { zipped } from "../maps/zip";
+
+const SUFFIXES: Record<string, string> = {
+  "application/vnd.firstfix.scan": ".ffscan",
+  "application/vnd.firstfix.xyzi": ".bin",
+  "application/x-pcd": ".pcd",
+  "application/ply": ".ply",
+};
+
+/** Collects the samples of a map and offers the zip to be saved. */
+export async function exported(map: string, told: (share: number) => void): Promise<void> {
+  const found: Schemas["Sample"][] = [];
+  let after: string | null = null;
+  do {
+    const page: Schemas["SamplePage"] = await get("/samples", { map_id: map, after, limit: 1000 });
+    found.push(...page.samples.filter((one) => one.truth?.map_id === map && suffixOf(one) && !one.content_encoding));
+    after = page.next;
+  } while (after);
+  if (!found.length) throw new Error("No kept query of this map has a truth yet: look at one and mark where it was.");
+  const rows = ["scan,tx,ty,tz,qx,qy,qz,qw"];
+  const files: File[] = [];
+  for (const [i, sample] of found.entries()) {
+    const name = `${sample.sample_id}${suffixOf(sample)}`;
+    const body = await send("GET", `/samples/${sample.sample_id}/body`);
+    files.push(new File([await body.blob()], name));
+    const pose = sample.truth!.T_map_sensor;
+    rows.push([name, ...(pose ? [...pose.position, ...pose.quaternion] : Array<string>(7).fill(""))].join(","));
+    told((i + 1) / found.length);
+  }
+  files.push(new File([`${rows.join("\n")}\n`], "poses.csv"));
+  save(await zipped(files), `${map}-test-set.zip`);
+}
+
+function suffixOf(sample: Schemas["Sample"]): string {
+  return SUFFIXES[sample.media_type.split(";")[0]!.trim().toLowerCase()] ?? "";
+}
+
+function save(file: Blob, name: string): void {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(file);
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+}

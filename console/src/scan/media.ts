@@ -1,0 +1,18 @@
+// Which kind of scan a file is: the service takes these as they are.
+
+const TYPES: Record<string, string> = {
+  ".ffscan": "application/vnd.firstfix.scan",
+  ".bin": "application/vnd.firstfix.xyzi",
+  ".pcd": "application/x-pcd",
+  ".ply": "application/ply",
+};
+
+export const SUFFIXES = Object.keys(TYPES);
+
+/** Media type of a scan file. */
+export function mediaTypeOf(fileName: string): string {
+  const suffix = /\.[a-z0-9]+$/.exec(fileName.toLowerCase())?.[0] ?? "";
+  const type = TYPES[suffix];
+  if (!type) throw new Error(`${fileName} is no scan that the service knows: it takes ${SUFFIXES.join(", ")}`);
+  return type;
+}

@@ -1,0 +1,57 @@
+// The scan laid over the map at a pose, in the colours of what the map says about each point.
+
+import type { Group } from "three";
+import { send } from "../api/client";
+import { colouredDots, type Pose } from "../map3d/marks";
+import type { MapScene } from "../map3d/scene";
+
+export interface OverlayShares {
+  agrees: number;
+  contradicts: number;
+  unexplained: number;
+}
+
+const COLOURS: [number, number, number][] = [
+  [0.2, 0.78, 0.35], // agrees
+  [1, 0.23, 0.19], // contradicts
+  [1, 0.8, 0], // unexplained
+];
+const POINT_BYTES = 16; // x, y, z as float32 from the pose, along the map's axes; then the class
+
+export async function drawOverlay(
+  scene: MapScene,
+  group: Group,
+  map: string,
+  version: string,
+  pose: Pose,
+  scan: { type: string; encoding: string; body: Blob },
+  signal: AbortSignal,
+): Promise<OverlayShares> {
+  const headers: Record<string, string> = { "Content-Type": scan.type };
+  if (scan.encoding) headers["Content-Encoding"] = scan.encoding;
+  const answer = await send("POST", `/maps/${map}/versions/${version}/overlay`, {
+    query: { T_map_sensor: [...pose.position, ...pose.quaternion].join(",") },
+    body: scan.body,
+    headers,
+    signal,
+  });
+  const data = new DataView(await answer.arrayBuffer());
+  const count = data.byteLength / POINT_BYTES;
+  const positions = new Float32Array(count * 3);
+  const colours = new Float32Array(count * 3);
+  const shares = [0, 0, 0];
+  const middle = scene.local(pose.position).toArray();
+  for (let i = 0; i < count; i++) {
+    for (let axis = 0; axis < 3; axis++) {
+      positions[3 * i + axis] = data.getFloat32(POINT_BYTES * i + 4 * axis, true) + middle[axis]!;
+    }
+    const kind = data.getUint32(POINT_BYTES * i + 12, true);
+    shares[kind]! += 1;
+    colours.set(COLOURS[kind]!, 3 * i);
+  }
+  if (!signal.aborted && count) {
+    group.add(colouredDots(positions, colours, 4));
+    scene.redraw();
+  }
+  return { agrees: shares[0]!, contradicts: shares[1]!, unexplained: shares[2]! };
+}

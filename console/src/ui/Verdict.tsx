@@ -1,0 +1,3 @@
+export function Verdict({ verdict }: { verdict: string }) {
+  return <span class={`verdict ${verdict}`}>{verdict}</span>;
+}

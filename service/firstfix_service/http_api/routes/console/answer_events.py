@@ -1,0 +1,97 @@
+"""GET /answers/events: the answers of this replica as it gives them, as server-sent events."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator
+from contextlib import ExitStack, suppress
+from typing import Annotated, Any
+
+import orjson
+import structlog
+from fastapi import APIRouter, Query
+from fastapi.responses import StreamingResponse
+
+from firstfix.errors import FirstfixError
+from firstfix.ids import check_map_id
+
+from ....auth.permission import Permission, PermissionDep
+from ....auth.principal import Principal
+from ....localize.recent import RecentAnswer
+from ...authorize import CallerDep
+from ...dependencies import Parts, PartsDep
+from ...event_stream import HEARTBEAT, HEARTBEAT_S, EventStream
+
+router = APIRouter(prefix="/answers", tags=["answers"])
+_log = structlog.get_logger(__name__)
+LOOK_S = 0.25  # between looks for new answers
+_EVENTS: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "`event: answer`, `id` its number, `data`: `number`, `time_s` since the epoch, "
+        "`caller`, `transport`, `ms`, and `answer` as `POST /localize` gave it",
+        "content": {"text/event-stream": {"schema": {"type": "string"}}},
+    }
+}
+
+
+@router.get("/events", response_class=StreamingResponse, responses=_EVENTS)
+async def get_answer_events(
+    parts: PartsDep,
+    caller: CallerDep,
+    permission: PermissionDep,
+    map_id: Annotated[str | None, Query(description="only answers in this map")] = None,
+    after: Annotated[
+        int, Query(ge=0, description="only answers with higher numbers; 0: also the last 500 that were given")
+    ] = 0,
+) -> StreamingResponse:
+    """Answers about the caller's maps, until the caller's key or token is no longer valid.
+
+    Each replica tells of its own answers.
+    """
+    if map_id is not None:
+        caller.check_map(check_map_id(map_id))
+    counted = ExitStack()
+    counted.enter_context(parts.event_streams.request(caller.name))
+    return EventStream(_events(parts, caller, permission, map_id, after), counted)
+
+
+async def _events(
+    parts: Parts, caller: Principal, permission: Permission, map_id: str | None, after: int
+) -> AsyncIterator[bytes]:
+    yield HEARTBEAT  # the headers go out at once
+    said = checked = time.monotonic()
+    while not parts.closing.is_set():
+        for one in parts.recent.after(after):
+            after = one.number
+            found_in = one.answer.map_id
+            shown = caller.sees(found_in) if found_in else caller.sees_every_map
+            if shown and map_id in (None, found_in):
+                yield _event(one)
+                said = time.monotonic()
+        if time.monotonic() - said > HEARTBEAT_S:
+            yield HEARTBEAT
+            said = time.monotonic()
+        with suppress(TimeoutError):
+            async with asyncio.timeout(LOOK_S):
+                await parts.closing.wait()
+        if time.monotonic() - checked > 1.0:
+            try:
+                await permission.check(map_id)
+            except FirstfixError as error:
+                _log.info("a stream of events ended: its caller has lost the permission", code=error.code)
+                return
+            checked = time.monotonic()
+
+
+def _event(one: RecentAnswer) -> bytes:
+    head = orjson.dumps(
+        {
+            "number": one.number,
+            "time_s": one.time_s,
+            "caller": one.caller,
+            "transport": one.transport,
+            "ms": one.seconds * 1e3,
+        }
+    )
+    return b'event: answer\nid: %d\ndata: %s,"answer":%s}\n\n' % (one.number, head[:-1], one.answer.json)

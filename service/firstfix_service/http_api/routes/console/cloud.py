@@ -1,0 +1,69 @@
+"""/maps/{map_id}/versions/{version}/cloud: the map's points in levels of detail, for viewers."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Response
+
+from firstfix.errors import InvalidOption, NotFound
+
+from ....lanes import LISTS
+from ...cache_headers import FOREVER
+from ...dependencies import PartsDep
+from ...schema.parameters import MapId, Version
+
+router = APIRouter(prefix="/maps/{map_id}/versions/{version}/cloud", tags=["versions"])
+INDEX_FILE, POINTS_FILE = "cloud.json", "cloud.bin"
+POINT_BYTES = 8
+MAX_POINTS = 500_000  # of one request
+MAX_INDEX_BYTES = 64 << 20
+
+
+@router.get(
+    "",
+    response_class=Response,
+    responses={200: {"content": {"application/json": {"schema": {"type": "object"}}}}},
+)
+@LISTS.route
+def get_cloud(map_id: MapId, version: Version, parts: PartsDep) -> Response:
+    """The nodes of the octree that holds the map's points.
+
+    `low_m` and `edge_m`: low corner and edge of the root, in map coordinates. `nodes`: `[level, x, y, z,
+    first, count]`, parents before children; the edge of a cube is `edge_m / 2**level`, its low corner is
+    `low_m + (x, y, z) * edge`. `marks`: `[first, count]` of the templates and of the mapping run, packed as
+    points of the root. 404: the version was built before there were clouds, or it is provisional.
+    """
+    if INDEX_FILE not in parts.catalog.manifest(map_id, version).files:
+        raise NotFound(f"version {version} of map {map_id} has no cloud for viewers")
+    data = parts.catalog.read_file(map_id, version, INDEX_FILE, max_bytes=MAX_INDEX_BYTES)
+    return Response(data, media_type="application/json", headers={"Cache-Control": FOREVER})
+
+
+@router.get(
+    "/points",
+    response_class=Response,
+    responses={
+        200: {"content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}}
+    },
+)
+@LISTS.route
+def get_cloud_points(
+    map_id: MapId,
+    version: Version,
+    parts: PartsDep,
+    first: Annotated[int, Query(ge=0, description="number of the first point")],
+    count: Annotated[int, Query(ge=1, le=MAX_POINTS, description="number of points")],
+) -> Response:
+    """Some of the points, 8 bytes each: x, y, z as uint16 in 1/65535 of the node's edge, then the normal.
+
+    Little-endian. The normal is two int8: the octahedral map of a unit vector to -127..127, or twice -128
+    where it is not known.
+    """
+    entry = parts.catalog.manifest(map_id, version).files.get(POINTS_FILE)
+    if entry is None:
+        raise NotFound(f"version {version} of map {map_id} has no cloud for viewers")
+    if (first + count) * POINT_BYTES > entry.bytes:
+        raise InvalidOption(f"the cloud has only {entry.bytes // POINT_BYTES} points")
+    data = parts.catalog.read_part(map_id, version, POINTS_FILE, first * POINT_BYTES, count * POINT_BYTES)
+    return Response(data, media_type="application/octet-stream", headers={"Cache-Control": FOREVER})

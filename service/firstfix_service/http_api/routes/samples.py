@@ -1,0 +1,148 @@
+"""/samples: queries that the service has kept, with their answers, and where their scans were taken."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query, Request, Response
+
+from firstfix.answer.localization import Verdict
+from firstfix.catalog.query_samples import QuerySample
+from firstfix.errors import InvalidOption, NotFound
+from firstfix.ids import check_map_id
+from firstfix.transform import from_quaternion
+
+from ...auth.principal import Principal
+from ...lanes import CHANGES, LISTS
+from ..authorize import CallerDep
+from ..bodies.json_body import read_model
+from ..dependencies import Parts, PartsDep
+from ..schema.parameters import DEFAULT_LIMIT, After, Limit, SampleId
+from ..schema.sample_models import Sample, SamplePage, Truth
+
+router = APIRouter(prefix="/samples", tags=["samples"])
+MAX_READ = 2000  # records that one request reads
+_TRUTH_BODY: dict[str, Any] = {
+    "requestBody": {
+        "required": True,
+        "content": {"application/json": {"schema": {"$ref": "#/components/schemas/Truth"}}},
+    }
+}
+
+
+@router.get("")
+@LISTS.route
+def get_samples(
+    parts: PartsDep,
+    caller: CallerDep,
+    map_id: Annotated[str | None, Query(description="only queries about this map")] = None,
+    verdict: Annotated[Verdict | None, Query(description="only answers with this verdict")] = None,
+    reason: Annotated[str | None, Query(max_length=64, description="only answers with this reason")] = None,
+    limit: Limit = DEFAULT_LIMIT,
+    after: After = None,
+) -> SamplePage:
+    """The kept queries about the caller's maps, newest first.
+
+    `FIRSTFIX_SAMPLES_SHARE` says how many are kept.
+    """
+    if map_id is not None:
+        caller.check_map(check_map_id(map_id))
+    ids = [one for one in reversed(parts.samples.ids()) if after is None or one < after]
+    found: list[QuerySample] = []
+    last = None
+    for last in ids[:MAX_READ]:
+        sample = parts.samples.find(last)
+        if sample is None or not _sees(caller, sample) or (map_id and not sample.is_about(map_id)):
+            continue
+        if verdict is not None and sample.answer["verdict"] != verdict.value:
+            continue
+        if reason is not None and reason not in sample.answer["reasons"]:
+            continue
+        found.append(sample)
+        if len(found) == limit:
+            break
+    following = last if ids and last != ids[-1] else None
+    return SamplePage(samples=[Sample.of(sample) for sample in found], next=following)
+
+
+@router.get("/{sample_id}")
+@LISTS.route
+def get_sample(sample_id: SampleId, parts: PartsDep, caller: CallerDep) -> Sample:
+    """One kept query, with its answer."""
+    return Sample.of(_shown(parts, caller, sample_id))
+
+
+@router.get(
+    "/{sample_id}/body",
+    response_class=Response,
+    responses={200: {"content": {"*/*": {"schema": {"type": "string", "format": "binary"}}}}},
+)
+@LISTS.route
+def get_sample_body(sample_id: SampleId, parts: PartsDep, caller: CallerDep) -> Response:
+    """The body of the query, as it came: `POST /localize` takes it again.
+
+    Its content encoding is in the sample, not in this answer's header: the body stays as it is.
+    """
+    sample = _shown(parts, caller, sample_id)
+    return Response(
+        parts.samples.body(sample_id),
+        media_type="application/octet-stream",
+        headers={"Cache-Control": "private, no-store", "X-Body-Type": _printable(sample.media_type)},
+    )
+
+
+@router.put("/{sample_id}/truth", openapi_extra=_TRUTH_BODY)
+async def put_truth(sample_id: SampleId, request: Request, parts: PartsDep, caller: CallerDep) -> Sample:
+    """Notes where the scan was taken, for tests of later versions."""
+    truth = await read_model(request, Truth)
+    caller.check_map(check_map_id(truth.map_id))
+    if truth.T_map_sensor is not None:
+        try:
+            from_quaternion(truth.T_map_sensor.position, truth.T_map_sensor.quaternion)
+        except ValueError as error:
+            raise InvalidOption(f"T_map_sensor: {error}") from None
+    return await CHANGES.run(_set_truth, parts, caller, sample_id, truth.model_dump(mode="json"))
+
+
+@router.delete("/{sample_id}/truth")
+@CHANGES.route
+def delete_truth(sample_id: SampleId, parts: PartsDep, caller: CallerDep) -> Sample:
+    """Forgets where the scan was taken."""
+    return _set_truth(parts, caller, sample_id, {})
+
+
+@router.delete("/{sample_id}", status_code=204)
+@CHANGES.route
+def delete_sample(sample_id: SampleId, parts: PartsDep, caller: CallerDep) -> None:
+    """Removes a kept query for good."""
+    _shown(parts, caller, sample_id)
+    parts.samples.delete(sample_id)
+
+
+def _printable(media_type: str) -> str:
+    """The type as a header may hold it: a type that came over zenoh, or a record, may hold any text."""
+    return "".join(char for char in media_type[:200] if " " <= char <= "~")
+
+
+def _set_truth(parts: Parts, caller: Principal, sample_id: str, truth: dict[str, Any]) -> Sample:
+    _shown(parts, caller, sample_id)
+    return Sample.of(parts.samples.set_truth(sample_id, truth))
+
+
+def _shown(parts: Parts, caller: Principal, sample_id: str) -> QuerySample:
+    """The sample, if the caller may see it.
+
+    Raises:
+        NotFound: there is none, or it is about a map that is hidden from the caller.
+    """
+    sample = parts.samples.get(sample_id)
+    if not _sees(caller, sample):
+        raise NotFound(f"no sample {sample_id}")
+    return sample
+
+
+def _sees(caller: Principal, sample: QuerySample) -> bool:
+    """Returns whether the caller sees every map that the query is about."""
+    if caller.sees_every_map:
+        return True
+    return bool(sample.map_id) and all(caller.sees(map_id) for map_id in sample.maps)

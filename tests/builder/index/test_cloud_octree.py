@@ -1,0 +1,129 @@
+"""The octree that viewers draw: every point is in one node, nodes are even, and positions are exact."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from firstfix_builder.index import cloud_octree
+from firstfix_builder.index.cloud_octree import CELLS, LEAF_POINTS, NO_NORMAL, POINT, CloudOctree, octahedral
+
+
+def hall(count: int, seed: int = 1) -> np.ndarray:
+    """Points on the floor and the walls of a hall of 60 x 30 x 8 m, far from the frame's zero."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform([0, 0, 0], [60, 30, 8], (count, 3))
+    side = rng.integers(0, 3, count)
+    points[side == 0, 2] = 0
+    points[side == 1, 1] = 30
+    points[side == 2, 0] = 0
+    return points + [4e5, 5e6, 100]
+
+
+def read(directory: Path) -> tuple[dict, np.ndarray]:
+    index = json.loads((directory / "cloud.json").read_text())
+    return index, np.fromfile(directory / "cloud.bin", POINT)
+
+
+def positions(index: dict, packed: np.ndarray, node: list[int]) -> np.ndarray:
+    level, *cell, first, count = node
+    edge_m = index["edge_m"] / 2**level
+    return np.array(index["low_m"]) + (np.array(cell) + packed[first : first + count]["at"] / 65535) * edge_m
+
+
+def test_every_point_is_in_one_node_at_its_place(tmp_path):
+    points = hall(150_000)
+    CloudOctree.of(points).save(tmp_path)
+    index, packed = read(tmp_path)
+    assert index["points"] == len(packed) == len(points)
+    found = np.concatenate([positions(index, packed, node) for node in index["nodes"]])
+    # the coarsest step is that of the root: 60 m / 65535
+    order, expected = (np.lexsort(np.round(each, 2).T) for each in (found, points))
+    assert np.abs(np.sort(found, axis=0) - np.sort(points, axis=0)).max() < 1e-3
+    assert np.median(np.linalg.norm(found[order] - points[expected], axis=1)) < 1e-3
+
+
+def test_a_node_is_even_and_its_children_lie_within_it(tmp_path):
+    CloudOctree.of(hall(150_000)).save(tmp_path)
+    index, packed = read(tmp_path)
+    cells = {(level, *cell) for level, *cell, _, _ in index["nodes"]}
+    assert index["nodes"][0][:4] == [0, 0, 0, 0]
+    for level, x, y, z, _, count in index["nodes"]:
+        assert count <= LEAF_POINTS or (level, x, y, z) == (0, 0, 0, 0) or count <= CELLS**2 * 6
+        assert level == 0 or (level - 1, x // 2, y // 2, z // 2) in cells
+    root = positions(index, packed, index["nodes"][0])
+    taken = np.floor((root - index["low_m"]) / (index["edge_m"] / CELLS) + 1e-9)
+    assert len(np.unique(taken, axis=0)) >= 0.99 * len(root)
+
+
+def test_the_root_alone_shows_the_whole_map(tmp_path):
+    points = hall(150_000)
+    CloudOctree.of(points).save(tmp_path)
+    index, packed = read(tmp_path)
+    root = positions(index, packed, index["nodes"][0])
+    np.testing.assert_allclose(root.min(axis=0), points.min(axis=0), atol=0.5)
+    np.testing.assert_allclose(root.max(axis=0), points.max(axis=0), atol=0.5)
+    assert 0.02 < len(root) / len(points) < 0.7
+
+
+def test_the_order_of_the_points_does_not_choose_who_is_shown_first(tmp_path):
+    """A file that begins with one wall must not fill the root with it."""
+    points = hall(120_000)
+    points = points[np.argsort(points[:, 0])]
+    tree = CloudOctree.of(points)
+    root = next(iter(tree.nodes()))
+    left = np.mean(points[root.rows, 0] < 4e5 + 30)
+    assert left == pytest.approx(np.mean(points[:, 0] < 4e5 + 30), abs=0.15)
+
+
+def test_many_points_at_one_place_end_at_the_last_level(tmp_path):
+    points = np.repeat([[1.0, 2.0, 3.0]], LEAF_POINTS + 100, axis=0)
+    CloudOctree.of(points).save(tmp_path)
+    assert read(tmp_path)[0]["points"] == LEAF_POINTS + 100
+
+
+def test_a_single_point_is_a_cloud(tmp_path):
+    CloudOctree.of(np.array([[1.0, 2.0, 3.0]])).save(tmp_path)
+    index, packed = read(tmp_path)
+    np.testing.assert_allclose(positions(index, packed, index["nodes"][0]), [[1, 2, 3]], atol=1e-5)
+
+
+def test_marks_stand_where_they_are_even_outside_the_cloud(tmp_path):
+    marks = {
+        "templates": np.array([[4e5 - 50, 5e6, 100.0], [4e5, 5e6 + 80, 101.5]]),
+        "trajectory": np.zeros((0, 3)),
+    }
+    CloudOctree.of(hall(5000), marks=marks).save(tmp_path)
+    index, packed = read(tmp_path)
+    assert index["points"] == 5000
+    assert index["marks"]["trajectory"][1] == 0
+    found = positions(index, packed, [0, 0, 0, 0, *index["marks"]["templates"]])
+    np.testing.assert_allclose(found, marks["templates"], atol=2e-3)
+
+
+def test_a_larger_cloud_is_thinned():
+    tree = CloudOctree.of(hall(50_000), most_points=10_000)
+    assert 5_000 < len(tree.points) <= 10_000
+
+
+def test_the_same_points_give_the_same_bytes(tmp_path):
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        CloudOctree.of(hall(60_000)).save(tmp_path / name)
+    for file in (cloud_octree.INDEX_FILE, cloud_octree.POINTS_FILE):
+        assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
+
+
+def test_normals_come_back_within_two_degrees():
+    normals = np.random.default_rng(4).normal(size=(5000, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    x, y = (octahedral(normals) / 127.0).T
+    z = 1 - np.abs(x) - np.abs(y)
+    fold = np.clip(-z, 0, None)
+    back = np.stack([x - np.copysign(fold, x), y - np.copysign(fold, y), z], axis=1)
+    back /= np.linalg.norm(back, axis=1, keepdims=True)
+    assert np.rad2deg(np.arccos(np.clip((back * normals).sum(axis=1), -1, 1))).max() < 2
+    assert (octahedral(np.zeros((2, 3))) == NO_NORMAL).all()

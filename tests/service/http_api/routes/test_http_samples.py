@@ -1,0 +1,168 @@
+"""Kept queries over HTTP: listed, shown, fetched, told the truth of, and hidden from others."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from access_world import give
+from service_world import SCAN_BODY, XYZ, Service, running_service
+
+from firstfix.catalog.query_samples import QuerySample, QuerySamples
+from waiting import wait_until
+
+POSE = {"position": [1.0, 2.0, 3.0], "quaternion": [0.0, 0.0, 0.0, 1.0]}
+
+
+@pytest.fixture
+def closed(tmp_path: Path) -> Iterator[Service]:
+    """A service that asks for keys."""
+    with running_service(tmp_path, auth="on", keys_refresh_s=0.1, zenoh=False) as running:
+        yield running
+
+
+def keep(service: Service, number: int, asked: str = "hall", **answer: Any) -> str:
+    sample_id = f"20260101t{number:012d}-0000000a"
+    record = {"verdict": "rejected", "reasons": ["low_probability"], "probability": 0.2, **answer}
+    sample = QuerySample(
+        sample_id, "2026-01-01T00:00:00+00:00", "http", "r", "", asked, XYZ, "", {}, record, 1200
+    )
+    QuerySamples(service.catalog.store).put(sample, SCAN_BODY)
+    return sample_id
+
+
+def allowed(service: Service, *scopes: str, **more: Any) -> dict[str, str]:
+    """Headers with a new key, which the service knows."""
+    headers = {"Authorization": f"Bearer {give(service, *scopes, **more)}"}
+    wait_until(lambda: service.http.get("/caller", headers=headers).is_success)
+    return headers
+
+
+def found(service: Service, **params: Any) -> list[str]:
+    return [one["sample_id"] for one in service.http.get("/samples", params=params).json()["samples"]]
+
+
+def test_kept_queries_are_listed_newest_first_and_filtered(service: Service):
+    one, two = keep(service, 1), keep(service, 2, verdict="ambiguous", reasons=["several_places"])
+    three = keep(service, 3, "attic")
+    anywhere = keep(service, 4, "", map_id="hall")
+    assert found(service) == [anywhere, three, two, one]
+    assert found(service, map_id="hall") == [anywhere, two, one]
+    assert found(service, verdict="ambiguous") == [two]
+    assert found(service, reason="low_probability", map_id="hall") == [anywhere, one]
+    assert service.http.get("/samples", params={"verdict": "so-so"}).status_code == 400
+
+
+def test_pages_hold_every_kept_query_once(service: Service):
+    made = [keep(service, number) for number in range(7)]
+    seen, after = [], None
+    while True:
+        params = {"limit": 3} if after is None else {"limit": 3, "after": after}
+        page = service.http.get("/samples", params=params).json()
+        seen += [one["sample_id"] for one in page["samples"]]
+        after = page["next"]
+        if after is None:
+            break
+    assert seen == made[::-1]
+
+
+def test_a_damaged_record_hides_no_other(service: Service):
+    one, two = keep(service, 1), keep(service, 2)
+    service.catalog.store.put(f"samples/{one}.json", b"{")
+    assert found(service) == [two]
+
+
+def test_the_body_comes_as_it_was_and_can_be_asked_again(service: Service):
+    sample_id = keep(service, 1)
+    body = service.http.get(f"/samples/{sample_id}/body")
+    assert body.content == SCAN_BODY
+    assert service.http.get(f"/samples/{sample_id}").json()["media_type"] == XYZ
+    again = service.http.post("/localize?map=hall", content=body.content, headers={"Content-Type": XYZ})
+    assert again.is_success
+
+
+def test_the_truth_is_kept_with_the_query(service: Service):
+    sample_id = keep(service, 1)
+    assert service.http.get(f"/samples/{sample_id}").json()["truth"] is None
+    truth = {"map_id": "hall", "T_map_sensor": POSE}
+    told = service.http.put(f"/samples/{sample_id}/truth", json=truth)
+    assert told.json()["truth"] == truth
+    assert service.http.get(f"/samples/{sample_id}").json()["truth"] == truth
+    outside = {"map_id": "hall", "T_map_sensor": None}
+    assert service.http.put(f"/samples/{sample_id}/truth", json=outside).json()["truth"] == outside
+    assert service.http.delete(f"/samples/{sample_id}/truth").json()["truth"] is None
+    assert service.http.get(f"/samples/{sample_id}/body").content == SCAN_BODY
+
+
+@pytest.mark.parametrize(
+    "truth",
+    [
+        {},
+        {"map_id": "hall"},
+        {"map_id": "no such name!", "T_map_sensor": None},
+        {"map_id": "hall", "T_map_sensor": {**POSE, "quaternion": [0, 0, 0, 0]}},
+        {"map_id": "hall", "T_map_sensor": {**POSE, "position": [0, 0]}},
+        {"map_id": "hall", "T_map_sensor": POSE, "more": 1},
+    ],
+)
+def test_a_truth_that_means_nothing_is_refused(service: Service, truth: dict[str, Any]):
+    sample_id = keep(service, 1)
+    assert service.http.put(f"/samples/{sample_id}/truth", json=truth).status_code == 400
+    assert service.http.get(f"/samples/{sample_id}").json()["truth"] is None
+
+
+def test_a_removed_query_is_gone(service: Service):
+    sample_id = keep(service, 1)
+    assert service.http.delete(f"/samples/{sample_id}").status_code == 204
+    assert found(service) == []
+    for path in ("", "/body"):
+        assert service.http.get(f"/samples/{sample_id}{path}").status_code == 404
+    assert service.http.delete(f"/samples/{sample_id}").status_code == 404
+    assert service.http.get("/samples/..%2f..%2fkeys").status_code in (400, 404)
+
+
+def test_queries_about_hidden_maps_are_hidden(closed: Service):
+    mine, both, anywhere = keep(closed, 1), keep(closed, 2, "hall,attic"), keep(closed, 3, "")
+    headers = allowed(closed, "build", maps=("hall",))
+    listed = closed.http.get("/samples", headers=headers).json()["samples"]
+    assert [one["sample_id"] for one in listed] == [mine]
+    for hidden in (both, anywhere):
+        for path in ("", "/body"):
+            assert closed.http.get(f"/samples/{hidden}{path}", headers=headers).status_code == 404
+        told = {"map_id": "hall", "T_map_sensor": None}
+        assert closed.http.put(f"/samples/{hidden}/truth", json=told, headers=headers).status_code == 404
+    elsewhere = {"map_id": "attic", "T_map_sensor": None}
+    assert closed.http.put(f"/samples/{mine}/truth", json=elsewhere, headers=headers).status_code == 403
+    assert closed.http.get("/samples", params={"map_id": "attic"}, headers=headers).status_code == 403
+    assert closed.http.delete(f"/samples/{mine}", headers=headers).status_code == 403
+    robot = allowed(closed, "localize")
+    assert closed.http.get("/samples", headers=robot).status_code == 403
+
+
+def test_a_caller_is_told_what_its_key_may_do(closed: Service):
+    headers = allowed(closed, "build", maps=("hall*",))
+    caller = closed.http.get("/caller", headers=headers).json()
+    assert (caller["scopes"], caller["maps"], caller["authentication"]) == (
+        ["localize", "build"],
+        ["hall*"],
+        True,
+    )
+    assert caller["name"].startswith("key:")
+    assert closed.http.get("/caller").status_code == 401
+
+
+def test_a_type_with_line_breaks_makes_no_header(service: Service):
+    sample_id = keep(service, 1)
+    kept = QuerySamples(service.catalog.store)
+    hostile = replace(kept.get(sample_id), media_type="text/html\r\nX-Injected: 1; \u2603<b>")
+    kept.put(hostile, SCAN_BODY)
+    answer = service.http.get(f"/samples/{sample_id}/body")
+    assert answer.status_code == 200
+    assert answer.content == SCAN_BODY
+    assert "x-injected" not in answer.headers
+    assert answer.headers["x-body-type"] == "text/htmlX-Injected: 1; <b>"
+    assert answer.headers["content-type"] == "application/octet-stream"
+    assert answer.headers["x-content-type-options"] == "nosniff"
