@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
 from firstfix.transform import Matrix, transform_points
 
-INDEX_FILE, POINTS_FILE = "cloud.json", "cloud.bin"
 CELLS = 128  # cells along the edge of a node, of which each gives one point at most; a power of two
 LEAF_POINTS = 20_000  # so few stay together in one node
 MOST_LEVELS = 20
@@ -134,7 +134,7 @@ class CloudOctree:
         The marks follow, packed as points of the root.
         """
         found, marked, first = [], {}, 0
-        with (directory / POINTS_FILE).open("wb") as file:
+        with (directory / CLOUD_POINTS).open("wb") as file:
             for node in self.nodes():
                 for rows in _parts(node.rows):
                     normals = None if self.normals is None else self.normals[rows]
@@ -156,7 +156,7 @@ class CloudOctree:
             "marks": marked,
             "nodes": found,
         }
-        (directory / INDEX_FILE).write_text(json.dumps(index, separators=(",", ":")))
+        (directory / CLOUD_INDEX).write_text(json.dumps(index, separators=(",", ":")))
 
     def _first_of_cells(self, node: Node) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
         """Places in ``node.rows`` of the first point of each cell, ascending; and every point's octant."""

@@ -7,9 +7,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Protocol
 
+from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
 from firstfix.catalog.query_samples import QuerySample, QuerySamples
 from firstfix.errors import FirstfixError, InvalidOption, NotFound
-from firstfix_builder.index.cloud_octree import INDEX_FILE, POINT, POINTS_FILE
+from firstfix_builder.index.cloud_octree import POINT
 
 if TYPE_CHECKING:
     from firstfix.catalog.catalog import Catalog
@@ -119,14 +120,14 @@ class _StoredMap:
         return version
 
     def cloud(self, version: str) -> dict[str, Any] | None:
-        if INDEX_FILE not in self._catalog.manifest(self._map_id, version).files:
+        if CLOUD_INDEX not in self._catalog.manifest(self._map_id, version).files:
             return None
-        data = self._catalog.read_file(self._map_id, version, INDEX_FILE, max_bytes=MAX_INDEX_BYTES)
+        data = self._catalog.read_file(self._map_id, version, CLOUD_INDEX, max_bytes=MAX_INDEX_BYTES)
         return dict(json.loads(data))
 
     def cloud_points(self, version: str, first: int, count: int) -> bytes:
         start, length = first * POINT.itemsize, count * POINT.itemsize
-        return self._catalog.read_part(self._map_id, version, POINTS_FILE, start, length)
+        return self._catalog.read_part(self._map_id, version, CLOUD_POINTS, start, length)
 
     def samples(self) -> Iterator[QuerySample]:
         for sample_id in reversed(self._samples.ids()):

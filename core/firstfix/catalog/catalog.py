@@ -126,7 +126,7 @@ class Catalog(BuildRecords):
         return self._objects.manifest(self.folder_of(map_id, version))
 
     def fetch_version(self, map_id: str, version: str, directory: Path) -> Path:
-        """Fetch a version's files, each verified by its sha256. Safe to call concurrently.
+        """Fetch a version's files but those for viewers, and verify each. Safe to call concurrently.
 
         Returns:
             The local folder with the files: in the cache directory, or in the store itself if that is a

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
 from firstfix.transform import make_transform, rotation_z
 from firstfix_builder.index import cloud_octree
 from firstfix_builder.index.cloud_octree import CELLS, LEAF_POINTS, NO_NORMAL, POINT, CloudOctree, octahedral
@@ -123,7 +124,7 @@ def test_a_cloud_of_many_parts_gives_the_bytes_of_one(tmp_path, monkeypatch):
         monkeypatch.setattr(cloud_octree, "AT_ONCE", at_once)
         (tmp_path / name).mkdir()
         CloudOctree.of(points, normals, T_map_points=T).save(tmp_path / name)
-    for file in (cloud_octree.INDEX_FILE, cloud_octree.POINTS_FILE):
+    for file in (CLOUD_INDEX, CLOUD_POINTS):
         assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "many" / file).read_bytes()
 
 
@@ -146,7 +147,7 @@ def test_the_same_points_give_the_same_bytes(tmp_path):
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
         CloudOctree.of(hall(60_000)).save(tmp_path / name)
-    for file in (cloud_octree.INDEX_FILE, cloud_octree.POINTS_FILE):
+    for file in (CLOUD_INDEX, CLOUD_POINTS):
         assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
 
 
