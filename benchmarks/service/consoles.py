@@ -1,4 +1,8 @@
-"""What ten open consoles cost those who ask: latency and memory with and without them, in turns."""
+"""What ten open consoles cost those who ask: latency and memory with and without them, in turns.
+
+The consoles open their map in the first part of their time. The service's processor time is told too: it says
+what they cost on a machine where others work.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +24,7 @@ from firstfix_builder.index.cloud_octree import CloudOctree
 
 from ..common.load import Asked, Body, Crowd, ask_over_http
 from ..common.memory import pss_of_family
+from ..common.processor_time import cpu_s_of_family
 from ..common.programs import replica
 from .queried_version import QueriedVersion
 
@@ -60,6 +65,7 @@ def consoles(
     drawn = replace(queried, version=_with_cloud(queried.version, directory / "drawn", course))
     version = drawn.publish(store, MAP, directory)
     asked = {"without": Asked(), "with": Asked()}
+    cpu_s = dict.fromkeys(asked, 0.0)
     mib: dict[str, float] = {}
     with (
         replica(directory / "replica", store=store, workers=2, run_builds=False) as one,
@@ -72,9 +78,14 @@ def consoles(
             for turn in range(course.rounds):
                 for state in ("without", "with") if turn % 2 == 0 else ("with", "without"):
                     order("on" if state == "with" else "off")
+                    begin_s = cpu_s_of_family(one.pid)
                     _note(crowd, asked[state], course.phase_s)
+                    cpu_s[state] += cpu_s_of_family(one.pid) - begin_s
         read = order("")
-    figures = {state: found.figures() for state, found in asked.items()}
+    figures = {
+        state: {**found.figures(), "service_cpu_s_a_second": round(cpu_s[state] / found.elapsed_s, 3)}
+        for state, found in asked.items()
+    }
     return {
         "cloud_points": course.points,
         "consoles": course.consoles,
@@ -82,7 +93,7 @@ def consoles(
         **figures,
         "with_to_without": {
             name: round(figures["with"][name] / figures["without"][name], 2)
-            for name in ("p50_ms", "p95_ms", "p99_ms")
+            for name in ("p50_ms", "p95_ms", "p99_ms", "service_cpu_s_a_second")
         },
         "mib": {name: round(size) for name, size in mib.items()},
     }

@@ -69,7 +69,7 @@ def test_what_consoles_cost_is_told(queried: QueriedVersion, tmp_path: Path):
     figures = consoles(queried, bodies, tmp_path, course)
     for state in ("without", "with"):
         assert set(figures[state]["outcomes"]) == {"ok"}
-    assert set(figures["with_to_without"]) == {"p50_ms", "p95_ms", "p99_ms"}
+    assert all(ratio > 0 for ratio in figures["with_to_without"].values())
     read = figures["read_by_consoles"]
     assert read["opened"] >= 3, "every console saw the map"
     assert read["answers"] >= 3
