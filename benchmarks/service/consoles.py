@@ -1,4 +1,4 @@
-"""What ten open consoles cost those who ask: latency and memory with and without them, in turns.
+"""Cost of ten open consoles for those who ask: latency and memory with and without them, in turns.
 
 The consoles open their map in the first part of their time. The service's processor time is told too: it says
 what they cost on a machine where others work.
@@ -36,7 +36,7 @@ SEED = 7
 
 @dataclass(frozen=True)
 class ConsoleCourse:
-    """What is asked, and for how long.
+    """Course of the measurement.
 
     Attributes:
         points: of the map's cloud.

@@ -31,7 +31,7 @@ class ViewerFile(Protocol):
 
 @dataclass
 class Exported:
-    """What was written.
+    """Result of an export.
 
     Attributes:
         version: of the map, whose cloud it is.

@@ -1,4 +1,4 @@
-"""Where a map and its kept queries are read from: a service, or its store."""
+"""Sources of a map and its kept queries: a service, or its store."""
 
 from __future__ import annotations
 
