@@ -64,21 +64,25 @@ class Console:
         return answer.content
 
 
+async def closed(tasks: list[asyncio.Task[None]]) -> None:
+    for task in tasks:
+        if task.done():
+            task.result()  # it never ends by itself: an error is one of the service
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+
+
 async def main(url: str, map_id: str, version: str, count: int) -> None:
     limits = httpx.Limits(max_connections=None)
     async with httpx.AsyncClient(base_url=url, timeout=httpx.Timeout(60.0), limits=limits) as http:
         consoles = [Console(http, map_id, version, number) for number in range(count)]
         tasks: list[asyncio.Task[None]] = []
         while order := await asyncio.to_thread(sys.stdin.readline):
-            for task in tasks:
-                if task.done():
-                    task.result()  # it never ends by itself: an error is one of the service
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
-            tasks = []
-            if order.strip() == "on":
-                tasks = [asyncio.create_task(do()) for one in consoles for do in (one.watch, one.look)]
+            await closed(tasks)
+            opened = consoles if order.strip() == "on" else []
+            tasks = [asyncio.create_task(do()) for one in opened for do in (one.watch, one.look)]
             print("done", flush=True)
+        await closed(tasks)
     print(json.dumps(dict(sum((one.read for one in consoles), Counter()))), flush=True)
 
 

@@ -255,6 +255,18 @@ def test_a_service_or_a_store_but_not_both(world: ExportedWorld, tmp_path: Path,
     assert "only one of --url and --store" in capsys.readouterr().err
 
 
+def test_kept_queries_may_have_a_store_of_their_own(
+    world: ExportedWorld, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    Store.open(str(tmp_path / "kept")).put("samples/none", b"")
+    arguments = ["export", tmp_path / "a.mcap", "--map", "hall", "--samples", tmp_path / "kept"]
+    assert ended(*arguments) == 2
+    assert "--samples needs --store" in capsys.readouterr().err
+    assert ended(*arguments, "--store", world.store) == 0
+    assert "60,000 points" in (said := capsys.readouterr().out)
+    assert " 0 kept queries" in said
+
+
 def test_an_export_that_breaks_off_leaves_nothing(world: ExportedWorld, tmp_path: Path, monkeypatch, capsys):
     from firstfix.errors import StoreUnavailable
 

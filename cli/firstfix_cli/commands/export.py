@@ -23,6 +23,12 @@ def export(
     map_id: MapId,
     url: Url = None,
     store: Store = None,
+    samples: Annotated[
+        str | None,
+        typer.Option(
+            metavar="STORE", help="With --store: store of the kept queries, if they have one of their own."
+        ),
+    ] = None,
     version: Annotated[
         str | None,
         typer.Option(help="Version whose cloud is written, 64 characters [default: the active one]."),
@@ -45,7 +51,7 @@ def export(
     from ..export.export import export as write
     from ..export.source import export_source
 
-    with export_source(map_id, url=url, store=store) as source:
+    with export_source(map_id, url=url, store=store, samples=samples) as source:
         found = write(source, map_id, out, version=version, most_points=points, count=count, force=force)
     if as_json:
         typer.echo(json.dumps({"file": str(out), **asdict(found)}))

@@ -52,14 +52,21 @@ class ExportSource(Protocol):
 
 
 @contextmanager
-def export_source(map_id: str, *, url: str | None, store: str | None) -> Iterator[ExportSource]:
+def export_source(
+    map_id: str, *, url: str | None, store: str | None, samples: str | None = None
+) -> Iterator[ExportSource]:
     """Gives the map at the service, or with ``store`` in its store.
 
+    Args:
+        samples: store of the kept queries, if it is another one than ``store``.
+
     Raises:
-        InvalidOption: both are given.
+        InvalidOption: a service and a store are given, or ``samples`` without ``store``.
     """
     if url is not None and store is not None:
         raise InvalidOption("give only one of --url and --store")
+    if samples is not None and store is None:
+        raise InvalidOption("--samples needs --store")
     if store is None:
         from .viewer_client import ViewerClient
 
@@ -71,7 +78,8 @@ def export_source(map_id: str, *, url: str | None, store: str | None) -> Iterato
     from firstfix.store.store import Store
 
     opened = Store.open(store, read_only=True)
-    yield _StoredMap(Catalog(opened), QuerySamples(opened), map_id)
+    kept = opened if samples is None else Store.open(samples, read_only=True)
+    yield _StoredMap(Catalog(opened), QuerySamples(kept), map_id)
 
 
 class _ServiceMap:
