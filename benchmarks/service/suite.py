@@ -14,6 +14,7 @@ from typing import Any
 
 from ..common.programs import free_port, replica
 from ..common.worlds import WORLDS
+from .consoles import QUICK, ConsoleCourse, consoles
 from .loading import cold_load, hot_swap
 from .many_maps import many_maps
 from .queried_version import QueriedVersion, make_queried_version
@@ -23,7 +24,16 @@ from .throughput import body_of, overhead, throughput
 
 WORK = Path(__file__).parents[2] / "build" / "bench" / "service"
 SCANS = 60
-PARTS = ("overhead", "throughput", "cold_load", "hot_swap", "replicas", "many_maps", "replica_memory")
+PARTS = (
+    "overhead",
+    "throughput",
+    "cold_load",
+    "hot_swap",
+    "replicas",
+    "many_maps",
+    "replica_memory",
+    "consoles",
+)
 
 
 def run(quick: bool) -> dict[str, Any]:
@@ -58,6 +68,8 @@ def measure(queried: QueriedVersion, parts: Iterable[str], *, quick: bool = Fals
                 )
             elif part == "many_maps":
                 figures[part] = many_maps(queried, bodies, directory, rounds=1 if quick else 3)
+            elif part == "consoles":
+                figures[part] = consoles(queried, bodies, directory, QUICK if quick else ConsoleCourse())
             elif part == "replica_memory":
                 figures[part] = replica_memory(queried, bodies, directory)
             else:

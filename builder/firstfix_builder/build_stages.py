@@ -317,7 +317,7 @@ class BuildStages(StageRunner):
             engine = engine_of(index)
             draw_cloud(
                 out,
-                np.load(cloud if cloud.exists() else index.directory / MAP_FILE),
+                np.load(cloud if cloud.exists() else index.directory / MAP_FILE, mmap_mode="r"),
                 Templates.load(index.directory, engine.descriptor.make()).position_m,
                 trajectory_of(read),
                 index.directory,

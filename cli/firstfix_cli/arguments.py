@@ -63,5 +63,9 @@ def client_of(url: str | None, timeout_s: float = 10.0) -> Client:
     """Returns a client of the service at ``url``, or at the default one."""
     from firstfix_client import Client, RetryPolicy
 
-    asked = url or os.environ.get("FIRSTFIX_URL") or DEFAULT_URL
-    return Client(asked, timeout_s=timeout_s, retry=RetryPolicy(patience_s=PATIENCE_S))
+    return Client(service_url(url), timeout_s=timeout_s, retry=RetryPolicy(patience_s=PATIENCE_S))
+
+
+def service_url(url: str | None) -> str:
+    """Returns ``url``, or the default one."""
+    return url or os.environ.get("FIRSTFIX_URL") or DEFAULT_URL

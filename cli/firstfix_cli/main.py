@@ -21,6 +21,7 @@ from .commands import (
     build,
     copy_store,
     evaluate,
+    export,
     keys,
     localize,
     maps,
@@ -65,6 +66,7 @@ app.command(epilog=serve.EXAMPLES)(serve.serve)
 app.command(epilog=worker.EXAMPLES)(worker.worker)
 app.command(epilog=localize.EXAMPLES)(localize.localize)
 app.command(epilog=evaluate.EXAMPLES)(evaluate.evaluate)
+app.command(epilog=export.EXAMPLES)(export.export)
 app.command("ros-gateway", epilog=ros_gateway.EXAMPLES)(ros_gateway.ros_gateway)
 app.command("copy-store", epilog=copy_store.EXAMPLES)(copy_store.copy_store)
 app.add_typer(maps.app, name="maps")

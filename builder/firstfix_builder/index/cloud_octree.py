@@ -9,17 +9,16 @@ from __future__ import annotations
 import json
 from collections import deque
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firstfix.native import first_in_voxel
-from firstfix.scan.voxel_filter import rows_by_voxel_hash
+from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
+from firstfix.transform import Matrix, transform_points
 
-INDEX_FILE, POINTS_FILE = "cloud.json", "cloud.bin"
-CELLS = 128  # cells along the edge of a node, of which each gives one point at most
+CELLS = 128  # cells along the edge of a node, of which each gives one point at most; a power of two
 LEAF_POINTS = 20_000  # so few stay together in one node
 MOST_LEVELS = 20
 MOST_POINTS = 50_000_000
@@ -28,6 +27,9 @@ POINT = np.dtype(
     [("at", "<u2", 3), ("normal", "i1", 2)]
 )  # at: in 1/65535 of the node's edge from its low corner
 NO_NORMAL = -128  # both numbers, where a point has none
+AT_ONCE = 1 << 20  # points of which there are float64 copies
+_HALF = CELLS.bit_length() - 2  # cell >> _HALF is 1 in the upper half of a node
+_TAKEN = 8  # in place of an octant: the node itself keeps this point
 
 
 @dataclass(frozen=True)
@@ -42,71 +44,89 @@ class Node:
 
     level: int
     cell: tuple[int, int, int]
-    rows: NDArray[np.int64]
+    rows: NDArray[np.int32]
 
 
-ROOT = Node(0, (0, 0, 0), np.zeros(0, np.int64))
+ROOT = Node(0, (0, 0, 0), np.zeros(0, np.int32))
 
 
 @dataclass(frozen=True)
 class CloudOctree:
-    """Octree of (n, 3) points, n at least 1.
+    """Octree of n points, n at least 1. A point takes 14 bytes of memory, and 9 more in ``nodes``.
 
     Attributes:
-        normals: (n, 3) unit, or 0; None: there are none.
+        offsets_m: (n, 3) points from the root's low corner. Their order is by chance: the first point of a
+            cell is then any of them, whatever order the file had.
+        normals: (n, 2) as ``octahedral`` gives them; None: there are none.
         marks: (k, 3) positions by name, which the viewer draws beside the cloud.
         low_m: (3,) low corner of the root.
         edge_m: of the root.
+        bounds_m: (2, 3) lowest and highest coordinates of the points.
     """
 
-    points: NDArray[np.float64]
-    normals: NDArray[np.float32] | None
+    offsets_m: NDArray[np.float32]
+    normals: NDArray[np.int8] | None
     marks: Mapping[str, NDArray[np.float64]]
     low_m: NDArray[np.float64]
     edge_m: float
+    bounds_m: NDArray[np.float64]
 
     @classmethod
     def of(
         cls,
-        points: NDArray[np.float64],
-        normals: NDArray[np.float32] | None = None,
+        points: NDArray[np.floating],
+        normals: NDArray[np.int8] | None = None,
         marks: Mapping[str, NDArray[np.float64]] | None = None,
+        *,
+        T_map_points: Matrix | None = None,
         most_points: int = MOST_POINTS,
     ) -> CloudOctree:
-        """Octree of a cloud, in the cloud's own frame.
+        """Octree of a cloud, in the map's frame.
 
         Args:
-            points: (n, 3) finite metres.
-            normals: (n, 3) unit, 0 where it is not known; None: there are none.
-            marks: (k, 3) positions by name; not thinned.
-            most_points: a larger cloud is thinned.
+            points: (n, 3) finite metres; may lie in a file, which is read from its beginning to its end.
+            normals: (n, 2) in the map's frame, as ``octahedral`` gives them; None: there are none.
+            marks: (k, 3) positions by name, in the map's frame; not thinned.
+            T_map_points: where the points are in the map; None: they are in its frame.
+            most_points: of a larger cloud, so many by chance.
         """
-        if len(points) > most_points:
-            extent_m = float(np.ptp(points, axis=0).max())
-            kept = rows_by_voxel_hash(points, max(extent_m / 2**12, 1e-3), most_points)
-            points, normals = points[kept], None if normals is None else normals[kept]
+        T = np.eye(4) if T_map_points is None else T_map_points
+        parts = [slice(first, first + AT_ONCE) for first in range(0, len(points), AT_ONCE)]
+        ends = [
+            [moved.min(axis=0), moved.max(axis=0)]
+            for moved in (transform_points(T, points[p]) for p in parts)
+        ]
+        bounds = np.array([np.min(ends, axis=(0, 1)), np.max(ends, axis=(0, 1))])
         marks = marks or {}
-        together = [points, *(mark for mark in marks.values() if len(mark))]
+        together = [bounds, *(mark for mark in marks.values() if len(mark))]
         low = np.min([part.min(axis=0) for part in together], axis=0) - SPARE_M
         high = np.max([part.max(axis=0) for part in together], axis=0) + SPARE_M
-        return cls(points, normals, marks, low, float((high - low).max()))
+
+        places = np.arange(len(points), dtype=np.int32)
+        np.random.default_rng(0).shuffle(places)
+        count = min(len(points), most_points)
+        offsets = np.empty((count, 3), np.float32)
+        shuffled = None if normals is None else np.empty((count, 2), np.int8)
+        for part in parts:
+            kept = places[part] < count
+            place = places[part][kept]
+            offsets[place] = transform_points(T, points[part][kept]) - low
+            if shuffled is not None and normals is not None:
+                shuffled[place] = normals[part][kept]
+        return cls(offsets, shuffled, marks, low, float((high - low).max()), bounds)
 
     def nodes(self) -> Iterator[Node]:
         """The nodes, parents before children."""
-        # by chance: the first point of a cell is then any of them, whatever order the file had
-        shuffled = np.random.default_rng(0).permutation(len(self.points))
-        waiting = deque([replace(ROOT, rows=shuffled)])
+        waiting = deque([Node(0, ROOT.cell, np.arange(len(self.offsets_m), dtype=np.int32))])
         while waiting:
             reached = waiting.popleft()
             if len(reached.rows) <= LEAF_POINTS or reached.level == MOST_LEVELS:
                 yield reached
                 continue
-            within = self.points[reached.rows] - self._low_of(reached)
-            kept = first_in_voxel(within, self._edge_of(reached) / CELLS)
+            kept, octant = self._first_of_cells(reached)
             yield Node(reached.level, reached.cell, reached.rows[kept])
-            left = np.ones(len(within), bool)
-            left[kept] = False
-            waiting.extend(self._children(reached, reached.rows[left], within[left]))
+            octant[kept] = _TAKEN
+            waiting.extend(_children(reached, octant))
 
     def save(self, directory: Path) -> None:
         """Writes ``cloud.json``, the list of nodes, and ``cloud.bin``, their points one node after the other.
@@ -114,15 +134,16 @@ class CloudOctree:
         The marks follow, packed as points of the root.
         """
         found, marked, first = [], {}, 0
-        with (directory / POINTS_FILE).open("wb") as file:
+        with (directory / CLOUD_POINTS).open("wb") as file:
             for node in self.nodes():
-                normals = None if self.normals is None else self.normals[node.rows]
-                self._packed(node, self.points[node.rows], normals).tofile(file)
+                for rows in _parts(node.rows):
+                    normals = None if self.normals is None else self.normals[rows]
+                    self._packed(node, self.offsets_m[rows], normals).tofile(file)
                 found.append([node.level, *node.cell, first, len(node.rows)])
                 first += len(node.rows)
             points = first
             for name, positions in self.marks.items():
-                self._packed(ROOT, positions, None).tofile(file)
+                self._packed(ROOT, positions - self.low_m, None).tofile(file)
                 marked[name] = [first, len(positions)]
                 first += len(positions)
         index = {
@@ -131,33 +152,53 @@ class CloudOctree:
             "points": points,
             "point_bytes": POINT.itemsize,
             "normals": self.normals is not None,
-            "bounds_m": [self.points.min(axis=0).tolist(), self.points.max(axis=0).tolist()],
+            "bounds_m": self.bounds_m.tolist(),
             "marks": marked,
             "nodes": found,
         }
-        (directory / INDEX_FILE).write_text(json.dumps(index, separators=(",", ":")))
+        (directory / CLOUD_INDEX).write_text(json.dumps(index, separators=(",", ":")))
 
-    def _children(self, parent: Node, rows: NDArray[np.int64], within: NDArray[np.float64]) -> Iterator[Node]:
-        upper = within >= self._edge_of(parent) / 2
-        octant = upper @ np.array([1, 2, 4])
-        for number in np.unique(octant).tolist():
-            x, y, z = (2 * cell + (number >> axis & 1) for axis, cell in enumerate(parent.cell))
-            yield Node(parent.level + 1, (x, y, z), rows[octant == number])
+    def _first_of_cells(self, node: Node) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
+        """Places in ``node.rows`` of the first point of each cell, ascending; and every point's octant."""
+        count = len(node.rows)
+        first = np.full(CELLS**3, count, np.int32)
+        octant = np.empty(count, np.uint8)
+        ended = count
+        for rows in reversed(
+            list(_parts(node.rows))
+        ):  # the last that is written to a cell is its first point
+            begun = ended - len(rows)
+            share = self._share(node, self.offsets_m[rows])
+            x, y, z = np.clip((share * CELLS).astype(np.int32), 0, CELLS - 1).T
+            first[((z * CELLS + y) * CELLS + x)[::-1]] = np.arange(begun, ended, dtype=np.int32)[::-1]
+            octant[begun:ended] = (x >> _HALF) | (y >> _HALF) << 1 | (z >> _HALF) << 2
+            ended = begun
+        return np.sort(first[first < count]), octant
 
     def _packed(
-        self, node: Node, points: NDArray[np.float64], normals: NDArray[np.float32] | None
+        self, node: Node, offsets_m: NDArray[np.floating], normals: NDArray[np.int8] | None
     ) -> NDArray[np.void]:
-        packed = np.empty(len(points), POINT)
-        share = (points - self._low_of(node)) / self._edge_of(node)
-        packed["at"] = np.clip(np.rint(share * 65535), 0, 65535)
-        packed["normal"] = NO_NORMAL if normals is None else octahedral(normals)
+        packed = np.empty(len(offsets_m), POINT)
+        packed["at"] = np.clip(np.rint(self._share(node, offsets_m) * 65535), 0, 65535)
+        packed["normal"] = NO_NORMAL if normals is None else normals
         return packed
 
-    def _edge_of(self, node: Node) -> float:
-        return self.edge_m / 2**node.level
+    def _share(self, node: Node, offsets_m: NDArray[np.floating]) -> NDArray[np.float64]:
+        """(k, 3) places in the node, 0 to 1."""
+        edge_m = self.edge_m / 2**node.level
+        return (offsets_m - np.array(node.cell) * edge_m) / edge_m
 
-    def _low_of(self, node: Node) -> NDArray[np.float64]:
-        return self.low_m + np.array(node.cell) * self._edge_of(node)
+
+def _parts(rows: NDArray[np.int32]) -> Iterator[NDArray[np.int32]]:
+    return (rows[first : first + AT_ONCE] for first in range(0, len(rows), AT_ONCE))
+
+
+def _children(parent: Node, octant: NDArray[np.uint8]) -> Iterator[Node]:
+    for number in range(8):
+        rows = parent.rows[octant == number]
+        if len(rows):
+            x, y, z = (2 * cell + (number >> axis & 1) for axis, cell in enumerate(parent.cell))
+            yield Node(parent.level + 1, (x, y, z), rows)
 
 
 def octahedral(normals: NDArray[np.floating]) -> NDArray[np.int8]:

@@ -53,11 +53,18 @@ export async function openCloud(map: string, version: string, signal: AbortSigna
   return { index, root, path };
 }
 
+const MOST_AT_ONCE = 500_000; // points that the service gives in one answer
+
 /** Points as they come: x, y, z as uint16 in 1/65535 of the node's edge, then two int8 of the normal. */
 export async function points(cloud: Cloud, first: number, count: number, signal?: AbortSignal): Promise<ArrayBuffer> {
-  if (count === 0) return new ArrayBuffer(0);
-  const answer = await send("GET", `${cloud.path}/points`, { query: { first, count }, signal });
-  return answer.arrayBuffer();
+  const found = new Uint8Array(count * cloud.index.point_bytes);
+  for (let read = 0; read < count; read += MOST_AT_ONCE) {
+    const part = Math.min(MOST_AT_ONCE, count - read);
+    const query = { first: first + read, count: part };
+    const answer = await send("GET", `${cloud.path}/points`, { query, signal });
+    found.set(new Uint8Array(await answer.arrayBuffer()), read * cloud.index.point_bytes);
+  }
+  return found.buffer;
 }
 
 /** Positions of a mark, metres from the root's low corner: (x, y, z) one after the other. */

@@ -24,7 +24,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 
 from ..builds.records import BuildRecords
-from ..errors import NotFound, StoreError
+from ..errors import CorruptVersion, InvalidOption, NotFound, StoreError
 from ..ids import check_map_id, check_version, is_name
 from ..store.store import Store
 from . import activation
@@ -126,7 +126,7 @@ class Catalog(BuildRecords):
         return self._objects.manifest(self.folder_of(map_id, version))
 
     def fetch_version(self, map_id: str, version: str, directory: Path) -> Path:
-        """Fetch a version's files, each verified by its sha256. Safe to call concurrently.
+        """Fetch a version's files but those for viewers, and verify each. Safe to call concurrently.
 
         Returns:
             The local folder with the files: in the cache directory, or in the store itself if that is a
@@ -149,12 +149,27 @@ class Catalog(BuildRecords):
         return self._objects.read_file(self.folder_of(map_id, version), name, max_bytes=max_bytes)
 
     def read_part(self, map_id: str, version: str, name: str, start: int, length: int) -> bytes:
-        """Read part of one file of a version. A part cannot be verified by the file's sha256.
+        """Read part of one file of a version: with one request to the store, once the version is known.
+
+        A part cannot be verified by the file's sha256. A version that was just retired may still be read.
 
         Raises:
             NotFound: the version has no such file; or see ``manifest``.
+            InvalidOption: the part is not within the file.
         """
-        return self.store.get_range(f"{self.folder_of(map_id, version).key}/{name}", start, length)
+        state = self.known_state(map_id)
+        if check_version(version) in state.published:
+            with suppress(NotFound, CorruptVersion):  # it may have been retired, and published again, since
+                return self._part(_folder(map_id, version, state), name, start, length)
+        return self._part(self.folder_of(map_id, version), name, start, length)
+
+    def _part(self, folder: VersionFolder, name: str, start: int, length: int) -> bytes:
+        entry = self._objects.manifest(folder).files.get(name)
+        if entry is None:
+            raise NotFound(f"version {folder.version} of map {folder.map_id} has no {name}")
+        if start + length > entry.bytes:
+            raise InvalidOption(f"{name} has {entry.bytes} bytes, not {length} from {start} on")
+        return self.store.get_range(f"{folder.key}/{name}", start, length, size=entry.bytes)
 
     def folder_of(self, map_id: str, version: str) -> VersionFolder:
         """Folder of a published version.

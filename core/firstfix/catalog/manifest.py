@@ -20,6 +20,7 @@ from ..store.sha256 import sha256_of
 
 FORMAT = 8  # this release reads no other
 FILE_NAME = "manifest.json"
+CLOUD_INDEX, CLOUD_POINTS = "cloud.json", "cloud.bin"  # for viewers: no query reads them
 MAX_BYTES = 64 << 20
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 
@@ -102,6 +103,16 @@ class Manifest:
     def total_bytes(self) -> int:
         """Size of all files together."""
         return sum(entry.bytes for entry in self.files.values())
+
+    @property
+    def query_files(self) -> Mapping[str, FileEntry]:
+        """Files that a process which answers queries fetches and verifies: all but those for viewers."""
+        return {name: entry for name, entry in self.files.items() if name not in (CLOUD_INDEX, CLOUD_POINTS)}
+
+    @property
+    def query_bytes(self) -> int:
+        """Size of ``query_files`` together."""
+        return sum(entry.bytes for entry in self.query_files.values())
 
     def to_mapping(self) -> dict[str, Any]:
         """JSON-ready form."""

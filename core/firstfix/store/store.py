@@ -134,8 +134,11 @@ class Store:
                 raise TooLarge(f"{key} has {size} bytes, the limit is {max_bytes}")
             return bytes(found.bytes())
 
-    def get_range(self, key: str, start: int, length: int) -> bytes:
+    def get_range(self, key: str, start: int, length: int, *, size: int | None = None) -> bytes:
         """Read up to ``length`` bytes from ``start``, fewer at the end of the object.
+
+        Args:
+            size: of the object; None: the store is asked.
 
         Raises:
             NotFound: no such key.
@@ -144,7 +147,8 @@ class Store:
         check_key(key)
         if start < 0 or length < 1:
             raise InvalidOption(f"no range of {length} bytes from {start}")
-        size = self.size(key)
+        if size is None:
+            size = self.size(key)
         if start >= size:
             raise InvalidOption(f"{key} has {size} bytes, none at {start}")
         with translated(key):

@@ -119,7 +119,7 @@ class PrefetchRound:
         if not self._loaded.has_room(1, 1, protected=protected):  # saves a request to the store
             self._is_full = True
             return False
-        need_bytes = self._catalog.manifest(map_id, version).total_bytes
+        need_bytes = self._catalog.manifest(map_id, version).query_bytes
         with self._changed:
             while not self._is_full and self._order[self._turn] != map_id:
                 self._changed.wait()

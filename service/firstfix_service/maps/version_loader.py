@@ -135,9 +135,9 @@ class VersionLoader:
             directory = self._catalog.fetch_version(map_id, version, self._directory)
             served = ServedVersion(map_id, version, directory, manifest.provisional)
             if directory.parent != self._directory:  # the file store's own folder
-                return VersionFiles(served, manifest.total_bytes, None)
+                return VersionFiles(served, manifest.query_bytes, None)
             try:
-                return VersionFiles(served, manifest.total_bytes, FolderLock(directory))
+                return VersionFiles(served, manifest.query_bytes, FolderLock(directory))
             except FileNotFoundError:  # another process has just pruned it
                 continue
 

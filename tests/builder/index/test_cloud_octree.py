@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
+from firstfix.transform import make_transform, rotation_z
 from firstfix_builder.index import cloud_octree
 from firstfix_builder.index.cloud_octree import CELLS, LEAF_POINTS, NO_NORMAL, POINT, CloudOctree, octahedral
 
@@ -75,7 +77,7 @@ def test_the_order_of_the_points_does_not_choose_who_is_shown_first(tmp_path):
     points = points[np.argsort(points[:, 0])]
     tree = CloudOctree.of(points)
     root = next(iter(tree.nodes()))
-    left = np.mean(points[root.rows, 0] < 4e5 + 30)
+    left = np.mean(tree.offsets_m[root.rows, 0] + tree.low_m[0] < 4e5 + 30)
     assert left == pytest.approx(np.mean(points[:, 0] < 4e5 + 30), abs=0.15)
 
 
@@ -104,16 +106,48 @@ def test_marks_stand_where_they_are_even_outside_the_cloud(tmp_path):
     np.testing.assert_allclose(found, marks["templates"], atol=2e-3)
 
 
-def test_a_larger_cloud_is_thinned():
-    tree = CloudOctree.of(hall(50_000), most_points=10_000)
-    assert 5_000 < len(tree.points) <= 10_000
+def test_a_larger_cloud_is_thinned_evenly():
+    points = hall(50_000)
+    points = points[np.argsort(points[:, 0])]
+    tree = CloudOctree.of(points, most_points=10_000)
+    assert len(tree.offsets_m) == 10_000
+    for end in (15, 30, 45):
+        kept = np.mean(tree.offsets_m[:, 0] + tree.low_m[0] < 4e5 + end)
+        assert kept == pytest.approx(np.mean(points[:, 0] < 4e5 + end), abs=0.02)
+
+
+def test_a_cloud_of_many_parts_gives_the_bytes_of_one(tmp_path, monkeypatch):
+    """Each part's points are copied alone: how many there are is no part of the result."""
+    points, normals = hall(60_000), np.random.default_rng(2).integers(-127, 128, (60_000, 2), np.int8)
+    T = make_transform(rotation_z(0.3), [10.0, -5.0, 2.0])
+    for name, at_once in (("one", 1 << 20), ("many", 7_001)):
+        monkeypatch.setattr(cloud_octree, "AT_ONCE", at_once)
+        (tmp_path / name).mkdir()
+        CloudOctree.of(points, normals, T_map_points=T).save(tmp_path / name)
+    for file in (CLOUD_INDEX, CLOUD_POINTS):
+        assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "many" / file).read_bytes()
+
+
+def test_points_and_normals_stay_together_and_come_into_the_maps_frame(tmp_path):
+    points = hall(60_000)
+    normals = np.stack([np.floor(points[:, 0] - 4e5), np.floor(points[:, 1] - 5e6)], axis=1).astype(np.int8)
+    np.save(tmp_path / "points.npy", points)
+    T = make_transform(np.eye(3), [-4e5, -5e6, 0.0])
+    CloudOctree.of(np.load(tmp_path / "points.npy", mmap_mode="r"), normals, T_map_points=T).save(tmp_path)
+    index, packed = read(tmp_path)
+    found = np.concatenate([positions(index, packed, node) for node in index["nodes"]])
+    np.testing.assert_allclose(
+        index["bounds_m"], [(points @ np.eye(3) + T[:3, 3]).min(axis=0), (points + T[:3, 3]).max(axis=0)]
+    )
+    inside = np.abs(found[:, :2] - np.round(found[:, :2])).min(axis=1) > 2e-3  # not on a border of the marks
+    np.testing.assert_array_equal(packed["normal"][inside], np.floor(found[inside, :2]))
 
 
 def test_the_same_points_give_the_same_bytes(tmp_path):
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
         CloudOctree.of(hall(60_000)).save(tmp_path / name)
-    for file in (cloud_octree.INDEX_FILE, cloud_octree.POINTS_FILE):
+    for file in (CLOUD_INDEX, CLOUD_POINTS):
         assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
 
 

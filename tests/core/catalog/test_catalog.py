@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -66,6 +67,56 @@ def make_version(folder: Path, content: bytes = b"content", **values: object) ->
 @pytest.fixture
 def catalog(any_store_url: str) -> Catalog:
     return Catalog(Store.open(any_store_url))
+
+
+def test_a_part_of_a_file_is_one_request_once_the_version_is_known(tmp_path: Path) -> None:
+    asked: list[str] = []
+
+    class Noted(Store):
+        """A store that notes what it is asked."""
+
+    def noted(name: str) -> Callable[..., Any]:
+        def ask(self: Noted, *what: Any, **how: Any) -> Any:
+            asked.append(name)
+            return getattr(Store, name)(self, *what, **how)
+
+        return ask
+
+    for name in ("get_range", "size", "get", "scan", "list"):
+        setattr(Noted, name, noted(name))
+    url = str(tmp_path / "store")
+    version = Catalog(Store.open(url)).publish(
+        "hall", tmp_path / "v", make_version(tmp_path / "v", b"0123456789")
+    )
+    reader = Catalog(Noted.open(url))
+    assert reader.read_part("hall", version, "a.npy", 2, 3) == b"234"
+    del asked[:]
+    assert reader.read_part("hall", version, "a.npy", 5, 5) == b"56789"
+    assert asked == ["get_range"]
+    for start, length in ((5, 6), (10, 1), (-1, 2)):
+        with pytest.raises(InvalidOption):
+            reader.read_part("hall", version, "a.npy", start, length)
+    with pytest.raises(NotFound, match=r"no c\.npy"):
+        reader.read_part("hall", version, "c.npy", 0, 1)
+
+
+def test_a_part_of_a_retired_version_is_not_found_when_its_files_are_gone(
+    catalog: Catalog, tmp_path: Path
+) -> None:
+    manifest = make_version(tmp_path / "v", b"0123456789")
+    version = catalog.publish("hall", tmp_path / "v", manifest)
+    reader = Catalog(catalog.store)
+    assert reader.read_part("hall", version, "a.npy", 0, 3) == b"012"
+    catalog.remove_map("hall")
+    assert all(
+        "a.npy" not in item.key or catalog.store.delete(item.key) is None
+        for item in catalog.store.scan("maps")
+    )
+    with pytest.raises(NotFound, match="has no version"):
+        reader.read_part("hall", version, "a.npy", 0, 3)
+    again = catalog.publish("hall", tmp_path / "v", manifest)
+    assert again == version
+    assert reader.read_part("hall", version, "a.npy", 0, 3) == b"012"
 
 
 def test_a_published_version_is_listed_active_and_fetched(catalog: Catalog, tmp_path: Path) -> None:

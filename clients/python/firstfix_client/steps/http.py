@@ -16,7 +16,7 @@ from .scan_body import BodyForm
 
 
 class HttpSteps:
-    """All calls over HTTP as steps.
+    """All calls over HTTP as steps, and ``sender`` for others.
 
     Args:
         url, timeout_s, retry, hedge, form: as in ``Client``.
@@ -34,6 +34,7 @@ class HttpSteps:
         form: BodyForm,
     ) -> None:
         sender = HttpSender(service_urls(url), retry, hedge, timeout_s)
+        self.sender = sender
         self.maps = MapSteps(sender)
         self.builds = BuildSteps(sender)
         self.ask = partial(ask_over_http, sender)

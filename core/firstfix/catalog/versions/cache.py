@@ -36,7 +36,7 @@ _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 
 def fetch_version_files(store: Store, folder: str, version: str, manifest: Manifest, directory: Path) -> Path:
-    """Fetch a version and verify every file. Safe to call from many threads and processes.
+    """Fetch a version's files but those for viewers, and verify each. Safe from many threads and processes.
 
     A version that was verified since boot is read again only if a file's size or change time differs.
 
@@ -57,7 +57,8 @@ def fetch_version_files(store: Store, folder: str, version: str, manifest: Manif
         in_place = _folder_in_place(store, folder, manifest)
         if in_place is not None:
             if not _is_verified(marker, manifest, in_place):
-                manifest.verify_directory(in_place)
+                for name, entry in manifest.query_files.items():
+                    verify_file(in_place / name, name, entry)
                 _mark_verified(marker, manifest, in_place)
             _touch(marker)
             return in_place
@@ -67,7 +68,7 @@ def fetch_version_files(store: Store, folder: str, version: str, manifest: Manif
             return target
         part = directory / f".{version}.part"
         part.mkdir(exist_ok=True)
-        for name, entry in manifest.files.items():
+        for name, entry in manifest.query_files.items():
             path = part / name
             with suppress(CorruptVersion):  # keep what a killed download left if it is right
                 verify_file(path, name, entry)
@@ -102,7 +103,7 @@ def _full_disk_reported() -> Iterator[None]:
 def _folder_in_place(store: Store, folder: str, manifest: Manifest) -> Path | None:
     """Folder of a version in a file store; None for other stores."""
     path: Path | None = None
-    for name in manifest.files:
+    for name in manifest.query_files:
         try:
             found = store.local_path(f"{folder}/{name}")
         except NotFound:
@@ -114,7 +115,7 @@ def _folder_in_place(store: Store, folder: str, manifest: Manifest) -> Path | No
 
 
 def _stamps(manifest: Manifest, folder: Path) -> dict[str, list[int]]:
-    stats = {name: (folder / name).stat() for name in manifest.files}
+    stats = {name: (folder / name).stat() for name in manifest.query_files}
     return {name: [stat.st_size, stat.st_mtime_ns, stat.st_ino] for name, stat in stats.items()}
 
 

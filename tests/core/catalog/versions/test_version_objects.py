@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from firstfix.catalog.manifest import FILE_NAME, Manifest
+from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS, FILE_NAME, Manifest
 from firstfix.catalog.versions.objects import VersionFolder, VersionObjects, manifest_first
 from firstfix.errors import CorruptVersion
 from firstfix.store.store import Store
@@ -36,6 +37,34 @@ def test_what_was_put_is_read_by_another_process(
     assert read.read_file(at, "z.npy", max_bytes=10) == b"more of it"
     assert (read.fetch(at, tmp_path / "cache") / "a.npy").read_bytes() == b"content"
     assert list(read.scan("hall")) == [at]
+
+
+def test_the_cloud_for_viewers_is_not_fetched_for_queries(any_store_url: str, tmp_path: Path) -> None:
+    folder = tmp_path / "v"
+    folder.mkdir()
+    for name in ("a.npy", CLOUD_INDEX, CLOUD_POINTS):
+        (folder / name).write_bytes(b"content")
+    manifest = Manifest.for_directory(folder)
+    assert (manifest.query_bytes, manifest.total_bytes) == (7, 21)
+
+    downloaded: list[str] = []
+
+    class Counts(Store):
+        def download(self, key: str, *more: Any) -> str:
+            downloaded.append(key)
+            return super().download(key, *more)
+
+    store = Counts.open(any_store_url)
+    at = VersionFolder("hall", manifest.digest, 0)
+    VersionObjects(store).put(at, folder, manifest)
+    store.put(f"{at.key}/{CLOUD_POINTS}", b"damaged")
+    fetched = VersionObjects(store).fetch(at, tmp_path / "cache")
+    assert (fetched / "a.npy").read_bytes() == b"content"
+    in_place = fetched.parent != tmp_path / "cache"
+    assert in_place or [path.name for path in fetched.iterdir()] == ["a.npy"]
+    assert [key.rpartition("/")[2] for key in downloaded] == ([] if in_place else ["a.npy"])
+    store.delete(f"{at.key}/{CLOUD_POINTS}")
+    assert VersionObjects(store).fetch(at, tmp_path / "cache") == fetched
 
 
 def test_a_removed_version_is_forgotten(made: tuple[Path, Manifest]) -> None:

@@ -6,7 +6,8 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
 
-from firstfix.errors import InvalidOption, NotFound
+from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
+from firstfix.errors import NotFound
 
 from ....lanes import LISTS
 from ...cache_headers import FOREVER
@@ -14,7 +15,6 @@ from ...dependencies import PartsDep
 from ...schema.parameters import MapId, Version
 
 router = APIRouter(prefix="/maps/{map_id}/versions/{version}/cloud", tags=["versions"])
-INDEX_FILE, POINTS_FILE = "cloud.json", "cloud.bin"
 POINT_BYTES = 8
 MAX_POINTS = 500_000  # of one request
 MAX_INDEX_BYTES = 64 << 20
@@ -34,9 +34,9 @@ def get_cloud(map_id: MapId, version: Version, parts: PartsDep) -> Response:
     `low_m + (x, y, z) * edge`. `marks`: `[first, count]` of the templates and of the mapping run, packed as
     points of the root. 404: the version was built before there were clouds, or it is provisional.
     """
-    if INDEX_FILE not in parts.catalog.manifest(map_id, version).files:
+    if CLOUD_INDEX not in parts.catalog.manifest(map_id, version).files:
         raise NotFound(f"version {version} of map {map_id} has no cloud for viewers")
-    data = parts.catalog.read_file(map_id, version, INDEX_FILE, max_bytes=MAX_INDEX_BYTES)
+    data = parts.catalog.read_file(map_id, version, CLOUD_INDEX, max_bytes=MAX_INDEX_BYTES)
     return Response(data, media_type="application/json", headers={"Cache-Control": FOREVER})
 
 
@@ -60,10 +60,5 @@ def get_cloud_points(
     Little-endian. The normal is two int8: the octahedral map of a unit vector to -127..127, or twice -128
     where it is not known.
     """
-    entry = parts.catalog.manifest(map_id, version).files.get(POINTS_FILE)
-    if entry is None:
-        raise NotFound(f"version {version} of map {map_id} has no cloud for viewers")
-    if (first + count) * POINT_BYTES > entry.bytes:
-        raise InvalidOption(f"the cloud has only {entry.bytes // POINT_BYTES} points")
-    data = parts.catalog.read_part(map_id, version, POINTS_FILE, first * POINT_BYTES, count * POINT_BYTES)
+    data = parts.catalog.read_part(map_id, version, CLOUD_POINTS, first * POINT_BYTES, count * POINT_BYTES)
     return Response(data, media_type="application/octet-stream", headers={"Cache-Control": FOREVER})

@@ -1,0 +1,168 @@
+"""Cost of ten open consoles for those who ask: latency and memory with and without them, in turns.
+
+The consoles open their map in the first part of their time. The service's processor time is told too: it says
+what they cost on a machine where others work.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from firstfix_builder.index.cloud_octree import CloudOctree
+
+from ..common.load import Asked, Body, Crowd, ask_over_http
+from ..common.memory import pss_of_family
+from ..common.processor_time import cpu_s_of_family
+from ..common.programs import replica
+from .queried_version import QueriedVersion
+
+MAP = "bench"
+MIB = 1 << 20
+LOOK_S = 0.2  # between two looks at the memory
+SEED = 7
+
+
+@dataclass(frozen=True)
+class ConsoleCourse:
+    """Course of the measurement.
+
+    Attributes:
+        points: of the map's cloud.
+        templates: marks beside it.
+        clients: who ask, each again ``pause_s`` after its answer.
+        rounds: each asks without consoles and with them; the next one the other way round.
+    """
+
+    points: int = 50_000_000
+    templates: int = 1_000_000
+    consoles: int = 10
+    clients: int = 4
+    pause_s: float = 0.1
+    phase_s: float = 20.0
+    rounds: int = 4
+
+
+QUICK = ConsoleCourse(points=5_000_000, phase_s=12.0, rounds=2)
+
+
+def consoles(
+    queried: QueriedVersion, bodies: list[Body], directory: Path, course: ConsoleCourse
+) -> dict[str, Any]:
+    """Latencies and MiB without and with consoles, and their ratios."""
+    store = str(directory / "store")
+    drawn = replace(queried, version=_with_cloud(queried.version, directory / "drawn", course))
+    version = drawn.publish(store, MAP, directory)
+    asked = {"without": Asked(), "with": Asked()}
+    cpu_s = dict.fromkeys(asked, 0.0)
+    mib: dict[str, float] = {}
+    with (
+        replica(directory / "replica", store=store, workers=2, run_builds=False) as one,
+        _console_process(one.url, version, course.consoles) as order,
+        Crowd(partial(ask_over_http, one.url, MAP), bodies, course.clients, course.pause_s) as crowd,
+    ):
+        crowd.go_on(course.phase_s / 2, queries=4 * course.clients)  # warm
+        mib["before"] = pss_of_family(one.pid) / MIB
+        with _peak_of(one.pid, mib):
+            for turn in range(course.rounds):
+                for state in ("without", "with") if turn % 2 == 0 else ("with", "without"):
+                    order("on" if state == "with" else "off")
+                    begin_s = cpu_s_of_family(one.pid)
+                    _note(crowd, asked[state], course.phase_s)
+                    cpu_s[state] += cpu_s_of_family(one.pid) - begin_s
+        read = order("")
+    figures = {
+        state: {**found.figures(), "service_cpu_s_a_second": round(cpu_s[state] / found.elapsed_s, 3)}
+        for state, found in asked.items()
+    }
+    return {
+        "cloud_points": course.points,
+        "consoles": course.consoles,
+        "read_by_consoles": read,
+        **figures,
+        "with_to_without": {
+            name: round(figures["with"][name] / figures["without"][name], 2)
+            for name in ("p50_ms", "p95_ms", "p99_ms", "service_cpu_s_a_second")
+        },
+        "mib": {name: round(size) for name, size in mib.items()},
+    }
+
+
+def _note(crowd: Crowd, found: Asked, seconds: float) -> None:
+    """Adds to ``found`` what the crowd is answered in this time."""
+    before, outcomes = len(crowd.asked.seconds), crowd.asked.outcomes.copy()
+    crowd.go_on(seconds)
+    found.seconds += crowd.asked.seconds[before:]
+    found.outcomes += crowd.asked.outcomes - outcomes
+    found.elapsed_s += seconds
+
+
+def _with_cloud(version: Path, folder: Path, course: ConsoleCourse) -> Path:
+    """A version's files, with the cloud of a building with many floors and walls."""
+    folder.mkdir(parents=True)
+    for path in version.iterdir():
+        if path.name not in ("cloud.json", "cloud.bin"):
+            os.link(path, folder / path.name)
+    rng = np.random.default_rng(SEED)
+    points = np.empty((course.points, 3), np.float32)
+    for first in range(0, course.points, 1 << 20):
+        part = points[first : first + (1 << 20)]
+        part[:] = rng.uniform([0, 0, 0], [200, 120, 16], part.shape)
+        flat, step_m = rng.integers(0, 3, len(part)), np.array([5.0, 6.0, 4.0])
+        rows = np.arange(len(part))
+        part[rows, flat] = np.round(part[rows, flat] / step_m[flat]) * step_m[flat]
+    templates = rng.uniform([0, 0, 1], [200, 120, 15], (course.templates, 3))
+    CloudOctree.of(points, marks={"templates": templates}).save(folder)
+    return folder
+
+
+@contextmanager
+def _console_process(url: str, version: str, count: int) -> Iterator[Any]:
+    """Gives a function that orders ``on`` or ``off``; an empty order ends it and returns what was read."""
+    command = [sys.executable, "-m", "benchmarks.service.open_consoles", url, MAP, version, str(count)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+
+        def order(what: str) -> Any:
+            if not what:
+                process.stdin.close()
+                return json.loads(process.stdout.readline())
+            process.stdin.write(f"{what}\n")
+            process.stdin.flush()
+            assert process.stdout.readline() == "done\n", "a console was refused"
+            return None
+
+        try:
+            yield order
+        finally:
+            process.kill()
+
+
+@contextmanager
+def _peak_of(pid: int, mib: dict[str, float]) -> Iterator[None]:
+    """Notes the most memory that a process and its children take, in MiB."""
+    ended = threading.Event()
+
+    def look() -> None:
+        while not ended.wait(LOOK_S):
+            mib["peak"] = max(mib.get("peak", 0.0), pss_of_family(pid) / MIB)
+
+    thread = threading.Thread(target=look, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()

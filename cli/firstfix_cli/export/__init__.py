@@ -1,0 +1,1 @@
+"""Writes a map with its kept queries as a file for viewers."""

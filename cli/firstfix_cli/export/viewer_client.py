@@ -1,0 +1,50 @@
+"""A client of the service with calls that a viewer needs and a robot does not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from firstfix_client import Client, RetryPolicy
+
+from ..arguments import PATIENCE_S, service_url
+
+TIMEOUT_S = 60.0
+
+
+class ViewerClient(Client):
+    """Client that also reads kept queries and clouds. Its errors are those of ``Client``."""
+
+    @classmethod
+    def at(cls, url: str | None) -> ViewerClient:
+        """Client of the service at ``url``, or at the default one."""
+        return cls(service_url(url), timeout_s=TIMEOUT_S, retry=RetryPolicy(patience_s=PATIENCE_S))
+
+    def cloud(self, map_id: str, version: str) -> Mapping[str, Any]:
+        """Returns the index of a version's points in levels of detail, as the service's JSON.
+
+        Raises:
+            NotFound: no such map or version, or the version has no cloud.
+        """
+        path = ("maps", map_id, "versions", version, "cloud")
+        return self._http.run(self._http.steps.sender.call("GET", *path)).parsed(dict)
+
+    def cloud_points(self, map_id: str, version: str, first: int, count: int) -> bytes:
+        """Returns some of the points that ``cloud`` lists, 8 bytes each, at most 500,000."""
+        path = ("maps", map_id, "versions", version, "cloud", "points")
+        params = {"first": str(first), "count": str(count)}
+        return self._http.run(self._http.steps.sender.call("GET", *path, params=params)).body
+
+    def samples(self, map_id: str) -> Iterator[Mapping[str, Any]]:
+        """Yields the kept queries about a map, newest first, with one page of them in memory."""
+        return self._http.items(
+            self._http.steps.sender.pages("samples", dict, "samples", params={"map_id": map_id})
+        )
+
+    def sample_body(self, sample_id: str) -> bytes:
+        """Returns the body of a kept query as it came.
+
+        Raises:
+            NotFound: no such sample.
+        """
+        return self._http.run(self._http.steps.sender.call("GET", "samples", sample_id, "body")).body

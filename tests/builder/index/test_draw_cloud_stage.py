@@ -1,0 +1,223 @@
+"""The stage that draws the cloud for viewers: of meshes, clouds and sessions, wherever it runs."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial import KDTree
+from threadpoolctl import threadpool_limits
+
+from firstfix.builds.config import BuildConfig
+from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
+from firstfix.engine.index import MAP_FILE
+from firstfix.transform import make_transform, rotation_angle_deg, rotation_z, transform_points
+from firstfix_builder.execution.chunk_cache import ChunkCache
+from firstfix_builder.execution.local_executor import LocalExecutor
+from firstfix_builder.execution.stage_cache import StageCache, StageResult
+from firstfix_builder.index.cloud_octree import NO_NORMAL, POINT
+from firstfix_builder.pipeline import BuiltVersion, build_version
+from firstfix_builder.sessions.stages import SessionStages
+from small_world import COARSE_CONFIG, SmallWorld, begun_as
+
+pytestmark = pytest.mark.slow
+THINNED_M = 0.1  # the first stage of a build puts means in the place of near points
+FILES = (CLOUD_INDEX, CLOUD_POINTS)
+
+
+class Stages:
+    """The stages ``read_map`` and ``draw_cloud`` in a work folder, over the index of a built version."""
+
+    def __init__(self, built: BuiltVersion, work: Path) -> None:
+        self.work = begun_as(built, work)
+        index = json.loads((built.directory / "manifest.json").read_text())["files"]["keys.faiss"]["sha256"]
+        self.index = next(
+            StageResult(stage.parent.name, stage.parent / "files", index)
+            for stage in self.work.glob("stages/*/stage.json")
+            if json.loads(stage.read_text())["stage"] == "build_index"
+        )
+        self.drawn = 0
+
+    def draw(self, source: Path, config: BuildConfig | None = None) -> tuple[StageResult, StageResult]:
+        """The results of reading a source and of drawing it."""
+
+        def count(stage: str, fraction: float) -> None:
+            self.drawn += (stage, fraction) == ("draw_cloud", 0.0)
+
+        with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(2) as threads:
+            cache = StageCache(self.work)
+            chunks = ChunkCache(cache, LocalExecutor(self.work, threads, threads))
+            stages = SessionStages(cache, chunks, count, lambda: False, config or BuildConfig(), threads)
+            read = stages.read_map(source, None)
+            return read, stages.draw_cloud(read, self.index)
+
+
+@pytest.fixture
+def stages(coarse_version: BuiltVersion, tmp_path: Path) -> Callable[[str], Stages]:
+    return lambda name: Stages(coarse_version, tmp_path / name)
+
+
+def points_on(world: SmallWorld, count: int, seed: int = 2) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    corner = world.vertices[world.triangles]  # (t, 3, 3)
+    area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
+    of = corner[rng.choice(len(corner), count, p=area / area.sum())]
+    return np.einsum("nij,ni->nj", of, rng.dirichlet(np.ones(3), len(of)))
+
+
+def cloud_of(directory: Path) -> tuple[dict, np.ndarray, np.ndarray]:
+    """The index, the (n, 3) positions and the (n, 2) normals of the nodes."""
+    index = json.loads((directory / CLOUD_INDEX).read_text())
+    packed = np.fromfile(directory / CLOUD_POINTS, POINT)
+    found = []
+    for level, *cell, first, count in index["nodes"]:
+        edge_m = index["edge_m"] / 2**level
+        at = packed[first : first + count]["at"] / 65535
+        found.append(np.array(index["low_m"]) + (np.array(cell) + at) * edge_m)
+    return index, np.concatenate(found), packed["normal"][: index["points"]]
+
+
+def mark_of(directory: Path, name: str) -> np.ndarray:
+    index = json.loads((directory / CLOUD_INDEX).read_text())
+    first, count = index["marks"][name]
+    packed = np.fromfile(directory / CLOUD_POINTS, POINT)[first : first + count]
+    return np.array(index["low_m"]) + packed["at"] * (index["edge_m"] / 65535)
+
+
+def far_apart(some: np.ndarray, others: np.ndarray) -> float:
+    """Largest distance from one of some points to the nearest of the others, metres."""
+    return float(KDTree(others).query(some)[0].max())
+
+
+def the_same(found: np.ndarray, expected: np.ndarray) -> None:
+    """Both hold the same points, whatever their order."""
+    assert len(found) == len(expected)
+    assert far_apart(found, expected) < 2e-3
+    assert far_apart(expected, found) < 2e-3
+
+
+def contents(directory: Path) -> list[bytes]:
+    return [(directory / name).read_bytes() for name in FILES]
+
+
+def test_of_a_mesh_the_points_that_are_seen_are_drawn(coarse_version: BuiltVersion, small_world: SmallWorld):
+    index, points, normals = cloud_of(coarse_version.directory)
+    seen = np.load(coarse_version.directory / MAP_FILE)
+    origin = np.array(coarse_version.manifest.origin)
+    the_same(points, seen[:, :3] + origin)
+    np.testing.assert_allclose(
+        mark_of(coarse_version.directory, "templates"),
+        np.load(coarse_version.directory / "template_position_m.npy") + origin,
+        atol=2e-3,
+    )
+    assert index["marks"]["trajectory"][1] == 0
+    assert np.mean(normals[:, 0] == NO_NORMAL) < 0.1, "nearly all points lie on the surface"
+    floor = (np.abs(points[:, 2]) < 0.02) & (normals[:, 0] != NO_NORMAL)
+    assert np.abs(normals[floor].astype(int)).sum(axis=1).mean() < 10, "it looks up"
+
+
+def test_a_build_that_has_only_the_other_stages_draws_the_same(
+    coarse_version: BuiltVersion, coarse_work: Path, small_map: Path
+):
+    removed = 0
+    for stage in coarse_work.glob("stages/*/stage.json"):
+        if json.loads(stage.read_text())["stage"] == "draw_cloud":
+            shutil.rmtree(stage.parent)
+            removed += 1
+    assert removed == 1
+    reached: list[str] = []
+    again = build_version(
+        small_map,
+        BuildConfig.parse(COARSE_CONFIG),
+        coarse_work,
+        progress=lambda stage, fraction: reached.append(stage),
+    )
+    assert "draw_cloud" in reached
+    assert again.manifest.digest == coarse_version.manifest.digest
+    assert contents(again.directory) == contents(coarse_version.directory)
+
+
+def test_the_work_folder_and_the_cache_are_no_part_of_the_result(
+    stages: Callable[[str], Stages], small_world: SmallWorld, tmp_path: Path
+):
+    np.save(tmp_path / "yard.npy", points_on(small_world, 30_000))
+    here, there = stages("here"), stages("somewhere/else")
+    _, one = here.draw(tmp_path / "yard.npy")
+    _, cached = here.draw(tmp_path / "yard.npy")
+    _, other = there.draw(tmp_path / "yard.npy")
+    assert one.digest == cached.digest == other.digest
+    assert one.directory != other.directory
+    assert contents(one.directory) == contents(other.directory)
+
+
+def test_what_has_changed_is_drawn_anew(
+    stages: Callable[[str], Stages], small_world: SmallWorld, tmp_path: Path
+):
+    before = points_on(small_world, 30_000) + [400.0, -250.0, 12.0]  # far from the frame's zero
+    box = np.random.default_rng(5).uniform([402, -251, 12], [403, -250, 13], (3000, 3))
+    np.save(tmp_path / "before.npy", before)
+    np.save(tmp_path / "after.npy", np.concatenate([before, box]))
+    at = stages("work")
+    _, first = at.draw(tmp_path / "before.npy")
+    _, second = at.draw(tmp_path / "after.npy")
+    drawn, anew = (cloud_of(one.directory)[1] for one in (first, second))
+    assert far_apart(drawn, before) < THINNED_M
+    assert far_apart(anew, np.concatenate([before, box])) < THINNED_M
+    assert far_apart(box, anew) < 0.1 < 0.5 < far_apart(box, drawn)
+    assert first.digest != second.digest
+    _, back = at.draw(tmp_path / "before.npy")
+    assert (back.key, back.digest) == (first.key, first.digest)
+
+
+def test_a_map_is_drawn_in_its_own_frame(
+    stages: Callable[[str], Stages], small_world: SmallWorld, tmp_path: Path
+):
+    """The builder levels a tilted map; poses and clouds are in the frame of the file nevertheless."""
+    c, s = np.cos(np.radians(6)), np.sin(np.radians(6))
+    tilt = make_transform([[1, 0, 0], [0, c, -s], [0, s, c]], [5.0, 6.0, 7.0])
+    tilted = transform_points(tilt, points_on(small_world, 30_000))
+    np.save(tmp_path / "tilted.npy", tilted)
+    read, drawn = stages("work").draw(tmp_path / "tilted.npy")
+    turned_deg = rotation_angle_deg(np.load(read.directory / "T_map_level.npy")[:3, :3])
+    assert turned_deg == pytest.approx(6, abs=1.5)
+    _, points, _ = cloud_of(drawn.directory)
+    assert far_apart(points, tilted) < THINNED_M
+    np.testing.assert_allclose(points.mean(axis=0), tilted.mean(axis=0), atol=0.15)
+
+
+def test_of_sessions_all_points_are_drawn_in_the_frame_of_the_first(
+    stages: Callable[[str], Stages], small_world: SmallWorld, tmp_path: Path
+):
+    cloud = points_on(small_world, 60_000)
+    west, east = cloud[cloud[:, 0] < 2], cloud[cloud[:, 0] > -2]
+    T_map_session = make_transform(rotation_z(0.3), [30.0, -20.0, 0.5])
+    folder = tmp_path / "sessions"
+    folder.mkdir()
+    np.save(folder / "west.npy", west)
+    np.save(folder / "east.npy", transform_points(np.linalg.inv(T_map_session), east))
+    sessions = [{"source": "west.npy"}, {"source": "east.npy", "T_map_session": T_map_session.tolist()}]
+    (folder / "sessions.yaml").write_text(json.dumps({"sessions": sessions}))
+    read, drawn = stages("work").draw(folder)
+    T_map_level = np.load(read.directory / "T_map_level.npy")
+    merged = transform_points(T_map_level, np.load(read.directory / "points.npy"))
+    _, points, _ = cloud_of(drawn.directory)
+    the_same(points, merged)
+    for end in (0, 1):
+        assert points[:, end].min() == pytest.approx(cloud[:, end].min(), abs=0.1)
+        assert points[:, end].max() == pytest.approx(cloud[:, end].max(), abs=0.1)
+
+
+def test_points_far_from_the_surface_have_no_normals(stages: Callable[[str], Stages], tmp_path: Path):
+    rng = np.random.default_rng(1)
+    np.save(tmp_path / "elsewhere.npy", rng.uniform([0, 0, 0], [20, 15, 0.05], (30_000, 3)) + [0, 0, 90])
+    read, drawn = stages("work").draw(tmp_path / "elsewhere.npy", BuildConfig.parse({"level": False}))
+    _, points, normals = cloud_of(drawn.directory)
+    local = points - np.load(read.directory / "T_map_level.npy")[:3, 3]
+    assert len(points) > 20_000
+    assert local[:, 2].min() > 20, "far above the index's surface"
+    assert (normals == NO_NORMAL).all()
