@@ -21,7 +21,7 @@ import zenoh.ext
 from fake_service import FakeService
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
-from firstfix.ros import imu, point_cloud2, pose_message, static_transforms
+from firstfix.ros import imu, point_cloud2, pose_message, tf_message
 from firstfix.ros.cdr import MessageReader
 from firstfix.ros.rmw_zenoh import (
     PUBLISHER,
@@ -80,7 +80,7 @@ class Robot:
         self.session.declare_subscriber(pose.key, self._on_pose)
         self.publisher = self.session.declare_publisher(self.clouds.key)
         self.imu = self._publisher(f"{namespace}/imu", imu.TYPE, humble)
-        frames = endpoint(domain, PUBLISHER, f"{namespace}/tf_static", static_transforms.TYPE, humble=humble)
+        frames = endpoint(domain, PUBLISHER, f"{namespace}/tf_static", tf_message.TYPE, humble=humble)
         self.frames = zenoh.ext.declare_advanced_publisher(
             self.session, frames.key, cache=zenoh.ext.CacheConfig(1), publisher_detection=True
         )

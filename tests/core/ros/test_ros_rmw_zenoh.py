@@ -7,7 +7,7 @@ import zenoh
 
 from every_case import every_case
 from firstfix.errors import MalformedData
-from firstfix.ros import imu, point_cloud2, pose_message, static_transforms
+from firstfix.ros import imu, point_cloud2, pose_message, tf_message
 from firstfix.ros.rmw_zenoh import (
     PUBLISHER,
     RELIABLE_QOS,
@@ -48,7 +48,7 @@ def test_a_topic_in_a_namespace():
     assert "/%robot1%initialpose/" in token
 
 
-@every_case("ros_type", [imu.TYPE, point_cloud2.TYPE, pose_message.TYPE, static_transforms.TYPE])
+@every_case("ros_type", [imu.TYPE, point_cloud2.TYPE, pose_message.TYPE, tf_message.TYPE])
 def test_hashes_are_those_of_the_message_definitions(ros_type):
     assert endpoint(0, PUBLISHER, "/x", ros_type).type_hash == ROS2.hash_rihs01(ros_type)
 
