@@ -56,9 +56,7 @@ class Robot:
         self.fixed = self.writer("rt", "tf_static", TF, RELIABLE, 1, Policy.Durability.TransientLocal)
         self.requests = self.writer("rq", "first_fix/relocalizeRequest", "std_srvs/srv/Trigger_Request")
         self.replies = self.reader("rr", "first_fix/relocalizeReply", "std_srvs/srv/Trigger_Response")
-        self.heard = {
-            name: (self.reader("rt", name, ros_type), ros_type) for name, ros_type in HEARD.items()
-        }
+        self.heard = {name: (self.reader("rt", name, ros_type), ros_type) for name, ros_type in HEARD.items()}
         frames = [("base_link", "lidar", T_BASE_LIDAR), ("lidar", "imu_link", np.eye(4))]
         self.write(self.fixed, cdr(ros_samples.transforms(frames)))
         self.points: Any = None
@@ -112,7 +110,11 @@ def fields(message: Any) -> dict[str, Any]:
     """The fields that the tests look at."""
     kind = message.__msgtype__.rpartition("/")[2]
     if kind == "TFMessage":
-        return {"frames": [[t.header.frame_id, t.child_frame_id, *numbers(t.transform)] for t in message.transforms]}
+        return {
+            "frames": [
+                [t.header.frame_id, t.child_frame_id, *numbers(t.transform)] for t in message.transforms
+            ]
+        }
     if kind == "DiagnosticArray":
         (one,) = message.status
         return {
@@ -123,7 +125,11 @@ def fields(message: Any) -> dict[str, Any]:
         }
     stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
     if kind == "PoseArray":
-        return {"frame": message.header.frame_id, "stamp": stamp, "poses": [list(numbers(p)) for p in message.poses]}
+        return {
+            "frame": message.header.frame_id,
+            "stamp": stamp,
+            "poses": [list(numbers(p)) for p in message.poses],
+        }
     pose = message.pose
     return {
         "frame": message.header.frame_id,
@@ -134,7 +140,11 @@ def fields(message: Any) -> dict[str, Any]:
 
 
 def numbers(pose: Any) -> tuple[float, ...]:
-    p, q = (pose.translation, pose.rotation) if hasattr(pose, "translation") else (pose.position, pose.orientation)
+    p, q = (
+        (pose.translation, pose.rotation)
+        if hasattr(pose, "translation")
+        else (pose.position, pose.orientation)
+    )
     return p.x, p.y, p.z, q.x, q.y, q.z, q.w
 
 

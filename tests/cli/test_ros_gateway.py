@@ -36,8 +36,8 @@ from firstfix.ros.rmw_zenoh import (
 from firstfix.scan.scan import Scan
 from firstfix.transform import make_transform, rotation_z
 from firstfix_cli.ros_gateway.fleet import RosGateway, open_session
-from firstfix_cli.ros_gateway.robot import Topics
-from firstfix_client.first_fix import FirstFixConfig
+from firstfix_ros.robot.config import GatewayConfig
+from firstfix_ros.robot.topics import Topics
 from ros_samples import ROS2, cdr, cloud_of_points, transforms
 from ros_samples import imu as imu_message
 from waiting import LIMIT_S, wait_until
@@ -75,7 +75,7 @@ class Robot:
         node = Node(domain, str(self.session.info.zid()), "lidar_driver")
         self.clouds = endpoint(domain, PUBLISHER, f"{namespace}/points", point_cloud2.TYPE, humble=humble)
         pose = endpoint(domain, PUBLISHER, f"{namespace}/initialpose", pose_message.TYPE, humble=humble)
-        self.locate = endpoint(domain, SERVICE, f"{namespace}/first_fix/locate", TRIGGER, humble=humble)
+        self.locate = endpoint(domain, SERVICE, f"{namespace}/first_fix/relocalize", TRIGGER, humble=humble)
         self.poses: list[tuple[Any, Attachment]] = []
         self.session.declare_subscriber(pose.key, self._on_pose)
         self.publisher = self.session.declare_publisher(self.clouds.key)
@@ -121,7 +121,7 @@ class Robot:
 class Gateway:
     """A running gateway with answers by point count."""
 
-    def __init__(self, router: str, *, base_frame: str = "", **options: Any) -> None:
+    def __init__(self, router: str, *, topics: Topics | None = None, **config: Any) -> None:
         self.asked: list[int] = []
         self.options: list[LocalizeOptions] = []
         self.told: list[tuple[str, str]] = []
@@ -129,9 +129,9 @@ class Gateway:
         self.gateway = RosGateway(
             self.session,
             self._ask,
-            FirstFixConfig(base_frame=base_frame, retry_s=0.0),
+            GatewayConfig(retry_s=0.0, **config),
+            topics=topics,
             tell=lambda *line: self.told.append(line),
-            **options,
         )
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self.gateway.run, args=[self._stop], daemon=True)
@@ -261,8 +261,14 @@ def test_it_shows_in_the_graph_and_leaves_nothing_behind(router: str):
                 == {
                     ("", "NN"),
                     ("/robot1/points", "MS"),
+                    ("/robot1/tf", "MS"),
+                    ("/robot1/tf_static", "MS"),
                     ("/robot1/initialpose", "MP"),
-                    ("/robot1/first_fix/locate", "SS"),
+                    ("/robot1/tf", "MP"),
+                    ("/robot1/first_fix/pose", "MP"),
+                    ("/robot1/first_fix/status", "MP"),
+                    ("/robot1/first_fix/hypotheses", "MP"),
+                    ("/robot1/first_fix/relocalize", "SS"),
                 }
             )
         )
@@ -276,7 +282,7 @@ def test_a_call_without_an_attachment_is_nobodys(router: str):
     with Gateway(router, at_start=False) as gateway:
         wait_until(lambda: ("/robot1", "idle") in gateway.told)
         assert list(robot.session.get(robot.locate.key, timeout=5)) == []
-        assert not gateway.gateway.robots["/robot1"].fix.wanted
+        assert not gateway.gateway.robots["/robot1"].gateway.wanted
     robot.session.close()
 
 

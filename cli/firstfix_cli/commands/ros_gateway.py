@@ -57,8 +57,8 @@ def ros_gateway(
     own_pose: Annotated[
         str | None,
         typer.Option(
-            help="Topic of the poses (PoseWithCovarianceStamped) of the robot's own localization, for --watch. "
-            "By default they are taken from the moving frames."
+            help="Topic of the poses (PoseWithCovarianceStamped) of the robot's own localization, for "
+            "--watch. By default they are taken from the moving frames."
         ),
     ] = None,
     map_frame: Annotated[str, typer.Option(help="Frame of the published pose.")] = "map",
@@ -95,15 +95,14 @@ def ros_gateway(
 ) -> None:
     """Give every robot with ROS 2 its first fix.
 
-    Run one process beside the robots' network, or beside their router. A robot is a namespace with a PointCloud2
-    topic. It gets its pose as a PoseWithCovarianceStamped, and a service first_fix/relocalize
+    Run one process in the robots' network, or beside their router. A robot is a namespace with a
+    PointCloud2 topic. It gets its pose as a PoseWithCovarianceStamped, and a service first_fix/relocalize
     (std_srvs/srv/Trigger) that starts a new search. The command runs until it is interrupted.
     """
-    from firstfix_ros.robot.config import GatewayConfig
-    from firstfix_ros.robot.topics import Topics
-
     from firstfix.answer.options import LocalizeOptions
     from firstfix.errors import InvalidOption
+    from firstfix_ros.robot.config import GatewayConfig
+    from firstfix_ros.robot.topics import Topics
 
     from ..answerer import answerer
     from ..ros_gateway.open_fleet import open_fleet

@@ -13,14 +13,14 @@ from contextlib import suppress
 from typing import Any
 
 import zenoh
-from firstfix_ros.robot.answerer import Answerer
-from firstfix_ros.robot.config import GatewayConfig
-from firstfix_ros.robot.topics import Topics
 
 from firstfix.errors import InvalidOption
 from firstfix.ros import point_cloud2
 from firstfix.ros.rmw_zenoh import Endpoint, parse_token, publishers_pattern
 from firstfix_client.errors import ServiceUnreachable
+from firstfix_ros.robot.answerer import Answerer
+from firstfix_ros.robot.config import GatewayConfig
+from firstfix_ros.robot.topics import Topics
 
 from .graph import Graph
 from .robot import Robot

@@ -7,11 +7,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
+from firstfix.errors import InvalidOption
 from firstfix_ros.robot.answerer import Answerer
 from firstfix_ros.robot.config import GatewayConfig
 from firstfix_ros.robot.topics import Topics
-
-from firstfix.errors import InvalidOption
 
 from .tell import Tell
 

@@ -11,10 +11,6 @@ from functools import partial
 from typing import Any
 
 import zenoh
-from firstfix_ros.robot.answerer import Answerer
-from firstfix_ros.robot.config import GatewayConfig
-from firstfix_ros.robot.gateway import RobotGateway
-from firstfix_ros.robot.topics import RELOCALIZE, Input, Output, Topics, full_name
 
 from firstfix.errors import FirstfixError
 from firstfix.ros.cdr import CdrWriter
@@ -27,6 +23,10 @@ from firstfix.ros.rmw_zenoh import (
     Endpoint,
     endpoint,
 )
+from firstfix_ros.robot.answerer import Answerer
+from firstfix_ros.robot.config import GatewayConfig
+from firstfix_ros.robot.gateway import RobotGateway
+from firstfix_ros.robot.topics import RELOCALIZE, Input, Output, Topics, full_name
 
 from .graph import Graph
 

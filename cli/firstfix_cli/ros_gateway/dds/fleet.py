@@ -6,13 +6,12 @@ import threading
 import time
 from typing import Any
 
-from firstfix_ros.robot.answerer import Answerer
-from firstfix_ros.robot.config import GatewayConfig
-from firstfix_ros.robot.topics import Topics
-
 from firstfix.errors import FirstfixError
 from firstfix.ros import point_cloud2
 from firstfix.ros.rmw_zenoh import dds_type
+from firstfix_ros.robot.answerer import Answerer
+from firstfix_ros.robot.config import GatewayConfig
+from firstfix_ros.robot.topics import Topics
 
 from ..tell import Tell
 from . import qos

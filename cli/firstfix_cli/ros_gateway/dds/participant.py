@@ -22,9 +22,9 @@ from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
-from firstfix_ros.robot.gateway import MAX_CLOUD_BYTES
 
 from firstfix.errors import InvalidOption
+from firstfix_ros.robot.gateway import MAX_CLOUD_BYTES
 
 from .messages import TYPES, body_of, sample_of
 

@@ -14,7 +14,7 @@ def sensor_data(depth: int) -> Qos:
 
 
 def reliable(depth: int) -> Qos:
-    """Reliable, for later messages alone: what is lost is sent again. A best-effort publisher is not heard."""
+    """Reliable, volatile: what is lost is sent again. A best-effort publisher is not heard."""
     return Qos(_RELIABLE, Policy.Durability.Volatile, Policy.History.KeepLast(depth))
 
 

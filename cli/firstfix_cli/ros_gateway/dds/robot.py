@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 from cyclonedds.core import Qos
+
 from firstfix_ros.robot.answerer import Answerer
 from firstfix_ros.robot.config import GatewayConfig
 from firstfix_ros.robot.gateway import RobotGateway

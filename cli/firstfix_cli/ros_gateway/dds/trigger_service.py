@@ -1,9 +1,9 @@
 """A service of type std_srvs/srv/Trigger over DDS.
 
-Each implementation of ROS 2 joins requests and replies in its own way. rmw_cyclonedds writes 16 bytes before
-the request, and expects them before the reply. rmw_fastrtps and rmw_connextdds send the identity of the request
-beside the message (inline QoS), which the Python binding of Cyclone DDS neither reads nor writes: their requests
-are carried out, and cannot be answered.
+Each implementation of ROS 2 joins requests and replies in its own way. rmw_cyclonedds writes 16 bytes
+before the request, and expects them before the reply. rmw_fastrtps and rmw_connextdds send the identity of
+the request beside the message (inline QoS), which the Python binding of Cyclone DDS neither reads nor writes:
+their requests are carried out, and cannot be answered.
 """
 
 from __future__ import annotations
