@@ -132,10 +132,14 @@ class RobotGateway:
                 self._tell(self._bad_message)
 
     def tick(self) -> None:
-        """Publishes map -> odom, and the status once a second and when it changes.
+        """Publishes map -> odom, and the status once a second. Call it about 10 times a second."""
+        self._report()
+        body = self._map_to_odom.message()
+        if body is not None:
+            self._publish(Output.TF, body)
 
-        Call it about 10 times a second.
-        """
+    def _report(self) -> None:
+        """Tells and publishes the status when it has changed, and publishes it once a second."""
         with self._changed:
             status, now_s = self._status, self._clock()
             line = self._told if status.state is State.ASKING else status.line
@@ -147,11 +151,8 @@ class RobotGateway:
             self._tell(line)
         if due:
             header = Header(Stamp.of_ns(self._wall_ns()), "")
-            diagnosis = diagnosis_of(status, self._name)
-            self._publish(Output.STATUS, encode_diagnostic_array(header, [diagnosis]))
-        body = self._map_to_odom.message()
-        if body is not None:
-            self._publish(Output.TF, body)
+            body = encode_diagnostic_array(header, [diagnosis_of(status, self._name)])
+            self._publish(Output.STATUS, body)
 
     def run(self) -> None:
         """Asks whenever a query is due and a cloud is there, until ``close`` is called."""
@@ -162,7 +163,10 @@ class RobotGateway:
                     self._changed.wait(None if self._cloud is None else max(0.001, min(left_s, 3600.0)))
                 if self._closed:
                     return
-            self.step()
+            try:
+                self.step()
+            except Exception as error:  # of an edge that cannot publish: the next query may
+                self._tell(f"defect: {error!r}")
 
     def close(self) -> None:
         """Ends ``run`` after the current query."""
@@ -191,11 +195,12 @@ class RobotGateway:
             suspect = self._watch is not None and self._watch.health is Health.SUSPECT
             watch_s = self._config.watch_s
             self._next_check_s = now_s + (min(SUSPECT_S, watch_s) if suspect else watch_s)
-            self._next_try_s = now_s + self._config.retry_s
             if search == self._searches:  # nobody asked anew meanwhile
+                self._next_try_s = now_s + self._config.retry_s
                 self._status = replace(status, took_s=now_s - begin_s)
                 if searching and status.state is State.LOCALIZED:
                     self._wanted, self._cloud = False, None
+        self._report()
         return True
 
     def _due_s(self) -> float:
