@@ -23,9 +23,13 @@ LOOPBACK = (
 )
 
 
+_DOMAINS = list(range(1, 100))  # above 100 their ports are those of short connections
+random.SystemRandom().shuffle(_DOMAINS)
+
+
 def any_domain() -> int:
-    """A domain whose number other tests hardly use; above 100 its ports are those of short connections."""
-    return random.SystemRandom().randrange(1, 100)
+    """A domain that this process has not used, and another one hardly."""
+    return _DOMAINS.pop()
 
 
 class RobotProgram:

@@ -92,8 +92,9 @@ class Robot:
         )
         self.write(self.tf, cdr(odometry))
         if self.points is not None:
-            cloud = cdr(ros_samples.cloud_of_points(self.points, stamp_ns=now_ns, frame_id="lidar"))
-            self.write(self.clouds, cloud[:-9] if self.broken else cloud)
+            wrong = {"point_step": 5} if self.broken else {}  # Cyclone DDS sends only well-formed bytes
+            cloud = ros_samples.cloud_of_points(self.points, stamp_ns=now_ns, frame_id="lidar", **wrong)
+            self.write(self.clouds, cdr(cloud))
         for name, (reader, ros_type) in self.heard.items():
             for sample in reader.take(100):
                 if body_of(sample) is not None:

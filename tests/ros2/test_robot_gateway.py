@@ -108,7 +108,7 @@ def test_one_cloud_is_enough_and_then_it_rests():
     (pose,) = bench.of(Output.INITIAL_POSE)
     assert (pose.header.frame_id, pose.header.stamp.sec) == ("hall", 7)
     np.testing.assert_array_equal(pose.pose.covariance.reshape(6, 6), COVARIANCE)
-    bodies = {kind: body for kind, body in bench.published}
+    bodies = dict(bench.published)
     assert bodies[Output.POSE] == bodies[Output.INITIAL_POSE]
     assert [len(scan) for scan, _ in bench.queries] == [9]
     assert bench.told == ["localized"]

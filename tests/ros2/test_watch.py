@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from test_robot_gateway import BASE_LIDAR, REJECTED, Bench, S, hypothesis, localized, tf
 
 from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
@@ -14,7 +15,6 @@ from firstfix.transform import Matrix, inverse, make_transform, rotation_z
 from firstfix_ros.robot.status import State
 from firstfix_ros.robot.topics import Input, Output
 from firstfix_ros.robot.watch import Health
-from test_robot_gateway import BASE_LIDAR, REJECTED, Bench, S, hypothesis, localized, tf
 
 RADIUS_M, SPEED_M_S = 8.0, 1.5
 
@@ -201,9 +201,7 @@ def test_poses_of_a_topic_are_carried_on_by_odometry():
     drive = Drive(own="topic")
     drive.step()
     own = localized(LocalizeOptions(), drive.by_odometry())
-    drive.bench.gateway.take(
-        Input.OWN_POSE, to_pose_cdr(own, Stamp.of_ns(round(drive.time_s * 1e9) + 7 * S))
-    )
+    drive.bench.gateway.take(Input.OWN_POSE, to_pose_cdr(own, Stamp.of_ns(round(drive.time_s * 1e9) + 7 * S)))
     for _ in range(30):
         drive.step()
     assert drive.health is Health.HEALTHY

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -21,6 +22,8 @@ from .trigger_service import TriggerService
 _DEPTHS = {Input.CLOUD: 1, Input.IMU: 100, Input.TF: 100, Input.OWN_POSE: 1}
 _LATCHED_DEPTH = 1000  # of the last messages of all publishers of /tf_static together
 _OUTPUT_DEPTH = 10
+SETTLE_S = 2.0  # so long after it has come, a robot may still be finding the gateway's topics
+_POLL_S = 0.02
 
 
 class Robot:
@@ -41,6 +44,7 @@ class Robot:
     ) -> None:
         self.publishers: dict[Any, bool] = {}
         self._participant, self._namespace, self._topics, self._tell = participant, namespace, topics, tell
+        self._settled_s = time.monotonic() + SETTLE_S
         self._readers: dict[Input, tuple[bool, Any]] = {}
         self._writers = {
             kind: participant.writer(
@@ -96,4 +100,9 @@ class Robot:
         self.gateway.take(kind, body)
 
     def _publish(self, kind: Output, body: bytes) -> None:
-        self._writers[kind].write(body)
+        writer = self._writers[kind]
+        if kind is Output.INITIAL_POSE:
+            # A robot that has just come may not have found this writer: what is written before, it never gets.
+            while not writer.readers() and time.monotonic() < self._settled_s:
+                time.sleep(_POLL_S)
+        writer.write(body)
