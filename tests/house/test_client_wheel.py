@@ -113,6 +113,7 @@ def test_the_closure_follows_every_kind_of_import(tmp_path: Path):
         core / "shared.py": "",
         core / "unused.py": "",
         core / "of_the_node.py": "",
+        node / "__init__.py": "",
         node / "node.py": "from firstfix.of_the_node import z\n",
     }
     for path, text in texts.items():
@@ -122,7 +123,7 @@ def test_the_closure_follows_every_kind_of_import(tmp_path: Path):
         (package / "py.typed").touch()
     found = import_closure({"firstfix": core, "firstfix_client": client, "firstfix_ros": node})
     expected = {path.relative_to(tmp_path).as_posix() for path in texts}
-    expected -= {"firstfix/unused.py", "firstfix_ros/node.py"}
+    expected -= {"firstfix/unused.py", "firstfix_ros/__init__.py", "firstfix_ros/node.py"}
     assert set(found) == expected | {"firstfix/py.typed", "firstfix_client/py.typed"}
 
 

@@ -36,7 +36,7 @@ class Drive:
         return self.T_moved @ self.by_odometry()
 
     def by_odometry(self) -> Matrix:
-        """Where the robot takes itself to be."""
+        """Pose by the robot's own localization."""
         angle = self.time_s * SPEED_M_S / RADIUS_M
         return make_transform(
             rotation_z(angle + np.pi / 2), [RADIUS_M * np.cos(angle), RADIUS_M * np.sin(angle), 0]

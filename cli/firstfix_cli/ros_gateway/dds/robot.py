@@ -102,7 +102,7 @@ class Robot:
     def _publish(self, kind: Output, body: bytes) -> None:
         writer = self._writers[kind]
         if kind is Output.INITIAL_POSE:
-            # A robot that has just come may not have found this writer: what is written before, it never gets.
+            # A robot that has just come may not have found this writer yet, and would never get it.
             while not writer.readers() and time.monotonic() < self._settled_s:
                 time.sleep(_POLL_S)
         writer.write(body)

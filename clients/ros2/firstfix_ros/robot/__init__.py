@@ -1,1 +1,1 @@
-"""One robot's gateway without its transport: what it keeps, when it asks, and what it publishes."""
+"""One robot's gateway without its transport: the messages it keeps, its policies, and its outputs."""

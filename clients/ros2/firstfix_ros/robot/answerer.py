@@ -1,4 +1,4 @@
-"""Who answers the gateway's queries: a client of a service, or a localizer in the same process."""
+"""Protocol of the one that answers a gateway's queries: a client of a service, or a localizer here."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from firstfix.scan.scan import Scan
 class Answerer(Protocol):
     """Localizes one scan. It blocks until the answer is there, and is called by one thread of each robot."""
 
-    def __call__(self, scan: Scan, options: LocalizeOptions) -> Localization:
+    def __call__(self, scan: Scan, options: LocalizeOptions, /) -> Localization:
         """Returns the answer.
 
         Args:

@@ -65,7 +65,8 @@ class RobotGateway:
         self._changed = threading.Condition()
         self._senses = Senses(config.map_frame, config.odom_frame, config.base_frame)
         self._watch = Watch(config.astray_m, config.astray_deg) if config.watch_s else None
-        self._checker = self._watch and Checker(ask, self._senses, config, self._watch)
+        watch = self._watch
+        self._checker = None if watch is None else Checker(ask, self._senses, config, watch)
         self._map_to_odom = MapToOdom(config, self._senses)
         self._cloud: bytes | None = None
         self._status = Status(health=Health.UNKNOWN if config.watch_s else None)

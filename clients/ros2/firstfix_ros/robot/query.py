@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.answer.localization import Localization
@@ -35,12 +36,12 @@ class Fix:
     frame: str
     stamp: Stamp
     T_map_frame: Matrix
-    covariance: NDArray
+    covariance: NDArray[np.float64]
     T_odom_frame: Matrix | None
 
 
 class Query:
-    """What is known of one cloud when it is asked for.
+    """One cloud with its mounting and gravity, ready to be asked for.
 
     Raises:
         NotFound: the mounting of the sensor on the base is needed, and not known yet.

@@ -1,4 +1,4 @@
-"""What a robot's gateway keeps of the robot's messages: IMU, frames, odometry, and its own pose."""
+"""The newest messages of a robot: IMU, frames, odometry, and the pose of its own localization."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import threading
 from collections import deque
 from dataclasses import dataclass
 
+import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.ros.header import Header, Stamp
@@ -91,7 +92,7 @@ class Senses:
             newest = self._tree.newest_below(self._odom)
         return None if newest is None else newest.stamp
 
-    def gravity(self, header: Header) -> NDArray | None:
+    def gravity(self, header: Header) -> NDArray[np.float64] | None:
         """Returns the (3,) direction of gravity in the frame of a cloud; None if not known."""
         with self._lock:
             down, frame = self._window.down(header.stamp), self._window.frame_id

@@ -1,4 +1,4 @@
-"""What a gateway hears and says: the kinds of messages, with their ROS types and topics."""
+"""Messages that a gateway takes and publishes, with their ROS types and topics."""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 
@@ -54,7 +55,7 @@ def offset_of(T_map_a: Matrix, T_map_b: Matrix, *, planar: bool) -> Offset:
 
 
 @dataclass(frozen=True)
-class Sighting:
+class Comparison:
     """A fix, with the robot's own pose at the same time.
 
     Attributes:
@@ -87,7 +88,7 @@ class Watch:
         self.astray_m, self.astray_deg = astray_m, astray_deg
         self.health = Health.UNKNOWN
         self.offset: Offset | None = None
-        self._pending: Sighting | None = None
+        self._pending: Comparison | None = None
 
     def reset(self) -> None:
         """Forgets what was seen: the robot was given a new pose, or its own localization is silent."""
@@ -98,19 +99,19 @@ class Watch:
         offset = offset_of(T_map_a, T_map_b, planar=planar)
         return offset.distance_m <= self.astray_m and offset.angle_deg <= self.astray_deg
 
-    def see(self, sighting: Sighting) -> Health:
+    def see(self, comparison: Comparison) -> Health:
         """Takes a fix and returns the health after it."""
-        offset = offset_of(sighting.T_map_own, sighting.T_map_fix, planar=sighting.planar)
+        offset = offset_of(comparison.T_map_own, comparison.T_map_fix, planar=comparison.planar)
         self.offset = offset
-        distance_m, angle_deg = _surely(offset, sighting.covariance)
+        distance_m, angle_deg = _surely(offset, comparison.covariance)
         if distance_m <= self.astray_m and angle_deg <= self.astray_deg:
             self.health, self._pending = Health.HEALTHY, None
-        elif sighting.own_explains:
+        elif comparison.own_explains:
             pass  # says nothing for either pose
-        elif self._pending is not None and _agree(self._pending, sighting):
-            self.health, self._pending = Health.ASTRAY, sighting
+        elif self._pending is not None and _agree(self._pending, comparison):
+            self.health, self._pending = Health.ASTRAY, comparison
         else:
-            self._pending = sighting
+            self._pending = comparison
             if self.health is not Health.ASTRAY:
                 self.health = Health.SUSPECT
         return self.health
@@ -121,15 +122,16 @@ def _surely(offset: Offset, covariance: NDArray[np.float64]) -> tuple[float, flo
     distance_m = offset.distance_m
     if distance_m > 0:
         direction = offset.vector_m / distance_m
-        distance_m -= SIGMAS * float(np.sqrt(max(0.0, direction @ covariance[:3, :3] @ direction)))
+        distance_m -= SIGMAS * math.sqrt(max(0.0, direction @ covariance[:3, :3] @ direction))
     return distance_m, offset.angle_deg - SIGMAS * _angle_sigma_deg(covariance)
 
 
 def _angle_sigma_deg(covariance: NDArray[np.float64]) -> float:
-    return float(np.degrees(np.sqrt(max(0.0, np.linalg.eigvalsh(covariance[3:, 3:])[-1]))))
+    largest: float = np.linalg.eigvalsh(covariance[3:, 3:])[-1]
+    return math.degrees(math.sqrt(max(0.0, largest)))
 
 
-def _agree(before: Sighting, now: Sighting) -> bool:
+def _agree(before: Comparison, now: Comparison) -> bool:
     if before.T_odom is not None and now.T_odom is not None:
         motion = inverse(before.T_odom) @ now.T_odom
     else:  # the robot's own localization may be at a wrong place, and still follow the robot's motion
