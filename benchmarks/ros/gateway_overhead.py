@@ -1,8 +1,8 @@
 """Time that the gateway on DDS adds to a query over HTTP, and its memory.
 
-A service on loopback answers at once, so the figures are those of the ways to it. Each round sends one cloud
-over DDS to a running ``firstfix ros-gateway --dds``, until its pose is heard, and the same scan with the Python
-client.
+A service on loopback answers at once, so the figures are those of the ways to it. Each round sends one
+cloud over DDS to a running ``firstfix ros-gateway --dds``, until its pose is heard, and the same scan with
+the Python client. Run it with ``python -m benchmarks.ros.gateway_overhead``.
 """
 
 from __future__ import annotations

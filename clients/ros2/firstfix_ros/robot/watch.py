@@ -127,7 +127,7 @@ def _surely(offset: Offset, covariance: NDArray[np.float64]) -> tuple[float, flo
 
 
 def _angle_sigma_deg(covariance: NDArray[np.float64]) -> float:
-    largest: float = np.linalg.eigvalsh(covariance[3:, 3:])[-1]
+    largest = float(np.linalg.eigvalsh(covariance[3:, 3:])[-1])
     return math.degrees(math.sqrt(max(0.0, largest)))
 
 
