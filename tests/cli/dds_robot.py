@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import queue
 import sys
 import threading
 import time
@@ -80,6 +81,15 @@ class Robot:
         """Calls the service as rmw_cyclonedds does, or, without a header, as rmw_fastrtps does."""
         number = next(self._numbers).to_bytes(8, "little")
         self.write(self.requests, b"\0\1\0\0" + ((HEADER + number) if header else b"") + b"\0")
+
+    def obey(self, command: dict[str, Any]) -> None:
+        """Takes new points, or calls the service."""
+        if "points" in command:
+            self.points = np.load(command["points"])
+        if "broken" in command:
+            self.broken = command["broken"]
+        if "call" in command:
+            self.call(command["call"])
 
     def turn(self) -> None:
         """Publishes one round, and tells what came."""
@@ -156,22 +166,23 @@ def tell(**values: Any) -> None:
 def main() -> None:
     """Plays the robot until the standard input ends."""
     robot = Robot(**json.loads(sys.argv[1]))
-    ended = threading.Event()
+    commands: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
 
-    def obey() -> None:
+    def listen() -> None:
         for line in sys.stdin:
-            command = json.loads(line)
-            if "points" in command:
-                robot.points = np.load(command["points"])
-            if "broken" in command:
-                robot.broken = command["broken"]
-            if "call" in command:
-                robot.call(command["call"])
-        ended.set()
+            commands.put(json.loads(line))
+        commands.put(None)
 
-    threading.Thread(target=obey, daemon=True).start()
-    while not ended.wait(0.1):
-        robot.turn()
+    threading.Thread(target=listen, daemon=True).start()
+    while True:
+        try:
+            command = commands.get(timeout=0.1)
+        except queue.Empty:
+            robot.turn()
+            continue
+        if command is None:
+            return
+        robot.obey(command)
 
 
 if __name__ == "__main__":

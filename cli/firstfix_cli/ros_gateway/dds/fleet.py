@@ -89,9 +89,13 @@ class DdsFleet:
         def tell(line: str) -> None:
             self._tell(namespace, line)
 
-        self.robots[namespace] = Robot(
-            self._participant, namespace, self._topics, self._ask, self._config, tell
-        )
+        try:
+            self.robots[namespace] = Robot(
+                self._participant, namespace, self._topics, self._ask, self._config, tell
+            )
+        except ConnectionError as error:  # strange names of one robot: the others go on
+            tell(str(error))
+            return False
         return True
 
     def _forget(self, key: Any) -> None:

@@ -69,6 +69,9 @@ class Participant:
         Args:
             topic: with ROS's prefix: ``rt/points``.
             take: called in the thread of ``wait``.
+
+        Raises:
+            ConnectionError: DDS does not allow this topic.
         """
         reader = DataReader(self.entity, self._topic(topic, ros_type), qos)
         self._readers[reader] = self._attached(reader), take
@@ -81,7 +84,11 @@ class Participant:
         del condition
 
     def writer(self, topic: str, ros_type: str, qos: Qos) -> Writer:
-        """Makes a writer of a topic."""
+        """Makes a writer of a topic.
+
+        Raises:
+            ConnectionError: DDS does not allow this topic.
+        """
         return Writer(DataWriter(self.entity, self._topic(topic, ros_type), qos), TYPES[ros_type])
 
     def wait(self, timeout_s: float) -> None:
@@ -110,7 +117,10 @@ class Participant:
     def _topic(self, topic: str, ros_type: str) -> Any:
         key = topic, ros_type
         if key not in self._topics:
-            self._topics[key] = Topic(self.entity, topic, TYPES[ros_type])
+            try:
+                self._topics[key] = Topic(self.entity, topic, TYPES[ros_type])
+            except (DDSException, UnicodeError) as error:
+                raise ConnectionError(f"DDS refuses the topic {topic[:200]!r}: {error}") from None
         return self._topics[key]
 
 

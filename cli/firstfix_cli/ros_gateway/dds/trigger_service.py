@@ -62,7 +62,10 @@ class TriggerService:
         for _ in range(len(self._waiting)):
             until_s, client, reply = self._waiting.popleft()
             if client is None or client in readers or self._clock() >= until_s:
-                self._replies.write(reply)
+                try:
+                    self._replies.write(reply)
+                except ConnectionError as error:
+                    self._tell(str(error))
             else:
                 self._waiting.append((until_s, client, reply))
 
