@@ -67,7 +67,6 @@ def test_a_robot_is_found_where_it_stands(
             assert error_m < 0.2, number
             assert error_deg < 2.0, number
     finally:
-        print(robot.of("first_fix/status")[-3:])
         robot.stop()
         gateway.terminate()
         gateway.wait(LIMIT_S)
