@@ -122,7 +122,7 @@ def _surely(offset: Offset, covariance: NDArray[np.float64]) -> tuple[float, flo
     distance_m = offset.distance_m
     if distance_m > 0:
         direction = offset.vector_m / distance_m
-        distance_m -= SIGMAS * math.sqrt(max(0.0, direction @ covariance[:3, :3] @ direction))
+        distance_m -= SIGMAS * math.sqrt(max(0.0, float(direction @ covariance[:3, :3] @ direction)))
     return distance_m, offset.angle_deg - SIGMAS * _angle_sigma_deg(covariance)
 
 
