@@ -11,7 +11,7 @@ from firstfix.answer.localization import Localization
 from firstfix.answer.options import LocalizeOptions
 from firstfix.errors import InvalidOption, MalformedData, NotFound
 from firstfix.formats.point_cloud import SCAN_LIMITS
-from firstfix.ros import imu, static_transforms
+from firstfix.ros import imu, tf_message
 from firstfix.ros.bag import Bag, RawMessage, open_bag
 from firstfix.ros.header import Header
 from firstfix.ros.imu import GravityWindow, decode_imu
@@ -125,7 +125,7 @@ def _with_gravity_and_mounting(
 
 def _static_transforms(bag: Bag) -> StaticTransforms:
     frames = StaticTransforms()
-    topics = [t for t in bag.topics(static_transforms.TYPE) if t.rpartition("/")[2] == "tf_static"]
+    topics = [t for t in bag.topics(tf_message.TYPE) if t.rpartition("/")[2] == "tf_static"]
     for message in bag.messages(topics):
         frames.add(decode_transforms(message.body, ros1=bag.ros1))
     return frames

@@ -1,4 +1,4 @@
-"""Build hook of the robot's wheel: adds the modules of the core that ``firstfix_client`` imports."""
+"""Build hook of the robot's wheel: adds the modules of the core that the client and the ROS node import."""
 
 from __future__ import annotations
 
@@ -56,11 +56,13 @@ class RobotWheel(BuildHookInterface):  # type: ignore[misc]
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Writes the modules to a folder, and adds them to the wheel."""
-        core = HERE.parents[1] / "core" / "firstfix"
+        roots = {
+            "firstfix": HERE.parents[1] / "core" / "firstfix",
+            "firstfix_client": HERE / "firstfix_client",
+            "firstfix_ros": HERE.parent / "ros2" / "firstfix_ros",
+        }
         stripped = Path(self.directory) / "stripped"
-        for name, path in import_closure(
-            {"firstfix": core, "firstfix_client": HERE / "firstfix_client"}
-        ).items():
+        for name, path in import_closure(roots).items():
             target = stripped / name
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_text(shipped(name, path.read_text()) if path.suffix == ".py" else "")

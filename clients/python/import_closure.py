@@ -1,4 +1,4 @@
-"""Modules that the robot needs: all that ``firstfix_client`` imports, at the top or later."""
+"""Modules that the robot needs: what ``firstfix_client`` and the ROS node import, at the top or later."""
 
 from __future__ import annotations
 
@@ -9,17 +9,21 @@ from pathlib import Path
 PACKAGES = ("firstfix", "firstfix_client")
 
 
-def import_closure(roots: dict[str, Path], start: str = "firstfix_client") -> dict[str, Path]:
+def import_closure(
+    roots: dict[str, Path], start: str = "firstfix_client", guest: str = "firstfix_ros"
+) -> dict[str, Path]:
     """Returns the files of the wheel, by their path in it.
 
     Args:
         roots: package name to its folder.
         start: package to include whole; of the others only what is imported.
+        guest: package that is installed beside the wheel, and imports from it. It is not included.
 
     Raises:
         ModuleNotFoundError: an import names a module that is not there.
     """
-    waiting = [_module_name(roots[start], path) for path in sorted(roots[start].rglob("*.py"))]
+    whole = [roots[name] for name in (start, guest) if name in roots]
+    waiting = [_module_name(root, path) for root in whole for path in sorted(root.rglob("*.py"))]
     found: dict[str, Path] = {}
     while waiting:
         name = waiting.pop()
@@ -32,7 +36,11 @@ def import_closure(roots: dict[str, Path], start: str = "firstfix_client") -> di
         parent = name.rpartition(".")[0]
         waiting += [parent] if parent else []
         waiting += [one for one in _imported(name, path, roots) if one not in found]
-    files = {path.relative_to(_root_of(name, roots).parent).as_posix(): path for name, path in found.items()}
+    files = {
+        path.relative_to(_root_of(name, roots).parent).as_posix(): path
+        for name, path in found.items()
+        if name.partition(".")[0] != guest
+    }
     for package in PACKAGES:
         files[f"{package}/py.typed"] = roots[package] / "py.typed"
     return files

@@ -21,7 +21,7 @@ import zenoh.ext
 from fake_service import FakeService
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.answer.options import LocalizeOptions
-from firstfix.ros import imu, point_cloud2, pose_message, static_transforms
+from firstfix.ros import imu, point_cloud2, pose_message, tf_message
 from firstfix.ros.cdr import MessageReader
 from firstfix.ros.rmw_zenoh import (
     PUBLISHER,
@@ -36,8 +36,8 @@ from firstfix.ros.rmw_zenoh import (
 from firstfix.scan.scan import Scan
 from firstfix.transform import make_transform, rotation_z
 from firstfix_cli.ros_gateway.fleet import RosGateway, open_session
-from firstfix_cli.ros_gateway.robot import Topics
-from firstfix_client.first_fix import FirstFixConfig
+from firstfix_ros.robot.config import GatewayConfig
+from firstfix_ros.robot.topics import Topics
 from ros_samples import ROS2, cdr, cloud_of_points, transforms
 from ros_samples import imu as imu_message
 from waiting import LIMIT_S, wait_until
@@ -75,12 +75,12 @@ class Robot:
         node = Node(domain, str(self.session.info.zid()), "lidar_driver")
         self.clouds = endpoint(domain, PUBLISHER, f"{namespace}/points", point_cloud2.TYPE, humble=humble)
         pose = endpoint(domain, PUBLISHER, f"{namespace}/initialpose", pose_message.TYPE, humble=humble)
-        self.locate = endpoint(domain, SERVICE, f"{namespace}/first_fix/locate", TRIGGER, humble=humble)
+        self.locate = endpoint(domain, SERVICE, f"{namespace}/first_fix/relocalize", TRIGGER, humble=humble)
         self.poses: list[tuple[Any, Attachment]] = []
         self.session.declare_subscriber(pose.key, self._on_pose)
         self.publisher = self.session.declare_publisher(self.clouds.key)
         self.imu = self._publisher(f"{namespace}/imu", imu.TYPE, humble)
-        frames = endpoint(domain, PUBLISHER, f"{namespace}/tf_static", static_transforms.TYPE, humble=humble)
+        frames = endpoint(domain, PUBLISHER, f"{namespace}/tf_static", tf_message.TYPE, humble=humble)
         self.frames = zenoh.ext.declare_advanced_publisher(
             self.session, frames.key, cache=zenoh.ext.CacheConfig(1), publisher_detection=True
         )
@@ -121,7 +121,7 @@ class Robot:
 class Gateway:
     """A running gateway with answers by point count."""
 
-    def __init__(self, router: str, *, base_frame: str = "", **options: Any) -> None:
+    def __init__(self, router: str, *, topics: Topics | None = None, **config: Any) -> None:
         self.asked: list[int] = []
         self.options: list[LocalizeOptions] = []
         self.told: list[tuple[str, str]] = []
@@ -129,9 +129,9 @@ class Gateway:
         self.gateway = RosGateway(
             self.session,
             self._ask,
-            FirstFixConfig(base_frame=base_frame, retry_s=0.0),
+            GatewayConfig(retry_s=0.0, **config),
+            topics=topics,
             tell=lambda *line: self.told.append(line),
-            **options,
         )
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self.gateway.run, args=[self._stop], daemon=True)
@@ -186,11 +186,13 @@ def test_gravity_is_the_imus_and_the_mounting_that_of_the_frames(router: str, hu
         wait_until(lambda: any("Imu" in line for _, line in gateway.told))
         robot.imu.put(cdr(imu_message([9.81, 0, 0], stamp_ns=7 * 10**9)))
 
-        def is_fixed() -> bool:
-            robot.publish(100)
-            return bool(robot.poses)
+        def has_gravity() -> bool:  # zenoh keeps no order between two topics
+            robot.publish(50)
+            return bool(gateway.options) and gateway.options[-1].gravity is not None
 
-        wait_until(is_fixed)
+        wait_until(has_gravity)
+        robot.publish(100)
+        wait_until(lambda: robot.poses)
     assert len([line for _, line in gateway.told if "Imu" in line]) == 1
     np.testing.assert_allclose(gateway.options[-1].T_base_sensor, T_base_sensor, atol=1e-9)
     np.testing.assert_allclose(gateway.options[-1].gravity, [0, -1, 0], atol=1e-9)
@@ -261,8 +263,14 @@ def test_it_shows_in_the_graph_and_leaves_nothing_behind(router: str):
                 == {
                     ("", "NN"),
                     ("/robot1/points", "MS"),
+                    ("/robot1/tf", "MS"),
+                    ("/robot1/tf_static", "MS"),
                     ("/robot1/initialpose", "MP"),
-                    ("/robot1/first_fix/locate", "SS"),
+                    ("/robot1/tf", "MP"),
+                    ("/robot1/first_fix/pose", "MP"),
+                    ("/robot1/first_fix/status", "MP"),
+                    ("/robot1/first_fix/hypotheses", "MP"),
+                    ("/robot1/first_fix/relocalize", "SS"),
                 }
             )
         )
@@ -276,7 +284,7 @@ def test_a_call_without_an_attachment_is_nobodys(router: str):
     with Gateway(router, at_start=False) as gateway:
         wait_until(lambda: ("/robot1", "idle") in gateway.told)
         assert list(robot.session.get(robot.locate.key, timeout=5)) == []
-        assert not gateway.gateway.robots["/robot1"].fix.wanted
+        assert not gateway.gateway.robots["/robot1"].gateway.wanted
     robot.session.close()
 
 

@@ -36,8 +36,13 @@ from strip_types import strip_types  # noqa: E402
 
 @cache
 def closure() -> dict[str, Path]:
-    core = REPO / "core" / "firstfix"
-    return import_closure({"firstfix": core, "firstfix_client": CLIENT / "firstfix_client"})
+    return import_closure(
+        {
+            "firstfix": REPO / "core" / "firstfix",
+            "firstfix_client": CLIENT / "firstfix_client",
+            "firstfix_ros": CLIENT.parent / "ros2" / "firstfix_ros",
+        }
+    )
 
 
 def names_of(wanted: list[str]) -> set[str]:
@@ -94,7 +99,7 @@ def test_what_it_imports_is_there_or_an_extra():
 
 
 def test_the_closure_follows_every_kind_of_import(tmp_path: Path):
-    core, client = tmp_path / "firstfix", tmp_path / "firstfix_client"
+    core, client, node = (tmp_path / f"firstfix{end}" for end in ("", "_client", "_ros"))
     texts = {
         client / "__init__.py": "from .a import f\n",
         client / "a.py": "import firstfix.whole\nfrom firstfix import top\nfrom firstfix.deep.leaf import x",
@@ -107,14 +112,18 @@ def test_the_closure_follows_every_kind_of_import(tmp_path: Path):
         core / "deep" / "other.py": "",
         core / "shared.py": "",
         core / "unused.py": "",
+        core / "of_the_node.py": "",
+        node / "__init__.py": "",
+        node / "node.py": "from firstfix.of_the_node import z\n",
     }
     for path, text in texts.items():
         path.parent.mkdir(exist_ok=True)
         path.write_text(text)
     for package in (core, client):
         (package / "py.typed").touch()
-    found = import_closure({"firstfix": core, "firstfix_client": client})
-    expected = {path.relative_to(tmp_path).as_posix() for path in texts} - {"firstfix/unused.py"}
+    found = import_closure({"firstfix": core, "firstfix_client": client, "firstfix_ros": node})
+    expected = {path.relative_to(tmp_path).as_posix() for path in texts}
+    expected -= {"firstfix/unused.py", "firstfix_ros/__init__.py", "firstfix_ros/node.py"}
     assert set(found) == expected | {"firstfix/py.typed", "firstfix_client/py.typed"}
 
 

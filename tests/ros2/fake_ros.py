@@ -1,4 +1,4 @@
-"""Stand-ins for the few classes of rclpy, tf2_ros and message packages that the node touches."""
+"""Stand-ins for the few classes of rclpy and of the message packages that the node touches."""
 
 from __future__ import annotations
 
@@ -6,8 +6,11 @@ import sys
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
-KINDS = ["DiagnosticArray", "DiagnosticStatus", "KeyValue", "PoseWithCovarianceStamped"]
+KINDS = ["DiagnosticArray", "PoseArray", "PoseWithCovarianceStamped", "TFMessage"]
 KINDS += ["Imu", "PointCloud2", "Trigger"]
+
+
+MESSAGES = ("diagnostic_msgs", "geometry_msgs", "sensor_msgs", "tf2_msgs")
 
 
 class Message:
@@ -18,20 +21,15 @@ class Message:
         self.__dict__.update(values)
 
 
-class TransformException(Exception):
-    pass
-
-
 class Graph:
     """Records what nodes declare. It replaces the middleware."""
 
     def __init__(self) -> None:
         self.parameters: dict[str, Any] = {}
-        self.subscriptions: dict[str, tuple[type, Any, bool]] = {}
+        self.subscriptions: dict[str, tuple[type, Any, Any]] = {}
         self.published: dict[str, list[Any]] = {}
         self.services: dict[str, Any] = {}
         self.timers: list[Any] = []
-        self.frames: dict[tuple[str, str], Any] = {}
         self.log: list[str] = []
 
 
@@ -52,7 +50,8 @@ def install(monkeypatch: Any, graph: Graph) -> None:
             return SimpleNamespace(publish=graph.published.setdefault(topic, []).append)
 
         def create_subscription(self, kind: type, topic: str, callback: Any, qos: Any, *, raw: bool) -> None:
-            graph.subscriptions[topic] = (kind, callback, raw)
+            assert raw
+            graph.subscriptions[topic] = (kind, callback, qos)
 
         def create_service(self, kind: type, name: str, callback: Any) -> None:
             graph.services[name] = callback
@@ -60,8 +59,8 @@ def install(monkeypatch: Any, graph: Graph) -> None:
         def create_timer(self, period_s: float, callback: Any) -> None:
             graph.timers.append(callback)
 
-        def get_clock(self) -> Any:
-            return SimpleNamespace(now=lambda: SimpleNamespace(to_msg=lambda: "now"))
+        def get_namespace(self) -> str:
+            return "/robot1"
 
         def get_logger(self) -> Any:
             def say(text: str, **_: Any) -> None:
@@ -72,28 +71,20 @@ def install(monkeypatch: Any, graph: Graph) -> None:
         def destroy_node(self) -> None:
             graph.log.append("destroyed")
 
-    class Buffer:
-        def lookup_transform(self, target: str, source: str, time: Any) -> Any:
-            if (target, source) not in graph.frames:
-                raise TransformException(f"{target} {source}")
-            return SimpleNamespace(transform=graph.frames[target, source])
-
     kinds = {name: type(name, (Message,), {}) for name in KINDS}
     modules: dict[str, dict[str, Any]] = {
         "rclpy": {"init": lambda: None},
         "rclpy.executors": {"ExternalShutdownException": type("ExternalShutdownException", (Exception,), {})},
         "rclpy.logging": {"get_logger": lambda name: SimpleNamespace(fatal=graph.log.append)},
         "rclpy.node": {"Node": Node},
-        "rclpy.qos": {"qos_profile_sensor_data": "sensor data"},
-        "rclpy.time": {"Time": SimpleNamespace},
-        "tf2_ros": {
-            "Buffer": Buffer,
-            "TransformException": TransformException,
-            "TransformListener": lambda buffer, node: None,
+        "rclpy.qos": {
+            "DurabilityPolicy": SimpleNamespace(TRANSIENT_LOCAL="transient local"),
+            "QoSProfile": lambda **values: values,
+            "qos_profile_sensor_data": "sensor data",
         },
-        **{f"{package}.msg": kinds for package in ("diagnostic_msgs", "geometry_msgs", "sensor_msgs")},
+        **{f"{package}.msg": kinds for package in MESSAGES},
         "std_srvs.srv": kinds,
-        **{package: {} for package in ("diagnostic_msgs", "geometry_msgs", "sensor_msgs", "std_srvs")},
+        **{package: {} for package in (*MESSAGES, "std_srvs")},
     }
     for name, values in modules.items():
         module = ModuleType(name)

@@ -1,4 +1,4 @@
-"""The ROS node with stand-ins for rclpy, against a real service on loopback."""
+"""The ROS node with stand-ins for rclpy, against a service on loopback."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from waiting import wait_until
 
 POSE = make_transform(rotation_z(0.5), [12.0, -4.0, 1.5])
 LOCALIZED, REJECTED = 100, 200
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 
 
 @pytest.fixture
@@ -37,9 +38,6 @@ def service() -> Iterator[FakeService]:
 def graph(monkeypatch: pytest.MonkeyPatch, service: FakeService) -> Graph:
     made = Graph()
     made.parameters = {"map_id": "hall", "url": service.url, "retry_s": 0.0, "voxel_m": 0.0}
-    made.frames["base_link", "os_sensor"] = SimpleNamespace(
-        translation=SimpleNamespace(x=0.5, y=0.0, z=1.0), rotation=SimpleNamespace(x=0, y=0, z=0, w=1)
-    )
     install(monkeypatch, made)
     return made
 
@@ -59,21 +57,29 @@ def cloud(points: int) -> bytes:
     return cdr(cloud_of_points(spread, stamp_ns=7 * 10**9))
 
 
-def diagnosis(graph: Graph) -> tuple[bytes, str, dict[str, str]]:
-    (tell,) = graph.timers
-    tell()
-    (status,) = graph.published["/diagnostics"][-1].status
+def diagnosis(graph: Graph) -> tuple[int, str, dict[str, str]]:
+    (tick,) = graph.timers
+    tick()
+    (status,) = ROS2.deserialize_cdr(graph.published["~/status"][-1], DIAGNOSTICS).status
     return status.level, status.message, {value.key: value.value for value in status.values}
 
 
+def mount(graph: Graph) -> None:
+    mounted = make_transform(np.eye(3), [0.5, 0, 1])
+    frames = ros_samples.transforms([("base_link", "os_sensor", mounted)])
+    graph.subscriptions["/tf_static"][1](cdr(frames))
+
+
 def test_a_cloud_becomes_an_initial_pose(node: Any, graph: Graph, service: FakeService):
-    kind, on_cloud, raw = graph.subscriptions["points"]
-    assert (kind.__name__, raw) == ("PointCloud2", True)
+    kind, on_cloud, qos = graph.subscriptions["points"]
+    assert (kind.__name__, qos) == ("PointCloud2", "sensor data")
+    assert graph.subscriptions["/tf_static"][2]["durability"] == "transient local"
+    mount(graph)
     resting = ros_samples.imu([0, 0, 9.81], stamp_ns=7 * 10**9, frame_id="os_sensor")
     graph.subscriptions["imu"][1](cdr(resting))
     on_cloud(cloud(REJECTED))
     wait_until(lambda: diagnosis(graph)[1] == "not localized")
-    assert diagnosis(graph)[0] == b"\x01"
+    assert diagnosis(graph)[0] == 1
     on_cloud(cloud(LOCALIZED))
     wait_until(lambda: graph.published["initialpose"])
     pose = ROS2.deserialize_cdr(graph.published["initialpose"][0], TYPE)
@@ -81,16 +87,18 @@ def test_a_cloud_becomes_an_initial_pose(node: Any, graph: Graph, service: FakeS
     assert service.queries[1]["T_base_sensor"] == "0.5,0.0,1.0,0.0,0.0,0.0,1.0"
     np.testing.assert_allclose([float(v) for v in service.queries[1]["gravity"].split(",")], [0, 0, -1])
     wait_until(lambda: diagnosis(graph)[1] == "localized")
+    assert graph.published["~/pose"] == graph.published["initialpose"]
     level, _, values = diagnosis(graph)
-    assert (level, values["verdict"], values["map_id"]) == (b"\x00", "localized", "hall")
+    assert (level, values["verdict"], values["map_id"]) == (0, "localized", "hall")
 
 
 def test_it_rests_until_it_is_asked_again(node: Any, graph: Graph, service: FakeService):
     on_cloud = graph.subscriptions["points"][1]
+    mount(graph)
     on_cloud(cloud(LOCALIZED))
     wait_until(lambda: diagnosis(graph)[1] == "localized")
     on_cloud(cloud(LOCALIZED))
-    response = graph.services["~/locate"](None, SimpleNamespace())
+    response = graph.services["~/relocalize"](None, SimpleNamespace())
     assert response.success
     on_cloud(cloud(LOCALIZED))
     wait_until(lambda: len(graph.published["initialpose"]) == 2)
@@ -98,14 +106,13 @@ def test_it_rests_until_it_is_asked_again(node: Any, graph: Graph, service: Fake
 
 
 def test_without_the_mounting_nothing_is_asked(node: Any, graph: Graph, service: FakeService):
-    graph.frames.clear()
     graph.subscriptions["points"][1](cloud(LOCALIZED))
-    wait_until(lambda: diagnosis(graph)[0] == b"\x02")
+    wait_until(lambda: diagnosis(graph)[0] == 2)
     assert "no transform between the frames 'base_link' and 'os_sensor'" in diagnosis(graph)[1]
     assert not service.scans
 
 
-def test_an_imu_that_is_none_is_a_warning(node: Any, graph: Graph):
+def test_an_imu_that_is_none_is_told(node: Any, graph: Graph):
     graph.subscriptions["imu"][1](b"x")
     assert graph.log == ["Imu: 1 bytes are too few for a message"]
 
@@ -113,9 +120,9 @@ def test_an_imu_that_is_none_is_a_warning(node: Any, graph: Graph):
 def test_it_can_wait_to_be_asked_and_go_without_an_imu(graph: Graph, service: FakeService):
     from firstfix_ros.node import FirstFixNode
 
-    graph.parameters |= {"at_start": False, "imu": False}
+    graph.parameters |= {"at_start": False, "imu": False, "own_pose": True}
     node = FirstFixNode()
-    assert list(graph.subscriptions) == ["points"]
+    assert sorted(graph.subscriptions) == ["/tf", "/tf_static", "own_pose", "points"]
     assert diagnosis(graph)[1] == "idle"
     node.destroy_node()
 

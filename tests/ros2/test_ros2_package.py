@@ -13,9 +13,16 @@ import yaml
 
 from firstfix.answer.localization import Localization, Reason, Verdict
 from firstfix.errors import InvalidOption
-from firstfix_client.first_fix import State, Status
+from firstfix_ros.messages.diagnostic_array import ERROR, OK, WARN
+from firstfix_ros.robot.status import State, Status, diagnosis_of
+from firstfix_ros.robot.watch import Health
 
 PACKAGE = Path(__file__).resolve().parents[2] / "clients" / "ros2"
+
+
+def test_setup_names_every_room():
+    rooms = {path.parent.name for path in (PACKAGE / "firstfix_ros").glob("*/__init__.py")}
+    assert all(f"{{NAME}}.{room}" in (PACKAGE / "setup.py").read_text() for room in rooms)
 
 
 def test_the_files_that_setup_names_are_there():
@@ -35,7 +42,7 @@ def test_the_manifest_names_what_the_node_imports():
     }
     messages = {name for name in imported if name.endswith(("_msgs", "_srvs"))}
     assert messages <= depends
-    assert {"rclpy", "tf2_ros_py"} <= depends
+    assert {"rclpy", "tf2_msgs"} <= depends
     assert manifest.findtext("name") == "firstfix_ros"
     assert manifest.findtext("export/build_type") == "ament_python"
 
@@ -55,7 +62,15 @@ def test_the_sample_parameters_are_the_defaults():
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"map_id": ""}, {"map_id": "a/b"}, {"map_frame": ""}, {"timeout_s": 0.0}, {"retry_s": -1.0}]
+    "wrong",
+    [
+        {"map_id": ""},
+        {"map_id": "a/b"},
+        {"map_frame": ""},
+        {"timeout_s": 0.0},
+        {"retry_s": -1.0},
+        {"watch_s": -1.0},
+    ],
 )
 def test_parameters_that_cannot_be(wrong):
     from firstfix_ros.parameters import Parameters
@@ -65,8 +80,6 @@ def test_parameters_that_cannot_be(wrong):
 
 
 def test_diagnoses():
-    from firstfix_ros.diagnosis import ERROR, OK, WARN, diagnosis_of
-
     localized = Localization(
         Verdict.LOCALIZED, (), np.eye(4), None, np.eye(6), 0.99, map_id="hall", map_version="ab"
     )
@@ -79,3 +92,5 @@ def test_diagnoses():
     found = diagnosis_of(Status(State.LOCALIZED, 2, localized, took_s=0.25))
     assert found.level == OK
     assert [found.values[key] for key in ("map_id", "probability", "took_s")] == ["hall", "0.990", "0.250"]
+    astray = diagnosis_of(Status(State.LOCALIZED, 1, localized, health=Health.ASTRAY))
+    assert (astray.level, astray.values["own_localization"]) == (ERROR, "astray")

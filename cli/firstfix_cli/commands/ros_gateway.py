@@ -1,4 +1,4 @@
-"""``firstfix ros-gateway``: first fixes for robots on rmw_zenoh."""
+"""``firstfix ros-gateway``: first fixes for robots with ROS 2, on DDS or on rmw_zenoh."""
 
 from __future__ import annotations
 
@@ -11,20 +11,27 @@ import typer
 from ..arguments import MapId, TimeoutS, Url, Zenoh, examples
 
 EXAMPLES = examples(
-    "firstfix ros-gateway --map hall",
+    "firstfix ros-gateway --dds --map hall --points os/points --base-frame base_link",
+    "firstfix ros-gateway --dds --map hall --imu os/imu --base-frame base_link --no-at-start --watch 1",
     "firstfix ros-gateway --map hall --connect tcp/router:7447 --domain 7 --points os/points",
-    "firstfix ros-gateway --map hall --imu os/imu --base-frame base_link",
 )
 
 
 def ros_gateway(
     map_id: MapId,
+    dds: Annotated[
+        bool, typer.Option("--dds", help="Robots are on DDS; otherwise on rmw_zenoh.", show_default=False)
+    ] = False,
     connect: Annotated[
-        str, typer.Option(metavar="ENDPOINT", help="Endpoint of the robots' zenoh router (rmw_zenohd).")
-    ] = "tcp/localhost:7447",
+        str | None,
+        typer.Option(
+            metavar="ENDPOINT",
+            help="Endpoint of the robots' zenoh router (rmw_zenohd). By default tcp/localhost:7447.",
+        ),
+    ] = None,
     url: Url = None,
     zenoh: Zenoh = None,
-    domain: Annotated[int, typer.Option(envvar="ROS_DOMAIN_ID", help="ROS domain.", min=0)] = 0,
+    domain: Annotated[int, typer.Option(envvar="ROS_DOMAIN_ID", help="ROS domain.", min=0, max=232)] = 0,
     points: Annotated[
         str, typer.Option(help="Topic of the clouds, relative to a robot's namespace.")
     ] = "points",
@@ -35,13 +42,27 @@ def ros_gateway(
         str | None,
         typer.Option(help="Topic of an Imu that gives gravity, relative to a robot's namespace."),
     ] = None,
+    tf: Annotated[
+        str,
+        typer.Option(
+            help="Topic of the moving frames, relative to a robot's namespace; with a leading slash: of all."
+        ),
+    ] = "tf",
     tf_static: Annotated[
         str,
         typer.Option(
             help="Topic of the fixed frames, relative to a robot's namespace; with a leading slash: of all."
         ),
     ] = "tf_static",
+    own_pose: Annotated[
+        str | None,
+        typer.Option(
+            help="Topic of the poses (PoseWithCovarianceStamped) of the robot's own localization, for "
+            "--watch. By default they are taken from the moving frames."
+        ),
+    ] = None,
     map_frame: Annotated[str, typer.Option(help="Frame of the published pose.")] = "map",
+    odom_frame: Annotated[str, typer.Option(help="Frame of the robot's odometry.")] = "odom",
     base_sensor: Annotated[
         str | None,
         typer.Option(
@@ -55,42 +76,66 @@ def ros_gateway(
     ] = "",
     at_start: Annotated[bool, typer.Option(help="Search for a fix when a robot appears.")] = True,
     retry_s: Annotated[float, typer.Option("--retry", help="Seconds between two tries.", min=0)] = 1.0,
+    watch_s: Annotated[
+        float,
+        typer.Option(
+            "--watch",
+            metavar="SECONDS",
+            help="Check the robot's own localization so often, and say when it has gone astray. 0: never.",
+            min=0,
+        ),
+    ] = 0.0,
+    publish_tf: Annotated[
+        bool,
+        typer.Option(
+            help="Publish the transform from the map to the odometry after a fix, unless somebody else does."
+        ),
+    ] = True,
     timeout_s: TimeoutS = 10.0,
 ) -> None:
-    """Give every robot on rmw_zenoh its first fix.
+    """Give every robot with ROS 2 its first fix.
 
-    Run one process beside the robots' router. A robot is a namespace with a PointCloud2 topic. It gets its
-    pose as a PoseWithCovarianceStamped, and a service first_fix/locate (std_srvs/srv/Trigger) that starts a
-    new search. The command runs until it is interrupted.
+    Run one process in the robots' network, or beside their router. A robot is a namespace with a
+    PointCloud2 topic. It gets its pose as a PoseWithCovarianceStamped, and a service first_fix/relocalize
+    (std_srvs/srv/Trigger) that starts a new search. The command runs until it is interrupted.
     """
     from firstfix.answer.options import LocalizeOptions
     from firstfix.errors import InvalidOption
-    from firstfix.ros.header import check_frame
-    from firstfix_client.first_fix import FirstFixConfig
+    from firstfix_ros.robot.config import GatewayConfig
+    from firstfix_ros.robot.topics import Topics
 
     from ..answerer import answerer
-    from ..ros_gateway.fleet import RosGateway, open_session
-    from ..ros_gateway.robot import Topics
+    from ..ros_gateway.open_fleet import open_fleet
 
     if base_sensor is not None and base_frame:
         raise InvalidOption("give only one of --T-base-sensor and --base-frame")
+    if own_pose is not None and not base_frame:
+        raise InvalidOption("--own-pose needs --base-frame: whose pose it is")
     options = LocalizeOptions.from_strings({} if base_sensor is None else {"T_base_sensor": base_sensor})
-    config = FirstFixConfig(options, check_frame(map_frame), base_frame, retry_s)
+    config = GatewayConfig(
+        options,
+        map_frame,
+        odom_frame,
+        base_frame,
+        at_start,
+        retry_s,
+        watch_s,
+        publishes_tf=publish_tf,
+    )
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     with (
         answerer(map_id, url=url, zenoh=zenoh, store=None, timeout_s=timeout_s) as ask,
-        open_session(connect) as session,
-    ):
-        gateway = RosGateway(
-            session,
+        open_fleet(
             ask,
             config,
+            Topics(points, pose, imu, tf, tf_static, own_pose),
+            dds=dds,
+            connect=connect,
             domain=domain,
-            topics=Topics(points, pose, imu, tf_static),
-            at_start=at_start,
             tell=lambda namespace, line: typer.echo(f"{namespace or '/'}  {line}"),
-        )
-        typer.echo(f"looking for robots at {connect}, domain {domain}")
-        gateway.run(stop)
+        ) as (place, fleet),
+    ):
+        typer.echo(f"looking for robots {place}, domain {domain}")
+        fleet.run(stop)

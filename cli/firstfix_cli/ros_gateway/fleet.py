@@ -1,7 +1,7 @@
 """The gateway of a fleet of robots on rmw_zenoh.
 
 A robot is a namespace with a publisher of clouds, which the gateway finds by its liveliness token. It
-subscribes to the robot's topics only while a fix is wanted, so a robot with a fix costs no traffic.
+subscribes to the robot's topics only while they are of use, so a robot with a fix costs no traffic.
 """
 
 from __future__ import annotations
@@ -18,10 +18,13 @@ from firstfix.errors import InvalidOption
 from firstfix.ros import point_cloud2
 from firstfix.ros.rmw_zenoh import Endpoint, parse_token, publishers_pattern
 from firstfix_client.errors import ServiceUnreachable
-from firstfix_client.first_fix import Ask, FirstFixConfig
+from firstfix_ros.robot.answerer import Answerer
+from firstfix_ros.robot.config import GatewayConfig
+from firstfix_ros.robot.topics import Topics
 
 from .graph import Graph
-from .robot import Robot, Tell, Topics
+from .robot import Robot
+from .tell import Tell
 
 _LOOK_S = 0.1  # poll interval of requests and tokens
 
@@ -31,26 +34,23 @@ class RosGateway:
 
     Args:
         session: zenoh session at the robots' router.
-        at_start: search for a fix when a robot appears.
+        ask: who answers; each robot's thread calls it.
     """
 
     def __init__(
         self,
         session: Any,
-        ask: Ask,
-        config: FirstFixConfig,
+        ask: Answerer,
+        config: GatewayConfig,
         *,
         domain: int = 0,
         topics: Topics | None = None,
-        at_start: bool = True,
         tell: Tell = lambda namespace, line: None,
     ) -> None:
         self.robots: dict[str, Robot] = {}
         self._graph = Graph(session, domain)
         self._ask, self._config, self._tell = ask, config, tell
         self._topics = topics or Topics()
-        self._suffix = "/" + self._topics.points.strip("/")
-        self._at_start = at_start
         self._tokens: queue.SimpleQueue[tuple[bool, str]] = queue.SimpleQueue()
 
     def run(self, stop: threading.Event) -> None:
@@ -68,6 +68,8 @@ class RosGateway:
             subscriber.undeclare()
             for robot in self.robots.values():
                 robot.close()
+            for robot in self.robots.values():
+                robot.join()
             self.robots.clear()
             self._graph.close()
 
@@ -76,9 +78,9 @@ class RosGateway:
 
     def _follow(self, came: bool, token: str) -> None:
         clouds = parse_token(token)
-        if clouds is None or not clouds.topic.endswith(self._suffix):
+        namespace = None if clouds is None else self._topics.namespace_of(clouds.topic)
+        if clouds is None or namespace is None:
             return
-        namespace = clouds.topic.removesuffix(self._suffix)
         if came:
             self._robot(namespace, clouds).publishers.add(token)
         elif (robot := self.robots.get(namespace)) is not None:
@@ -89,11 +91,13 @@ class RosGateway:
 
     def _robot(self, namespace: str, clouds: Endpoint) -> Robot:
         if namespace not in self.robots:
-            self.robots[namespace] = robot = Robot(
-                self._graph, clouds, namespace, self._topics, self._ask, self._config, self._tell
+
+            def tell(line: str) -> None:
+                self._tell(namespace, line)
+
+            self.robots[namespace] = Robot(
+                self._graph, clouds, namespace, self._topics, self._ask, self._config, tell
             )
-            if self._at_start:
-                robot.fix.want()
         return self.robots[namespace]
 
 

@@ -1,112 +1,100 @@
-"""ROS 2 node around ``firstfix_client.first_fix``: topics, a service and parameters.
+"""ROS 2 node around ``firstfix_ros.robot``: topics, a service and parameters.
 
-    in   points (sensor_msgs/PointCloud2), imu (sensor_msgs/Imu), tf
-    out  initialpose (geometry_msgs/PoseWithCovarianceStamped), /diagnostics
-    srv  ~/locate (std_srvs/Trigger): search for a fix now
+    in   points (sensor_msgs/PointCloud2), imu (sensor_msgs/Imu), tf, tf_static,
+         own_pose (geometry_msgs/PoseWithCovarianceStamped)
+    out  initialpose, ~/pose (geometry_msgs/PoseWithCovarianceStamped), tf,
+         ~/hypotheses (geometry_msgs/PoseArray), ~/status (diagnostic_msgs/DiagnosticArray)
+    srv  ~/relocalize (std_srvs/Trigger): search for a fix now
 
-Clouds, IMU samples and the pose pass as serialised bytes, so nothing is converted twice.
+All messages pass as serialised bytes, so nothing is converted twice.
 """
 
 from __future__ import annotations
 
+import threading
+from functools import partial
 from typing import Any
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
 from rclpy.executors import ExternalShutdownException
 from rclpy.logging import get_logger
 from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data
-from rclpy.time import Time
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import Imu, PointCloud2
 from std_srvs.srv import Trigger
-from tf2_ros import Buffer, TransformException, TransformListener
+from tf2_msgs.msg import TFMessage
 
-from firstfix.answer.localization import Localization
-from firstfix.errors import FirstfixError, InputError
-from firstfix.transform import Matrix, from_quaternion
-from firstfix_client.first_fix import FirstFix
+from firstfix.errors import FirstfixError
 
-from .diagnosis import diagnosis_of
 from .parameters import Parameters
+from .robot.gateway import RobotGateway
+from .robot.topics import NODE_NAME, RELOCALIZE, Input, Output
 
-DIAGNOSTICS_PERIOD_S = 1.0
+LOOK_S = 0.1
+_OUTPUTS = {
+    Output.INITIAL_POSE: (PoseWithCovarianceStamped, "initialpose"),
+    Output.POSE: (PoseWithCovarianceStamped, "~/pose"),
+    Output.TF: (TFMessage, "/tf"),
+    Output.STATUS: (DiagnosticArray, "~/status"),
+    Output.HYPOTHESES: (PoseArray, "~/hypotheses"),
+}
 
 
 class FirstFixNode(Node):  # type: ignore[misc]
-    """Node that searches for a first fix at start, and whenever its service is called.
+    """Node of one robot: searches for a fix at start, and whenever its service is called, and watches.
 
     Raises:
         FirstfixError, ConnectionError: a parameter cannot be used, or nothing listens at ``zenoh``.
     """
 
     def __init__(self) -> None:
-        super().__init__("first_fix")
+        super().__init__(NODE_NAME)
         defaults = Parameters.defaults()
         for name, value in defaults.items():
             self.declare_parameter(name, value)
         parameters = Parameters.checked({name: self.get_parameter(name).value for name in defaults})
-        self._poses = self.create_publisher(PoseWithCovarianceStamped, "initialpose", 10)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._frames = Buffer()
-        self._listener = TransformListener(self._frames, self)
+        self._publishers = {
+            output: self.create_publisher(kind, topic, 10) for output, (kind, topic) in _OUTPUTS.items()
+        }
         self._client = parameters.client()
-        self._fix = FirstFix(
-            parameters.ask(self._client), self._publish, parameters.config(), lookup=self._lookup
+        self._gateway = RobotGateway(
+            parameters.answerer(self._client),
+            self._publish,
+            parameters.config(),
+            tell=self.get_logger().info,
+            name=self.get_namespace(),
         )
-        sensor = qos_profile_sensor_data
-        self.create_subscription(PointCloud2, "points", self._fix.on_cloud, sensor, raw=True)
+        latched = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._hear(Input.TF_STATIC, TFMessage, "/tf_static", latched)
+        self._hear(Input.TF, TFMessage, "/tf", 100)
         if parameters.imu:
-            self.create_subscription(Imu, "imu", self._on_imu, sensor, raw=True)
-        self.create_service(Trigger, "~/locate", self._on_locate)
-        self.create_timer(DIAGNOSTICS_PERIOD_S, self._tell)
-        if parameters.at_start:
-            self._fix.want()
+            self._hear(Input.IMU, Imu, "imu", qos_profile_sensor_data)
+        if parameters.own_pose:
+            self._hear(Input.OWN_POSE, PoseWithCovarianceStamped, "own_pose", 1)
+        self._hear(Input.CLOUD, PointCloud2, "points", qos_profile_sensor_data)
+        self.create_service(Trigger, RELOCALIZE.replace(NODE_NAME, "~"), self._on_relocalize)
+        self.create_timer(LOOK_S, self._gateway.tick)
+        self._thread = threading.Thread(target=self._gateway.run, name="first fix", daemon=True)
+        self._thread.start()
 
     def destroy_node(self) -> None:
-        """Ends the search, closes the client, then destroys the node."""
-        self._fix.close()
+        """Waits for the current query, closes the client, then destroys the node."""
+        self._gateway.close()
+        self._thread.join()
         self._client.close()
         super().destroy_node()
 
-    def _on_imu(self, body: bytes) -> None:
-        try:
-            self._fix.on_imu(body)
-        except InputError as error:
-            self.get_logger().warning(str(error), throttle_duration_sec=10.0)
+    def _hear(self, kind: Input, message: Any, topic: str, qos: Any) -> None:
+        self.create_subscription(message, topic, partial(self._gateway.take, kind), qos, raw=True)
 
-    def _on_locate(self, request: Any, response: Any) -> Any:
-        self._fix.want()
-        response.success, response.message = (
-            True,
-            "searching for a fix; its pose is published when it is found",
-        )
+    def _publish(self, output: Output, body: bytes) -> None:
+        self._publishers[output].publish(body)
+
+    def _on_relocalize(self, request: Any, response: Any) -> Any:
+        response.success, response.message = True, self._gateway.relocalize()
         return response
-
-    def _publish(self, pose: bytes, answer: Localization) -> None:
-        self._poses.publish(pose)
-        self.get_logger().info(f"localized in {answer.map_id}, probability {answer.probability:.3f}")
-
-    def _lookup(self, target: str, source: str) -> Matrix | None:
-        try:
-            found = self._frames.lookup_transform(target, source, Time()).transform
-        except TransformException:
-            return None
-        t, q = found.translation, found.rotation
-        return from_quaternion([t.x, t.y, t.z], [q.x, q.y, q.z, q.w])
-
-    def _tell(self) -> None:
-        diagnosis = diagnosis_of(self._fix.status)
-        status = DiagnosticStatus(
-            level=bytes([diagnosis.level]),
-            name="first_fix",
-            message=diagnosis.message,
-            values=[KeyValue(key=key, value=value) for key, value in diagnosis.values.items()],
-        )
-        array = DiagnosticArray(status=[status])
-        array.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(array)
 
 
 def main() -> None:
@@ -115,7 +103,7 @@ def main() -> None:
     try:
         node = FirstFixNode()
     except (FirstfixError, ConnectionError) as error:
-        get_logger("first_fix").fatal(str(error))
+        get_logger(NODE_NAME).fatal(str(error))
         raise SystemExit(2) from None
     try:
         rclpy.spin(node)

@@ -8,9 +8,10 @@ from typing import Any
 
 from firstfix.errors import InvalidOption
 from firstfix.ids import check_map_id
-from firstfix.ros.header import check_frame
 from firstfix_client import Client, ZenohClient
-from firstfix_client.first_fix import Ask, FirstFixConfig
+
+from .robot.answerer import Answerer
+from .robot.config import GatewayConfig
 
 
 @dataclass(frozen=True)
@@ -21,10 +22,14 @@ class Parameters:
     url: str = "http://localhost:8080"
     zenoh: str = ""
     map_frame: str = "map"
+    odom_frame: str = "odom"
     base_frame: str = "base_link"
     imu: bool = True
+    own_pose: bool = False
+    publish_tf: bool = True
     at_start: bool = True
     retry_s: float = 1.0
+    watch_s: float = 0.0
     timeout_s: float = 10.0
     voxel_m: float = 0.25
 
@@ -42,14 +47,26 @@ class Parameters:
         """
         parameters = cls(**values)
         check_map_id(parameters.map_id)
-        check_frame(parameters.map_frame)
-        if not (parameters.retry_s >= 0 and parameters.timeout_s > 0 and parameters.voxel_m >= 0):
-            raise InvalidOption("retry_s and voxel_m must be 0 or more, timeout_s must be greater than 0")
+        parameters.config()
+        if not (parameters.timeout_s > 0 and parameters.voxel_m >= 0):
+            raise InvalidOption("voxel_m must be 0 or more, timeout_s must be greater than 0")
         return parameters
 
-    def config(self) -> FirstFixConfig:
-        """Returns the configuration of the search."""
-        return FirstFixConfig(map_frame=self.map_frame, base_frame=self.base_frame, retry_s=self.retry_s)
+    def config(self) -> GatewayConfig:
+        """Returns the configuration of the gateway.
+
+        Raises:
+            InvalidOption: a value is not allowed.
+        """
+        return GatewayConfig(
+            map_frame=self.map_frame,
+            odom_frame=self.odom_frame,
+            base_frame=self.base_frame,
+            at_start=self.at_start,
+            retry_s=self.retry_s,
+            watch_s=self.watch_s,
+            publishes_tf=self.publish_tf,
+        )
 
     def client(self) -> Client | ZenohClient:
         """Returns a client: over zenoh if ``zenoh`` is set, else over HTTP.
@@ -62,6 +79,6 @@ class Parameters:
             return ZenohClient(self.zenoh, timeout_s=self.timeout_s, voxel_m=voxel_m)
         return Client(self.url, timeout_s=self.timeout_s, voxel_m=voxel_m)
 
-    def ask(self, client: Client | ZenohClient) -> Ask:
+    def answerer(self, client: Client | ZenohClient) -> Answerer:
         """Returns the client's ``localize`` for the map."""
         return lambda scan, options: client.localize(scan, map_id=self.map_id, options=options)

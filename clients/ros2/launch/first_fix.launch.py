@@ -4,12 +4,13 @@ ros2 launch firstfix_ros first_fix.launch.py points:=/os/points imu:=/os/imu map
 """
 
 from ament_index_python.packages import get_package_share_directory
-from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-TOPICS = {"points": "points", "imu": "imu", "initialpose": "initialpose"}
+from launch import LaunchDescription
+
+TOPICS = {"points": "points", "imu": "imu", "initialpose": "initialpose", "own_pose": "own_pose"}
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -14,6 +14,7 @@ from .header import Header, Stamp, read_header
 
 TYPE = "sensor_msgs/msg/Imu"
 WINDOW_S = 0.5
+_MAX_SAMPLES = 4000  # an IMU without a clock gives all its samples one stamp
 _UNITS = (9.80665, 1.0)  # m/s2 as in REP-145; some drivers (Livox) publish in g
 _AT_REST = 0.1  # relative difference between the mean and gravity; beyond it, the robot accelerates
 
@@ -51,7 +52,7 @@ class GravityWindow:
     """Measurements of one IMU in the last half second."""
 
     def __init__(self) -> None:
-        self._samples: deque[ImuSample] = deque()
+        self._samples: deque[ImuSample] = deque(maxlen=_MAX_SAMPLES)
 
     @property
     def frame_id(self) -> str:

@@ -5,35 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import NotFound
-from ..transform import Matrix, from_quaternion, inverse
-from .cdr import MessageReader
-from .header import read_header
-
-TYPE = "tf2_msgs/msg/TFMessage"
-_MAX_TRANSFORMS = 1000
+from ..transform import Matrix, inverse
+from .tf_message import decode_tf, plain
 
 
 def decode_transforms(body: bytes | memoryview, *, ros1: bool = False) -> dict[str, tuple[str, Matrix]]:
     """Decodes a TFMessage to the parent and ``T_parent_child`` of each child frame.
 
     Raises:
-        MalformedData: not a TFMessage, or a quaternion of length 0.
-        UnsupportedFormat: not plain CDR.
+        MalformedData, UnsupportedFormat: see ``decode_tf``.
     """
-    reader = MessageReader("TFMessage", body, ros1=ros1)
-    found: dict[str, tuple[str, Matrix]] = {}
-    for _ in range(reader.count(_MAX_TRANSFORMS, "transforms")):
-        parent, child = read_header(reader).frame_id, reader.text()
-        numbers = reader.floats(7)
-        try:
-            T = from_quaternion(numbers[:3], numbers[3:])
-        except ValueError as error:
-            reader.fail(str(error))
-        if not np.isfinite(T).all():
-            reader.fail("a translation is not finite")
-        found[_plain(child)] = (_plain(parent), T)
-    reader.end()
-    return found
+    return {one.child: (one.parent, one.T_parent_child) for one in decode_tf(body, ros1=ros1)}
 
 
 class StaticTransforms:
@@ -52,7 +34,7 @@ class StaticTransforms:
         Raises:
             NotFound: no chain of fixed frames connects them.
         """
-        target, source = _plain(target), _plain(source)
+        target, source = plain(target), plain(source)
         from_target, from_source = self._ancestors(target), self._ancestors(source)
         for common, T_common_source in from_source.items():
             if common in from_target:
@@ -70,7 +52,3 @@ class StaticTransforms:
             T = T_parent_child @ T
             found[frame] = T
         return found
-
-
-def _plain(frame: str) -> str:
-    return frame.removeprefix("/")  # ROS 1 before tf2

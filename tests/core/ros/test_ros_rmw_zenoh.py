@@ -7,8 +7,10 @@ import zenoh
 
 from every_case import every_case
 from firstfix.errors import MalformedData
-from firstfix.ros import imu, point_cloud2, pose_message, static_transforms
+from firstfix.ros import imu, point_cloud2, pose_message, tf_message
 from firstfix.ros.rmw_zenoh import (
+    DIAGNOSTICS,
+    POSE_ARRAY,
     PUBLISHER,
     RELIABLE_QOS,
     SERVICE,
@@ -48,14 +50,16 @@ def test_a_topic_in_a_namespace():
     assert "/%robot1%initialpose/" in token
 
 
-@every_case("ros_type", [imu.TYPE, point_cloud2.TYPE, pose_message.TYPE, static_transforms.TYPE])
+@every_case(
+    "ros_type", [imu.TYPE, point_cloud2.TYPE, pose_message.TYPE, tf_message.TYPE, POSE_ARRAY, DIAGNOSTICS]
+)
 def test_hashes_are_those_of_the_message_definitions(ros_type):
     assert endpoint(0, PUBLISHER, "/x", ros_type).type_hash == ROS2.hash_rihs01(ros_type)
 
 
 def test_humble_has_no_hashes():
-    locate = endpoint(0, SERVICE, "/first_fix/locate", TRIGGER, humble=True)
-    assert locate.key == "0/first_fix/locate/std_srvs::srv::dds_::Trigger_/TypeHashNotSupported"
+    locate = endpoint(0, SERVICE, "/first_fix/relocalize", TRIGGER, humble=True)
+    assert locate.key == "0/first_fix/relocalize/std_srvs::srv::dds_::Trigger_/TypeHashNotSupported"
     assert locate.is_humble
 
 

@@ -1,0 +1,147 @@
+"""The gateway's participant in a DDS domain: readers that hand over bytes, and writers that take them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
+from cyclonedds.core import (
+    DDSException,
+    Entity,
+    InstanceState,
+    Qos,
+    ReadCondition,
+    SampleState,
+    ViewState,
+    WaitSet,
+)
+from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.pub import DataWriter
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+
+from firstfix.errors import InvalidOption
+from firstfix_ros.robot.gateway import MAX_CLOUD_BYTES
+
+from .messages import TYPES, body_of, sample_of
+
+TOPIC, REQUEST, REPLY = "rt", "rq", "rr"  # ROS 2's prefixes of topics, service requests and replies
+_ANY = SampleState.Any | ViewState.Any | InstanceState.Any
+_AT_ONCE = 100  # samples of a reader that are taken in one turn
+# Larger samples are dropped before memory is taken for them; a PointCloud2 has its header, too.
+_LIMITS = (
+    "<CycloneDDS><Domain><Internal>"
+    f"<MaxSampleSize>{MAX_CLOUD_BYTES + 4096} B</MaxSampleSize>"
+    "</Internal></Domain></CycloneDDS>"
+)
+Take = Callable[[bytes, Any], None]  # a body, and cyclonedds' information on its sample
+
+
+class Participant:
+    """The gateway's participant. All of it is used by one thread, but for ``write``.
+
+    Args:
+        domain: ROS_DOMAIN_ID.
+
+    Raises:
+        InvalidOption: no such domain, or CYCLONEDDS_URI or the network does not allow it.
+    """
+
+    def __init__(self, domain: int) -> None:
+        config = ",".join(part for part in (os.environ.get("CYCLONEDDS_URI", ""), _LIMITS) if part)
+        try:
+            self._domain = Domain(domain, config)
+            self.entity = DomainParticipant(domain)
+            self._publications = BuiltinDataReader(self.entity, BuiltinTopicDcpsPublication)
+        except (DDSException, UnicodeEncodeError) as error:
+            raise InvalidOption(f"cannot join the DDS domain {domain}: {error}") from None
+        self._waitset = WaitSet(self.entity)
+        self._changes = self._attached(self._publications)
+        self._topics: dict[tuple[str, str], Any] = {}
+        self._readers: dict[DataReader[Any], tuple[ReadCondition, Take]] = {}
+
+    def read(self, topic: str, ros_type: str, qos: Qos, take: Take) -> DataReader[Any]:
+        """Begins to read a topic.
+
+        Args:
+            topic: with ROS's prefix: ``rt/points``.
+            take: called in the thread of ``wait``.
+
+        Raises:
+            ConnectionError: DDS does not allow this topic.
+        """
+        reader = DataReader(self.entity, self._topic(topic, ros_type), qos)
+        self._readers[reader] = self._attached(reader), take
+        return reader
+
+    def stop_reading(self, reader: DataReader[Any]) -> None:
+        """Removes a reader."""
+        condition, _ = self._readers.pop(reader)
+        self._waitset.detach(condition)
+        del condition
+
+    def writer(self, topic: str, ros_type: str, qos: Qos) -> Writer:
+        """Makes a writer of a topic.
+
+        Raises:
+            ConnectionError: DDS does not allow this topic.
+        """
+        return Writer(DataWriter(self.entity, self._topic(topic, ros_type), qos), TYPES[ros_type])
+
+    def wait(self, timeout_s: float) -> None:
+        """Waits for messages, and hands over those that are there."""
+        self._waitset.wait(duration(seconds=timeout_s))
+        for reader, (_, take) in list(self._readers.items()):
+            if reader in self._readers:  # not removed by another's message
+                for sample in reader.take(_AT_ONCE):
+                    body = body_of(sample)
+                    if body is not None:
+                        take(body, sample.sample_info)
+
+    def publications(self) -> Iterator[Any]:
+        """Yields the publishers that came and went since the last call, as cyclonedds describes them.
+
+        Of one that went, ``topic_name`` is None.
+        """
+        while found := self._publications.take(_AT_ONCE):
+            yield from found
+
+    def _attached(self, reader: Entity) -> ReadCondition:
+        condition = ReadCondition(reader, _ANY)
+        self._waitset.attach(condition)
+        return condition
+
+    def _topic(self, topic: str, ros_type: str) -> Any:
+        key = topic, ros_type
+        if key not in self._topics:
+            try:
+                self._topics[key] = Topic(self.entity, topic, TYPES[ros_type])
+            except (DDSException, UnicodeError) as error:
+                raise ConnectionError(f"DDS refuses the topic {topic[:200]!r}: {error}") from None
+        return self._topics[key]
+
+
+class Writer:
+    """Writes bodies to one topic, in any thread."""
+
+    def __init__(self, writer: DataWriter[Any], kind: Any) -> None:
+        self._writer, self._kind = writer, kind
+
+    def write(self, body: bytes) -> None:
+        """Writes a message in CDR.
+
+        Raises:
+            ConnectionError: a reliable reader does not keep up.
+        """
+        try:
+            self._writer.write(sample_of(self._kind, body))
+        except DDSException as error:
+            raise ConnectionError(f"DDS did not take a message: {error}") from None
+
+    def readers(self) -> list[Any]:
+        """Returns the participants of the matched readers."""
+        found = [self._writer.get_matched_subscription_data(one) for one in self._writer.matched_sub]
+        return [one.participant_key for one in found if one is not None]

@@ -1,0 +1,1 @@
+"""Readers and writers of the messages that the gateway needs beside those of ``firstfix.ros``."""

@@ -1,0 +1,133 @@
+"""The newest messages of a robot: IMU, frames, odometry, and the pose of its own localization."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firstfix.ros.header import Header, Stamp
+from firstfix.ros.imu import GravityWindow, decode_imu
+from firstfix.ros.tf_message import StampedTransform, decode_tf, plain
+from firstfix.transform import Matrix, inverse
+
+from ..messages.own_pose import OwnPose, decode_own_pose
+from .topics import Input
+from .transform_tree import HOLD_S, TransformTree
+
+
+@dataclass(frozen=True)
+class OwnLocalization:
+    """Pose (4, 4) of a frame of the robot by its own localization.
+
+    Attributes:
+        planar: it knows no height and no tilt.
+    """
+
+    T_map_frame: Matrix
+    planar: bool
+
+
+class Senses:
+    """The newest messages of one robot, decoded. Thread-safe, bounded in memory.
+
+    Args:
+        map_frame, odom_frame, base_frame: as in ``GatewayConfig``.
+    """
+
+    def __init__(self, map_frame: str, odom_frame: str, base_frame: str) -> None:
+        self._map, self._odom, self._base = plain(map_frame), plain(odom_frame), base_frame
+        self._lock = threading.Lock()
+        self._window = GravityWindow()
+        self._tree = TransformTree()
+        self._own_pose: OwnPose | None = None
+        self._published: deque[tuple[int, tuple[float, ...]]] = deque(maxlen=100)
+        self.others_publish_map = False  # somebody else publishes a transform from the map's frame
+
+    def take(self, kind: Input, body: bytes | memoryview) -> None:
+        """Takes a message.
+
+        Raises:
+            MalformedData, UnsupportedFormat: the bytes are not such a message.
+        """
+        if kind is Input.IMU:
+            sample = decode_imu(body)
+            with self._lock:
+                self._window.add(sample)
+        elif kind is Input.TF_STATIC:
+            fixed = decode_tf(body)
+            with self._lock:
+                self._tree.add_fixed(fixed)
+        elif kind is Input.TF:
+            moving = decode_tf(body)
+            with self._lock:
+                others = [one for one in moving if not self._is_ours(one)]
+                self.others_publish_map |= any(one.parent == self._map for one in others)
+                self._tree.add_moving(others)
+        elif kind is Input.OWN_POSE:
+            pose = decode_own_pose(body)
+            with self._lock:
+                self._own_pose = pose
+
+    def remember_published(self, transform: StampedTransform) -> None:
+        """Notes a transform that the gateway publishes, so that it is not taken for another's."""
+        with self._lock:
+            self._published.append((transform.stamp.ns, transform.numbers))
+
+    def between(self, target: str, source: str, at: Stamp) -> Matrix | None:
+        """Returns ``T_target_source`` at a time; None if it is not known."""
+        with self._lock:
+            return self._tree.between(target, source, at)
+
+    def odometry(self, frame: str, at: Stamp) -> Matrix | None:
+        """Returns the pose (4, 4) of a frame of the robot in the odometry's frame."""
+        return self.between(self._odom, frame, at)
+
+    def odometry_stamp(self) -> Stamp | None:
+        """Returns the time of the last odometry."""
+        with self._lock:
+            newest = self._tree.newest_below(self._odom)
+        return None if newest is None else newest.stamp
+
+    def gravity(self, header: Header) -> NDArray[np.float64] | None:
+        """Returns the (3,) direction of gravity in the frame of a cloud; None if not known."""
+        with self._lock:
+            down, frame = self._window.down(header.stamp), self._window.frame_id
+        if down is None or frame == header.frame_id:
+            return down
+        T_sensor_imu = self.between(header.frame_id, frame, header.stamp)
+        return None if T_sensor_imu is None else T_sensor_imu[:3, :3] @ down
+
+    def own_localization(self, frame: str, at: Stamp) -> OwnLocalization | None:
+        """Returns the pose of a frame of the robot, by the robot's own localization, at a time."""
+        with self._lock:
+            pose, link = self._own_pose, self._tree.newest_below(self._map)
+        if pose is not None and plain(pose.header.frame_id) == self._map:
+            return self._carried(pose, frame, at)
+        T = None if link is None else self.between(self._map, frame, at)
+        return None if T is None or link is None else OwnLocalization(T, _is_planar(link.T_parent_child))
+
+    def _carried(self, pose: OwnPose, frame: str, at: Stamp) -> OwnLocalization | None:
+        """Brings a pose of the base to another time and frame."""
+        base = self._base or frame
+        T_base_frame = self.between(base, frame, at)
+        if T_base_frame is None:
+            return None
+        T_map_base = pose.T_map_base
+        then, now = self.odometry(base, pose.header.stamp), self.odometry(base, at)
+        if then is not None and now is not None:
+            T_map_base = T_map_base @ inverse(then) @ now
+        elif at.ns and abs(at.ns - pose.header.stamp.ns) > HOLD_S * 1e9:
+            return None
+        return OwnLocalization(T_map_base @ T_base_frame, _is_planar(pose.T_map_base))
+
+    def _is_ours(self, one: StampedTransform) -> bool:
+        return one.parent == self._map and (one.stamp.ns, one.numbers) in self._published
+
+
+def _is_planar(T: Matrix) -> bool:
+    """Returns whether a pose has neither height nor tilt, as those of a localization in the plane."""
+    return abs(T[2, 3]) < 1e-9 and T[2, 2] > 1 - 1e-12

@@ -1,0 +1,89 @@
+"""State of a robot's gateway, and the diagnosis of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from firstfix.answer.localization import Localization
+
+from ..messages.diagnostic_array import ERROR, OK, WARN, Diagnosis
+from .topics import NODE_NAME
+from .watch import Health, Offset
+
+
+class State(str, Enum):
+    """State of the search for a fix."""
+
+    IDLE = "idle"  # no fix is wanted, and there was none
+    WAITING = "waiting"  # for a cloud
+    ASKING = "asking"
+    LOCALIZED = "localized"
+    NOT_LOCALIZED = "not localized"  # the last cloud; the next one is tried
+    FAILED = "failed"  # the last cloud was unusable, or nobody answered; the next one is tried
+
+
+_LEVELS = {State.NOT_LOCALIZED: WARN, State.FAILED: ERROR}
+_HEALTH_LEVELS = {Health.UNKNOWN: WARN, Health.ASTRAY: ERROR}
+
+
+@dataclass(frozen=True)
+class Status:
+    """State and result of the last try.
+
+    Attributes:
+        tries: clouds sent since a fix was wanted last.
+        answer: the last answer, None before the first.
+        error: why the last try failed, or empty.
+        took_s: duration of the last try.
+        health: state of the robot's own localization; None if it is not watched.
+        offset: from the robot's own pose to the last fix.
+    """
+
+    state: State = State.IDLE
+    tries: int = 0
+    answer: Localization | None = None
+    error: str = ""
+    took_s: float = 0.0
+    health: Health | None = None
+    offset: Offset | None = None
+
+    @property
+    def line(self) -> str:
+        """State and health in words."""
+        words = self.state.value + (f": {self.error}" if self.error else "")
+        if self.health is None or self.health is Health.UNKNOWN:
+            return words
+        away = ""
+        if self.offset is not None and self.health is not Health.HEALTHY:
+            away = f" by {self.offset.distance_m:.2f} m, {self.offset.angle_deg:.1f} deg"
+        return f"{words}; own localization {self.health.value}{away}"
+
+
+def diagnosis_of(status: Status, hardware_id: str = "") -> Diagnosis:
+    """Returns the diagnosis for a status.
+
+    Args:
+        hardware_id: the robot's namespace.
+    """
+    level = _LEVELS.get(status.state, OK)
+    values = {"state": status.state.value, "tries": str(status.tries), "took_s": f"{status.took_s:.3f}"}
+    if status.error:
+        values["error"] = status.error[:500]
+    if status.health is not None:
+        level = max(level, _HEALTH_LEVELS.get(status.health, OK))
+        values["own_localization"] = status.health.value
+        if status.offset is not None:
+            values["offset_m"] = f"{status.offset.distance_m:.3f}"
+            values["offset_deg"] = f"{status.offset.angle_deg:.2f}"
+    answer = status.answer
+    if answer is not None:
+        values |= {
+            "verdict": answer.verdict.value,
+            "reasons": ", ".join(reason.value for reason in answer.reasons),
+            "probability": f"{answer.probability:.3f}",
+            "map_id": answer.map_id,
+            "map_version": answer.map_version,
+            "map_provisional": str(answer.map_provisional).lower(),
+        }
+    return Diagnosis(level, NODE_NAME, status.line[:500], hardware_id, values)
