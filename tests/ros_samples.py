@@ -6,9 +6,10 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+import lz4.frame
 import numpy as np
 from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -20,6 +21,12 @@ ROS1.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", 
 
 CLOUD, IMU, TF = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/Imu", "tf2_msgs/msg/TFMessage"
 BAG_KINDS = ("ros1", "ros1 lz4", "sqlite3", "mcap", "mcap file")
+PACKED_BAG_KINDS = (
+    "ros1 bz2",
+    *(f"{storage} zstd {mode}" for storage in ("sqlite3", "mcap") for mode in ("file", "message")),
+    "mcap zstd chunk",
+    "mcap lz4 chunk",
+)
 DATATYPES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
 
 
@@ -122,7 +129,7 @@ def write_bag(directory: Path, kind: str, messages: Iterable[tuple[str, int, Any
     """Writes a bag.
 
     Args:
-        kind: one of BAG_KINDS.
+        kind: one of BAG_KINDS or PACKED_BAG_KINDS.
         messages: topic, time of recording in ns, and message of ``stores_of(kind)``.
 
     Returns:
@@ -133,14 +140,19 @@ def write_bag(directory: Path, kind: str, messages: Iterable[tuple[str, int, Any
     if stores is ROS1:
         path = path.with_suffix(".bag")
         writer: Any = Writer1(path)
-        if kind == "ros1 lz4":
-            writer.set_compression(Writer1.CompressionFormat.LZ4)
+        if " " in kind:
+            writer.set_compression(Writer1.CompressionFormat[kind.split()[1].upper()])
     else:
-        plugin = StoragePlugin.SQLITE3 if kind == "sqlite3" else StoragePlugin.MCAP
+        plugin = StoragePlugin.SQLITE3 if kind.startswith("sqlite3") else StoragePlugin.MCAP
         writer = Writer2(path, version=8, storage_plugin=plugin)
+        if "zstd" in kind:
+            mode = kind.split()[2].replace("chunk", "storage").upper()
+            writer.set_compression(CompressionMode[mode], CompressionFormat.ZSTD)
     serialise = ros1 if stores is ROS1 else cdr
     connections: dict[str, Any] = {}
     with writer:
+        if kind == "mcap lz4 chunk":  # as other recorders write it
+            writer.storage.compression, writer.storage.compressor = "lz4", lz4.frame.compress
         for topic, time_ns, message in messages:
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, message.__msgtype__, typestore=stores)

@@ -31,11 +31,14 @@ def answerer(
     store: str | None,
     timeout_s: float,
     encoding: Encoding = "scan",
+    follow: Callable[[str], None] | None = None,
 ) -> Iterator[Answerer]:
     """Gives a function that localizes a scan, with the URL, the zenoh endpoint or the store.
 
     Args:
         encoding: form in which scans are sent; in this process they are encoded and decoded too.
+        follow: with a store, new versions are loaded in the background, and the cache answers while the
+            store does not. It is called with a line about each change. None: what is loaded once stays.
 
     Raises:
         InvalidOption: more than one of the three is given.
@@ -43,7 +46,10 @@ def answerer(
     """
     if sum(way is not None for way in (url, zenoh, store)) > 1:
         raise InvalidOption("give only one of --url, --zenoh and --store")
-    if store is not None:
+    if store is not None and follow is not None:
+        with _embedded(map_id, store, follow) as embedded:
+            yield embedded
+    elif store is not None:
         yield _in_process(map_id, store, encoding)
     elif zenoh is not None:
         from firstfix_client import RetryPolicy, ZenohClient
@@ -82,6 +88,24 @@ def fetch_active_version(store: str, map_id: str, version: str | None = None) ->
     if chosen is None:
         raise NotFound(f"the store has no map {map_id}, or it has no active version")
     return chosen, catalog.fetch_version(map_id, chosen, cache_directory("versions"))
+
+
+@contextmanager
+def _embedded(map_id: str, store: str, tell: Callable[[str], None]) -> Iterator[Answerer]:
+    from firstfix.catalog.catalog import Catalog
+    from firstfix.catalog.versions.last_served import LastServed
+    from firstfix.store.store import Store
+
+    from .embedded import EmbeddedLocalizer
+
+    last = LastServed(cache_directory("last-served"), store, map_id)
+    catalog = Catalog(Store.open(store, read_only=True))
+    localizer = EmbeddedLocalizer(catalog, map_id, cache_directory("versions"), last, tell=tell)
+    try:
+        localizer.start()
+        yield localizer
+    finally:
+        localizer.close()
 
 
 def _in_process(map_id: str, store: str, encoding: Encoding) -> Answerer:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from firstfix.scan.sequence import ScanSequence
     from firstfix.transform import Matrix
 
-    from ..bag_replay import Replayed
+    from ..bags.replay import Replayed
 
 EXIT_CODES = {"localized": 0, "ambiguous": 3, "rejected": 4}
 
@@ -26,6 +26,7 @@ EXAMPLES = examples(
     "firstfix localize scan.pcd --map hall",
     "firstfix localize scan.pcd --map hall --gravity 0,0,-1 --json",
     "firstfix localize --bag drive.mcap --map hall --every 10 --tum fixes.txt",
+    "firstfix localize --bag drive --map hall --topic /front/points --topic /rear/points",
 )
 
 
@@ -86,12 +87,17 @@ def localize(
     bag: Annotated[
         Path | None,
         typer.Option(
-            help="Instead of SCAN: a ROS 1 .bag, a ROS 2 .mcap or .db3, or the folder of a ROS 2 bag."
+            help="Instead of SCAN: a ROS 1 .bag, a ROS 2 .mcap or .db3, also with .zstd, or the folder of a "
+            "ROS 2 bag."
         ),
     ] = None,
-    topic: Annotated[
-        str | None,
-        typer.Option(help="With --bag: topic of the PointCloud2 messages [default: the only one]."),
+    topics: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--topic",
+            help="With --bag: topic of the PointCloud2 messages [default: the only one]. Several: LiDARs of "
+            "one robot, whose clouds are merged to one scan in the first one's frame.",
+        ),
     ] = None,
     every: Annotated[int, typer.Option(help="With --bag: use every n-th cloud.", min=1)] = 1,
     start: Annotated[float, typer.Option(help="With --bag: seconds to skip at the start.", min=0)] = 0.0,
@@ -106,6 +112,10 @@ def localize(
         typer.Option(
             help="With --bag: the robot's base frame. The sensor's mounting is read from /tf_static."
         ),
+    ] = None,
+    tf_static: Annotated[
+        str | None,
+        typer.Option(help="With --bag: topic of the fixed frames [default: every topic named tf_static]."),
     ] = None,
     tum: Annotated[
         Path | None, typer.Option(help="With --bag: write the poses to this file as a TUM trajectory.")
@@ -122,14 +132,16 @@ def localize(
     from firstfix.errors import InvalidOption
 
     from ..answerer import answerer
-    from ..bag_replay import Replay, replay
+    from ..bags.replay import Replay, replay
 
     if sum(one is not None for one in (scan, odometry, bag)) != 1:
         raise InvalidOption("give one of SCAN, --odometry and --bag")
-    of_a_bag = Replay(bag or Path(), topic, every, start, count, imu_topic, base_frame)
+    of_a_bag = Replay(
+        bag or Path(), tuple(topics or ()), every, start, count, imu_topic, base_frame, tf_static
+    )
     if bag is None and (of_a_bag != Replay(Path()) or tum is not None):
         raise InvalidOption(
-            "--topic, --every, --start, --count, --imu-topic, --base-frame and --tum need --bag"
+            "--topic, --every, --start, --count, --imu-topic, --base-frame, --tf-static and --tum need --bag"
         )
 
     given = {
@@ -145,7 +157,8 @@ def localize(
     options = LocalizeOptions.from_strings({k: str(v) for k, v in given.items() if v is not None})
     with answerer(map_id, url=url, zenoh=zenoh, store=store, timeout_s=timeout_s, encoding=encoding) as ask:
         if bag is not None:
-            verdicts = _print_replay(replay(of_a_bag, ask, options), tum, as_json)
+            answers = replay(of_a_bag, ask, options, lambda line: typer.echo(line, err=True))
+            verdicts = _print_replay(answers, tum, as_json)
             raise typer.Exit(min(EXIT_CODES[verdict] for verdict in verdicts))
         answer = ask(_sequence(odometry) if scan is None else read_scan_file(scan), options)
     if as_json:
@@ -174,7 +187,7 @@ def _sequence(path: Path | None) -> ScanSequence:
 
 def _print_replay(answers: Iterable[Replayed], tum: Path | None, as_json: bool) -> set[str]:
     """Prints one line for each answer as it comes. Returns the verdicts."""
-    from ..bag_replay import write_tum
+    from ..bags.replay import write_tum
 
     verdicts = set()
     if tum is not None:

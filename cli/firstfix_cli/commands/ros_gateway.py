@@ -8,12 +8,13 @@ from typing import Annotated
 
 import typer
 
-from ..arguments import MapId, TimeoutS, Url, Zenoh, examples
+from ..arguments import MapId, Store, TimeoutS, Url, Zenoh, examples
 
 EXAMPLES = examples(
     "firstfix ros-gateway --dds --map hall --points os/points --base-frame base_link",
     "firstfix ros-gateway --dds --map hall --imu os/imu --base-frame base_link --no-at-start --watch 1",
     "firstfix ros-gateway --map hall --connect tcp/router:7447 --domain 7 --points os/points",
+    "firstfix ros-gateway --dds --map hall --store s3://maps",
 )
 
 
@@ -31,6 +32,7 @@ def ros_gateway(
     ] = None,
     url: Url = None,
     zenoh: Zenoh = None,
+    store: Store = None,
     domain: Annotated[int, typer.Option(envvar="ROS_DOMAIN_ID", help="ROS domain.", min=0, max=232)] = 0,
     points: Annotated[
         str, typer.Option(help="Topic of the clouds, relative to a robot's namespace.")
@@ -126,7 +128,7 @@ def ros_gateway(
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     with (
-        answerer(map_id, url=url, zenoh=zenoh, store=None, timeout_s=timeout_s) as ask,
+        answerer(map_id, url=url, zenoh=zenoh, store=store, timeout_s=timeout_s, follow=typer.echo) as ask,
         open_fleet(
             ask,
             config,

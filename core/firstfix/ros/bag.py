@@ -1,18 +1,22 @@
-"""Reader of bags without ROS: ROS 1 files, ROS 2 folders, sqlite3 and mcap files.
+"""Reader of bags without ROS: ROS 1 files, ROS 2 folders, sqlite3 and mcap files, compressed or not.
 
-One message is in memory at a time. For local files only: rosbags trusts the sizes that a bag declares.
+One message is in memory at a time, or the messages of one chunk. For local files only: rosbags trusts the
+counts and places that a bag declares.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..errors import FirstfixError, InvalidOption, MalformedData, NotFound, UnsupportedFormat
+from ..errors import FirstfixError, InputError, InvalidOption, MalformedData, NotFound, UnsupportedFormat
 from . import point_cloud2
+from .bag_compression import limit_chunks, unpack_files, unpack_message
+
+_ENDINGS = (".bag", ".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 
 
 @dataclass(frozen=True)
@@ -84,6 +88,7 @@ class Bag:
 
         Raises:
             MalformedData: the bag is damaged.
+            TooLarge: a message or a chunk of messages is over its limit when it is unpacked.
         """
         connections = [c for c in self._reader.connections if c.topic in topics]
         if not connections:
@@ -95,20 +100,32 @@ class Bag:
             if found is None:
                 return
             connection, time_ns, body = found
+            if not self.ros1:
+                body = self._unpacked(connection.topic, time_ns, body)
             yield RawMessage(connection.topic, time_ns, bytes(body))
+
+    def _unpacked(self, topic: str, time_ns: int, body: bytes) -> bytes:
+        try:
+            return unpack_message(body)
+        except InputError as error:
+            raise type(error)(f"{self.path}: the message of {topic} at {time_ns} ns: {error}") from error
 
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
     """Opens a bag.
 
+    A bag whose files are compressed as a whole is unpacked into a temporary folder first.
+
     Args:
-        path: a ROS 1 ``.bag``, a ROS 2 ``.db3`` or ``.mcap``, or a ROS 2 bag's folder.
+        path: a ROS 1 ``.bag``, a ROS 2 ``.db3`` or ``.mcap``, the same with ``.zstd``, or a ROS 2 bag's
+            folder.
 
     Raises:
         NotFound: no such file.
         UnsupportedFormat: the ending is not that of a bag, or the messages are not CDR.
         MalformedData: the bag cannot be read.
+        TooLarge: the unpacked files do not fit on the disk of the temporary folder.
         ModuleNotFoundError: rosbags is not installed.
     """
     from rosbags.rosbag1 import Reader as Reader1
@@ -116,18 +133,27 @@ def open_bag(path: Path) -> Iterator[Bag]:
 
     if not path.exists():
         raise NotFound(f"{path}: no such file or folder")
-    if not path.is_dir() and path.suffix not in (".bag", ".db3", ".mcap"):
-        raise UnsupportedFormat(f"{path}: a bag is a .bag, .db3 or .mcap file, or a ROS 2 bag's folder")
+    if not path.is_dir() and not path.name.endswith(_ENDINGS):
+        raise UnsupportedFormat(
+            f"{path}: a bag is a .bag, .db3 or .mcap file, also with .zstd, or a ROS 2 bag's folder"
+        )
+    limit_chunks()
     ros1 = path.suffix == ".bag" and path.is_file()
-    with _damage_named(path):
-        reader = Reader1(path) if ros1 else Reader2(path)
-        reader.open()
-    try:
+    with ExitStack() as stack:
+        with _damage_named(path):
+            plain = path if ros1 else stack.enter_context(unpack_files(path))
+            reader = Reader1(plain) if ros1 else Reader2(plain)
+            reader.open()
+        stack.callback(reader.close)
         if not ros1:
+            _leave_messages_packed(reader)
             _check_cdr(path, reader)
         yield Bag(path, reader, ros1=ros1)
-    finally:
-        reader.close()
+
+
+def _leave_messages_packed(reader: Any) -> None:
+    """Makes rosbags give compressed messages as they are: it would unpack them without a limit."""
+    reader.storage.metadata = reader.storage.metadata._replace(compression_mode=None)
 
 
 def _check_cdr(path: Path, reader: Any) -> None:
@@ -141,6 +167,8 @@ def _damage_named(path: Path) -> Iterator[None]:
     """Turns every exception of rosbags, which a damaged bag may raise, into MalformedData."""
     try:
         yield
+    except InputError as error:  # of our decompressors
+        raise type(error)(f"{path}: {error}") from error
     except FirstfixError:
         raise
     except Exception as error:  # including MemoryError: a damaged size may be exabytes

@@ -53,6 +53,7 @@ class GravityWindow:
 
     def __init__(self) -> None:
         self._samples: deque[ImuSample] = deque(maxlen=_MAX_SAMPLES)
+        self._newest_ns = 0
 
     @property
     def frame_id(self) -> str:
@@ -61,10 +62,15 @@ class GravityWindow:
 
     def add(self, sample: ImuSample) -> None:
         """Adds a sample and forgets old ones."""
-        if self._samples and sample.header.stamp < self._samples[-1].header.stamp:
+        ns = sample.header.stamp.ns
+        if self._newest_ns - ns > WINDOW_S * 1e9:  # more than a sample that came late
             self._samples.clear()  # the clock was set back, or a bag was restarted
+            self._newest_ns = 0
+        self._newest_ns = max(self._newest_ns, ns)
         self._samples.append(sample)
-        self._forget_before(sample.header.stamp)
+        # Twice the window: a scan may arrive after the samples of its time.
+        while self._newest_ns - self._samples[0].header.stamp.ns > 2 * WINDOW_S * 1e9:
+            self._samples.popleft()
 
     def down(self, at: Stamp) -> NDArray[np.float64] | None:
         """Returns the (3,) unit direction of gravity in the IMU's frame.
@@ -73,11 +79,6 @@ class GravityWindow:
         """
         near = [s for s in self._samples if abs(s.header.stamp.ns - at.ns) <= WINDOW_S * 1e9]
         return down_of(sample.acceleration for sample in near)
-
-    def _forget_before(self, newest: Stamp) -> None:
-        # Twice the window: a scan may arrive after the samples of its time.
-        while newest.ns - self._samples[0].header.stamp.ns > 2 * WINDOW_S * 1e9:
-            self._samples.popleft()
 
 
 def down_of(accelerations: Iterable[NDArray[np.float64]]) -> NDArray[np.float64] | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import zstandard
@@ -12,7 +12,7 @@ from ..errors import MalformedData, TooLarge, UnsupportedFormat
 
 # Small slices bound the output of one step. A zstd block of 4 bytes can expand to 128 KiB, so a slice to
 # 32 MiB. Deflate expands one byte to at most 1032 bytes, so a slice to 8 MiB.
-_ZSTD_SLICE_BYTES = 1024
+ZSTD_SLICE_BYTES = 1024
 _GZIP_SLICE_BYTES = 8192
 _ZSTD_MAX_WINDOW_BYTES = 1 << 23  # RFC 8878 requires every decoder to support it
 
@@ -57,33 +57,70 @@ def _identity(body: bytes | memoryview, max_bytes: int) -> bytes | memoryview:
 def _gunzip(body: bytes | memoryview, max_bytes: int) -> bytes:
     stream = zlib.decompressobj(wbits=zlib.MAX_WBITS | 16)  # 16: a gzip header
     try:
-        return _expanded("gzip", stream, body, _GZIP_SLICE_BYTES, max_bytes)
+        return b"".join(_expanded("gzip", stream, _slices(body, _GZIP_SLICE_BYTES), max_bytes))
     except zlib.error as error:
         raise MalformedData(f"gzip: {error}") from error
 
 
 def _unzstd(body: bytes | memoryview, max_bytes: int) -> bytes:
+    return unpack_zstd(body, max_bytes, _ZSTD_MAX_WINDOW_BYTES)
+
+
+def unpack_zstd(body: bytes | memoryview, max_bytes: int, max_window_bytes: int) -> bytes:
+    """Returns the content of one zstd frame.
+
+    Args:
+        max_window_bytes: limit of the memory that the frame may ask for beside its content.
+
+    Raises:
+        TooLarge, MalformedData: as ``undo_content_encoding``.
+    """
     try:
         declared = zstandard.frame_content_size(body)  # -1: not declared
-        _check_size("zstd", declared, max_bytes)
-        stream = zstandard.ZstdDecompressor(max_window_size=_ZSTD_MAX_WINDOW_BYTES).decompressobj()
-        return _expanded("zstd", stream, body, _ZSTD_SLICE_BYTES, max_bytes)
+    except zstandard.ZstdError as error:
+        raise MalformedData(f"zstd: {error}") from error
+    _check_size("zstd", declared, max_bytes)
+    return b"".join(unpacked_zstd(_slices(body, ZSTD_SLICE_BYTES), max_bytes, max_window_bytes))
+
+
+def unpacked_zstd(
+    slices: Iterable[bytes | memoryview], max_bytes: int, max_window_bytes: int
+) -> Iterator[bytes]:
+    """Yields the content of one zstd frame piece by piece.
+
+    Args:
+        slices: the frame in slices of up to ZSTD_SLICE_BYTES, so that no piece is large.
+
+    Raises:
+        TooLarge, MalformedData: as ``undo_content_encoding``.
+    """
+    stream = zstandard.ZstdDecompressor(max_window_size=max_window_bytes).decompressobj()
+    try:
+        yield from _expanded("zstd", stream, slices, max_bytes)
     except zstandard.ZstdError as error:
         raise MalformedData(f"zstd: {error}") from error
 
 
-def _expanded(name: str, stream: Any, body: bytes | memoryview, slice_bytes: int, max_bytes: int) -> bytes:
+def _slices(body: bytes | memoryview, size: int) -> Iterator[bytes | memoryview]:
+    return (body[start : start + size] for start in range(0, len(body), size))
+
+
+def _expanded(
+    name: str, stream: Any, slices: Iterable[bytes | memoryview], max_bytes: int
+) -> Iterator[bytes]:
     """Decompresses slice after slice and checks the size after each."""
-    parts, size = [], 0
-    for start in range(0, len(body), slice_bytes):
-        parts.append(stream.decompress(body[start : start + slice_bytes]))
-        size += len(parts[-1])
-        _check_size(name, size, max_bytes)
+    size = 0
+    for piece in slices:
         if stream.eof:
-            if stream.unused_data or start + slice_bytes < len(body):
-                raise MalformedData(f"{name}: other bytes follow the compressed data")
-            return b"".join(parts)
-    raise MalformedData(f"{name}: the data is cut off")
+            raise MalformedData(f"{name}: other bytes follow the compressed data")
+        part = stream.decompress(piece)
+        size += len(part)
+        _check_size(name, size, max_bytes)
+        if stream.eof and stream.unused_data:
+            raise MalformedData(f"{name}: other bytes follow the compressed data")
+        yield part
+    if not stream.eof:
+        raise MalformedData(f"{name}: the data is cut off")
 
 
 def _check_size(name: str, size: int, max_bytes: int) -> None:

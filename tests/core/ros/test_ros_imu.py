@@ -71,3 +71,12 @@ def test_a_clock_that_is_set_back_begins_anew():
     window.add(sample(100 * S, 9.81 * np.array([0, 0, 1.0])))
     window.add(sample(5 * S, 9.81 * UP))
     np.testing.assert_allclose(window.down(Stamp(5)), -UP)
+
+
+def test_a_sample_that_comes_late_does_not_begin_anew():
+    window = GravityWindow()
+    for tenth in (0, 1, 3, 2, 4):  # as several threads of a driver send them
+        lean = np.array([0.0, 0.0, 1.0]) if tenth == 2 else UP
+        window.add(sample(5 * S + tenth * S // 10, 9.81 * lean))
+    expected = -(4 * UP + np.array([0.0, 0.0, 1.0]))
+    np.testing.assert_allclose(window.down(Stamp(5, 200_000_000)), expected / np.linalg.norm(expected))

@@ -35,15 +35,16 @@ def test_every_way_through_the_tree(frames):
 
 
 def test_frames_that_nothing_joins_are_named(frames):
-    with pytest.raises(NotFound, match="'base_link' and 'camera'"):
-        frames.between("base_link", "camera")
+    with pytest.raises(NotFound, match="'lidar' and 'camera': they hang on 'base_link' and 'camera'"):
+        frames.between("lidar", "camera")
 
 
 def test_a_loop_ends():
     known = StaticTransforms()
     known.add({"a": ("b", np.eye(4)), "b": ("a", np.eye(4))})
-    with pytest.raises(NotFound):
-        known.between("c", "a")
+    for source in ("a", "b"):
+        with pytest.raises(NotFound, match="in a circle"):
+            known.between("c", source)
 
 
 def test_ros1_says_the_same():
@@ -71,3 +72,34 @@ def test_a_rotation_without_direction_is_refused():
     message.transforms[0].transform.translation.x = np.nan
     with pytest.raises(MalformedData, match="not finite"):
         decode_transforms(cdr(message))
+
+
+def test_of_two_mountings_the_last_counts_or_neither_does():
+    moved = BASE_MAST.copy()
+    moved[0, 3] += 0.01
+    for strict in (False, True):
+        known = StaticTransforms(strict=strict)
+        for one in (*TREE, ("base_link", "mast", moved), ("elsewhere", "imu", np.eye(4))):
+            known.add(decode_transforms(cdr(ros_samples.transforms([one]))))
+        if not strict:
+            np.testing.assert_allclose(known.between("base_link", "lidar"), moved @ MAST_LIDAR, atol=1e-12)
+            continue
+        with pytest.raises(
+            MalformedData, match="'mast' is mounted in two ways, on 'base_link' and on 'base_link'"
+        ):
+            known.between("base_link", "lidar")
+        with pytest.raises(
+            MalformedData, match="'imu' is mounted in two ways, on 'base_link' and on 'elsewhere'"
+        ):
+            known.between("elsewhere", "imu")
+        # Below the disputed frame nothing is in doubt.
+        np.testing.assert_allclose(known.between("mast", "lidar"), MAST_LIDAR, atol=1e-12)
+
+
+def test_a_transform_that_is_sent_again_is_not_disputed(frames):
+    known = StaticTransforms(strict=True)
+    nearly = MAST_LIDAR.copy()
+    nearly[:3, 3] += 1e-7
+    for one in (*TREE, *TREE, ("mast", "lidar", nearly)):
+        known.add(decode_transforms(cdr(ros_samples.transforms([one]))))
+    np.testing.assert_allclose(known.between("lidar", "imu"), frames.between("lidar", "imu"), atol=1e-6)

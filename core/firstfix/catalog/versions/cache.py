@@ -8,7 +8,7 @@
                                        own time is that of the last use
 
 Verified files may not have reached the disk yet: so after a power cut, or any other boot, they are verified
-again.
+again. Those that are right are not fetched again.
 
 A version in a file store is not copied: its files are verified and mapped in place. The cache is pruned by
 ``firstfix.catalog.versions.prune``.
@@ -63,8 +63,7 @@ def fetch_version_files(store: Store, folder: str, version: str, manifest: Manif
             _touch(marker)
             return in_place
         target = directory / version
-        if _is_verified(marker, manifest, target):
-            _touch(marker)
+        if _is_right(marker, manifest, target):
             return target
         part = directory / f".{version}.part"
         part.mkdir(exist_ok=True)
@@ -90,6 +89,23 @@ def fetch_version_files(store: Store, folder: str, version: str, manifest: Manif
         return target
 
 
+def cached_version(manifest: Manifest, directory: Path) -> Path | None:
+    """Returns the folder of a version that was fetched before, without asking a store.
+
+    Args:
+        directory: directory of the cache.
+
+    Returns:
+        None if the version is not in the cache, or a file of it is missing or damaged.
+    """
+    version = manifest.digest
+    target = directory / version
+    if not target.is_dir():
+        return None
+    with exclusive_lock(directory / f".{version}.lock"):
+        return target if _is_right(directory / f".{version}.verified", manifest, target) else None
+
+
 @contextmanager
 def _full_disk_reported() -> Iterator[None]:
     try:
@@ -112,6 +128,20 @@ def _folder_in_place(store: Store, folder: str, manifest: Manifest) -> Path | No
             return None
         path = found.parents[name.count("/")]
     return path
+
+
+def _is_right(marker: Path, manifest: Manifest, target: Path) -> bool:
+    """Returns whether a fetched folder has the version's files. They are read if they were not since boot."""
+    if not target.is_dir():
+        return False
+    if not _is_verified(marker, manifest, target):
+        try:
+            manifest.verify_directory(target)
+        except CorruptVersion:
+            return False
+        _mark_verified(marker, manifest, target)
+    _touch(marker)
+    return True
 
 
 def _stamps(manifest: Manifest, folder: Path) -> dict[str, list[int]]:
