@@ -9,6 +9,7 @@ import {
   InstancedMesh,
   Line,
   LineBasicMaterial,
+  LineLoop,
   Matrix4,
   Mesh,
   MeshBasicMaterial,
@@ -21,6 +22,8 @@ import {
   BufferAttribute,
 } from "three";
 import { geometryOf } from "./scene";
+
+const RING_PARTS = 96;
 
 export interface Pose {
   position: number[];
@@ -57,6 +60,18 @@ export function poseMark(at: Vector3, pose: Pose, colour: number, size = 1): Gro
 
 export function pathMark(positions: Float32Array, colour: number): Line {
   return new Line(geometryOf(positions), new LineBasicMaterial({ color: colour }));
+}
+
+/** A level circle around the origin. */
+export function ringMark(radius: number, colour: number): LineLoop {
+  const positions = new Float32Array(3 * RING_PARTS);
+  for (let i = 0; i < RING_PARTS; i++) {
+    const angle = (2 * Math.PI * i) / RING_PARTS;
+    positions.set([radius * Math.cos(angle), radius * Math.sin(angle), 0], 3 * i);
+  }
+  const ring = new LineLoop(geometryOf(positions), new LineBasicMaterial({ color: colour, depthTest: false }));
+  ring.renderOrder = 10;
+  return ring;
 }
 
 export function dotsMark(positions: Float32Array, colour: number, sizePx = 3): Points {

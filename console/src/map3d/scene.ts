@@ -122,6 +122,15 @@ export class MapScene {
     this.redraw();
   }
 
+  get canvas(): HTMLCanvasElement {
+    return this.renderer.domElement;
+  }
+
+  /** Whether dragging moves the camera. */
+  set isNavigable(navigable: boolean) {
+    this.controls.enabled = navigable;
+  }
+
   redraw(): void {
     this.isDirty = true;
     if (!this.frame) this.frame = requestAnimationFrame(() => this.draw());
