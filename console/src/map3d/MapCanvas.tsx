@@ -14,9 +14,11 @@ export interface CanvasProps {
   version: string;
   ready: (scene: MapScene | null, cloud: Cloud | null, storeys: Storey[]) => void;
   clicked?: (position: [number, number, number]) => void;
+  /** A click at a place of the window, before it is taken for one on the cloud. True: it was on something else. */
+  clickedAt?: (clientX: number, clientY: number) => boolean;
 }
 
-export function MapCanvas({ map, version, ready, clicked }: CanvasProps) {
+export function MapCanvas({ map, version, ready, clicked, clickedAt }: CanvasProps) {
   const element = useRef<HTMLDivElement>(null);
   const shown = useSignal(0);
   const problem = useSignal<unknown>(null);
@@ -24,6 +26,8 @@ export function MapCanvas({ map, version, ready, clicked }: CanvasProps) {
   const cloud = opened.value?.cloud;
   const click = useRef(clicked);
   click.current = clicked;
+  const clickAt = useRef(clickedAt);
+  clickAt.current = clickedAt;
   useEffect(() => {
     if (!opened.value || !cloud || !element.current) return;
     let scene: MapScene;
@@ -41,7 +45,7 @@ export function MapCanvas({ map, version, ready, clicked }: CanvasProps) {
     const up = (event: PointerEvent) => {
       const isClick = pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) < 4;
       pressed = null;
-      if (!isClick || event.button !== 0 || !click.current) return;
+      if (!isClick || event.button !== 0 || clickAt.current?.(event.clientX, event.clientY) || !click.current) return;
       const position = scene.pick(event.clientX, event.clientY);
       if (position) click.current(position);
     };

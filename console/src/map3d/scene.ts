@@ -168,12 +168,19 @@ export class MapScene {
     return best ? this.inMap(best) : null;
   }
 
-  /** The place of a position in the picture, in CSS pixels; null behind the eye. */
-  place(position: readonly number[]): [number, number] | null {
-    const at = this.local(position).project(this.camera);
-    if (at.z > 1) return null;
-    const { clientWidth, clientHeight } = this.element;
-    return [((at.x + 1) / 2) * clientWidth, ((1 - at.y) / 2) * clientHeight];
+  /** Which of some positions is drawn nearest to a place of the window, within some pixels; -1: none. */
+  nearest(positions: readonly (readonly number[])[], clientX: number, clientY: number, withinPx = 14): number {
+    const box = this.renderer.domElement.getBoundingClientRect();
+    let best = -1;
+    let bestPx = withinPx;
+    positions.forEach((position, i) => {
+      const at = this.local(position).project(this.camera);
+      if (at.z > 1) return; // behind the eye
+      const [x, y] = [box.left + ((at.x + 1) / 2) * box.width, box.top + ((1 - at.y) / 2) * box.height];
+      const away = Math.hypot(x - clientX, y - clientY);
+      if (away <= bestPx) [best, bestPx] = [i, away];
+    });
+    return best;
   }
 
   dispose(): void {

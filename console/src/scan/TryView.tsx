@@ -3,7 +3,7 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { Group } from "three";
-import { mayBuild } from "../access/session";
+import { key, mayBuild } from "../access/session";
 import { get, type Query, type Schemas } from "../api/client";
 import { MapCanvas } from "../map3d/MapCanvas";
 import { poseMark } from "../map3d/marks";
@@ -150,7 +150,16 @@ export function TryView({ map }: { map: string }) {
         ) : null}
         {overlay.shares.value ? <ScanKey shares={overlay.shares.value} /> : null}
         {sampleId && mayBuild.value ? <Truth sample={sampleId} map={map} place={place} hand={byHand} /> : null}
-        {asked.value ? <CopyAs map={map} file={asked.value.name} type={asked.value.type} options={options} /> : null}
+        {asked.value ? (
+          <CopyAs
+            map={map}
+            file={asked.value.name}
+            type={asked.value.type}
+            encoding={asked.value.encoding}
+            options={options}
+            isSignedIn={key.value !== ""}
+          />
+        ) : null}
       </aside>
     </div>
   );
