@@ -3,6 +3,7 @@
 import {
   ArrowHelper,
   BoxGeometry,
+  type BufferGeometry,
   Color,
   DoubleSide,
   Group,
@@ -58,7 +59,7 @@ export function poseMark(at: Vector3, pose: Pose, colour: number, size = 1): Gro
   return group;
 }
 
-export function pathMark(positions: Float32Array, colour: number): Line {
+export function pathMark(positions: Float32Array, colour: number): Line<BufferGeometry, LineBasicMaterial> {
   return new Line(geometryOf(positions), new LineBasicMaterial({ color: colour }));
 }
 
@@ -95,6 +96,7 @@ export function squareMark(middle: Vector3, edge: number, colour: number): Mesh 
     new MeshBasicMaterial({ color: colour, transparent: true, opacity: 0.4, depthTest: false, side: DoubleSide }),
   );
   square.position.copy(middle);
+  square.renderOrder = 4;
   return square;
 }
 
