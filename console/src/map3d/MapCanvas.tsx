@@ -2,6 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
+import { Problem } from "../api/client";
 import { ErrorText } from "../ui/ErrorText";
 import { count } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
@@ -24,6 +25,7 @@ export function MapCanvas({ map, version, ready, clicked, clickedAt }: CanvasPro
   const problem = useSignal<unknown>(null);
   const opened = useLoaded((signal) => open(map, version, signal), [map, version]);
   const cloud = opened.value?.cloud;
+  const isMissing = opened.error instanceof Problem && opened.error.status === 404;
   const click = useRef(clicked);
   click.current = clicked;
   const clickAt = useRef(clickedAt);
@@ -60,12 +62,21 @@ export function MapCanvas({ map, version, ready, clicked, clickedAt }: CanvasPro
   }, [opened.value]);
   return (
     <div class="map-canvas" ref={element} data-points={shown.value}>
-      {opened.error ? <ErrorText error={opened.error} again={opened.again} /> : null}
+      {isMissing ? (
+        <p role="status">
+          This version has no cloud to show: it is provisional, or was built by an older service. Everything else
+          works. The full version of the same build brings one.
+        </p>
+      ) : opened.error ? (
+        <ErrorText error={opened.error} again={opened.again} />
+      ) : null}
       {problem.value ? <ErrorText error={problem.value} /> : null}
       {!cloud && !opened.error ? <p role="status">Opening the cloud …</p> : null}
-      <p class="shown">
-        {count(shown.value)} of {count(cloud?.index.points ?? 0)} points
-      </p>
+      {cloud ? (
+        <p class="shown">
+          {count(shown.value)} of {count(cloud.index.points)} points
+        </p>
+      ) : null}
     </div>
   );
 }

@@ -20,6 +20,7 @@ import {
 } from "three";
 import { MapControls } from "three/addons/controls/MapControls.js";
 import { type Cloud, type CloudNode, points } from "./cloud";
+import { framed } from "./framed";
 import { choose } from "./levels";
 import { PointMaterial } from "./material";
 
@@ -74,9 +75,9 @@ export class MapScene {
     const [low, high] = cloud.index.bounds_m.map((corner) => this.local(corner)) as [Vector3, Vector3];
     this.material.heights = [low.z, high.z];
     this.material.spacing = 0.05;
-    this.lookAtAll();
     new ResizeObserver(() => this.resize()).observe(element);
     this.resize();
+    this.lookAtAll();
   }
 
   /** A position of the map's frame as the scene counts it. */
@@ -102,13 +103,12 @@ export class MapScene {
     this.redraw();
   }
 
-  /** Looks at the whole map from the south, obliquely. */
+  /** Looks at the whole map from the south, obliquely, from as near as shows all of it. */
   lookAtAll(): void {
     const [low, high] = this.cloud.index.bounds_m.map((corner) => this.local(corner)) as [Vector3, Vector3];
-    const middle = low.clone().add(high).multiplyScalar(0.5);
-    const reach = 0.6 * low.distanceTo(high);
-    this.controls.target.copy(middle);
-    this.camera.position.copy(middle).add(new Vector3(0, -0.75 * reach, 0.95 * reach));
+    const { target, eye } = framed(low.toArray(), high.toArray(), this.camera.fov, this.camera.aspect);
+    this.controls.target.set(...target);
+    this.camera.position.set(...eye);
     this.controls.update();
     this.redraw();
   }
