@@ -14,6 +14,7 @@ import { MapCanvas, showStorey } from "./MapCanvas";
 import type { Colouring } from "./material";
 import { Measure } from "./measure";
 import { clear, type MapScene } from "./scene";
+import { ShareLink } from "./ShareLink";
 import { chosen } from "./spotMarks";
 import { SpotPanel } from "./SpotPanel";
 import type { SpotCell } from "./spots";
@@ -138,6 +139,7 @@ export function MapView({ map }: { map: string }) {
         {isTested && grid.value ? (
           <SpotPanel grid={grid.value} chosen={spot.value} choose={(one) => (spot.value = one)} />
         ) : null}
+        <ShareLink version={version} />
         <section>
           <h3>Measure</h3>
           <label class="check">

@@ -12,24 +12,20 @@ export function framed(low: Triple, high: Triple, fov_deg: number, aspect: numbe
   const [sine, cosine] = [Math.sin(DOWN), Math.cos(DOWN)];
   const tall = Math.tan((fov_deg * Math.PI) / 360) / MARGIN;
   const wide = tall * aspect;
-  // In the camera's axes a corner lies at (x, y sin + z cos) and (y cos - z sin) deeper than the middle. Shifting the
-  // target up the picture by `up` puts the box between the edges; the tangents at its near and far edge give both.
-  let distance = 0.1;
-  let up = 0;
+  const corners: Triple[] = [];
+  for (const x of [-half[0], half[0]])
+    for (const y of [-half[1], half[1]])
+      for (const z of [-half[2], half[2]]) {
+        // along the camera's axes: to the right, up, and away from the eye
+        corners.push([x, y * sine + z * cosine, y * cosine - z * sine]);
+      }
+  let distance = 0;
+  let up = 0; // of the target over the middle, so that the near and far side are as far from the picture's edges
   for (let turn = 0; turn < 20; turn++) {
-    let [least, most, need] = [Infinity, -Infinity, 0];
-    for (const x of [-half[0], half[0]])
-      for (const y of [-half[1], half[1]])
-        for (const z of [-half[2], half[2]]) {
-          const across = y * sine + z * cosine - up;
-          const deeper = y * cosine - z * sine;
-          need = Math.max(need, Math.abs(x) / wide - deeper, Math.abs(across) / tall - deeper);
-          const tangent = across / Math.max(distance + deeper, 0.1);
-          least = Math.min(least, tangent);
-          most = Math.max(most, tangent);
-        }
-    distance = Math.max(need, 0.1);
-    up += ((least + most) / 2) * distance * 0.7;
+    const needed = corners.map(([x, y, away]) => Math.max(Math.abs(x) / wide, Math.abs(y - up) / tall) - away);
+    distance = Math.max(...needed, 0.1);
+    const tangents = corners.map(([, y, away]) => (y - up) / (distance + away));
+    up += 0.5 * distance * (Math.min(...tangents) + Math.max(...tangents));
   }
   const target: Triple = [middle[0], middle[1] + up * sine, middle[2] + up * cosine];
   return { target, eye: [target[0], target[1] - distance * cosine, target[2] + distance * sine] };

@@ -25,6 +25,7 @@ import {
 import { geometryOf } from "./scene";
 
 const RING_PARTS = 96;
+const DOT_PX = 7;
 
 export interface Pose {
   position: number[];
@@ -42,7 +43,10 @@ export function poseMark(at: Vector3, pose: Pose, colour: number, size = 1): Gro
   );
   ball.renderOrder = 10;
   ball.position.copy(at);
-  group.add(ball);
+  const dot = dotsMark(new Float32Array(at.toArray()), colour, DOT_PX); // what is left of it from far away
+  dot.material.depthTest = false;
+  dot.renderOrder = 10;
+  group.add(ball, dot);
   const axes: [Vector3, number, number][] = [
     [new Vector3(1, 0, 0), colour, 1.4],
     [new Vector3(0, 0, 1), 0x8899aa, 0.7],
@@ -75,7 +79,7 @@ export function ringMark(radius: number, colour: number): LineLoop {
   return ring;
 }
 
-export function dotsMark(positions: Float32Array, colour: number, sizePx = 3): Points {
+export function dotsMark(positions: Float32Array, colour: number, sizePx = 3): Points<BufferGeometry, PointsMaterial> {
   return new Points(
     geometryOf(positions),
     new PointsMaterial({ color: colour, size: sizePx, sizeAttenuation: false }),

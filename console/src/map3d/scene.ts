@@ -22,9 +22,9 @@ import { MapControls } from "three/addons/controls/MapControls.js";
 import { type Cloud, type CloudNode, points } from "./cloud";
 import { framed } from "./framed";
 import { choose } from "./levels";
+import { Loads, toFree } from "./loads";
 import { PointMaterial } from "./material";
 
-const AT_ONCE = 6; // requests
 const KEPT_POINTS = 4_000_000; // in memory, drawn or not
 
 export interface View {
@@ -45,8 +45,11 @@ export class MapScene {
   private readonly renderer: WebGLRenderer;
   private readonly controls: MapControls;
   private readonly loaded = new Map<string, { object: Points; count: number; used: number }>();
-  private readonly loading = new Set<string>();
-  private readonly stop = new AbortController();
+  private readonly loads = new Loads<CloudNode, ArrayBuffer>(
+    (node, signal) => points(this.cloud, node.first, node.count, signal),
+    (node, data) => this.add(node, data),
+    (error) => this.failed(error),
+  );
   private wanted: CloudNode[] = [];
   private frame = 0;
   private isDirty = true;
@@ -184,7 +187,7 @@ export class MapScene {
   }
 
   dispose(): void {
-    this.stop.abort();
+    this.loads.end();
     cancelAnimationFrame(this.frame);
     this.controls.dispose();
     for (const { object } of this.loaded.values()) object.geometry.dispose();
@@ -222,7 +225,7 @@ export class MapScene {
       this.shownPoints += there.count;
     }
     this.renderer.render(this.scene, this.camera);
-    this.fetchMissing();
+    this.loads.want(this.wanted, (key) => this.loaded.has(key));
     this.drawn();
   }
 
@@ -232,29 +235,17 @@ export class MapScene {
       new Matrix4().multiplyMatrices(this.camera.projectionMatrix, this.camera.matrixWorldInverse),
     );
     const box = new Box3();
+    const [lowest, highest] = this.material.uniforms.slice!.value.toArray() as [number, number];
     return choose(this.cloud.root, {
       at: this.camera.position.toArray(),
       pixelsPerTangent,
       sees: (low, edge) => {
+        if (low[2] > highest || low[2] + edge < lowest) return false;
         box.min.set(...low);
         box.max.set(low[0] + edge, low[1] + edge, low[2] + edge);
         return frustum.intersectsBox(box);
       },
     });
-  }
-
-  private fetchMissing(): void {
-    for (const node of this.wanted) {
-      if (this.loading.size >= AT_ONCE) return;
-      if (this.loaded.has(node.key) || this.loading.has(node.key)) continue;
-      this.loading.add(node.key);
-      points(this.cloud, node.first, node.count, this.stop.signal)
-        .then((data) => this.add(node, data))
-        .catch((error: unknown) => {
-          if (!this.stop.signal.aborted) this.failed(error);
-        })
-        .finally(() => this.loading.delete(node.key));
-    }
   }
 
   private add(node: CloudNode, data: ArrayBuffer): void {
@@ -274,17 +265,12 @@ export class MapScene {
     this.redraw();
   }
 
-  /** Frees what was not drawn for longest, if there is too much. */
   private forget(): void {
-    let kept = 0;
-    for (const { count } of this.loaded.values()) kept += count;
-    const oldest = [...this.loaded].sort(([, a], [, b]) => a.used - b.used);
-    for (const [key, { object, count, used }] of oldest) {
-      if (kept <= KEPT_POINTS || used >= this.round) return;
+    for (const key of toFree(this.loaded, this.round, KEPT_POINTS)) {
+      const { object } = this.loaded.get(key)!;
       this.scene.remove(object);
-      object.geometry.dispose();
+      object.geometry.dispose(); // its memory on the graphics card, too
       this.loaded.delete(key);
-      kept -= count;
     }
   }
 }
