@@ -100,7 +100,7 @@ class RecentAnswers:
 
     @property
     def watchers(self) -> int:
-        """How many watch."""
+        """The number of watchers."""
         with self._lock:
             return self._watchers
 

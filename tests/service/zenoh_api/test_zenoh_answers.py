@@ -38,7 +38,7 @@ RECORD = {
 
 
 class Watch:
-    """What a stream of answers has told so far."""
+    """The events of one stream of answers."""
 
     def __init__(self) -> None:
         self.events: list[dict[str, Any]] = []
