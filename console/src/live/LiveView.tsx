@@ -20,6 +20,16 @@ import { type Fix, type Second, seconds } from "./seconds";
 const KEPT = 500;
 const SHOWN_ROWS = 30;
 
+interface Watching {
+  replica: string;
+  all_replicas: boolean;
+}
+
+/** Whether both tell of one answer: after a break it may come once more, with another number. */
+function isSame(a: Fix, b: Fix): boolean {
+  return a.time_s === b.time_s && a.replica === b.replica && a.caller === b.caller;
+}
+
 export function LiveView() {
   const maps = useLoaded((signal) => get<Schemas["MapPage"]>("/maps", { limit: 1000 }, signal), []);
   const map = route.value.query.get("map") || maps.value?.maps[0]?.map_id || "";
@@ -27,6 +37,7 @@ export function LiveView() {
   const fixes = useSignal<Fix[]>([]);
   const now = useSignal(Date.now() / 1000);
   const isConnected = useSignal(false);
+  const source = useSignal<Watching | null>(null);
   const scene = useRef<MapScene | null>(null);
   const marks = useRef(new Group());
   const isReady = useSignal(0);
@@ -40,11 +51,17 @@ export function LiveView() {
       "/answers/events",
       () => ({ map_id: map, after: last }),
       (event) => {
-        const fix = event.data as Fix;
         isConnected.value = true;
-        // a replica that was started again counts from one
+        if (event.name === "watching") {
+          const { replica, all_replicas } = event.data as Watching;
+          // another replica, or the same one started again, counts from one
+          if (replica !== source.value?.replica) last = 0;
+          source.value = { replica, all_replicas };
+          return;
+        }
+        const fix = event.data as Fix;
         last = fix.number;
-        fixes.value = [...fixes.value, fix].slice(-KEPT);
+        if (!fixes.value.some((one) => isSame(one, fix))) fixes.value = [...fixes.value, fix].slice(-KEPT);
       },
       stop.signal,
       () => {
@@ -94,6 +111,13 @@ export function LiveView() {
           </select>
         </label>
         <span role="status">{isConnected.value ? "Connected" : "Connecting again …"}</span>
+        {source.value ? (
+          <span class="hint">
+            {source.value.all_replicas
+              ? "All replicas that share zenoh"
+              : `Only replica ${source.value.replica}: others are seen where replicas share zenoh`}
+          </span>
+        ) : null}
       </header>
       <Plots seconds={history} />
       {version ? (
@@ -114,6 +138,7 @@ export function LiveView() {
             <tr>
               <th>Time</th>
               <th>Caller</th>
+              <th>Replica</th>
               <th>Verdict</th>
               <th class="number">Probability</th>
               <th class="number">ms</th>
@@ -130,6 +155,7 @@ export function LiveView() {
                 >
                   <td>{new Date(fix.time_s * 1000).toLocaleTimeString("en-GB")}</td>
                   <td>{fix.caller}</td>
+                  <td>{fix.replica}</td>
                   <td>
                     <Verdict verdict={fix.answer.verdict} />
                   </td>

@@ -4,11 +4,12 @@ import type { Schemas } from "../api/client";
 
 export interface Fix {
   number: number;
+  replica: string;
   time_s: number;
   caller: string;
   transport: string;
   ms: number;
-  answer: Schemas["Answer"];
+  answer: Pick<Schemas["Answer"], "verdict" | "probability" | "T_map_sensor">; // of other replicas not much more
 }
 
 export interface Second {

@@ -4,12 +4,13 @@ import type { Signal } from "@preact/signals";
 import type { Colouring } from "./material";
 import type { Storey } from "./storeys";
 
-export type LayerName = "trajectory" | "templates" | "localizability" | "changes";
+export type LayerName = "trajectory" | "templates" | "localizability" | "aliases" | "changes";
 
 const LAYERS: Record<LayerName, string> = {
   trajectory: "Mapping run",
   templates: "Templates",
   localizability: "Where a robot finds itself",
+  aliases: "Which place is taken for which",
   changes: "Changes since the map was made",
 };
 const COLOURS: Record<Colouring, string> = { height: "Height", normal: "Normal", plain: "One colour" };

@@ -2,6 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
+import { Problem } from "../api/client";
 import { ErrorText } from "../ui/ErrorText";
 import { count } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
@@ -14,16 +15,21 @@ export interface CanvasProps {
   version: string;
   ready: (scene: MapScene | null, cloud: Cloud | null, storeys: Storey[]) => void;
   clicked?: (position: [number, number, number]) => void;
+  /** A click at a place of the window, before it is taken for one on the cloud. True: it was on something else. */
+  clickedAt?: (clientX: number, clientY: number) => boolean;
 }
 
-export function MapCanvas({ map, version, ready, clicked }: CanvasProps) {
+export function MapCanvas({ map, version, ready, clicked, clickedAt }: CanvasProps) {
   const element = useRef<HTMLDivElement>(null);
   const shown = useSignal(0);
   const problem = useSignal<unknown>(null);
   const opened = useLoaded((signal) => open(map, version, signal), [map, version]);
   const cloud = opened.value?.cloud;
+  const isMissing = opened.error instanceof Problem && opened.error.status === 404;
   const click = useRef(clicked);
   click.current = clicked;
+  const clickAt = useRef(clickedAt);
+  clickAt.current = clickedAt;
   useEffect(() => {
     if (!opened.value || !cloud || !element.current) return;
     let scene: MapScene;
@@ -41,7 +47,7 @@ export function MapCanvas({ map, version, ready, clicked }: CanvasProps) {
     const up = (event: PointerEvent) => {
       const isClick = pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) < 4;
       pressed = null;
-      if (!isClick || event.button !== 0 || !click.current) return;
+      if (!isClick || event.button !== 0 || clickAt.current?.(event.clientX, event.clientY) || !click.current) return;
       const position = scene.pick(event.clientX, event.clientY);
       if (position) click.current(position);
     };
@@ -56,12 +62,21 @@ export function MapCanvas({ map, version, ready, clicked }: CanvasProps) {
   }, [opened.value]);
   return (
     <div class="map-canvas" ref={element} data-points={shown.value}>
-      {opened.error ? <ErrorText error={opened.error} again={opened.again} /> : null}
+      {isMissing ? (
+        <p role="status">
+          This version has no cloud to show: it is provisional, or was built by an older service. Everything else
+          works. The full version of the same build brings one.
+        </p>
+      ) : opened.error ? (
+        <ErrorText error={opened.error} again={opened.again} />
+      ) : null}
       {problem.value ? <ErrorText error={problem.value} /> : null}
       {!cloud && !opened.error ? <p role="status">Opening the cloud …</p> : null}
-      <p class="shown">
-        {count(shown.value)} of {count(cloud?.index.points ?? 0)} points
-      </p>
+      {cloud ? (
+        <p class="shown">
+          {count(shown.value)} of {count(cloud.index.points)} points
+        </p>
+      ) : null}
     </div>
   );
 }

@@ -14,7 +14,12 @@ import { MapCanvas, showStorey } from "./MapCanvas";
 import type { Colouring } from "./material";
 import { Measure } from "./measure";
 import { clear, type MapScene } from "./scene";
+import { ShareLink } from "./ShareLink";
+import { chosen } from "./spotMarks";
+import { SpotPanel } from "./SpotPanel";
+import type { SpotCell } from "./spots";
 import type { Storey } from "./storeys";
+import { useSpotGrid } from "./useSpotGrid";
 
 export function MapView({ map }: { map: string }) {
   const asked = route.value.query;
@@ -34,6 +39,9 @@ export function MapView({ map }: { map: string }) {
   const measure = useRef<Measure | null>(null);
   const length = useSignal<number | null>(null);
   const problem = useSignal<unknown>(null);
+  const grid = useSpotGrid(map, version, cloud);
+  const spot = useSignal<SpotCell | null>(null);
+  const isTested = layers.value.includes("localizability") || layers.value.includes("aliases");
 
   const opened = (found: MapScene | null, with_: Cloud | null, its: Storey[]) => {
     scene.current = found;
@@ -72,7 +80,7 @@ export function MapView({ map }: { map: string }) {
     here.overlay.add(group);
     note({ layers: layers.value.join(",") });
     for (const name of layers.value) {
-      layerOf(name, here, cloud.current, map, version, stop.signal)
+      layerOf(name, here, cloud.current, map, version, grid.load, stop.signal)
         .then((found) => {
           if (stop.signal.aborted || !found) return;
           group.add(found);
@@ -90,6 +98,24 @@ export function MapView({ map }: { map: string }) {
     };
   }, [isReady.value, layers.value, version]);
 
+  useEffect(() => {
+    const here = scene.current;
+    if (!here || !isTested || !grid.value || !spot.value) return;
+    const mark = chosen(here, grid.value, spot.value);
+    here.overlay.add(mark);
+    here.redraw();
+    return () => {
+      clear(mark);
+      here.overlay.remove(mark);
+      here.redraw();
+    };
+  }, [isReady.value, grid.value, spot.value, isTested]);
+
+  const clicked = (position: [number, number, number]) => {
+    if (measuring.value) measure.current?.add(position);
+    else if (isTested) spot.value = grid.value?.at(position) ?? null;
+  };
+
   if (details.error) return <ErrorText error={details.error} again={details.again} />;
   if (!details.value) return <p role="status">Opening {map} …</p>;
   if (!version) return <p>The map {map} has no active version.</p>;
@@ -100,7 +126,7 @@ export function MapView({ map }: { map: string }) {
         map={map}
         version={version}
         ready={opened}
-        clicked={measuring.value ? (position) => measure.current?.add(position) : undefined}
+        clicked={clicked}
       />
       <aside class="panel" aria-label="Layers and tools">
         <Layers
@@ -110,6 +136,10 @@ export function MapView({ map }: { map: string }) {
           storey={storey}
           whole={() => scene.current?.lookAtAll()}
         />
+        {isTested && grid.value ? (
+          <SpotPanel grid={grid.value} chosen={spot.value} choose={(one) => (spot.value = one)} />
+        ) : null}
+        <ShareLink version={version} />
         <section>
           <h3>Measure</h3>
           <label class="check">

@@ -77,3 +77,8 @@ export async function mark(cloud: Cloud, name: string, signal?: AbortSignal): Pr
     for (let axis = 0; axis < 3; axis++) found[3 * i + axis] = (packed[4 * i + axis] ?? 0) * scale;
   return found;
 }
+
+/** Positions from the root's low corner in the map's frame. */
+export function mapPositions(cloud: Cloud, positions: Float32Array): number[] {
+  return Array.from(positions, (m, i) => m + cloud.index.low_m[i % 3]!);
+}

@@ -1,4 +1,4 @@
-// Which nodes of the cloud to draw: those that look largest first, until there are enough points.
+// Which nodes of the cloud to draw: those that look coarsest first, until there are enough points.
 
 import type { CloudNode } from "./cloud";
 
@@ -25,12 +25,11 @@ export function gapOf(node: CloudNode, eye: Eye): number {
 /** The nodes to draw, the most important first: a parent always before its children. */
 export function choose(root: CloudNode, eye: Eye, mostPoints = MOST_POINTS): CloudNode[] {
   const chosen: CloudNode[] = [];
-  const waiting: { node: CloudNode; gap: number }[] = [{ node: root, gap: Infinity }];
+  const waiting = new Waiting();
+  waiting.push({ node: root, gap: Infinity });
   let drawn = 0;
-  while (waiting.length) {
-    let best = 0;
-    for (let i = 1; i < waiting.length; i++) if (waiting[i]!.gap > waiting[best]!.gap) best = i;
-    const [{ node, gap }] = waiting.splice(best, 1) as [{ node: CloudNode; gap: number }];
+  for (let next = waiting.pop(); next; next = waiting.pop()) {
+    const { node, gap } = next;
     if (drawn + node.count > mostPoints) break;
     chosen.push(node);
     drawn += node.count;
@@ -39,4 +38,44 @@ export function choose(root: CloudNode, eye: Eye, mostPoints = MOST_POINTS): Clo
       if (eye.sees(child.low, child.edge)) waiting.push({ node: child, gap: gapOf(child, eye) });
   }
   return chosen;
+}
+
+interface Candidate {
+  node: CloudNode;
+  gap: number;
+}
+
+/** A binary heap, the largest gap on top: a frame may look at thousands of nodes. */
+class Waiting {
+  private readonly heap: Candidate[] = [];
+
+  push(one: Candidate): void {
+    const { heap } = this;
+    let at = heap.push(one) - 1;
+    while (at > 0) {
+      const above = (at - 1) >> 1;
+      if (heap[above]!.gap >= one.gap) break;
+      heap[at] = heap[above]!;
+      at = above;
+    }
+    heap[at] = one;
+  }
+
+  pop(): Candidate | undefined {
+    const { heap } = this;
+    const top = heap[0];
+    const last = heap.pop();
+    if (!last || !heap.length) return top;
+    let at = 0;
+    for (;;) {
+      let below = 2 * at + 1;
+      if (below >= heap.length) break;
+      if (below + 1 < heap.length && heap[below + 1]!.gap > heap[below]!.gap) below += 1;
+      if (heap[below]!.gap <= last.gap) break;
+      heap[at] = heap[below]!;
+      at = below;
+    }
+    heap[at] = last;
+    return top;
+  }
 }

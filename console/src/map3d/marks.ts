@@ -3,12 +3,14 @@
 import {
   ArrowHelper,
   BoxGeometry,
+  type BufferGeometry,
   Color,
   DoubleSide,
   Group,
   InstancedMesh,
   Line,
   LineBasicMaterial,
+  LineLoop,
   Matrix4,
   Mesh,
   MeshBasicMaterial,
@@ -21,6 +23,9 @@ import {
   BufferAttribute,
 } from "three";
 import { geometryOf } from "./scene";
+
+const RING_PARTS = 96;
+const DOT_PX = 7;
 
 export interface Pose {
   position: number[];
@@ -38,7 +43,10 @@ export function poseMark(at: Vector3, pose: Pose, colour: number, size = 1): Gro
   );
   ball.renderOrder = 10;
   ball.position.copy(at);
-  group.add(ball);
+  const dot = dotsMark(new Float32Array(at.toArray()), colour, DOT_PX); // what is left of it from far away
+  dot.material.depthTest = false;
+  dot.renderOrder = 10;
+  group.add(ball, dot);
   const axes: [Vector3, number, number][] = [
     [new Vector3(1, 0, 0), colour, 1.4],
     [new Vector3(0, 0, 1), 0x8899aa, 0.7],
@@ -55,11 +63,23 @@ export function poseMark(at: Vector3, pose: Pose, colour: number, size = 1): Gro
   return group;
 }
 
-export function pathMark(positions: Float32Array, colour: number): Line {
+export function pathMark(positions: Float32Array, colour: number): Line<BufferGeometry, LineBasicMaterial> {
   return new Line(geometryOf(positions), new LineBasicMaterial({ color: colour }));
 }
 
-export function dotsMark(positions: Float32Array, colour: number, sizePx = 3): Points {
+/** A level circle around the origin. */
+export function ringMark(radius: number, colour: number): LineLoop {
+  const positions = new Float32Array(3 * RING_PARTS);
+  for (let i = 0; i < RING_PARTS; i++) {
+    const angle = (2 * Math.PI * i) / RING_PARTS;
+    positions.set([radius * Math.cos(angle), radius * Math.sin(angle), 0], 3 * i);
+  }
+  const ring = new LineLoop(geometryOf(positions), new LineBasicMaterial({ color: colour, depthTest: false }));
+  ring.renderOrder = 10;
+  return ring;
+}
+
+export function dotsMark(positions: Float32Array, colour: number, sizePx = 3): Points<BufferGeometry, PointsMaterial> {
   return new Points(
     geometryOf(positions),
     new PointsMaterial({ color: colour, size: sizePx, sizeAttenuation: false }),
@@ -80,6 +100,7 @@ export function squareMark(middle: Vector3, edge: number, colour: number): Mesh 
     new MeshBasicMaterial({ color: colour, transparent: true, opacity: 0.4, depthTest: false, side: DoubleSide }),
   );
   square.position.copy(middle);
+  square.renderOrder = 4;
   return square;
 }
 

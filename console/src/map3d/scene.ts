@@ -20,10 +20,11 @@ import {
 } from "three";
 import { MapControls } from "three/addons/controls/MapControls.js";
 import { type Cloud, type CloudNode, points } from "./cloud";
+import { framed } from "./framed";
 import { choose } from "./levels";
+import { Loads, toFree } from "./loads";
 import { PointMaterial } from "./material";
 
-const AT_ONCE = 6; // requests
 const KEPT_POINTS = 4_000_000; // in memory, drawn or not
 
 export interface View {
@@ -44,8 +45,11 @@ export class MapScene {
   private readonly renderer: WebGLRenderer;
   private readonly controls: MapControls;
   private readonly loaded = new Map<string, { object: Points; count: number; used: number }>();
-  private readonly loading = new Set<string>();
-  private readonly stop = new AbortController();
+  private readonly loads = new Loads<CloudNode, ArrayBuffer>(
+    (node, signal) => points(this.cloud, node.first, node.count, signal),
+    (node, data) => this.add(node, data),
+    (error) => this.failed(error),
+  );
   private wanted: CloudNode[] = [];
   private frame = 0;
   private isDirty = true;
@@ -74,9 +78,9 @@ export class MapScene {
     const [low, high] = cloud.index.bounds_m.map((corner) => this.local(corner)) as [Vector3, Vector3];
     this.material.heights = [low.z, high.z];
     this.material.spacing = 0.05;
-    this.lookAtAll();
     new ResizeObserver(() => this.resize()).observe(element);
     this.resize();
+    this.lookAtAll();
   }
 
   /** A position of the map's frame as the scene counts it. */
@@ -102,13 +106,12 @@ export class MapScene {
     this.redraw();
   }
 
-  /** Looks at the whole map from the south, obliquely. */
+  /** Looks at the whole map from the south, obliquely, from as near as shows all of it. */
   lookAtAll(): void {
     const [low, high] = this.cloud.index.bounds_m.map((corner) => this.local(corner)) as [Vector3, Vector3];
-    const middle = low.clone().add(high).multiplyScalar(0.5);
-    const reach = 0.6 * low.distanceTo(high);
-    this.controls.target.copy(middle);
-    this.camera.position.copy(middle).add(new Vector3(0, -0.75 * reach, 0.95 * reach));
+    const { target, eye } = framed(low.toArray(), high.toArray(), this.camera.fov, this.camera.aspect);
+    this.controls.target.set(...target);
+    this.camera.position.set(...eye);
     this.controls.update();
     this.redraw();
   }
@@ -120,6 +123,15 @@ export class MapScene {
     this.camera.position.copy(at).add(new Vector3(0, -0.7 * away, 0.8 * away));
     this.controls.update();
     this.redraw();
+  }
+
+  get canvas(): HTMLCanvasElement {
+    return this.renderer.domElement;
+  }
+
+  /** Whether dragging moves the camera. */
+  set isNavigable(navigable: boolean) {
+    this.controls.enabled = navigable;
   }
 
   redraw(): void {
@@ -159,16 +171,23 @@ export class MapScene {
     return best ? this.inMap(best) : null;
   }
 
-  /** The place of a position in the picture, in CSS pixels; null behind the eye. */
-  place(position: readonly number[]): [number, number] | null {
-    const at = this.local(position).project(this.camera);
-    if (at.z > 1) return null;
-    const { clientWidth, clientHeight } = this.element;
-    return [((at.x + 1) / 2) * clientWidth, ((1 - at.y) / 2) * clientHeight];
+  /** Which of some positions is drawn nearest to a place of the window, within some pixels; -1: none. */
+  nearest(positions: readonly (readonly number[])[], clientX: number, clientY: number, withinPx = 14): number {
+    const box = this.renderer.domElement.getBoundingClientRect();
+    let best = -1;
+    let bestPx = withinPx;
+    positions.forEach((position, i) => {
+      const at = this.local(position).project(this.camera);
+      if (at.z > 1) return; // behind the eye
+      const [x, y] = [box.left + ((at.x + 1) / 2) * box.width, box.top + ((1 - at.y) / 2) * box.height];
+      const away = Math.hypot(x - clientX, y - clientY);
+      if (away <= bestPx) [best, bestPx] = [i, away];
+    });
+    return best;
   }
 
   dispose(): void {
-    this.stop.abort();
+    this.loads.end();
     cancelAnimationFrame(this.frame);
     this.controls.dispose();
     for (const { object } of this.loaded.values()) object.geometry.dispose();
@@ -206,7 +225,7 @@ export class MapScene {
       this.shownPoints += there.count;
     }
     this.renderer.render(this.scene, this.camera);
-    this.fetchMissing();
+    this.loads.want(this.wanted, (key) => this.loaded.has(key));
     this.drawn();
   }
 
@@ -216,29 +235,17 @@ export class MapScene {
       new Matrix4().multiplyMatrices(this.camera.projectionMatrix, this.camera.matrixWorldInverse),
     );
     const box = new Box3();
+    const [lowest, highest] = this.material.uniforms.slice!.value.toArray() as [number, number];
     return choose(this.cloud.root, {
       at: this.camera.position.toArray(),
       pixelsPerTangent,
       sees: (low, edge) => {
+        if (low[2] > highest || low[2] + edge < lowest) return false;
         box.min.set(...low);
         box.max.set(low[0] + edge, low[1] + edge, low[2] + edge);
         return frustum.intersectsBox(box);
       },
     });
-  }
-
-  private fetchMissing(): void {
-    for (const node of this.wanted) {
-      if (this.loading.size >= AT_ONCE) return;
-      if (this.loaded.has(node.key) || this.loading.has(node.key)) continue;
-      this.loading.add(node.key);
-      points(this.cloud, node.first, node.count, this.stop.signal)
-        .then((data) => this.add(node, data))
-        .catch((error: unknown) => {
-          if (!this.stop.signal.aborted) this.failed(error);
-        })
-        .finally(() => this.loading.delete(node.key));
-    }
   }
 
   private add(node: CloudNode, data: ArrayBuffer): void {
@@ -258,17 +265,12 @@ export class MapScene {
     this.redraw();
   }
 
-  /** Frees what was not drawn for longest, if there is too much. */
   private forget(): void {
-    let kept = 0;
-    for (const { count } of this.loaded.values()) kept += count;
-    const oldest = [...this.loaded].sort(([, a], [, b]) => a.used - b.used);
-    for (const [key, { object, count, used }] of oldest) {
-      if (kept <= KEPT_POINTS || used >= this.round) return;
+    for (const key of toFree(this.loaded, this.round, KEPT_POINTS)) {
+      const { object } = this.loaded.get(key)!;
       this.scene.remove(object);
-      object.geometry.dispose();
+      object.geometry.dispose(); // its memory on the graphics card, too
       this.loaded.delete(key);
-      kept -= count;
     }
   }
 }

@@ -1,28 +1,38 @@
 import { useSignal } from "@preact/signals";
-import type { Query } from "../api/client";
-import { asCurl, asPython } from "./copyAs";
+import { asCpp, asCurl, asPython, type CopiedQuery } from "./copyAs";
 
-/** Buttons that copy the query for other programs. */
-export function CopyAs({ map, file, type, options }: { map: string; file: string; type: string; options: Query }) {
-  const copied = useSignal("");
-  const forms: Record<string, string> = {
-    curl: asCurl(map, file, type, options),
-    Python: asPython(map, file, options),
+/** The query for other programs: shown, and copied where the browser allows it (over HTTPS or from this machine). */
+export function CopyAs(query: CopiedQuery) {
+  const shown = useSignal("");
+  const isCopied = useSignal(false);
+  const forms: Record<string, string | null> = { curl: asCurl(query), Python: asPython(query), "C++": asCpp(query) };
+  const copy = async (name: string, text: string) => {
+    shown.value = name;
+    isCopied.value = false;
+    try {
+      await navigator.clipboard.writeText(text);
+      isCopied.value = true;
+    } catch {
+      isCopied.value = false; // it can still be selected
+    }
   };
   return (
-    <div class="row">
-      {Object.entries(forms).map(([name, text]) => (
-        <button
-          key={name}
-          onClick={async () => {
-            await navigator.clipboard.writeText(text);
-            copied.value = name;
-          }}
-        >
-          Copy as {name}
-        </button>
-      ))}
-      <span role="status">{copied.value ? `${copied.value} copied` : ""}</span>
-    </div>
+    <section aria-label="The same query for other programs">
+      <div class="row">
+        {Object.entries(forms).map(([name, text]) =>
+          text === null ? null : (
+            <button key={name} onClick={() => copy(name, text)}>
+              Copy as {name}
+            </button>
+          ),
+        )}
+        <span role="status">{isCopied.value ? `${shown.value} copied` : ""}</span>
+      </div>
+      {shown.value ? (
+        <pre class="code" tabIndex={0} aria-label={shown.value}>
+          {forms[shown.value]}
+        </pre>
+      ) : null}
+    </section>
   );
 }

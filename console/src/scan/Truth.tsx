@@ -1,27 +1,38 @@
 // Where a kept scan was really taken, as whoever looks at it says: tests of later versions use it.
 
 import { useSignal } from "@preact/signals";
-import { change } from "../api/client";
+import { change, type Schemas } from "../api/client";
 import type { Pose } from "../map3d/marks";
 import { ErrorText } from "../ui/ErrorText";
 
-export function Truth({ sample, map, pose }: { sample: string; map: string; pose: Pose | null }) {
+export interface TruthProps {
+  sample: string;
+  map: string;
+  place: Pose | null; // of the hypothesis that is shown
+  hand: Pose | null;
+}
+
+export function Truth({ sample, map, place, hand }: TruthProps) {
   const told = useSignal("");
   const problem = useSignal<unknown>(null);
   const tell = async (T_map_sensor: Pose | null, text: string) => {
+    problem.value = null;
     try {
-      await change("PUT", `/samples/${sample}/truth`, { json: { map_id: map, T_map_sensor } });
+      await change<Schemas["Sample"]>("PUT", `/samples/${sample}/truth`, { json: { map_id: map, T_map_sensor } });
       told.value = text;
     } catch (error) {
       problem.value = error;
     }
   };
   return (
-    <section>
+    <section aria-label="Truth">
       <h3>Where was it really taken?</h3>
       <div class="row">
-        <button disabled={!pose} onClick={() => tell(pose, "Noted: at this place")}>
-          At this place
+        <button disabled={!place} onClick={() => tell(place, "Noted: at the place shown")}>
+          At the place shown
+        </button>
+        <button disabled={!hand} onClick={() => tell(hand, "Noted: at the pose by hand")}>
+          At the pose by hand
         </button>
         <button onClick={() => tell(null, "Noted: not in this map")}>Not in this map</button>
         <span role="status">{told.value}</span>

@@ -3,122 +3,92 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { Group } from "three";
-import { mayBuild } from "../access/session";
-import { get, type Query, type Schemas, send } from "../api/client";
+import { key, mayBuild } from "../access/session";
+import { get, type Query, type Schemas } from "../api/client";
 import { MapCanvas } from "../map3d/MapCanvas";
 import { poseMark } from "../map3d/marks";
+import type { HandleMode } from "../map3d/poseHandle";
 import { clear, type MapScene } from "../map3d/scene";
 import { route } from "../router";
 import { ErrorText } from "../ui/ErrorText";
 import { useLoaded } from "../ui/useLoaded";
 import { colourOf } from "../ui/verdict";
 import { AnswerPanel } from "./AnswerPanel";
-import { Truth } from "./Truth";
 import { CopyAs } from "./CopyAs";
-import { mediaTypeOf, SUFFIXES } from "./media";
-import { drawOverlay, type OverlayShares } from "./overlay";
-
-interface Asked {
-  name: string;
-  type: string;
-  encoding: string;
-  body: Blob;
-}
+import { gravityOf, type HandPose, handPoseAt, handPoseOf, poseOf, priorOf } from "./handPose";
+import { HandPanel } from "./HandPanel";
+import { SUFFIXES } from "./media";
+import { ScanKey } from "./ScanKey";
+import { Truth } from "./Truth";
+import { useAnswer } from "./useAnswer";
+import { useAsked } from "./useAsked";
+import { useHandle } from "./useHandle";
+import { useOverlay } from "./useOverlay";
+import { VersionChoice } from "./VersionChoice";
 
 export function TryView({ map }: { map: string }) {
   const details = useLoaded((signal) => get<Schemas["MapDetails"]>(`/maps/${map}`, {}, signal), [map]);
-  const version = route.value.query.get("version") || details.value?.active_version || "";
+  const active = details.value?.active_version ?? "";
+  const version = route.value.query.get("version") || active;
   const sampleId = route.value.query.get("sample") ?? "";
-  const asked = useSignal<Asked | null>(null);
-  const answer = useSignal<Schemas["Answer"] | null>(null);
-  const chosen = useSignal(0);
   const least = useSignal("");
-  const prior = useSignal("");
-  const isAsking = useSignal(false);
+  const hand = {
+    pose: useSignal<HandPose | null>(null),
+    settled: useSignal<HandPose | null>(null),
+    mode: useSignal<HandleMode>("translate"),
+  };
+  const isPrior = useSignal(true);
+  const isTiltKnown = useSignal(false);
+  const isLaidByHand = useSignal(false);
   const problem = useSignal<unknown>(null);
-  const shares = useSignal<OverlayShares | null>(null);
   const scene = useRef<MapScene | null>(null);
   const isReady = useSignal(0);
-  const ghosts = useRef(new Group());
-  const overlay = useRef(new Group());
+  const ghosts = useRef(new Group()).current;
+  const looked = useRef<unknown>(null);
 
-  const options: Query = { min_probability: least.value, prior: prior.value, version: route.value.query.get("version") };
-
-  const take = (file: File | undefined) => {
-    if (!file) return;
-    try {
-      asked.value = { name: file.name, type: mediaTypeOf(file.name), encoding: "", body: file };
-    } catch (error) {
-      problem.value = error;
-    }
+  const settled = hand.settled.value;
+  const isNear = settled !== null && isPrior.value;
+  const options: Query = {
+    min_probability: least.value,
+    prior: isNear ? priorOf(settled) : "",
+    gravity: isNear && isTiltKnown.value ? gravityOf(settled) : "",
+    version: route.value.query.get("version"),
   };
-
-  useEffect(() => {
-    if (!sampleId) return;
-    const stop = new AbortController();
-    Promise.all([
-      get<Schemas["Sample"]>(`/samples/${sampleId}`, {}, stop.signal),
-      send("GET", `/samples/${sampleId}/body`, { signal: stop.signal }).then((found) => found.blob()),
-    ])
-      .then(([sample, body]) => {
-        asked.value = { name: sampleId, type: sample.media_type, encoding: sample.content_encoding, body };
-      })
-      .catch((error: unknown) => {
-        if (!stop.signal.aborted) problem.value = error;
-      });
-    return () => stop.abort();
-  }, [sampleId]);
-
-  useEffect(() => {
-    const query = asked.value;
-    if (!query) return;
-    const stop = new AbortController();
-    isAsking.value = true;
-    problem.value = null;
-    const headers: Record<string, string> = { "Content-Type": query.type, "X-Request-Id": `replay-console-${Date.now()}` };
-    if (query.encoding) headers["Content-Encoding"] = query.encoding;
-    send("POST", "/localize", { query: { map, ...options }, body: query.body, headers, signal: stop.signal })
-      .then(async (found) => {
-        answer.value = (await found.json()) as Schemas["Answer"];
-        chosen.value = 0;
-      })
-      .catch((error: unknown) => {
-        if (!stop.signal.aborted) problem.value = error;
-      })
-      .finally(() => {
-        if (!stop.signal.aborted) isAsking.value = false;
-      });
-    return () => stop.abort();
-  }, [asked.value, least.value, prior.value, version]);
+  const { asked, take } = useAsked(sampleId, problem);
+  const { answer, chosen, isAsking } = useAnswer(map, asked.value, options, problem);
+  const place = answer.value?.hypotheses[chosen.value]?.T_map_sensor ?? null;
+  const byHand = settled && poseOf(settled);
+  const laid = isLaidByHand.value && byHand ? byHand : place;
+  const overlay = useOverlay(scene, isReady.value, map, version, asked.value, laid, problem);
+  useHandle(scene, isReady.value, hand, (pose) => isLaidByHand.value && overlay.moved(pose));
 
   useEffect(() => {
     const here = scene.current;
     if (!here || !answer.value) return;
-    clear(ghosts.current);
+    clear(ghosts);
     answer.value.hypotheses.forEach((one, i) => {
       const colour = i === chosen.value ? colourOf(answer.value!.verdict) : 0x9aa5b1;
-      ghosts.current.add(poseMark(here.local(one.T_map_sensor.position), one.T_map_sensor, colour, i === chosen.value ? 2 : 1.2));
+      ghosts.add(poseMark(here.local(one.T_map_sensor.position), one.T_map_sensor, colour, i === chosen.value ? 2 : 1.2));
     });
-    const place = answer.value.hypotheses[chosen.value];
-    if (place) here.lookAt(place.T_map_sensor.position, 25);
     here.redraw();
   }, [answer.value, chosen.value, isReady.value]);
 
   useEffect(() => {
-    const [here, query] = [scene.current, asked.value];
-    const place = answer.value?.hypotheses[chosen.value];
-    if (!here || !query || !place || !version) return;
-    const stop = new AbortController();
-    clear(overlay.current);
-    drawOverlay(here, overlay.current, map, version, place.T_map_sensor, query, stop.signal)
-      .then((found) => {
-        if (!stop.signal.aborted) shares.value = found;
-      })
-      .catch((error: unknown) => {
-        if (!stop.signal.aborted) problem.value = error;
-      });
-    return () => stop.abort();
-  }, [answer.value, chosen.value, isReady.value, version]);
+    // The camera goes to a place that was chosen, and stays while a pose is dragged.
+    if (!scene.current || !place) return;
+    const what = `${asked.value?.name} ${chosen.value} ${isReady.value}`;
+    if (looked.current !== what) scene.current.lookAt(place.position, 25);
+    looked.current = what;
+  }, [place, isReady.value]);
+
+  const begin = () => {
+    const pose = place ?? { position: scene.current?.view.target ?? [0, 0, 0], quaternion: [0, 0, 0, 1] };
+    setHand(handPoseOf(pose, null));
+  };
+  const setHand = (pose: HandPose) => {
+    hand.pose.value = pose;
+    hand.settled.value = pose;
+  };
 
   if (details.error) return <ErrorText error={details.error} again={details.again} />;
   return (
@@ -137,23 +107,20 @@ export function TryView({ map }: { map: string }) {
           version={version}
           ready={(found) => {
             scene.current = found;
-            found?.overlay.add(ghosts.current, overlay.current);
+            found?.overlay.add(ghosts, overlay.group);
             if (found) found.material.colouring = "plain";
             isReady.value += 1;
           }}
-          clicked={(position) => (prior.value = `${position.map((v) => v.toFixed(2)).join(",")},${priorRadius(prior.value)}`)}
+          clicked={(position) => setHand(handPoseAt(position, hand.pose.value))}
         />
       ) : null}
       <aside class="panel" aria-label="Scan and answer">
         <h2>Try a scan in {map}</h2>
         <label class="drop">
           <span>{asked.value ? asked.value.name : `Drop a scan here: ${SUFFIXES.join(", ")}`}</span>
-          <input
-            type="file"
-            accept={SUFFIXES.join(",")}
-            onChange={(event) => take(event.currentTarget.files?.[0])}
-          />
+          <input type="file" accept={SUFFIXES.join(",")} onChange={(event) => take(event.currentTarget.files?.[0])} />
         </label>
+        <VersionChoice map={map} active={active} />
         <label>
           Least probability {least.value || "of the map"}
           <input
@@ -165,35 +132,35 @@ export function TryView({ map }: { map: string }) {
             onChange={(event) => (least.value = event.currentTarget.value)}
           />
         </label>
-        <label>
-          Known to be near: x, y, z, radius in metres, and yaw ± range in degrees. A click on the map fills it in
-          <input
-            placeholder="anywhere"
-            value={prior.value}
-            onChange={(event) => (prior.value = event.currentTarget.value)}
-          />
-        </label>
+        <HandPanel hand={hand} isPrior={isPrior} isTiltKnown={isTiltKnown} begin={begin} />
+        {byHand && asked.value ? (
+          <label class="check">
+            <input
+              type="checkbox"
+              checked={isLaidByHand.value}
+              onChange={(event) => (isLaidByHand.value = event.currentTarget.checked)}
+            />
+            Lay the scan at the pose by hand
+          </label>
+        ) : null}
         {isAsking.value ? <p role="status">Asking …</p> : null}
         {problem.value ? <ErrorText error={problem.value} /> : null}
         {answer.value ? (
           <AnswerPanel answer={answer.value} chosen={chosen.value} choose={(i) => (chosen.value = i)} />
         ) : null}
-        {shares.value ? (
-          <ul class="key">
-            <li class="agrees">on the map: {shares.value.agrees} points</li>
-            <li class="contradicts">through the map: {shares.value.contradicts}</li>
-            <li class="unexplained">not in the map: {shares.value.unexplained}</li>
-          </ul>
+        {overlay.shares.value ? <ScanKey shares={overlay.shares.value} /> : null}
+        {sampleId && mayBuild.value ? <Truth sample={sampleId} map={map} place={place} hand={byHand} /> : null}
+        {asked.value ? (
+          <CopyAs
+            map={map}
+            file={asked.value.name}
+            type={asked.value.type}
+            encoding={asked.value.encoding}
+            options={options}
+            isSignedIn={key.value !== ""}
+          />
         ) : null}
-        {sampleId && answer.value && mayBuild.value ? (
-          <Truth sample={sampleId} map={map} pose={answer.value.hypotheses[chosen.value]?.T_map_sensor ?? null} />
-        ) : null}
-        {asked.value ? <CopyAs map={map} file={asked.value.name} type={asked.value.type} options={options} /> : null}
       </aside>
     </div>
   );
-}
-
-function priorRadius(prior: string): string {
-  return prior.split(",").slice(3).join(",") || "5";
 }

@@ -50,6 +50,8 @@ const REASONS: Record<string, string> = {
   not_registered: "The query had no points, so its places are only candidates.",
 };
 
+export const REASON_CODES = Object.keys(REASONS);
+
 export function reason(code: string): string {
   return REASONS[code] ?? code.replaceAll("_", " ");
 }

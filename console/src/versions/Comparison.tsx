@@ -1,10 +1,11 @@
 // Two versions side by side: their self-tests, and where one localizes better than the other.
 
 import { get, type Schemas } from "../api/client";
-import type { SpotCell } from "../map3d/layerMarks";
 import { ErrorText } from "../ui/ErrorText";
 import { count, percent, short } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
+import { Changed } from "./Changed";
+import { Difference } from "./Difference";
 
 type Report = Schemas["VersionReport"];
 
@@ -49,47 +50,9 @@ export function Comparison({ map, versions }: { map: string; versions: [string, 
           ))}
         </tbody>
       </table>
-      <h3>Where the second localizes better (green) or worse (red)</h3>
-      <Difference before={cellsOf(a)} after={cellsOf(b)} />
+      <Changed map={map} versions={versions} />
+      <Difference key={versions.join()} map={map} versions={versions} />
     </section>
-  );
-}
-
-function cellsOf(report: Report): SpotCell[] {
-  return (report.self_test.localizability ?? []) as SpotCell[];
-}
-
-/** Squares of the self-test's grid, coloured by the change of the localized share. */
-function Difference({ before, after }: { before: SpotCell[]; after: SpotCell[] }) {
-  const old = new Map(before.map((one) => [one.cell.join(), one.localized / one.scans]));
-  const both = after
-    .filter((one) => old.has(one.cell.join()))
-    .map((one) => ({ cell: one.cell, gain: one.localized / one.scans - old.get(one.cell.join())! }));
-  if (!both.length) return <p class="hint">The self-tests share no place.</p>;
-  const xs = both.map(({ cell }) => cell[0]);
-  const ys = both.map(({ cell }) => cell[1]);
-  const [left, top] = [Math.min(...xs), Math.max(...ys)];
-  const [width, height] = [Math.max(...xs) - left + 1, top - Math.min(...ys) + 1];
-  const better = both.filter(({ gain }) => gain > 0).length;
-  const worse = both.filter(({ gain }) => gain < 0).length;
-  const text = `${both.length} places: ${better} better, ${worse} worse`;
-  return (
-    <figure>
-      <svg class="difference" viewBox={`0 0 ${width} ${height}`} role="img" aria-label={text}>
-        {both.map(({ cell: [x, y], gain }) => (
-          <rect
-            key={`${x},${y}`}
-            x={x - left}
-            y={top - y}
-            width={0.95}
-            height={0.95}
-            class={gain > 0 ? "better" : gain < 0 ? "worse" : "same"}
-            opacity={gain === 0 ? 0.35 : 0.4 + 0.6 * Math.abs(gain)}
-          />
-        ))}
-      </svg>
-      <figcaption>{text}</figcaption>
-    </figure>
   );
 }
 

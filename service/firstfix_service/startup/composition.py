@@ -118,7 +118,7 @@ async def compose(
     metrics.body_bytes.set_function(lambda: bodies.inflight_bytes)
     samples = await _open_samples(settings, store, metrics)
     sampler = _start_sampler(settings, samples, metrics, stack)
-    recent = RecentAnswers()
+    recent = RecentAnswers(replica)
     recorder = QueryRecorder(metrics, requests, recent, sampler)
     limit = settings.max_decoded_bytes
     use_case = LocalizeUseCase(maps, pool, workers, recorder, max_decoded_bytes=limit)
@@ -240,6 +240,7 @@ async def _start_zenoh(
     parts: Parts, replica: str, requests: Requests, draining: asyncio.Event, stack: AsyncExitStack
 ) -> Callable[[], None]:
     """Starts to answer over zenoh. Returns a callback that updates the zenoh tokens after each poll."""
+    from ..zenoh_api.answers import ZenohAnswers
     from ..zenoh_api.catalog import ZenohCatalog
     from ..zenoh_api.config import client_config
     from ..zenoh_api.endpoint import ZenohEndpoint
@@ -261,6 +262,8 @@ async def _start_zenoh(
 
         zenoh_catalog = ZenohCatalog(endpoint.session, replica, parts.maps, parts.catalog, load)
         stack.push_async_callback(START.run, zenoh_catalog.close)
+        answers = await START.run(ZenohAnswers, endpoint.session, parts.recent, client_config(settings))
+        stack.push_async_callback(START.run, answers.close)
     _log.info("answering over zenoh", replica=replica)
     updating = threading.Lock()
 

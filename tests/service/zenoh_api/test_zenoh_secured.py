@@ -98,6 +98,33 @@ def test_only_replicas_tell_of_versions(world: ZenohWorld):
     assert heard == [b"the truth"]
 
 
+def test_only_replicas_read_and_tell_of_answers(world: ZenohWorld):
+    heard: list[bytes] = []
+    overheard: list[bytes] = []
+    key = "firstfix/@answers/*"
+    with (
+        world.session("replica") as watcher,
+        world.session("robot") as listener,
+        world.session("robot") as liar,
+        client(world) as asking,
+    ):
+        watcher.declare_subscriber(key, lambda s: heard.append(s.payload.to_bytes()))
+        listener.declare_subscriber(key, lambda s: overheard.append(s.payload.to_bytes()))
+        assert answered(listener, "firstfix/hall/localize")  # the declaration has arrived before it
+
+        def told(count: int) -> bool:
+            assert asking.localize(SCAN, map_id="attic").verdict is Verdict.LOCALIZED
+            return len(heard) >= count
+
+        wait_until(lambda: told(1))
+        liar.put("firstfix/@answers/r0", b"a lie")
+        assert answered(liar, "firstfix/hall/localize")
+        told_so_far = len(heard)
+        wait_until(lambda: told(told_so_far + 2))
+    assert b"a lie" not in heard
+    assert overheard == []
+
+
 def test_a_guest_cannot_pose_as_a_replica(world: ZenohWorld):
     asked = []
     with world.session("guest") as session:

@@ -1,4 +1,4 @@
-"""GET /answers/events: the answers of this replica as it gives them, as server-sent events."""
+"""GET /answers/events: the answers of the replicas as they give them, as server-sent events."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from firstfix.ids import check_map_id
 
 from ....auth.permission import Permission, PermissionDep
 from ....auth.principal import Principal
-from ....localize.recent import RecentAnswer
+from ....localize.recent import RecentAnswer, RecentAnswers
 from ...authorize import CallerDep
 from ...dependencies import Parts, PartsDep
 from ...event_stream import HEARTBEAT, HEARTBEAT_S, EventStream
@@ -28,8 +28,11 @@ _log = structlog.get_logger(__name__)
 LOOK_S = 0.25  # between looks for new answers
 _EVENTS: dict[int | str, dict[str, Any]] = {
     200: {
-        "description": "`event: answer`, `id` its number, `data`: `number`, `time_s` since the epoch, "
-        "`caller`, `transport`, `ms`, and `answer` as `POST /localize` gave it",
+        "description": "First `event: watching`, `data`: `replica`, and `all_replicas`: whether answers of "
+        "others come, too. Then `event: answer`, `id` its number, `data`: `number`, `replica`, `time_s` "
+        "since the epoch, `caller`, `transport`, `ms`, and `answer` as `POST /localize` gave it. Of other "
+        "replicas it has only `verdict`, `reasons`, `probability`, `map_id`, `map_version` and "
+        "`T_map_sensor`",
         "content": {"text/event-stream": {"schema": {"type": "string"}}},
     }
 }
@@ -47,24 +50,26 @@ async def get_answer_events(
 ) -> StreamingResponse:
     """Answers about the caller's maps, until the caller's key or token is no longer valid.
 
-    Each replica tells of its own answers.
+    Replicas tell each other of their answers over zenoh, where it is on and keeps strangers away. Otherwise
+    each replica tells of its own alone. Of many answers at a time some may be left out.
     """
     if map_id is not None:
         caller.check_map(check_map_id(map_id))
     counted = ExitStack()
     counted.enter_context(parts.event_streams.request(caller.name))
+    counted.enter_context(parts.recent.watched())
     return EventStream(_events(parts, caller, permission, map_id, after), counted)
 
 
 async def _events(
     parts: Parts, caller: Principal, permission: Permission, map_id: str | None, after: int
 ) -> AsyncIterator[bytes]:
-    yield HEARTBEAT  # the headers go out at once
+    yield _watching(parts.recent)  # the headers go out at once
     said = checked = time.monotonic()
     while not parts.closing.is_set():
         for one in parts.recent.after(after):
             after = one.number
-            found_in = one.answer.map_id
+            found_in = one.map_id
             shown = caller.sees(found_in) if found_in else caller.sees_every_map
             if shown and map_id in (None, found_in):
                 yield _event(one)
@@ -84,14 +89,20 @@ async def _events(
             checked = time.monotonic()
 
 
+def _watching(recent: RecentAnswers) -> bytes:
+    data = orjson.dumps({"replica": recent.replica, "all_replicas": recent.hears_others})
+    return b"event: watching\ndata: %s\n\n" % data
+
+
 def _event(one: RecentAnswer) -> bytes:
     head = orjson.dumps(
         {
             "number": one.number,
+            "replica": one.replica,
             "time_s": one.time_s,
             "caller": one.caller,
             "transport": one.transport,
             "ms": one.seconds * 1e3,
         }
     )
-    return b'event: answer\nid: %d\ndata: %s,"answer":%s}\n\n' % (one.number, head[:-1], one.answer.json)
+    return b'event: answer\nid: %d\ndata: %s,"answer":%s}\n\n' % (one.number, head[:-1], one.json)

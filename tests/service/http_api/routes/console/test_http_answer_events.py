@@ -24,12 +24,13 @@ def events(response: httpx.Response) -> Iterator[dict[str, Any]]:
 def watched(
     service: Service, count: int, headers: dict[str, str] | None = None, **params: Any
 ) -> list[dict[str, Any]]:
-    """The first events of a stream."""
+    """The first answers of a stream."""
     with service.http.stream(
         "GET", "/answers/events", params=params, headers=headers, timeout=LIMIT_S
     ) as stream:
         assert stream.status_code == 200
         coming = events(stream)
+        assert set(next(coming)) == {"replica", "all_replicas"}
         return [next(coming) for _ in range(count)]
 
 

@@ -1,0 +1,62 @@
+// Which kept queries are shown. The choice is in the address, so that a link to it shows the same.
+
+import { go, route } from "../router";
+import { reason, REASON_CODES } from "../ui/text";
+
+const VERDICTS = ["localized", "ambiguous", "rejected"];
+
+export interface Filter {
+  map_id: string;
+  verdict: string;
+  reason: string;
+}
+
+export function filterOf(query: URLSearchParams): Filter {
+  return { map_id: query.get("map") ?? "", verdict: query.get("verdict") ?? "", reason: query.get("reason") ?? "" };
+}
+
+export function Filters({ maps }: { maps: string[] }) {
+  const filter = filterOf(route.value.query);
+  const choose = (name: string, value: string) => {
+    const query = new URLSearchParams(route.value.query);
+    value ? query.set(name, value) : query.delete(name);
+    go(["samples"], Object.fromEntries(query));
+  };
+  return (
+    <>
+      <Choice name="Map" value={filter.map_id} options={maps} choose={(value) => choose("map", value)} />
+      <Choice name="Verdict" value={filter.verdict} options={VERDICTS} choose={(value) => choose("verdict", value)} />
+      <Choice
+        name="Why"
+        value={filter.reason}
+        options={REASON_CODES}
+        text={reason}
+        choose={(value) => choose("reason", value)}
+      />
+    </>
+  );
+}
+
+interface ChoiceProps {
+  name: string;
+  value: string;
+  options: string[];
+  text?: (option: string) => string;
+  choose: (value: string) => void;
+}
+
+function Choice({ name, value, options, text = String, choose }: ChoiceProps) {
+  return (
+    <label>
+      {name}
+      <select value={value} onChange={(event) => choose(event.currentTarget.value)}>
+        <option value="">All</option>
+        {options.map((one) => (
+          <option key={one} value={one}>
+            {text(one)}
+          </option>
+        ))}
+      </select>
+    </label>
+  );
+}

@@ -1,0 +1,62 @@
+// Kept queries as pins on their map. A click on one opens it.
+
+import { useSignal } from "@preact/signals";
+import { useEffect, useRef } from "preact/hooks";
+import { Group } from "three";
+import { get, type Schemas } from "../api/client";
+import { MapCanvas } from "../map3d/MapCanvas";
+import { type Pose, poseMark } from "../map3d/marks";
+import { clear, type MapScene } from "../map3d/scene";
+import { colourOf } from "../ui/verdict";
+import { useLoaded } from "../ui/useLoaded";
+import { answerOf, placeIn, type Sample } from "./place";
+
+export interface SamplePinsProps {
+  map: string;
+  samples: Sample[];
+  pointedAt: string; // id of the sample under the pointer in the table
+  open: (sample: Sample) => void;
+}
+
+export function SamplePins({ map, samples, pointedAt, open }: SamplePinsProps) {
+  const details = useLoaded((signal) => get<Schemas["MapDetails"]>(`/maps/${map}`, {}, signal), [map]);
+  const scene = useRef<MapScene | null>(null);
+  const isReady = useSignal(0);
+  const marks = useRef(new Group()).current;
+  const pins = samples
+    .map((sample) => ({ sample, pose: placeIn(sample, map) }))
+    .filter((pin): pin is { sample: Sample; pose: Pose } => pin.pose !== null);
+
+  useEffect(() => {
+    const here = scene.current;
+    if (!here) return;
+    clear(marks);
+    for (const { sample, pose } of pins) {
+      const size = sample.sample_id === pointedAt ? 5 : 2.5;
+      marks.add(poseMark(here.local(pose.position), pose, colourOf(answerOf(sample).verdict), size));
+    }
+    here.redraw();
+  }, [samples, pointedAt, isReady.value]);
+
+  const version = details.value?.active_version;
+  if (!version) return null;
+  return (
+    <MapCanvas
+      key={version}
+      map={map}
+      version={version}
+      ready={(found) => {
+        scene.current = found;
+        found?.overlay.add(marks);
+        if (found) found.material.colouring = "plain";
+        isReady.value += 1;
+      }}
+      clickedAt={(x, y) => {
+        const positions = pins.map(({ pose }) => pose.position);
+        const pin = pins[scene.current?.nearest(positions, x, y) ?? -1];
+        if (pin) open(pin.sample);
+        return pin !== undefined;
+      }}
+    />
+  );
+}

@@ -1,0 +1,129 @@
+// A pose by hand, in numbers: where the robot is thought to be, or where it really was.
+
+import type { Signal } from "@preact/signals";
+import type { HandPose } from "./handPose";
+import type { HandState } from "./useHandle";
+
+export interface HandPanelProps {
+  hand: HandState;
+  isPrior: Signal<boolean>;
+  isTiltKnown: Signal<boolean>;
+  /** Begins with the place that is shown, or the middle of the picture. */
+  begin: () => void;
+}
+
+type Angle = "roll_deg" | "pitch_deg" | "yaw_deg";
+const ANGLES: [Angle, string][] = [
+  ["roll_deg", "Roll (°)"],
+  ["pitch_deg", "Pitch (°)"],
+  ["yaw_deg", "Yaw (°)"],
+];
+
+export function HandPanel({ hand, isPrior, isTiltKnown, begin }: HandPanelProps) {
+  const pose = hand.pose.value;
+  if (!pose) {
+    return (
+      <section>
+        <h3>A pose by hand</h3>
+        <p class="hint">Click the map where the robot is, or begin here and drag.</p>
+        <button onClick={begin}>Place by hand</button>
+      </section>
+    );
+  }
+  const set = (changed: Partial<HandPose>) => {
+    hand.pose.value = { ...pose, ...changed };
+    hand.settled.value = hand.pose.value;
+  };
+  const remove = () => {
+    hand.pose.value = null;
+    hand.settled.value = null;
+  };
+  const moved = (axis: number, m: number) => {
+    const position: HandPose["position"] = [...pose.position];
+    position[axis] = m;
+    set({ position });
+  };
+  return (
+    <section aria-label="A pose by hand">
+      <h3>A pose by hand</h3>
+      <div class="row" role="group" aria-label="What dragging does">
+        <button aria-pressed={hand.mode.value === "translate"} onClick={() => (hand.mode.value = "translate")}>
+          Move
+        </button>
+        <button aria-pressed={hand.mode.value === "rotate"} onClick={() => (hand.mode.value = "rotate")}>
+          Turn
+        </button>
+        <button onClick={remove}>Remove</button>
+      </div>
+      <div class="numbers">
+        {["x (m)", "y (m)", "z (m)"].map((name, axis) => (
+          <NumberField key={name} name={name} value={pose.position[axis]!} step={0.1} set={(m) => moved(axis, m)} />
+        ))}
+        {ANGLES.map(([field, name]) => (
+          <NumberField key={name} name={name} value={pose[field]} step={1} set={(degrees) => set({ [field]: degrees })} />
+        ))}
+      </div>
+      <label class="check">
+        <input type="checkbox" checked={isPrior.value} onChange={(event) => (isPrior.value = event.currentTarget.checked)} />
+        Search only around it
+      </label>
+      {isPrior.value ? (
+        <>
+          <div class="numbers">
+            <NumberField
+              name="Within (m)"
+              value={pose.radius_m}
+              step={0.5}
+              least={0.1}
+              set={(m) => set({ radius_m: m })}
+            />
+            <NumberField
+              name="Heading ± (°)"
+              value={pose.yaw_range_deg}
+              step={5}
+              least={1}
+              most={180}
+              set={(degrees) => set({ yaw_range_deg: degrees })}
+            />
+          </div>
+          <label class="check">
+            <input
+              type="checkbox"
+              checked={isTiltKnown.value}
+              onChange={(event) => (isTiltKnown.value = event.currentTarget.checked)}
+            />
+            Its roll and pitch are known, too
+          </label>
+        </>
+      ) : null}
+    </section>
+  );
+}
+
+interface NumberFieldProps {
+  name: string;
+  value: number;
+  step: number;
+  least?: number;
+  most?: number;
+  set: (value: number) => void;
+}
+
+function NumberField({ name, value, step, least, most, set }: NumberFieldProps) {
+  return (
+    <label>
+      {name}
+      <input
+        type="number"
+        step={step}
+        min={least}
+        max={most}
+        value={Number(value.toFixed(2))}
+        onChange={(event) => {
+          const given = event.currentTarget.valueAsNumber;
+          if (Number.isFinite(given)) set(Math.min(most ?? Infinity, Math.max(least ?? -Infinity, given)));
+        }}
+      />
+    </label>
+  );
+}

@@ -1,0 +1,40 @@
+// Asks where the scan was taken, and again when the options change.
+
+import { type Signal, useSignal } from "@preact/signals";
+import { useEffect } from "preact/hooks";
+import { type Query, type Schemas, send } from "../api/client";
+import type { Asked } from "./useAsked";
+
+export interface AnswerState {
+  answer: Signal<Schemas["Answer"] | null>;
+  chosen: Signal<number>; // of its hypotheses
+  isAsking: Signal<boolean>;
+}
+
+export function useAnswer(map: string, query: Asked | null, options: Query, problem: Signal<unknown>): AnswerState {
+  const answer = useSignal<Schemas["Answer"] | null>(null);
+  const chosen = useSignal(0);
+  const isAsking = useSignal(false);
+  useEffect(() => {
+    if (!query) return;
+    const stop = new AbortController();
+    isAsking.value = true;
+    problem.value = null;
+    // A query with such an id is not kept: it was kept already, or a person only tries it.
+    const headers: Record<string, string> = { "Content-Type": query.type, "X-Request-Id": `replay-console-${Date.now()}` };
+    if (query.encoding) headers["Content-Encoding"] = query.encoding;
+    send("POST", "/localize", { query: { map, ...options }, body: query.body, headers, signal: stop.signal })
+      .then(async (found) => {
+        answer.value = (await found.json()) as Schemas["Answer"];
+        chosen.value = 0;
+      })
+      .catch((error: unknown) => {
+        if (!stop.signal.aborted) problem.value = error;
+      })
+      .finally(() => {
+        if (!stop.signal.aborted) isAsking.value = false;
+      });
+    return () => stop.abort();
+  }, [query, ...Object.values(options)]);
+  return { answer, chosen, isAsking };
+}
