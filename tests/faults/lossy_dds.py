@@ -1,0 +1,60 @@
+"""A robot on DDS and a gateway on a network that drops datagrams: everything that is asked must be answered.
+
+    python -m tests.faults lossy_dds --store DIR --map ID --poses POSES.csv [--minutes 10] [--loss 0.3]
+
+The robot is of another DDS (``tests/robots``). It publishes reliable clouds at 10 Hz and asks again
+as soon as it has its pose. Needs root (network namespaces), cargo, and the package cyclonedds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from benchmarks.weak_link.link import missing
+from tests.robots import rust_robot
+from tests.robots.dds_world import scenes
+from tests.robots.lossy_network import POINTS, Told, ask, lossy_link, robot_over
+
+WITHIN_M = 0.2
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Runs the drill."""
+    parser = argparse.ArgumentParser(
+        prog="tests.faults lossy_dds",
+        description=__doc__,
+        formatter_class=argparse.RawTextHelpFormatter,
+    )
+    parser.add_argument("--store", required=True, type=Path)
+    parser.add_argument("--map", required=True)
+    parser.add_argument("--poses", required=True, type=Path, help="poses.csv of held-out scans")
+    parser.add_argument("--minutes", type=float, default=10.0)
+    parser.add_argument("--loss", type=float, default=0.3, help="share of the datagrams")
+    parser.add_argument("--points", type=int, default=POINTS, help="of a cloud")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--robot", type=Path, help="its program, if it is built elsewhere")
+    given = parser.parse_args(arguments)
+    reason = missing() or (None if given.robot else rust_robot.missing())
+    if reason is not None:
+        print(reason)
+        return 2
+    told, asked = Told(), 0
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        seen = scenes(given.poses, folder, 50, given.seed, given.points)
+        program = given.robot or rust_robot.build()
+        with (
+            lossy_link(given.loss, given.seed, told) as link,
+            robot_over(link, program, folder, given.store.resolve(), given.map) as robot,
+        ):
+            end = time.monotonic() + 60 * given.minutes
+            while time.monotonic() < end:
+                ask(robot, [seen[asked % len(seen)]], told)
+                asked += 1
+    print(json.dumps({"asked": asked, **told.figures()}))
+    return int(len(told.took_s) < asked or max(told.far_m) >= WITHIN_M)
