@@ -49,7 +49,7 @@ class Clock:
 
 @dataclass(frozen=True)
 class Scene:
-    """What a robot sees at a place.
+    """View of a robot at a place.
 
     Attributes:
         points: (n, 3) in the sensor's frame.

@@ -1,4 +1,4 @@
-"""What the tests with robots of another DDS share: the robot's program, and a store with the real hall."""
+"""Fixtures of the tests with robots of another DDS: the robot's program, and a store with the real hall."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ from tests.waiting import wait_until
 
 @dataclass(frozen=True)
 class Scene:
-    """What a robot sees: a file of ``write_points``, and where its sensor is."""
+    """View of a robot: a file of ``write_points``, and where its sensor is."""
 
     points: Path
     T_map_sensor: Matrix

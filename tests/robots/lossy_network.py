@@ -26,30 +26,17 @@ DOMAIN = 23  # nobody else is on this link
 
 @dataclass
 class Told:
-    """What became of the calls of a robot.
+    """Answers to the calls of a robot.
 
     Attributes:
         far_m: distances of the answers' poses from the truth.
-        took_s: from each call to its pose.
         lost: share of the datagrams that were dropped, of all.
         shown: what the robot saw, since when.
     """
 
     far_m: list[float] = field(default_factory=list)
-    took_s: list[float] = field(default_factory=list)
     lost: float = 0.0
     shown: list[tuple[int, Scene]] = field(default_factory=list)
-
-    def figures(self) -> dict[str, Any]:
-        """Returns the figures of a drill."""
-        took = sorted(self.took_s)
-        return {
-            "answered": len(took),
-            "largest_m": round(max(self.far_m), 3),
-            "median_s": round(took[len(took) // 2], 2),
-            "slowest_s": round(took[-1], 2),
-            "lost": round(self.lost, 3),
-        }
 
 
 @contextmanager
@@ -91,14 +78,13 @@ def ask(robot: RustRobot, seen: list[Scene], told: Told) -> None:
 
     A pose belongs to the cloud of its stamp. On a bad link this may be one from before the call, sent again.
     """
-    for number, scene in enumerate(seen, start=len(told.took_s)):
+    for number, scene in enumerate(seen, start=len(told.far_m)):
         robot.show(scene.points, scene.T_map_sensor)
         told.shown.append((time.time_ns(), scene))
-        poses, begin_s = len(robot.of("initialpose")), time.monotonic()
+        poses = len(robot.of("initialpose"))
         robot.call(number)
         event = robot.wait_for("initialpose", poses + 1)
         wait_until(lambda call=number: robot.has_response(call), what="a response")
-        told.took_s.append(time.monotonic() - begin_s)
         told.far_m.append(min(check_pose(event, one) for one in _seen_at(event, told.shown)))
 
 
