@@ -3,7 +3,8 @@
     python -m tests.faults lossy_dds --store DIR --map ID --poses POSES.csv [--minutes 10] [--loss 0.3]
 
 The robot is of another DDS (``tests/robots``). It publishes reliable clouds at 10 Hz and asks again
-as soon as it has its pose. It has not passed yet: docs/how-to/ros.md says what was seen. Needs root (network namespaces), cargo, and the package cyclonedds.
+as soon as it has its pose. It has not passed yet: docs/how-to/ros.md says what was seen.
+It needs root (network namespaces), cargo, and the package cyclonedds.
 """
 
 from __future__ import annotations
