@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Puts real servers beside the tests' Python: versitygw (S3), nats-server (JetStream), toxiproxy (broken
 # networks), haproxy (replicas), Azurite (Azure); iproute2, for a weak link; what renders and checks the Helm chart:
-# helm, the schemas of Kubernetes and prometheus-operator; and what the C++ client is built with. Tests whose server
-# or tool cannot be had are skipped and say so.
+# helm, the schemas of Kubernetes and prometheus-operator; and what the C++ client is built with. Rust, which builds a
+# robot of another DDS, is only looked for. Tests whose server or tool cannot be had are skipped and say so.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 bin=$PWD/.venv/bin
@@ -65,6 +65,7 @@ system_packages() {
 }
 have() { local name; for name in "$@"; do command -v "$name" >/dev/null || return 1; done; }
 
+have cargo || say "no cargo here, so the tests with a robot of another DDS will be skipped"
 have haproxy || system_packages "the replicas' tests" haproxy
 have ip || system_packages "the weak link's test" iproute2
 { have cmake c++ make pkg-config && pkg-config --exists libzstd libcurl nlohmann_json; } ||

@@ -19,7 +19,14 @@ from servers import free_port, running_versitygw
 if TYPE_CHECKING:  # a plugin below: pytest wants to be the first to import it
     from toxiproxy import Link, Toxiproxy
 
-pytest_plugins = ["frequent_snapshots", "once_a_run", "small_world", "cloud_servers", "toxiproxy"]
+pytest_plugins = [
+    "frequent_snapshots",
+    "once_a_run",
+    "small_world",
+    "real_hall",
+    "cloud_servers",
+    "toxiproxy",
+]
 
 BUCKET = "firstfix-tests"
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import ros_samples
-from benchmarks.common.datasets import HALL, SHARED
+from benchmarks.common.datasets import SHARED
 from firstfix.answer.localization import Verdict
 from firstfix.answer.options import LocalizeOptions
 from firstfix.engine.index import MapIndex
@@ -110,22 +110,8 @@ def test_two_lidars_of_a_robot_that_drives(small_world, small_version, small_sca
 
 
 @pytest.fixture(scope="module")
-def hall_localizer(tmp_path_factory: pytest.TempPathFactory) -> Localizer:
-    from firstfix.builds.config import BuildConfig
-    from firstfix_builder.pipeline import build_version
-
-    if not HALL.available:
-        pytest.skip("the real hall is not beside this checkout")
-    work = tmp_path_factory.mktemp("hall")
-    trajectory = HALL.write_trajectory(work / "trajectory.csv")
-    config = {
-        **HALL.config,  # with fewer templates, scans and queries: the bags are tested here
-        "viewpoints": {"spacing_m": 2.0, "max_distance_to_trajectory_m": 3.0},
-        "learn_keys": {"scans": 0},
-        "self_test": {"queries": 20, "outside": 10},
-    }
-    built = build_version(HALL.map_path, BuildConfig.parse(config), work, trajectory=trajectory)
-    return Localizer(MapIndex.load(built.directory))
+def hall_localizer(hall_directory: Path) -> Localizer:
+    return Localizer(MapIndex.load(hall_directory))
 
 
 # The pose of the bags' three scans, 60 to 62 of the mapping run, refined against its neighbours

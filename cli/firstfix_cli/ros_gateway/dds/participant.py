@@ -27,6 +27,7 @@ from firstfix.errors import InvalidOption
 from firstfix_ros.robot.gateway import MAX_CLOUD_BYTES
 
 from .messages import TYPES, body_of, sample_of
+from .ros_graph import RosGraph
 
 TOPIC, REQUEST, REPLY = "rt", "rq", "rr"  # ROS 2's prefixes of topics, service requests and replies
 _ANY = SampleState.Any | ViewState.Any | InstanceState.Any
@@ -58,6 +59,7 @@ class Participant:
             self._publications = BuiltinDataReader(self.entity, BuiltinTopicDcpsPublication)
         except (DDSException, UnicodeEncodeError) as error:
             raise InvalidOption(f"cannot join the DDS domain {domain}: {error}") from None
+        self._graph = RosGraph(self.entity)
         self._waitset = WaitSet(self.entity)
         self._changes = self._attached(self._publications)
         self._topics: dict[tuple[str, str], Any] = {}
@@ -74,6 +76,7 @@ class Participant:
             ConnectionError: DDS does not allow this topic.
         """
         reader = DataReader(self.entity, self._topic(topic, ros_type), qos)
+        self._graph.add_reader(reader)
         self._readers[reader] = self._attached(reader), take
         return reader
 
@@ -89,10 +92,13 @@ class Participant:
         Raises:
             ConnectionError: DDS does not allow this topic.
         """
-        return Writer(DataWriter(self.entity, self._topic(topic, ros_type), qos), TYPES[ros_type])
+        writer = DataWriter(self.entity, self._topic(topic, ros_type), qos)
+        self._graph.add_writer(writer)
+        return Writer(writer, TYPES[ros_type])
 
     def wait(self, timeout_s: float) -> None:
         """Waits for messages, and hands over those that are there."""
+        self._graph.tell_changes()
         self._waitset.wait(duration(seconds=timeout_s))
         for reader, (_, take) in list(self._readers.items()):
             if reader in self._readers:  # not removed by another's message

@@ -1,0 +1,1 @@
+"""The watch over robots' own localization: ``python -m benchmarks.watch``."""
