@@ -26,8 +26,9 @@ export function go(path: string[], query: Record<string, string> = {}): void {
 
 /** Changes the query of the address without a new entry in the browser's history. */
 export function note(query: Record<string, string>): void {
-  const search = new URLSearchParams(route.value.query);
+  const { path, query: noted } = read(); // not those of `route`, which does not know of earlier notes
+  const search = new URLSearchParams(noted);
   for (const [name, value] of Object.entries(query)) value ? search.set(name, value) : search.delete(name);
   const text = search.toString();
-  history.replaceState(null, "", `#/${route.value.path.map(encodeURIComponent).join("/")}${text ? `?${text}` : ""}`);
+  history.replaceState(null, "", `#/${path.map(encodeURIComponent).join("/")}${text ? `?${text}` : ""}`);
 }

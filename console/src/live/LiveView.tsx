@@ -3,13 +3,14 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { Group } from "three";
-import { get, type Schemas } from "../api/client";
+import { get, Problem, type Schemas } from "../api/client";
 import { follow } from "../api/events";
 import { MapCanvas } from "../map3d/MapCanvas";
 import { poseMark } from "../map3d/marks";
 import { clear, type MapScene } from "../map3d/scene";
 import { go, route } from "../router";
 import { Empty } from "../ui/Empty";
+import { ErrorText } from "../ui/ErrorText";
 import { percent } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
 import { colourOf } from "../ui/verdict";
@@ -27,6 +28,7 @@ export function LiveView() {
   const fixes = useSignal<Fix[]>([]);
   const now = useSignal(Date.now() / 1000);
   const isConnected = useSignal(false);
+  const problem = useSignal<unknown>(null);
   const scene = useRef<MapScene | null>(null);
   const marks = useRef(new Group());
   const isReady = useSignal(0);
@@ -47,9 +49,14 @@ export function LiveView() {
         fixes.value = [...fixes.value, fix].slice(-KEPT);
       },
       stop.signal,
-      () => {
+      (error) => {
         isConnected.value = false;
         last = 0;
+        // the caller may not, and will not in two seconds either
+        if (error instanceof Problem && error.status === 403) {
+          problem.value = error;
+          stop.abort();
+        }
       },
     );
     isConnected.value = true;
@@ -80,6 +87,7 @@ export function LiveView() {
       </Empty>
     );
   }
+  if (problem.value) return <ErrorText error={problem.value} />;
   const history: Second[] = seconds(fixes.value, now.value);
   return (
     <main class="live">

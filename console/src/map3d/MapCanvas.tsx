@@ -19,6 +19,7 @@ export interface CanvasProps {
 export function MapCanvas({ map, version, ready, clicked }: CanvasProps) {
   const element = useRef<HTMLDivElement>(null);
   const shown = useSignal(0);
+  const isBusy = useSignal(true);
   const problem = useSignal<unknown>(null);
   const opened = useLoaded((signal) => open(map, version, signal), [map, version]);
   const cloud = opened.value?.cloud;
@@ -33,7 +34,10 @@ export function MapCanvas({ map, version, ready, clicked }: CanvasProps) {
       problem.value = error;
       return;
     }
-    scene.drawn = () => (shown.value = scene.shownPoints);
+    scene.drawn = () => {
+      shown.value = scene.shownPoints;
+      isBusy.value = scene.isBusy;
+    };
     scene.failed = (error) => (problem.value = error);
     const canvas = element.current.querySelector("canvas")!;
     let pressed: [number, number] | null = null;
@@ -55,7 +59,7 @@ export function MapCanvas({ map, version, ready, clicked }: CanvasProps) {
     };
   }, [opened.value]);
   return (
-    <div class="map-canvas" ref={element} data-points={shown.value}>
+    <div class="map-canvas" ref={element} data-points={shown.value} aria-busy={isBusy.value}>
       {opened.error ? <ErrorText error={opened.error} again={opened.again} /> : null}
       {problem.value ? <ErrorText error={problem.value} /> : null}
       {!cloud && !opened.error ? <p role="status">Opening the cloud …</p> : null}

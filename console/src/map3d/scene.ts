@@ -102,6 +102,11 @@ export class MapScene {
     this.redraw();
   }
 
+  /** Whether points of this view are still on their way. */
+  get isBusy(): boolean {
+    return this.wanted.some((node) => !this.loaded.has(node.key));
+  }
+
   /** Looks at the whole map from the south, obliquely. */
   lookAtAll(): void {
     const [low, high] = this.cloud.index.bounds_m.map((corner) => this.local(corner)) as [Vector3, Vector3];

@@ -1,5 +1,6 @@
 import { useSignal } from "@preact/signals";
 import type { Query } from "../api/client";
+import { copy } from "../ui/copy";
 import { asCurl, asPython } from "./copyAs";
 
 /** Buttons that copy the query for other programs. */
@@ -15,7 +16,7 @@ export function CopyAs({ map, file, type, options }: { map: string; file: string
         <button
           key={name}
           onClick={async () => {
-            await navigator.clipboard.writeText(text);
+            await copy(text);
             copied.value = name;
           }}
         >
