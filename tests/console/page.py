@@ -133,9 +133,20 @@ class Page:
         self.until("document.readyState === 'complete' && !!globalThis.find && !!document.querySelector('#app *')")
 
     def click(self, selector: str, words: str = "") -> None:
+        """Clicks an element; again, if it has moved away from under the mouse."""
         self.wait(f"{selector}:not(:disabled)", words)
-        x, y, width, height = self.box(selector, words)
-        self.click_at(x + width / 2, y + height / 2)
+        found = f"find({json.dumps(selector)}, {json.dumps(words)})"
+        self.js(
+            "globalThis.isClicked = false;"
+            f"{found}.addEventListener('click', () => (isClicked = true), {{ capture: true, once: true }})"
+        )
+
+        def click() -> Any:
+            x, y, width, height = self.box(selector, words)
+            self.click_at(x + width / 2, y + height / 2)
+            return self.js("isClicked")
+
+        wait_until(click, LIMIT_S, f"click on {selector} {words!r}")
 
     def click_at(self, x: float, y: float) -> None:
         for kind in ("mouseMoved", "mousePressed", "mouseReleased"):

@@ -103,6 +103,7 @@ export function MapView({ map }: { map: string }) {
         clicked={measuring.value ? (position) => measure.current?.add(position) : undefined}
       />
       <aside class="panel" aria-label="Layers and tools">
+        <h1>{map}</h1>
         <Layers
           colouring={colouring}
           layers={layers}

@@ -110,6 +110,7 @@ export function TryView({ map }: { map: string }) {
     if (!here || !query || !place || !version) return;
     const stop = new AbortController();
     clear(overlay.current);
+    shares.value = null; // those of another place
     drawOverlay(here, overlay.current, map, version, place.T_map_sensor, query, stop.signal)
       .then((found) => {
         if (!stop.signal.aborted) shares.value = found;
