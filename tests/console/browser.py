@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from page import Page
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from page import Page
 from waiting import LIMIT_S, wait_until
 
-HOST = "console.test"  # by name and without TLS, as on a robot's network: much of the Web platform is missing there
+HOST = "console.test"  # a name without TLS, as robots' networks have it: browsers offer less there
 _ARGUMENTS = (
     "--headless=new",
     "--no-sandbox",  # containers seldom allow it
@@ -123,7 +123,9 @@ def running_browser(folder: Path) -> Iterator[Browser]:
         )
     port_file = profile / "DevToolsActivePort"
     try:
-        wait_until(lambda: process.poll() is not None or (port_file.exists() and "\n/" in port_file.read_text()))
+        wait_until(
+            lambda: process.poll() is not None or (port_file.exists() and "\n/" in port_file.read_text())
+        )
         if process.poll() is not None:
             pytest.fail(f"{program} did not start: {(folder / 'chromium.log').read_text()[-1000:]}")
         port, path = port_file.read_text().split()

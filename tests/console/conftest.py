@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import pytest
-
 import browser as browsers
+import pytest
 from accessible import AXE, violations
+
 from firstfix_client import Client
 from firstfix_service.http_api.routes.console import page_files
 

@@ -1,4 +1,4 @@
-"""A running service with real maps, as the console's tests see it: keys for all kinds of callers, and scans."""
+"""A running service with real maps, as the console's tests see it: keys of all kinds, and scans."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class ConsoleWorld:
     """A service with the map "yard" in two versions, the better one active.
 
     Attributes:
-        keys: API keys by what they may do: admin, reader (localize), stranger (admin of maps that do not exist).
+        keys: API keys by what they may do: admin, reader (localize), stranger (admin of no map).
         scans: (file, T_map_sensor) of scans in the yard.
     """
 

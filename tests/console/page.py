@@ -22,9 +22,11 @@ CANVAS = ".map-canvas"
 # Found by the selector and by the words that a reader of the screen would hear: all of them are in its name.
 _FIND = """
 globalThis.find = (selector, words) => {
-  const nameOf = (e) => [e.getAttribute('aria-label'), e.labels && [...e.labels].map((l) => l.textContent).join(' '),
-    e.textContent, e.title].filter(Boolean).join(' ').replace(/\\s+/g, ' ');
-  return [...document.querySelectorAll(selector)].find((e) => e.getClientRects().length && nameOf(e).includes(words));
+  const labels = (e) => [...(e.labels ?? [])].map((l) => l.textContent).join(' ');
+  const nameOf = (e) => [e.getAttribute('aria-label'), labels(e), e.textContent,
+    e.title].filter(Boolean).join(' ').replace(/\\s+/g, ' ');
+  const isIt = (e) => e.getClientRects().length && nameOf(e).includes(words);
+  return [...document.querySelectorAll(selector)].find(isIt);
 };
 """
 _KEYS = {
@@ -41,7 +43,7 @@ Picture = NDArray[np.uint8]  # (h, w, 3)
 
 
 class Page:
-    """One page. ``problems`` collects what must not happen: errors of the page, and requests to other hosts."""
+    """One page. ``problems`` collects errors of the page and requests to other hosts."""
 
     def __init__(self, call: Callable[..., dict[str, Any]], origin: str, downloads: Path) -> None:
         self.call = call
@@ -130,7 +132,9 @@ class Page:
         """Opens an address below the console, "#/maps/hall" for instance, as from a link in a message."""
         self.call("Page.navigate", url="about:blank")
         self.call("Page.navigate", url=f"{self.origin}/console/{address}")
-        self.until("document.readyState === 'complete' && !!globalThis.find && !!document.querySelector('#app *')")
+        self.until(
+            "document.readyState === 'complete' && !!globalThis.find && !!document.querySelector('#app *')"
+        )
 
     def click(self, selector: str, words: str = "") -> None:
         """Clicks an element; again, if it has moved away from under the mouse."""
@@ -223,7 +227,10 @@ class Page:
 
     def pasted(self) -> str:
         """The text of the clipboard, as another program would get it."""
-        self.js("globalThis.paper = (document.querySelector('dialog') ?? document.body).appendChild(document.createElement('textarea')); paper.focus()")
+        self.js(
+            "globalThis.paper = document.createElement('textarea');"
+            "(document.querySelector('dialog') ?? document.body).append(paper); paper.focus()"
+        )
         self.call("Input.dispatchKeyEvent", type="keyDown", key="v", modifiers=2, commands=["Paste"])
         return str(self.js("{ const text = paper.value; paper.remove(); text; }"))
 
@@ -234,14 +241,17 @@ class Page:
     def downloaded(self, name: str) -> Path:
         """A file that the page saved, once all of it is there."""
         path = self._downloads / name
-        wait_until(lambda: path.exists() and not list(self._downloads.glob("*.crdownload")), what=f"download of {name}")
+        wait_until(
+            lambda: path.exists() and not list(self._downloads.glob("*.crdownload")),
+            what=f"download of {name}",
+        )
         return path
 
     def box(self, selector: str, words: str = "") -> tuple[float, float, float, float]:
         found = f"find({json.dumps(selector)}, {json.dumps(words)})"
         self.wait(selector, words)
         box = self.js(
-            f"{{ const e = {found}; e.scrollIntoView({{ block: 'nearest' }}); const b = e.getBoundingClientRect();"
-            " [b.x, b.y, b.width, b.height]; }"
+            f"{{ const e = {found}; e.scrollIntoView({{ block: 'nearest' }});"
+            " const b = e.getBoundingClientRect(); [b.x, b.y, b.width, b.height]; }"
         )
         return tuple(box)

@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-
 from page import Picture
 
 AGREES, CONTRADICTS, UNEXPLAINED = (51, 199, 89), (255, 59, 48), (255, 204, 0)

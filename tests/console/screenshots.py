@@ -1,4 +1,4 @@
-"""Makes the pictures of the console for README and documentation, from maps of a store and scans of one of them.
+"""Makes the documentation's pictures of the console, from maps of a store and scans of one of them.
 
     python tests/console/screenshots.py demo/store demo/factory/poses.csv docs/images
 
@@ -17,16 +17,18 @@ HERE = Path(__file__).resolve().parent
 sys.path += [str(HERE.parent), str(HERE.parent / "service")]
 
 import httpx  # noqa: E402
+import numpy as np  # noqa: E402
+from browser import HOST, running_browser  # noqa: E402
+from page import Page  # noqa: E402
 from PIL import Image  # noqa: E402
 from service_world import running_service  # noqa: E402
 
-from browser import HOST, running_browser  # noqa: E402
 from firstfix.decode import read_scan_file  # noqa: E402
 from firstfix.wire.scan import MEDIA_TYPE, encode_scan  # noqa: E402
 from firstfix_cli.poses_csv import read_poses_csv  # noqa: E402
-from page import Page  # noqa: E402
 
-COLOURS = 160  # of a palette: a picture stays below 200 KB
+COLOURS = (256, 192, 128, 96, 64)  # of a palette: as many as the size allows
+MOST_BYTES = 195_000
 
 
 def main() -> None:
@@ -42,17 +44,22 @@ def main() -> None:
         shutil.copytree(chosen.store, folder / "store")
         shutil.rmtree(folder / "store/samples", ignore_errors=True)
         with (
-            running_service(folder, load=None, zenoh=False, samples_share=1.0, samples_share_localized=1.0) as service,
+            running_service(
+                folder, load=None, zenoh=False, samples_share=1.0, samples_share_localized=1.0
+            ) as service,
             running_browser(folder / "browser") as browser,
         ):
             origin = f"http://{HOST}:{service.url.rpartition(':')[2]}"
+            rows = [row for row in read_poses_csv(chosen.poses) if row.T_map_sensor is not None]
+            middle = np.median([row.T_map_sensor[:3, 3] for row in rows], axis=0)
+            rows.sort(key=lambda row: float(np.linalg.norm(row.T_map_sensor[:3, 3] - middle)))
             scans = []
-            for row in read_poses_csv(chosen.poses)[:40]:
+            for row in rows[:40]:
                 file = folder / f"{row.path.stem}.ffscan"
                 file.write_bytes(encode_scan(read_scan_file(row.path)))
                 scans.append(file)
             with browser.page(origin) as page:
-                page.size(1360, 850)
+                page.size(1280, 780)
                 page.prefers("dark")
                 take(page, service.http, map_id, scans, chosen.images, chosen.view)
 
@@ -107,7 +114,19 @@ def ask(http: httpx.Client, map_id: str, scan: Path) -> str:
 
 
 def keep(page: Page, file: Path) -> None:
-    Image.fromarray(page.picture()).quantize(COLOURS).save(file, optimize=True)
+    """Writes what is seen, without the empty rows at the end of a list."""
+    bottom = page.js(
+        "Math.max(0, ...[...document.querySelectorAll('.page *')].map((e) =>"
+        " e.getBoundingClientRect().bottom))"
+    )
+    picture = page.picture()
+    shown = Image.fromarray(picture[: int(bottom) + 24] if bottom else picture)
+    for colours in COLOURS:
+        shown.quantize(colours, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(
+            file, optimize=True
+        )
+        if file.stat().st_size <= MOST_BYTES:
+            break
     print(f"{file}: {file.stat().st_size / 1000:.0f} KB")
 
 

@@ -6,7 +6,7 @@ import { Group } from "three";
 import { get, Problem, type Schemas } from "../api/client";
 import { follow } from "../api/events";
 import { MapCanvas } from "../map3d/MapCanvas";
-import { poseMark } from "../map3d/marks";
+import { dotsMark, poseMark } from "../map3d/marks";
 import { clear, type MapScene } from "../map3d/scene";
 import { go, route } from "../router";
 import { Empty } from "../ui/Empty";
@@ -73,9 +73,13 @@ export function LiveView() {
     clear(marks.current);
     const latest = new Map<string, Fix>();
     for (const fix of fixes.value) if (fix.answer.T_map_sensor) latest.set(fix.caller, fix);
+    const places = fixes.value.flatMap(({ answer }) =>
+      answer.T_map_sensor ? here.local(answer.T_map_sensor.position).toArray() : [],
+    );
+    if (places.length) marks.current.add(dotsMark(new Float32Array(places), 0x4db6e0, 5));
     for (const fix of latest.values()) {
       const pose = fix.answer.T_map_sensor!;
-      marks.current.add(poseMark(here.local(pose.position), pose, colourOf(fix.answer.verdict), 2));
+      marks.current.add(poseMark(here.local(pose.position), pose, colourOf(fix.answer.verdict), here.markSize));
     }
     here.redraw();
   }, [fixes.value, isReady.value]);
@@ -112,6 +116,7 @@ export function LiveView() {
           ready={(found) => {
             scene.current = found;
             found?.overlay.add(marks.current);
+            if (found) found.material.colouring = "plain"; // verdicts have the colours here
             isReady.value += 1;
           }}
         />
