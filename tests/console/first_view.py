@@ -1,4 +1,4 @@
-"""Times the first view of the console over a thin line, with an empty cache: to the list of maps, and to a map.
+"""Times the first view of the console over a thin line: to the list of maps, and to a map.
 
 python tests/console/first_view.py demo/store factory --mbit 10 --latency-ms 20
 """

@@ -217,8 +217,7 @@ def test_a_distance_is_measured_between_two_clicks(page, world):
 
 def test_a_dropped_scan_is_laid_over_its_map(page, world):
     file, T_map_sensor, answer = _localized(world)
-    page.open("#/maps/yard/try")
-    page.drop(".panel .drop", file)
+    _try(page, file)
     page.wait(".verdict", "localized")
     assert f"{100 * answer['probability']:.1f} %" in page.text(".answer")
     agrees, contradicts = _colours(page)
@@ -237,8 +236,7 @@ def test_a_dropped_scan_is_laid_over_its_map(page, world):
 
 def test_the_other_places_of_a_scan_are_looked_at(page, world):
     file = next(file for file, _ in world.scans if len(world.ask(file)["hypotheses"]) > 1)
-    page.open("#/maps/yard/try")
-    page.drop(".panel .drop", file)
+    _try(page, file)
     page.wait(".hypotheses button[aria-pressed=true]")
     first, colours = page.map_picture(), _colours(page)
     page.click(".hypotheses li:nth-child(2) button")
@@ -250,8 +248,7 @@ def test_the_other_places_of_a_scan_are_looked_at(page, world):
 
 def test_the_least_probability_decides(page, world):
     file, _, answer = _localized(world)
-    page.open("#/maps/yard/try")
-    page.drop(".panel .drop", file)
+    _try(page, file)
     page.wait(".verdict", "localized")
     page.slide("Least probability", 1.0)
     page.until("!find('.verdict', 'localized')")
@@ -262,8 +259,7 @@ def test_the_least_probability_decides(page, world):
 
 def test_a_copied_command_asks_the_same(page, world):
     file, _, answer = _localized(world)
-    page.open("#/maps/yard/try")
-    page.drop(".panel .drop", file)
+    _try(page, file)
     page.wait(".verdict", "localized")
     page.slide("Least probability", 0.5)
     page.until("!find('[role=status]', 'Asking')")
@@ -287,8 +283,7 @@ def test_a_file_that_is_no_scan_is_refused_in_words(page, tmp_path):
     page.expected += ["400", "422", "415"]
     strange = tmp_path / "notes.txt"
     strange.write_text("nothing")
-    page.open("#/maps/yard/try")
-    page.drop(".panel .drop", strange)
+    _try(page, strange)
     page.wait("[role=alert]", "notes.txt is no scan")
     broken = tmp_path / "broken.pcd"
     broken.write_text("VERSION .7\nFIELDS x y z\n")
@@ -444,6 +439,12 @@ def test_dark_and_light_follow_the_system(page):
         brightness[scheme] = page.picture().mean()
     assert brightness["light"] > 200
     assert brightness["dark"] < 60
+
+
+def _try(page, file) -> None:
+    page.open("#/maps/yard/try")
+    page.map_picture()
+    page.drop(".panel .drop", file)
 
 
 def _colours(page) -> tuple[int, int]:

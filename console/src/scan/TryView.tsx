@@ -144,7 +144,9 @@ export function TryView({ map }: { map: string }) {
           }}
           clicked={(position) => (prior.value = `${position.map((v) => v.toFixed(2)).join(",")},${priorRadius(prior.value)}`)}
         />
-      ) : null}
+      ) : (
+        <div class="map-canvas" />
+      )}
       <aside class="panel" aria-label="Scan and answer">
         <h2>Try a scan in {map}</h2>
         <label class="drop">
