@@ -1,4 +1,4 @@
-"""What axe-core finds wrong in a page, by the rules of WCAG 2 and 2.1, levels A and AA."""
+"""Checks a page with axe-core, by the rules of WCAG 2 and 2.1, levels A and AA."""
 
 from __future__ import annotations
 

@@ -114,13 +114,13 @@ class Page:
         return int(self.js(f"document.querySelectorAll({json.dumps(selector)}).length"))
 
     def map_picture(self) -> Picture:
-        """What is seen of the map, once all its points for this view are there."""
+        """Picture of the map, once all its points for this view are there."""
         self.until(f"document.querySelector('{CANVAS}')?.getAttribute('aria-busy') === 'false'")
         self.js("new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(() => drawn())))")
         return self.picture(CANVAS)
 
     def picture(self, selector: str = "body") -> Picture:
-        """What is seen of an element."""
+        """Picture of an element, as it is seen."""
         x, y, width, height = self.box(selector)
         clip = {"x": x, "y": y, "width": width, "height": height, "scale": 1}
         png = self.call("Page.captureScreenshot", format="png", clip=clip)["data"]

@@ -1,4 +1,4 @@
-"""What a picture shows: shares of colours, and where a place of the map lies in it."""
+"""Measures pictures: shares of colours, and where a place of the map lies in them."""
 
 from __future__ import annotations
 
