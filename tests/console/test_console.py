@@ -127,6 +127,7 @@ def test_a_map_is_built_from_a_dropped_file(page, world, house_file, tmp_path):
 
 def _hand_in(page, file) -> None:
     page.click("button", "Build a map")
+    page.wait("svg[role=img]", "beams")  # until then the dialog grows
     page.drop(".drop", file)
     page.choose("Sensor of the robots", "vlp-16")
     page.click("dialog button.primary", "Build")
