@@ -121,7 +121,8 @@ def test_a_map_is_built_from_a_dropped_file(page, world, house_file, tmp_path):
     wait_until(lambda: world.get("/builds", limit=1)["builds"][0]["state"] == "succeeded")
     version = world.get("/maps/house")["active_version"]
     page.wait("tr", version[:12])
-    assert len(page.js("[...seen]")) >= 5, "stages of the build"
+    # the stages that the cancelled build had made are not made again, the last one always is
+    assert "self test" in page.js("[...seen]")
     page.until("!find('tr .tag', 'provisional')")
 
 
