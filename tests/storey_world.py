@@ -32,7 +32,7 @@ def storey() -> SmallWorld:
         boxes.append((((left + right) / 2, 2.6, 1.4), (right - left, 0.2, 2.8)))
     for x in ROOMS_X:
         boxes += [((x + dx, dy, z), size) for (dx, dy, z), size in _room()]
-    return _mesh(boxes)
+    return mesh_of(boxes)
 
 
 def _room() -> list[Box]:
@@ -51,7 +51,7 @@ def _room() -> list[Box]:
     ]
 
 
-def _mesh(boxes: list[Box]) -> SmallWorld:
+def mesh_of(boxes: list[Box]) -> SmallWorld:
     corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     faces = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])

@@ -2,6 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { change, get, type Schemas } from "../api/client";
+import { copy } from "../ui/copy";
 import { Dialog } from "../ui/Dialog";
 import { ErrorText } from "../ui/ErrorText";
 import { age } from "../ui/text";
@@ -114,7 +115,7 @@ function MakeKey({ close }: { close: () => void }) {
         <p>This is the only time that it is shown.</p>
         <output class="token">{token.value}</output>
         <div class="row end">
-          <button onClick={() => navigator.clipboard.writeText(token.value)}>Copy</button>
+          <button onClick={() => copy(token.value)}>Copy</button>
           <button class="primary" onClick={close}>
             Done
           </button>

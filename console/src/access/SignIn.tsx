@@ -12,6 +12,7 @@ export function Gate({ children }: { children: ComponentChildren }) {
   const wanted = useSignal(false);
   useEffect(() => {
     let current = true;
+    const given = key.value;
     get<Schemas["Caller"]>("/caller")
       .then((found) => {
         if (!current) return;
@@ -19,9 +20,11 @@ export function Gate({ children }: { children: ComponentChildren }) {
         problem.value = null;
       })
       .catch((error: unknown) => {
-        if (!current) return;
-        wanted.value = error instanceof Problem && error.status === 401;
-        problem.value = wanted.value && !key.value ? null : error;
+        const isRefused = error instanceof Problem && error.status === 401;
+        // A refused key is forgotten at once, so a second call without it is under way: the words must stay.
+        if (!current && !(isRefused && given)) return;
+        if (isRefused) wanted.value = true;
+        if (!isRefused || given) problem.value = error;
       });
     return () => {
       current = false;

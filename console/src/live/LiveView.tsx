@@ -3,13 +3,14 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { Group } from "three";
-import { get, type Schemas } from "../api/client";
+import { get, Problem, type Schemas } from "../api/client";
 import { follow } from "../api/events";
 import { MapCanvas } from "../map3d/MapCanvas";
-import { poseMark } from "../map3d/marks";
+import { dotsMark, poseMark } from "../map3d/marks";
 import { clear, type MapScene } from "../map3d/scene";
 import { go, route } from "../router";
 import { Empty } from "../ui/Empty";
+import { ErrorText } from "../ui/ErrorText";
 import { percent } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
 import { colourOf } from "../ui/verdict";
@@ -38,6 +39,7 @@ export function LiveView() {
   const now = useSignal(Date.now() / 1000);
   const isConnected = useSignal(false);
   const source = useSignal<Watching | null>(null);
+  const problem = useSignal<unknown>(null);
   const scene = useRef<MapScene | null>(null);
   const marks = useRef(new Group());
   const isReady = useSignal(0);
@@ -64,9 +66,14 @@ export function LiveView() {
         if (!fixes.value.some((one) => isSame(one, fix))) fixes.value = [...fixes.value, fix].slice(-KEPT);
       },
       stop.signal,
-      () => {
+      (error) => {
         isConnected.value = false;
         last = 0;
+        // the caller may not, and will not in two seconds either
+        if (error instanceof Problem && error.status === 403) {
+          problem.value = error;
+          stop.abort();
+        }
       },
     );
     isConnected.value = true;
@@ -83,9 +90,13 @@ export function LiveView() {
     clear(marks.current);
     const latest = new Map<string, Fix>();
     for (const fix of fixes.value) if (fix.answer.T_map_sensor) latest.set(fix.caller, fix);
+    const places = fixes.value.flatMap(({ answer }) =>
+      answer.T_map_sensor ? here.local(answer.T_map_sensor.position).toArray() : [],
+    );
+    if (places.length) marks.current.add(dotsMark(new Float32Array(places), 0x4db6e0, 5));
     for (const fix of latest.values()) {
       const pose = fix.answer.T_map_sensor!;
-      marks.current.add(poseMark(here.local(pose.position), pose, colourOf(fix.answer.verdict), 2));
+      marks.current.add(poseMark(here.local(pose.position), pose, colourOf(fix.answer.verdict), here.markSize));
     }
     here.redraw();
   }, [fixes.value, isReady.value]);
@@ -97,6 +108,7 @@ export function LiveView() {
       </Empty>
     );
   }
+  if (problem.value) return <ErrorText error={problem.value} />;
   const history: Second[] = seconds(fixes.value, now.value);
   return (
     <main class="live">
@@ -128,6 +140,7 @@ export function LiveView() {
           ready={(found) => {
             scene.current = found;
             found?.overlay.add(marks.current);
+            if (found) found.material.colouring = "plain"; // verdicts have the colours here
             isReady.value += 1;
           }}
         />

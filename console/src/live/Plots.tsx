@@ -30,7 +30,7 @@ function Plot({ title, names, data }: { title: string; names: string[]; data: uP
   const plot = useRef<uPlot | null>(null);
   useEffect(() => {
     const holder = element.current!;
-    const colours = ["#0b6e99", "#34a853"];
+    const colours = ["#2f8fc4", "#34a853"]; // seen on light and on dark ground
     plot.current = new uPlot(
       {
         width: Math.max(holder.clientWidth, 200),
@@ -38,7 +38,7 @@ function Plot({ title, names, data }: { title: string; names: string[]; data: uP
         title,
         cursor: { show: false },
         legend: { show: false },
-        axes: [{ show: false }, { size: 40 }],
+        axes: [{ show: false }, { size: 56, stroke: () => getComputedStyle(holder).color, grid: { stroke: "#80808040" } }],
         scales: { y: { range: (_, __, high) => [0, Math.max(high ?? 0, 1)] } },
         series: [{}, ...names.map((label, i) => ({ label, stroke: colours[i], width: 1.5, spanGaps: false }))],
       },

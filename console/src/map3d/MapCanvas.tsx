@@ -22,6 +22,7 @@ export interface CanvasProps {
 export function MapCanvas({ map, version, ready, clicked, clickedAt }: CanvasProps) {
   const element = useRef<HTMLDivElement>(null);
   const shown = useSignal(0);
+  const isBusy = useSignal(true);
   const problem = useSignal<unknown>(null);
   const opened = useLoaded((signal) => open(map, version, signal), [map, version]);
   const cloud = opened.value?.cloud;
@@ -39,7 +40,10 @@ export function MapCanvas({ map, version, ready, clicked, clickedAt }: CanvasPro
       problem.value = error;
       return;
     }
-    scene.drawn = () => (shown.value = scene.shownPoints);
+    scene.drawn = () => {
+      shown.value = scene.shownPoints;
+      isBusy.value = scene.isBusy;
+    };
     scene.failed = (error) => (problem.value = error);
     const canvas = element.current.querySelector("canvas")!;
     let pressed: [number, number] | null = null;
@@ -61,7 +65,7 @@ export function MapCanvas({ map, version, ready, clicked, clickedAt }: CanvasPro
     };
   }, [opened.value]);
   return (
-    <div class="map-canvas" ref={element} data-points={shown.value}>
+    <div class="map-canvas" ref={element} data-points={shown.value} aria-busy={isBusy.value}>
       {isMissing ? (
         <p role="status">
           This version has no cloud to show: it is provisional, or was built by an older service. Everything else

@@ -129,6 +129,7 @@ export function MapView({ map }: { map: string }) {
         clicked={clicked}
       />
       <aside class="panel" aria-label="Layers and tools">
+        <h1>{map}</h1>
         <Layers
           colouring={colouring}
           layers={layers}

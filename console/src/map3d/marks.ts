@@ -86,7 +86,7 @@ export function dotsMark(positions: Float32Array, colour: number, sizePx = 3): P
   );
 }
 
-/** Dots with a colour each: (r, g, b) of 0..1 one after the other. */
+/** Dots with a colour each: (r, g, b) of 0..1, as three.js counts light (linear), one after the other. */
 export function colouredDots(positions: Float32Array, colours: Float32Array, sizePx = 3): Points {
   const geometry = geometryOf(positions);
   geometry.setAttribute("color", new BufferAttribute(colours, 3));

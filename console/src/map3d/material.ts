@@ -21,7 +21,7 @@ const VERTEX = `
     const vec2 r2 = vec2(-152.94239396, 59.28637943);
     const vec2 g2 = vec2(4.27729857, 2.82956604);
     const vec2 b2 = vec2(-89.90310912, 27.34824973);
-    x = clamp(x, 0.0, 1.0);
+    x = mix(0.08, 0.96, clamp(x, 0.0, 1.0)); // its darkest ends cannot be told from the ground
     vec4 v4 = vec4(1.0, x, x * x, x * x * x);
     vec2 v2 = v4.zw * v4.z;
     return vec3(dot(v4, r4) + dot(v2, r2), dot(v4, g4) + dot(v2, g2), dot(v4, b4) + dot(v2, b2));

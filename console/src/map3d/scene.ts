@@ -106,6 +106,17 @@ export class MapScene {
     this.redraw();
   }
 
+  /** Size of a mark that is seen when the whole map is: a ball of 0.18 m has size 1. */
+  get markSize(): number {
+    const [low, high] = this.cloud.index.bounds_m.map((corner) => this.local(corner)) as [Vector3, Vector3];
+    return Math.max(1.5, low.distanceTo(high) / 12);
+  }
+
+  /** Whether points of this view are still on their way. */
+  get isBusy(): boolean {
+    return this.wanted.some((node) => !this.loaded.has(node.key));
+  }
+
   /** Looks at the whole map from the south, obliquely, from as near as shows all of it. */
   lookAtAll(): void {
     const [low, high] = this.cloud.index.bounds_m.map((corner) => this.local(corner)) as [Vector3, Vector3];

@@ -46,7 +46,7 @@ export function BuildForm({ close }: { close: () => void }) {
           trajectory: poses ? { upload: poses } : null,
           config: { sensor: model },
         },
-        headers: { "Idempotency-Key": crypto.randomUUID() },
+        headers: { "Idempotency-Key": `console-${id}` },
       });
       close();
     } catch (error) {

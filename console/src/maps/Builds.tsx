@@ -18,7 +18,11 @@ export function Builds({ done }: { done: () => void }) {
     let going = true;
     const look = async () => {
       try {
-        builds.value = (await get<Schemas["BuildPage"]>("/builds", { limit: 20 })).builds;
+        const found = (await get<Schemas["BuildPage"]>("/builds", { limit: 20 })).builds;
+        const under = builds.value.filter(isGoing).map((one) => one.build_id);
+        builds.value = found;
+        // its row is gone now, perhaps before the end came over its stream
+        if (found.some((one) => one.state === "succeeded" && under.includes(one.build_id))) done();
         problem.value = null;
       } catch (error) {
         problem.value = error;
@@ -55,9 +59,8 @@ export function Builds({ done }: { done: () => void }) {
 function BuildRow({ build, done, hide }: { build: Build; done: () => void; hide: () => void }) {
   const now = useSignal(build);
   const problem = useSignal<unknown>(null);
-  const isGoing = now.value.state === "queued" || now.value.state === "running";
   useEffect(() => {
-    if (!isGoing) return;
+    if (!isGoing(build)) return;
     const stop = new AbortController();
     void follow(
       `/builds/${build.build_id}/events`,
@@ -92,4 +95,8 @@ function BuildRow({ build, done, hide }: { build: Build; done: () => void; hide:
       {problem.value ? <ErrorText error={problem.value} /> : null}
     </li>
   );
+}
+
+function isGoing({ state }: Build): boolean {
+  return state === "queued" || state === "running";
 }

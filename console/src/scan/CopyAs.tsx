@@ -1,16 +1,17 @@
 import { useSignal } from "@preact/signals";
 import { asCpp, asCurl, asPython, type CopiedQuery } from "./copyAs";
+import { copy } from "../ui/copy";
 
-/** The query for other programs: shown, and copied where the browser allows it (over HTTPS or from this machine). */
+/** The query for other programs: shown, and copied where the browser allows it. */
 export function CopyAs(query: CopiedQuery) {
   const shown = useSignal("");
   const isCopied = useSignal(false);
   const forms: Record<string, string | null> = { curl: asCurl(query), Python: asPython(query), "C++": asCpp(query) };
-  const copy = async (name: string, text: string) => {
+  const show = async (name: string, text: string) => {
     shown.value = name;
     isCopied.value = false;
     try {
-      await navigator.clipboard.writeText(text);
+      await copy(text);
       isCopied.value = true;
     } catch {
       isCopied.value = false; // it can still be selected
@@ -21,7 +22,7 @@ export function CopyAs(query: CopiedQuery) {
       <div class="row">
         {Object.entries(forms).map(([name, text]) =>
           text === null ? null : (
-            <button key={name} onClick={() => copy(name, text)}>
+            <button key={name} onClick={() => show(name, text)}>
               Copy as {name}
             </button>
           ),

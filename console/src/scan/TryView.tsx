@@ -113,7 +113,9 @@ export function TryView({ map }: { map: string }) {
           }}
           clicked={(position) => setHand(handPoseAt(position, hand.pose.value))}
         />
-      ) : null}
+      ) : (
+        <div class="map-canvas" />
+      )}
       <aside class="panel" aria-label="Scan and answer">
         <h2>Try a scan in {map}</h2>
         <label class="drop">

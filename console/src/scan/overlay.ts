@@ -1,6 +1,6 @@
 // The scan laid over the map at a pose, in the colours of what the map says about each point.
 
-import type { Group } from "three";
+import { Color, type Group } from "three";
 import { send } from "../api/client";
 import { colouredDots, type Pose } from "../map3d/marks";
 import type { MapScene } from "../map3d/scene";
@@ -11,11 +11,8 @@ export interface OverlayShares {
   unexplained: number;
 }
 
-const COLOURS: [number, number, number][] = [
-  [0.2, 0.78, 0.35], // agrees
-  [1, 0.23, 0.19], // contradicts
-  [1, 0.8, 0], // unexplained
-];
+// agrees, contradicts, unexplained: the colours of the key beside the picture
+const COLOURS = [0x33c759, 0xff3b30, 0xffcc00].map((hex) => new Color(hex).toArray());
 const POINT_BYTES = 16; // x, y, z as float32 from the pose, along the map's axes; then the class
 
 export async function drawOverlay(

@@ -32,6 +32,7 @@ export function useOverlay(
     if (!here || !query || !pose || !version) return;
     const stop = new AbortController();
     const drawn = new Group();
+    shares.value = null; // those of another place
     drawOverlay(here, drawn, map, version, pose, query, stop.signal)
       .then((found) => {
         if (stop.signal.aborted) return;

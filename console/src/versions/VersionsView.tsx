@@ -29,9 +29,10 @@ export function VersionsView({ map }: { map: string }) {
   };
   if (page.error) return <ErrorText error={page.error} again={page.again} />;
   if (!page.value) return <p role="status">Reading the versions …</p>;
+  const chosen = compared.value.filter((one) => page.value!.versions.some(({ version }) => version === one));
   const toggle = (version: string) => {
-    const on = compared.value.includes(version);
-    compared.value = on ? compared.value.filter((one) => one !== version) : [...compared.value, version].slice(-2);
+    const on = chosen.includes(version);
+    compared.value = on ? chosen.filter((one) => one !== version) : [...chosen, version].slice(-2);
   };
   return (
     <main class="page">
@@ -62,7 +63,7 @@ export function VersionsView({ map }: { map: string }) {
                 <input
                   type="checkbox"
                   aria-label={`Compare ${short(one.version)}`}
-                  checked={compared.value.includes(one.version)}
+                  checked={chosen.includes(one.version)}
                   onChange={() => toggle(one.version)}
                 />
               </td>
@@ -88,8 +89,8 @@ export function VersionsView({ map }: { map: string }) {
           ))}
         </tbody>
       </table>
-      {compared.value.length === 2 ? (
-        <Comparison map={map} versions={compared.value as [string, string]} />
+      {chosen.length === 2 ? (
+        <Comparison map={map} versions={chosen as [string, string]} />
       ) : (
         <p class="hint">Choose two versions to compare them.</p>
       )}

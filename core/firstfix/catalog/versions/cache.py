@@ -57,8 +57,7 @@ def fetch_version_files(store: Store, folder: str, version: str, manifest: Manif
         in_place = _folder_in_place(store, folder, manifest)
         if in_place is not None:
             if not _is_verified(marker, manifest, in_place):
-                for name, entry in manifest.query_files.items():
-                    verify_file(in_place / name, name, entry)
+                _verify(manifest, in_place)
                 _mark_verified(marker, manifest, in_place)
             _touch(marker)
             return in_place
@@ -136,12 +135,22 @@ def _is_right(marker: Path, manifest: Manifest, target: Path) -> bool:
         return False
     if not _is_verified(marker, manifest, target):
         try:
-            manifest.verify_directory(target)
+            _verify(manifest, target)
         except CorruptVersion:
             return False
         _mark_verified(marker, manifest, target)
     _touch(marker)
     return True
+
+
+def _verify(manifest: Manifest, folder: Path) -> None:
+    """Reads the files that queries need.
+
+    Raises:
+        CorruptVersion: one is missing, or differs from the manifest.
+    """
+    for name, entry in manifest.query_files.items():
+        verify_file(folder / name, name, entry)
 
 
 def _stamps(manifest: Manifest, folder: Path) -> dict[str, list[int]]:

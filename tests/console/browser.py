@@ -1,0 +1,136 @@
+"""A real browser, driven over the DevTools protocol: Debian's Chromium, headless, with software GL."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from page import Page
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
+
+from waiting import LIMIT_S, wait_until
+
+HOST = "console.test"  # a name without TLS, as robots' networks have it: browsers offer less there
+_ARGUMENTS = (
+    "--headless=new",
+    "--no-sandbox",  # containers seldom allow it
+    "--disable-dev-shm-usage",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-default-apps",
+    "--disable-extensions",
+    "--disable-sync",
+    "--disable-quic",
+    "--disable-features=Translate,OptimizationHints,MediaRouter",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--force-color-profile=srgb",
+    "--hide-scrollbars",
+    "--remote-debugging-port=0",
+    f"--host-resolver-rules=MAP {HOST} 127.0.0.1",
+)
+
+
+class Browser:
+    """One process of the browser. Pages are apart from each other like profiles."""
+
+    def __init__(self, socket: ClientConnection, downloads: Path) -> None:
+        self._socket = socket
+        self._downloads = downloads
+        self._number = 0
+        self._lock = threading.Lock()
+        self._answers: dict[int, Future[dict[str, Any]]] = {}
+        self._hearers: dict[str, Callable[[str, dict[str, Any]], None]] = {}
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def call(self, method: str, session: str = "", **parameters: Any) -> dict[str, Any]:
+        """Sends a command of the protocol and returns its result."""
+        answer: Future[dict[str, Any]] = Future()
+        with self._lock:
+            self._number += 1
+            self._answers[self._number] = answer
+            message: dict[str, Any] = {"id": self._number, "method": method, "params": parameters}
+            if session:
+                message["sessionId"] = session
+            self._socket.send(json.dumps(message))
+        said = answer.result(LIMIT_S)
+        assert "error" not in said, f"{method}: {said['error']}"
+        return dict(said["result"])
+
+    @contextmanager
+    def page(self, origin: str) -> Iterator[Page]:
+        """An empty page of its own context, which may ask that origin alone."""
+        context = self.call("Target.createBrowserContext")["browserContextId"]
+        self._downloads.mkdir(exist_ok=True)
+        self.call(
+            "Browser.setDownloadBehavior",
+            behavior="allow",
+            browserContextId=context,
+            downloadPath=str(self._downloads),
+        )
+        target = self.call("Target.createTarget", url="about:blank", browserContextId=context)["targetId"]
+        session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        page = Page(
+            lambda method, **parameters: self.call(method, session, **parameters), origin, self._downloads
+        )
+        self._hearers[session] = page.hear
+        try:
+            page.begin()
+            yield page
+        finally:
+            del self._hearers[session]
+            self.call("Target.disposeBrowserContext", browserContextId=context)
+
+    def _read(self) -> None:
+        try:
+            for text in self._socket:
+                message = json.loads(text)
+                if "id" in message:
+                    self._answers.pop(message["id"]).set_result(message)
+                elif message.get("sessionId") in self._hearers:
+                    self._hearers[message["sessionId"]](message["method"], message["params"])
+        except ConnectionClosed:
+            pass
+
+
+@contextmanager
+def running_browser(folder: Path) -> Iterator[Browser]:
+    """Starts Chromium with an empty profile, and kills it at the end. Without it the test is skipped."""
+    program = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
+    if program is None:
+        pytest.skip("no chromium: apt-get install chromium")
+    profile = folder / "profile"
+    profile.mkdir(parents=True)
+    with (folder / "chromium.log").open("wb") as log:
+        process = subprocess.Popen(
+            [program, *_ARGUMENTS, f"--user-data-dir={profile}", "about:blank"],
+            stdout=log,
+            stderr=log,
+            start_new_session=True,
+        )
+    port_file = profile / "DevToolsActivePort"
+    try:
+        wait_until(
+            lambda: process.poll() is not None or (port_file.exists() and "\n/" in port_file.read_text())
+        )
+        if process.poll() is not None:
+            pytest.fail(f"{program} did not start: {(folder / 'chromium.log').read_text()[-1000:]}")
+        port, path = port_file.read_text().split()
+        with connect(f"ws://127.0.0.1:{port}{path}", max_size=None, proxy=None) as socket:
+            yield Browser(socket, folder / "downloads")
+    finally:
+        os.killpg(process.pid, 9)
+        process.wait()

@@ -1,0 +1,74 @@
+"""One browser, one service and one world for all tests of the console."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import browser as browsers
+import pytest
+from accessible import AXE, violations
+
+from firstfix_client import Client
+from firstfix_service.http_api.routes.console import page_files
+
+if TYPE_CHECKING:
+    from console_world import ConsoleWorld
+    from page import Page
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[browsers.Browser]:
+    if not page_files():
+        pytest.skip("no console is built: make console")
+    if not AXE.exists():
+        pytest.skip("no axe-core: make console")
+    with browsers.running_browser(tmp_path_factory.mktemp("browser")) as running:
+        yield running
+
+
+@pytest.fixture(scope="session")
+def world(
+    browser, coarse_version, small_version, small_scans, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[ConsoleWorld]:
+    from console_world import running_console
+
+    folder = tmp_path_factory.mktemp("console")
+    with running_console(folder, browsers.HOST, (coarse_version, small_version), small_scans) as running:
+        yield running
+
+
+@pytest.fixture(scope="session")
+def house_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A house of two storeys as a mesh file."""
+    from console_world import house
+
+    return house().write(tmp_path_factory.mktemp("house") / "house.ply")
+
+
+@pytest.fixture
+def house(world: ConsoleWorld, house_file: Path) -> str:
+    """The map "house" in the service, built there if no test has built it before."""
+    if not any(one["map_id"] == "house" for one in world.get("/maps")["maps"]):
+        with Client(world.service.url, api_key=world.keys["admin"]) as client:
+            client.wait_for_build(client.build_map(house_file, "house", config={"sensor": "vlp-16"}).build_id)
+    return "house"
+
+
+@pytest.fixture
+def visitor(browser, world) -> Iterator[Page]:
+    """A page of somebody who is not signed in. Nothing may go wrong in it unseen."""
+    with browser.page(world.origin) as page:
+        yield page
+        for scheme in ("light", "dark"):
+            page.prefers(scheme)
+            assert not violations(page), scheme
+        assert not page.problems
+
+
+@pytest.fixture
+def page(visitor: Page, world) -> Page:
+    """A page of the operator."""
+    visitor.keep_key(world.keys["admin"])
+    return visitor

@@ -1,0 +1,111 @@
+"""A running service with real maps, as the console's tests see it: keys of all kinds, and scans."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from service_world import Service, running_service
+
+from firstfix.access.api_keys import ApiKeys
+from firstfix.access.permissions import Grant
+from firstfix.scan.scan import Scan
+from firstfix.transform import Matrix
+from firstfix.wire.scan import encode_scan
+from storey_world import mesh_of
+
+if TYPE_CHECKING:  # open3d
+    from firstfix_builder.pipeline import BuiltVersion
+    from small_world import SmallWorld
+
+STOREY_M = 3.0
+
+
+@dataclass(frozen=True)
+class ConsoleWorld:
+    """A service with the map "yard" in two versions, the better one active.
+
+    Attributes:
+        keys: API keys by what they may do: admin, reader (localize), stranger (admin of no map).
+        scans: (file, T_map_sensor) of scans in the yard.
+    """
+
+    service: Service
+    origin: str
+    keys: dict[str, str]
+    scans: list[tuple[Path, Matrix]]
+    versions: tuple[str, str]
+
+    def ask(self, scan: Path, key: str = "admin", **query: str) -> dict[str, Any]:
+        """Localizes a scan as a robot does."""
+        answer = self.service.http.post(
+            "/localize",
+            params={"map": "yard", **query},
+            content=scan.read_bytes(),
+            headers={**self.headers(key), "Content-Type": "application/vnd.firstfix.scan"},
+        )
+        assert answer.status_code == 200, answer.text
+        return dict(answer.json())
+
+    def get(self, path: str, **query: Any) -> Any:
+        answer = self.service.http.get(path, params=query, headers=self.headers("admin"))
+        assert answer.status_code == 200, answer.text
+        return answer.json()
+
+    def headers(self, key: str) -> dict[str, str]:
+        return {"Authorization": f"Bearer {self.keys[key]}"}
+
+
+@contextmanager
+def running_console(
+    folder: Path,
+    host: str,
+    versions: tuple[BuiltVersion, BuiltVersion],
+    scans: list[tuple[Scan, Matrix]],
+) -> Iterator[ConsoleWorld]:
+    """Runs the service with real query workers and real builds."""
+    with running_service(
+        folder,
+        load=None,
+        zenoh=False,
+        workers=1,
+        run_builds=True,
+        build_sandbox="off",
+        auth="on",
+        keys_refresh_s=0.1,
+        samples_share=1.0,
+        samples_share_localized=1.0,
+        samples_per_minute=6000,
+    ) as service:
+        keys = ApiKeys(service.catalog.store)
+        given = {
+            "admin": keys.create("the operator", Grant.parse(("admin",), ("*",)))[1],
+            "reader": keys.create("a robot", Grant.parse(("localize",), ("*",)))[1],
+            "stranger": keys.create("a stranger", Grant.parse(("admin",), ("nothing-*",)))[1],
+        }
+        digests = tuple(service.catalog.publish("yard", one.directory, one.manifest) for one in versions)
+        files = []
+        for number, (scan, T_map_sensor) in enumerate(scans):
+            file = folder / f"scan-{number:02}.ffscan"
+            file.write_bytes(encode_scan(scan))
+            files.append((file, T_map_sensor))
+        port = service.url.rpartition(":")[2]
+        yield ConsoleWorld(service, f"http://{host}:{port}", given, files, (digests[0], digests[1]))
+
+
+def house() -> SmallWorld:
+    """Two storeys of 5 x 4 m with things in them, and a roof."""
+    rng = np.random.default_rng(3)
+    boxes = [((0.0, 0.0, 2 * STOREY_M), (5.4, 4.4, 0.2))]
+    for floor in (0.0, STOREY_M):
+        boxes.append(((0.0, 0.0, floor - 0.1), (5.4, 4.4, 0.2)))
+        for x, y, w, d in ((0, 2, 5, 0.2), (0, -2, 5, 0.2), (2.5, 0, 0.2, 4), (-2.5, 0, 0.2, 4)):
+            boxes.append(((x, y, floor + 1.4), (w, d, 2.8)))
+        for _ in range(5):
+            w, d, h = rng.uniform(0.3, 1.2, 3)
+            boxes.append(((*rng.uniform([-2.0, -1.5], [2.0, 1.5]), floor + h / 2), (w, d, h)))
+    return mesh_of(boxes)

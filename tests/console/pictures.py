@@ -1,0 +1,47 @@
+"""Measures pictures: shares of colours, and where a place of the map lies in them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from page import Picture
+
+AGREES, CONTRADICTS, UNEXPLAINED = (51, 199, 89), (255, 59, 48), (255, 204, 0)
+LOCALIZED = (52, 168, 83)  # the mark of a pose
+GROUND = (16, 22, 27)  # of the 3D picture
+_HALF_ANGLE_DEG = 27.5  # of the view from top to bottom
+
+
+def pixels_of(picture: Picture, colour: Sequence[int], within: int = 12) -> int:
+    """Number of pixels of about that colour."""
+    away = np.abs(picture.astype(int) - np.array(colour))
+    return int((away.max(axis=2) <= within).sum())
+
+
+def drawn_pixels(picture: Picture) -> int:
+    """Number of pixels that are not the empty ground."""
+    return picture.shape[0] * picture.shape[1] - pixels_of(picture, GROUND, 3)
+
+
+def difference(a: Picture, b: Picture) -> float:
+    """Share of the pixels that differ clearly."""
+    return float((np.abs(a.astype(int) - b).max(axis=2) > 24).mean())
+
+
+def view_of(target: Sequence[float], eye: Sequence[float]) -> str:
+    """The view as a link to the map says it."""
+    return ",".join(f"{value:g}" for value in (*target, *eye))
+
+
+def place_in(
+    position: Sequence[float], target: Sequence[float], eye: Sequence[float], width: float, height: float
+) -> tuple[float, float]:
+    """Pixel at which a position of the map is seen."""
+    ahead = np.subtract(target, eye) / np.linalg.norm(np.subtract(target, eye))
+    right = np.cross(ahead, [0, 0, 1])
+    right /= np.linalg.norm(right)
+    away = np.subtract(position, eye)
+    scale = height / 2 / math.tan(math.radians(_HALF_ANGLE_DEG)) / (away @ ahead)
+    return width / 2 + scale * (away @ right), height / 2 - scale * (away @ np.cross(right, ahead))
