@@ -6,15 +6,15 @@ import { Gate } from "./access/SignIn";
 import { caller, key, mayAdminister, mayBuild, signOut } from "./access/session";
 import { MapList } from "./maps/MapList";
 import { link, route } from "./router";
-import { SamplesView } from "./samples/SamplesView";
 import "./style.css";
 import { Empty } from "./ui/Empty";
 import { later } from "./ui/Later";
-import { VersionsView } from "./versions/VersionsView";
 
 const LiveView = later(async () => (await import("./live/LiveView")).LiveView);
 const MapView = later(async () => (await import("./map3d/MapView")).MapView);
+const SamplesView = later(async () => (await import("./samples/SamplesView")).SamplesView);
 const TryView = later(async () => (await import("./scan/TryView")).TryView);
+const VersionsView = later(async () => (await import("./versions/VersionsView")).VersionsView);
 
 function View() {
   const [first = "maps", map, part] = route.value.path;

@@ -11,7 +11,7 @@ import pytest
 from accessible import AXE, violations
 
 from firstfix_client import Client
-from firstfix_service.http_api.routes.console import page_files
+from firstfix_service.http_api.routes.console.page import page_files
 
 if TYPE_CHECKING:
     from console_world import ConsoleWorld

@@ -226,7 +226,11 @@ def test_a_dropped_scan_is_laid_over_its_map(page, world):
     assert agrees > max(200, 5 * contradicts)
 
     x, y, z = T_map_sensor[:3, 3]
-    page.fill("Known to be near", f"{-x:.2f},{-y:.2f},{z:.2f},1")
+    page.click("button", "Place by hand")
+    for name, value in (("x (m)", -x), ("y (m)", -y), ("z (m)", z)):
+        page.fill(name, f"{value:.2f}")
+        page.press("Enter")
+    page.fill("Within (m)", "1")
     page.press("Enter")
     page.until("!find('.verdict', 'localized') && !!find('.hypotheses button', '')")
     fits = page.js("[...document.querySelectorAll('.hypotheses small')].map((e) => parseFloat(e.innerText))")
@@ -272,7 +276,7 @@ def test_a_copied_command_asks_the_same(page, world):
     said = subprocess.run(
         ["bash", "-c", command.replace(HOST, "127.0.0.1")],  # only the browser knows the name
         cwd=file.parent,
-        env={**os.environ, "FIRSTFIX_KEY": world.keys["reader"]},
+        env={**os.environ, "FIRSTFIX_API_KEY": world.keys["reader"]},
         capture_output=True,
         check=True,
     )
@@ -321,7 +325,7 @@ def test_a_kept_query_is_looked_at_judged_and_exported(page, world, tmp_path):
     page.until("!find('td .verdict', 'rejected')")
     page.click("tr a", "Look")
     page.wait(".answer .verdict", "localized")
-    page.click("button", "At this place")
+    page.click("button", "At the place shown")
     page.wait("[role=status]", "Noted")
 
     page.open("#/samples")
