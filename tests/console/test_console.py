@@ -9,6 +9,7 @@ import json
 import os
 import subprocess
 import zipfile
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -159,13 +160,13 @@ def test_a_map_is_seen_in_colours_and_storeys(page, house):
     whole = page.map_picture()
     assert drawn_pixels(whole) > 0.05 * whole.shape[0] * whole.shape[1]
     pictures = [whole]
-    for colour in ("Normal", "One colour"):
+    for colour in ("Storey", "Normal", "One colour"):
         page.choose("Colour", colour)
         pictures.append(page.map_picture())
-    for one, other in ((0, 1), (1, 2), (2, 0)):
+    for one, other in combinations(range(4), 2):
         assert difference(pictures[one], pictures[other]) > 0.05
 
-    page.choose("Storey", "Storey 1")
+    page.choose("Storeys shown", "Storey 1")
     lower = page.map_picture()
     middle = whole.shape[0] // 2
     assert drawn_pixels(lower[: middle - 60]) < 0.02 * drawn_pixels(whole[: middle - 60])
@@ -174,7 +175,7 @@ def test_a_map_is_seen_in_colours_and_storeys(page, house):
 
 def test_layers_are_laid_over_a_map(page, house):
     page.open(f"#/maps/{house}")
-    page.choose("Storey", "Storey 1")
+    page.choose("Storeys shown", "Storey 1")
     for layer in ("Templates", "Where a robot finds itself"):
         before = page.map_picture()
         page.click("label.check", layer)
@@ -356,7 +357,7 @@ def test_versions_are_compared_activated_rolled_back_and_retired(page, world):
     page.click("input[type=checkbox]", f"Compare {old}")
     page.click("input[type=checkbox]", f"Compare {new}")
     page.wait("[aria-label=Comparison] td", "643")
-    page.wait("svg.difference", "places")
+    page.wait("[role=status]", "places that both self-tests have")
     page.click(f"tr:has([aria-label='Compare {old}']) button", "Activate")
     page.wait(f"tr:has([aria-label='Compare {old}']) .tag", "active")
     assert world.get("/maps/yard")["active_version"] == world.versions[0]

@@ -13,7 +13,7 @@ const LAYERS: Record<LayerName, string> = {
   aliases: "Which place is taken for which",
   changes: "Changes since the map was made",
 };
-const COLOURS: Record<Colouring, string> = { height: "Height", normal: "Normal", plain: "One colour" };
+const COLOURS: Record<Colouring, string> = { height: "Height", storey: "Storey", normal: "Normal", plain: "One colour" };
 
 export interface LayersProps {
   colouring: Signal<Colouring>;
@@ -28,6 +28,7 @@ export function Layers({ colouring, layers, storeys, storey, whole }: LayersProp
     const on = layers.value.includes(name);
     layers.value = on ? layers.value.filter((one) => one !== name) : [...layers.value, name];
   };
+  const colours = Object.entries(COLOURS).filter(([value]) => value !== "storey" || storeys.length > 1);
   return (
     <section>
       <h3>View</h3>
@@ -38,7 +39,7 @@ export function Layers({ colouring, layers, storeys, storey, whole }: LayersProp
           value={colouring.value}
           onChange={(event) => (colouring.value = event.currentTarget.value as Colouring)}
         >
-          {Object.entries(COLOURS).map(([value, name]) => (
+          {colours.map(([value, name]) => (
             <option value={value} key={value}>
               {name}
             </option>
@@ -47,7 +48,7 @@ export function Layers({ colouring, layers, storeys, storey, whole }: LayersProp
       </label>
       {storeys.length > 1 ? (
         <label>
-          Storey
+          Storeys shown
           <select value={storey.value} onChange={(event) => (storey.value = event.currentTarget.value)}>
             <option value="">All</option>
             {storeys.map((one, i) => (

@@ -91,6 +91,7 @@ export function showStorey(scene: MapScene, cloud: Cloud, storeys: Storey[], cho
   const low = chosen?.low ?? bounds[0] - 1;
   const high = Math.min(chosen?.high ?? storeys.at(-1)?.high ?? Infinity, bounds[1] + 1);
   scene.material.slice = [low, high];
+  scene.material.floors = storeys.map((one) => one.low);
   scene.material.heights = [Math.max(low, bounds[0]), Math.min(high, bounds[1])];
   scene.redraw();
 }

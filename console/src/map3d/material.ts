@@ -1,9 +1,10 @@
-// How points are drawn: by height, by normal or in one colour, and only those of the slice.
+// How points are drawn: by height, storey or normal or in one colour, and only those of the slice.
 
 import { Color, GLSL3, ShaderMaterial, Vector2 } from "three";
 
-export type Colouring = "height" | "normal" | "plain";
-const MODES: Record<Colouring, number> = { height: 0, normal: 1, plain: 2 };
+export type Colouring = "height" | "storey" | "normal" | "plain";
+const MODES: Record<Colouring, number> = { height: 0, normal: 1, plain: 2, storey: 3 };
+const MOST_STOREYS = 32; // further ones have the colour of the last
 
 const VERTEX = `
   in vec2 bend;
@@ -11,6 +12,7 @@ const VERTEX = `
   uniform float size, ratio;
   uniform vec2 heights, slice;
   uniform vec3 plain;
+  uniform float floors[${MOST_STOREYS}];
   out vec3 tint;
 
   // Turbo, as a polynomial (Mikhailov, 2019).
@@ -25,6 +27,13 @@ const VERTEX = `
     vec4 v4 = vec4(1.0, x, x * x, x * x * x);
     vec2 v2 = v4.zw * v4.z;
     return vec3(dot(v4, r4) + dot(v2, r2), dot(v4, g4) + dot(v2, g2), dot(v4, b4) + dot(v2, b2));
+  }
+
+  // Neighbouring storeys are far apart on the wheel of colours.
+  vec3 ofStorey(float z) {
+    float storey = 0.0;
+    for (int i = 1; i < ${MOST_STOREYS}; i++) storey += step(floors[i], z);
+    return 0.55 + 0.4 * cos(6.2832 * (0.6 + 0.381966 * storey + vec3(0.0, 0.33, 0.67)));
   }
 
   vec3 unfolded(vec2 e) {
@@ -43,6 +52,7 @@ const VERTEX = `
     float light = known ? 0.75 + 0.25 * abs(dot(unfolded(bend), normalize(vec3(0.3, 0.5, 0.8)))) : 0.9;
     if (mode == 0) tint = turbo((at.z - heights.x) / max(heights.y - heights.x, 0.01)) * light;
     else if (mode == 1) tint = known ? abs(unfolded(bend)) : vec3(0.5);
+    else if (mode == 3) tint = ofStorey(at.z) * light;
     else tint = plain * light;
   }
 `;
@@ -71,6 +81,7 @@ export class PointMaterial extends ShaderMaterial {
         heights: { value: new Vector2(0, 1) },
         slice: { value: new Vector2(-1e9, 1e9) },
         plain: { value: new Color(0x8fa3ad) },
+        floors: { value: new Array<number>(MOST_STOREYS).fill(1e9) },
       },
     });
   }
@@ -82,6 +93,11 @@ export class PointMaterial extends ShaderMaterial {
   /** Lowest and highest z that the colours span. */
   set heights([low, high]: [number, number]) {
     this.uniforms.heights!.value.set(low, high);
+  }
+
+  /** z at which each storey begins, from below. */
+  set floors(z: number[]) {
+    this.uniforms.floors!.value = Array.from({ length: MOST_STOREYS }, (_, i) => z[i] ?? 1e9);
   }
 
   /** Lowest and highest z that is drawn. */
