@@ -20,7 +20,7 @@ from firstfix.errors import BuildAttemptsExceeded, InvalidOption, NotFound, Stor
 from firstfix.store.store import Store
 
 from ..lanes import BUILDS
-from ..lanes.background import run_in_background
+from ..lanes.background import end_if_cancelled, run_in_background
 from ..settings import Settings
 from ..telemetry.log_setup import set_up_logging
 from ..telemetry.metrics import Metrics
@@ -81,6 +81,7 @@ class BuildWorker:
         waiting: Any = None
         try:
             while True:
+                end_if_cancelled()
                 try:
                     if not self._builds.connected:
                         await asyncio.sleep(0.2)

@@ -58,3 +58,16 @@ def run_in_background(stack: AsyncExitStack, work: Coroutine[Any, Any, None], na
             await task
 
     stack.push_async_callback(stop)
+
+
+def end_if_cancelled() -> None:
+    """Ends the current task if it was cancelled and went on. Loops around calls of other libraries need it.
+
+    Before Python 3.12, ``asyncio.wait_for`` drops a cancellation that comes together with its result.
+
+    Raises:
+        asyncio.CancelledError: the task was cancelled.
+    """
+    task = asyncio.current_task()
+    if task is not None and task.cancelling():
+        raise asyncio.CancelledError

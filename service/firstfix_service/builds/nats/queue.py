@@ -16,6 +16,7 @@ from firstfix.catalog.catalog import Catalog
 from firstfix.errors import FirstfixError
 
 from ...lanes import UPKEEP
+from ...lanes.background import end_if_cancelled
 from ...settings import Settings
 from ...telemetry.metrics import Metrics
 from ..fair_order import FairOrder
@@ -62,6 +63,7 @@ class NatsBuildQueue:
             await self.builds.connect()
             waiting, read_at = False, 0.0
             while True:
+                end_if_cancelled()
                 self._wake.clear()
                 pause_s = RECONCILE_S
                 try:
