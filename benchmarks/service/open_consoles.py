@@ -21,6 +21,7 @@ import httpx
 
 SHOWN_POINTS = 1_500_000  # console/src/map3d/levels.ts
 LOOK_S = 1.0  # between two nodes
+OPENED_WITHIN_S = 600.0  # on a slow machine too
 
 
 class Console:
@@ -32,14 +33,17 @@ class Console:
         self._path = f"/maps/{map_id}/versions/{version}/cloud"
         self._random = random.Random(number)
         self.read: Counter[str] = Counter()
+        self.has_opened, self.has_heard = asyncio.Event(), asyncio.Event()
 
     async def watch(self) -> None:
         """Reads the answers as they come."""
         async with self._http.stream("GET", "/answers/events", params={"map_id": self._map_id}) as answer:
             answer.raise_for_status()
             async for line in answer.aiter_lines():
-                self.read["answers"] += line.startswith("event: answer")
                 self.read["bytes"] += len(line)
+                if line.startswith("event: answer"):
+                    self.read["answers"] += 1
+                    self.has_heard.set()
 
     async def look(self) -> None:
         """Opens the cloud and looks around in it."""
@@ -52,6 +56,7 @@ class Console:
             shown += count
             await self._get(f"{self._path}/points", {"first": first, "count": count})
         self.read["opened"] += 1
+        self.has_opened.set()
         while True:
             await asyncio.sleep(LOOK_S)
             *_, first, count = self._random.choice(index["nodes"])
@@ -64,25 +69,43 @@ class Console:
         return answer.content
 
 
-async def closed(tasks: list[asyncio.Task[None]]) -> None:
-    for task in tasks:
-        if task.done():
-            task.result()  # it never ends by itself: an error is one of the service
-        task.cancel()
-    await asyncio.gather(*tasks, return_exceptions=True)
+async def open_all(consoles: list[Console]) -> None:
+    """Opens consoles until it is cancelled."""
+    async with asyncio.TaskGroup() as group:
+        for one in consoles:
+            group.create_task(one.watch())
+            group.create_task(one.look())
+
+
+async def close_all(opening: asyncio.Task[None], consoles: list[Console]) -> None:
+    """Closes consoles after each of them has shown the map and heard an answer.
+
+    Raises:
+        ExceptionGroup: the service refused one.
+        TimeoutError: the service did not give what they show.
+    """
+    shown = asyncio.gather(*(event.wait() for one in consoles for event in (one.has_opened, one.has_heard)))
+    ended, _ = await asyncio.wait({opening, shown}, timeout=OPENED_WITHIN_S, return_when="FIRST_COMPLETED")
+    if opening in ended:
+        opening.result()  # it never ends by itself: an error is one of the service
+    if not ended:
+        raise TimeoutError("a console did not open, or heard no answer")
+    opening.cancel()
+    await asyncio.wait({opening})
 
 
 async def main(url: str, map_id: str, version: str, count: int) -> None:
     limits = httpx.Limits(max_connections=None)
     async with httpx.AsyncClient(base_url=url, timeout=httpx.Timeout(60.0), limits=limits) as http:
         consoles = [Console(http, map_id, version, number) for number in range(count)]
-        tasks: list[asyncio.Task[None]] = []
+        opening: asyncio.Task[None] | None = None
         while order := await asyncio.to_thread(sys.stdin.readline):
-            await closed(tasks)
-            opened = consoles if order.strip() == "on" else []
-            tasks = [asyncio.create_task(do()) for one in opened for do in (one.watch, one.look)]
+            if opening is not None:
+                await close_all(opening, consoles)
+            opening = asyncio.create_task(open_all(consoles)) if order.strip() == "on" else None
             print("done", flush=True)
-        await closed(tasks)
+        if opening is not None:
+            await close_all(opening, consoles)
     print(json.dumps(dict(sum((one.read for one in consoles), Counter()))), flush=True)
 
 
