@@ -426,8 +426,11 @@ def _tab_to(page, selector: str, words: str = "") -> None:
 )
 def test_a_phone_shows_a_view_without_scrolling_sideways(page, world, view):
     page.size(390, 844, phone=True)
+    if view == "samples":
+        world.ask(_localized(world)[0])
+        wait_until(lambda: _kept(world))
     page.open(f"#/{view}")
-    page.wait("h1, h2")
+    page.wait("td .verdict" if view == "samples" else "h1, h2")
     if "yard" in view and "versions" not in view:
         page.map_picture()
         assert page.box(CANVAS)[3] > 200
