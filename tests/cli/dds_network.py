@@ -13,17 +13,10 @@ import threading
 from pathlib import Path
 from typing import IO, Any
 
+from tests.dds_loopback import LOOPBACK
 from waiting import LIMIT_S, wait_until
 
 HERE = Path(__file__).resolve().parent
-LOOPBACK = (
-    "<CycloneDDS><Domain><General>"
-    '<Interfaces><NetworkInterface name="lo" multicast="false"/></Interfaces>'
-    "<AllowMulticast>false</AllowMulticast></General><Discovery>"
-    "<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>30</MaxAutoParticipantIndex>"
-    '<Peers><Peer address="127.0.0.1"/></Peers></Discovery></Domain></CycloneDDS>'
-)
-
 
 _DOMAINS = list(range(1, 100))  # above 100 their ports are those of short connections
 random.SystemRandom().shuffle(_DOMAINS)

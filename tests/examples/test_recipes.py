@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from dds_network import LOOPBACK
 from numpy.typing import NDArray
 
 import ros_samples
@@ -33,6 +32,7 @@ from firstfix.store.store import Store
 from firstfix.transform import from_quaternion, inverse, transform_points
 from firstfix_cli.local_service import local_service
 from ros_samples import cloud_of_points, stores_of, write_bag
+from tests.dds_loopback import LOOPBACK
 from waiting import LIMIT_S, wait_until
 
 pytestmark = pytest.mark.slow

@@ -1,11 +1,14 @@
 """The locks pin and hash everything, and name no place to fetch it from."""
 
+import json
 import re
 from pathlib import Path
 
 import pytest
 
-LOCKS = sorted((Path(__file__).resolve().parents[2] / "deploy" / "locks").glob("*.txt"))
+ROOT = Path(__file__).resolve().parents[2]
+LOCKS = sorted((ROOT / "deploy" / "locks").glob("*.txt"))
+CONSOLE = ROOT / "console" / "package-lock.json"
 PINNED = re.compile(r"^[a-z0-9][a-z0-9._-]*(\[[a-z0-9,-]+\])?==[^ ]+( ;.*)? \\$", re.IGNORECASE)
 
 
@@ -23,6 +26,13 @@ def test_a_lock_names_no_host(lock: Path):
     assert "://" not in text
     assert "--index" not in text
     assert "--find-links" not in text
+
+
+def test_the_console_lock_names_no_host_and_hashes_everything():
+    text = CONSOLE.read_text()
+    assert "://" not in text, "npm notes who funds a package: remove `funding`, and `resolved`"
+    packages = json.loads(text)["packages"]
+    assert all("integrity" in package for name, package in packages.items() if name)
 
 
 @pytest.mark.parametrize("lock", LOCKS, ids=lambda lock: lock.stem)

@@ -18,6 +18,7 @@ from firstfix.decode import read_scan_file
 from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix, make_transform, pose_error, rotation_z
 from firstfix_cli.poses_csv import read_poses_csv
+from tests.dds_loopback import LOOPBACK
 from tests.robots.rust_robot import BASE, RustRobot, T_map_sensor_of, stamp_ns, write_points
 from tests.waiting import wait_until
 
@@ -51,15 +52,6 @@ def scenes(poses: Path, folder: Path, count: int, seed: int = 0, points: int | N
         scan = Scan(found @ turn[:3, :3].astype(found.dtype))
         made.append(Scene(write_points(scan, folder / f"scene-{number}.bin"), row.T_map_sensor @ turn))
     return made
-
-
-# Others are found at this machine's address alone.
-LOOPBACK = (
-    "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo' multicast='false'/></Interfaces>"
-    "<AllowMulticast>false</AllowMulticast></General><Discovery>"
-    "<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>30</MaxAutoParticipantIndex>"
-    "<Peers><Peer address='127.0.0.1'/></Peers></Discovery></Domain></CycloneDDS>"
-)
 
 
 def on_link(address: str) -> str:

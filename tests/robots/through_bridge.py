@@ -18,8 +18,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from benchmarks.common.programs import free_port
+from tests.dds_loopback import LOOPBACK
 from tests.robots import rust_robot
-from tests.robots.dds_world import LOOPBACK, check_pose, gateway, scenes
+from tests.robots.dds_world import check_pose, gateway, scenes
 from tests.waiting import wait_until
 
 ROBOTS_DOMAIN, GATEWAY_DOMAIN = 61, 62
