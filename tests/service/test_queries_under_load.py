@@ -73,14 +73,29 @@ def yards(small_version, small_scans, tmp_path_factory) -> Yards:
     return Yards(small_version, small_scans, tmp_path_factory.mktemp("yards"))
 
 
+class Workers:
+    """The query workers that this process starts from now on: other fixtures keep services with theirs."""
+
+    def __init__(self) -> None:
+        self._others = frozenset(_worker_pids())
+
+    def pids(self) -> list[int]:
+        return sorted(_worker_pids() - self._others)
+
+
 @pytest.fixture
-def service(tmp_path: Path) -> Iterator[Service]:
+def workers() -> Workers:
+    return Workers()
+
+
+@pytest.fixture
+def service(tmp_path: Path, workers: Workers) -> Iterator[Service]:
     with running_service(tmp_path, zenoh=False, load=None, cache_max_versions=3, queue_size=64) as running:
         yield running
 
 
-def worker_pids() -> list[int]:
-    found = []
+def _worker_pids() -> set[int]:
+    found = set()
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
             try:
@@ -89,8 +104,8 @@ def worker_pids() -> list[int]:
             except (OSError, IndexError):
                 continue
             if parent == os.getpid() and b"firstfix_service.query_workers.process" in command:
-                found.append(int(entry.name))
-    return sorted(found)
+                found.add(int(entry.name))
+    return found
 
 
 def mapped_versions(pid: int) -> set[str]:
@@ -106,7 +121,7 @@ def rss_mib(pid: int) -> float:
     return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
-def test_ten_maps_of_which_three_fit(service: Service, yards: Yards):
+def test_ten_maps_of_which_three_fit(service: Service, workers: Workers, yards: Yards):
     names = {f"yard-{k}": k for k in range(10)}
     for name, k in names.items():
         yards.publish(service, name, k)
@@ -119,16 +134,16 @@ def test_ten_maps_of_which_three_fit(service: Service, yards: Yards):
         answer = Localization.from_mapping(response.json())
         assert answer.map_id == name
         assert yards.shift_of(answer, query) == names[name]
-        mapped.extend(len(mapped_versions(pid)) for pid in worker_pids())
+        mapped.extend(len(mapped_versions(pid)) for pid in workers.pids())
 
     rng = np.random.default_rng(2)
     for query in range(20):
         ask(query)
-    before = [rss_mib(pid) for pid in worker_pids()]
+    before = [rss_mib(pid) for pid in workers.pids()]
     with ThreadPoolExecutor(4) as threads:
         list(threads.map(ask, range(20, 80)))
     assert max(mapped) == 3, "no worker process holds more"
-    after = [rss_mib(pid) for pid in worker_pids()]
+    after = [rss_mib(pid) for pid in workers.pids()]
     assert len(after) == len(before) == 2
     assert max(after) < max(before) + 100, "it does not grow with every load"
 
@@ -170,7 +185,7 @@ def _serves(service: Service, yards: Yards, version: str) -> bool:
     return bool(yards.ask(service, "yard", 0).json()["map_version"] == version)
 
 
-def test_workers_are_killed_under_queries(service: Service, yards: Yards):
+def test_workers_are_killed_under_queries(service: Service, workers: Workers, yards: Yards):
     yards.publish(service, "yard", 1)
     assert yards.ask(service, "yard", 0).status_code == 200
     end = threading.Event()
@@ -192,8 +207,8 @@ def test_workers_are_killed_under_queries(service: Service, yards: Yards):
         asking = [threads.submit(ask, k) for k in range(4)]
         try:
             for _ in range(4):
-                wait_until(lambda: len(worker_pids()) == 2)
-                os.kill(worker_pids()[0], signal.SIGKILL)
+                wait_until(lambda: len(workers.pids()) == 2)
+                os.kill(workers.pids()[0], signal.SIGKILL)
                 answered = outcomes.count("ok")
                 wait_until(lambda n=answered: outcomes.count("ok") >= n + 5)
         finally:
@@ -204,9 +219,9 @@ def test_workers_are_killed_under_queries(service: Service, yards: Yards):
     wait_until(lambda: "firstfix_worker_deaths_total 4.0" in service.http.get("/metrics").text)
 
 
-def test_no_worker_outlives_the_service(tmp_path: Path, yards: Yards):
+def test_no_worker_outlives_the_service(tmp_path: Path, workers: Workers, yards: Yards):
     with running_service(tmp_path, zenoh=False, load=None) as service:
         yards.publish(service, "yard", 0)
         assert yards.ask(service, "yard", 0).status_code == 200
-        assert len(worker_pids()) == 2
-    assert worker_pids() == []
+        assert len(workers.pids()) == 2
+    assert workers.pids() == []
