@@ -15,7 +15,7 @@ from firstfix.errors import BuildFailed
 from firstfix.native import cell_planes, surface_net
 
 from .blocks import Block
-from .mesh import Mesh
+from .mesh import Mesh, middle
 from .orient_normals import orient_normals
 from .sampling import Sampling
 
@@ -66,5 +66,5 @@ def signed_distance_mesh(
         vertices, triangles = surface_net(means, normals, weights, near, cell_m, REACH_CELLS, trim_cells)
     except ValueError as error:
         raise BuildFailed(f"no surface of cells of {cell_m:.3g} m: {error}") from None
-    middle = vertices[triangles].mean(axis=1)
-    return Mesh(vertices, triangles.astype(np.int64)).with_triangles(block.holds(middle))
+    is_ours = block.holds(middle(vertices[triangles]))
+    return Mesh(vertices, triangles.astype(np.int64)).with_triangles(is_ours)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from firstfix.errors import BuildFailed
 
 from .map_tiles import by_tiles
-from .mesh import Mesh
+from .mesh import Mesh, highest, longest_edge, lowest, middle
 from .places.surface_cells import SurfaceCells
 
 TILE_M = 32.0
@@ -44,7 +44,7 @@ class TiledMesh:
     @classmethod
     def of(cls, mesh: Mesh) -> TiledMesh:
         """Sorts a mesh of at least one triangle, and removes unused vertices."""
-        order, start = by_tiles(mesh.vertices[mesh.triangles].mean(axis=1), TILE_M)
+        order, start = by_tiles(middle(mesh.vertices[mesh.triangles]), TILE_M)
         triangles = mesh.triangles[order]
         tile = np.repeat(np.arange(len(start) - 1), np.diff(start))
         in_tile = triangles + tile[:, None] * len(mesh.vertices)
@@ -55,8 +55,8 @@ class TiledMesh:
         vertex_start = np.searchsorted(first[by_use], 3 * start)
         ordered = Mesh(mesh.vertices[used[by_use] % len(mesh.vertices)], number[corner.reshape(-1, 3)])
         corners = ordered.vertices[ordered.triangles, :2]
-        low = np.minimum.reduceat(corners.min(axis=1), start[:-1])
-        high = np.maximum.reduceat(corners.max(axis=1), start[:-1])
+        low = np.minimum.reduceat(lowest(corners), start[:-1])
+        high = np.maximum.reduceat(highest(corners), start[:-1])
         return cls(ordered, start, vertex_start, low, high)
 
     def save(self, directory: Path) -> None:
@@ -126,7 +126,7 @@ def _merge(tiled: Sequence[TiledMesh], directory: Path) -> None:
     holders: dict[tuple[float, ...], list[tuple[TiledMesh, int]]] = {}
     for one in tiled:
         corners = one.mesh.vertices[one.mesh.triangles[one.start[:-1]]]  # of the first triangle of each tile
-        for number, tile in enumerate(np.floor(corners.mean(axis=1)[:, :2] / TILE_M).tolist()):
+        for number, tile in enumerate(np.floor(middle(corners)[:, :2] / TILE_M).tolist()):
             holders.setdefault(tuple(tile), []).append((one, number))
     shape = {
         "vertices": (sum(len(one.mesh.vertices) for one in tiled), np.float64),
@@ -147,7 +147,7 @@ def _merge(tiled: Sequence[TiledMesh], directory: Path) -> None:
         corners = mesh.vertices[mesh.triangles]
         low.append(corners[..., :2].min(axis=(0, 1)))
         high.append(corners[..., :2].max(axis=(0, 1)))
-        is_large = np.ptp(corners, axis=1).max(axis=1) > TILE_M  # its cell may be that of several tiles
+        is_large = longest_edge(corners) > TILE_M  # its cell may be that of several tiles
         large.append(mesh.with_triangles(is_large))
         if not is_large.all():
             cells.append(SurfaceCells.of(mesh.vertices, mesh.triangles[~is_large]))

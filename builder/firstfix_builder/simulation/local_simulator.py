@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,7 @@ from ..mesh.tiled_mesh import TiledMesh
 from .simulate import Simulator
 
 KEPT = 2  # simulators of a process: it works on one tile after the other
-
-_kept: OrderedDict[tuple[Path, tuple[int, ...]], Simulator] = OrderedDict()
-_lock = threading.Lock()
+WHOLE_TRIANGLES = 3_000_000  # a mesh with no more is taken whole: one simulator serves all places
 
 
 def local_simulator(
@@ -23,13 +22,16 @@ def local_simulator(
 ) -> Simulator:
     """Returns a simulator for rays up to reach_m that begin over the box of (2,) corners.
 
-    All chunks of the box share it. Threads that need the same one wait until it is made.
+    It may hold surface that is further away. All chunks of the box share it. Threads that need the same one
+    wait until it is made.
 
     Args:
         mesh: folder of the finished stage.
     """
     tiled = TiledMesh.load(mesh)
-    return _simulator(mesh, tiled, tiled.near(low, high, reach_m))
+    if len(tiled.mesh.triangles) <= WHOLE_TRIANGLES:
+        return _simulator(mesh, tuple(range(len(tiled))))
+    return _simulator(mesh, tiled.near(low, high, reach_m))
 
 
 def whole_simulator(mesh: Path) -> Simulator:
@@ -38,16 +40,34 @@ def whole_simulator(mesh: Path) -> Simulator:
     Args:
         mesh: folder of the finished stage.
     """
-    tiled = TiledMesh.load(mesh)
-    return _simulator(mesh, tiled, tuple(range(len(tiled.low))))
+    return _simulator(mesh, tuple(range(len(TiledMesh.load(mesh)))))
 
 
-def _simulator(mesh: Path, tiled: TiledMesh, tiles: tuple[int, ...]) -> Simulator:
+class _Made:
+    """The simulator of some tiles, made by the first thread that needs it."""
+
+    def __init__(self, mesh: Path, tiles: tuple[int, ...]) -> None:
+        self._mesh, self._tiles = mesh, tiles
+        self._lock = threading.Lock()
+
+    def get(self) -> Simulator:
+        with self._lock:
+            return self._simulator
+
+    @cached_property
+    def _simulator(self) -> Simulator:
+        part = TiledMesh.load(self._mesh).part(self._tiles)
+        return Simulator(part.vertices, part.triangles)
+
+
+_kept: OrderedDict[tuple[Path, tuple[int, ...]], _Made] = OrderedDict()
+_lock = threading.Lock()
+
+
+def _simulator(mesh: Path, tiles: tuple[int, ...]) -> Simulator:
     with _lock:
-        if (mesh, tiles) not in _kept:
-            part = tiled.part(tiles)
-            _kept[mesh, tiles] = Simulator(part.vertices, part.triangles)
+        made = _kept.setdefault((mesh, tiles), _Made(mesh, tiles))
         _kept.move_to_end((mesh, tiles))
         while len(_kept) > KEPT:
             _kept.popitem(last=False)
-        return _kept[mesh, tiles]
+    return made.get()  # without the lock: other threads make those of other tiles

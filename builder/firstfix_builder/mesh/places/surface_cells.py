@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..mesh import highest, longest_edge, lowest, middle
 from .runs import begins_run
 
 CELL_M = 4.0
@@ -50,8 +51,8 @@ class SurfaceCells:
         return cls(
             number[first],
             np.frombuffer(found, np.uint8).reshape(-1, 32),
-            np.minimum.reduceat(corners.min(axis=1), first).astype(np.float64),
-            np.maximum.reduceat(corners.max(axis=1), first).astype(np.float64),
+            np.minimum.reduceat(lowest(corners), first).astype(np.float64),
+            np.maximum.reduceat(highest(corners), first).astype(np.float64),
         )
 
     @classmethod
@@ -113,7 +114,6 @@ def _is_near(
 def _cells_of(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> NDArray[np.int64]:
     """(t, 4) the cell of each of (t, 3) triangles."""
     corners = vertices[triangles]
-    size_m = (corners.max(axis=1) - corners.min(axis=1)).max(axis=1)
-    doubled = np.ceil(np.log2(np.maximum(size_m / CELL_M, 1.0)))
-    number = np.floor(corners.mean(axis=1) / (CELL_M * 2**doubled)[:, None])
+    doubled = np.ceil(np.log2(np.maximum(longest_edge(corners) / CELL_M, 1.0)))
+    number = np.floor(middle(corners) / (CELL_M * 2**doubled)[:, None])
     return np.column_stack([number, doubled]).astype(np.int64)
