@@ -15,6 +15,7 @@ from firstfix_builder.execution.build_trace import BuildTrace
 from firstfix_builder.index.key_scans import TILE_M
 from firstfix_builder.index.views import FAR, NEAR
 from firstfix_builder.pipeline import BuiltVersion, build_version
+from firstfix_builder.simulation import local_simulator
 from small_world import COARSE_CONFIG
 
 pytestmark = pytest.mark.slow
@@ -57,7 +58,7 @@ def build(source: Path, work: Path) -> tuple[BuiltVersion, dict[str, tuple[int, 
     return built, {s.stage: (s.chunks, s.chunks_reused) for s in trace.stages if s.chunks}
 
 
-def test_only_what_the_change_can_reach_is_made_again(tmp_path: Path):
+def test_only_what_the_change_can_reach_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     before = corridor(tmp_path / "before.ply")
     after = corridor(tmp_path / "after.ply", changed=True)
     first, made = build(before, tmp_path / "work")
@@ -65,7 +66,9 @@ def test_only_what_the_change_can_reach_is_made_again(tmp_path: Path):
     assert count >= 8
     assert made["make_templates"][1] == 0
     second, reused = build(after, tmp_path / "work")
-    fresh, anew = build(after, tmp_path / "fresh")
+    with monkeypatch.context() as patched:  # as if the mesh were too large for one simulator
+        patched.setattr(local_simulator, "WHOLE_TRIANGLES", 0)
+        fresh, anew = build(after, tmp_path / "fresh")
     assert second.manifest.digest == fresh.manifest.digest != first.manifest.digest
     assert anew["make_templates"] == (count, 0)
     tile_m, reach_m = 24.0, _descriptor_range_m(second)
