@@ -30,11 +30,15 @@ class Told:
 
     Attributes:
         far_m: distances of the answers' poses from the truth.
-        lost: share of the datagrams that were dropped, of all.
+        age_s: ages of their clouds when the robot heard the pose.
+        datagrams: sent both ways.
+        lost: share of them that was dropped.
         shown: what the robot saw, since when.
     """
 
     far_m: list[float] = field(default_factory=list)
+    age_s: list[float] = field(default_factory=list)
+    datagrams: int = 0
     lost: float = 0.0
     shown: list[tuple[int, Scene]] = field(default_factory=list)
 
@@ -85,6 +89,7 @@ def ask(robot: RustRobot, seen: list[Scene], told: Told) -> None:
         robot.call(number)
         event = robot.wait_for("initialpose", poses + 1)
         wait_until(lambda call=number: robot.has_response(call), what="a response")
+        told.age_s.append((stamp_ns(event["time"]) - stamp_ns(event["message"]["header"]["stamp"])) / 1e9)
         told.far_m.append(min(check_pose(event, one) for one in _seen_at(event, told.shown)))
 
 
@@ -101,8 +106,8 @@ def lossy_link(loss: float, seed: int, told: Told) -> Iterator[Link]:
     """Gives the link, and afterwards the share that was lost."""
     with weak_link(Conditions(RATE_BIT_S, DELAY_S, loss), seed) as link:
         yield link
-        packets = link.up.packets + link.down.packets
-        told.lost = (link.up.lost + link.down.lost) / max(1, packets)
+        told.datagrams = link.up.packets + link.down.packets
+        told.lost = (link.up.lost + link.down.lost) / max(1, told.datagrams)
 
 
 def _other_end(address: str) -> str:
