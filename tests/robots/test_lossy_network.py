@@ -49,7 +49,7 @@ def test_all_that_is_asked_is_answered_though_datagrams_are_lost(
 
 
 def lease_s(participant: Participant) -> float:
-    """How long others take a participant for alive after its last announcement."""
+    """The lease that a participant gives: for so long, others take it for alive after an announcement."""
     found: list[float] = []
     reader = BuiltinDataReader(participant.entity, BuiltinTopicDcpsParticipant)
 
