@@ -20,6 +20,8 @@ UNUSED_BY_SERVICE = [
     for part in ("cluster", "datasets", "differentiate", "fftpack", "integrate", "interpolate", "io", "misc")
     + ("ndimage", "odr", "signal", "stats")
 ]
+# The compiler of DDS types, with a second copy of the library.
+UNUSED = ["cyclonedds/.libs"]
 STRIPPED_FROM_BYTES = 500_000
 
 # Imports every module of firstfix, and libraries that are imported late. This also writes their bytecode: the
@@ -41,7 +43,7 @@ SERVICE_PACKAGES = ["firstfix", "firstfix_service", "firstfix_client", "firstfix
 
 def main(venv: Path, kind: str) -> None:
     packages = next(venv.glob("lib/python3.*/site-packages"))
-    remove(packages, UNUSED_BY_SERVICE if kind == "service" else [])
+    remove(packages, [*UNUSED, *(UNUSED_BY_SERVICE if kind == "service" else [])])
     for library in packages.rglob("*.so"):
         # auditwheel patched those in *.libs: strip would break them, and they have no debug symbols.
         if not library.parent.name.endswith(".libs") and library.stat().st_size >= STRIPPED_FROM_BYTES:

@@ -6,11 +6,15 @@ import errno
 import json
 import re
 from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 from engine import BASE, build_images, docker
 
 import firstfix
+from firstfix_service.http_api.routes.console.page import MEDIA_TYPES
+from tests.dds_loopback import LOOPBACK
 from waiting import wait_until
 
 IMAGE = "firstfix-service:latest"
@@ -44,6 +48,19 @@ def python(container: str, code: str) -> str:
     return docker("exec", container, "python", "-c", code)
 
 
+def fetched(container: str, path: str) -> dict[str, Any]:
+    """What the service in a container answers to a GET, fetched from within it: it has no network."""
+    code = (
+        "import json, urllib.error, urllib.parse, urllib.request as u\n"
+        f"try: answer = u.urlopen('http://127.0.0.1:8080/{path}')\n"
+        "except urllib.error.HTTPError as error: answer = error\n"
+        "print(json.dumps({'status': answer.status, 'type': answer.headers['Content-Type'],"
+        " 'policy': answer.headers['Content-Security-Policy'],"
+        " 'path': urllib.parse.urlsplit(answer.url).path, 'text': answer.read().decode()}))"
+    )
+    return json.loads(python(container, code))
+
+
 def test_it_is_small(image: str):
     assert inspected(image)["Size"] - inspected(BASE)["Size"] < MAX_BYTES
 
@@ -74,9 +91,36 @@ def test_it_becomes_healthy_without_root_and_with_a_read_only_root(container: st
 
 
 def test_the_console_is_in_it(container: str):
-    address = "http://127.0.0.1:8080/console/"
-    page = python(container, f"import urllib.request as u; print(u.urlopen('{address}').read())")
-    assert "assets/index-" in page
+    """The page with all of its files, as a browser asks for them."""
+    page = fetched(container, "")
+    assert (page["status"], page["type"]) == (200, "text/html; charset=utf-8")
+    assert page["path"] == "/console/", "the address of the service leads to it"
+    assert "default-src 'none'; script-src 'self'; style-src 'self';" in page["policy"]
+    assert "unsafe" not in page["policy"]
+    named = re.findall(r'(?:src|href)="\./([^"]+)"', page["text"])
+    assert {Path(name).suffix for name in named} == {".js", ".css", ".svg"}
+    (script,) = (name for name in named if name.endswith(".js"))
+    # the parts of the page that are loaded when they are opened
+    text = fetched(container, f"console/{script}")["text"]
+    parts = {f"assets/{name}" for name in re.findall(r"\w+-[\w-]{8}\.(?:js|css)", text)}
+    assert any(name.startswith("assets/MapView-") for name in parts)
+    for name in {*named, *parts}:
+        file = fetched(container, f"console/{name}")
+        assert (file["status"], file["policy"]) == (200, page["policy"]), name
+        assert file["type"].partition(";")[0] == MEDIA_TYPES[Path(name).suffix], name
+        assert file["text"], name
+    assert fetched(container, "console/assets/other.js")["status"] == 404
+
+
+def test_it_is_a_gateway_for_robots_on_dds(container: str):
+    """Cyclone DDS loads, and the gateway takes part in a domain, on loopback alone."""
+    code = (
+        f"import os; os.environ['CYCLONEDDS_URI'] = {LOOPBACK!r}\n"
+        "from firstfix_cli.ros_gateway.dds.participant import Participant\n"
+        "participant = Participant(0)\n"
+        "print(len(participant.entity.guid.bytes))"
+    )
+    assert python(container, code) == "16"
 
 
 def test_there_is_nothing_in_it_to_build_with(container: str):
