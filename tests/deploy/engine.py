@@ -31,6 +31,15 @@ def docker(*arguments: str, check: bool = True) -> str:
     return done.stdout.strip()
 
 
+def compose() -> list[str]:
+    """Returns the command of docker compose, of either generation. Skips the test where there is none."""
+    if _succeeds("docker", "compose", "version"):
+        return ["docker", "compose"]
+    if shutil.which("docker-compose") is None:
+        pytest.skip("no docker compose here: apt-get install docker-compose")
+    return ["docker-compose"]
+
+
 @contextmanager
 def running_engine(log: Path) -> Iterator[None]:
     """One test process has it at a time. Skips the test, and says why, where none can be had."""

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
-from engine import ROOT, build_images, docker
+from engine import ROOT, build_images, compose, docker
 
 from servers import free_port
 
@@ -17,8 +16,7 @@ from servers import free_port
 @pytest.mark.slow
 @pytest.mark.timeout(2400)
 def test_the_minimal_profile(engine: None, tmp_path: Path):
-    if not docker("compose", "version", check=False) and shutil.which("docker-compose") is None:
-        pytest.skip("no docker compose here")
+    compose()
     build_images("service", "builder")
     settings = {
         "FIRSTFIX_HTTP_PORT": str(free_port()),
