@@ -49,7 +49,7 @@ def python(container: str, code: str) -> str:
 
 
 def fetched(container: str, path: str) -> dict[str, Any]:
-    """What the service in a container answers to a GET, fetched from within it: it has no network."""
+    """Returns what the service in a container answers to a GET. Asks from within: it has no network."""
     code = (
         "import json, urllib.error, urllib.parse, urllib.request as u\n"
         f"try: answer = u.urlopen('http://127.0.0.1:8080/{path}')\n"
@@ -91,7 +91,7 @@ def test_it_becomes_healthy_without_root_and_with_a_read_only_root(container: st
 
 
 def test_the_console_is_in_it(container: str):
-    """The page with all of its files, as a browser asks for them."""
+    """It has the page with all of its files, as a browser asks for them."""
     page = fetched(container, "")
     assert (page["status"], page["type"]) == (200, "text/html; charset=utf-8")
     assert page["path"] == "/console/", "the address of the service leads to it"
