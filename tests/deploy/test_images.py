@@ -91,7 +91,7 @@ def test_it_becomes_healthy_without_root_and_with_a_read_only_root(container: st
 
 
 def test_the_console_is_in_it(container: str):
-    """It has the page with all of its files, as a browser asks for them."""
+    """The page is there with all of its files, as a browser asks for them."""
     page = fetched(container, "")
     assert (page["status"], page["type"]) == (200, "text/html; charset=utf-8")
     assert page["path"] == "/console/", "the address of the service leads to it"
