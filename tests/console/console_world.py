@@ -16,7 +16,7 @@ from firstfix.access.permissions import Grant
 from firstfix.scan.scan import Scan
 from firstfix.transform import Matrix
 from firstfix.wire.scan import encode_scan
-from storey_world import mesh_of
+from storey_world import Box, mesh_of
 
 if TYPE_CHECKING:  # open3d
     from firstfix_builder.pipeline import BuiltVersion
@@ -100,12 +100,27 @@ def running_console(
 def house() -> SmallWorld:
     """Two storeys of 5 x 4 m with things in them, and a roof."""
     rng = np.random.default_rng(3)
-    boxes = [((0.0, 0.0, 2 * STOREY_M), (5.4, 4.4, 0.2))]
-    for floor in (0.0, STOREY_M):
-        boxes.append(((0.0, 0.0, floor - 0.1), (5.4, 4.4, 0.2)))
-        for x, y, w, d in ((0, 2, 5, 0.2), (0, -2, 5, 0.2), (2.5, 0, 0.2, 4), (-2.5, 0, 0.2, 4)):
-            boxes.append(((x, y, floor + 1.4), (w, d, 2.8)))
-        for _ in range(5):
-            w, d, h = rng.uniform(0.3, 1.2, 3)
-            boxes.append(((*rng.uniform([-2.0, -1.5], [2.0, 1.5]), floor + h / 2), (w, d, h)))
-    return mesh_of(boxes)
+    roof: Box = ((0.0, 0.0, 2 * STOREY_M), (5.4, 4.4, 0.2))
+    storeys = [part for floor in (0.0, STOREY_M) for part in (_shell(floor), _things(floor, rng))]
+    return mesh_of([roof, *(box for part in storeys for box in part)])
+
+
+def room() -> dict[str, SmallWorld]:
+    """One storey of such a house, in two files by name."""
+    return {"shell.ply": mesh_of(_shell(0.0)), "things.ply": mesh_of(_things(0.0, np.random.default_rng(3)))}
+
+
+def _shell(floor: float) -> list[Box]:
+    walls = ((0, 2, 5, 0.2), (0, -2, 5, 0.2), (2.5, 0, 0.2, 4), (-2.5, 0, 0.2, 4))
+    return [
+        ((0.0, 0.0, floor - 0.1), (5.4, 4.4, 0.2)),
+        *(((x, y, floor + 1.4), (w, d, 2.8)) for x, y, w, d in walls),
+    ]
+
+
+def _things(floor: float, rng: np.random.Generator) -> list[Box]:
+    boxes: list[Box] = []
+    for _ in range(5):
+        w, d, h = rng.uniform(0.3, 1.2, 3)
+        boxes.append(((*rng.uniform([-2.0, -1.5], [2.0, 1.5]), floor + h / 2), (w, d, h)))
+    return boxes

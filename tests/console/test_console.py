@@ -19,6 +19,7 @@ from page import CANVAS
 from pictures import AGREES, CONTRADICTS, LOCALIZED, difference, drawn_pixels, pixels_of, place_in, view_of
 from typer.testing import CliRunner
 
+from console_world import room
 from firstfix.scan.scan import Scan
 from firstfix.wire.scan import encode_scan
 from firstfix_cli.main import app
@@ -125,6 +126,27 @@ def test_a_map_is_built_from_a_dropped_file(page, world, house_file, tmp_path):
     # the stages that the cancelled build had made are not made again, the last one always is
     assert "self test" in page.js("[...seen]")
     page.until("!find('tr .tag', 'provisional')")
+
+
+def test_a_map_is_built_from_a_dropped_folder(page, world, tmp_path):
+    """The folder's hidden files are left out, as the service leaves them out of a folder on its disk."""
+    folder = tmp_path / "Tower Block"
+    (folder / ".old").mkdir(parents=True)
+    for hidden in (".old/shell.ply", ".index"):
+        (folder / hidden).write_bytes(b"no map")
+    for name, part in room().items():
+        part.write(folder / name)
+    page.open()
+    page.click("button", "Build a map")
+    page.wait("svg[role=img]", "beams")
+    page.drop(".drop", folder)
+    page.wait(".drop", "Tower Block: 2 files")
+    assert page.js("find('input', 'Name of the map').value") == "tower-block"
+    page.choose("Sensor of the robots", "vlp-16")
+    page.click("dialog button.primary", "Build")
+    page.wait("tr", "tower-block")
+    (build,) = world.get("/builds", limit=1)["builds"]
+    assert (build["map_id"], build["error"]) == ("tower-block", None)
 
 
 def _hand_in(page, file) -> None:
