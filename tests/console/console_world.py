@@ -9,20 +9,26 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from service_world import Service, running_service
 
 from firstfix.access.api_keys import ApiKeys
 from firstfix.access.permissions import Grant
+from firstfix.builds.config import PerturbConfig
 from firstfix.scan.scan import Scan
+from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix
 from firstfix.wire.scan import encode_scan
+from firstfix_builder.simulation.perturb import perturbed_scans
+from firstfix_builder.simulation.simulate import Simulator
+from small_world import SENSOR, SmallWorld
 from storey_world import Box, mesh_of
 
 if TYPE_CHECKING:  # open3d
     from firstfix_builder.pipeline import BuiltVersion
-    from small_world import SmallWorld
 
 STOREY_M = 3.0
+BOX_TRIANGLES = 12
 
 
 @dataclass(frozen=True)
@@ -55,6 +61,14 @@ class ConsoleWorld:
         answer = self.service.http.get(path, params=query, headers=self.headers("admin"))
         assert answer.status_code == 200, answer.text
         return answer.json()
+
+    def looked_at_sightings(self) -> int:
+        """Number of sure answers that the query workers have looked at for changes of the map."""
+        self.get("/maps/yard/changes")  # takes the counts from the workers
+        lines = self.service.http.get("/metrics", headers=self.headers("admin")).text.splitlines()
+        return sum(
+            int(float(line.split()[-1])) for line in lines if line.startswith("firstfix_sightings_total{")
+        )
 
     def headers(self, key: str) -> dict[str, str]:
         return {"Authorization": f"Bearer {self.keys[key]}"}
@@ -95,6 +109,15 @@ def running_console(
             files.append((file, T_map_sensor))
         port = service.url.rpartition(":")[2]
         yield ConsoleWorld(service, f"http://{host}:{port}", given, files, (digests[0], digests[1]))
+
+
+def scans_without_cabin(yard: SmallWorld, templates_m: NDArray[np.floating]) -> list[Scan]:
+    """Scans from all over the yard, after its cabin (the last box of the mesh) was taken away."""
+    left = Simulator(yard.vertices, yard.triangles[:-BOX_TRIANGLES])
+    clean = PerturbConfig(occluders=0, strangers=0, unmapped=0, vanished=0)
+    sensor = SensorModel.from_mapping(SENSOR)
+    scans = perturbed_scans(left, sensor, templates_m, 1.0, 24, clean, np.random.default_rng(5))
+    return [scan for scan, _ in scans]
 
 
 def house() -> SmallWorld:

@@ -16,10 +16,22 @@ import pytest
 from accessible import violations
 from browser import HOST
 from page import CANVAS
-from pictures import AGREES, CONTRADICTS, LOCALIZED, difference, drawn_pixels, pixels_of, place_in, view_of
+from pictures import (
+    AGREES,
+    CONTRADICTS,
+    GONE,
+    LOCALIZED,
+    difference,
+    drawn_pixels,
+    pixels_of,
+    place_in,
+    reddened,
+    view_of,
+)
 from typer.testing import CliRunner
 
-from console_world import room
+from console_world import room, scans_without_cabin
+from firstfix.engine.index import MapIndex
 from firstfix.scan.scan import Scan
 from firstfix.wire.scan import encode_scan
 from firstfix_cli.main import app
@@ -205,6 +217,37 @@ def test_layers_are_laid_over_a_map(page, house):
     page.click("label.check", "Changes since the map was made")
     page.map_picture()
     assert not page.has("[role=alert]")
+
+
+def test_what_has_changed_is_laid_over_a_map(page, world, small_version, small_world, tmp_path):
+    """Robots ask in the yard after its cabin has gone."""
+    world.service.catalog.publish("yard-later", small_version.directory, small_version.manifest)
+    page.open("#/maps/yard-later?layers=changes")
+    page.wait("[role=status]", "No query was counted yet")
+
+    templates_m = MapIndex.load(small_version.directory).cascade.templates.position_m
+    before = world.looked_at_sightings()
+    for number, scan in enumerate(scans_without_cabin(small_world, templates_m), 1):
+        file = tmp_path / f"{number}.ffscan"
+        file.write_bytes(encode_scan(scan))
+        assert world.ask(file, map="yard-later")["probability"] > 0.99
+        wait_until(lambda number=number: world.looked_at_sightings() >= before + number)
+    target, eye = (5.0, 3.5, 1.2), (5.0, -4.0, 9.0)
+    page.open(f"#/maps/yard-later?colour=plain&view={view_of(target, eye)}")
+    unmarked = page.map_picture()
+    page.click("label.check", "Changes since the map was made")
+    page.wait("[aria-label=Changes] li", "gone: 1")
+    page.wait("[aria-label=Changes] li", "new: 0")
+    wait_until(lambda: pixels_of(page.map_picture(), GONE, 30) > 0)
+    gone = reddened(unmarked, page.map_picture())
+    height, width = gone.shape
+    x, y = (int(v) for v in place_in(target, target, eye, width, height))
+    around = np.zeros_like(gone)
+    around[y - 150 : y + 150, x - 180 : x + 180] = True  # the cabin is 3 m long, and its cells a little more
+    assert gone[y - 60 : y + 60, x - 60 : x + 60].mean() > 0.8
+    assert gone[~around].mean() < 0.001
+    page.click("[aria-label=Changes] button", "5.")
+    wait_until(lambda: difference(unmarked, page.map_picture()) > 0.05)
 
 
 def test_a_link_opens_the_same_view(page, house):
