@@ -12,7 +12,6 @@ import argparse
 import json
 import sys
 import tempfile
-import time
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +25,7 @@ from service_world import running_service  # noqa: E402
 from benchmarks.common.memory import pss_of_family  # noqa: E402
 from benchmarks.service.consoles import ConsoleCourse, version_with_cloud  # noqa: E402
 from firstfix.catalog.manifest import Manifest  # noqa: E402
+from waiting import let_pass  # noqa: E402
 
 MAP = "campus"
 MIB = 1 << 20
@@ -98,7 +98,7 @@ def measured(browser: Browser, page: Page, layers: str) -> dict[str, Any]:
     page.call("Page.addScriptToEvaluateOnNewDocument", source=PROFILE)
     page.open()
     page.wait("a", MAP)
-    time.sleep(1)
+    let_pass(1)  # what was begun is over
     found: dict[str, Any] = {"memory_before_mib": memory(browser, page)}
     page.open(f"#/maps/{MAP}?layers={layers}")
     peak, first_s, shown = 0, 0.0, 0
@@ -111,7 +111,7 @@ def measured(browser: Browser, page: Page, layers: str) -> dict[str, Any]:
     found["points_shown"] = int(page.js(f"document.querySelector('{CANVAS}').dataset.points"))
     found["first_points_s"], found["all_points_s"] = round(first_s, 2), round(all_s, 2)
     found["peak_mib"] = round(peak / MIB)
-    time.sleep(LOOK_S)
+    let_pass(LOOK_S)  # what was begun is over
     found["memory_open_mib"] = memory(browser, page)
     found["panning"] = page.js(PAN)
     found["memory_panned_mib"] = memory(browser, page)
