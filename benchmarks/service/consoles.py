@@ -64,7 +64,7 @@ def consoles(
 ) -> dict[str, Any]:
     """Latencies and MiB without and with consoles, and their ratios."""
     store = str(directory / "store")
-    drawn = replace(queried, version=_with_cloud(queried.version, directory / "drawn", course))
+    drawn = replace(queried, version=version_with_cloud(queried.version, directory / "drawn", course))
     version = drawn.publish(store, MAP, directory)
     asked = {state: Asked() for state in STATES}
     cpu_s = dict.fromkeys(STATES, 0.0)
@@ -119,7 +119,7 @@ def _note(crowd: Crowd, found: Asked, seconds: float) -> None:
     found.elapsed_s += seconds
 
 
-def _with_cloud(version: Path, folder: Path, course: ConsoleCourse) -> Path:
+def version_with_cloud(version: Path, folder: Path, course: ConsoleCourse) -> Path:
     """A version's files, with the cloud of a building with many floors and walls."""
     folder.mkdir(parents=True)
     for path in version.iterdir():

@@ -47,7 +47,8 @@ _ARGUMENTS = (
 class Browser:
     """One process of the browser. Pages are apart from each other like profiles."""
 
-    def __init__(self, socket: ClientConnection, downloads: Path) -> None:
+    def __init__(self, socket: ClientConnection, downloads: Path, pid: int) -> None:
+        self.pid = pid
         self._socket = socket
         self._downloads = downloads
         self._number = 0
@@ -130,7 +131,7 @@ def running_browser(folder: Path) -> Iterator[Browser]:
             pytest.fail(f"{program} did not start: {(folder / 'chromium.log').read_text()[-1000:]}")
         port, path = port_file.read_text().split()
         with connect(f"ws://127.0.0.1:{port}{path}", max_size=None, proxy=None) as socket:
-            yield Browser(socket, folder / "downloads")
+            yield Browser(socket, folder / "downloads", process.pid)
     finally:
         os.killpg(process.pid, 9)
         process.wait()

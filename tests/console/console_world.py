@@ -9,20 +9,26 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from service_world import Service, running_service
 
 from firstfix.access.api_keys import ApiKeys
 from firstfix.access.permissions import Grant
+from firstfix.builds.config import PerturbConfig
 from firstfix.scan.scan import Scan
+from firstfix.sensor import SensorModel
 from firstfix.transform import Matrix
 from firstfix.wire.scan import encode_scan
-from storey_world import mesh_of
+from firstfix_builder.simulation.perturb import perturbed_scans
+from firstfix_builder.simulation.simulate import Simulator
+from small_world import SENSOR, SmallWorld
+from storey_world import Box, mesh_of
 
 if TYPE_CHECKING:  # open3d
     from firstfix_builder.pipeline import BuiltVersion
-    from small_world import SmallWorld
 
 STOREY_M = 3.0
+BOX_TRIANGLES = 12
 
 
 @dataclass(frozen=True)
@@ -55,6 +61,14 @@ class ConsoleWorld:
         answer = self.service.http.get(path, params=query, headers=self.headers("admin"))
         assert answer.status_code == 200, answer.text
         return answer.json()
+
+    def looked_at_sightings(self) -> int:
+        """Number of sure answers that the query workers have looked at for changes of the map."""
+        self.get("/maps/yard/changes")  # takes the counts from the workers
+        lines = self.service.http.get("/metrics", headers=self.headers("admin")).text.splitlines()
+        return sum(
+            int(float(line.split()[-1])) for line in lines if line.startswith("firstfix_sightings_total{")
+        )
 
     def headers(self, key: str) -> dict[str, str]:
         return {"Authorization": f"Bearer {self.keys[key]}"}
@@ -97,15 +111,39 @@ def running_console(
         yield ConsoleWorld(service, f"http://{host}:{port}", given, files, (digests[0], digests[1]))
 
 
+def scans_without_cabin(yard: SmallWorld, templates_m: NDArray[np.floating]) -> list[Scan]:
+    """Scans from all over the yard, after its cabin (the last box of the mesh) was taken away."""
+    left = Simulator(yard.vertices, yard.triangles[:-BOX_TRIANGLES])
+    clean = PerturbConfig(occluders=0, strangers=0, unmapped=0, vanished=0)
+    sensor = SensorModel.from_mapping(SENSOR)
+    scans = perturbed_scans(left, sensor, templates_m, 1.0, 24, clean, np.random.default_rng(5))
+    return [scan for scan, _ in scans]
+
+
 def house() -> SmallWorld:
     """Two storeys of 5 x 4 m with things in them, and a roof."""
     rng = np.random.default_rng(3)
-    boxes = [((0.0, 0.0, 2 * STOREY_M), (5.4, 4.4, 0.2))]
-    for floor in (0.0, STOREY_M):
-        boxes.append(((0.0, 0.0, floor - 0.1), (5.4, 4.4, 0.2)))
-        for x, y, w, d in ((0, 2, 5, 0.2), (0, -2, 5, 0.2), (2.5, 0, 0.2, 4), (-2.5, 0, 0.2, 4)):
-            boxes.append(((x, y, floor + 1.4), (w, d, 2.8)))
-        for _ in range(5):
-            w, d, h = rng.uniform(0.3, 1.2, 3)
-            boxes.append(((*rng.uniform([-2.0, -1.5], [2.0, 1.5]), floor + h / 2), (w, d, h)))
-    return mesh_of(boxes)
+    roof: Box = ((0.0, 0.0, 2 * STOREY_M), (5.4, 4.4, 0.2))
+    storeys = [part for floor in (0.0, STOREY_M) for part in (_shell(floor), _things(floor, rng))]
+    return mesh_of([roof, *(box for part in storeys for box in part)])
+
+
+def room() -> dict[str, SmallWorld]:
+    """One storey of such a house, in two files by name."""
+    return {"shell.ply": mesh_of(_shell(0.0)), "things.ply": mesh_of(_things(0.0, np.random.default_rng(3)))}
+
+
+def _shell(floor: float) -> list[Box]:
+    walls = ((0, 2, 5, 0.2), (0, -2, 5, 0.2), (2.5, 0, 0.2, 4), (-2.5, 0, 0.2, 4))
+    return [
+        ((0.0, 0.0, floor - 0.1), (5.4, 4.4, 0.2)),
+        *(((x, y, floor + 1.4), (w, d, 2.8)) for x, y, w, d in walls),
+    ]
+
+
+def _things(floor: float, rng: np.random.Generator) -> list[Box]:
+    boxes: list[Box] = []
+    for _ in range(5):
+        w, d, h = rng.uniform(0.3, 1.2, 3)
+        boxes.append(((*rng.uniform([-2.0, -1.5], [2.0, 1.5]), floor + h / 2), (w, d, h)))
+    return boxes

@@ -6,10 +6,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from page import Picture
 
 AGREES, CONTRADICTS, UNEXPLAINED = (51, 199, 89), (255, 59, 48), (255, 204, 0)
 LOCALIZED = (52, 168, 83)  # the mark of a pose
+GONE = (255, 59, 48)  # cells whose mapped surfaces have left
 GROUND = (16, 22, 27)  # of the 3D picture
 _HALF_ANGLE_DEG = 27.5  # of the view from top to bottom
 
@@ -28,6 +30,12 @@ def drawn_pixels(picture: Picture) -> int:
 def difference(a: Picture, b: Picture) -> float:
     """Share of the pixels that differ clearly."""
     return float((np.abs(a.astype(int) - b).max(axis=2) > 24).mean())
+
+
+def reddened(before: Picture, after: Picture) -> NDArray[np.bool_]:
+    """(h, w) Pixels over which something red was laid."""
+    gain = after.astype(int) - before
+    return np.asarray((gain[..., 0] > 60) & (gain[..., 0] > 3 * np.abs(gain[..., 1:]).max(axis=2)))
 
 
 def view_of(target: Sequence[float], eye: Sequence[float]) -> str:

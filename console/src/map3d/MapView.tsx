@@ -2,14 +2,15 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { Group } from "three";
+import { Group, type Object3D } from "three";
 import { get, type Schemas } from "../api/client";
 import { note, route } from "../router";
 import { ErrorText } from "../ui/ErrorText";
 import { useLoaded } from "../ui/useLoaded";
+import { ChangesPanel } from "./ChangesPanel";
 import type { Cloud } from "./cloud";
 import { Layers, type LayerName } from "./Layers";
-import { layerOf } from "./layerMarks";
+import { changeMarks, layerOf } from "./layerMarks";
 import { MapCanvas, showStorey } from "./MapCanvas";
 import type { Colouring } from "./material";
 import { Measure } from "./measure";
@@ -20,6 +21,8 @@ import { SpotPanel } from "./SpotPanel";
 import type { SpotCell } from "./spots";
 import type { Storey } from "./storeys";
 import { useSpotGrid } from "./useSpotGrid";
+
+const MOST_AREAS = 1000;
 
 export function MapView({ map }: { map: string }) {
   const asked = route.value.query;
@@ -41,6 +44,14 @@ export function MapView({ map }: { map: string }) {
   const problem = useSignal<unknown>(null);
   const grid = useSpotGrid(map, version, cloud);
   const spot = useSignal<SpotCell | null>(null);
+  const isCompared = layers.value.includes("changes");
+  const changes = useLoaded(
+    async (signal) =>
+      isCompared && version
+        ? await get<Schemas["MapChanges"]>(`/maps/${map}/changes`, { version, cells: true, limit: MOST_AREAS }, signal)
+        : null,
+    [map, version, isCompared],
+  );
   const isTested = layers.value.includes("localizability") || layers.value.includes("aliases");
 
   const opened = (found: MapScene | null, with_: Cloud | null, its: Storey[]) => {
@@ -77,10 +88,11 @@ export function MapView({ map }: { map: string }) {
     if (!here || !cloud.current) return;
     const stop = new AbortController();
     const group = new Group();
-    here.overlay.add(group);
+    const remove = laid(here, group);
     note({ layers: layers.value.join(",") });
     for (const name of layers.value) {
-      layerOf(name, here, cloud.current, map, version, grid.load, stop.signal)
+      if (name === "changes") continue;
+      layerOf(name, here, cloud.current, grid.load, stop.signal)
         .then((found) => {
           if (stop.signal.aborted || !found) return;
           group.add(found);
@@ -92,24 +104,21 @@ export function MapView({ map }: { map: string }) {
     }
     return () => {
       stop.abort();
-      clear(group);
-      here.overlay.remove(group);
-      here.redraw();
+      remove();
     };
   }, [isReady.value, layers.value, version]);
 
   useEffect(() => {
     const here = scene.current;
     if (!here || !isTested || !grid.value || !spot.value) return;
-    const mark = chosen(here, grid.value, spot.value);
-    here.overlay.add(mark);
-    here.redraw();
-    return () => {
-      clear(mark);
-      here.overlay.remove(mark);
-      here.redraw();
-    };
+    return laid(here, chosen(here, grid.value, spot.value));
   }, [isReady.value, grid.value, spot.value, isTested]);
+
+  useEffect(() => {
+    const here = scene.current;
+    if (!here || !changes.value) return;
+    return laid(here, changeMarks(here, changes.value));
+  }, [isReady.value, changes.value]);
 
   const clicked = (position: [number, number, number]) => {
     if (measuring.value) measure.current?.add(position);
@@ -140,6 +149,10 @@ export function MapView({ map }: { map: string }) {
         {isTested && grid.value ? (
           <SpotPanel grid={grid.value} chosen={spot.value} choose={(one) => (spot.value = one)} />
         ) : null}
+        {changes.value ? (
+          <ChangesPanel found={changes.value} look={(position) => scene.current?.lookAt(position)} />
+        ) : null}
+        {changes.error ? <ErrorText error={changes.error} again={changes.again} /> : null}
         <ShareLink version={version} />
         <section>
           <h3>Measure</h3>
@@ -160,4 +173,15 @@ export function MapView({ map }: { map: string }) {
       </aside>
     </div>
   );
+}
+
+/** Lays a mark over the picture. Returns what removes it. */
+function laid(scene: MapScene, mark: Object3D): () => void {
+  scene.overlay.add(mark);
+  scene.redraw();
+  return () => {
+    clear(mark);
+    scene.overlay.remove(mark);
+    scene.redraw();
+  };
 }

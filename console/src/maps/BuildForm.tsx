@@ -8,6 +8,7 @@ import { ErrorText } from "../ui/ErrorText";
 import { Progress } from "../ui/Progress";
 import { size } from "../ui/text";
 import { useLoaded } from "../ui/useLoaded";
+import { chosen, dropped, folderOf, type MapFile } from "./files";
 import { SensorPicture } from "./SensorPicture";
 import { upload } from "./upload";
 import { zipped } from "./zip";
@@ -15,29 +16,38 @@ import { zipped } from "./zip";
 export function BuildForm({ close }: { close: () => void }) {
   const sensors = useLoaded((signal) => get<Schemas["Sensor"][]>("/sensors", {}, signal), []);
   const name = useSignal("");
-  const files = useSignal<File[]>([]);
+  const files = useSignal<MapFile[]>([]);
   const trajectory = useSignal<File | null>(null);
   const sensor = useSignal("os1-64");
   const height = useSignal("");
-  const share = useSignal<number | null>(null);
+  const job = useSignal<{ label: string; share: number } | null>(null);
   const problem = useSignal<unknown>(null);
   const stop = useRef<AbortController | null>(null);
-  const chosen = sensors.value?.find((one) => one.name === sensor.value);
-  const bytes = files.value.reduce((sum, file) => sum + file.size, 0);
+  const preset = sensors.value?.find((one) => one.name === sensor.value);
+  const bytes = files.value.reduce((sum, { file }) => sum + file.size, 0);
 
-  const take = (given: File[]) => {
-    files.value = given;
-    if (!name.value && given[0]) name.value = idOf(folderOf(given) ?? given[0].name);
+  const take = async (given: () => MapFile[] | Promise<MapFile[]>) => {
+    problem.value = null;
+    try {
+      const found = await given();
+      if (!found.length) return;
+      files.value = found;
+      if (!name.value) name.value = idOf(folderOf(found) ?? (found.length > 1 ? "map" : found[0]!.path));
+    } catch (error) {
+      problem.value = error;
+    }
   };
   const build = async (event: Event) => {
     event.preventDefault();
     problem.value = null;
     stop.current = new AbortController();
+    const { signal } = stop.current;
+    const tell = (label: string) => (share: number) => (job.value = { label, share });
     try {
-      const source = files.value.length === 1 ? files.value[0]! : await zipped(files.value);
-      share.value = 0;
-      const id = await upload(source, (done) => (share.value = done), stop.current.signal);
-      const poses = trajectory.value && (await upload(trajectory.value, () => {}, stop.current.signal));
+      tell("Reading")(0);
+      const source = files.value.length === 1 ? files.value[0]!.file : await zipped(files.value, tell("Reading"), signal);
+      const id = await upload(source, tell("Uploading"), signal);
+      const poses = trajectory.value && (await upload(trajectory.value, () => {}, signal));
       const model = height.value ? { preset: sensor.value, mount_height_m: Number(height.value) } : sensor.value;
       await change("POST", "/maps", {
         json: {
@@ -50,8 +60,8 @@ export function BuildForm({ close }: { close: () => void }) {
       });
       close();
     } catch (error) {
-      if (!stop.current.signal.aborted) problem.value = error;
-      share.value = null;
+      if (!signal.aborted) problem.value = error;
+      job.value = null;
     }
   };
   const cancel = () => {
@@ -63,9 +73,10 @@ export function BuildForm({ close }: { close: () => void }) {
       <form onSubmit={build}>
         <Drop take={take}>
           {files.value.length
-            ? `${folderOf(files.value) ?? files.value[0]!.name}, ${size(bytes)}`
-            : "Drop a map here: a cloud, a mesh, or the files of a SLAM folder"}
+            ? `${titleOf(files.value)}, ${size(bytes)}`
+            : "Drop a map here: a cloud, a mesh, or the folder of a SLAM package"}
         </Drop>
+        <FolderChoice take={take} />
         <label>
           Name of the map
           <input
@@ -84,7 +95,7 @@ export function BuildForm({ close }: { close: () => void }) {
             ))}
           </select>
         </label>
-        {chosen ? <SensorPicture sensor={chosen} /> : null}
+        {preset ? <SensorPicture sensor={preset} /> : null}
         <label>
           Its height above the floor, metres
           <input
@@ -92,7 +103,7 @@ export function BuildForm({ close }: { close: () => void }) {
             step="any"
             min={0}
             max={100}
-            placeholder={String(chosen?.mount_height_m ?? "")}
+            placeholder={String(preset?.mount_height_m ?? "")}
             value={height.value}
             onInput={(event) => (height.value = event.currentTarget.value)}
           />
@@ -101,13 +112,13 @@ export function BuildForm({ close }: { close: () => void }) {
           Trajectory of the mapping run, if there is one: TUM, KITTI or CSV
           <input type="file" onChange={(event) => (trajectory.value = event.currentTarget.files?.[0] ?? null)} />
         </label>
-        {share.value === null ? null : <Progress label="Uploading" share={share.value} />}
+        {job.value ? <Progress {...job.value} /> : null}
         {problem.value ? <ErrorText error={problem.value} /> : null}
         <div class="row end">
           <button type="button" onClick={cancel}>
             Cancel
           </button>
-          <button class="primary" disabled={!files.value.length || share.value !== null}>
+          <button class="primary" disabled={!files.value.length || job.value !== null}>
             Build
           </button>
         </div>
@@ -116,7 +127,9 @@ export function BuildForm({ close }: { close: () => void }) {
   );
 }
 
-function Drop({ take, children }: { take: (files: File[]) => void; children: string }) {
+type Take = (given: () => MapFile[] | Promise<MapFile[]>) => void;
+
+function Drop({ take, children }: { take: Take; children: string }) {
   const over = useSignal(false);
   return (
     <label
@@ -129,17 +142,50 @@ function Drop({ take, children }: { take: (files: File[]) => void; children: str
       onDrop={(event) => {
         event.preventDefault();
         over.value = false;
-        take([...(event.dataTransfer?.files ?? [])]);
+        const data = event.dataTransfer;
+        if (data) take(() => dropped(data));
       }}
     >
       <span>{children}</span>
-      <input type="file" multiple onChange={(event) => take([...(event.currentTarget.files ?? [])])} />
+      <input
+        type="file"
+        multiple
+        onChange={(event) => {
+          const list = event.currentTarget.files;
+          take(() => chosen(list));
+        }}
+      />
     </label>
   );
 }
 
-function folderOf(files: File[]): string | null {
-  return files.length > 1 ? (files[0]!.webkitRelativePath.split("/")[0] || "map") : null;
+/** The browser's dialog chooses either files or a folder, so a folder has its own. */
+function FolderChoice({ take }: { take: Take }) {
+  const input = useRef<HTMLInputElement | null>(null);
+  return (
+    <div class="row">
+      <button type="button" onClick={() => input.current?.click()}>
+        Choose a folder
+      </button>
+      <input
+        ref={(element) => {
+          input.current = element;
+          if (element) element.webkitdirectory = true;
+        }}
+        hidden
+        type="file"
+        onChange={(event) => {
+          const list = event.currentTarget.files;
+          take(() => chosen(list));
+        }}
+      />
+    </div>
+  );
+}
+
+function titleOf(files: MapFile[]): string {
+  if (files.length === 1) return files[0]!.path;
+  return `${folderOf(files) ?? "Several files"}: ${files.length} files`;
 }
 
 function idOf(fileName: string): string {

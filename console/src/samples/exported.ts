@@ -1,6 +1,7 @@
 // Kept queries whose truth is known, as a test set that `firstfix evaluate` reads: scans and poses.csv in a zip.
 
 import { get, type Schemas, send } from "../api/client";
+import type { MapFile } from "../maps/files";
 import { zipped } from "../maps/zip";
 
 const SUFFIXES: Record<string, string> = {
@@ -21,16 +22,16 @@ export async function exported(map: string, told: (share: number) => void): Prom
   } while (after);
   if (!found.length) throw new Error("No kept query of this map has a truth yet: look at one and mark where it was.");
   const rows = ["scan,tx,ty,tz,qx,qy,qz,qw"];
-  const files: File[] = [];
+  const files: MapFile[] = [];
   for (const [i, sample] of found.entries()) {
     const name = `${sample.sample_id}${suffixOf(sample)}`;
     const body = await send("GET", `/samples/${sample.sample_id}/body`);
-    files.push(new File([await body.blob()], name));
+    files.push({ path: name, file: new File([await body.blob()], name) });
     const pose = sample.truth!.T_map_sensor;
     rows.push([name, ...(pose ? [...pose.position, ...pose.quaternion] : Array<string>(7).fill(""))].join(","));
     told((i + 1) / found.length);
   }
-  files.push(new File([`${rows.join("\n")}\n`], "poses.csv"));
+  files.push({ path: "poses.csv", file: new File([`${rows.join("\n")}\n`], "poses.csv") });
   save(await zipped(files), `${map}-test-set.zip`);
 }
 

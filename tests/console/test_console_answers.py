@@ -1,6 +1,6 @@
-"""The console in a real browser, with a real service and real maps: each view, end to end.
+"""The console in a real browser, with a real service and real maps: access, scans, kept queries, live, keys.
 
-All is in one file, because pytest's workers share out files: one browser and one service are enough.
+Only two files have its tests: each worker of pytest that has one starts a browser and a service.
 """
 
 from __future__ import annotations
@@ -9,14 +9,19 @@ import json
 import os
 import subprocess
 import zipfile
-from itertools import combinations
 
 import numpy as np
 import pytest
 from accessible import violations
 from browser import HOST
 from page import CANVAS
-from pictures import AGREES, CONTRADICTS, LOCALIZED, difference, drawn_pixels, pixels_of, place_in, view_of
+from pictures import (
+    AGREES,
+    CONTRADICTS,
+    LOCALIZED,
+    difference,
+    pixels_of,
+)
 from typer.testing import CliRunner
 
 from firstfix.scan.scan import Scan
@@ -87,132 +92,6 @@ def test_keys_are_made_and_revoked(page, world):
     page.click("button", f"Revoke the key of {MARKUP}")
     page.wait("tr .tag", "revoked")
     wait_until(lambda: world.service.http.get("/caller", headers=headers).status_code == 401)
-
-
-# Maps
-
-
-def test_a_map_is_built_from_a_dropped_file(page, world, house_file, tmp_path):
-    page.open()
-    page.click("button", "Build a map")
-    page.wait("svg[role=img]", "beams")
-    broken = tmp_path / f"{MARKUP}.ply"
-    broken.write_bytes(b"ply\nformat ascii 1.0\nelement vertex 1000000\n")
-    page.drop(".drop", broken)
-    assert page.js("find('input', 'Name of the map').validity.valid")
-    page.fill("Name of the map", "broken")
-    page.click("dialog button.primary", "Build")
-    page.wait(".builds [role=alert]", "ply")
-    assert page.count("img") == 0
-    page.click("button", "Hide")
-    page.until("!find('.builds li', 'broken')")
-
-    _hand_in(page, house_file)
-    page.click(".builds button", "Cancel")
-    page.until("!document.querySelector('.builds')")
-    wait_until(lambda: world.get("/builds", limit=1)["builds"][0]["state"] == "cancelled")
-
-    page.js(
-        "globalThis.seen = new Set(); new MutationObserver(() => {"
-        " const bar = document.querySelector('.builds .progress');"
-        " if (bar) seen.add(bar.innerText.split('\\n')[0]);"
-        "}).observe(document.body, { subtree: true, childList: true, characterData: true })"
-    )
-    _hand_in(page, house_file)
-    wait_until(lambda: world.get("/builds", limit=1)["builds"][0]["state"] == "succeeded")
-    version = world.get("/maps/house")["active_version"]
-    page.wait("tr", version[:12])
-    # the stages that the cancelled build had made are not made again, the last one always is
-    assert "self test" in page.js("[...seen]")
-    page.until("!find('tr .tag', 'provisional')")
-
-
-def _hand_in(page, file) -> None:
-    page.click("button", "Build a map")
-    page.wait("svg[role=img]", "beams")  # until then the dialog grows
-    page.drop(".drop", file)
-    page.choose("Sensor of the robots", "vlp-16")
-    page.click("dialog button.primary", "Build")
-    page.wait(".builds li", "house")
-
-
-def test_a_map_is_deleted_after_its_name_was_typed(page, world, coarse_version):
-    world.service.catalog.publish("old-hall", coarse_version.directory, coarse_version.manifest)
-    page.open()
-    page.click("button", "Delete map old-hall")
-    page.fill("Type the map's name", "old-hal")
-    assert page.js("find('dialog button', 'Delete').disabled")
-    page.press("Escape")
-    page.until("!document.querySelector('dialog')")
-    page.click("button", "Delete map old-hall")
-    page.fill("Type the map's name", "old-hall")
-    page.press("Enter")
-    page.until("!find('tr', 'old-hall')")
-    assert [one["map_id"] for one in world.get("/maps")["maps"] if one["map_id"] == "old-hall"] == []
-
-
-# A map in 3D
-
-
-def test_a_map_is_seen_in_colours_and_storeys(page, house):
-    side = view_of((0, 0, 3), (0, -11, 3.2))
-    page.open(f"#/maps/{house}?view={side}")
-    whole = page.map_picture()
-    assert drawn_pixels(whole) > 0.05 * whole.shape[0] * whole.shape[1]
-    pictures = [whole]
-    for colour in ("Storey", "Normal", "One colour"):
-        page.choose("Colour", colour)
-        pictures.append(page.map_picture())
-    for one, other in combinations(range(4), 2):
-        assert difference(pictures[one], pictures[other]) > 0.05
-
-    page.choose("Storeys shown", "Storey 1")
-    lower = page.map_picture()
-    middle = whole.shape[0] // 2
-    assert drawn_pixels(lower[: middle - 60]) < 0.02 * drawn_pixels(whole[: middle - 60])
-    assert drawn_pixels(lower[middle:]) > 0.5 * drawn_pixels(whole[middle:])
-
-
-def test_layers_are_laid_over_a_map(page, house):
-    page.open(f"#/maps/{house}")
-    page.choose("Storeys shown", "Storey 1")
-    for layer in ("Templates", "Where a robot finds itself"):
-        before = page.map_picture()
-        page.click("label.check", layer)
-        wait_until(lambda before=before: difference(before, page.map_picture()) > 0.0001, what=layer)
-    page.click("label.check", "Changes since the map was made")
-    page.map_picture()
-    assert not page.has("[role=alert]")
-
-
-def test_a_link_opens_the_same_view(page, house):
-    page.open(f"#/maps/{house}")
-    first = page.map_picture()
-    page.choose("Colour", "Normal")
-    page.drag((400, 400), (520, 330))
-    page.until("location.hash.includes('view=')")
-    moved = page.map_picture()
-    assert difference(first, moved) > 0.05
-    link = page.js("location.hash")
-    page.open(link)
-    assert difference(moved, page.map_picture()) < 0.03  # the link says centimetres
-    page.click("button", "Whole map")
-    page.choose("Colour", "Height")
-    assert difference(first, page.map_picture()) < 0.01
-
-
-def test_a_distance_is_measured_between_two_clicks(page, world):
-    eye, target = (5.0, 3.3, 8.5), (5.0, 3.5, 2.4)
-    page.open(f"#/maps/yard?view={view_of(target, eye)}")
-    page.map_picture()
-    page.click("label.check", "Click two points")
-    x, y, width, height = page.box(f"{CANVAS} canvas")
-    along = np.array([np.cos(0.3), np.sin(0.3), 0.0])  # of the cabin, 3 m long
-    for end in (-1.5, 1.5):
-        px, py = place_in(np.array([5.0, 3.5, 2.4]) + end * along, target, eye, width, height)
-        page.click_at(x + px, y + py)
-    page.wait("output", " m")
-    assert float(page.text("output").split()[0]) == pytest.approx(3.0, abs=0.15)
 
 
 # A scan
@@ -345,28 +224,6 @@ def test_a_kept_query_is_looked_at_judged_and_exported(page, world, tmp_path):
 
 def _kept(world):
     return world.get("/samples", map_id="yard", limit=1000)["samples"]
-
-
-# Versions
-
-
-def test_versions_are_compared_activated_rolled_back_and_retired(page, world):
-    old, new = (version[:12] for version in world.versions)
-    page.open("#/maps/yard/versions")
-    page.wait("tr .tag", "active")
-    page.click("input[type=checkbox]", f"Compare {old}")
-    page.click("input[type=checkbox]", f"Compare {new}")
-    page.wait("[aria-label=Comparison] td", "643")
-    page.wait("[role=status]", "places that both self-tests have")
-    page.click(f"tr:has([aria-label='Compare {old}']) button", "Activate")
-    page.wait(f"tr:has([aria-label='Compare {old}']) .tag", "active")
-    assert world.get("/maps/yard")["active_version"] == world.versions[0]
-    page.click("button", "Roll back")
-    page.wait(f"tr:has([aria-label='Compare {new}']) .tag", "active")
-    assert world.get("/maps/yard")["active_version"] == world.versions[1]
-    page.click(f"tr:has([aria-label='Compare {old}']) button", "Retire")
-    page.until(f"!find('tr', '{old}')")
-    assert [one["version"] for one in world.get("/maps/yard/versions")["versions"]] == [world.versions[1]]
 
 
 # Live
