@@ -32,6 +32,7 @@ from .http_api.routes import (
     versions,
 )
 from .http_api.routes.console import answer_events, caller, cloud, overlay, page, sensors
+from .http_api.stranger_pace import StrangerPace
 from .settings import Settings
 from .startup.composition import compose
 from .startup.retry import PlainStartError, RetryingStart
@@ -114,5 +115,6 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
     problems.add_handlers(app)
     app.add_middleware(WhilePermitted)
     app.add_middleware(RequestLog, metrics=metrics, requests=requests)
+    app.add_middleware(StrangerPace, settings=settings)
     app.add_middleware(PlainStartError)
     return app

@@ -359,6 +359,9 @@ class Settings(BaseSettings):
         ge=0,
         description="invalid credentials from one address per minute, then it gets status 429; 0: no limit",
     )
+    strangers_per_s: float = Field(
+        50.0, ge=0, description="requests from one address without a caller, then answers wait; 0: no limit"
+    )
 
     read_only: bool = Field(
         False, description="change nothing in the store: no write probe, no builds, POST /maps is refused"

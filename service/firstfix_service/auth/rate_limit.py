@@ -41,13 +41,30 @@ class RateLimit:
         Raises:
             RateLimited: the bucket is empty.
         """
-        now = self._clock()
-        tokens, then = self._buckets.get(name, (self._burst, now))
-        tokens = min(self._burst, tokens + (now - then) * self._per_s)
+        tokens = self._tokens(name)
         if tokens < 1.0:
             wait_s = (1.0 - tokens) / self._per_s
             raise RateLimited(f"too many {self._what}: try again in {wait_s:.3g} s", wait_s)
-        self._buckets[name] = (tokens - 1.0, now)
+        self._keep(name, tokens - 1.0)
+
+    def owe(self, name: str, at_most_s: float) -> float:
+        """Takes one token from the caller's bucket, on credit if it is empty.
+
+        Returns:
+            seconds until the bucket is out of debt: callers who wait for so long keep to the rate. The debt
+            does not grow beyond ``at_most_s``.
+        """
+        tokens = max(self._tokens(name) - 1.0, -at_most_s * self._per_s)
+        self._keep(name, tokens)
+        return max(0.0, -tokens / self._per_s)
+
+    def _tokens(self, name: str) -> float:
+        now = self._clock()
+        tokens, then = self._buckets.get(name, (self._burst, now))
+        return min(self._burst, tokens + (now - then) * self._per_s)
+
+    def _keep(self, name: str, tokens: float) -> None:
+        self._buckets[name] = (tokens, self._clock())
         self._buckets.move_to_end(name)
         if len(self._buckets) > MAX_CALLERS:
             self._buckets.popitem(last=False)

@@ -18,6 +18,7 @@ from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResp
 from .answer import AnswerTransport
 from .body_receiver import RECEIVE_INTO, Arrived, BodyReceiver
 from .connections import Connections, ConnectionUse, EndReason
+from .hold import HOLD
 
 MAX_HEAD_BYTES = 64 << 10
 MAX_HEADERS = 100
@@ -62,6 +63,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self._write_paused_at = 0.0
         self._closing_since: float | None = None
         self._body: asyncio.Future[None] | None = None  # set when a body was received into its buffer
+        self._held: asyncio.Future[None] | None = None  # set while an answer is held back
         self._is_out_of_step = False  # the parser has missed a part of the body: it must not go on
 
     # Used by ``Connections``
@@ -75,7 +77,8 @@ class LimitedHttpProtocol(HttpToolsProtocol):
     def waits_for_caller(self) -> bool:
         """True if no work is done for the caller now."""
         ending = self.is_lingering or self.transport.is_closing()
-        return ending or (self._reading is not Reading.BODY and not self._answering)
+        is_held = self._held is not None
+        return ending or is_held or (self._reading is not Reading.BODY and not self._answering)
 
     def overdue(self, now: float) -> EndReason | None:
         """Returns the reason to end the connection now, if there is one."""
@@ -123,6 +126,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self._all.leave(self)
         super().connection_lost(exc)
         self.body_ended(ClientDisconnect())
+        self._end_hold()
 
     def data_received(self, data: bytes) -> None:
         """Parses data, or drops it while the connection lingers."""
@@ -180,7 +184,8 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self._keep_alive = self.cycle.keep_alive and self._use is ConnectionUse.ALL
         self.cycle.keep_alive = False
         self.cycle.transport = AnswerTransport(self, self.cycle)  # type: ignore[assignment]
-        extensions: dict[str, Any] = {RECEIVE_INTO: partial(self._receive_into, self.cycle)}
+        receive_into = partial(self._receive_into, self.cycle)
+        extensions: dict[str, Any] = {RECEIVE_INTO: receive_into, HOLD: self._hold}
         self.scope["extensions"] = extensions
         self._wait_for(Reading.BODY)
 
@@ -267,6 +272,20 @@ class LimitedHttpProtocol(HttpToolsProtocol):
             await body
         finally:
             self.body_ended(ClientDisconnect())  # where nobody waits for it any more
+
+    async def _hold(self, seconds: float) -> None:
+        """Holds an answer back, see ``Hold``."""
+        self._held = held = self.loop.create_future()
+        timer = self.loop.call_later(seconds, self._end_hold)
+        try:
+            await held
+        finally:
+            timer.cancel()
+            self._held = None
+
+    def _end_hold(self) -> None:
+        if self._held is not None and not self._held.done():
+            self._held.set_result(None)
 
     def _take(self, arrived: Arrived, size: int) -> None:
         self._body_bytes += size
