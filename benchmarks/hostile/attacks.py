@@ -107,6 +107,21 @@ async def unread_page(target: Target, reader: StreamReader, writer: StreamWriter
         await asyncio.sleep(DRIP_S)
 
 
+async def page(target: Target, reader: StreamReader, writer: StreamWriter) -> None:
+    """The console's page without a key, again and again, as fast as it comes."""
+    await _ask_again(b"/console/", reader, writer)
+
+
+async def refusal(target: Target, reader: StreamReader, writer: StreamWriter) -> None:
+    """Requests without a key, each of which is refused."""
+    await _ask_again(b"/caller", reader, writer)
+
+
+async def probe(target: Target, reader: StreamReader, writer: StreamWriter) -> None:
+    """Probes, as fast as they are answered."""
+    await _ask_again(b"/healthz", reader, writer)
+
+
 async def unread_stream(target: Target, reader: StreamReader, writer: StreamWriter) -> None:
     """A stream of live answers, with all that there are, of which nothing is taken in."""
     await _send(writer, b"GET /answers/events HTTP/1.1\r\n" + _HOST + target.authorization + b"\r\n")
@@ -155,6 +170,14 @@ async def upload(target: Target, reader: StreamReader, writer: StreamWriter) -> 
     await reader.read()
 
 
+async def _ask_again(path: bytes, reader: StreamReader, writer: StreamWriter) -> None:
+    while True:
+        await _send(writer, b"GET " + path + b" HTTP/1.1\r\n" + _HOST + b"\r\n")
+        head = await reader.readuntil(b"\r\n\r\n")
+        length = head.lower().partition(b"content-length:")[2].partition(b"\r")[0]
+        await reader.readexactly(int(length))
+
+
 async def _send(writer: StreamWriter, data: bytes) -> None:
     writer.write(data)
     await writer.drain()
@@ -168,6 +191,9 @@ ATTACKS = {
     "unread answers": Attack(unread_answers, 50),
     "unread pages": Attack(unread_page, 50),
     "unread streams": Attack(unread_stream, 100),
+    "floods of pages": Attack(page, 50),
+    "floods of refusals": Attack(refusal, 50),
+    "floods of probes": Attack(probe, 50),
     "floods of overlays": Attack(overlay, 16),
     "long heads": Attack(long_head, 20, rounds=20),
     "1,000 connections": Attack(silence, 1000),
