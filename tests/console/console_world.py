@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -11,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 from service_world import Service, running_service
+from token_world import ALL_KEYS, AUDIENCE, ISSUER, signed
 
 from firstfix.access.api_keys import ApiKeys
 from firstfix.access.permissions import Grant
@@ -29,6 +32,7 @@ if TYPE_CHECKING:  # open3d
 
 STOREY_M = 3.0
 BOX_TRIANGLES = 12
+MARKUP = "<img src=x onerror=alert(1)>"
 
 
 @dataclass(frozen=True)
@@ -36,7 +40,8 @@ class ConsoleWorld:
     """A service with the map "yard" in two versions, the better one active.
 
     Attributes:
-        keys: API keys by what they may do: admin, reader (localize), stranger (admin of no map).
+        keys: API keys by what they may do: admin, reader (localize), stranger (admin of no map). ``token`` is
+            that of an admin whose name is MARKUP.
         scans: (file, T_map_sensor) of scans in the yard.
     """
 
@@ -82,6 +87,8 @@ def running_console(
     scans: list[tuple[Scan, Matrix]],
 ) -> Iterator[ConsoleWorld]:
     """Runs the service with real query workers and real builds."""
+    issuer = folder / "issuer.json"
+    issuer.write_text(json.dumps(ALL_KEYS))
     with running_service(
         folder,
         load=None,
@@ -91,6 +98,9 @@ def running_console(
         build_sandbox="off",
         auth="on",
         keys_refresh_s=0.1,
+        jwt_jwks=str(issuer),
+        jwt_issuer=ISSUER,
+        jwt_audience=AUDIENCE,
         samples_share=1.0,
         samples_share_localized=1.0,
         samples_per_minute=6000,
@@ -100,6 +110,7 @@ def running_console(
             "admin": keys.create("the operator", Grant.parse(("admin",), ("*",)))[1],
             "reader": keys.create("a robot", Grant.parse(("localize",), ("*",)))[1],
             "stranger": keys.create("a stranger", Grant.parse(("admin",), ("nothing-*",)))[1],
+            "token": signed(sub=MARKUP, scope="admin", exp=time.time() + 86400),
         }
         digests = tuple(service.catalog.publish("yard", one.directory, one.manifest) for one in versions)
         files = []

@@ -9,11 +9,14 @@ import json
 import os
 import subprocess
 import zipfile
+from dataclasses import replace
+from datetime import datetime, timezone
 
 import numpy as np
 import pytest
 from accessible import violations
 from browser import HOST
+from console_world import MARKUP
 from page import CANVAS
 from pictures import (
     AGREES,
@@ -24,13 +27,13 @@ from pictures import (
 )
 from typer.testing import CliRunner
 
+from firstfix.catalog.query_samples import QuerySamples, new_sample_id
 from firstfix.scan.scan import Scan
 from firstfix.wire.scan import encode_scan
 from firstfix_cli.main import app
 from waiting import wait_until
 
 pytestmark = pytest.mark.slow
-MARKUP = "<img src=x onerror=alert(1)>"
 
 
 # Access
@@ -39,7 +42,7 @@ MARKUP = "<img src=x onerror=alert(1)>"
 def test_a_caller_signs_in_with_a_key_and_out_again(visitor, world):
     visitor.expected += ["401"]
     visitor.open()
-    visitor.fill("API key or token", "ffk_wrong")
+    visitor.fill("API key or token", "ffx_wrong")
     visitor.press("Enter")
     visitor.wait("[role=alert]", "API key")
     visitor.fill("API key or token", world.keys["admin"])
@@ -92,6 +95,30 @@ def test_keys_are_made_and_revoked(page, world):
     page.click("button", f"Revoke the key of {MARKUP}")
     page.wait("tr .tag", "revoked")
     wait_until(lambda: world.service.http.get("/caller", headers=headers).status_code == 401)
+
+
+def test_a_key_that_is_revoked_in_use_leads_to_the_sign_in_and_back(visitor, world):
+    visitor.expected += ["401"]
+    headers = world.headers("admin")
+    wanted = {"name": "leaving", "scopes": ["build"], "maps": ["*"]}
+    made = world.service.http.post("/keys", json=wanted, headers=headers).json()
+    visitor.open("#/live?map=yard")
+    visitor.fill("API key or token", made["token"])
+    visitor.press("Enter")
+    visitor.wait("[role=status]", "Connected")
+    visitor.map_picture()
+    assert world.service.http.delete(f"/keys/{made['key_id']}", headers=headers).is_success
+    visitor.wait(".sign-in [role=alert]", "no such API key, or it was revoked")
+    assert visitor.js("location.hash") == "#/live?map=yard"
+    assert visitor.js("sessionStorage.length") == 0
+    asked = visitor.asked.count("GET /answers/events")
+
+    visitor.fill("API key or token", world.keys["admin"])
+    visitor.press("Enter")
+    visitor.wait("[role=status]", "Connected")
+    visitor.map_picture()
+    assert visitor.asked.count("GET /answers/events") == asked + 1
+    assert not visitor.has("[role=alert]")
 
 
 # A scan
@@ -244,6 +271,66 @@ def test_an_answer_appears_as_it_is_given(page, world):
 
 
 # Good manners
+
+
+def _refuse(page, method: str, path: str, times: int) -> None:
+    """Lets the service seem to refuse requests of the next page. ``refused`` counts them."""
+    detail = json.dumps({"code": "rate_limited", "detail": "too many of them: try again in 0.2 s"})
+    refusal = f"new Response({json.dumps(detail)}, {{status: 429, headers: {{'Retry-After': '1'}}}})"
+    page.call(
+        "Page.addScriptToEvaluateOnNewDocument",
+        source="globalThis.refused = 0; globalThis.ask = globalThis.fetch;"
+        f"globalThis.fetch = (url, given) => given?.method === '{method}' && url.pathname === '{path}'"
+        f" && refused < {times} && ++refused ? Promise.resolve({refusal}) : ask(url, given)",
+    )
+
+
+def test_a_view_waits_for_a_service_that_refuses_for_a_while(page):
+    _refuse(page, "GET", "/maps", times=2)
+    page.open()
+    page.wait("a", "yard")
+    assert page.js("refused") == 2
+    assert "too many" not in page.text()
+
+
+def test_what_a_person_asks_for_is_refused_in_words_and_at_once(page):
+    _refuse(page, "POST", "/keys", times=100)
+    page.open("#/keys")
+    page.click("button", "Make a key")
+    page.fill("Name of its owner", "hasty")
+    page.click("button", "Make it")
+    page.wait("dialog [role=alert]", "too many of them: try again in 0.2 s")
+    assert page.js("refused") == 1
+
+
+def test_names_with_markup_stay_text(visitor, world):
+    page, file = visitor, _localized(world)[0]
+    page.keep_key(world.keys["token"])
+    page.open("#/live?map=yard")
+    page.wait("[role=status]", "Connected")
+    world.ask(file, "token")
+    page.wait(".fixes td", f"jwt:{MARKUP}")
+    page.map_picture()
+    assert page.text(".caller").startswith(f"jwt:{MARKUP}")
+    assert page.count("img") == 0
+
+    # The service keeps no such texts, so this record was written by another program.
+    kept = QuerySamples(world.service.catalog.store)
+    wait_until(lambda: _kept(world))
+    plain = next(one for one in kept.each() if one.map_id == "yard")
+    texts = dict.fromkeys(("transport", "request_id", "trace_id", "media_type", "service_version"), MARKUP)
+    answer = {**plain.answer, "reasons": [MARKUP], "verdict": MARKUP}
+    sample_id = new_sample_id("0" * 8, datetime.now(timezone.utc))
+    strange = replace(plain, sample_id=sample_id, map_id=f"yard,{MARKUP}", answer=answer, **texts)
+    kept.put(strange, kept.body(plain.sample_id))
+    try:
+        page.open("#/samples?map=yard")
+        page.wait("td", f"yard,{MARKUP}")
+        page.wait("td .verdict", MARKUP)
+        page.map_picture()
+        assert page.count("img") == 0
+    finally:
+        kept.delete(sample_id)
 
 
 def test_the_console_is_used_with_the_keyboard_alone(page):

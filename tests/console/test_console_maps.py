@@ -9,7 +9,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from console_world import room, scans_without_cabin
+from console_world import MARKUP, room, scans_without_cabin
 from page import CANVAS
 from pictures import (
     GONE,
@@ -26,7 +26,6 @@ from firstfix.wire.scan import encode_scan
 from waiting import wait_until
 
 pytestmark = pytest.mark.slow
-MARKUP = "<img src=x onerror=alert(1)>"
 
 
 # Maps

@@ -5,14 +5,13 @@ import type { ComponentChildren } from "preact";
 import { useEffect } from "preact/hooks";
 import { get, Problem, type Schemas } from "../api/client";
 import { ErrorText } from "../ui/ErrorText";
-import { caller, key, signIn } from "./session";
+import { caller, key, refusal, signIn } from "./session";
 
 export function Gate({ children }: { children: ComponentChildren }) {
   const problem = useSignal<unknown>(null);
   const wanted = useSignal(false);
   useEffect(() => {
     let current = true;
-    const given = key.value;
     get<Schemas["Caller"]>("/caller")
       .then((found) => {
         if (!current) return;
@@ -20,18 +19,15 @@ export function Gate({ children }: { children: ComponentChildren }) {
         problem.value = null;
       })
       .catch((error: unknown) => {
-        const isRefused = error instanceof Problem && error.status === 401;
-        // A refused key is forgotten at once, so a second call without it is under way: the words must stay.
-        if (!current && !(isRefused && given)) return;
-        if (isRefused) wanted.value = true;
-        if (!isRefused || given) problem.value = error;
+        if (error instanceof Problem && error.status === 401) wanted.value = true;
+        else if (current) problem.value = error;
       });
     return () => {
       current = false;
     };
   }, [key.value]);
   if (caller.value) return <>{children}</>;
-  if (wanted.value) return <SignIn problem={problem.value} />;
+  if (wanted.value || refusal.value) return <SignIn problem={refusal.value ?? problem.value} />;
   if (problem.value) return <ErrorText error={problem.value} again={() => location.reload()} />;
   return (
     <p class="wait" role="status">

@@ -7,6 +7,7 @@ const PLACE = "firstfix.key";
 
 export const key = signal(sessionStorage.getItem(PLACE) ?? "");
 export const caller = signal<Schemas["Caller"] | null>(null);
+export const refusal = signal<unknown>(null); // why the last key is not taken any more
 export const mayBuild = computed(() => may("build"));
 export const mayAdminister = computed(() => may("admin"));
 
@@ -15,8 +16,16 @@ function may(scope: string): boolean {
 }
 
 export function signIn(given: string, keep: boolean): void {
+  refusal.value = null;
   key.value = given;
   if (keep) sessionStorage.setItem(PLACE, given);
+}
+
+/** The service refused a request with this key. The address stays, so signing in leads back to the view. */
+export function refused(given: string, why: unknown): void {
+  if (given !== key.value) return; // an answer to somebody who is not signed in any more
+  if (given || caller.value) refusal.value = why;
+  signOut();
 }
 
 export function signOut(): void {

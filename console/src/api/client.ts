@@ -1,6 +1,7 @@
 // Calls of the service: one place that knows its address, the caller's key and the form of its errors.
 
-import { key, signOut } from "../access/session";
+import { key, refused } from "../access/session";
+import { patiently } from "./patience";
 import type { components } from "./schema";
 
 export type Schemas = components["schemas"];
@@ -23,6 +24,7 @@ export interface CallOptions {
   body?: BodyInit;
   headers?: Record<string, string>;
   signal?: AbortSignal;
+  isRead?: boolean; // it changes nothing, so it may be sent again; as GET and HEAD
 }
 
 // The page lies one level below the service: at "console/".
@@ -36,30 +38,29 @@ export function addressOf(path: string, query: Query = {}): URL {
   return url;
 }
 
-/** Sends a request, and returns the answer if it is a success. */
+/** Sends a request, and returns the answer if it is a success. A read waits if the service asks for it. */
 export async function send(method: string, path: string, options: CallOptions = {}): Promise<Response> {
   const headers = new Headers(options.headers);
-  if (key.value) headers.set("Authorization", `Bearer ${key.value}`);
+  const given = key.value;
+  if (given) headers.set("Authorization", `Bearer ${given}`);
   let body = options.body;
   if (options.json !== undefined) {
     headers.set("Content-Type", "application/json");
     body = JSON.stringify(options.json);
   }
+  const { signal, isRead = method === "GET" || method === "HEAD" } = options;
+  const ask = () => fetch(addressOf(path, options.query), { method, headers, body, signal, credentials: "omit" });
   let response: Response;
   try {
-    response = await fetch(addressOf(path, options.query), {
-      method,
-      headers,
-      body,
-      signal: options.signal,
-      credentials: "omit",
-    });
+    response = await (isRead ? patiently(ask, signal) : ask());
   } catch (error) {
     if (error instanceof DOMException && error.name === "AbortError") throw error;
     throw new Problem(0, "unreachable", "The service cannot be reached.");
   }
-  if (!response.ok) throw await problemOf(response);
-  return response;
+  if (response.ok) return response;
+  const problem = await problemOf(response);
+  if (problem.status === 401) refused(given, problem);
+  throw problem;
 }
 
 export async function get<T>(path: string, query: Query = {}, signal?: AbortSignal): Promise<T> {
@@ -72,7 +73,6 @@ export async function change<T>(method: string, path: string, options: CallOptio
 }
 
 async function problemOf(response: Response): Promise<Problem> {
-  if (response.status === 401) signOut();
   try {
     const said = (await response.json()) as { code?: string; detail?: string; title?: string };
     return new Problem(response.status, said.code ?? "unknown", said.detail ?? said.title ?? response.statusText);

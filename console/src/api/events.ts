@@ -1,6 +1,7 @@
 // Server-sent events over fetch: the browser's own EventSource cannot send the caller's key.
 
 import { type Query, send } from "./client";
+import { againAndAgain } from "./patience";
 
 export interface ServerEvent {
   name: string;
@@ -36,21 +37,16 @@ function parse(block: string): ServerEvent | null {
   return { name: fields.get("event") ?? "message", id: fields.get("id") ?? "", data: JSON.parse(data) };
 }
 
-/** Calls `take` with every event, and opens the stream again when it breaks, until aborted. */
-export async function follow(
+/** Calls `take` with every event, and opens the stream again when it breaks, until aborted or refused for good. */
+export function follow(
   path: string,
   query: () => Query,
   take: (event: ServerEvent) => void,
   signal: AbortSignal,
   failed: (error: unknown) => void = () => {},
 ): Promise<void> {
-  while (!signal.aborted) {
-    try {
-      for await (const event of events(path, query(), signal)) take(event);
-    } catch (error) {
-      if (signal.aborted) return;
-      failed(error);
-    }
-    await new Promise((resume) => setTimeout(resume, 2000));
-  }
+  const read = async () => {
+    for await (const event of events(path, query(), signal)) take(event);
+  };
+  return againAndAgain(read, signal, failed);
 }

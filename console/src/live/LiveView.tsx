@@ -40,6 +40,7 @@ export function LiveView() {
   const isConnected = useSignal(false);
   const source = useSignal<Watching | null>(null);
   const problem = useSignal<unknown>(null);
+  const trouble = useSignal("");
   const scene = useRef<MapScene | null>(null);
   const marks = useRef(new Group());
   const isReady = useSignal(0);
@@ -54,6 +55,7 @@ export function LiveView() {
       () => ({ map_id: map, after: last }),
       (event) => {
         isConnected.value = true;
+        trouble.value = "";
         if (event.name === "watching") {
           const { replica, all_replicas } = event.data as Watching;
           // another replica, or the same one started again, counts from one
@@ -69,11 +71,8 @@ export function LiveView() {
       (error) => {
         isConnected.value = false;
         last = 0;
-        // the caller may not, and will not in two seconds either
-        if (error instanceof Problem && error.status === 403) {
-          problem.value = error;
-          stop.abort();
-        }
+        if (error instanceof Problem && error.status === 403) problem.value = error;
+        trouble.value = error instanceof Problem ? error.message : "";
       },
     );
     isConnected.value = true;
@@ -122,7 +121,7 @@ export function LiveView() {
             ))}
           </select>
         </label>
-        <span role="status">{isConnected.value ? "Connected" : "Connecting again …"}</span>
+        <span role="status">{isConnected.value ? "Connected" : `Connecting again … ${trouble.value}`}</span>
         {source.value ? (
           <span class="hint">
             {source.value.all_replicas

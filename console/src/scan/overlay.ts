@@ -29,6 +29,7 @@ export async function drawOverlay(
   const answer = await send("POST", `/maps/${map}/versions/${version}/overlay`, {
     query: { T_map_sensor: [...pose.position, ...pose.quaternion].join(",") },
     body: scan.body,
+    isRead: true,
     headers,
     signal,
   });
