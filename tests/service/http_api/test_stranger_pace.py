@@ -20,7 +20,7 @@ PROXY = ("127.0.0.0/8",)
 
 @pytest.fixture
 def held(monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """How long answers were to be held back. None of them is."""
+    """Records for how many seconds answers should wait, and lets them go at once."""
     seen: list[float] = []
 
     async def hold(connection: LimitedHttpProtocol, seconds: float) -> None:
