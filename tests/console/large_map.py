@@ -22,7 +22,7 @@ from browser import HOST, Browser, running_browser  # noqa: E402
 from page import CANVAS, Page  # noqa: E402
 from service_world import running_service  # noqa: E402
 
-from benchmarks.common.memory import pss_of_family  # noqa: E402
+from benchmarks.common.memory import descendants, pss_of_family  # noqa: E402
 from benchmarks.service.consoles import ConsoleCourse, version_with_cloud  # noqa: E402
 from firstfix.catalog.manifest import Manifest  # noqa: E402
 from waiting import let_pass  # noqa: E402
@@ -119,10 +119,17 @@ def measured(browser: Browser, page: Page, layers: str) -> dict[str, Any]:
 
 
 def memory(browser: Browser, page: Page) -> dict[str, int]:
-    """MiB of the page's scripts with their buffers, and of all the browser's processes."""
+    """MiB of the page's scripts with their buffers, of the page's process, and of all the browser's."""
     usage = page.call("Runtime.getHeapUsage")
     heap = usage["usedSize"] + usage.get("backingStorageSize", 0)
-    return {"script": round(heap / MIB), "all_processes": round(pss_of_family(browser.pid) / MIB)}
+    pages = [pss_of_family(pid) for pid in descendants(browser.pid) if is_page(pid)]
+    found = {"script": heap, "page": max(pages), "all_processes": pss_of_family(browser.pid)}
+    return {name: round(size / MIB) for name, size in found.items()}
+
+
+def is_page(pid: int) -> bool:
+    """Returns whether a process of the browser runs pages."""
+    return b"--type=renderer" in Path(f"/proc/{pid}/cmdline").read_bytes()
 
 
 if __name__ == "__main__":

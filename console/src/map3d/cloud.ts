@@ -79,6 +79,6 @@ export async function mark(cloud: Cloud, name: string, signal?: AbortSignal): Pr
 }
 
 /** Positions from the root's low corner in the map's frame. */
-export function mapPositions(cloud: Cloud, positions: Float32Array): number[] {
-  return Array.from(positions, (m, i) => m + cloud.index.low_m[i % 3]!);
+export function mapPositions(cloud: Cloud, positions: Float32Array): Float64Array {
+  return Float64Array.from(positions, (m, i) => m + cloud.index.low_m[i % 3]!);
 }

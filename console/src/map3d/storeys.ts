@@ -15,10 +15,8 @@ export interface Storey {
 }
 
 /** Heights of templates, (x, y, z) one after the other. */
-export function heightsOf(positions: Float32Array): number[] {
-  const heights = [];
-  for (let i = 2; i < positions.length; i += 3) heights.push(positions[i]!);
-  return heights;
+export function heightsOf(positions: Float32Array): Float32Array {
+  return Float32Array.from({ length: positions.length / 3 }, (_, i) => positions[3 * i + 2]!);
 }
 
 /**
@@ -26,13 +24,15 @@ export function heightsOf(positions: Float32Array): number[] {
  *
  * `root` holds the points of the cloud's root, whose edge is given.
  */
-export function storeysOf(heights: number[], root: ArrayBuffer, edge: number): Storey[] {
-  const sorted = [...heights].sort((a, b) => a - b);
+export function storeysOf(heights: ArrayLike<number>, root: ArrayBuffer, edge: number): Storey[] {
+  const sorted = Float64Array.from(heights).sort();
   if (!sorted.length) return [];
-  const groups: number[][] = [[sorted[0]!]];
-  for (let i = 1; i < sorted.length; i++) {
-    if (sorted[i]! - sorted[i - 1]! > APART_M) groups.push([]);
-    groups.at(-1)!.push(sorted[i]!);
+  const groups: Float64Array[] = [];
+  let first = 0;
+  for (let i = 1; i <= sorted.length; i++) {
+    if (i < sorted.length && sorted[i]! - sorted[i - 1]! <= APART_M) continue;
+    groups.push(sorted.subarray(first, i));
+    first = i;
   }
   const large = groups.filter((group) => group.length >= FEWEST * sorted.length);
   const points = new DataView(root);
