@@ -123,7 +123,7 @@ def version_with_cloud(version: Path, folder: Path, course: ConsoleCourse) -> Pa
     """A version's files, with the cloud of a building with many floors and walls."""
     folder.mkdir(parents=True)
     for path in version.iterdir():
-        if path.name not in ("cloud.json", "cloud.bin"):
+        if path.is_file() and path.name not in ("cloud.json", "cloud.bin"):  # no sightings of a store
             os.link(path, folder / path.name)
     rng = np.random.default_rng(SEED)
     points = np.empty((course.points, 3), np.float32)
