@@ -20,6 +20,7 @@ from typing import Any
 import httpx
 
 SHOWN_POINTS = 1_500_000  # console/src/map3d/levels.ts
+MOST_TOGETHER = 100_000  # console/src/map3d/loads.ts
 LOOK_S = 1.0  # between two nodes
 OPENED_WITHIN_S = 600.0  # on a slow machine too
 
@@ -49,11 +50,7 @@ class Console:
         """Opens the cloud and looks around in it."""
         await self._get("/maps", {})
         index = json.loads(await self._get(self._path, {}))
-        shown = 0
-        for *_, first, count in index["nodes"]:
-            if shown + count > SHOWN_POINTS:
-                break
-            shown += count
+        for first, count in shown_runs(index["nodes"]):
             await self._get(f"{self._path}/points", {"first": first, "count": count})
         self.read["opened"] += 1
         self.has_opened.set()
@@ -67,6 +64,22 @@ class Console:
         answer.raise_for_status()
         self.read["bytes"] += len(answer.content)
         return answer.content
+
+
+def shown_runs(nodes: list[list[int]]) -> list[tuple[int, int]]:
+    """First point and number of points of each request for the nodes that are shown at first."""
+    runs: list[tuple[int, int]] = []
+    shown = 0
+    for *_, first, count in nodes:
+        shown += count
+        if shown > SHOWN_POINTS:
+            break
+        start, together = runs[-1] if runs else (0, 0)
+        if runs and start + together == first and together + count <= MOST_TOGETHER:
+            runs[-1] = start, together + count
+        else:
+            runs.append((first, count))
+    return runs
 
 
 async def open_all(consoles: list[Console]) -> None:

@@ -1,17 +1,18 @@
-// Requests for nodes: the first wanted first, few at a time, and those ended that nobody needs any more.
+// Requests for nodes: the first wanted first, few at a time, neighbours together, and those ended that nobody needs.
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { type Kept, Loads, toFree } from "../src/map3d/loads.ts";
+import { type Kept, Loads, toFree, type Wanted } from "../src/map3d/loads.ts";
 
 class Server {
   readonly begun: string[] = [];
   readonly ended: string[] = [];
   readonly arrived: string[] = [];
   readonly problems: unknown[] = [];
-  private readonly answers = new Map<string, { give: (data: string) => void; refuse: (error: unknown) => void }>();
-  readonly loads = new Loads<{ key: string }, string>(
-    ({ key }, signal) => {
+  private readonly answers = new Map<string, { give: (data: string[]) => void; refuse: (error: unknown) => void }>();
+  readonly loads = new Loads<Wanted, string>(
+    (run, signal) => {
+      const key = run.map((one) => one.key).join("");
       this.begun.push(key);
       return new Promise((give, refuse) => {
         this.answers.set(key, { give, refuse });
@@ -21,22 +22,27 @@ class Server {
         });
       });
     },
-    ({ key }) => this.arrived.push(key),
+    ({ key }, data) => {
+      assert.equal(data, key, "each node gets its own");
+      this.arrived.push(key);
+    },
     (error) => this.problems.push(error),
     2,
   );
 
+  /** Wants nodes named by letters, which are far from each other in the file. */
   want(keys: string): void {
-    this.loads.want(
-      [...keys].map((key) => ({ key })),
-      (key) => this.arrived.includes(key),
-    );
+    this.wantNodes([...keys].map((key) => ({ key, first: 10 * key.charCodeAt(0), count: 9 })));
+  }
+
+  wantNodes(nodes: Wanted[]): void {
+    this.loads.want(nodes, (key) => this.arrived.includes(key));
   }
 
   async answer(key: string, error?: unknown): Promise<void> {
     const { give, refuse } = this.answers.get(key)!;
     if (error) refuse(error);
-    else give(key);
+    else give([...key]);
     await new Promise((resume) => setImmediate(resume));
   }
 }
@@ -72,6 +78,25 @@ test("a node that is wanted again is asked for again", async () => {
   await server.answer("a");
   assert.deepEqual(server.arrived, ["a"]);
   assert.deepEqual(server.loads.keys, ["b"]);
+});
+
+test("nodes that follow each other in the file come together, up to a size", async () => {
+  const server = new Server();
+  const nodes = [
+    { key: "c", first: 60_000, count: 30_000 },
+    { key: "a", first: 0, count: 50_000 },
+    { key: "b", first: 50_000, count: 10_000 },
+    { key: "d", first: 90_000, count: 40_000 },
+    { key: "e", first: 500_000, count: 900_000 },
+  ];
+  server.wantNodes(nodes);
+  assert.deepEqual(server.begun, ["cd", "ab"]);
+  assert.deepEqual(server.loads.keys, ["c", "d", "a", "b"]);
+  server.wantNodes(nodes.filter(({ key }) => key === "b" || key === "e"));
+  assert.deepEqual(server.ended, ["cd"], "a request goes on while one of its nodes is needed");
+  assert.deepEqual(server.begun, ["cd", "ab", "e"]);
+  await server.answer("ab");
+  assert.deepEqual(server.arrived, ["a", "b"]);
 });
 
 test("a failure is told, and what is ended tells nothing", async () => {

@@ -67,6 +67,15 @@ export async function points(cloud: Cloud, first: number, count: number, signal?
   return found.buffer;
 }
 
+/** `points` of each of some nodes, which stand one after the other. */
+export async function pointsOfRun(cloud: Cloud, run: CloudNode[], signal?: AbortSignal): Promise<ArrayBuffer[]> {
+  const from = run[0]!.first;
+  const count = run.reduce((sum, node) => sum + node.count, 0);
+  const all = await points(cloud, from, count, signal);
+  const at = (point: number) => (point - from) * cloud.index.point_bytes;
+  return run.map(({ first, count: own }) => all.slice(at(first), at(first + own)));
+}
+
 /** Positions of a mark, metres from the root's low corner: (x, y, z) one after the other. */
 export async function mark(cloud: Cloud, name: string, signal?: AbortSignal): Promise<Float32Array> {
   const [first, count] = cloud.index.marks[name] ?? [0, 0];

@@ -1,20 +1,30 @@
 // The requests for nodes under way: the most important first, few at a time, and none that nobody needs any more.
+// Nodes that stand one after the other in the file come with one request: each request costs the service time.
 
 export const AT_ONCE = 6; // requests
+const MOST_TOGETHER = 100_000; // points of one request, unless its first node has more
 
 export interface Wanted {
   key: string;
+  first: number; // point in the file
+  count: number;
+}
+
+interface Request {
+  keys: Set<string>;
+  stop: AbortController;
 }
 
 export class Loads<T extends Wanted, Data> {
-  private readonly underWay = new Map<string, AbortController>();
-  private readonly load: (one: T, signal: AbortSignal) => Promise<Data>;
+  private readonly underWay = new Set<Request>();
+  private readonly load: (run: T[], signal: AbortSignal) => Promise<Data[]>;
   private readonly loaded: (one: T, data: Data) => void;
   private readonly failed: (error: unknown) => void;
   private readonly atOnce: number;
 
+  /** `load` gets nodes that stand one after the other. */
   constructor(
-    load: (one: T, signal: AbortSignal) => Promise<Data>,
+    load: (run: T[], signal: AbortSignal) => Promise<Data[]>,
     loaded: (one: T, data: Data) => void,
     failed: (error: unknown) => void,
     atOnce = AT_ONCE,
@@ -26,42 +36,58 @@ export class Loads<T extends Wanted, Data> {
   }
 
   get keys(): string[] {
-    return [...this.underWay.keys()];
+    return [...this.underWay].flatMap(({ keys }) => [...keys]);
   }
 
-  /** Follows what is wanted now, in its order: ends other requests, and begins new ones. */
+  /** Follows what is wanted now, in its order: ends requests of which no node is, and begins new ones. */
   want(wanted: T[], isThere: (key: string) => boolean): void {
-    const keys = new Set(wanted.map(({ key }) => key));
-    for (const [key, stop] of this.underWay) {
-      if (keys.has(key)) continue;
-      stop.abort();
-      this.underWay.delete(key);
+    const wantedKeys = new Set(wanted.map(({ key }) => key));
+    for (const request of this.underWay) {
+      if ([...request.keys].some((key) => wantedKeys.has(key))) continue;
+      request.stop.abort();
+      this.underWay.delete(request);
     }
-    for (const one of wanted) {
+    const asked = new Set(this.keys);
+    const missing = wanted.filter(({ key }) => !isThere(key) && !asked.has(key));
+    const byFirst = new Map(missing.map((one) => [one.first, one]));
+    for (const one of missing) {
       if (this.underWay.size >= this.atOnce) return;
-      if (!isThere(one.key) && !this.underWay.has(one.key)) this.begin(one);
+      if (byFirst.has(one.first)) this.begin(takenRun(byFirst, one));
     }
   }
 
   end(): void {
-    for (const stop of this.underWay.values()) stop.abort();
+    for (const { stop } of this.underWay) stop.abort();
     this.underWay.clear();
   }
 
-  private begin(one: T): void {
-    const stop = new AbortController();
-    this.underWay.set(one.key, stop);
-    this.load(one, stop.signal).then(
-      (data) => this.ended(one, stop, () => this.loaded(one, data)),
-      (error: unknown) => this.ended(one, stop, () => this.failed(error)),
+  private begin(run: T[]): void {
+    const request = { keys: new Set(run.map(({ key }) => key)), stop: new AbortController() };
+    this.underWay.add(request);
+    this.load(run, request.stop.signal).then(
+      (found) => this.ended(request, () => run.forEach((one, i) => this.loaded(one, found[i]!))),
+      (error: unknown) => this.ended(request, () => this.failed(error)),
     );
   }
 
-  private ended(one: T, stop: AbortController, tell: () => void): void {
-    if (stop.signal.aborted) return; // another request for the same node may be under way by now
-    this.underWay.delete(one.key);
+  private ended(request: Request, tell: () => void): void {
+    if (request.stop.signal.aborted) return; // another request for the same nodes may be under way by now
+    this.underWay.delete(request);
     tell();
   }
+}
+
+/** Takes a node, and those that follow it in the file, out of the nodes by their first point. */
+function takenRun<T extends Wanted>(byFirst: Map<number, T>, from: T): T[] {
+  const run: T[] = [];
+  let next: T | undefined = from;
+  for (let points = 0; next && (!run.length || points + next.count <= MOST_TOGETHER); ) {
+    run.push(next);
+    byFirst.delete(next.first);
+    points += next.count;
+    next = byFirst.get(next.first + next.count);
+  }
+  return run;
 }
 
 export interface Kept {

@@ -19,7 +19,7 @@ import {
   WebGLRenderer,
 } from "three";
 import { MapControls } from "three/addons/controls/MapControls.js";
-import { type Cloud, type CloudNode, points } from "./cloud";
+import { type Cloud, type CloudNode, pointsOfRun } from "./cloud";
 import { framed } from "./framed";
 import { choose } from "./levels";
 import { Loads, toFree } from "./loads";
@@ -46,7 +46,7 @@ export class MapScene {
   private readonly controls: MapControls;
   private readonly loaded = new Map<string, { object: Points; count: number; used: number }>();
   private readonly loads = new Loads<CloudNode, ArrayBuffer>(
-    (node, signal) => points(this.cloud, node.first, node.count, signal),
+    (run, signal) => pointsOfRun(this.cloud, run, signal),
     (node, data) => this.add(node, data),
     (error) => this.failed(error),
   );
