@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -51,13 +52,23 @@ def write_index_files(
         cloud, look(templates.position_m), engine.registration.map_voxel_m, directory.parent
     )
     progress(0.7)
-    MapSurface.of(surface, engine.registration).save(directory)
-    progress(0.8)
-    MapView.of(surface.points, engine.verification.reach_m).save(directory)
-    progress(0.9)
-    np.save(directory / MAP_FILE, surface.points)
+    with ThreadPoolExecutor(1) as beside:
+        viewed = beside.submit(_write_view, directory, surface.points, engine, templates, provisional)
+        MapSurface.of(surface, engine.registration).save(directory)
+        viewed.result()
+
+
+def _write_view(
+    directory: Path,
+    points: NDArray[np.float32],
+    engine: EngineConfig,
+    templates: Templates,
+    provisional: bool,
+) -> None:
+    MapView.of(points, engine.verification.reach_m).save(directory)
+    np.save(directory / MAP_FILE, points)
     if not provisional:
-        draw_preview(surface.points, templates.position_m, directory / "preview.png")
+        draw_preview(points, templates.position_m, directory / "preview.png")
 
 
 def _write_keys(directory: Path, templates: Templates, engine: EngineConfig) -> None:

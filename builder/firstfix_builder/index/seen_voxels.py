@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-BLOCK_M = 64.0
+BLOCK_M = 20.0  # small ones: of a hall there are several, too, for all processors
 VOXEL = np.dtype([("voxel", "<i4", 3), ("offset", "u1", 3), ("toward", "i1", 3), ("count", "<u2")])
 _OFFSETS, _TOWARDS, _MOST = 256, 127, 65_535
 _BITS = 21  # of a voxel's number along each axis, in its key
@@ -73,11 +73,13 @@ class SeenBlocks:
         first = np.flatnonzero(np.diff(key[order], prepend=-1))
         voxels = voxels[order]
         weight = voxels["count"].astype(np.int64)
-        total = np.add.reduceat(weight, first)[:, None]
-        offset, toward = (
-            np.add.reduceat(voxels[name].astype(np.int64) * weight[:, None], first) / total
-            for name in ("offset", "toward")
-        )
+        total = np.add.reduceat(weight, first)
+
+        def weighted(name: str) -> NDArray[np.float64]:  # column by column: NumPy sums up rows slowly
+            columns = (voxels[name][:, axis] * weight for axis in range(3))
+            return np.stack([np.add.reduceat(column, first) / total for column in columns], axis=1)
+
+        offset, toward = weighted("offset"), weighted("toward")
         point = (voxels["voxel"][first] + (offset + 0.5) / _OFFSETS) * self._step_m
         return np.concatenate([point, toward / _TOWARDS], axis=1)
 

@@ -114,8 +114,9 @@ class _Blocks:
         for step in product((-1, 0, 1), repeat=2):
             path = self._path((block[0] + step[0], block[1] + step[1]))
             if any(step) and path.exists():
-                points = np.load(path, mmap_mode="r")
-                found.append(points[((points[:, :2] > low) & (points[:, :2] < high)).all(axis=1)])
+                points = np.load(path)
+                x, y = points[:, 0], points[:, 1]
+                found.append(points[(x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1])])
         return np.concatenate(found)
 
     def _load(self, block: Block) -> NDArray[np.float64]:

@@ -32,7 +32,7 @@ def provisional_config(config: BuildConfig) -> BuildConfig:
                     "surface": "signed-distance",
                     "cell_m": None if reconstruct.cell_m is None else COARSER * reconstruct.cell_m,
                     "cell_spacings": COARSER * reconstruct.spacings_per_cell,
-                    "tile_cells": min(reconstruct.tile_cells, BLOCK_CELLS),
+                    "tile_cells": min(reconstruct.cells_per_tile, BLOCK_CELLS),
                 }
             ),
             "viewpoints": viewpoints.model_copy(update={"max_distance_to_trajectory_m": near_m}),

@@ -54,7 +54,7 @@ def voxel_means(points: NDArray[np.float64], voxel_m: float) -> NDArray[np.float
 def without_strays(points: NDArray[np.float64], radius_m: float, min_neighbours: int) -> NDArray[np.float64]:
     """The points with at least so many others within the radius."""
     # the k-th neighbour's distance, not a count: its cost does not grow with the density
-    distance, _ = cKDTree(points).query(
+    distance, _ = _quick_tree(points).query(
         points, k=[min_neighbours + 1], distance_upper_bound=radius_m, workers=-1
     )
     return points[np.isfinite(distance[:, 0])]
@@ -65,7 +65,7 @@ def point_spacing_m(points: NDArray[np.float64]) -> float:
     if len(points) < 2:
         raise BuildFailed("a map of less than two points")
     some = points[rows_by_chance(len(points), SPACING_SAMPLES)]
-    nearest = cKDTree(points).query(some, k=2)[0][:, 1]
+    nearest = _quick_tree(points).query(some, k=2)[0][:, 1]
     nearest = nearest[nearest > 0]
     if len(nearest) == 0:
         raise BuildFailed("the points of the map coincide")
@@ -81,7 +81,7 @@ def surface_spacings_m(points: NDArray[np.float64]) -> NDArray[np.float64]:
     if len(points) <= RING:
         raise BuildFailed(f"a map of {len(points)} points")
     some = points[rows_by_chance(len(points), SPACING_SAMPLES)]
-    ring = cKDTree(points).query(some, k=[RING + 1])[0][:, 0]
+    ring = _quick_tree(points).query(some, k=[RING + 1])[0][:, 0]
     ring = ring[ring > 0]
     if len(ring) == 0:
         raise BuildFailed("the points of the map coincide")
@@ -91,3 +91,8 @@ def surface_spacings_m(points: NDArray[np.float64]) -> NDArray[np.float64]:
 def surface_spacing_m(points: NDArray[np.float64]) -> float:
     """Edge of the square of surface that one point stands for, the median over the cloud."""
     return float(np.median(surface_spacings_m(points)))
+
+
+def _quick_tree(points: NDArray[np.float64]) -> cKDTree:
+    """A tree that is made in half the time of a balanced one, and finds the same distances."""
+    return cKDTree(points, balanced_tree=False, compact_nodes=False)

@@ -162,7 +162,7 @@ def mesh_chunks(
         config = config.model_copy(update={"surface": "signed-distance" if known else "poisson"})
     cell_m = config.cell_m or config.spacings_per_cell * spacing_m
     chunks: list[MeshChunk] = []
-    for block in occupied_blocks(points, config.tile_cells * cell_m):
+    for block in occupied_blocks(points, config.cells_per_tile * cell_m):
         common = _pair(block.low), _pair(block.high), cell_m, spacing_m, config
         if config.surface == "poisson":
             chunks.append(PoissonChunk(*common))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from firstfix.errors import BuildFailed
 
+from ..execution.in_turn import in_turn
 from .map_tiles import by_tiles
 from .mesh import Mesh, highest, longest_edge, lowest, middle
 from .places.surface_cells import SurfaceCells
@@ -99,11 +100,14 @@ def write_tiled_mesh(parts: Iterable[Mesh], directory: Path) -> None:
         BuildFailed: there is no triangle.
     """
     with TemporaryDirectory(dir=directory) as folder:
-        tiled = []
-        for number, mesh in enumerate(_batches(parts)):
+
+        def tiled_in_a_file(batch: tuple[int, Mesh]) -> TiledMesh:
+            number, mesh = batch
             (Path(folder) / str(number)).mkdir()
             TiledMesh.of(mesh).save(Path(folder) / str(number))
-            tiled.append(TiledMesh.load(Path(folder) / str(number)))
+            return TiledMesh.load(Path(folder) / str(number))
+
+        tiled = [one for _, one in in_turn(tiled_in_a_file, enumerate(_batches(parts)))]
         if not tiled:
             raise BuildFailed("the map gives no surface: its points are too sparse or too scattered")
         _merge(tiled, directory)
@@ -136,30 +140,48 @@ def _merge(tiled: Sequence[TiledMesh], directory: Path) -> None:
         np.lib.format.open_memmap(directory / f"{name}.npy", "w+", kind, (count, 3))
         for name, (count, kind) in shape.items()
     )
-    start, vertex_start, low, high = [0], [0], [], []
-    cells, large = [], []
-    for _, held in sorted(holders.items(), key=lambda entry: entry[0]):
-        mesh = Mesh.joined(one._tile(number) for one, number in held)
+    start, vertex_start, tiles = [0], [0], []
+    in_order = [held for _, held in sorted(holders.items(), key=lambda entry: entry[0])]
+    for _, (mesh, tile) in in_turn(_joined_tile, in_order):
         start.append(start[-1] + len(mesh.triangles))
         vertex_start.append(vertex_start[-1] + len(mesh.vertices))
         vertices[vertex_start[-2] : vertex_start[-1]] = mesh.vertices
         triangles[start[-2] : start[-1]] = mesh.triangles + vertex_start[-2]
-        corners = mesh.vertices[mesh.triangles]
-        low.append(corners[..., :2].min(axis=(0, 1)))
-        high.append(corners[..., :2].max(axis=(0, 1)))
-        is_large = longest_edge(corners) > TILE_M  # its cell may be that of several tiles
-        large.append(mesh.with_triangles(is_large))
-        if not is_large.all():
-            cells.append(SurfaceCells.of(mesh.vertices, mesh.triangles[~is_large]))
-    over = Mesh.joined(large)
+        tiles.append(tile)
+    cells = [tile.cells for tile in tiles if tile.cells is not None]
+    over = Mesh.joined(tile.large for tile in tiles)
     if len(over.triangles):
         cells.append(SurfaceCells.of(over.vertices, over.triangles))
-    whole = TiledMesh(
-        Mesh(vertices, triangles), np.array(start), np.array(vertex_start), np.array(low), np.array(high)
-    )
+    low, high = (np.array(corners) for corners in zip(*(tile.box for tile in tiles), strict=True))
+    whole = TiledMesh(Mesh(vertices, triangles), np.array(start), np.array(vertex_start), low, high)
     for array in (vertices, triangles):
         array.flush()
     _save_places(directory, cells, whole)
+
+
+@dataclass(frozen=True)
+class _Tile:
+    """A joined tile without its mesh.
+
+    Attributes:
+        box: the two (2,) corners of ``TiledMesh``, metres.
+        cells: of its triangles but the large ones; None: all are large.
+        large: triangles whose cell may be that of several tiles.
+    """
+
+    box: tuple[NDArray[np.float64], NDArray[np.float64]]
+    cells: SurfaceCells | None
+    large: Mesh
+
+
+def _joined_tile(held: Sequence[tuple[TiledMesh, int]]) -> tuple[Mesh, _Tile]:
+    """The mesh of a tile that several tiled meshes hold, by their numbers of it."""
+    mesh = Mesh.joined(one._tile(number) for one, number in held)
+    corners = mesh.vertices[mesh.triangles]
+    is_large = longest_edge(corners) > TILE_M
+    cells = None if is_large.all() else SurfaceCells.of(mesh.vertices, mesh.triangles[~is_large])
+    box = lowest(corners)[:, :2].min(axis=0), highest(corners)[:, :2].max(axis=0)
+    return mesh, _Tile(box, cells, mesh.with_triangles(is_large))
 
 
 def _save_places(directory: Path, cells: Sequence[SurfaceCells], tiled: TiledMesh) -> None:

@@ -53,7 +53,7 @@ class ReconstructConfig(Stage):
         trim_spacings: surface further than this from every point is cut away; None: 1.75, or 2 with Poisson.
         normal_spacings, normal_neighbours: Poisson: radius and largest number of points for a normal.
         point_weight: Poisson: weight of the points against smoothness.
-        tile_cells: edge of a tile in cells; its square bounds memory.
+        tile_cells: edge of a tile in cells; its square bounds memory. None: 192, or 384 with Poisson.
         margin_cells: margin that a tile reads around itself, so that neighbours agree at their border.
     """
 
@@ -64,13 +64,18 @@ class ReconstructConfig(Stage):
     normal_spacings: float = Field(4.0, gt=1, le=100)
     normal_neighbours: int = Field(20, ge=3, le=200)
     point_weight: float = Field(1.0, ge=0, le=100)
-    tile_cells: int = Field(384, ge=32, le=4096)
+    tile_cells: int | None = Field(None, ge=32, le=4096)
     margin_cells: int = Field(12, ge=8, le=256)
 
     @property
     def spacings_per_cell(self) -> float:
         """Edge of the finest cell in point spacings."""
         return self.cell_spacings or (1.2 if self.surface == "poisson" else 1.4)
+
+    @property
+    def cells_per_tile(self) -> int:
+        """Edge of a tile in cells."""
+        return self.tile_cells or (384 if self.surface == "poisson" else 192)
 
     @property
     def trimmed_spacings(self) -> float:
