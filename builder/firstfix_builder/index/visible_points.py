@@ -55,7 +55,7 @@ def map_surface(
             looked = _Blocks(Path(folder), "seen", sorted(seen.blocks))
             looked.fill(seen.means)
             points = _turned_cloud(voxel_means(np.asarray(cloud, np.float64), voxel_m), looked, Path(folder))
-        return Surface.together([part for _, part in in_turn(points.surface, points.blocks)])
+        return points.whole_surface()
 
 
 def _turned_cloud(thin: NDArray[np.float64], looked: _Blocks, folder: Path) -> _Blocks:
@@ -94,6 +94,11 @@ class _Blocks:
     def fill(self, make: Callable[[Block], NDArray[np.float64]]) -> None:
         for block, points in in_turn(make, self.blocks):
             np.save(self._path(block), points)
+
+    def whole_surface(self) -> Surface:
+        """All blocks as a surface, one after the other."""
+        count = sum(len(np.load(self._path(block), mmap_mode="r")) for block in self.blocks)
+        return Surface.gathered((part for _, part in in_turn(self.surface, self.blocks)), count)
 
     def surface(self, block: Block) -> Surface:
         """The block as a surface. Normals at its border are taken from the neighbours too."""

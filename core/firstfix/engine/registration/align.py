@@ -8,7 +8,6 @@ the map's own points. The kernel is ``native/include/firstfix/registration/align
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -127,14 +126,9 @@ class MapSurface:
         Args:
             surface: thinned to about ``map_voxel_m``.
         """
-        with ThreadPoolExecutor(1) as beside:
-            coarse = beside.submit(cls._coarse, surface, config.coarse_voxel_m)
-            fine = SurfaceGrid.of(surface, config.map_voxel_m)
-            return cls(config, fine, coarse.result())
-
-    @staticmethod
-    def _coarse(surface: Surface, voxel_m: float) -> SurfaceGrid:
-        return SurfaceGrid.of(surface.thinned(voxel_m / 2), voxel_m)
+        coarse = surface.thinned(config.coarse_voxel_m / 2)
+        fine = SurfaceGrid.of(surface, config.map_voxel_m)
+        return cls(config, fine, SurfaceGrid.of(coarse, config.coarse_voxel_m))
 
     def save(self, directory: Path) -> None:
         """Writes the grids to a version's files."""

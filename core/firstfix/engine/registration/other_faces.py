@@ -20,7 +20,7 @@ def other_faces(surface: Surface, reach_m: float) -> NDArray[np.int32]:
     """
     way = _ways(surface)
     found = np.full(len(surface), -1, np.int32)
-    order = np.argsort(surface.points[:, 0], kind="stable")
+    order = np.argsort(surface.points[:, 0], kind="stable").astype(np.int32)
     x = surface.points[order, 0].astype(np.float64)
     for start in range(0, len(order), PART):
         rows = order[start : start + PART]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -90,6 +90,22 @@ class Surface:
     def _thinned(self, voxel_m: float) -> Surface:
         points, normals, oriented = native.thin_surface(self.points, self.normals, self.oriented, voxel_m)
         return Surface(points, normals, oriented.view(np.bool_))
+
+    @classmethod
+    def gathered(cls, parts: Iterable[Surface], count: int) -> Surface:
+        """Surface of all points of several surfaces without times, of which one at a time is in memory.
+
+        Args:
+            count: number of all points.
+        """
+        points, normals = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32)
+        oriented = np.empty(count, np.bool_)
+        first = 0
+        for part in parts:
+            rows = slice(first, first + len(part))
+            points[rows], normals[rows], oriented[rows] = part.points, part.normals, part.oriented
+            first = rows.stop
+        return cls(points, normals, oriented)
 
     @classmethod
     def together(cls, parts: Sequence[Surface]) -> Surface:

@@ -15,7 +15,7 @@ BLOCK_BITS = 2  # blocks of 4 cells a side: half of the cells in kept blocks are
 GROUP_BITS = 2  # groups of 4 blocks a side, or more
 MOST_GROUPS = 1 << 24  # entries of the table of all groups
 PART = 1 << 20  # points at once
-MOST_SLOTS = 1 << 24  # cells at once
+MOST_SLOTS = 1 << 22  # cells at once
 
 
 @dataclass(frozen=True)
@@ -98,23 +98,21 @@ def nearest_points(cells: CellsOf, group: NDArray[np.int32], block: NDArray[np.i
     point = np.full((int(block.max()) + 1, side, side, side), -1, np.int32)
     for rows, first, end in _slabs(cells, group, block):
         cell, offset = cells.of(rows)
-        point[first:end] = native.nearest_points(
-            cell, offset, rows.astype(np.int32), group, block, BLOCK_BITS, first, end
-        )
+        point[first:end] = native.nearest_points(cell, offset, rows, group, block, BLOCK_BITS, first, end)
     return point
 
 
 def _slabs(
     cells: CellsOf, group: NDArray[np.int32], block: NDArray[np.int32]
-) -> Iterator[tuple[NDArray[np.integer], int, int]]:
+) -> Iterator[tuple[NDArray[np.int32], int, int]]:
     """Yields for each slab the rows of points in and beside it, its first block, and the one after its last.
 
     Slabs are at least one group thick, and as thick as MOST_SLOTS allows.
     """
     thick = block.shape[1] << BLOCK_BITS  # cells of a group
-    x = np.concatenate([cells.of(rows)[0][:, 0] for rows in cells.parts()])
-    order = np.argsort(x, kind="stable")
-    x = x[order]
+    x = np.empty(len(cells.position_m), np.int32)
+    for rows in cells.parts():
+        x[rows] = cells.of(rows)[0][:, 0]
     groups = group.reshape(len(group), -1).max(axis=1)  # last group of every x, 0 if there is none
     last_group = np.maximum.accumulate(groups)
     blocks = np.maximum.accumulate(block.reshape(len(block), -1).max(axis=1))
@@ -123,6 +121,6 @@ def _slabs(
     for gx in range(len(group)):
         full = gx + 1 == len(group) or ends[gx + 1] - first > MOST_SLOTS >> 3 * BLOCK_BITS
         if full:
-            inside = slice(*np.searchsorted(x, [begin * thick - 1, (gx + 1) * thick + 1]))
-            yield np.sort(order[inside]), first, int(ends[gx])
+            inside = (x >= begin * thick - 1) & (x <= (gx + 1) * thick)
+            yield np.flatnonzero(inside).astype(np.int32), first, int(ends[gx])
             begin, first = gx + 1, int(ends[gx])
