@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -110,9 +110,8 @@ def _slabs(
     Slabs are at least one group thick, and as thick as MOST_SLOTS allows.
     """
     thick = block.shape[1] << BLOCK_BITS  # cells of a group
-    x = np.empty(len(cells.position_m), np.int32)
-    for rows in cells.parts():
-        x[rows] = cells.of(rows)[0][:, 0]
+    x = [cells.of(rows)[0][:, 0].copy() for rows in cells.parts()]
+    ends_of_x = [(int(part.min()), int(part.max())) for part in x]
     groups = group.reshape(len(group), -1).max(axis=1)  # last group of every x, 0 if there is none
     last_group = np.maximum.accumulate(groups)
     blocks = np.maximum.accumulate(block.reshape(len(block), -1).max(axis=1))
@@ -121,6 +120,22 @@ def _slabs(
     for gx in range(len(group)):
         full = gx + 1 == len(group) or ends[gx + 1] - first > MOST_SLOTS >> 3 * BLOCK_BITS
         if full:
-            inside = (x >= begin * thick - 1) & (x <= (gx + 1) * thick)
-            yield np.flatnonzero(inside).astype(np.int32), first, int(ends[gx])
+            yield _rows_within(x, ends_of_x, begin * thick - 1, (gx + 1) * thick), first, int(ends[gx])
             begin, first = gx + 1, int(ends[gx])
+
+
+def _rows_within(
+    parts: Sequence[NDArray[np.int32]], ends: Sequence[tuple[int, int]], low: int, high: int
+) -> NDArray[np.int32]:
+    """Rows of numbers from low to high, in ascending order.
+
+    Args:
+        parts: the numbers, PART at a time.
+        ends: least and largest of each part. Neighbours in space are in few parts, and the others are passed over.
+    """
+    found = [np.zeros(0, np.int32)]
+    for number, (part, (least, largest)) in enumerate(zip(parts, ends, strict=True)):
+        if least <= high and largest >= low:
+            inside = np.flatnonzero((part >= low) & (part <= high))
+            found.append((inside + number * PART).astype(np.int32))
+    return np.concatenate(found)
