@@ -131,7 +131,8 @@ def _rows_within(
 
     Args:
         parts: the numbers, PART at a time.
-        ends: least and largest of each part. Neighbours in space are in few parts, and the others are passed over.
+        ends: least and largest of each part. Neighbours in space are in few parts: the others are passed
+            over.
     """
     found = [np.zeros(0, np.int32)]
     for number, (part, (least, largest)) in enumerate(zip(parts, ends, strict=True)):
