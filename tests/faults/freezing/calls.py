@@ -12,6 +12,7 @@ from typing import Any
 import httpx
 import zenoh
 
+from firstfix.builds.records import FINAL_STATES
 from tests.faults.tiny_worker import config_telling
 
 from .load import Kind
@@ -42,6 +43,7 @@ class Calls:
         self._sessions: dict[str, Any] = {}
         self._lock = threading.Lock()
         self._seeds = itertools.count()
+        self._submitted: list[str] = []
         self.versions = yard.versions
         self._next_version = itertools.cycle(yard.versions)
 
@@ -122,7 +124,15 @@ class Calls:
             data={"map_id": "built", "config": json.dumps(config_telling(seed=seed))},
             files={"source": ("a.xyz", b"0 0 0\n" * 1000 + str(seed).encode())},
         )
-        return answer if isinstance(answer, str) else str(answer.headers["location"])
+        if isinstance(answer, str):
+            return answer
+        self._submitted.append(str(answer.headers["location"]))
+        return self._submitted[-1]
+
+    def unfinished_builds(self) -> list[str]:
+        """Addresses of the submitted builds that wait or run."""
+        self._submitted = [one for one in self._submitted if self.build_state(one) not in FINAL_STATES]
+        return list(self._submitted)
 
     def build_state(self, address: str) -> str:
         answer = _answer(self._http["others"], "GET", address)

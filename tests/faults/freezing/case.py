@@ -120,7 +120,7 @@ def _wait_until_back(
     with ThreadPoolExecutor(2) as threads:
         others = {
             "catalog change": threads.submit(_follow_change, calls, deadline),
-            "build to its end": threads.submit(_run_build, calls, deadline),
+            "builds": threads.submit(_run_builds, calls, deadline),
         }
         # The next build is due seconds later; the one that is submitted here comes at once.
         at: dict[str, float | None] = {kind: None for kind in load.kinds if kind != "build"}
@@ -147,16 +147,15 @@ def _follow_change(calls: Calls, deadline: float) -> float | None:
     return None
 
 
-def _run_build(calls: Calls, deadline: float) -> float | None:
-    """Submits a build; returns when it has succeeded."""
-    address = ""
+def _run_builds(calls: Calls, deadline: float) -> float | None:
+    """Submits a build; returns when it has succeeded, or one of those that waited before it."""
+    is_submitted = False
     while time.monotonic() < deadline:
-        if not address:
-            submitted = calls.submit()
-            address = submitted if submitted.startswith("/") else ""
-        elif calls.build_state(address) == "succeeded":
-            return time.monotonic()
+        is_submitted = is_submitted or calls.submit().startswith("/")
+        waiting = calls.unfinished_builds()
         time.sleep(0.1)
+        if is_submitted and any(calls.build_state(one) == "succeeded" for one in waiting):
+            return time.monotonic()
     return None
 
 

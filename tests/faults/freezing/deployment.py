@@ -70,12 +70,12 @@ class Deployment:
 
     def start(self) -> Yard:
         """Starts everything; returns the map that is served."""
-        os.environ[MARK] = self._mark  # of this process's children too
-        self._stack.callback(os.environ.pop, MARK)
         self._stack.enter_context(patch.dict(os.environ, self._credentials))
         for part in (self._store_part(), self._nats_part(), self._router_part(), *self._build_workers()):
             self._add(part)
         yard = publish_yard(Catalog(Store.open(self.store_url)), self._folder)
+        os.environ[MARK] = self._mark  # for the strangers, which are children of this process
+        self._stack.callback(os.environ.pop, MARK)
         query = self._folder / "query.xyz"
         query.write_bytes(yard.query.content)
         self._stack.callback(self.service.kill)
@@ -159,6 +159,8 @@ class Deployment:
             "build_command": json.dumps([*self._python, "-m", "tests.faults.tiny_worker"]),
             "build_lease_s": 3.0,
             "build_attempts": 1000,
+            "max_open_uploads": 10_000,  # those that failed stay open
+            "max_open_uploads_per_caller": 10_000,
             "log_level": "warning",
             **settings,
         }
@@ -178,8 +180,9 @@ class Deployment:
         program = shutil.which("versitygw") or "versitygw"
         command = [program, "--port", f"127.0.0.1:{port}", "--quiet", "posix", str(data)]
         member = Member(command, own, self._folder / "store.log", data)
-        # Who waits for a turn behind others that wait for the store is refused after a while.
-        unavailable = frozenset({"store_unavailable", "overloaded"})
+        # Who waits for a turn behind others that wait for the store is refused after a while. A caller has
+        # only so many uploads at a time.
+        unavailable = frozenset({"store_unavailable", "overloaded", "quota_exceeded"})
         return ServerPart("object store", member, port, Effect(dict.fromkeys(OF_STORE, unavailable)))
 
     def _nats_part(self) -> Part:
