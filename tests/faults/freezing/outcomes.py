@@ -64,7 +64,7 @@ class Outcomes:
             return [call for call in (*self._ended, *unanswered) if begin <= call.due < end]
 
     def first_good(self, kind: str, begin: float) -> float | None:
-        """When the first good call that was due from then on ended."""
+        """The end of the first good call that was due from then on; None: there is none yet."""
         with self._lock:
             good = [
                 one.due + one.seconds

@@ -13,7 +13,7 @@ OF_STORE = ("maps", "activate", "upload", "build")
 
 @dataclass(frozen=True)
 class Effect:
-    """What may happen while a part is frozen; all calls that are not named go on as before.
+    """Calls that may fail while a part is frozen; all that are not named go on as before.
 
     Attributes:
         codes: outcomes that calls of a kind may have beside "ok", by kind. These calls may be slow too.
