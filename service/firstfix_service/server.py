@@ -15,12 +15,14 @@ from .app import create_app
 from .http_api.routes.console.page import page_files
 from .http_server.connections import ConnectionLimits, Connections, EndReason
 from .http_server.protocol import LimitedHttpProtocol
+from .lanes import give_up_requests
 from .settings import Settings
 from .telemetry.log_setup import set_up_logging
 from .telemetry.metrics import Metrics
 
 _log = structlog.get_logger(__name__)
 STOP_WITHIN_S = 20  # requests that run longer are aborted
+STORE_WITHIN_S = 5.0  # requests that wait longer for the store get an error
 
 
 def uvicorn_config(app: FastAPI, settings: Settings) -> uvicorn.Config:
@@ -80,7 +82,9 @@ class Server(uvicorn.Server):
             _log.info("stopping: not ready any more, requests are still answered", drain_s=self._drain_s)
             await asyncio.sleep(self._drain_s)
         self._app.state.closing.set()
+        giving_up = asyncio.create_task(give_up_requests(STORE_WITHIN_S, "the service is stopping"))
         await super().shutdown(sockets)
+        giving_up.cancel()
 
 
 def serve(settings: Settings) -> None:

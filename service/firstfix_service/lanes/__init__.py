@@ -7,6 +7,8 @@ share it.
 
 from __future__ import annotations
 
+import asyncio
+
 from .lane import Lane
 
 __all__ = [
@@ -21,15 +23,30 @@ __all__ = [
     "START",
     "UPKEEP",
     "Lane",
+    "give_up_requests",
 ]
+
+TURN_WITHIN_S = 10.0  # of work that takes a moment where the store answers
 
 START = Lane("start", 8)  # opens resources at the start and closes them at the end
 KEYS = Lane("keys", 2)  # reads API keys and the keys of the token issuer
-AUTH = Lane("auth", 4)  # reads whether a caller may see the build that a request names
+AUTH = Lane("auth", 4, TURN_WITHIN_S)  # reads whether a caller may see the build that a request names
 BUILDS = Lane("builds", 8)  # leases of builds, and how builds ended
-READS = Lane("reads", 16)  # reads one small record of the catalog
-LISTS = Lane("lists", 4)  # reads much of the catalog: pages of lists, pictures
+READS = Lane("reads", 16, TURN_WITHIN_S)  # reads one small record of the catalog
+LISTS = Lane("lists", 4, TURN_WITHIN_S)  # reads much of the catalog: pages of lists, pictures
 LOOKS = Lane("looks", 2)  # lays scans over maps, for people who look at answers
-CHANGES = Lane("changes", 4)  # activates versions, sets georeferences
+CHANGES = Lane("changes", 4, TURN_WITHIN_S)  # activates versions, sets georeferences
 COPIES = Lane("copies", 4)  # copies map files to the disk and to the store, and hashes them
 UPKEEP = Lane("upkeep", 4)  # removes abandoned objects, stages and garbage; looks for unfinished builds
+
+_OF_REQUESTS = (KEYS, AUTH, READS, LISTS, LOOKS, CHANGES, COPIES, UPKEEP)
+_AGAIN_S = 0.5  # a request may go on to other work
+
+
+async def give_up_requests(after_s: float, why: str) -> None:
+    """Ends what requests of this event loop wait for after some time, and from then on, until cancelled."""
+    await asyncio.sleep(after_s)
+    while True:
+        for lane in _OF_REQUESTS:
+            lane.give_up_requests(why)
+        await asyncio.sleep(_AGAIN_S)

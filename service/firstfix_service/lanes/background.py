@@ -12,6 +12,8 @@ import structlog
 
 from firstfix.errors import FirstfixError
 
+from . import START
+
 _log = structlog.get_logger(__name__)
 
 
@@ -56,6 +58,18 @@ def run_in_background(stack: AsyncExitStack, work: Coroutine[Any, Any, None], na
         task.cancel()
         with suppress(asyncio.CancelledError):
             await task
+
+    stack.push_async_callback(stop)
+
+
+def close_within(stack: AsyncExitStack, close: Callable[[], None], limit_s: float, name: str) -> None:
+    """Lets the stack call what blocks, and go on without its end after a time: the store may hang."""
+
+    async def stop() -> None:
+        try:
+            await asyncio.wait_for(START.run(close), limit_s)
+        except TimeoutError:
+            _log.warning("stops without the end of a part", part=name, limit_s=limit_s)
 
     stack.push_async_callback(stop)
 

@@ -12,16 +12,19 @@ from dataclasses import dataclass
 from functools import partial, wraps
 from typing import Any, ParamSpec, TypeVar
 
+from firstfix.errors import FirstfixError, Overloaded
+
 from ..telemetry.request_scope import current_request
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class _Job:
     work: Callable[[], Any]
     result: Future[Any]
+    refusal: FirstfixError | None = None  # given to the request in place of the result
 
     def run(self) -> None:
         if not self.result.set_running_or_notify_cancel():
@@ -37,10 +40,14 @@ class Lane:
 
     Args:
         threads: maximum number of threads; they are started when they are needed.
+        turn_within_s: for which the work of a request waits for its turn; None: as long as it takes. Where
+            the store hangs, the threads are free every 20 seconds only, and requests would queue up.
     """
 
-    def __init__(self, name: str, threads: int) -> None:
+    def __init__(self, name: str, threads: int, turn_within_s: float | None = None) -> None:
         self.name = name
+        self._turn_within_s = turn_within_s
+        self._asked: dict[asyncio.Future[Any], _Job] = {}  # by requests that wait now
         self._executor = ThreadPoolExecutor(threads, thread_name_prefix=name)
         self._threads = threads
         self._lock = threading.Lock()
@@ -48,7 +55,11 @@ class Lane:
         self._running: Counter[str] = Counter()
 
     async def run(self, work: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T:
-        """Runs work in a thread and returns its result. Work that has begun is not cancelled."""
+        """Runs work in a thread and returns its result. Work that has begun is not cancelled.
+
+        Raises:
+            Overloaded: a request asked, and its turn did not come in time, or ``give_up_requests``.
+        """
         request = current_request()
         caller = "" if request is None else str(request.fields.get("caller", ""))
         call = partial(contextvars.copy_context().run, work, *args, **kwargs)
@@ -56,8 +67,39 @@ class Lane:
         with self._lock:
             self._waiting.setdefault(caller, deque()).append(job)
         self._start_jobs()
-        result: T = await asyncio.wrap_future(job.result)
-        return result
+        result: asyncio.Future[T] = asyncio.wrap_future(job.result)
+        return await (result if request is None else self._asked_by_request(job, result))
+
+    def give_up_requests(self, why: str) -> None:
+        """Ends the waits of all requests of this event loop. Their work goes on where it has begun."""
+        loop = asyncio.get_running_loop()
+        for result, job in list(self._asked.items()):
+            if result.get_loop() is loop and not result.done():
+                job.refusal = Overloaded(why)
+                result.cancel()
+
+    async def _asked_by_request(self, job: _Job, result: asyncio.Future[T]) -> T:
+        timer = None
+        if self._turn_within_s is not None:
+            loop = asyncio.get_running_loop()
+            timer = loop.call_later(self._turn_within_s, self._refuse_if_waiting, job)
+        self._asked[result] = job
+        try:
+            return await result
+        except asyncio.CancelledError:
+            task = asyncio.current_task()
+            if job.refusal is None or (task is not None and task.cancelling()):
+                raise
+            raise job.refusal from None
+        finally:
+            del self._asked[result]
+            if timer is not None:
+                timer.cancel()
+
+    def _refuse_if_waiting(self, job: _Job) -> None:
+        if not job.result.running() and not job.result.done():
+            job.refusal = Overloaded(f"too much work of the kind '{self.name}' waits: try again")
+            job.result.cancel()  # unless it begins this moment
 
     def route(self, work: Callable[P, T]) -> Callable[P, Awaitable[T]]:
         """Makes a coroutine function for a route from a function that blocks."""

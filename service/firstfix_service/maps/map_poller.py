@@ -44,7 +44,7 @@ class MapPoller:
         """Stops the thread and waits until it has ended."""
         self._stop.set()
         self._maps.stop_prefetch()
-        self._thread.join(timeout=30)
+        self._thread.join()
 
     def _run(self) -> None:
         while not self._stop.is_set():

@@ -36,7 +36,7 @@ from ..http_api.concurrency_limit import ConcurrencyLimit
 from ..http_api.dependencies import Parts
 from ..http_api.health import Health
 from ..lanes import START
-from ..lanes.background import run_in_background
+from ..lanes.background import close_within, run_in_background
 from ..localize.pool import QueryPool
 from ..localize.recent import RecentAnswers
 from ..localize.recorder import QueryRecorder
@@ -62,6 +62,8 @@ from .settings_summary import settings_summary
 MOST_OVERLAYS, MOST_OVERLAYS_PER_CALLER = 16, 4  # at the same time, with their scans in memory
 _log = structlog.get_logger(__name__)
 ABANDONED_UPLOAD_S = 86400.0
+# For parts that may wait for the store when the service stops. An orchestrator kills it after a while.
+CLOSE_WITHIN_S, FLUSH_WITHIN_S = 2.0, 4.0
 
 
 async def compose(
@@ -102,11 +104,12 @@ async def compose(
         poll_interval_s=settings.poll_interval_s,
         sweep_interval_s=settings.sweep_interval_s,
     )
-    stack.push_async_callback(START.run, maps.close)
+    close_within(stack, maps.close, CLOSE_WITHIN_S, "loads of maps")
     stack.push_async_callback(START.run, workers.close)  # closed before the maps: it ends the loads under way
     sightings = SightingsKeeper(catalog, workers, metrics)
     if settings.sightings_counted_share:
-        stack.push_async_callback(START.run, sightings.flush)  # before the workers end, after the last query
+        # before the workers end, after the last query
+        close_within(stack, sightings.flush, FLUSH_WITHIN_S, "sightings")
     pool = QueryPool(settings.workers, settings.queue_size)
     stack.push_async_callback(pool.close)
     metrics.queries_admitted.set_function(lambda: pool.admitted)
@@ -179,7 +182,7 @@ async def compose(
 
     poller = MapPoller(maps, settings.poll_interval_s, polled, health.catalog_failed)
     poller.start()
-    stack.push_async_callback(START.run, poller.close)
+    close_within(stack, poller.close, CLOSE_WITHIN_S, "poll of the catalog")
     _log.info(
         "ready to take requests",
         version=firstfix.__version__,

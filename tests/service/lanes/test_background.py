@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 from contextlib import AsyncExitStack
 
 import pytest
 from structlog.testing import capture_logs
 
 from firstfix.errors import StoreUnavailable
-from firstfix_service.lanes.background import PeriodicTask, run_in_background
+from firstfix_service.lanes.background import PeriodicTask, close_within, run_in_background
 from waiting import LIMIT_S
 
 
@@ -78,3 +79,18 @@ def test_the_stack_waits_for_the_end_of_its_background_tasks():
 
     asyncio.run(main())
     assert seen == ["ended", "closed"]
+
+
+def test_a_part_that_does_not_close_holds_up_no_stop():
+    gate, closed = threading.Event(), []
+
+    async def main() -> None:
+        async with AsyncExitStack() as stack:
+            close_within(stack, lambda: closed.append("next"), LIMIT_S, "next")
+            close_within(stack, lambda: closed.append(gate.wait(LIMIT_S)), 0.05, "hanging")
+        assert closed == ["next"]
+
+    with capture_logs() as lines:
+        asyncio.run(main())
+    gate.set()
+    assert [line["part"] for line in lines] == ["hanging"]

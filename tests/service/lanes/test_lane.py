@@ -21,7 +21,7 @@ from service_world import Service, running_service
 
 import firstfix_service
 from firstfix.access.api_keys import ApiKeys
-from firstfix.errors import StoreUnavailable
+from firstfix.errors import Overloaded, StoreUnavailable
 from firstfix_service.app import create_app
 from firstfix_service.http_api.bodies import submission
 from firstfix_service.lanes import BUILDS, Lane
@@ -126,6 +126,42 @@ def test_work_that_nobody_waits_for_any_more_is_not_begun():
 
     asyncio.run(main())
     assert begun == []
+
+
+def test_a_request_waits_for_its_turn_only_so_long():
+    lane, gate, begun = Lane("test", 1, turn_within_s=0.05), threading.Event(), []
+
+    async def main() -> None:
+        hanging = asyncio.create_task(as_caller("first", lane, lambda: gate.wait(LIMIT_S)))
+        await asyncio.sleep(0)
+        async with asyncio.timeout(LIMIT_S):
+            with pytest.raises(Overloaded, match="'test' waits: try again"):
+                await as_caller("second", lane, lambda: begun.append(1))
+        own = asyncio.create_task(lane.run(lambda: "the service's own work waits"))
+        gate.set()
+        assert await hanging is True, "work that has begun has no such limit"
+        assert await own == "the service's own work waits"
+
+    asyncio.run(main())
+    assert begun == []
+
+
+def test_requests_are_given_up_but_not_the_work_of_the_service():
+    lane, gate = Lane("test", 2), threading.Event()
+
+    async def main() -> None:
+        own = asyncio.create_task(lane.run(gate.wait, LIMIT_S))
+        asked = [asyncio.create_task(as_caller("a", lane, lambda: gate.wait(LIMIT_S))) for _ in range(3)]
+        cancelled = asyncio.create_task(as_caller("a", lane, lambda: gate.wait(LIMIT_S)))
+        await asyncio.sleep(0)
+        cancelled.cancel()
+        lane.give_up_requests("the service is stopping")
+        found = await asyncio.gather(*asked, cancelled, return_exceptions=True)
+        assert [type(one) for one in found] == [Overloaded] * 3 + [asyncio.CancelledError]
+        gate.set()
+        assert await own is True
+
+    asyncio.run(main())
 
 
 def test_slow_maps_hold_up_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -95,6 +95,8 @@ class ZenohAsk:
             payload=query.payload,
             encoding=query.encoding,
             attachment=self._api_key,
+            # By default zenoh holds replies back until all who were asked have ended. A router is asked too.
+            consolidation=self._zenoh.ConsolidationMode.NONE,
             cancellation_token=token,
         )
         for reply in replies:
