@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import math
+import os
 import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
+from typing import NoReturn
 
 import structlog
 import uvicorn
@@ -16,11 +21,15 @@ from .http_api.routes.console.page import page_files
 from .http_server.connections import ConnectionLimits, Connections, EndReason
 from .http_server.protocol import LimitedHttpProtocol
 from .settings import Settings
-from .telemetry.log_setup import set_up_logging
+from .telemetry.log_setup import drain_log, set_up_logging
 from .telemetry.metrics import Metrics
+from .telemetry.stacks import stacks_of_all_threads
+from .telemetry.stall_watch import EXIT_STALLED, Pulse
 
 _log = structlog.get_logger(__name__)
 STOP_WITHIN_S = 20  # requests that run longer are aborted
+REST_WITHIN_S = 15.0  # for the rest of a stop: zenoh, the store, builds
+LAST_LINES_WITHIN_S = 2.0  # of the log
 
 
 def uvicorn_config(app: FastAPI, settings: Settings) -> uvicorn.Config:
@@ -55,12 +64,20 @@ class Server(uvicorn.Server):
 
     To stop, it answers 503 at /readyz and goes on for ``drain_s``, so that proxies see it. Then it ends the
     event streams and waits for the other requests.
+
+    Args:
+        owns_process: this process is nothing but this server. It is ended at once where the event loop stands
+            still, or where a stop takes too long; where zenoh stands still, it is stopped in order.
     """
 
-    def __init__(self, app: FastAPI, settings: Settings) -> None:
+    def __init__(self, app: FastAPI, settings: Settings, *, owns_process: bool = False) -> None:
         super().__init__(uvicorn_config(app, settings))
         self._app = app
         self._drain_s = settings.drain_s
+        self._exit_code: int | None = None  # None: as uvicorn says
+        self._owns_process = owns_process
+        if owns_process:
+            app.state.watch.on_stall = self._stalled
         self._has_console = settings.console and bool(page_files())
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
@@ -75,12 +92,55 @@ class Server(uvicorn.Server):
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Drains and stops the server."""
+        if self._owns_process:
+            self._end_if_stuck()
         self._app.state.draining.set()
         if self._drain_s and self.started:
             _log.info("stopping: not ready any more, requests are still answered", drain_s=self._drain_s)
             await asyncio.sleep(self._drain_s)
         self._app.state.closing.set()
         await super().shutdown(sockets)
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Ends the process as its stop says, after the last lines of the log are written.
+
+        uvicorn raises the signal again that stopped it, which ends the process before anything else does.
+        """
+        with super().capture_signals():
+            try:
+                yield
+            finally:
+                if self._owns_process:
+                    drain_log(LAST_LINES_WITHIN_S)
+                if self._exit_code is not None:  # what stands still may hold up the interpreter's end too
+                    os._exit(self._exit_code)
+
+    def _stalled(self, pulse: Pulse) -> None:
+        """Ends the process because a part stands still. Called by the thread of the watchdog."""
+        _log.critical("ends the process: a part stands still", part=pulse.name, exit_code=EXIT_STALLED)
+        if pulse.is_vital:
+            _end_process()
+        self._exit_code = EXIT_STALLED
+        self._end_if_stuck()
+        self.should_exit = True
+
+    def _end_if_stuck(self) -> None:
+        """Ends the process after the time that a stop may take."""
+        timer = threading.Timer(self._drain_s + STOP_WITHIN_S + REST_WITHIN_S, self._stuck)
+        timer.daemon = True
+        timer.start()
+
+    def _stuck(self) -> None:
+        _log.critical(
+            "ends the process: it does not stop", stacks=stacks_of_all_threads(), exit_code=EXIT_STALLED
+        )
+        _end_process()
+
+
+def _end_process() -> NoReturn:
+    drain_log(LAST_LINES_WITHIN_S)
+    os._exit(EXIT_STALLED)
 
 
 def serve(settings: Settings) -> None:
@@ -90,4 +150,4 @@ def serve(settings: Settings) -> None:
         SystemExit: the service could not start; the log says why.
     """
     set_up_logging(settings.log_level, as_json=settings.log_json)
-    Server(create_app(settings), settings).run()
+    Server(create_app(settings), settings, owns_process=True).run()
