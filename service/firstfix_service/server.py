@@ -118,7 +118,12 @@ class Server(uvicorn.Server):
 
     def _stalled(self, pulse: Pulse) -> None:
         """Ends the process because a part stands still. Called by the thread of the watchdog."""
-        _log.critical("ends the process: a part stands still", part=pulse.name, exit_code=EXIT_STALLED)
+        _log.critical(
+            "ends the process: a part stands still",
+            part=pulse.name,
+            stacks=stacks_of_all_threads(),
+            exit_code=EXIT_STALLED,
+        )
         if pulse.is_vital:
             _end_process()
         self._exit_code = EXIT_STALLED
