@@ -10,7 +10,6 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
-from typing import NoReturn
 
 import structlog
 import uvicorn
@@ -21,15 +20,13 @@ from .http_api.routes.console.page import page_files
 from .http_server.connections import ConnectionLimits, Connections, EndReason
 from .http_server.protocol import LimitedHttpProtocol
 from .settings import Settings
-from .telemetry.log_setup import drain_log, set_up_logging
+from .telemetry.log_setup import LAST_LINES_WITHIN_S, drain_log, set_up_logging
 from .telemetry.metrics import Metrics
-from .telemetry.stacks import stacks_of_all_threads
-from .telemetry.stall_watch import EXIT_STALLED, Pulse
+from .telemetry.stall_watch import EXIT_STALLED, Pulse, end_process
 
 _log = structlog.get_logger(__name__)
 STOP_WITHIN_S = 20  # requests that run longer are aborted
 REST_WITHIN_S = 15.0  # for the rest of a stop: zenoh, the store, builds
-LAST_LINES_WITHIN_S = 2.0  # of the log
 
 
 def uvicorn_config(app: FastAPI, settings: Settings) -> uvicorn.Config:
@@ -118,14 +115,9 @@ class Server(uvicorn.Server):
 
     def _stalled(self, pulse: Pulse) -> None:
         """Ends the process because a part stands still. Called by the thread of the watchdog."""
-        _log.critical(
-            "ends the process: a part stands still",
-            part=pulse.name,
-            stacks=stacks_of_all_threads(),
-            exit_code=EXIT_STALLED,
-        )
         if pulse.is_vital:
-            _end_process()
+            end_process("ends the process: a part stands still", pulse.name)
+        _log.critical("stops: a part stands still", part=pulse.name, exit_code=EXIT_STALLED)
         self._exit_code = EXIT_STALLED
         self._end_if_stuck()
         self.should_exit = True
@@ -137,15 +129,7 @@ class Server(uvicorn.Server):
         timer.start()
 
     def _stuck(self) -> None:
-        _log.critical(
-            "ends the process: it does not stop", stacks=stacks_of_all_threads(), exit_code=EXIT_STALLED
-        )
-        _end_process()
-
-
-def _end_process() -> NoReturn:
-    drain_log(LAST_LINES_WITHIN_S)
-    os._exit(EXIT_STALLED)
+        end_process("ends the process: it does not stop", "the stop")
 
 
 def serve(settings: Settings) -> None:

@@ -12,7 +12,9 @@ import structlog
 
 from firstfix.telemetry.redact import redactor
 
-from .log_stream import LogStream
+from .log_stream import LAST_LINES_WITHIN_S, LogStream
+
+__all__ = ["LAST_LINES_WITHIN_S", "drain_log", "hiding_secrets", "set_up_logging"]
 
 
 def set_up_logging(level: str, *, as_json: bool) -> None:

@@ -12,14 +12,17 @@ interpreter's lock.
 from __future__ import annotations
 
 import asyncio
+import os
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import NoReturn
 
 import structlog
 from prometheus_client import Histogram
 
+from .log_setup import LAST_LINES_WITHIN_S, drain_log
 from .stacks import stacks_of_all_threads
 
 _log = structlog.get_logger(__name__)
@@ -28,6 +31,13 @@ TICK_S = 0.1
 STACKS_AFTER_S = 1.0
 UNWELL_AFTER_S = 5.0  # of a stall, for /healthz
 UNWELL_FOR_S = 20.0  # after the end of such a stall
+
+
+def end_process(event: str, part: str) -> NoReturn:
+    """Logs why, with the stacks of all threads, and ends the process at once with ``EXIT_STALLED``."""
+    _log.critical(event, part=part, stacks=stacks_of_all_threads(), exit_code=EXIT_STALLED)
+    drain_log(LAST_LINES_WITHIN_S)
+    os._exit(EXIT_STALLED)
 
 
 class Pulse:

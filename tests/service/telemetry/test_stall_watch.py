@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -158,10 +158,8 @@ class StallingService:
 
     def stall(self, seconds: float) -> threading.Thread:
         def ask() -> None:
-            try:
+            with suppress(httpx.TransportError):  # the process ended
                 self.http.get(f"/stall/{seconds}")
-            except httpx.TransportError:  # the process ended
-                pass
 
         thread = threading.Thread(target=ask)
         thread.start()
