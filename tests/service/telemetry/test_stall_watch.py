@@ -257,3 +257,37 @@ def test_a_stopped_process_goes_on(tmp_path: Path):
         let_pass(3)
         assert service.is_ready
         assert service.lines("a part stands still") == []
+
+
+@pytest.mark.slow
+def test_a_frozen_reader_of_the_log_holds_up_no_request(tmp_path: Path):
+    """The log goes into a pipe that nobody reads: it is full after 64 kB."""
+    port = free_port()
+    environment = {
+        "FIRSTFIX_STORE": str(tmp_path / "store"),
+        "FIRSTFIX_WORK_DIR": str(tmp_path / "work"),
+        "FIRSTFIX_CACHE_DIR": str(tmp_path / "cache"),
+        "FIRSTFIX_PORT": str(port),
+        "FIRSTFIX_RUN_BUILDS": "false",
+        "FIRSTFIX_WORKERS": "1",
+        "FIRSTFIX_STRANGERS_PER_S": "0",
+        "FIRSTFIX_AUTH_FAILURES_PER_MIN": "0",
+    }
+    frozen, log = os.pipe()
+    process = subprocess.Popen(
+        [sys.executable, str(STALLING_SERVICE)], env={**os.environ, **environment}, stderr=log
+    )
+    os.close(log)
+    try:
+        with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=LIMIT_S) as http:
+            service = StallingService(process, http, tmp_path / "log")
+            wait_until(lambda: service.is_ready or process.poll() is not None)
+            for _ in range(200):
+                assert http.get(f"/maps/{'m' * 60}/{'x' * 400}").status_code == 404
+            assert service.is_ready
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(LIMIT_S) == -signal.SIGTERM
+    finally:
+        process.kill()
+        process.wait()
+        os.close(frozen)
