@@ -368,9 +368,7 @@ class Settings(BaseSettings):
     )
 
     stalled_exit_s: float = Field(
-        20.0,
-        ge=0,
-        description="time that the event loop, or zenoh, may stand still; then the process ends; 0: never",
+        20.0, ge=0, description="time that the event loop or zenoh may stand still, then it ends; 0: never"
     )
     drain_s: float = Field(
         0.0,

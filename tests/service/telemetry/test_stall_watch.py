@@ -206,7 +206,7 @@ def stalling_service(folder: Path, **settings: str) -> Iterator[StallingService]
 
 
 def children(pid: int) -> list[int]:
-    """Of all its threads."""
+    """Returns the children of all its threads."""
     lists = [path.read_text() for path in Path(f"/proc/{pid}/task").glob("*/children")]
     return [int(one) for text in lists for one in text.split()]
 
