@@ -38,6 +38,7 @@ from .startup.composition import compose
 from .startup.retry import PlainStartError, RetryingStart
 from .telemetry.metrics import Metrics
 from .telemetry.request_scope import Requests
+from .telemetry.stall_watch import StallWatch
 
 _OF_THE_STORE = (
     maps,
@@ -80,14 +81,21 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
         load: makes the localizer of a version's folder. With it, queries run in threads of this process.
     """
     metrics, requests = Metrics(), Requests()
+    watch = StallWatch(metrics.event_loop_lag, settings.stalled_exit_s)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         state = app.state
         async with RetryingStart(
-            lambda stack: compose(settings, metrics, requests, load, state.closing, state.draining, stack)
+            lambda stack: compose(
+                settings, metrics, requests, watch, load, state.closing, state.draining, stack
+            )
         ) as state.start:
-            yield
+            watch.start(asyncio.get_running_loop())
+            try:
+                yield
+            finally:
+                watch.close()
 
     app = DocumentedApp(
         title="firstfix",
@@ -101,7 +109,7 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
         responses={"default": _PROBLEM},
     )
     app.state.settings, app.state.metrics, app.state.closing = settings, metrics, asyncio.Event()
-    app.state.draining = asyncio.Event()
+    app.state.draining, app.state.watch = asyncio.Event(), watch
     localize.add_route(app)
     app.include_router(operations.router)
     if settings.console:

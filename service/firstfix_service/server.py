@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import math
+import os
 import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 
 import structlog
@@ -17,12 +21,14 @@ from .http_server.connections import ConnectionLimits, Connections, EndReason
 from .http_server.protocol import LimitedHttpProtocol
 from .lanes import give_up_requests
 from .settings import Settings
-from .telemetry.log_setup import set_up_logging
+from .telemetry.log_setup import LAST_LINES_WITHIN_S, drain_log, set_up_logging
 from .telemetry.metrics import Metrics
+from .telemetry.stall_watch import EXIT_STALLED, Pulse, end_process
 
 _log = structlog.get_logger(__name__)
 STOP_WITHIN_S = 20  # requests that run longer are aborted
 STORE_WITHIN_S = 5.0  # requests that wait longer for the store get an error
+REST_WITHIN_S = 15.0  # for the rest of a stop: zenoh, the store, builds
 
 
 def uvicorn_config(app: FastAPI, settings: Settings) -> uvicorn.Config:
@@ -57,12 +63,20 @@ class Server(uvicorn.Server):
 
     To stop, it answers 503 at /readyz and goes on for ``drain_s``, so that proxies see it. Then it ends the
     event streams and waits for the other requests.
+
+    Args:
+        owns_process: this process is nothing but this server. It is ended at once where the event loop stands
+            still, or where a stop takes too long; where zenoh stands still, it is stopped in order.
     """
 
-    def __init__(self, app: FastAPI, settings: Settings) -> None:
+    def __init__(self, app: FastAPI, settings: Settings, *, owns_process: bool = False) -> None:
         super().__init__(uvicorn_config(app, settings))
         self._app = app
         self._drain_s = settings.drain_s
+        self._exit_code: int | None = None  # None: as uvicorn says
+        self._owns_process = owns_process
+        if owns_process:
+            app.state.watch.on_stall = self._stalled
         self._has_console = settings.console and bool(page_files())
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
@@ -77,6 +91,8 @@ class Server(uvicorn.Server):
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Drains and stops the server."""
+        if self._owns_process:
+            self._end_if_stuck()
         self._app.state.draining.set()
         if self._drain_s and self.started:
             _log.info("stopping: not ready any more, requests are still answered", drain_s=self._drain_s)
@@ -86,6 +102,39 @@ class Server(uvicorn.Server):
         await super().shutdown(sockets)
         giving_up.cancel()
 
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Ends the process as its stop says, after the last lines of the log are written.
+
+        uvicorn raises the signal again that stopped it, which ends the process before anything else does.
+        """
+        with super().capture_signals():
+            try:
+                yield
+            finally:
+                if self._owns_process:
+                    drain_log(LAST_LINES_WITHIN_S)
+                if self._exit_code is not None:  # what stands still may hold up the interpreter's end too
+                    os._exit(self._exit_code)
+
+    def _stalled(self, pulse: Pulse) -> None:
+        """Ends the process because a part stands still. Called by the thread of the watchdog."""
+        if pulse.is_vital:
+            end_process("ends the process: a part stands still", pulse.name)
+        _log.critical("stops: a part stands still", part=pulse.name, exit_code=EXIT_STALLED)
+        self._exit_code = EXIT_STALLED
+        self._end_if_stuck()
+        self.should_exit = True
+
+    def _end_if_stuck(self) -> None:
+        """Ends the process after the time that a stop may take."""
+        timer = threading.Timer(self._drain_s + STOP_WITHIN_S + REST_WITHIN_S, self._stuck)
+        timer.daemon = True
+        timer.start()
+
+    def _stuck(self) -> None:
+        end_process("ends the process: it does not stop", "the stop")
+
 
 def serve(settings: Settings) -> None:
     """Runs the service until SIGINT or SIGTERM.
@@ -94,4 +143,4 @@ def serve(settings: Settings) -> None:
         SystemExit: the service could not start; the log says why.
     """
     set_up_logging(settings.log_level, as_json=settings.log_json)
-    Server(create_app(settings), settings).run()
+    Server(create_app(settings), settings, owns_process=True).run()

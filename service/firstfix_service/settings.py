@@ -367,6 +367,9 @@ class Settings(BaseSettings):
         False, description="change nothing in the store: no write probe, no builds, POST /maps is refused"
     )
 
+    stalled_exit_s: float = Field(
+        20.0, ge=0, description="time that the event loop or zenoh may stand still, then it ends; 0: never"
+    )
     drain_s: float = Field(
         0.0,
         ge=0,

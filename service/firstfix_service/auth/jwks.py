@@ -104,9 +104,10 @@ class Jwks:
 
     async def _fetch(self) -> bytes:
         body = bytearray()
+        context = await KEYS.run(httpx.create_ssl_context)  # it reads the file of all authorities
         async with (
             asyncio.timeout(_TIMEOUT_S),
-            httpx.AsyncClient(headers={"Accept-Encoding": "identity"}) as client,
+            httpx.AsyncClient(verify=context, headers={"Accept-Encoding": "identity"}) as client,
             client.stream("GET", self._source) as answer,
         ):
             if answer.status_code != 200:  # a redirect is refused too: it could lead anywhere

@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import BinaryIO
 
 from firstfix.errors import BuildError
 
@@ -69,13 +70,11 @@ class BuildProcess:
         Raises:
             OSError: the command cannot be run.
         """
-        work_dir.mkdir(parents=True, exist_ok=True)
-        _remove_old_logs(work_dir)
         log_path = work_dir / f"{build_id}.log"
         arguments = ("--store", how.store_url, "--build", build_id, "--work", str(work_dir))
         options = ("--tied-to-stdin", *(["--share-stages"] if how.share_stages else []))
         inherited = {k: v for k, v in os.environ.items() if not k.startswith(_SECRET_PREFIXES)}
-        with log_path.open("ab") as log:
+        with await BUILDS.run(_open_log, log_path) as log:
             process = await asyncio.create_subprocess_exec(
                 *how.command,
                 *arguments,
@@ -117,7 +116,10 @@ class BuildProcess:
         return await self._process.wait()
 
     def kill(self) -> None:
-        """Kills the process and all that it started."""
+        """Kills the process and all that it started.
+
+        It reads /proc, which takes milliseconds. In a lane it could wait for a store that hangs.
+        """
         kill_session(self._process.pid)
 
     def why(self, code: int) -> str:
@@ -133,6 +135,12 @@ class BuildProcess:
     def remove_log(self) -> None:
         """Removes the log file."""
         self._log_path.unlink(missing_ok=True)
+
+
+def _open_log(path: Path) -> BinaryIO:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _remove_old_logs(path.parent)
+    return path.open("ab")
 
 
 def _remove_old_logs(work_dir: Path) -> None:

@@ -24,6 +24,7 @@ from ..lanes.background import end_if_cancelled, run_in_background
 from ..settings import Settings
 from ..telemetry.log_setup import set_up_logging
 from ..telemetry.metrics import Metrics
+from ..telemetry.stall_watch import StallWatch, end_process
 from ..upkeep.cleanup import shared_stages_removal
 from .nats.queue import NatsBuildQueue
 from .runner import BuildRunner, Turn
@@ -170,11 +171,14 @@ def run_worker(settings: Settings, *, concurrency: int, health_port: int | None)
     store.probe()
     metrics = Metrics()
     worker = BuildWorker(settings, Catalog(store), metrics, concurrency)
+    watch = StallWatch(metrics.event_loop_lag, settings.stalled_exit_s)
+    watch.on_stall = lambda pulse: end_process("ends the process: a part stands still", pulse.name)
     with BuildWorkerHealth(worker.queue.builds, metrics, settings.host, health_port) as health:
-        asyncio.run(_until_signalled(worker, health))
+        asyncio.run(_until_signalled(worker, health, watch))
 
 
-async def _until_signalled(worker: BuildWorker, health: BuildWorkerHealth) -> None:
+async def _until_signalled(worker: BuildWorker, health: BuildWorkerHealth, watch: StallWatch) -> None:
+    watch.start(asyncio.get_running_loop())
     signalled = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, signalled.set)

@@ -8,6 +8,7 @@ from typing import Any
 from fastapi import FastAPI, Request, Response
 from pydantic import BaseModel
 
+from ..lanes import LISTS
 from .schema.answer_models import GeoPose
 from .schema.api_models import GeoreferenceBody
 from .schema.key_models import NewKeyBody
@@ -37,9 +38,12 @@ class DocumentedApp(FastAPI):
         """
         made: list[bytes] = []
 
+        def make() -> bytes:
+            return json.dumps(self.openapi(), separators=(",", ":")).encode()
+
         async def openapi(request: Request) -> Response:
             if not made:
-                made.append(json.dumps(self.openapi(), separators=(",", ":")).encode())
+                made.append(await LISTS.run(make))
             return Response(made[0], media_type="application/json")
 
         assert self.openapi_url is not None

@@ -19,6 +19,7 @@ __all__ = [
     "KEYS",
     "LISTS",
     "LOOKS",
+    "METRICS",
     "READS",
     "START",
     "UPKEEP",
@@ -35,6 +36,7 @@ BUILDS = Lane("builds", 8)  # leases of builds, and how builds ended
 READS = Lane("reads", 16, TURN_WITHIN_S)  # reads one small record of the catalog
 LISTS = Lane("lists", 4, TURN_WITHIN_S)  # reads much of the catalog: pages of lists, pictures
 LOOKS = Lane("looks", 2)  # lays scans over maps, for people who look at answers
+METRICS = Lane("metrics", 2)  # puts the metrics together, which asks many parts for their state
 CHANGES = Lane("changes", 4, TURN_WITHIN_S)  # activates versions, sets georeferences
 COPIES = Lane("copies", 4)  # copies map files to the disk and to the store, and hashes them
 UPKEEP = Lane("upkeep", 4)  # removes abandoned objects, stages and garbage; looks for unfinished builds

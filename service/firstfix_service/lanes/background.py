@@ -62,12 +62,22 @@ def run_in_background(stack: AsyncExitStack, work: Coroutine[Any, Any, None], na
     stack.push_async_callback(stop)
 
 
-def close_within(stack: AsyncExitStack, close: Callable[[], None], limit_s: float, name: str) -> None:
-    """Lets the stack call what blocks, and go on without its end after a time: the store may hang."""
+def close_within(
+    stack: AsyncExitStack,
+    close: Callable[[], None],
+    limit_s: float,
+    name: str,
+    run: Callable[[Callable[[], None]], Awaitable[None]] = START.run,
+) -> None:
+    """Lets the stack call what blocks, and go on without its end after a time: the store or zenoh may hang.
+
+    Args:
+        run: runs the call in a thread.
+    """
 
     async def stop() -> None:
         try:
-            await asyncio.wait_for(START.run(close), limit_s)
+            await asyncio.wait_for(run(close), limit_s)
         except TimeoutError:
             _log.warning("stops without the end of a part", part=name, limit_s=limit_s)
 

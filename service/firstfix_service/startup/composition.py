@@ -53,6 +53,7 @@ from ..settings import Settings
 from ..telemetry.metered_store import metered
 from ..telemetry.metrics import Metrics
 from ..telemetry.request_scope import Requests
+from ..telemetry.stall_watch import StallWatch
 from ..telemetry.tracing import start_tracing
 from ..upkeep.cleanup import abandoned_objects_removal
 from ..upkeep.sightings import SightingsKeeper, sightings_upkeep
@@ -62,14 +63,15 @@ from .settings_summary import settings_summary
 MOST_OVERLAYS, MOST_OVERLAYS_PER_CALLER = 16, 4  # at the same time, with their scans in memory
 _log = structlog.get_logger(__name__)
 ABANDONED_UPLOAD_S = 86400.0
-# For parts that may wait for the store when the service stops. An orchestrator kills it after a while.
-CLOSE_WITHIN_S, FLUSH_WITHIN_S = 2.0, 4.0
+# For parts that may wait for the store or zenoh when the service stops: an orchestrator kills it after a while.
+CLOSE_WITHIN_S, FLUSH_WITHIN_S, ZENOH_CLOSE_WITHIN_S = 2.0, 4.0, 3.0
 
 
 async def compose(
     settings: Settings,
     metrics: Metrics,
     requests: Requests,
+    watch: StallWatch,
     load: Callable[[Path], Localizer] | None,
     closing: asyncio.Event,
     draining: asyncio.Event,
@@ -78,6 +80,7 @@ async def compose(
     """Starts all parts in order; the stack stops them in reverse. After an error it can be tried again.
 
     Args:
+        watch: gets the pulses of the parts that may hang.
         load: loads a version's folder in this process; None: as the settings say.
         closing: see ``Parts``.
         draining: set before ``closing``: other replicas take over while this one still answers.
@@ -173,7 +176,7 @@ async def compose(
     )
     update_zenoh = None
     if settings.zenoh_enabled:
-        update_zenoh = await _start_zenoh(parts, replica, requests, draining, stack)
+        update_zenoh = await _start_zenoh(parts, replica, requests, watch, draining, stack)
 
     def polled() -> None:
         health.catalog_read()
@@ -240,20 +243,28 @@ def _start_sampler(
 
 
 async def _start_zenoh(
-    parts: Parts, replica: str, requests: Requests, draining: asyncio.Event, stack: AsyncExitStack
+    parts: Parts,
+    replica: str,
+    requests: Requests,
+    watch: StallWatch,
+    draining: asyncio.Event,
+    stack: AsyncExitStack,
 ) -> Callable[[], None]:
-    """Starts to answer over zenoh. Returns a callback that updates the zenoh tokens after each poll."""
+    """Starts to answer over zenoh. Returns a callback for each poll: it lets a thread update the tokens."""
     from ..zenoh_api.answers import ZenohAnswers
     from ..zenoh_api.catalog import ZenohCatalog
     from ..zenoh_api.config import client_config
-    from ..zenoh_api.endpoint import ZenohEndpoint
+    from ..zenoh_api.endpoint import ENDPOINT_CLOSE_WITHIN_S, ZenohEndpoint
     from ..zenoh_api.replicas import ZenohReplicas
+    from ..zenoh_api.threads import in_zenoh_thread
+    from ..zenoh_api.updates import ZenohUpdates
 
-    settings, loop = parts.settings, asyncio.get_running_loop()
-    endpoint = await START.run(
-        ZenohEndpoint, settings, replica, parts.use_case, parts.authenticator, loop, requests
+    settings, loop, pulse = parts.settings, asyncio.get_running_loop(), watch.add("zenoh")
+    endpoint = await in_zenoh_thread(
+        ZenohEndpoint, settings, replica, parts.use_case, parts.authenticator, loop, requests, pulse
     )
-    stack.push_async_callback(START.run, endpoint.close)
+    close_within(stack, endpoint.close, ENDPOINT_CLOSE_WITHIN_S, "zenoh", in_zenoh_thread)
+    parts.metrics.zenoh_replies.set_function(endpoint.replies.__len__)
     parts.metrics.zenoh_connections.set_function(lambda: endpoint.connections)
     parts.metrics.zenoh_maps.set_function(lambda: endpoint.maps_shown)
     zenoh_catalog = None
@@ -263,41 +274,53 @@ async def _start_zenoh(
         def load() -> dict[str, int]:
             return {"queries": parts.pool.admitted, "limit": settings.workers + settings.queue_size}
 
-        zenoh_catalog = ZenohCatalog(endpoint.session, replica, parts.maps, parts.catalog, load)
-        stack.push_async_callback(START.run, zenoh_catalog.close)
-        answers = await START.run(ZenohAnswers, endpoint.session, parts.recent, client_config(settings))
-        stack.push_async_callback(START.run, answers.close)
+        zenoh_catalog = ZenohCatalog(
+            endpoint.session, replica, parts.maps, parts.catalog, load, endpoint.replies
+        )
+        close_within(stack, zenoh_catalog.close, ZENOH_CLOSE_WITHIN_S, "zenoh's catalog", in_zenoh_thread)
+        config = client_config(settings)
+        answers = await in_zenoh_thread(ZenohAnswers, endpoint.session, parts.recent, config)
+        close_within(stack, answers.close, ZENOH_CLOSE_WITHIN_S, "zenoh's answers", in_zenoh_thread)
     _log.info("answering over zenoh", replica=replica)
-    updating = threading.Lock()
+    replicas: ZenohReplicas | None = None
+    is_polled = threading.Event()
 
-    def update() -> None:
-        with updating:
-            touched = parts.maps.served.take_touched()
-            endpoint.show_maps({map_id: parts.maps.is_offered(map_id) for map_id in touched})
+    def update(before_each: Callable[[], None]) -> None:
+        touched = parts.maps.served.take_touched()
+        try:
+            offered = {map_id: parts.maps.is_offered(map_id) for map_id in touched}
+            endpoint.show_maps(offered, before_each)
             if zenoh_catalog is not None:
-                zenoh_catalog.update(touched)
+                zenoh_catalog.update(touched, before_each)
+        except BaseException:
+            parts.maps.served.touch(touched)
+            raise
+        if replicas is not None and is_polled.is_set():
+            replicas.join()
+
+    updates = ZenohUpdates(update, watch.add("zenoh's updates"))
+    stack.callback(updates.close)
+
+    def polled() -> None:
+        is_polled.set()
+        updates.wake()
 
     if parts.maps.placement is None or settings.replica_names:
-        return update
+        return polled
 
     def changed(names: frozenset[str], is_superseded: Callable[[], bool]) -> None:
-        parts.maps.set_replicas(names, update, is_superseded)
+        parts.maps.set_replicas(names, updates.wake, is_superseded)
 
     replicas = ZenohReplicas(endpoint.session, replica, changed, client_config(settings))
-    stack.push_async_callback(START.run, replicas.close)
-    parts.maps.placement.set_replicas(await START.run(replicas.start))
+    close_within(stack, replicas.close, ZENOH_CLOSE_WITHIN_S, "zenoh's replicas", in_zenoh_thread)
+    parts.maps.placement.set_replicas(await in_zenoh_thread(replicas.start))
 
     async def leave() -> None:
         await draining.wait()
-        await START.run(replicas.leave)
+        await in_zenoh_thread(replicas.leave)
 
     run_in_background(stack, leave(), "leave-replicas")
-
-    def update_and_join() -> None:
-        update()
-        replicas.join()
-
-    return update_and_join
+    return polled
 
 
 def _remove_abandoned_uploads(directory: Path) -> None:

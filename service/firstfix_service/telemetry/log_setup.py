@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import sys
 from contextlib import suppress
-from typing import Any
+from typing import Any, TextIO
 
 import structlog
 
 from firstfix.telemetry.redact import redactor
+
+from .log_stream import LAST_LINES_WITHIN_S, LogStream
+
+__all__ = ["LAST_LINES_WITHIN_S", "drain_log", "hiding_secrets", "set_up_logging"]
 
 
 def set_up_logging(level: str, *, as_json: bool) -> None:
@@ -30,7 +35,7 @@ def set_up_logging(level: str, *, as_json: bool) -> None:
         ]
     )
     last.append(hiding_secrets())
-    handler = logging.StreamHandler(sys.stderr)
+    handler = logging.StreamHandler(_stream(sys.stderr))
     handler.setFormatter(
         structlog.stdlib.ProcessorFormatter(
             foreign_pre_chain=shared,
@@ -47,6 +52,20 @@ def set_up_logging(level: str, *, as_json: bool) -> None:
         logger_factory=lambda name="": _Lines(name, handler),
         cache_logger_on_first_use=True,
     )
+
+
+def drain_log(within_s: float) -> None:
+    """Waits until the lines of the log are written, or for ``within_s``: before the process ends at once."""
+    for handler in logging.getLogger().handlers:
+        if isinstance(handler, logging.StreamHandler) and isinstance(handler.stream, LogStream):
+            handler.stream.drain(within_s)
+
+
+def _stream(stream: TextIO) -> TextIO | LogStream:
+    try:
+        return LogStream(stream.fileno())
+    except io.UnsupportedOperation:  # it is in memory, where no write waits
+        return stream
 
 
 class _Lines:

@@ -16,6 +16,7 @@ from firstfix.store.json_record import RecordKind
 TRANSPORTS = ("http", "zenoh")
 SIGHTINGS = ("counted", "repeated", "dropped", "full", "failed", "not_stored")
 _SECONDS = (0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0)
+_LAG_SECONDS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
 _LOAD_SECONDS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
 _STORE_SECONDS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 _BUILD_SECONDS = (0.1, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10_000.0, 30_000.0)
@@ -188,6 +189,17 @@ class Metrics:
         )
         self.zenoh_maps = Gauge(
             "firstfix_zenoh_maps", "Maps for which this replica has a zenoh token", registry=registry
+        )
+        self.zenoh_replies = Gauge(
+            "firstfix_zenoh_replies",
+            "zenoh replies that are being sent; they wait for callers who do not read",
+            registry=registry,
+        )
+        self.event_loop_lag = Histogram(
+            "firstfix_event_loop_lag_seconds",
+            "Time until the event loop comes to a call, ten times a second",
+            buckets=_LAG_SECONDS,
+            registry=registry,
         )
         self.queries_admitted = Gauge(
             "firstfix_queries_admitted", "Queries that wait or run", registry=registry

@@ -13,6 +13,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import structlog
@@ -24,6 +25,7 @@ from firstfix.errors import NotFound
 
 from ..maps.map_cache import MapCache
 from .query import reply_error
+from .replies import ReplyThreads
 
 _log = structlog.get_logger(__name__)
 JSON = "application/json"
@@ -63,12 +65,20 @@ class ZenohCatalog:
 
     Args:
         load: returns the number of queries that wait or run here, and its limit.
+        replies: sends the replies.
     """
 
     def __init__(
-        self, session: Any, replica: str, maps: MapCache, catalog: Catalog, load: Callable[[], dict[str, int]]
+        self,
+        session: Any,
+        replica: str,
+        maps: MapCache,
+        catalog: Catalog,
+        load: Callable[[], dict[str, int]],
+        replies: ReplyThreads,
     ) -> None:
         self._session = session
+        self._replies = replies
         self._replica = replica
         self._maps = maps
         self._catalog = catalog
@@ -76,10 +86,13 @@ class ZenohCatalog:
         self._known: dict[str, MapVersions] = {}  # replaced, never changed
         self._queryables: list[Any] = []
 
-    def update(self, touched: Iterable[str]) -> None:
+    def update(self, touched: Iterable[str], before_each: Callable[[], None]) -> None:
         """Publishes changes of these maps since the last update. Call it after every poll.
 
         The first update publishes nothing, because the start of a replica changes no map.
+
+        Args:
+            before_each: called before each call of zenoh.
         """
         known, changed = dict(self._known), []
         for map_id in touched:
@@ -101,6 +114,7 @@ class ZenohCatalog:
             for key, answer in answers.items():
                 self._queryables.append(self._session.declare_queryable(key, answer, complete=True))
         for versions in changed:
+            before_each()
             self._session.put(versions.key, versions.to_json(self._replica), encoding=JSON)
 
     def close(self) -> None:
@@ -119,16 +133,19 @@ class ZenohCatalog:
             {"map_id": one.map_id, "active_version": one.version, "serving_version": one.serving_version}
             for _, one in sorted(self._known.items())
         ]
-        with query:
-            query.reply(MAPS, _json({"maps": maps}), encoding=JSON)
+        reply = partial(query.reply, MAPS, _json({"maps": maps}), encoding=JSON)
+        self._replies.send(query, reply)
 
     def _answer_versions(self, query: Any) -> None:
-        with query:
-            found = self._asked_for(query.key_expr)
+        found = self._asked_for(query.key_expr)
+
+        def reply() -> None:
             for one in found:
                 query.reply(one.key, one.to_json(self._replica), encoding=JSON)
             if not found:
                 reply_error(query, NotFound(f"no map is served on {query.key_expr}"))
+
+        self._replies.send(query, reply)
 
     def _asked_for(self, key: Any) -> list[MapVersions]:
         known, parts = self._known, str(key).split("/")
@@ -145,8 +162,8 @@ class ZenohCatalog:
         }
         if self._maps.placement is not None:
             described["holding"] = self._maps.placement.summary(self._maps.held_loaded)
-        with query:
-            query.reply(f"firstfix/@replicas/{self._replica}", _json(described), encoding=JSON)
+        key = f"firstfix/@replicas/{self._replica}"
+        self._replies.send(query, partial(query.reply, key, _json(described), encoding=JSON))
 
 
 def _json(value: dict[str, Any]) -> bytes:

@@ -19,7 +19,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent import futures
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from functools import partial
 from typing import Any
 
@@ -35,15 +35,19 @@ from ..localize.response_format import content_of
 from ..localize.use_case import LocalizeUseCase
 from ..query_workers.answer import AnswerForm
 from ..settings import Settings
-from ..telemetry.request_scope import Requests, note
+from ..telemetry.request_scope import Requests, current_request, note
+from ..telemetry.stall_watch import Pulse
 from .config import session_config
 from .log import TRANSPORT, logged_query
 from .query import ANY_MAP, credential_of, key_of, read_query, reply_error
+from .replies import ReplyThreads
+from .session_watch import SessionWatch
 
 _log = structlog.get_logger(__name__)
 TRUSTED = "zenoh"  # name of a caller whom zenoh's own access rules let through
 DRAIN_S = 10.0  # for queries under way when the service stops
-REPLY_THREADS = 4
+ENDPOINT_CLOSE_WITHIN_S = DRAIN_S + 5.0
+_NOT_READ = "too many answers wait for callers who do not read them: try again"
 
 
 class ZenohEndpoint:
@@ -57,8 +61,12 @@ class ZenohEndpoint:
         authenticator: Authenticator,
         loop: asyncio.AbstractEventLoop,
         requests: Requests,
+        pulse: Pulse,
     ) -> None:
         """Blocks until the session is open.
+
+        Args:
+            pulse: of the session's watch.
 
         Raises:
             InvalidOption: the config cannot be used, or an endpoint cannot be opened.
@@ -76,21 +84,23 @@ class ZenohEndpoint:
         self._tokens_lock = threading.Lock()
         self._closed = False
         self._pending: dict[Future[None], int] = {}  # queries without an answer yet, and their bytes
-        # A reply blocks while its receiver does not read. The event loop must not.
-        self._replies = ThreadPoolExecutor(REPLY_THREADS, thread_name_prefix="zenoh-reply")
+        self._replying = 0  # of these, changed by the event loop alone
+        self.replies = ReplyThreads()
         self._queryables: list[Any] = []
         try:
             self.session = zenoh.open(session_config(settings))
         except zenoh.ZError as error:
             raise InvalidOption(f"zenoh: {error}") from None
+        self._watch = SessionWatch(self.session, pulse)
 
-    def show_maps(self, offered: Mapping[str, bool]) -> None:
+    def show_maps(self, offered: Mapping[str, bool], before_each: Callable[[], None]) -> None:
         """Updates the liveliness tokens: one for each map that is offered here, and one for ``@any``.
 
         Thread-safe.
 
         Args:
             offered: map id to whether it is offered, of maps that may have changed since the last call.
+            before_each: called before each call of zenoh.
         """
         with self._tokens_lock:
             if self._closed:
@@ -101,6 +111,7 @@ class ZenohEndpoint:
                         queryable = self.session.declare_queryable(form, self._on_query, complete=True)
                         self._queryables.append(queryable)
             for map_id, is_offered in {ANY_MAP: True, **offered}.items():
+                before_each()
                 key = key_of(map_id)
                 if is_offered and key not in self._tokens:
                     self._tokens[key] = self.session.liveliness().declare_token(f"{key}/{self.replica}")
@@ -109,8 +120,8 @@ class ZenohEndpoint:
 
     @property
     def connections(self) -> int:
-        """Number of routers, peers and clients connected with this session."""
-        return 0 if self._closed else len(self.session.info.transports())
+        """Number of routers, peers and clients connected with this session, as of a second ago."""
+        return self._watch.connections
 
     @property
     def maps_shown(self) -> int:
@@ -122,16 +133,17 @@ class ZenohEndpoint:
 
         A query that comes meanwhile gets an error.
         """
+        self._closed = True
+        self._watch.close()
         with self._tokens_lock:
-            self._closed = True
             for token in self._tokens.values():
                 token.undeclare()
             self._tokens.clear()
             for queryable in self._queryables:
                 queryable.undeclare()
         futures.wait(list(self._pending), timeout=DRAIN_S)
+        self.replies.close()
         self.session.close()
-        self._replies.shutdown(wait=False)
 
     def _on_query(self, query: Any) -> None:
         """Hands the query to the event loop. zenoh calls this once at a time, so it must be quick."""
@@ -140,17 +152,17 @@ class ZenohEndpoint:
         try:
             self._check_room(size)
         except FirstfixError as error:  # before the payload is copied
-            with query, logged_query(self._requests, query, arrived):
+            with logged_query(self._requests, query, arrived):
                 self._use_case.count(TRANSPORT, error)
-                reply_error(query, error)
+            self.replies.send(query, partial(reply_error, query, error))
             return
         try:
             future = asyncio.run_coroutine_threadsafe(self._answer(query, arrived), self._loop)
         except RuntimeError:  # the loop has ended with the service
-            query.drop()
+            self.replies.end(query)
             return
         self._pending[future] = size
-        future.add_done_callback(self._ended)
+        future.add_done_callback(partial(self._ended, query))
 
     def _check_room(self, size: int) -> None:
         """Checks the limits of zenoh queries. ``LocalizeUseCase.admit`` checks the room in the pool.
@@ -165,13 +177,18 @@ class ZenohEndpoint:
         if self._closed:
             raise Overloaded("the service is stopping")
         held = list(self._pending.values())
-        if len(held) >= self._max_pending:
+        if len(held) - self._replying >= self._max_pending:
             raise Overloaded(f"{self._max_pending} queries wait or run: try again")
+        if self.replies.is_full:
+            raise Overloaded(_NOT_READ)
         if held and sum(held) + size > self._max_inflight_bytes:
             raise Overloaded("too many bodies arrive at the same time: try again")
 
-    def _ended(self, future: Future[None]) -> None:
+    def _ended(self, query: Any, future: Future[None]) -> None:
         self._pending.pop(future, None)
+        if future.cancelled():
+            # Otherwise the garbage collector would end the query: on the event loop, which may then wait.
+            self.replies.end(query)
         if not future.cancelled() and (error := future.exception()) is not None:
             # The session is closing, or the caller has gone.
             _log.warning("no reply could be sent", error=repr(error))
@@ -181,6 +198,8 @@ class ZenohEndpoint:
             try:
                 caller = await self._caller(query)
                 note(caller=caller.name)
+                if self.replies.is_full_for(caller.name):
+                    raise Overloaded(_NOT_READ)
                 asked = read_query(query, arrived)
                 admission = self._use_case.admit(asked.head, caller)
                 payload = query.payload  # None: an empty body, as over HTTP
@@ -202,11 +221,13 @@ class ZenohEndpoint:
             await self._reply(query, partial(query.reply, key, content, encoding=media_type))
 
     async def _reply(self, query: Any, send: Callable[[], None]) -> None:
-        def reply() -> None:
-            with query:
-                send()
-
-        await self._loop.run_in_executor(self._replies, reply)
+        scope = current_request()
+        caller = "" if scope is None else str(scope.fields.get("caller", ""))
+        self._replying += 1
+        try:
+            await asyncio.wrap_future(self.replies.send(query, send, caller))
+        finally:
+            self._replying -= 1
 
     async def _caller(self, query: Any) -> Principal:
         """The caller, with the scope ``localize`` and within its rate limit.

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
+import httpx
 import pytest
+import zenoh
 from service_world import (
     SCAN_BODY,
     XYZ,
     Behaviour,
-    FakeLocalizer,
     Service,
     client_session,
     free_port,
@@ -25,13 +28,16 @@ from service_world import (
     running_service,
 )
 
-from firstfix.answer.localization import Hypothesis, Localization, Verdict
-from firstfix.answer.quality import AlignmentQuality
+from firstfix.catalog.catalog import Catalog
+from firstfix.store.store import Store
+from firstfix_service.telemetry.stall_watch import EXIT_STALLED
 from waiting import LIMIT_S, wait_until
 
 pytestmark = pytest.mark.slow
 
+STALLING_SERVICE = Path(__file__).parents[1] / "stalling_process.py"
 ANSWERS_ASKED = 8
+SHORT_BODY = SCAN_BODY[:600]
 _ASKER = f"""
 import json, sys, time, zenoh
 config = zenoh.Config.from_json5(json.dumps({{"mode": "client", "connect": {{"endpoints": [sys.argv[1]]}},
@@ -44,18 +50,31 @@ time.sleep(600)
 """
 
 
-class Talkative(Behaviour):
-    """Answers with megabytes: more than the buffers between two processes hold."""
+@contextmanager
+def restarted_service(environment: dict[str, str]) -> Iterator[list[int]]:
+    """Runs a service as an orchestrator does: it is started anew when it ends with ``EXIT_STALLED``.
 
-    def load(self, directory: Path) -> FakeLocalizer:
-        return TalkativeLocalizer(1.0, self)
+    Yields the exit codes so far.
+    """
+    codes: list[int] = []
+    running: list[subprocess.Popen[bytes]] = []
+    is_over = threading.Event()
 
+    def run() -> None:
+        while not is_over.is_set() and set(codes) <= {EXIT_STALLED}:
+            command = [sys.executable, str(STALLING_SERVICE)]
+            running.append(subprocess.Popen(command, env={**os.environ, **environment}))
+            codes.append(running[-1].wait())
 
-class TalkativeLocalizer(FakeLocalizer):
-    def localize(self, scan, options=None) -> Localization:
-        answer = super().localize(scan, options)
-        many = (Hypothesis(np.eye(4), AlignmentQuality(0.9, 0.8, 0.01), 0.9, 7),) * 20_000
-        return dataclasses.replace(answer, verdict=Verdict.LOCALIZED, hypotheses=many)
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        yield codes
+    finally:
+        is_over.set()
+        while thread.is_alive():
+            running[-1].kill()
+            thread.join(0.1)
 
 
 def other_client(service: Service) -> Service:
@@ -65,20 +84,25 @@ def other_client(service: Service) -> Service:
     return dataclasses.replace(service, session=session)
 
 
-def is_answered_in_a_new_session(service: Service) -> bool:
+def is_answered_in_a_new_session(endpoint: str) -> bool:
     """Asks once. zenoh gives up a session that it could not serve for ten seconds."""
-    other = other_client(service)
     try:
-        replies = list(
-            other.session.get("firstfix/hall/localize", payload=SCAN_BODY, encoding=XYZ, timeout=60)
-        )
+        session = client_session(endpoint)
+    except zenoh.ZError:  # it is being started
+        return False
+    try:
+        replies = session.get("firstfix/hall/localize", payload=SHORT_BODY, encoding=XYZ, timeout=5)
         return [reply.ok is not None for reply in replies] == [True]
     finally:
-        other.session.close()
+        session.close()
 
 
 def metric(service: Service, name: str) -> float:
-    lines = service.http.get("/metrics").text.splitlines()
+    return metric_over(service.http, name)
+
+
+def metric_over(http: httpx.Client, name: str) -> float:
+    lines = http.get("/metrics").text.splitlines()
     return sum(float(line.rsplit(" ", 1)[1]) for line in lines if line.startswith(name))
 
 
@@ -139,28 +163,47 @@ def test_an_asker_who_takes_nothing_in_holds_nobody_up(tmp_path: Path):
             }
         )
     )
-    behaviour = Talkative(gate=threading.Event())
-    with running_service(
-        tmp_path, behaviour=behaviour, zenoh_config=config, zenoh_listen=(endpoint,)
-    ) as service:
-        publish(service.catalog, "hall", "1", service.scratch)
+    port, gate = free_port(), tmp_path / "gate"
+    publish(Catalog(Store.open(str(tmp_path / "store"))), "hall", "1", tmp_path / "made")
+    environment = {
+        "FIRSTFIX_STORE": str(tmp_path / "store"),
+        "FIRSTFIX_WORK_DIR": str(tmp_path / "work"),
+        "FIRSTFIX_CACHE_DIR": str(tmp_path / "cache"),
+        "FIRSTFIX_PORT": str(port),
+        "FIRSTFIX_RUN_BUILDS": "false",
+        "FIRSTFIX_WORKERS": "2",
+        "FIRSTFIX_ZENOH_CONFIG": str(config),
+        "FIRSTFIX_STALLED_EXIT_S": "40",
+        "FAKE_GATE": str(gate),
+    }
+    with (
+        restarted_service(environment) as codes,
+        httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=LIMIT_S) as http,
+    ):
+
+        def ask() -> bool:
+            query = {"params": {"map": "hall"}, "headers": {"Content-Type": XYZ}}
+            return http.post("/localize", content=SHORT_BODY, **query).is_success
+
+        wait_until(lambda: is_answered_in_a_new_session(endpoint))
         asker = subprocess.Popen([sys.executable, "-c", _ASKER, endpoint], stdout=subprocess.PIPE)
         try:
             assert asker.stdout is not None
             assert asker.stdout.readline() == b"asked\n"
-            wait_until(lambda: metric(service, "firstfix_queries_admitted") == ANSWERS_ASKED)
-            connected = metric(service, "firstfix_zenoh_connections")
+            wait_until(lambda: metric_over(http, "firstfix_queries_admitted") == ANSWERS_ASKED)
+            answered = metric_over(http, "firstfix_localizations_total")
             asker.send_signal(signal.SIGSTOP)
-            behaviour.gate.set()
-            wait_until(lambda: metric(service, "firstfix_localizations_total") == ANSWERS_ASKED)
+            gate.touch()
+            wait_until(lambda: metric_over(http, "firstfix_localizations_total") == answered + ANSWERS_ASKED)
             for _ in range(3):
-                assert service.ask_http().ok
-            # nobody waited for the asker: its connection is still there
-            assert metric(service, "firstfix_zenoh_connections") == connected
+                assert ask()
         finally:
             asker.kill()
             asker.wait()
-        wait_until(lambda: is_answered_in_a_new_session(service))
+        # zenoh itself may hang now for good (its issue 1876): then the service ends, and is started anew.
+        wait_until(lambda: is_answered_in_a_new_session(endpoint))
+    assert codes[-1] == -signal.SIGKILL
+    assert set(codes[:-1]) <= {EXIT_STALLED}
 
 
 def test_stopping_answers_all_who_wait(tmp_path: Path):

@@ -7,7 +7,9 @@ from fastapi import APIRouter, Request, Response
 import firstfix
 from firstfix.errors import Overloaded
 
+from ...lanes import METRICS
 from ...telemetry.metrics import Metrics
+from ...telemetry.stall_watch import StallWatch
 from ..dependencies import PartsDep
 from ..schema.api_models import Health, Readiness
 
@@ -15,8 +17,12 @@ router = APIRouter(tags=["operations"])
 
 
 @router.get("/healthz")
-async def healthz() -> Health:
-    """Liveness: the process answers."""
+async def healthz(request: Request) -> Health:
+    """Liveness: the process answers, and no part of it stands still.
+
+    It fails while zenoh does not come back, and for 20 s after the event loop stood still for 5 s or longer.
+    """
+    _check_well(request)
     return Health(status="ok", version=firstfix.__version__)
 
 
@@ -27,6 +33,7 @@ async def readyz(request: Request, parts: PartsDep) -> Readiness:
     The service stays ready when the store fails later, because loaded maps go on answering. It stops being
     ready FIRSTFIX_DRAIN_S before it ends.
     """
+    _check_well(request)
     why_not = parts.health.why_not_ready()
     if request.app.state.draining.is_set():
         why_not = "the service is about to stop"
@@ -39,5 +46,17 @@ async def readyz(request: Request, parts: PartsDep) -> Readiness:
 async def metrics(request: Request) -> Response:
     """Metrics in Prometheus format, also before the service is ready."""
     counted: Metrics = request.app.state.metrics
-    body, media_type = counted.exposition(request.headers.get("accept", ""))
+    body, media_type = await METRICS.run(counted.exposition, request.headers.get("accept", ""))
     return Response(body, headers={"Content-Type": media_type, "Vary": "Accept"})
+
+
+def _check_well(request: Request) -> None:
+    """Checks that no part of the process stands still.
+
+    Raises:
+        Overloaded: one does, or did so a moment ago.
+    """
+    watch: StallWatch = request.app.state.watch
+    why = watch.why_unwell()
+    if why is not None:
+        raise Overloaded(why)
