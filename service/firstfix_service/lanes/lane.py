@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import partial, wraps
 from typing import Any, ParamSpec, TypeVar
 
-from ..telemetry.request_scope import current_request
+from ..telemetry.request_scope import current_caller
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -49,15 +49,30 @@ class Lane:
 
     async def run(self, work: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T:
         """Runs work in a thread and returns its result. Work that has begun is not cancelled."""
-        request = current_request()
-        caller = "" if request is None else str(request.fields.get("caller", ""))
+        result: T = await asyncio.wrap_future(self.submit(current_caller(), work, *args, **kwargs))
+        return result
+
+    def submit(self, caller: str, work: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """Runs work in a thread, when it is the caller's turn.
+
+        Args:
+            caller: empty: the service itself.
+        """
         call = partial(contextvars.copy_context().run, work, *args, **kwargs)
         job = _Job(call, Future())
         with self._lock:
             self._waiting.setdefault(caller, deque()).append(job)
         self._start_jobs()
-        result: T = await asyncio.wrap_future(job.result)
-        return result
+        return job.result
+
+    def close(self) -> None:
+        """Waits for the work that has begun; the other work is cancelled."""
+        with self._lock:
+            waiting, self._waiting = self._waiting, {}
+        for jobs in waiting.values():
+            for job in jobs:
+                job.result.cancel()
+        self._executor.shutdown()
 
     def route(self, work: Callable[P, T]) -> Callable[P, Awaitable[T]]:
         """Makes a coroutine function for a route from a function that blocks."""
