@@ -47,6 +47,7 @@ _log = structlog.get_logger(__name__)
 TRUSTED = "zenoh"  # name of a caller whom zenoh's own access rules let through
 DRAIN_S = 10.0  # for queries under way when the service stops
 REPLY_THREADS = 4
+ANY_CALLERS = 8  # times the queries of one caller may be taken in: who asks is known only after that
 
 
 class ZenohEndpoint:
@@ -73,9 +74,8 @@ class ZenohEndpoint:
         self._loop = loop
         self._requests = requests
         self._max_body_bytes = settings.max_body_bytes
-        # As many are left to others: who asks is known only after the query is taken in.
         self._max_per_caller = settings.workers + settings.queue_size
-        self._max_pending = 2 * self._max_per_caller
+        self._max_pending = ANY_CALLERS * self._max_per_caller
         self._max_inflight_bytes = settings.max_inflight_bytes
         self._tokens: dict[str, Any] = {}
         self._tokens_lock = threading.Lock()
