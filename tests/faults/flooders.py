@@ -249,6 +249,7 @@ async def flood(name: str, target: Target, seconds: float) -> Counter[str]:
                 seen["no connection"] += 1
                 await asyncio.sleep(0.2)
                 continue
+            seen["connections"] += 1
             try:
                 await chosen.act(target, reader, writer, seen)
             except (OSError, EOFError):

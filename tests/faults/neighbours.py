@@ -44,6 +44,7 @@ TIMEOUT_S = 120.0  # of a query: it is then lost
 SETTLE_S = 120.0  # at most, until the service has nothing more to do with the last flood
 OWN_ADDRESS = "127.0.0.11"
 WARM_UP_QUERIES = 20
+LEAD_S = 4.0  # of the flood, before the other caller asks beside it
 ROOT = Path(__file__).parents[2]
 
 
@@ -221,7 +222,7 @@ def _flooded(one: Replica, name: str, aim: tuple[str, str], seconds: float) -> I
         assert process.stdout is not None
         if process.stdout.readline() != b"begun\n":
             raise RuntimeError(f"the flood did not begin: {name}")
-        time.sleep(min(1.0, seconds))  # its connections are open, and the queue is full
+        time.sleep(min(LEAD_S, seconds))  # its connections are open, and the queue is full
         yield met
         process.terminate()
         met |= json.loads(process.stdout.read() or b"{}")

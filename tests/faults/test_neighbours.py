@@ -22,4 +22,4 @@ def test_every_query_beside_a_flood_is_answered(coarse_version: BuiltVersion, tm
     assert figures["floods"].keys() == FLOODS.keys()
     for name, one in figures["floods"].items():
         assert one["robot"]["asked"] == one["robot"]["answered"] > 0, (name, one)
-        assert sum(one["flooder"].values()) or name in ("slow bodies",), f"{name}: nothing was met"
+        assert one["flooder"]["connections"] >= FLOODS[name].connections, name

@@ -9,7 +9,7 @@ SEVERAL_MAPS = "*"  # all searches of more than one map take turns as one
 
 @dataclass(frozen=True)
 class Asker:
-    """Who takes turns with others.
+    """One of those who take turns.
 
     Attributes:
         caller: name of its ``Principal``. Without credentials it is an address: all who share one are one

@@ -265,7 +265,7 @@ S = TypeVar("S", _Caller, _Map)
 
 
 def _by_turns(shares: Iterable[S]) -> list[S]:
-    """Those who are ready: who has used least first, of equals who waits longest."""
+    """Sorts those who are ready: by the time that they have used, and by how long they wait."""
     return sorted(shares, key=lambda one: (one.used_s, one.ready_since))
 
 

@@ -169,7 +169,7 @@ def test_a_slow_map_of_a_caller_holds_up_that_caller_alone():
 
 
 def test_a_newcomer_is_not_before_those_who_have_asked_for_long():
-    """It begins at the present: what it has not asked for, it has not saved up."""
+    """A newcomer begins at the present: time that it has not used is not saved up."""
     sim = Simulated(workers=1)
     for _ in range(80):
         sim.ask("old", QUICK_S)
@@ -214,7 +214,7 @@ def test_who_could_not_use_its_turns_has_not_saved_them_up():
 
 
 def test_the_first_heavy_queries_of_an_unknown_caller_do_not_pass_as_light():
-    """They are as many times larger than the usual as they are expected to take longer."""
+    """A query is expected to take longer than the usual one as many times as it is larger."""
     sim = Simulated(workers=2)
     for _ in range(20):
         sim.ask("robot", QUICK_S)
