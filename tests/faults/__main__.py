@@ -10,7 +10,16 @@ import argparse
 import sys
 from importlib import import_module
 
-DRILLS = ("frozen", "fuzz_bodies", "kill_builds", "lossy_dds", "power_cuts", "restart_clients", "smoke")
+DRILLS = (
+    "frozen",
+    "fuzz_bodies",
+    "kill_builds",
+    "lossy_dds",
+    "neighbours",
+    "power_cuts",
+    "restart_clients",
+    "smoke",
+)
 
 
 def main() -> int:

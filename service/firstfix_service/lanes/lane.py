@@ -14,7 +14,7 @@ from typing import Any, ParamSpec, TypeVar
 
 from firstfix.errors import FirstfixError, Overloaded
 
-from ..telemetry.request_scope import current_request
+from ..telemetry.request_scope import current_caller, current_request
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -60,15 +60,26 @@ class Lane:
         Raises:
             Overloaded: a request asked, and its turn did not come in time, or ``give_up_requests``.
         """
-        request = current_request()
-        caller = "" if request is None else str(request.fields.get("caller", ""))
-        call = partial(contextvars.copy_context().run, work, *args, **kwargs)
-        job = _Job(call, Future())
-        with self._lock:
-            self._waiting.setdefault(caller, deque()).append(job)
-        self._start_jobs()
+        job = self._add(current_caller(), work, *args, **kwargs)
         result: asyncio.Future[T] = asyncio.wrap_future(job.result)
-        return await (result if request is None else self._asked_by_request(job, result))
+        return await (result if current_request() is None else self._asked_by_request(job, result))
+
+    def submit(self, caller: str, work: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """Runs work in a thread, when it is the caller's turn.
+
+        Args:
+            caller: empty: the service itself.
+        """
+        return self._add(caller, work, *args, **kwargs).result
+
+    def close(self) -> None:
+        """Waits for the work that has begun; the other work is cancelled."""
+        with self._lock:
+            waiting, self._waiting = self._waiting, {}
+        for jobs in waiting.values():
+            for job in jobs:
+                job.result.cancel()
+        self._executor.shutdown()
 
     def give_up_requests(self, why: str) -> None:
         """Ends the waits of all requests of this event loop. Their work goes on where it has begun."""
@@ -77,6 +88,14 @@ class Lane:
             if result.get_loop() is loop and not result.done():
                 job.refusal = Overloaded(why)
                 result.cancel()
+
+    def _add(self, caller: str, work: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> _Job:
+        call = partial(contextvars.copy_context().run, work, *args, **kwargs)
+        job = _Job(call, Future())
+        with self._lock:
+            self._waiting.setdefault(caller, deque()).append(job)
+        self._start_jobs()
+        return job
 
     async def _asked_by_request(self, job: _Job, result: asyncio.Future[T]) -> T:
         timer = None

@@ -9,9 +9,9 @@ The way of a scan through the service, each step once:
 3. ``LocalizeUseCase.admit`` (``admission``). Checks map ids and the caller's maps, parses the options, checks
    the version, chooses the decoder, and looks for room in the pool. The result is an ``Admission``.
 4. Body. HTTP: ``BodyReader``, a long one right into its place; zenoh: the payload is copied once. Both limit
-   the bytes of one body and of all.
-5. ``LocalizeUseCase.localize`` takes the ``Admission`` and the body. ``QueryPool`` gives the query its place,
-   ``MapCache`` leases the versions.
+   the bytes of one body, of one caller and of all (``HeldBodies``).
+5. ``LocalizeUseCase.localize`` takes the ``Admission`` and the body. ``QueryPool`` gives the query its place
+   and its turn (``FairQueue``), ``MapCache`` leases the versions.
 6. ``QueryWorkers.answer`` hands a ``Query`` to a worker process, and a long body through its ``BodyMemory``.
    The process decompresses and decodes the body, ``Localizer.localize`` answers, and ``encoded_answer`` makes
    the bytes.

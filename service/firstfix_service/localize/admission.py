@@ -11,6 +11,7 @@ from firstfix.ids import check_map_id, check_version
 from ..auth.principal import Principal
 from ..maps.served_maps import ServedMaps
 from ..query_workers.body_format import BodyFormat
+from .asker import SEVERAL_MAPS, Asker
 from .pool import QueryPool
 from .query_head import QueryHead
 
@@ -27,6 +28,7 @@ class Admission:
         options: of the query, parsed.
         body_format: how to decode the body.
         deadline: of ``time.monotonic``; None: no deadline.
+        asker: takes turns in the pool.
     """
 
     head: QueryHead
@@ -34,11 +36,7 @@ class Admission:
     options: LocalizeOptions
     body_format: BodyFormat
     deadline: float | None
-
-    @property
-    def group(self) -> str:
-        """The group of queries that takes turns in the pool: of one map, or of all searches of several."""
-        return _group_of(self.map_ids)
+    asker: Asker
 
 
 def admit(head: QueryHead, caller: Principal, served: ServedMaps, pool: QueryPool) -> Admission:
@@ -61,9 +59,10 @@ def admit(head: QueryHead, caller: Principal, served: ServedMaps, pool: QueryPoo
         check_version(options.version)
     body_format = BodyFormat.of(head.media_type, head.content_encoding)
     map_ids = _maps_to_search(head, caller, served)
-    pool.check_room(_group_of(map_ids))
+    asker = Asker(caller.name, map_ids[0] if len(map_ids) == 1 else SEVERAL_MAPS)
+    pool.check_room(asker)
     deadline = None if options.deadline_ms is None else head.arrived + options.deadline_ms / 1e3
-    return Admission(head, map_ids, options, body_format, deadline)
+    return Admission(head, map_ids, options, body_format, deadline, asker)
 
 
 def _maps_to_search(head: QueryHead, caller: Principal, served: ServedMaps) -> tuple[str, ...]:
@@ -76,7 +75,3 @@ def _maps_to_search(head: QueryHead, caller: Principal, served: ServedMaps) -> t
     if len(map_ids) > MAX_MAPS:
         raise InvalidOption(f"one query searches up to {MAX_MAPS} maps, not {len(map_ids)}: name some")
     return map_ids
-
-
-def _group_of(map_ids: tuple[str, ...]) -> str:
-    return map_ids[0] if len(map_ids) == 1 else "*"

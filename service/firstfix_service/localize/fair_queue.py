@@ -1,20 +1,25 @@
-"""A fair queue: every map has a queue of its own, and the maps take turns."""
+"""A fair queue: callers take turns by the workers' time that they use, and so do the maps of each caller.
+
+Time is counted as in start-time fair queueing (Goyal, Vin and Cheng, 1996): a turn costs what it takes, and
+who has used the least time goes next. Who begins to ask is not behind the others, and not before them either.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Iterable
 from contextvars import Context
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any
+from typing import Any, TypeVar
 
-SLOW_S = 0.25  # a map whose queries take longer on average never gets the last worker
-RECENT_S = 60.0  # a map that was queried within this time may be queried again at any moment
-_WEIGHT = 0.1  # of the newest query in a moving average
-_MAX_IDLE_GROUPS = 1000
+from .asker import Asker
+from .slow_share import SlowShare
+from .usual_query import UsualQuery
+
+MAX_IDLE = 4000  # maps of callers without a query in the pool, whose usual queries are remembered
 
 
 class State(Enum):
@@ -31,134 +36,257 @@ class Job:
     """One query in the pool.
 
     Attributes:
-        prepared: result of its preparation; None while it is being prepared.
+        size_bytes: of its body, from which its time is estimated.
         context: of the request, for its work.
-        ready_since: ``time.monotonic`` when it was prepared and began to wait for its turn.
-        began: ``time.monotonic`` when its work began.
+        prepared: result of its preparation; None while it is being prepared.
+        ready_since: time when it was prepared and began to wait for its turn.
+        began: time when its work began.
+        charged_s: time that its turn was charged when its work began.
+        is_slow: whether it counted as slow then.
     """
 
-    group: str
+    asker: Asker
     work: Callable[[Any, float], Coroutine[Any, Any, Any]]
     result: asyncio.Future[Any]
     deadline: float | None
+    size_bytes: int
     context: Context
     state: State = State.PREPARING
     prepared: Any = None
     ready_since: float = 0.0
     began: float = 0.0
+    charged_s: float = 0.0
+    is_slow: bool = False
     timer: asyncio.TimerHandle | None = None
 
 
 @dataclass
-class _Group:
-    """The queries of one map. Dicts serve as ordered sets.
+class _Share:
+    """One of those who take turns.
+
+    Attributes:
+        places: number of queries in the pool.
+        used_s: the workers' time that it has used, counted from the time of those that it takes turns with.
+    """
+
+    places: int = 0
+    used_s: float = 0.0
+
+
+@dataclass
+class _Map(_Share):
+    """The queries of one caller in one map. Dicts serve as ordered sets.
 
     Attributes:
         waiting: preparing or ready, by arrival.
-        mean_s: moving average of the duration of their work.
-        asked: ``time.monotonic`` when the last one came.
+        usual: None: no query has ended yet.
     """
 
     waiting: dict[Job, None] = field(default_factory=dict)
     ready: dict[Job, None] = field(default_factory=dict)
-    running: int = 0
-    mean_s: float = 0.0
-    asked: float = 0.0
+    usual: UsualQuery | None = None
 
     @property
-    def idle(self) -> bool:
-        return not self.waiting and not self.running
+    def first(self) -> Job:
+        """The query whose turn is next."""
+        return next(iter(self.ready))
+
+    @property
+    def ready_since(self) -> float:
+        return self.first.ready_since
+
+
+@dataclass
+class _Caller(_Share):
+    """The queries of one caller.
+
+    Attributes:
+        now_s: used time of the map that had the last turn.
+    """
+
+    maps: dict[str, _Map] = field(default_factory=dict)
+    now_s: float = 0.0
+
+    @property
+    def ready(self) -> list[_Map]:
+        """The maps with queries that can run."""
+        return [one for one in self.maps.values() if one.ready]
+
+    @property
+    def ready_since(self) -> float:
+        return min(one.ready_since for one in self.ready)
 
 
 class FairQueue:
-    """Queries that wait or run. Belongs to one event loop; ``size`` may be read by any thread."""
+    """Queries that wait or run. Belongs to one event loop; ``size`` may be read by any thread.
 
-    def __init__(self, workers: int) -> None:
+    Args:
+        clock: monotonic time in seconds.
+    """
+
+    def __init__(self, workers: int, clock: Callable[[], float] = time.monotonic) -> None:
         self._workers = workers
-        # A ring: a group that had its turn goes to the end.
-        self._groups: OrderedDict[str, _Group] = OrderedDict()
+        self._clock = clock
+        self._callers: dict[str, _Caller] = {}
+        self._present: dict[str, _Caller] = {}  # those with a query: few of all that are remembered
+        self._idle: OrderedDict[Asker, None] = OrderedDict()  # without a query, the longest idle first
+        self._slow = SlowShare(workers, clock)
         self._running = 0
+        self._now_s = 0.0  # used time of the caller that had the last turn
+        self._usual: UsualQuery | None = None  # of all callers
         self.size = 0  # waiting and running
-        self.mean_s = 1.0  # moving average over all queries
+
+    @property
+    def mean_s(self) -> float:
+        """Moving average of the time of a query, of all callers."""
+        return 1.0 if self._usual is None else self._usual.seconds
 
     def add(self, job: Job) -> None:
         """Adds a query that is being prepared."""
-        group = self._groups.setdefault(job.group, _Group())
-        group.waiting[job] = None
-        group.asked = time.monotonic()
+        caller = self._callers.setdefault(job.asker.caller, _Caller())
+        of_map = caller.maps.setdefault(job.asker.map_id, _Map())
+        of_map.waiting[job] = None
+        caller.places += 1
+        self._present[job.asker.caller] = caller
+        of_map.places += 1
+        self._idle.pop(job.asker, None)
+        self._slow.entered(job.asker)
         self.size += 1
 
     def make_ready(self, job: Job) -> None:
         """Lets a prepared query wait for its turn."""
-        job.state, job.ready_since = State.READY, time.monotonic()
-        self._groups[job.group].ready[job] = None
+        caller, of_map = self._shares(job)
+        job.state, job.ready_since = State.READY, self._clock()
+        of_map.ready[job] = None
+        caller.used_s = max(caller.used_s, self._now_s)
+        of_map.used_s = max(of_map.used_s, caller.now_s)
 
     def remove(self, job: Job) -> None:
         """Removes a query that waits."""
-        group = self._groups[job.group]
-        del group.waiting[job]
-        group.ready.pop(job, None)
-        job.state = State.GONE
-        self.size -= 1
-        self._tidy(job.group)
+        _, of_map = self._shares(job)
+        del of_map.waiting[job]
+        of_map.ready.pop(job, None)
+        self._leave(job)
 
     def next(self) -> Job | None:
         """Returns the query to run now, which then counts as running; None if no query can run."""
         if self._running >= self._workers:
             return None
-        for name, group in self._groups.items():
-            if group.ready and group.running < self._most_at_once(group):
-                self._groups.move_to_end(name)
-                job = next(iter(group.ready))
-                del group.ready[job], group.waiting[job]
-                job.state = State.RUNNING
-                group.running += 1
-                self._running += 1
+        callers = [one for one in self._present.values() if one.ready]
+        for caller in _by_turns(callers):
+            for of_map in _by_turns(caller.ready):
+                job = of_map.first
+                job.charged_s = self._expected_s(of_map, job)
+                job.is_slow = self._slow.is_slow(job.charged_s)
+                if job.is_slow and not self._slow.may_begin(job.asker):
+                    continue
+                # Who may not use its turn now does not save it up.
+                self._now_s = _present(callers, caller)
+                caller.now_s = _present(caller.ready, of_map)
+                self._begin(job, caller, of_map)
                 return job
         return None
 
     def ended(self, job: Job, seconds: float) -> None:
         """Removes a query whose work has ended, after so many seconds."""
-        group = self._groups[job.group]
-        job.state = State.GONE
-        group.running -= 1
+        caller, of_map = self._shares(job)
         self._running -= 1
-        self.size -= 1
-        group.mean_s = _mean(group.mean_s or seconds, seconds)
-        self.mean_s = _mean(self.mean_s, seconds)
-        self._tidy(job.group)
+        self._slow.ended(job.asker, job.is_slow)
+        caller.used_s = max(caller.used_s + seconds - job.charged_s, self._now_s)
+        of_map.used_s = max(of_map.used_s + seconds - job.charged_s, caller.now_s)
+        of_map.usual = UsualQuery.after(of_map.usual, seconds, job.size_bytes)
+        self._usual = UsualQuery.after(self._usual, seconds, job.size_bytes)
+        self._leave(job)
 
     def waiting(self) -> list[Job]:
         """Returns all queries that wait."""
-        return [job for group in self._groups.values() for job in group.waiting]
+        maps = [of_map for caller in self._present.values() for of_map in caller.maps.values()]
+        return [job for of_map in maps for job in of_map.waiting]
 
-    def crowding(self, group: str) -> Job | None:
-        """Returns the newest query of the longest group; None if this group with one more is as long."""
-        if not self._groups:
+    def crowding(self, asker: Asker) -> Job | None:
+        """Returns the query that makes room for another one; None if who asks has as many as anybody.
+
+        It is the newest of the caller with most queries. If the one who asks is that caller, it is the newest
+        of its map with most.
+        """
+        own = self._callers.get(asker.caller, _Caller())
+        waiting = (one for one in self._present.values() if _fullest(one) is not None)
+        most = max(waiting, key=_places, default=own)
+        if most.places > own.places + 1:
+            return _newest(most)
+        own_map, fullest = own.maps.get(asker.map_id, _Map()), _fullest(own)
+        if fullest is None or fullest.places <= own_map.places + 1:
             return None
-        longest = max(self._groups.values(), key=lambda one: len(one.waiting))
-        own = self._groups.get(group)
-        if len(longest.waiting) <= (0 if own is None else len(own.waiting)) + 1:
-            return None
-        return next(reversed(longest.waiting), None)
+        return next(reversed(fullest.waiting))
 
-    def _most_at_once(self, group: _Group) -> int:
-        """Workers for one group at a time: a slow map leaves one to the other maps, if there are any."""
-        if self._workers == 1 or group.mean_s <= SLOW_S:
-            return self._workers
-        since = time.monotonic() - RECENT_S
-        others = any(g is not group and (not g.idle or g.asked > since) for g in self._groups.values())
-        return self._workers - 1 if others else self._workers
+    def _expected_s(self, of_map: _Map, job: Job) -> float:
+        usual = of_map.usual or self._usual
+        return 0.0 if usual is None else usual.expected_s(job.size_bytes)
 
-    def _tidy(self, name: str) -> None:
-        """Forgets a map without any answer, as its id may be invented; and the oldest of too many maps."""
-        group = self._groups[name]
-        if group.idle and not group.mean_s:
-            del self._groups[name]
-        if len(self._groups) > _MAX_IDLE_GROUPS:
-            for other in [key for key, g in self._groups.items() if g.idle][: _MAX_IDLE_GROUPS // 2]:
-                del self._groups[other]
+    def _begin(self, job: Job, caller: _Caller, of_map: _Map) -> None:
+        del of_map.ready[job], of_map.waiting[job]
+        job.state = State.RUNNING
+        caller.used_s += job.charged_s
+        of_map.used_s += job.charged_s
+        self._running += 1
+        self._slow.began(job.asker, job.is_slow)
+
+    def _leave(self, job: Job) -> None:
+        """Gives back the place of a query."""
+        caller, of_map = self._shares(job)
+        job.state = State.GONE
+        caller.places -= 1
+        of_map.places -= 1
+        self.size -= 1
+        self._slow.left(job.asker)
+        if not caller.places:
+            del self._present[job.asker.caller]
+        if of_map.places:
+            return
+        if of_map.usual is None:  # its id may be invented
+            self._forget(job.asker)
+            return
+        self._idle[job.asker] = None
+        if len(self._idle) > MAX_IDLE:
+            self._forget(self._idle.popitem(last=False)[0])
+
+    def _forget(self, asker: Asker) -> None:
+        caller = self._callers[asker.caller]
+        del caller.maps[asker.map_id]
+        if not caller.maps:
+            del self._callers[asker.caller]
+
+    def _shares(self, job: Job) -> tuple[_Caller, _Map]:
+        caller = self._callers[job.asker.caller]
+        return caller, caller.maps[job.asker.map_id]
 
 
-def _mean(old: float, new: float) -> float:
-    return old + _WEIGHT * (new - old)
+S = TypeVar("S", _Caller, _Map)
+
+
+def _by_turns(shares: Iterable[S]) -> list[S]:
+    """Sorts those who are ready: by the time that they have used, and by how long they wait."""
+    return sorted(shares, key=lambda one: (one.used_s, one.ready_since))
+
+
+def _present(shares: Iterable[_Share], chosen: _Share) -> float:
+    """The used time of the one whose turn it is. Nobody who waits keeps less."""
+    for one in shares:
+        one.used_s = max(one.used_s, chosen.used_s)
+    return chosen.used_s
+
+
+def _places(share: _Share) -> int:
+    return share.places
+
+
+def _fullest(caller: _Caller) -> _Map | None:
+    """The caller's map with most queries, of those with a waiting one."""
+    return max((one for one in caller.maps.values() if one.waiting), key=_places, default=None)
+
+
+def _newest(caller: _Caller) -> Job:
+    """The newest waiting query of the caller's map with most queries."""
+    fullest = _fullest(caller)
+    assert fullest is not None
+    return next(reversed(fullest.waiting))

@@ -1,7 +1,7 @@
 """A bounded, fair pool: one query at a time for each worker, a few more wait, the others are refused at once.
 
-Queries wait in one queue for each map, and the maps take turns. A full pool still accepts a query of a map
-that has few: it replaces the newest query of the map that has most.
+Callers take turns, and so do the maps of each caller (``fair_queue``). A full pool still accepts a query of a
+caller that has few: it replaces the newest query of the caller that has most.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from typing import Any, Protocol, TypeVar
 
 from firstfix.errors import DeadlineExceeded, FirstfixError, Overloaded
 
+from .asker import Asker
 from .fair_queue import FairQueue, Job, State
 
 T = TypeVar("T")
@@ -49,19 +50,21 @@ class QueryPool:
         """Number of queries that wait or run."""
         return self._queue.size
 
-    def check_room(self, group: str) -> None:
-        """Checks that there is room for one more query of this group now. ``run`` takes the room.
+    def check_room(self, asker: Asker) -> None:
+        """Checks that there is room for one more query now. ``run`` takes the room.
 
         Raises:
             Overloaded: the pool is full, or the service stops.
         """
-        self._replaced_by(group)
+        self._replaced_by(asker)
 
     async def run(
         self,
-        group: str,
+        asker: Asker,
         prepare: Callable[[], Future[C]],
         work: Callable[[C, float], Coroutine[Any, Any, T]],
+        *,
+        size_bytes: int = 0,
         deadline: float | None = None,
     ) -> T:
         """Returns the result of the work, once it is the query's turn.
@@ -70,10 +73,11 @@ class QueryPool:
         until it ends; otherwise abandoned queries would pile up behind it.
 
         Args:
-            group: takes turns with the other groups: the map's id.
+            asker: takes turns with the others.
             prepare: called once the query has a place. No worker waits for its future. The result is closed
                 when the query has ended in any way.
             work: gets the prepared resources, and the seconds that the query then waited for its turn.
+            size_bytes: of the query's body. A larger one should take longer.
             deadline: of ``time.monotonic``.
 
         Raises:
@@ -82,9 +86,9 @@ class QueryPool:
             Exception: any error of ``prepare`` or ``work``.
         """
         loop = asyncio.get_running_loop()
-        if (replaced := self._replaced_by(group)) is not None:
+        if (replaced := self._replaced_by(asker)) is not None:
             self._refuse(replaced, self._full())
-        job = Job(group, work, loop.create_future(), deadline, contextvars.copy_context())
+        job = Job(asker, work, loop.create_future(), deadline, size_bytes, contextvars.copy_context())
         self._queue.add(job)
         try:
             prepared = prepare()
@@ -159,8 +163,8 @@ class QueryPool:
             if job.prepared is not None:
                 job.prepared.close()
 
-    def _replaced_by(self, group: str) -> Job | None:
-        """The waiting query that a new one of this group replaces; None while there is room for both.
+    def _replaced_by(self, asker: Asker) -> Job | None:
+        """The waiting query that a new one replaces; None while there is room for both.
 
         Raises:
             Overloaded: as ``check_room``.
@@ -169,7 +173,7 @@ class QueryPool:
             raise Overloaded("the service is stopping")
         if self._queue.size < self._limit:
             return None
-        replaced = self._queue.crowding(group)
+        replaced = self._queue.crowding(asker)
         if replaced is None:
             raise self._full()
         return replaced

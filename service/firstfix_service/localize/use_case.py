@@ -81,7 +81,9 @@ class LocalizeUseCase:
                 )
             )
 
-        answer = await self._pool.run(admission.group, prepare, work, admission.deadline)
+        answer = await self._pool.run(
+            admission.asker, prepare, work, size_bytes=len(body), deadline=admission.deadline
+        )
         self._recorder.record(admission.head, body, answer, queued)
         return answer
 

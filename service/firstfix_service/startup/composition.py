@@ -63,7 +63,7 @@ from .settings_summary import settings_summary
 MOST_OVERLAYS, MOST_OVERLAYS_PER_CALLER = 16, 4  # at the same time, with their scans in memory
 _log = structlog.get_logger(__name__)
 ABANDONED_UPLOAD_S = 86400.0
-# For parts that may wait for the store or zenoh when the service stops: an orchestrator kills it after a while.
+# For parts that may wait for the store or zenoh when the service stops. An orchestrator kills it in the end.
 CLOSE_WITHIN_S, FLUSH_WITHIN_S, ZENOH_CLOSE_WITHIN_S = 2.0, 4.0, 3.0
 
 

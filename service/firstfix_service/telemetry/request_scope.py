@@ -5,15 +5,14 @@ Any task or thread that runs in the request's context can add fields with ``note
 
 from __future__ import annotations
 
-import contextvars
 import re
 import time
 import uuid
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import structlog
 
@@ -24,8 +23,6 @@ from .tracing import Tracing, started_ns
 if TYPE_CHECKING:
     from opentelemetry.trace import Span
 
-P = ParamSpec("P")
-T = TypeVar("T")
 _GOOD_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 
@@ -68,6 +65,12 @@ def current_request() -> RequestScope | None:
     return _current.get()
 
 
+def current_caller() -> str:
+    """Returns the name of the caller of the request that is being served; empty if there is none."""
+    scope = _current.get()
+    return "" if scope is None else str(scope.fields.get("caller", ""))
+
+
 def note(**fields: Any) -> None:
     """Adds fields to the log line and the span of the request that is being served, if any."""
     scope = _current.get()
@@ -81,16 +84,6 @@ def with_traceparent(record: Mapping[str, Any]) -> dict[str, Any]:
     if scope is None or scope.trace is None:
         return dict(record)
     return {**record, "traceparent": scope.trace.traceparent}
-
-
-def in_this_context(work: Callable[P, T]) -> Callable[P, T]:
-    """Returns the function bound to the context of the current request, to be run by another thread."""
-    context = contextvars.copy_context()
-
-    def run(*args: P.args, **kwargs: P.kwargs) -> T:
-        return context.run(work, *args, **kwargs)
-
-    return run
 
 
 class Requests:

@@ -17,9 +17,11 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
 from concurrent import futures
 from concurrent.futures import Future
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from typing import Any
 
@@ -31,11 +33,12 @@ from firstfix.errors import FirstfixError, InvalidOption, Overloaded, TooLarge
 
 from ..auth.authenticate import Authenticator
 from ..auth.principal import Principal
+from ..localize.held_bodies import HeldBodies
 from ..localize.response_format import content_of
 from ..localize.use_case import LocalizeUseCase
 from ..query_workers.answer import AnswerForm
 from ..settings import Settings
-from ..telemetry.request_scope import Requests, current_request, note
+from ..telemetry.request_scope import Requests, current_caller, note
 from ..telemetry.stall_watch import Pulse
 from .config import session_config
 from .log import TRANSPORT, logged_query
@@ -48,6 +51,7 @@ TRUSTED = "zenoh"  # name of a caller whom zenoh's own access rules let through
 DRAIN_S = 10.0  # for queries under way when the service stops
 ENDPOINT_CLOSE_WITHIN_S = DRAIN_S + 5.0
 _NOT_READ = "too many answers wait for callers who do not read them: try again"
+ANY_CALLERS = 8  # times the queries of one caller may be taken in: who asks is known only after that
 
 
 class ZenohEndpoint:
@@ -78,7 +82,8 @@ class ZenohEndpoint:
         self._loop = loop
         self._requests = requests
         self._max_body_bytes = settings.max_body_bytes
-        self._max_pending = settings.workers + settings.queue_size
+        self._max_per_caller = settings.workers + settings.queue_size
+        self._max_pending = ANY_CALLERS * self._max_per_caller
         self._max_inflight_bytes = settings.max_inflight_bytes
         self._tokens: dict[str, Any] = {}
         self._tokens_lock = threading.Lock()
@@ -86,6 +91,8 @@ class ZenohEndpoint:
         self._pending: dict[Future[None], int] = {}  # queries without an answer yet, and their bytes
         self._replying = 0  # of these, changed by the event loop alone
         self.replies = ReplyThreads()
+        self._of_caller: Counter[str] = Counter()  # those of them whose callers are known
+        self._bodies = HeldBodies(settings.max_inflight_bytes)
         self._queryables: list[Any] = []
         try:
             self.session = zenoh.open(session_config(settings))
@@ -165,7 +172,9 @@ class ZenohEndpoint:
         future.add_done_callback(partial(self._ended, query))
 
     def _check_room(self, size: int) -> None:
-        """Checks the limits of zenoh queries. ``LocalizeUseCase.admit`` checks the room in the pool.
+        """Checks the limits of zenoh queries, before it is known who asks.
+
+        ``_place`` checks those of the caller, ``LocalizeUseCase.admit`` the room in the pool.
 
         Raises:
             TooLarge: over the limit of one body.
@@ -194,15 +203,16 @@ class ZenohEndpoint:
             _log.warning("no reply could be sent", error=repr(error))
 
     async def _answer(self, query: Any, arrived: float) -> None:
-        with logged_query(self._requests, query, arrived):
+        with logged_query(self._requests, query, arrived), ExitStack() as place:
             try:
                 caller = await self._caller(query)
                 note(caller=caller.name)
                 if self.replies.is_full_for(caller.name):
                     raise Overloaded(_NOT_READ)
+                payload = query.payload  # None: an empty body, as over HTTP
+                place.enter_context(self._place(caller.name, 0 if payload is None else len(payload)))
                 asked = read_query(query, arrived)
                 admission = self._use_case.admit(asked.head, caller)
-                payload = query.payload  # None: an empty body, as over HTTP
                 body = b"" if payload is None else payload.to_bytes()
                 answer = await self._use_case.localize(admission, body, AnswerForm(asked.pose))
                 content, media_type = content_of(answer)
@@ -221,13 +231,30 @@ class ZenohEndpoint:
             await self._reply(query, partial(query.reply, key, content, encoding=media_type))
 
     async def _reply(self, query: Any, send: Callable[[], None]) -> None:
-        scope = current_request()
-        caller = "" if scope is None else str(scope.fields.get("caller", ""))
         self._replying += 1
         try:
-            await asyncio.wrap_future(self.replies.send(query, send, caller))
+            await asyncio.wrap_future(self.replies.send(query, send, current_caller()))
         finally:
             self._replying -= 1
+
+    @contextmanager
+    def _place(self, caller: str, size: int) -> Iterator[None]:
+        """Counts a query of a caller, from its authentication to its reply.
+
+        Raises:
+            Overloaded: too many queries of this caller wait already, or their bodies are too large.
+        """
+        self._of_caller[caller] += 1
+        try:
+            self._bodies.add(caller, size, body_bytes=size)
+            if self._of_caller[caller] > self._max_per_caller:
+                raise Overloaded(f"{self._max_per_caller} queries of this caller wait or run: try again")
+            yield
+        finally:
+            self._bodies.give_back(caller, size)
+            self._of_caller[caller] -= 1
+            if not self._of_caller[caller]:
+                del self._of_caller[caller]
 
     async def _caller(self, query: Any) -> Principal:
         """The caller, with the scope ``localize`` and within its rate limit.

@@ -146,7 +146,7 @@ def test_a_body_refused_on_the_way_smuggles_no_request(tmp_path: Path):
 
 def test_memory_is_taken_as_bytes_arrive(tmp_path: Path):
     """Long bodies that are only announced leave room for the others."""
-    with running_service(tmp_path, zenoh=False, max_inflight_bytes=2_000_000) as service:
+    with running_service(tmp_path, zenoh=False, max_inflight_bytes=3_000_000) as service:
         publish(service.catalog, "hall", "1", service.scratch)
         idle = [connect(service) for _ in range(30)]
         for connection in idle:

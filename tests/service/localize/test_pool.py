@@ -10,8 +10,9 @@ from typing import Any
 import pytest
 
 from firstfix.errors import DeadlineExceeded, NotFound, Overloaded
-from firstfix_service.localize.fair_queue import SLOW_S
+from firstfix_service.localize.asker import Asker
 from firstfix_service.localize.pool import MAX_RETRY_AFTER_S, QueryPool
+from firstfix_service.localize.slow_share import SLOW_S
 from waiting import let_pass, wait_until_async
 
 
@@ -58,20 +59,23 @@ class Tasks:
 
     def ask(
         self,
-        group: str,
+        map_id: str,
         name: str = "",
         *,
+        caller: str = "robot",
         prepare: Callable[[], Future[Held]] | None = None,
         deadline: float | None = None,
         seconds: float = 0.0,
     ) -> asyncio.Task[str]:
         async def work(held: Held, waited_s: float) -> str:
-            self.begun.append(name or group)
+            self.begun.append(name or map_id)
             await asyncio.to_thread(let_pass, seconds)
             await wait_until_async(self.gate.is_set)
-            return name or group
+            return name or map_id
 
-        return asyncio.ensure_future(self.pool.run(group, prepare or ready(), work, deadline))
+        return asyncio.ensure_future(
+            self.pool.run(Asker(caller, map_id), prepare or ready(), work, deadline=deadline)
+        )
 
 
 def test_work_is_done_and_its_error_passed_on():
@@ -84,10 +88,10 @@ def test_work_is_done_and_its_error_passed_on():
         async def fail(got: Held, waited_s: float) -> None:
             raise ZeroDivisionError
 
-        assert await pool.run("a", ready(held), is_held)
+        assert await pool.run(Asker("robot", "a"), ready(held), is_held)
         assert held.closed == 1
         with pytest.raises(ZeroDivisionError):
-            await pool.run("a", ready(held), fail)
+            await pool.run(Asker("robot", "a"), ready(held), fail)
         assert held.closed == 2
 
     with_pool(test)
@@ -99,7 +103,7 @@ def test_the_queue_is_bounded_and_empties():
         asked = [tasks.ask("a") for _ in range(5)]
         await wait_until_async(lambda: pool.admitted == 5)
         with pytest.raises(Overloaded):
-            pool.check_room("a")
+            pool.check_room(Asker("robot", "a"))
         with pytest.raises(Overloaded):
             await tasks.ask("a")
         tasks.gate.set()
@@ -112,12 +116,12 @@ def test_the_queue_is_bounded_and_empties():
 def test_the_wait_that_a_refusal_names_grows_with_the_queue():
     async def test(pool: QueryPool) -> None:
         for _ in range(60):
-            await pool.run("a", ready(), lambda *_: asyncio.to_thread(let_pass, 0.02))
+            await pool.run(Asker("robot", "a"), ready(), lambda *_: asyncio.to_thread(let_pass, 0.02))
         tasks = Tasks(pool)
         asked = [tasks.ask("a") for _ in range(201)]
         await wait_until_async(lambda: pool.admitted == 201)
         with pytest.raises(Overloaded) as refused:
-            pool.check_room("a")
+            pool.check_room(Asker("robot", "a"))
         assert 201 * 0.02 < refused.value.retry_after_s <= MAX_RETRY_AFTER_S, "what each has taken, for all"
         tasks.gate.set()
         await asyncio.gather(*asked)
@@ -125,37 +129,22 @@ def test_the_wait_that_a_refusal_names_grows_with_the_queue():
     with_pool(test, queue_size=200)
 
 
-def test_maps_take_turns():
+@pytest.mark.parametrize("who", [("robot", "robot"), ("flood", "robot")], ids=["maps", "callers"])
+def test_a_full_queue_takes_in_who_has_few_for_who_has_most(who: tuple[str, str]):
     async def test(pool: QueryPool) -> None:
-        tasks = Tasks(pool)
-        first = tasks.ask("busy", "busy 0")
-        await wait_until_async(lambda: tasks.begun)
-        asked = [tasks.ask("busy", f"busy {k}") for k in range(1, 5)]
-        asked += [tasks.ask("quiet", f"quiet {k}") for k in range(2)]
-        asked += [tasks.ask("calm", "calm 0")]
-        await wait_until_async(lambda: pool.admitted == 8)
-        tasks.gate.set()
-        await asyncio.gather(first, *asked)
-        assert tasks.begun[:5] == ["busy 0", "busy 1", "quiet 0", "calm 0", "busy 2"]
-        assert tasks.begun[5:] == ["quiet 1", "busy 3", "busy 4"]
-
-    with_pool(test, queue_size=20)
-
-
-def test_a_full_queue_takes_in_a_map_that_has_few_for_one_that_has_most():
-    async def test(pool: QueryPool) -> None:
-        tasks = Tasks(pool)
-        busy = [tasks.ask("busy", f"busy {k}") for k in range(6)]
+        tasks, (many, few) = Tasks(pool), who
+        busy = [tasks.ask("busy", f"busy {k}", caller=many) for k in range(6)]
         await wait_until_async(lambda: pool.admitted == 6)
-        pool.check_room("quiet")
-        quiet = [tasks.ask("quiet", f"quiet {k}") for k in range(3)]
-        with pytest.raises(Overloaded):
+        pool.check_room(Asker(few, "quiet"))
+        quiet = [tasks.ask("quiet", f"quiet {k}", caller=few) for k in range(4)]
+        with pytest.raises(Overloaded) as refused:
             await busy[-1]
+        assert refused.value.retry_after_s
         await wait_until_async(lambda: quiet[-1].done())
         assert isinstance(quiet[-1].exception(), Overloaded), "with a fair share there is no more"
         tasks.gate.set()
-        assert await asyncio.gather(*busy[:4], *quiet[:2])
-        assert [task.done() and task.exception() is not None for task in busy] == [False] * 4 + [True] * 2
+        assert await asyncio.gather(*busy[:3], *quiet[:3])
+        assert [task.done() and task.exception() is not None for task in busy] == [False] * 3 + [True] * 3
 
     with_pool(test, queue_size=5)
 
@@ -179,14 +168,14 @@ def test_what_cannot_be_prepared_is_the_querys_error():
         failed: Future[Held] = Future()
         failed.set_exception(NotFound("no map"))
         with pytest.raises(NotFound):
-            await pool.run("made-up", lambda: failed, lambda *_: asyncio.sleep(0))
+            await pool.run(Asker("robot", "made-up"), lambda: failed, lambda *_: asyncio.sleep(0))
 
         def refuses() -> Future[Held]:
             raise NotFound("no such id")
 
         with pytest.raises(NotFound):
-            await pool.run("made-up", refuses, lambda *_: asyncio.sleep(0))
-        assert not pool._queue._groups, "a map that was made up leaves no trace"
+            await pool.run(Asker("robot", "made-up"), refuses, lambda *_: asyncio.sleep(0))
+        assert not pool._queue._callers, "a map that was made up leaves no trace"
 
     with_pool(test)
 
@@ -246,7 +235,9 @@ def test_who_leaves_the_queue_makes_room_and_is_not_begun():
 def test_what_was_prepared_for_somebody_who_left_is_given_back():
     async def test(pool: QueryPool) -> None:
         slow: Future[Held] = Future()
-        asked = asyncio.ensure_future(pool.run("a", lambda: slow, lambda *_: asyncio.sleep(0)))
+        asked = asyncio.ensure_future(
+            pool.run(Asker("robot", "a"), lambda: slow, lambda *_: asyncio.sleep(0))
+        )
         await wait_until_async(lambda: pool.admitted == 1)
         asked.cancel()
         await wait_until_async(lambda: pool.admitted == 0)
@@ -297,6 +288,6 @@ def test_a_closed_pool_refuses_what_waits_and_what_comes():
         await closing
         assert await running == "a"
         with pytest.raises(Overloaded, match="stopping"):
-            pool.check_room("a")
+            pool.check_room(Asker("robot", "a"))
 
     with_pool(test, queue_size=1)

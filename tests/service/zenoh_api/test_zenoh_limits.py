@@ -120,7 +120,7 @@ def test_a_message_over_the_limit_harms_nobody(tmp_path: Path):
 
 def test_bodies_together_are_bounded(tmp_path: Path):
     behaviour = Behaviour(gate=threading.Event())
-    limit = 3 * len(SCAN_BODY)
+    limit = 6 * len(SCAN_BODY)  # of which one caller has half
     with (
         running_service(tmp_path, behaviour=behaviour, max_inflight_bytes=limit) as service,
         ThreadPoolExecutor(3) as threads,

@@ -15,25 +15,30 @@ from firstfix.formats.point_cloud import Body
 
 from ...auth.permission import CHECK_S, Permission
 from ...http_server.body_receiver import RECEIVE_INTO, Arrived
+from ...localize.held_bodies import HeldBodies
 
 LONG_BYTES = 64 << 10  # of a body that is received right into its place
 
 
 class BodyReader:
-    """Reads bodies up to a limit for each and a limit for all together. Belongs to one event loop."""
+    """Reads bodies up to limits: of each, of a caller, and of all together. Belongs to one event loop."""
 
     def __init__(self, max_bytes: int, max_inflight_bytes: int, timeout_s: float) -> None:
         self._max_bytes = max_bytes
-        self._max_inflight_bytes = max_inflight_bytes
+        self._held = HeldBodies(max_inflight_bytes)
         self._timeout_s = timeout_s
-        self.inflight_bytes = 0
 
-    async def read(self, request: Request) -> Body:
+    @property
+    def inflight_bytes(self) -> int:
+        """Bytes of all bodies in memory."""
+        return self._held.bytes
+
+    async def read(self, request: Request, caller: str = "") -> Body:
         """Returns the body. Call ``release`` when it is no longer needed.
 
         Raises:
             TooLarge: over the limit, by the declared length or by the bytes that arrive.
-            Overloaded: all bodies together are too large.
+            Overloaded: all bodies together are too large, or those of this caller.
             DeadlineExceeded: it did not arrive in time.
         """
         check_declared_length(request, self._max_bytes)
@@ -44,24 +49,22 @@ class BodyReader:
         def arrived(count: int) -> None:
             nonlocal size
             size += count
-            self.inflight_bytes += count
+            self._held.add(caller, count, body_bytes=size)
             if size > self._max_bytes:
                 raise TooLarge(f"the body has over {self._max_bytes} bytes")
-            if self.inflight_bytes > self._max_inflight_bytes:
-                raise Overloaded("too many bodies arrive at the same time: try again")
 
         try:
             async with asyncio.timeout(self._timeout_s):
                 return await (_long(request, declared, arrived) if is_long else _joined(request, arrived))
         except BaseException as error:
-            self.inflight_bytes -= size
+            self._held.give_back(caller, size)
             if isinstance(error, TimeoutError):
                 raise DeadlineExceeded(f"the body did not arrive within {self._timeout_s:g} s") from None
             raise
 
-    def release(self, body: Body) -> None:
+    def release(self, body: Body, caller: str = "") -> None:
         """Takes a body out of the count of all bodies."""
-        self.inflight_bytes -= len(body)
+        self._held.give_back(caller, len(body))
 
 
 async def _long(request: Request, declared: int, arrived: Arrived) -> Body:

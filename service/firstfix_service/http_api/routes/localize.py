@@ -141,7 +141,7 @@ async def _localize(
     admission = parts.use_case.admit(head, caller)
     if is_geographic and len(head.map_ids) == 1:  # of several maps, one has to answer first
         await READS.run(parts.georeference_cache.of, head.map_ids[0])
-    body = await parts.bodies.read(request)
+    body = await parts.bodies.read(request, caller.name)
     try:
         form = AnswerForm(pose, is_geographic)
         answer = await cancel_on_disconnect(request, parts.use_case.localize(admission, body, form))
@@ -150,7 +150,7 @@ async def _localize(
             return answer, json.dumps(georeference.geopose(answer.T_map_body)).encode(), GEOPOSE
         return answer, *content_of(answer)
     finally:
-        parts.bodies.release(body)
+        parts.bodies.release(body, caller.name)
 
 
 def single_values(request: Request) -> dict[str, str]:

@@ -57,7 +57,7 @@ async def post_overlay(
     headers = request.headers
     body_format = BodyFormat.of(headers.get("content-type", ""), headers.get("content-encoding"))
     with parts.overlays.request(caller.name):
-        body = await parts.bodies.read(request)
+        body = await parts.bodies.read(request, caller.name)
         try:
             leases = await asyncio.wrap_future(parts.maps.lease((map_id,), version))
             try:
@@ -67,7 +67,7 @@ async def post_overlay(
             finally:
                 leases.close()
         finally:
-            parts.bodies.release(body)
+            parts.bodies.release(body, caller.name)
     return Response(data, media_type="application/octet-stream", headers={"Cache-Control": "no-store"})
 
 
