@@ -237,7 +237,7 @@ def _resident_mb(one: Replica) -> float:
 
 
 def _with_large_cloud(version: Path, folder: Path) -> Path:
-    """A copy of the version whose cloud has as many points as one request may ask for: a small map has few."""
+    """A copy of the version with a cloud of as many points as one request may ask for."""
     shutil.copytree(version, folder, ignore=shutil.ignore_patterns("manifest.json"))
     points = (folder / CLOUD_POINTS).read_bytes()
     times = -(-CLOUD_POINTS_ASKED * POINT_BYTES // len(points))
