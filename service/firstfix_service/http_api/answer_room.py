@@ -136,7 +136,7 @@ class CountedAnswers:
                 return
             if message["type"] == "http.response.start" and needs_room(scope):
                 try:
-                    place.take(declared_bytes(message))
+                    place.take(declared_bytes(message["headers"]))
                 except FirstfixError as error:
                     is_refused = True
                     await problem_of(error).response()(scope, receive, send)

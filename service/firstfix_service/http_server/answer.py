@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, Protocol
 
 from uvicorn.protocols.http.httptools_impl import RequestResponseCycle
@@ -29,7 +29,7 @@ def in_pieces(app: App, begins: Callable[[int], None]) -> App:
         async def send_in_pieces(message: Any) -> None:
             if message["type"] == "http.response.start":
                 await send(message)
-                begins(declared_bytes(message))
+                begins(declared_bytes(message["headers"]))
                 return
             body = memoryview(message.get("body", b""))
             while len(body) > PIECE_BYTES:
@@ -43,9 +43,9 @@ def in_pieces(app: App, begins: Callable[[int], None]) -> App:
     return answer
 
 
-def declared_bytes(start: Any) -> int:
-    """Returns the Content-Length of an answer's first message, or 0."""
-    return next((int(value) for name, value in start["headers"] if name.lower() == b"content-length"), 0)
+def declared_bytes(headers: Iterable[tuple[bytes, bytes]]) -> int:
+    """Returns the Content-Length, or 0."""
+    return next((int(value) for name, value in headers if name.lower() == b"content-length"), 0)
 
 
 def limit_kernel_buffer(connection: socket.socket | None) -> None:

@@ -16,7 +16,7 @@ import httptools
 from starlette.requests import ClientDisconnect
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 
-from .answer import AnswerTransport, in_pieces, limit_kernel_buffer
+from .answer import AnswerTransport, declared_bytes, in_pieces, limit_kernel_buffer
 from .body_receiver import RECEIVE_INTO, Arrived, BodyReceiver
 from .connections import Connections, ConnectionUse, EndReason
 from .hold import HOLD
@@ -25,9 +25,9 @@ from .reading_pace import MIN_BYTES_PER_S, ReadingPace
 MAX_HEAD_BYTES = 64 << 10
 MAX_HEADERS = 100
 MAX_PIPELINED = 100  # requests that wait for an earlier answer
-# For a caller that still sends its body to see an early answer. Clients send files of up to 64 MiB in a form.
-LINGER_S = 5.0
-LINGER_BYTES = 65 << 20
+LINGER_S = 5.0  # for a caller that still sends to see an early answer
+LINGER_BYTES = 4 << 20
+LINGER_BODY_BYTES = 65 << 20  # of a body of declared length: clients send files of up to 64 MiB in a form
 LINGER_BYTES_PER_S = 128 << 10  # a body that comes faster has more time
 HEALTH_PATHS = {b"/healthz", b"/readyz"}
 _FULL = "too many connections: try again"
@@ -59,7 +59,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self._overhead_bytes = 0  # received since the request began, or since the last piece of its body
         self._head_bytes = self._headers = 0
         self._body_bytes = 0
-        self._linger_bytes = 0
+        self._linger_bytes, self._linger_limit = 0, LINGER_BYTES
         self._keep_alive = False  # the caller's wish; granted after its body was read
         self._refusal: tuple[bytes, str] | None = None
         self.pace = ReadingPace(self._limits.answer_s)
@@ -139,7 +139,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         """Parses data, or drops it while the connection lingers."""
         if self.is_lingering or self._is_out_of_step:
             self._linger_bytes += len(data)
-            if self._linger_bytes > LINGER_BYTES:
+            if self._linger_bytes > self._linger_limit:
                 self.abort()
             return
         self._overhead_bytes += len(data)
@@ -257,6 +257,9 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         answer if the connection were closed with unread data.
         """
         if self._reading is Reading.BODY and self.cycle.response_complete:
+            rest_bytes = declared_bytes(self.headers) - self._body_bytes
+            if LINGER_BYTES < rest_bytes <= LINGER_BODY_BYTES:
+                self._linger_limit = rest_bytes
             self._linger()
         else:
             self.transport.close()
