@@ -40,6 +40,7 @@ SUITES = {
     "service": service.run,
 }
 OPTIONS = {
+    "attacks": ("hostile",),
     "beside": ("native",),
     "parts": ("native",),
     "sets": ("real", "peers"),
@@ -58,6 +59,10 @@ def _names(known: tuple[str, ...], text: str) -> tuple[str, ...]:
 
 def _parts(text: str) -> tuple[str, ...]:
     return _names(tuple(native.PARTS), text)
+
+
+def _attacks(text: str) -> tuple[str, ...]:
+    return _names(tuple(hostile.ATTACKS), text)
 
 
 def _sets(text: str) -> tuple[str, ...]:
@@ -79,6 +84,7 @@ def main() -> None:
     parser.add_argument(
         "--parts", type=_parts, metavar="NAMES", help=f"native: some of {','.join(native.PARTS)}"
     )
+    parser.add_argument("--attacks", type=_attacks, metavar="NAMES", help="hostile: some of the attacks")
     parser.add_argument("--sets", type=_sets, metavar="NAMES", help="real, peers: some of the data sets")
     parser.add_argument(
         "--scans", type=_count, metavar="N", help="peers, koide: queries of each set or sequence"

@@ -2,7 +2,7 @@
 
     python -m benchmarks.hostile.attackers 'slow heads' --port 8080 --map hall --version DIGEST --key ffx_...
 
-It attacks this machine alone, from a loopback address of its own, and prints the counts of its connections
+It attacks this machine alone, from loopback addresses of its own, and prints the counts of its connections
 as JSON.
 """
 
@@ -19,7 +19,8 @@ from contextlib import suppress
 
 from .attacks import ATTACKS, Attack, Target
 
-TARGET_ADDRESS, OWN_ADDRESS = "127.0.0.1", "127.0.0.66"
+TARGET_ADDRESS = "127.0.0.1"
+FIRST_ADDRESS = 66  # the last byte of the attackers' first address
 AGAIN_S = 0.5  # until an attacker that was thrown out comes again
 
 
@@ -32,10 +33,11 @@ async def attack(attack: Attack, target: Target, port: int, share: float, second
     """
     seen: Counter[str] = Counter()
 
-    async def one() -> None:
+    async def one(number: int) -> None:
+        address = f"127.0.0.{FIRST_ADDRESS + number % attack.addresses}"
         for _ in range(attack.rounds):
             try:
-                reader, writer = await _connect(port)
+                reader, writer = await _connect(port, address)
             except OSError:
                 seen["refused"] += 1
             else:
@@ -50,7 +52,7 @@ async def attack(attack: Attack, target: Target, port: int, share: float, second
 
     told_to_stop = asyncio.Event()
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, told_to_stop.set)
-    tasks = [asyncio.create_task(one()) for _ in range(max(1, round(attack.connections * share)))]
+    tasks = [asyncio.create_task(one(n)) for n in range(max(1, round(attack.connections * share)))]
     print("begun", flush=True)
     with suppress(TimeoutError):
         await asyncio.wait_for(told_to_stop.wait(), seconds)
@@ -60,13 +62,13 @@ async def attack(attack: Attack, target: Target, port: int, share: float, second
     return seen
 
 
-async def _connect(port: int) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+async def _connect(port: int, address: str) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
     """A connection that takes little in before its reader does."""
     own = socket.socket()
     own.setblocking(False)
     try:
         own.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        own.bind((OWN_ADDRESS, 0))
+        own.bind((address, 0))
         await asyncio.get_running_loop().sock_connect(own, (TARGET_ADDRESS, port))
         return await asyncio.open_connection(sock=own)
     except BaseException:
@@ -81,10 +83,11 @@ def main() -> None:
     parser.add_argument("--map", required=True, metavar="ID")
     parser.add_argument("--version", required=True, metavar="DIGEST")
     parser.add_argument("--key", required=True)
+    parser.add_argument("--points", type=int, default=1, help="of the map's cloud")
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--share", type=float, default=1.0, help="of the attack's connections")
     given = parser.parse_args()
-    target = Target(given.map, given.version, given.key)
+    target = Target(given.map, given.version, given.key, given.points)
     seen = asyncio.run(attack(ATTACKS[given.attack], target, given.port, given.share, given.seconds))
     json.dump(seen, sys.stdout)
 

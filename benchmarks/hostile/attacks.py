@@ -13,6 +13,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
 DRIP_S = 1.0  # between two of the bytes of a slow one
+SLOW_BYTES_PER_S = 750
 FORM_BYTES = 1 << 20
 SCAN = struct.pack("<3f", 3.0, 4.0, 1.0) * 400_000
 _HOST = b"Host: firstfix\r\n"
@@ -26,11 +27,13 @@ class Target:
     Attributes:
         version: of the map.
         key: for attacks by a caller with permissions.
+        points: number of points of the map's cloud that one request may ask for.
     """
 
     map_id: str
     version: str
     key: str
+    points: int
 
     @property
     def authorization(self) -> bytes:
@@ -47,11 +50,13 @@ class Attack:
     Attributes:
         connections: at the same time.
         rounds: on each connection's place, at most; then it stays away.
+        addresses: number of loopback addresses that they come from.
     """
 
     act: Act
     connections: int
     rounds: int = 100
+    addresses: int = 1
 
 
 async def slow_head(target: Target, reader: StreamReader, writer: StreamWriter) -> None:
@@ -131,6 +136,23 @@ async def unread_stream(target: Target, reader: StreamReader, writer: StreamWrit
         await asyncio.sleep(DRIP_S)
 
 
+async def unread_points(target: Target, reader: StreamReader, writer: StreamWriter) -> None:
+    """Asks for 4 MB of a map's cloud, and takes nothing in."""
+    writer.transport.pause_reading()  # type: ignore[attr-defined]
+    await _ask_for_points(target, writer)
+    while not writer.transport.is_closing():
+        await asyncio.sleep(DRIP_S)
+
+
+async def slow_points(target: Target, reader: StreamReader, writer: StreamWriter) -> None:
+    """Asks for 4 MB of a map's cloud, and takes it in at the pace of a modem."""
+    await _ask_for_points(target, writer)
+    while taken := await reader.read(4096):
+        writer.transport.pause_reading()  # type: ignore[attr-defined]
+        await asyncio.sleep(len(taken) / SLOW_BYTES_PER_S)
+        writer.transport.resume_reading()  # type: ignore[attr-defined]
+
+
 async def overlay(target: Target, reader: StreamReader, writer: StreamWriter) -> None:
     """A large scan to lay over the map, as fast as it is taken."""
     path = f"/maps/{target.map_id}/versions/{target.version}/overlay?T_map_sensor=0,0,1,0,0,0,1"
@@ -178,6 +200,11 @@ async def _ask_again(path: bytes, reader: StreamReader, writer: StreamWriter) ->
         await reader.readexactly(int(length))
 
 
+async def _ask_for_points(target: Target, writer: StreamWriter) -> None:
+    path = f"/maps/{target.map_id}/versions/{target.version}/cloud/points?first=0&count={target.points}"
+    await _send(writer, f"GET {path} HTTP/1.1\r\n".encode() + _HOST + target.authorization + b"\r\n")
+
+
 async def _send(writer: StreamWriter, data: bytes) -> None:
     writer.write(data)
     await writer.drain()
@@ -191,6 +218,8 @@ ATTACKS = {
     "unread answers": Attack(unread_answers, 50),
     "unread pages": Attack(unread_page, 50),
     "unread streams": Attack(unread_stream, 100),
+    "unread points": Attack(unread_points, 500, rounds=1, addresses=2),
+    "slow points": Attack(slow_points, 500, rounds=1, addresses=2),
     "floods of pages": Attack(page, 50),
     "floods of refusals": Attack(refusal, 50),
     "floods of probes": Attack(probe, 50),

@@ -14,6 +14,7 @@ from firstfix.engine.localizer import Localizer
 
 from . import problems
 from .auth.permission import WhilePermitted
+from .http_api.answer_room import AnswerRoom, CountedAnswers
 from .http_api.authorize import authorize, refuse_changes
 from .http_api.openapi import DocumentedApp
 from .http_api.request_log import RequestLog
@@ -122,6 +123,9 @@ def create_app(settings: Settings, *, load: Callable[[Path], Localizer] | None =
         app.include_router(module.router, dependencies=[Depends(refuse_changes)])
     problems.add_handlers(app)
     app.add_middleware(WhilePermitted)
+    room = AnswerRoom(settings.max_unsent_bytes)
+    metrics.unsent_bytes.set_function(lambda: room.taken_bytes)
+    app.add_middleware(CountedAnswers, room=room, settings=settings)
     app.add_middleware(RequestLog, metrics=metrics, requests=requests)
     app.add_middleware(StrangerPace, settings=settings)
     app.add_middleware(PlainStartError)

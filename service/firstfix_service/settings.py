@@ -66,7 +66,10 @@ class Settings(BaseSettings):
     head_timeout_s: float = Field(20.0, gt=0, description="time for the head of a request to arrive")
     keep_alive_s: float = Field(30.0, gt=0, description="time that an idle connection is kept open")
     answer_timeout_s: float = Field(
-        30.0, gt=0, description="time for the caller to read an answer, plus one second for each 500 bytes"
+        30.0, gt=0, description="time to read an answer, and 1 s for each 500 bytes up to 300 s"
+    )
+    max_unsent_bytes: int = Field(
+        128 * MIB, ge=1, description="maximum size of the large answers that wait to be read"
     )
 
     worker_processes: bool = Field(

@@ -14,11 +14,11 @@ from firstfix.errors import NotFound, ReadOnly, Unauthorized
 
 from ..auth.permission import Permission
 from ..auth.principal import Principal
-from ..http_server.client_address import client_address
+from ..http_server.client_address import address_of
 from ..lanes import AUTH
 from ..settings import Settings
 from ..telemetry.request_scope import note
-from .dependencies import Parts, parts_of
+from .dependencies import parts_of
 
 PUBLIC = None
 _READING = frozenset({"GET", "HEAD", "OPTIONS"})
@@ -74,10 +74,16 @@ SCOPES: dict[str, Scope | None] = {
     "collect_garbage_of_map": Scope.ADMIN,
     "collect_all_garbage": Scope.ADMIN,
 }
-# Rate limits of routes.
+# Rate limits of routes. Reads of much data count as queries do.
 LIMITED = {
     "localize": "localize",
     "post_overlay": "localize",
+    "get_cloud": "localize",
+    "get_cloud_points": "localize",
+    "get_picture": "localize",
+    "get_changes": "localize",
+    "get_samples": "localize",
+    "get_sample_body": "localize",
     "post_map": "build",
     "activate": "change",
     "roll_back": "change",
@@ -107,7 +113,7 @@ async def authorize(request: Request) -> None:
     if scope is PUBLIC or (name == "metrics" and (settings.metrics_public or settings.auth != "on")):
         return  # also before the store has answered
     parts = await parts_of(request)
-    credential, address = _credential(request), _address(request, parts)
+    credential, address = _credential(request), address_of(request, settings.trusted_proxies)
     caller = await parts.authenticator.authenticate(credential, address)
     request.state.caller = caller
     note(caller=caller.name)
@@ -157,9 +163,3 @@ def _credential(request: Request) -> str | None:
     if len(given) > 1 or scheme.lower() != "bearer" or not credential.strip():
         raise Unauthorized("a credential comes in one header Authorization, after the word Bearer")
     return credential.strip()
-
-
-def _address(request: Request, parts: Parts) -> str:
-    peer = None if request.client is None else request.client.host
-    forwarded = request.headers.getlist("x-forwarded-for")
-    return client_address(peer, forwarded, parts.settings.trusted_proxies)

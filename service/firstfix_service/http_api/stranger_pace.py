@@ -6,7 +6,7 @@ from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from ..auth.rate_limit import RateLimit
-from ..http_server.client_address import client_address
+from ..http_server.client_address import address_of
 from ..http_server.hold import HOLD, Hold
 from ..settings import Settings
 
@@ -50,12 +50,7 @@ class StrangerPace:
         await self._app(scope, receive, send_in_time)
 
     def _wait_s(self, scope: Scope) -> float:
-        address = self._address(scope)
+        address = address_of(HTTPConnection(scope), self._trusted)
         if scope["path"] in _PROBES:
             return self._probes.owe(address, MAX_PROBE_HOLD_S)
         return self._others.owe(address, MAX_HOLD_S)
-
-    def _address(self, scope: Scope) -> str:
-        request = HTTPConnection(scope)
-        peer = None if request.client is None else request.client.host
-        return client_address(peer, request.headers.getlist("x-forwarded-for"), self._trusted)

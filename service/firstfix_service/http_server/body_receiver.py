@@ -26,7 +26,7 @@ class ReceivingConnection(Protocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """See ``asyncio.Protocol``."""
 
-    def eof_received(self) -> None:
+    def eof_received(self) -> bool:
         """See ``asyncio.Protocol``."""
 
     def pause_writing(self) -> None:
@@ -63,9 +63,9 @@ class BodyReceiver(asyncio.BufferedProtocol):
         if not self._left:
             self._connection.body_ended(None)
 
-    def eof_received(self) -> None:
+    def eof_received(self) -> bool:
         """The caller sends no more."""
-        self._connection.eof_received()
+        return self._connection.eof_received()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """The connection was closed."""

@@ -6,6 +6,8 @@ from collections.abc import Iterable
 from functools import lru_cache
 from ipaddress import IPv4Address, IPv4Network, IPv6Address, IPv6Network, ip_address
 
+from starlette.requests import HTTPConnection
+
 Network = IPv4Network | IPv6Network
 _IPV6_SITE_BITS = 64  # the smallest network of one subscriber: each caller has one name, not 2**64
 _MAX_CHARS = 80  # of an address with the name of its network interface
@@ -30,6 +32,12 @@ def client_address(peer: str | None, forwarded_for: Iterable[str], trusted: Iter
             break
         address = said
     return UNKNOWN if address is None else _named(address)
+
+
+def address_of(request: HTTPConnection, trusted: Iterable[Network]) -> str:
+    """Returns the address of a request's caller, see ``client_address``."""
+    peer = None if request.client is None else request.client.host
+    return client_address(peer, request.headers.getlist("x-forwarded-for"), trusted)
 
 
 def is_within(peer: str | None, networks: Iterable[Network]) -> bool:

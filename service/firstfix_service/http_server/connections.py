@@ -77,7 +77,7 @@ class ConnectionLimits:
         head_s: time for the head of a request to arrive.
         idle_s: time between two requests.
         body_s: time for a body to arrive; a long body has more time, for ``MIN_BYTES_PER_S``.
-        answer_s: time for the caller to read an answer; more for a long answer, for ``MIN_BYTES_PER_S``.
+        answer_s: time for the caller to read an answer; a long answer has more, see ``ReadingPace``.
     """
 
     total: int = DEFAULT_MAX_CONNECTIONS

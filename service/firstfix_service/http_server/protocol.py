@@ -7,6 +7,7 @@ arrive and the answer is read.
 from __future__ import annotations
 
 import asyncio
+import socket
 from enum import Enum
 from functools import partial
 from typing import Any
@@ -15,17 +16,19 @@ import httptools
 from starlette.requests import ClientDisconnect
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 
-from .answer import AnswerTransport
+from .answer import AnswerTransport, declared_bytes, in_pieces, limit_kernel_buffer
 from .body_receiver import RECEIVE_INTO, Arrived, BodyReceiver
 from .connections import Connections, ConnectionUse, EndReason
 from .hold import HOLD
+from .reading_pace import MIN_BYTES_PER_S, ReadingPace
 
 MAX_HEAD_BYTES = 64 << 10
 MAX_HEADERS = 100
 MAX_PIPELINED = 100  # requests that wait for an earlier answer
-MIN_BYTES_PER_S = 500  # of a body, and of an answer: the slowest mobile networks are faster
-LINGER_S = 5.0  # for a caller that still sends its body to see an early answer
+LINGER_S = 5.0  # for a caller that still sends to see an early answer
 LINGER_BYTES = 4 << 20
+LINGER_BODY_BYTES = 65 << 20  # of a body of declared length: clients send files of up to 64 MiB in a form
+LINGER_BYTES_PER_S = 128 << 10  # a body that comes faster has more time
 HEALTH_PATHS = {b"/healthz", b"/readyz"}
 _FULL = "too many connections: try again"
 
@@ -56,11 +59,13 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self._overhead_bytes = 0  # received since the request began, or since the last piece of its body
         self._head_bytes = self._headers = 0
         self._body_bytes = 0
-        self._linger_bytes = 0
+        self._linger_bytes, self._linger_limit = 0, LINGER_BYTES
         self._keep_alive = False  # the caller's wish; granted after its body was read
         self._refusal: tuple[bytes, str] | None = None
-        self._unsent_bytes: int | None = None  # at the pause of writing; None: not paused
-        self._write_paused_at = 0.0
+        self.pace = ReadingPace(self._limits.answer_s)
+        self.app = in_pieces(self.app, self._answer_begins)
+        self._answer_bytes: int | None = None  # of the current one, of several; None: not begun; 0: a stream
+        self._is_half_closed = False  # the caller sends no more, and may still read
         self._closing_since: float | None = None
         self._body: asyncio.Future[None] | None = None  # set when a body was received into its buffer
         self._held: asyncio.Future[None] | None = None  # set while an answer is held back
@@ -83,17 +88,16 @@ class LimitedHttpProtocol(HttpToolsProtocol):
     def overdue(self, now: float) -> EndReason | None:
         """Returns the reason to end the connection now, if there is one."""
         last_check, self._checked_at = self._checked_at, now
-        if self._unsent_bytes is not None:
-            # nothing is written during a pause, so the caller has read the difference
-            read_bytes = self._unsent_bytes - self.transport.get_write_buffer_size()
-            allowed_s = self._limits.answer_s + read_bytes / MIN_BYTES_PER_S
-            return EndReason.ANSWER if now - self._write_paused_at > allowed_s else None
+        if self.pace.is_paused:
+            is_too_slow = self.pace.is_too_slow(now, self.transport.get_write_buffer_size())
+            return EndReason.ANSWER if is_too_slow else None
         if self.transport.is_closing():
             if self._closing_since is None:
                 self._closing_since = now
             return EndReason.ANSWER if now - self._closing_since > LINGER_S else None
         if self.is_lingering:
-            return EndReason.UNREAD if now - self._since > LINGER_S else None
+            allowed_s = LINGER_S + self._linger_bytes / LINGER_BYTES_PER_S
+            return EndReason.UNREAD if now - self._since > allowed_s else None
         if self._reading is Reading.BODY:
             if self.flow.read_paused or self.cycle.waiting_for_100_continue:
                 # the caller must wait for this side
@@ -101,6 +105,8 @@ class LimitedHttpProtocol(HttpToolsProtocol):
             allowed_s = self._limits.body_s + LINGER_S + self._body_bytes / MIN_BYTES_PER_S
             return EndReason.BODY if now - self._since > allowed_s else None
         if self._answering:
+            if self._is_half_closed:
+                self._look_for_reset()
             return None
         if self._reading is Reading.HEAD:
             return EndReason.HEAD if now - self._since > self._limits.head_s else None
@@ -115,6 +121,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Asks for a place among the connections."""
         super().connection_made(transport)
+        limit_kernel_buffer(transport.get_extra_info("socket"))
         self._wait_for(Reading.HEAD)
         self._use = self._all.admit(self)
         if self._use is ConnectionUse.NONE:  # ``Connections`` does not watch it: it ends at once
@@ -132,7 +139,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         """Parses data, or drops it while the connection lingers."""
         if self.is_lingering or self._is_out_of_step:
             self._linger_bytes += len(data)
-            if self._linger_bytes > LINGER_BYTES:
+            if self._linger_bytes > self._linger_limit:
                 self.abort()
             return
         self._overhead_bytes += len(data)
@@ -140,16 +147,34 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         if self._overhead_bytes > MAX_HEAD_BYTES and not self._is_ending:
             self._refuse(*_TOO_LARGE)
 
+    def eof_received(self) -> bool:  # type: ignore[override]
+        """Keeps the connection open for the answers to complete requests.
+
+        A caller that has closed both directions looks the same, and its work should end. An interim response
+        tells them apart: the system of a caller that is gone refuses it, and any other caller skips it. A
+        stream ends, because nothing can be sent in its middle.
+        """
+        is_stream = self._answer_bytes == 0
+        if self._is_ending or is_stream or not self._answering or self._reading is Reading.BODY:
+            return False
+        if not self._is_half_closed:
+            self._is_half_closed = True
+            self._keep_alive = False
+            if not self.cycle.response_started:
+                self.cycle.keep_alive = False
+            if self._answer_bytes is None and self.scope["http_version"] == "1.1":
+                self.transport.write(_CONTINUE)
+        return True
+
     def pause_writing(self) -> None:
         """Starts to measure how fast the caller reads."""
         super().pause_writing()
-        self._unsent_bytes = self.transport.get_write_buffer_size()
-        self._write_paused_at = self.loop.time()
+        self.pace.paused(self.loop.time())
 
     def resume_writing(self) -> None:
         """Ends the measurement: the caller has read enough."""
         super().resume_writing()
-        self._unsent_bytes = None
+        self.pace.resumed(self.loop.time())
 
     # Called by the parser
 
@@ -214,8 +239,11 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         if self.is_lingering:
             self.server_state.total_requests += 1
             return
+        self._answer_bytes = None
         self._since = self.loop.time()
         super().on_response_complete()
+        if self._is_half_closed and not self._answering:
+            self.transport.close()
 
     def shutdown(self) -> None:
         """Ends the connection after the current answer."""
@@ -229,6 +257,9 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         answer if the connection were closed with unread data.
         """
         if self._reading is Reading.BODY and self.cycle.response_complete:
+            rest_bytes = declared_bytes(self.headers) - self._body_bytes
+            if LINGER_BYTES < rest_bytes <= LINGER_BODY_BYTES:
+                self._linger_limit = rest_bytes
             self._linger()
         else:
             self.transport.close()
@@ -257,7 +288,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
     async def _receive_into(self, cycle: RequestResponseCycle, buffer: memoryview, arrived: Arrived) -> None:
         """Receives the body of a request, see ``ReceiveInto``."""
         if cycle.waiting_for_100_continue and not cycle.transport.is_closing():
-            cycle.transport.write(b"HTTP/1.1 100 Continue\r\n\r\n")
+            cycle.transport.write(_CONTINUE)
             cycle.waiting_for_100_continue = False
         parsed, cycle.body = cycle.body, bytearray()
         buffer[: len(parsed)] = parsed
@@ -286,6 +317,16 @@ class LimitedHttpProtocol(HttpToolsProtocol):
     def _end_hold(self) -> None:
         if self._held is not None and not self._held.done():
             self._held.set_result(None)
+
+    def _answer_begins(self, size_bytes: int) -> None:
+        self._answer_bytes = size_bytes
+        self.pace.begin(size_bytes, self.transport.get_write_buffer_size())
+
+    def _look_for_reset(self) -> None:
+        """Ends the connection if the caller's system has refused what was sent last: the caller is gone."""
+        connection = self.transport.get_extra_info("socket")
+        if connection.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
+            self.abort()
 
     def _take(self, arrived: Arrived, size: int) -> None:
         self._body_bytes += size
@@ -354,4 +395,5 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self.transport.write_eof()
 
 
+_CONTINUE = b"HTTP/1.1 100 Continue\r\n\r\n"
 _TOO_LARGE = (b"431 Request Header Fields Too Large", "request header fields too large")

@@ -205,6 +205,11 @@ class Metrics:
             "firstfix_queries_admitted", "Queries that wait or run", registry=registry
         )
         self.body_bytes = Gauge("firstfix_body_bytes", "Bytes of query bodies in memory", registry=registry)
+        self.unsent_bytes = Gauge(
+            "firstfix_unsent_bytes",
+            "Bytes of large answers in memory that callers have not taken in",
+            registry=registry,
+        )
         self.keys_age = Gauge(
             "firstfix_keys_age_seconds",
             "Time since the API keys were read; 0 without authentication",

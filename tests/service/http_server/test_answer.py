@@ -8,6 +8,7 @@ from typing import Any
 import uvicorn
 from uvicorn.server import ServerState
 
+from firstfix_service.http_server.answer import PIECE_BYTES, in_pieces
 from firstfix_service.http_server.connections import ConnectionLimits, Connections
 from firstfix_service.http_server.protocol import LimitedHttpProtocol
 from firstfix_service.settings import Settings
@@ -27,6 +28,9 @@ class Recorded(asyncio.Transport):
     def write(self, data: Any) -> None:
         assert not self.closed
         self.writes.append(bytes(data))
+
+    def get_write_buffer_size(self) -> int:
+        return 0
 
     def is_closing(self) -> bool:
         return self.closed
@@ -101,3 +105,42 @@ def test_two_pipelined_answers_are_complete():
     found = writes(REQUEST % b"POST" * 2)
     assert [piece.endswith(b"first") for piece in found] == [True, False, True, False]
     assert found[1] == found[3] == b"second"
+
+
+def test_a_long_piece_goes_out_in_short_writes():
+    long = bytes(range(256)) * 1000
+    for method in (b"GET", b"POST"):
+        found = writes(REQUEST % method, pieces=[long, b"end"])
+        assert b"".join(found).partition(b"\r\n\r\n")[2] == long + b"end"
+        assert len(found) > 4
+        assert max(map(len, found)) < PIECE_BYTES + 300, "a piece, and a head"
+
+
+def test_others_have_their_turn_between_the_pieces_of_an_answer():
+    async def exchange() -> list[int]:
+        turns, seen = 0, []
+
+        async def other() -> None:
+            nonlocal turns
+            while True:
+                turns += 1
+                await asyncio.sleep(0)
+
+        async def app(scope: Any, receive: Any, send: Any) -> None:
+            await send({"type": "http.response.start", "status": 200, "headers": []})
+            await send({"type": "http.response.body", "body": bytes(4 * PIECE_BYTES)})
+
+        async def send(message: Any) -> None:
+            seen.append(turns)
+
+        begun: list[int] = []
+        running = asyncio.create_task(other())
+        await asyncio.sleep(0)
+        await in_pieces(app, begun.append)({}, None, send)
+        running.cancel()
+        assert begun == [0], "of unknown length"
+        return seen
+
+    start, first, *others = asyncio.run(exchange())
+    assert start == first, "the head and the first piece go out together"
+    assert all(later > earlier for earlier, later in zip([first, *others], others, strict=False))

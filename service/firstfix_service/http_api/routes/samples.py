@@ -14,6 +14,7 @@ from firstfix.transform import from_quaternion
 
 from ...auth.principal import Principal
 from ...lanes import CHANGES, LISTS
+from ..answer_room import AnswerPlaceDep
 from ..authorize import CallerDep
 from ..bodies.json_body import read_model
 from ..dependencies import Parts, PartsDep
@@ -78,12 +79,15 @@ def get_sample(sample_id: SampleId, parts: PartsDep, caller: CallerDep) -> Sampl
     responses={200: {"content": {"*/*": {"schema": {"type": "string", "format": "binary"}}}}},
 )
 @LISTS.route
-def get_sample_body(sample_id: SampleId, parts: PartsDep, caller: CallerDep) -> Response:
+def get_sample_body(
+    sample_id: SampleId, parts: PartsDep, caller: CallerDep, place: AnswerPlaceDep
+) -> Response:
     """The body of the query, as it came: `POST /localize` takes it again.
 
     Its content encoding is in the sample, not in this answer's header: the body stays as it is.
     """
     sample = _shown(parts, caller, sample_id)
+    place.take(sample.body_bytes)
     return Response(
         parts.samples.body(sample_id),
         media_type="application/octet-stream",

@@ -9,6 +9,7 @@ from fastapi import APIRouter, Header, Query, Request, Response
 from firstfix.errors import NotFound
 
 from ...lanes import CHANGES, LISTS, READS
+from ..answer_room import AnswerPlaceDep
 from ..cache_headers import FOREVER
 from ..dependencies import PartsDep
 from ..schema.api_models import Activation, Retirement, VersionDetails, VersionPage, VersionReport
@@ -92,6 +93,7 @@ def get_picture(
     version: Version,
     request: Request,
     parts: PartsDep,
+    place: AnswerPlaceDep,
     if_none_match: Annotated[str | None, Header(description="ETags of the caller's copies")] = None,
 ) -> Response:
     """A picture of the version.
@@ -106,6 +108,7 @@ def get_picture(
     headers = {"ETag": f'"{entry.sha256}"', "Cache-Control": FOREVER}
     if if_none_match is not None and _names(if_none_match, headers["ETag"]):
         return Response(status_code=304, headers=headers)
+    place.take(min(entry.bytes, MAX_PICTURE_BYTES))
     data = parts.catalog.read_file(map_id, version, name, max_bytes=MAX_PICTURE_BYTES)
     return Response(data, media_type="image/png", headers=headers)
 

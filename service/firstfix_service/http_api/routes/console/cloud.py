@@ -10,6 +10,7 @@ from firstfix.catalog.manifest import CLOUD_INDEX, CLOUD_POINTS
 from firstfix.errors import NotFound
 
 from ....lanes import LISTS
+from ...answer_room import AnswerPlaceDep
 from ...cache_headers import FOREVER
 from ...dependencies import PartsDep
 from ...schema.parameters import MapId, Version
@@ -26,7 +27,7 @@ MAX_INDEX_BYTES = 64 << 20
     responses={200: {"content": {"application/json": {"schema": {"type": "object"}}}}},
 )
 @LISTS.route
-def get_cloud(map_id: MapId, version: Version, parts: PartsDep) -> Response:
+def get_cloud(map_id: MapId, version: Version, parts: PartsDep, place: AnswerPlaceDep) -> Response:
     """The nodes of the octree that holds the map's points.
 
     `low_m` and `edge_m`: low corner and edge of the root, in map coordinates. `nodes`: `[level, x, y, z,
@@ -34,8 +35,10 @@ def get_cloud(map_id: MapId, version: Version, parts: PartsDep) -> Response:
     `low_m + (x, y, z) * edge`. `marks`: `[first, count]` of the templates and of the mapping run, packed as
     points of the root. 404: the version was built before there were clouds, or it is provisional.
     """
-    if CLOUD_INDEX not in parts.catalog.manifest(map_id, version).files:
+    entry = parts.catalog.manifest(map_id, version).files.get(CLOUD_INDEX)
+    if entry is None:
         raise NotFound(f"version {version} of map {map_id} has no cloud for viewers")
+    place.take(min(entry.bytes, MAX_INDEX_BYTES))
     data = parts.catalog.read_file(map_id, version, CLOUD_INDEX, max_bytes=MAX_INDEX_BYTES)
     return Response(data, media_type="application/json", headers={"Cache-Control": FOREVER})
 
@@ -52,6 +55,7 @@ def get_cloud_points(
     map_id: MapId,
     version: Version,
     parts: PartsDep,
+    place: AnswerPlaceDep,
     first: Annotated[int, Query(ge=0, description="number of the first point")],
     count: Annotated[int, Query(ge=1, le=MAX_POINTS, description="number of points")],
 ) -> Response:
@@ -60,5 +64,6 @@ def get_cloud_points(
     Little-endian. The normal is two int8: the octahedral map of a unit vector to -127..127, or twice -128
     where it is not known.
     """
+    place.take(count * POINT_BYTES)
     data = parts.catalog.read_part(map_id, version, CLOUD_POINTS, first * POINT_BYTES, count * POINT_BYTES)
     return Response(data, media_type="application/octet-stream", headers={"Cache-Control": FOREVER})
