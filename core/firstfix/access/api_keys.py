@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import hashlib
 import hmac
-import json
 import re
 import secrets
 from collections.abc import Mapping
@@ -22,7 +21,7 @@ from datetime import datetime, timezone
 from typing import Any
 
 from ..errors import Conflict, InvalidOption, NotFound, UnreadableRecord
-from ..store.json_record import RecordKind, read_each, read_record, text_of, texts_of
+from ..store.json_record import RecordKind, read_each, read_record, record_json, text_of, texts_of
 from ..store.store import Store
 from .permissions import Grant
 
@@ -110,7 +109,7 @@ class ApiKeys:
             record["key_id"],
             record["revoked"],
         )  # the first is the object's name, the second an object of its own
-        if not self._store.put_new(_key(key_id, _RECORD), json.dumps(record, sort_keys=True).encode()):
+        if not self._store.put_new(_key(key_id, _RECORD), record_json(record)):
             there = None if token is None else self._record(key_id)
             if there is None or (there.name, there.grant, there.sha256) != (name, grant, key.sha256):
                 raise Conflict(f"a key {key_id} exists already: try again")
