@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 from .json_record import CHECKSUM, RecordKind, parse_record
 
 MAX_BYTES = 2048  # every bit is tried: a larger record would take seconds
 
 
+@lru_cache(64)  # a reader of a log meets the same damage again and again
 def with_bit_restored(data: bytes, kind: RecordKind) -> bytes | None:
     """A damaged record as it was before one bit of it flipped.
 
