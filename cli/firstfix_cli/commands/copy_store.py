@@ -27,8 +27,8 @@ def copy_store(source: From, target: To, as_json: AsJson = False) -> None:
     """Copy a store: to back up, restore or move it.
 
     Maps, builds and API keys are copied. Both stores may be in use. Every file is checked. Damaged files are
-    reported and not copied, and the exit code is then 2. A map that has another history in TO is left out, and
-    the exit code is then 5.
+    reported and not copied, and the exit code is then 2. A map that has another history in TO is left out,
+    and the exit code is then 5.
     """
     from firstfix.store.store import Store
     from firstfix.telemetry.redact import redact
