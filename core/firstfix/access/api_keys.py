@@ -89,13 +89,13 @@ class ApiKeys:
             token: made elsewhere, from 256 random bits; creating the same key again does nothing.
 
         Raises:
-            InvalidOption: the name is empty, too long or not printable, the expiry is in the past, or the
-                token has not the form of one.
+            InvalidOption: the name is empty, too long or not printable, the expiry is in the past by the
+                store's clock, or the token has not the form of one.
             Conflict: another key has this id.
         """
         if not 0 < len(name) <= MAX_NAME_CHARS or not name.isprintable():
             raise InvalidOption(f"a key's name is 1 to {MAX_NAME_CHARS} printable characters")
-        now = datetime.now(timezone.utc)
+        now = self._store.now()
         if expires is not None and expires <= now:
             raise InvalidOption("the key would be expired from the start")
         parts = (secrets.token_hex(6), secrets.token_hex(32)) if token is None else parse_token(token)
