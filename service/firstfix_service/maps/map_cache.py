@@ -128,6 +128,15 @@ class MapCache:
         gathered.add_done_callback(lambda _: self._loaded.end_overcommit())
         return gathered
 
+    def check_files(self, versions: Iterable[ServedVersion]) -> None:
+        """Reads the files of versions again, on which a query failed. Blocks.
+
+        Raises:
+            CorruptVersion: a file is damaged. The map's next query gets another version, or the reason.
+        """
+        for served in versions:
+            self._loader.check_files(served)
+
     def refresh(self, map_id: str) -> ServedVersion:
         """Reads the map's log and serves its active version, or the one before if that is refused.
 
