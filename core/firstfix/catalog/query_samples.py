@@ -128,8 +128,13 @@ class QuerySamples:
 
         Raises:
             NotFound: no such sample, or it was removed.
+            UnreadableRecord: the body is not the one that its record describes, or the record is damaged.
         """
-        return self._store.get(_key(sample_id, "body"))
+        body = self._store.get(_key(sample_id, "body"))
+        sha256 = self.get(sample_id).body_sha256
+        if sha256 and hashlib.sha256(body).hexdigest() != sha256:
+            raise UnreadableRecord(f"the body of sample {sample_id} is damaged", RecordKind.SAMPLE.value)
+        return body
 
     def set_truth(self, sample_id: str, truth: Mapping[str, Any]) -> QuerySample:
         """Note where the scan of a sample was taken; empty: it is not known. The last word is valid.

@@ -104,8 +104,8 @@ class VersionLoader:
     def check_files(self, served: ServedVersion) -> None:
         """Reads the files of a loaded version again, because a query failed on them.
 
-        They may be large, so this is done once in ``CHECK_EVERY_S``. A damaged version is evicted. One in a file
-        store is then refused, another one is fetched again.
+        They may be large, so this is done once in ``CHECK_EVERY_S``. A damaged version is evicted. One in a
+        file store is then refused, another one is fetched again.
 
         Raises:
             CorruptVersion: a file is missing or damaged.
