@@ -166,7 +166,7 @@ def verified(objects: dict[str, bytes]) -> Sequence[Any]:
 
 
 def differences(right: dict[str, Any], now: dict[str, Any]) -> tuple[list[str], list[str]]:
-    """What is lost, and what has a value that was never right."""
+    """Names of things that are lost, and of things with a value that was never right."""
     lost: list[str] = []
     false: list[str] = []
     for name, value in right.items():

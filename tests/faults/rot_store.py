@@ -191,7 +191,9 @@ def _received(store: Store, upload: Upload) -> frozenset[tuple[int, int]]:
 
 
 def _sightings(catalog: Catalog, map_id: str) -> frozenset[int]:
-    """As many numbers as there are sightings: fewer of them are a part."""
+    """Numbers of the sightings from 0 on: fewer of them are a part."""
+    if catalog.active_version(map_id) is None:
+        return frozenset()
     days = Sightings(catalog.store).read(_active(catalog, map_id)).days
     return frozenset(range(sum(day.tally.sightings for day in days.values())))
 

@@ -96,7 +96,7 @@ def test_an_event_of_a_later_release_has_a_right_checksum():
 
 
 def test_earlier_releases_read_a_sample_with_a_checksum():
-    """They know these fields and refuse others; and they replace the truth without a checksum."""
+    """Earlier releases know these fields, refuse others, and replace the truth without a checksum."""
     record = json.loads(stored_sample({"map_id": "hall"}))
     assert record.keys() == {*asdict(SAMPLE)} - {"body_sha256"}
     record["truth"] = {"map_id": "yard"}
