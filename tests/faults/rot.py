@@ -133,10 +133,12 @@ class Rot:
     def _backed_up(self, key: str, objects: dict[str, bytes]) -> list[str]:
         """Copy the damaged store, and restore it from a copy of the right one."""
         damaged, backup = in_memory(objects), Store.open("memory://")
+        # Without its log's entry nobody knows that a version is published: then all of its map waits.
+        own = "/".join(key.split("/")[:2]) if "/log/" in key else unit_of(key)
         others = [
             other
             for other in self._objects
-            if other.startswith(LASTS) and "/sightings/" not in other and unit_of(other) != unit_of(key)
+            if other.startswith(LASTS) and "/sightings/" not in other and not other.startswith(own)
         ]
         try:
             copy_store(damaged, backup)
