@@ -52,6 +52,10 @@ COARSE_CONFIG = {
 
 @pytest.fixture(scope="session")
 def small_world() -> SmallWorld:
+    return yard()
+
+
+def yard() -> SmallWorld:
     rng = np.random.default_rng(4)
     boxes = [([0, 0, -0.1], [16.4, 12.4, 0.2], 0.0)]
     for x, y, w, d in ((-8.1, 0, 0.2, 12.4), (8.1, 0, 0.2, 12.4), (0, -6.1, 16.4, 0.2), (0, 6.1, 16.4, 0.2)):

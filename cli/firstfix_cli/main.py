@@ -44,6 +44,7 @@ Exit codes:
   2  wrong usage, wrong input, or another error
   3  localize: ambiguous
   4  localize: rejected
+  5  copy-store: a map has another history in the target; all else is copied
 """
 FIRST_STEPS = examples(
     "firstfix world office -o world",

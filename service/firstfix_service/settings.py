@@ -54,9 +54,7 @@ class Settings(BaseSettings):
     )
 
     max_connections: int | None = Field(
-        None,
-        ge=1,
-        description="maximum number of HTTP connections; default: up to 4096, as open files allow",
+        None, ge=1, description="maximum number of HTTP connections; default: up to 4096, as open files allow"
     )
     max_connections_per_address: int = Field(
         256,
@@ -146,21 +144,17 @@ class Settings(BaseSettings):
         7200.0, gt=0, description="maximum time of a build without progress; then it fails"
     )
     build_max_memory_bytes: int | None = Field(
-        None,
-        ge=1,
-        description="maximum memory of one build; it fails if it needs more; default: no limit",
+        None, ge=1, description="maximum memory of one build; it fails if it needs more; default: no limit"
     )
     build_sandbox: Literal["auto", "required", "off"] = Field(
-        "auto",
-        description="confine builds: auto (as far as the kernel can), required, off",
+        "auto", description="confine builds: auto (as far as the kernel can), required, off"
     )
     provisional_versions: bool = Field(
         True,
         description="publish a coarse version first for a map without one; a build's config can forbid it",
     )
     share_stages: bool | None = Field(
-        None,
-        description="keep finished build stages in the store; default: true with NATS",
+        None, description="keep finished build stages in the store; default: true with NATS"
     )
     shared_stages_days: float = Field(
         7.0, gt=0, description="days that finished stages are kept in the store"
@@ -195,9 +189,7 @@ class Settings(BaseSettings):
         100 * GIB, ge=1, description="maximum announced size of the open uploads of one caller together"
     )
     max_upload_streams: int = Field(
-        16,
-        ge=1,
-        description="maximum number of uploads and forms at the same time; each needs 32 MiB",
+        16, ge=1, description="maximum number of uploads and forms at the same time; each needs 32 MiB"
     )
     max_upload_streams_per_caller: int = Field(
         4, ge=1, description="maximum number of uploads and forms of one caller at the same time"
@@ -333,9 +325,7 @@ class Settings(BaseSettings):
         (), description="networks of proxies whose X-Forwarded-For is trusted"
     )
     localize_per_s: float | None = Field(
-        None,
-        ge=0,
-        description="queries of one caller per second; 0: no limit; default: 50 if exposed",
+        None, ge=0, description="queries of one caller per second; 0: no limit; default: 50 if exposed"
     )
     builds_per_hour: float | None = Field(
         None,

@@ -11,6 +11,8 @@ import yaml
 
 from firstfix.builds.config import BuildConfig
 from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.geopose import Georeference
+from firstfix.catalog.georeferences import Georeferences
 from firstfix.catalog.manifest import Manifest
 from firstfix.catalog.sources import put_source
 from firstfix.errors import InvalidOption, NotFound
@@ -234,6 +236,17 @@ def test_maps_are_built_again_and_stores_copied(versions, tmp_path, capsys):
     copied = json.loads(capsys.readouterr().out)
     assert copied["damaged"] == []
     assert Catalog(Store.open(str(tmp_path / "copy"))).build_ids() == catalog.build_ids()
+
+
+def test_a_copy_with_another_history_has_an_exit_code_of_its_own(versions, tmp_path, capsys):
+    for name, latitude_deg in (("store", 47.0), ("copy", 48.0)):
+        store = Store.open(str(tmp_path / name))
+        Georeferences(store).set("hall", Georeference(latitude_deg, 11.0, 0.0, (0.0, 0.0, 0.0, 1.0)))
+    assert ended(["copy-store", tmp_path / "store", tmp_path / "copy", "--json"]) == 5
+    said = capsys.readouterr()
+    assert json.loads(said.out)["conflicts"] == ["maps/hall/georeference/000001.json"]
+    assert "maps/hall/georeference/000001.json" in said.err
+    assert Catalog(Store.open(str(tmp_path / "copy"))).active_version("hall") == versions[1]
 
 
 def test_a_store_is_verified_and_repaired(versions, tmp_path, capsys):

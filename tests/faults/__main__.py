@@ -18,6 +18,7 @@ DRILLS = (
     "neighbours",
     "power_cuts",
     "restart_clients",
+    "rot",
     "smoke",
 )
 

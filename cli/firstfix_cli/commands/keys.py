@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+from collections.abc import Callable
 from datetime import datetime, timedelta, timezone
 from typing import TYPE_CHECKING, Annotated
 
@@ -64,11 +65,15 @@ def create(
     as_json: AsJson = False,
 ) -> None:
     """Create a key and print it. It cannot be shown again."""
+    from firstfix.access.api_keys import ApiKeys
     from firstfix.access.permissions import ALL_MAPS, Grant
+    from firstfix.store.store import Store as ObjectStore
 
     grant = Grant.parse(scope, map_pattern or ALL_MAPS)
     given = None if token_env is None else os.environ.get(token_env, "")
-    key, token = _keys(store).create(name, grant, None if expires is None else _time(expires), given)
+    opened = ObjectStore.open(store)
+    until = None if expires is None else _time(expires, opened.now)
+    key, token = ApiKeys(opened).create(name, grant, until, given)
     if given is not None and not as_json:  # the caller has it: do not print it into a log
         typer.echo(_line(key))
         return
@@ -120,8 +125,8 @@ def _line(key: ApiKey) -> str:
     return f"{key.key_id}  {key.name}  {scopes} on {','.join(key.grant.maps)}  {state}"
 
 
-def _time(text: str) -> datetime:
-    """Returns the time of expiry.
+def _time(text: str, store_now: Callable[[], datetime]) -> datetime:
+    """Returns the time of expiry; a duration begins now by the store's clock.
 
     Raises:
         InvalidOption: the text is neither a duration nor a date.
@@ -129,7 +134,7 @@ def _time(text: str) -> datetime:
     if (match := _DURATION.fullmatch(text)) is not None:
         count = int(match[1])
         span = timedelta(hours=count) if match[2] == "h" else timedelta(days=count)
-        return datetime.now(timezone.utc) + span
+        return store_now() + span
     try:
         time = datetime.fromisoformat(text)
     except ValueError:

@@ -209,7 +209,7 @@ def verify(
 ) -> None:
     """Check all objects of a store for damage.
 
-    It reads records, logs, versions and sources. The exit code is 2 if damage remains.
+    It reads records, logs, versions, sources, kept queries and uploads. The exit code is 2 if damage remains.
     """
     from firstfix.store.store import Store as ObjectStore
     from firstfix.upkeep.repair import Repair
@@ -223,6 +223,8 @@ def verify(
         for finding in report.findings:
             typer.echo(f"{finding.key}: {finding.problem}")
             typer.echo(f"    {finding.mended or 'damaged'}")
+        for kind, count in sorted(report.kinds.items()):
+            typer.echo(f"{kind:16} {count:8,}")
         counted = f"{report.objects:,} objects checked, {report.bytes / 1e6:,.1f} MB read"
         mended = len(report.findings) - len(report.damaged)
         typer.echo(f"{counted}: {mended} mended, {len(report.damaged)} damaged")

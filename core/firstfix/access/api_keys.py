@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import hashlib
 import hmac
-import json
 import re
 import secrets
 from collections.abc import Mapping
@@ -22,7 +21,7 @@ from datetime import datetime, timezone
 from typing import Any
 
 from ..errors import Conflict, InvalidOption, NotFound, UnreadableRecord
-from ..store.json_record import RecordKind, read_each, read_record, text_of, texts_of
+from ..store.json_record import RecordKind, read_each, read_record, record_json, text_of, texts_of
 from ..store.store import Store
 from .permissions import Grant
 
@@ -90,13 +89,13 @@ class ApiKeys:
             token: made elsewhere, from 256 random bits; creating the same key again does nothing.
 
         Raises:
-            InvalidOption: the name is empty, too long or not printable, the expiry is in the past, or the
-                token has not the form of one.
+            InvalidOption: the name is empty, too long or not printable, the expiry is in the past by the
+                store's clock, or the token has not the form of one.
             Conflict: another key has this id.
         """
         if not 0 < len(name) <= MAX_NAME_CHARS or not name.isprintable():
             raise InvalidOption(f"a key's name is 1 to {MAX_NAME_CHARS} printable characters")
-        now = datetime.now(timezone.utc)
+        now = self._store.now()
         if expires is not None and expires <= now:
             raise InvalidOption("the key would be expired from the start")
         parts = (secrets.token_hex(6), secrets.token_hex(32)) if token is None else parse_token(token)
@@ -110,7 +109,7 @@ class ApiKeys:
             record["key_id"],
             record["revoked"],
         )  # the first is the object's name, the second an object of its own
-        if not self._store.put_new(_key(key_id, _RECORD), json.dumps(record, sort_keys=True).encode()):
+        if not self._store.put_new(_key(key_id, _RECORD), record_json(record)):
             there = None if token is None else self._record(key_id)
             if there is None or (there.name, there.grant, there.sha256) != (name, grant, key.sha256):
                 raise Conflict(f"a key {key_id} exists already: try again")

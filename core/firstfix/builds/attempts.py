@@ -15,7 +15,6 @@ build publishes is created once and named by its content.
 
 from __future__ import annotations
 
-import json
 import math
 import re
 import uuid
@@ -27,7 +26,7 @@ from typing import Any
 
 from ..errors import BuildAttemptsExceeded, NotFound, UnreadableRecord
 from ..ids import check_build_id
-from ..store.json_record import RecordKind, read_record, text_of
+from ..store.json_record import RecordKind, read_record, record_json, text_of, without_checksum
 from ..store.store import Store
 
 _NAME = re.compile(r"(\d{6,})\.(json|beat|look|end\.json)")
@@ -179,7 +178,7 @@ class BuildAttempts:
                     )
 
     def _create(self, key: str, record: dict[str, Any]) -> bool:
-        data = json.dumps(record, sort_keys=True).encode()
+        data = record_json(record)
         # After a lost reply the retry meets its own object.
         return self._store.put_new(key, data) or self._store.get(key) == data
 
@@ -210,7 +209,7 @@ def parse_attempt(record: dict[str, Any]) -> dict[str, Any]:
     text_of(record, "end" if "end" in record else "holder")
     for name in ("stage", "why", "time"):
         text_of(record, name, "")
-    return record
+    return without_checksum(record)
 
 
 def _read(store: Store, key: str) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from typing import Any
 
 from ..errors import IdempotencyConflict, NotFound
 from ..ids import check_build_id
-from ..store.json_record import RecordKind, read_record, text_of
+from ..store.json_record import RecordKind, read_record, record_json, text_of
 from ..store.store import Store
 
 FOLDER = "idempotency"
@@ -55,7 +55,7 @@ def claim_build(store: Store, key: CallersKey, fingerprint: str, build_id: str) 
         IdempotencyConflict: the key was used for another request.
         UnreadableRecord: the claim is damaged: the caller needs another key.
     """
-    record = json.dumps({"fingerprint": fingerprint, "build_id": build_id}).encode()
+    record = record_json({"fingerprint": fingerprint, "build_id": build_id})
     if store.put_new(key.name, record):
         return build_id
     try:

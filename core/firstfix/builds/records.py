@@ -15,13 +15,12 @@ All other builds go on. ``firstfix.upkeep.repair`` repairs it or moves it aside.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..errors import Conflict, NotFound, UnreadableRecord
 from ..ids import check_build_id, check_version, is_name
-from ..store.json_record import RecordKind, read_record, text_of
+from ..store.json_record import RecordKind, read_record, record_json, text_of, without_checksum
 from ..store.store import Store
 from ..telemetry.redact import redact
 
@@ -42,7 +41,7 @@ class BuildRecords:
         Raises:
             Conflict: a build has this id already.
         """
-        if not self.store.put_new(_key(build_id, "request.json"), _to_json(request)):
+        if not self.store.put_new(_key(build_id, "request.json"), record_json(request)):
             raise Conflict(f"a build {build_id} exists already")
 
     def build_ids(self) -> list[str]:
@@ -112,7 +111,7 @@ class BuildRecords:
 
     def set_build_status(self, build_id: str, status: Mapping[str, Any]) -> None:
         """Replace the status of a build (``new_status``)."""
-        self.store.put(_key(build_id, "status.json"), _to_json(status))
+        self.store.put(_key(build_id, "status.json"), record_json(status))
 
     def build_stages(self, build_id: str) -> list[dict[str, Any]]:
         """Stages of the last run that ended: ``stage``, ``seconds`` and ``cached`` of each.
@@ -129,7 +128,8 @@ class BuildRecords:
 
     def set_build_stages(self, build_id: str, stages: Sequence[Mapping[str, Any]]) -> None:
         """Record the stages of a run that has ended."""
-        self.store.put(_key(build_id, "stages.json"), _to_json({"stages": [dict(stage) for stage in stages]}))
+        record = record_json({"stages": [dict(stage) for stage in stages]})
+        self.store.put(_key(build_id, "stages.json"), record)
 
     def request_cancel(self, build_id: str) -> None:
         """Ask a build to stop. The build worker checks for this once a second.
@@ -181,10 +181,6 @@ def _key(build_id: str, name: str) -> str:
     return f"builds/{check_build_id(build_id)}/{name}"
 
 
-def _to_json(record: Mapping[str, Any]) -> bytes:
-    return json.dumps(record, sort_keys=True, allow_nan=False).encode("utf-8")
-
-
 def parse_request(record: dict[str, Any]) -> dict[str, Any]:
     """Parse the request of a build.
 
@@ -204,7 +200,7 @@ def parse_request(record: dict[str, Any]) -> dict[str, Any]:
     for name in ("file_name", "owner"):
         if record.get(name) is not None:
             text_of(record, name)
-    return record
+    return without_checksum(record)
 
 
 def parse_status(record: dict[str, Any]) -> dict[str, Any]:

@@ -12,7 +12,6 @@ that may be deleted at any time.
 
 from __future__ import annotations
 
-import json
 import logging
 import shutil
 from dataclasses import dataclass
@@ -22,7 +21,7 @@ from typing import Any
 
 from ..errors import CorruptVersion, FirstfixError, NotFound, TooLarge, UnreadableRecord
 from ..ids import check_version
-from ..store.json_record import RecordKind, read_record, text_of, whole_number_of
+from ..store.json_record import RecordKind, read_record, record_json, text_of, whole_number_of
 from ..store.sha256 import sha256_of
 from ..store.store import Store
 
@@ -103,7 +102,7 @@ class SharedStages:
             "stage": name,
             "files": {file.name: {"sha256": file.sha256, "bytes": file.bytes} for file in files},
         }
-        self._put_record(key, json.dumps(record, sort_keys=True).encode())
+        self._put_record(key, record_json(record))
         _log.debug("stage %s shared: %d bytes", name, sent)
         return sent
 

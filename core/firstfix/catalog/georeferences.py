@@ -7,13 +7,12 @@ A georeference belongs to the map, not to a version: all versions of a map are i
 
 from __future__ import annotations
 
-import json
 import re
 from typing import Any
 
 from ..errors import StoreUnavailable
 from ..ids import check_map_id
-from ..store.json_record import RecordKind, read_record
+from ..store.json_record import RecordKind, read_record, record_json
 from ..store.store import Store
 from .geopose import Georeference
 
@@ -44,8 +43,7 @@ class Georeferences:
 
         If two are set at the same time, the one with the higher number is valid.
         """
-        content = None if georeference is None else georeference.to_mapping()
-        data = json.dumps(content, sort_keys=True, allow_nan=False).encode("ascii")
+        data = b"null" if georeference is None else record_json(georeference.to_mapping())
         for _ in range(_MAX_RACES):
             if self._store.put_new(_key(map_id, self._last(map_id) + 1), data):
                 return

@@ -3,11 +3,13 @@
     samples/<sample_id>.body    body of the query, in its own encoding
     samples/<sample_id>.json    request and answer; written last: without it there is no sample
 
-Ids begin with the time, so that they sort by age.
+Ids begin with the time, so that they sort by age. Earlier releases refuse a record with another field, and
+replace its truth alone. So the checksum is within the answer and covers all but the truth, which has its own.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from collections.abc import Iterator, Mapping
@@ -17,11 +19,22 @@ from datetime import datetime, timedelta
 from typing import Any
 
 from ..errors import InvalidOption, NotFound, UnreadableRecord
-from ..store.json_record import RecordKind, read_record, text_of, texts_of, whole_number_of
+from ..store.json_record import (
+    CHECKSUM,
+    RecordKind,
+    checksum_of,
+    read_record,
+    text_of,
+    texts_of,
+    whole_number_of,
+    with_checksum,
+    without_checksum,
+)
 from ..store.store import Store
 
 FOLDER = "samples"
 REPLAY = "replay-"  # prefix of the request id of a replayed query, which is not sampled again
+_BODY_SHA256 = "body_sha256"
 _ID = re.compile(r"(\d{8}t\d{12})-[0-9a-f]{8}")
 _TIME_FORM = "%Y%m%dt%H%M%S%f"
 
@@ -38,6 +51,7 @@ class QuerySample:
         answer: ``Localization.to_mapping``.
         truth: where the scan was taken, as people have told since: ``map_id`` and ``T_map_sensor``, in the
             form of the answer; empty if nobody has.
+        body_sha256: of the body, as hex; empty in samples of earlier releases.
     """
 
     sample_id: str
@@ -53,6 +67,7 @@ class QuerySample:
     body_bytes: int
     service_version: str = field(default="")
     truth: Mapping[str, Any] = field(default_factory=dict)
+    body_sha256: str = ""
 
     def is_about(self, map_id: str) -> bool:
         """Returns whether the map is in the request or the answer."""
@@ -77,7 +92,7 @@ class QuerySamples:
     def put(self, sample: QuerySample, body: bytes) -> None:
         """Store a sample."""
         self._store.put(_key(sample.sample_id, "body"), body)
-        self._put_record(sample)
+        self._put_record(replace(sample, body_sha256=hashlib.sha256(body).hexdigest()))
 
     def ids(self) -> list[str]:
         """Ids of all samples, oldest first."""
@@ -113,8 +128,13 @@ class QuerySamples:
 
         Raises:
             NotFound: no such sample, or it was removed.
+            UnreadableRecord: the body is not the one that its record describes, or the record is damaged.
         """
-        return self._store.get(_key(sample_id, "body"))
+        body = self._store.get(_key(sample_id, "body"))
+        sha256 = self.get(sample_id).body_sha256
+        if sha256 and hashlib.sha256(body).hexdigest() != sha256:
+            raise UnreadableRecord(f"the body of sample {sample_id} is damaged", RecordKind.SAMPLE.value)
+        return body
 
     def set_truth(self, sample_id: str, truth: Mapping[str, Any]) -> QuerySample:
         """Note where the scan of a sample was taken; empty: it is not known. The last word is valid.
@@ -132,7 +152,7 @@ class QuerySamples:
             self._store.delete(_key(sample_id, ending))
 
     def _put_record(self, sample: QuerySample) -> None:
-        self._store.put(_key(sample.sample_id, "json"), json.dumps(asdict(sample), sort_keys=True).encode())
+        self._store.put(_key(sample.sample_id, "json"), _to_json(sample))
 
     def prune(self, *, older_than_s: float, max_bytes: int) -> int:
         """Remove samples of this age by the store's clock, then the oldest until ``max_bytes`` are left.
@@ -157,16 +177,32 @@ class QuerySamples:
         return left
 
 
+def _to_json(sample: QuerySample) -> bytes:
+    """Content of the object of a sample's record."""
+    values = asdict(sample)
+    truth = values.pop("truth")
+    values["answer"][_BODY_SHA256] = values.pop(_BODY_SHA256)
+    values["answer"][CHECKSUM] = checksum_of(values)
+    values["truth"] = with_checksum(truth) if truth else {}
+    return json.dumps(values, sort_keys=True, allow_nan=False).encode("ascii")
+
+
 def parse_sample(record: dict[str, Any]) -> QuerySample:
     """Parse the record of a sample.
 
     Raises:
         ValueError, KeyError, TypeError: it is not the record of a sample.
     """
-    sample = QuerySample(**record)
+    values = {**record, "truth": without_checksum(record.get("truth", {})), "answer": {**record["answer"]}}
+    checksum = values["answer"].pop(CHECKSUM, None)
+    covered = {name: value for name, value in values.items() if name != "truth"}
+    if checksum is not None and checksum != checksum_of(covered):
+        raise ValueError("its checksum is wrong")
+    values[_BODY_SHA256] = values["answer"].pop(_BODY_SHA256, "")
+    sample = QuerySample(**values)
     for one in fields(QuerySample):
         if one.name not in ("options", "answer", "body_bytes", "truth"):
-            text_of(record, one.name, "")
+            text_of(values, one.name, "")
     whole_number_of(record, "body_bytes")
     if not isinstance(sample.options, dict) or not isinstance(sample.truth, dict):
         raise TypeError("options or truth is not an object")

@@ -62,6 +62,22 @@ def map_arrays(path: Path) -> dict[str, NDArray[Any]]:
         raise ValueError(f"{path.name}: {error}") from None
 
 
+def check_numbers(name: str, numbers: NDArray[np.integer], end: int, *, ascending: bool = False) -> None:
+    """Check that all numbers are from 0 to ``end - 1``, as the rows of a table are.
+
+    Args:
+        name: of the array, for the message.
+        ascending: along the last axis no number may be less than the one before it.
+
+    Raises:
+        ValueError: they are not.
+    """
+    if numbers.size and not (numbers.min() >= 0 and numbers.max() < end):
+        raise ValueError(f"{name} has numbers that are not from 0 to {end - 1}")
+    if ascending and (numbers[..., 1:] < numbers[..., :-1]).any():
+        raise ValueError(f"{name} does not ascend")
+
+
 def _mapped(content: NDArray[np.uint8], entry: Mapping[str, Any]) -> NDArray[Any]:
     dtype, shape = np.dtype(_DTYPES[entry["dtype"]]), entry["shape"]
     begin, end = entry["data_offsets"]

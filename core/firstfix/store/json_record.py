@@ -1,4 +1,7 @@
-"""JSON records of a store: the one way to read them, with limits on size and a parser for each kind.
+"""JSON records of a store: the one way to write and read them, with limits on size and parsers by kind.
+
+A record carries a checksum, so that no flipped bit passes for a value: ``record_json`` writes it, and every
+reader checks it. A record without one is of an earlier release.
 
 A damaged record is an error of that record alone: ``UnreadableRecord`` names it, and a caller that reads many
 records skips it. Each such record is reported once to ``Store.unreadable``, which logs and counts it.
@@ -6,6 +9,7 @@ records skips it. Each such record is reported once to ``Store.unreadable``, whi
 
 from __future__ import annotations
 
+import hashlib
 import json
 import logging
 import threading
@@ -25,6 +29,7 @@ T = TypeVar("T")
 K = TypeVar("K")
 READERS = 8  # records read at the same time: a remote store takes tens of milliseconds for each
 _REMEMBERED = 10_000  # unreadable records that were reported
+CHECKSUM = "checksum"  # the field's name
 
 
 class RecordKind(str, Enum):
@@ -62,12 +67,48 @@ _MAX_BYTES = {
 }
 
 
+def record_json(record: Mapping[str, Any]) -> bytes:
+    """Content of a record's object, with its checksum.
+
+    Args:
+        record: values that come back from JSON as they are; the keys of objects are texts.
+
+    Raises:
+        ValueError, TypeError: a value has no JSON form.
+    """
+    return json.dumps(with_checksum(record), sort_keys=True, allow_nan=False).encode("ascii")
+
+
+def with_checksum(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The values, and the checksum of all of them in one more field."""
+    return {**values, CHECKSUM: checksum_of(values)}
+
+
+def checksum_of(values: Mapping[str, Any]) -> str:
+    """SHA-256 of the one JSON form of values: sorted keys, no spaces, ASCII."""
+    text = json.dumps(values, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode("ascii")).hexdigest()
+
+
+def without_checksum(record: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of a record, compared with its checksum if it has one.
+
+    Raises:
+        ValueError: the checksum is wrong.
+    """
+    values = {name: value for name, value in record.items() if name != CHECKSUM}
+    if CHECKSUM in record and record[CHECKSUM] != checksum_of(values):
+        raise ValueError("its checksum is wrong")
+    return values
+
+
 def read_record(store: Store, key: str, kind: RecordKind, parse: Callable[[Any], T]) -> T:
     """Read the record under a key and parse it.
 
     Args:
-        parse: takes the JSON object, or None for a georeference's ``null``. It raises ValueError, KeyError,
-            TypeError, AttributeError or FirstfixError if the object is not a record of this kind.
+        parse: takes the JSON object with its checksum, or None for a georeference's ``null``. It raises
+            ValueError, KeyError, TypeError, AttributeError or FirstfixError if the object is not a record of
+            this kind.
 
     Raises:
         NotFound: no such key.
@@ -76,7 +117,7 @@ def read_record(store: Store, key: str, kind: RecordKind, parse: Callable[[Any],
     """
     try:
         data = store.get(key, max_bytes=max_bytes(kind))
-        found = parse_record(data, parse, nullable=kind is RecordKind.GEOREFERENCE)
+        found = parse_record(data, kind, parse)
     except (TooLarge, ValueError) as error:
         unreadable = UnreadableRecord(f"{key} cannot be read: {error}", kind.value, key)
         store.unreadable.report(unreadable)
@@ -85,19 +126,18 @@ def read_record(store: Store, key: str, kind: RecordKind, parse: Callable[[Any],
     return found
 
 
-def parse_record(data: bytes, parse: Callable[[Any], T], *, nullable: bool = False) -> T:
+def parse_record(data: bytes, kind: RecordKind, parse: Callable[[Any], T]) -> T:
     """Decode and parse a record.
 
-    Args:
-        nullable: accept ``null`` as a record.
-
     Raises:
-        ValueError: the data is not a JSON object, or the parser refuses it.
+        ValueError: the data is not a JSON object, its checksum is wrong, or the parser refuses it.
     """
     try:
         record = json.loads(data, parse_constant=_refuse)
-        if not isinstance(record, dict) and not (nullable and record is None):
-            raise ValueError("it is not a JSON object")
+        if not (record is None and kind is RecordKind.GEOREFERENCE):
+            if not isinstance(record, dict):
+                raise ValueError("it is not a JSON object")
+            without_checksum(record)
         return parse(record)
     except (KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise ValueError(f"{type(error).__name__}: {error}") from None

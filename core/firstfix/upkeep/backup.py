@@ -7,7 +7,7 @@ nor ``samples/``, nor the sightings of versions (``firstfix.catalog.sightings``)
 Both stores may be in use. The logs are read first and written last. So every version in the copy's logs was
 whole when it was read, and readers of the copy never see a version before its files. Nothing is removed, and
 nothing is replaced except the status of builds and damaged objects. So an interrupted copy can be continued,
-and an older one can be updated.
+and an older one can be updated. A map whose log is another one in the target is left out, with its builds.
 
 A file that the copy already has is compared by its sha256, not only by its size. For this it is read once in
 ``CHECKED_FOR`` (``firstfix.upkeep.checked_objects``), and copied again if it differs.
@@ -23,15 +23,17 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import timedelta
 
+from ..builds.records import BuildRecords
 from ..catalog.log.change_log import ChangeLog
 from ..catalog.log.map_log import MapLog
 from ..catalog.manifest import FILE_NAME
 from ..catalog.sources import sha256_of_source
 from ..catalog.versions.objects import VersionFolder
-from ..errors import Conflict, CorruptVersion, NotFound
+from ..errors import CorruptVersion, InvalidOption, NotFound, UnreadableRecord
 from ..ids import is_name
 from ..store.store import Store, StoredObject
 from .checked_objects import CheckedObjects
+from .record_copies import Copies, compare_copies
 from .record_kinds import why_unreadable
 
 _AT_ONCE = 4
@@ -49,20 +51,21 @@ class CopyReport:
         bytes: size of the copied objects.
         mended: keys that were damaged in the target and were copied again.
         damaged: keys that are missing or damaged in the source. They are not copied.
+        conflicts: keys under which the target has other content: there it is not a copy of the source. They
+            are not copied, and if one is in a map's log, nothing of this map is.
     """
 
     objects: int = 0
     bytes: int = 0
     mended: list[str] = field(default_factory=list)
     damaged: list[str] = field(default_factory=list)
+    conflicts: list[str] = field(default_factory=list)
 
 
 def copy_store(source: Store, target: Store) -> CopyReport:
     """Copy a store, and verify every file by its sha256 on the way.
 
     Raises:
-        Conflict: the target has other content under a key, so it is not a copy of the source. If the key is
-            in a map's log, nothing was written.
         StoreError, ReadOnly: a store failed. A repeated call continues.
     """
     return _Copy(source, target).run()
@@ -74,22 +77,23 @@ class _Copy:
         self._target = target
         self._there: dict[str, StoredObject] = {}  # objects of the target, by key
         self._copied: set[str] = set()  # verified files of the current map in the target
+        self._maps_of_builds: dict[str, str] = {}
         self._report = CopyReport()
 
     def run(self) -> CopyReport:
         self._there = {found.key: found for name in _FOLDERS for found in self._target.scan(name)}
         map_ids = [name for name in self._source.folders("maps") if is_name(name)]
         logs = {map_id: self._read_log(map_id) for map_id in map_ids}
-        for log in logs.values():
-            for key in log.keys() & self._there.keys():
-                self._needs_repair(key, log[key])
+        logs = {map_id: log for map_id, log in logs.items() if not self._is_other_map(log)}
         builds = self._source.list("builds")  # before the sources, which are put before the builds
         for map_id in logs:
             self._copy_files_of(map_id)
             self._write(self._read(f"maps/{map_id}/georeference"))
+        left_out = frozenset(map_ids) - logs.keys()
         for key in builds:
             with suppress(NotFound):  # collected meanwhile
-                self._write({key: self._source.get(key)})
+                if not left_out or self._map_of_build(key) not in left_out:
+                    self._write({key: self._source.get(key)})
         self._write(self._read("keys"))
         for map_id, log in logs.items():
             if self._write(log):
@@ -130,7 +134,10 @@ class _Copy:
                     continue
                 self._target.put(key, data)
             elif key in self._there or not self._target.put_new(key, data):
-                if not self._needs_repair(key, data):
+                copies = compare_copies(key, data, self._target.get(key))
+                if copies is Copies.DIFFERENT:
+                    self._report.conflicts.append(key)
+                if copies is not Copies.TARGET_DAMAGED:
                     continue
                 self._mend(key, data)
             self._count(len(data))
@@ -140,19 +147,26 @@ class _Copy:
         self._target.put(key, data)
         self._report.mended.append(key)
 
-    def _needs_repair(self, key: str, data: bytes) -> bool:
-        """Returns whether the target's record is damaged and the source's is not.
+    def _is_other_map(self, log: Mapping[str, bytes]) -> bool:
+        """Returns whether the target has another log under this map's name, and notes where they differ."""
+        conflicts = [
+            key
+            for key in sorted(log.keys() & self._there.keys())
+            if compare_copies(key, log[key], self._target.get(key)) is Copies.DIFFERENT
+        ]
+        self._report.conflicts += conflicts
+        return bool(conflicts)
 
-        Raises:
-            Conflict: the records differ and neither is damaged. Snapshots of the same entries may differ in
-                the entries that their writers could not read.
-        """
-        there = self._target.get(key)
-        if there == data or why_unreadable(key, data) is not None:
-            return False
-        if why_unreadable(key, there) is None and not _are_alike(key, there, data):
-            raise Conflict(f"{key} has other content in the target: it is not a copy of this store")
-        return why_unreadable(key, there) is not None
+    def _map_of_build(self, key: str) -> str:
+        """Map of a build, by the key of one of its records; empty if nobody can tell."""
+        build_id = key.split("/")[1]
+        if build_id not in self._maps_of_builds:
+            try:
+                request = BuildRecords(self._source).build_request(build_id)
+            except (NotFound, UnreadableRecord, InvalidOption):
+                request = {}
+            self._maps_of_builds[build_id] = str(request.get("map_id", ""))
+        return self._maps_of_builds[build_id]
 
     def _count(self, size: int) -> None:
         self._report.objects += 1
@@ -235,9 +249,3 @@ def pieces_of(store: Store, key: str, sha256: str) -> Iterator[bytes]:
         yield piece
     if digest.hexdigest() != sha256:
         raise CorruptVersion(f"{key} has another sha256")
-
-
-def _are_alike(key: str, one: bytes, other: bytes) -> bool:
-    if "/snapshots/" not in key:
-        return False
-    return {**json.loads(one), "skipped": []} == {**json.loads(other), "skipped": []}

@@ -8,13 +8,12 @@ was put again since has another time or ETag, and is read again.
 
 from __future__ import annotations
 
-import json
 from datetime import datetime, timedelta, timezone
 from typing import Any
 
 from ..errors import NotFound, UnreadableRecord
 from ..ids import check_map_id
-from ..store.json_record import RecordKind, read_record
+from ..store.json_record import RecordKind, read_record, record_json
 from ..store.store import Store, StoredObject
 
 FOLDER = "checked"
@@ -59,7 +58,7 @@ class CheckedObjects:
         for key in self._checked.keys() - kept:
             self.drop(key)
         if self._changed:
-            self._store.put(self._key, json.dumps({"checked": self._checked}, sort_keys=True).encode())
+            self._store.put(self._key, record_json({"checked": self._checked}))
             self._changed = False
 
 

@@ -47,11 +47,7 @@ class RecordForm:
         group = match[1] if match is not None and match.lastindex else ""
         if len(data) > max_bytes(self.kind):
             raise ValueError(f"it has {len(data)} bytes, too many for its kind")
-        parse_record(
-            data,
-            lambda record: self.parse(group, record),
-            nullable=self.kind is RecordKind.GEOREFERENCE,
-        )
+        parse_record(data, self.kind, lambda record: self.parse(group, record))
 
 
 def _form(kind: RecordKind, pattern: str, parse: Callable[[str, Any], object]) -> RecordForm:

@@ -1,19 +1,19 @@
 """Repair of a store's damaged objects from other copies of their content.
 
     file of a version, source    copied from any object or local file with the same sha256
+    record with one flipped bit  the bit is flipped back: the record's checksum tells which
     status of a build            made from the map's log; otherwise the build is queued again
     entry of a map's log         made from a snapshot that contains it
     notice of a change           replaced by a void one
     any other record             moved below ``quarantine/``, as if it did not exist
 
-Three kinds are left for people: an entry of a log that no snapshot contains, because its number must not be
-used twice; the valid georeference, because the one before would give wrong positions; and a version's
-manifest.
+Three kinds are left for people, if more than one bit is wrong: an entry of a log that no snapshot contains,
+because its number must not be used twice; the valid georeference, because the one before would give wrong
+positions; and a version's manifest.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -22,14 +22,16 @@ from ..builds.attempts import has_open_attempt
 from ..builds.records import new_status
 from ..builds.shared_stages import ROOT as STAGES
 from ..catalog.catalog import Catalog
+from ..catalog.log.change_log import notice_json
 from ..catalog.log.map_log import read_snapshot, snapshots_of
 from ..catalog.log.map_state import Event
 from ..catalog.manifest import FILE_NAME
 from ..catalog.sources import sha256_of_source
 from ..catalog.versions.objects import VersionFolder
-from ..errors import CorruptVersion, FirstfixError, NotFound, UnreadableRecord
+from ..errors import CorruptVersion, FirstfixError, NotFound, TooLarge, UnreadableRecord
 from ..ids import is_name
-from ..store.json_record import RecordKind
+from ..store.flipped_bit import with_bit_restored
+from ..store.json_record import RecordKind, max_bytes
 from ..store.numbered import number_of, scan_after
 from ..store.sha256 import sha256_of
 from ..store.store import Store
@@ -73,6 +75,12 @@ class Repair:
 
     def record(self, key: str, kind: RecordKind) -> str:
         """Repair a damaged record or move it aside. Returns what was done; empty if nothing was."""
+        with suppress(NotFound, TooLarge):
+            data = with_bit_restored(self._store.get(key, max_bytes=max_bytes(kind)), kind)
+            if data is not None:
+                self._keep(key)
+                self._store.put(key, data)
+                return "one bit was flipped back"
         return self._special.get(kind, self._aside)(key)
 
     def _aside(self, key: str) -> str:
@@ -126,7 +134,7 @@ class Repair:
 
     def _change_notice(self, key: str) -> str:
         self._keep(key)
-        self._store.put(key, json.dumps({"map_id": None}).encode())
+        self._store.put(key, notice_json(None))
         return "replaced by a void one"
 
     def _georeference(self, key: str) -> str:

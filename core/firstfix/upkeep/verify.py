@@ -1,6 +1,7 @@
 """Verification of all objects in a store against their names, manifests and kinds, one after another.
 
     records      can be parsed (``firstfix.upkeep.record_kinds``)
+    bodies       of kept queries and uploads have the sizes and the sha256 in their records
     logs         have no missing number; each published version has a manifest
     versions     the manifest has the digest that names the version, each file the sha256 in the manifest
     sources      have the sha256 in their name
@@ -15,6 +16,7 @@ import hashlib
 import json
 import random
 from collections.abc import Generator, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import timedelta
 from typing import Any
@@ -28,6 +30,7 @@ from ..errors import NotFound, TooLarge
 from ..ids import is_name
 from ..store.json_record import max_bytes
 from ..store.store import Store, StoredObject
+from .bodies import Body, bodies_of_samples, bodies_of_uploads
 from .checked_objects import CheckedObjects
 from .record_kinds import FOLDERS, RecordForm, form_of
 from .repair import Repair
@@ -53,12 +56,15 @@ class VerifyReport:
     Attributes:
         objects: number of objects that were read or found missing.
         bytes: number of bytes that were read.
+        kinds: number of objects of each kind: of a record its kind, and ``manifest``, ``version_file``,
+            ``source``, ``sample_body`` and ``upload_part``.
         fresh: number of files that were not read, because they were verified lately.
     """
 
     objects: int = 0
     bytes: int = 0
     fresh: int = 0
+    kinds: dict[str, int] = field(default_factory=dict)
     findings: list[Finding] = field(default_factory=list)
 
     @property
@@ -106,6 +112,9 @@ class Verification:
         for folder in FOLDERS:
             if folder != "maps":
                 yield from self._records(self._store.scan(folder))
+        for kind, bodies in (("sample_body", bodies_of_samples), ("upload_part", bodies_of_uploads)):
+            for body in bodies(self._store):
+                yield from self._body(kind, body)
         map_ids = [name for name in self._store.folders("maps") if is_name(name)]
         for map_id in random.sample(map_ids, len(map_ids)):
             yield from self._map(map_id)
@@ -117,14 +126,14 @@ class Verification:
         for number in state.skipped:
             key = f"{log_folder(map_id)}/{number:06d}.json"
             if key not in items:
-                self._found(key, "an entry of the log is missing")
+                self._found("log_entry", key, "an entry of the log is missing")
         checked = None if self._max_age is None else CheckedObjects(self._store, map_id)
         for version in state.published:
             folder = VersionFolder(map_id, version, state.generation(version))
             yield from self._version(folder, items, checked)
         for key, item in items.items():
             if key.startswith(f"maps/{map_id}/sources/"):
-                yield from self._file(item, sha256_of_source(key), checked)
+                yield from self._file("source", item, sha256_of_source(key), checked)
         if checked is not None:
             checked.save(set(items))
 
@@ -139,25 +148,51 @@ class Verification:
             if (
                 state.generations.get(folder.version) == folder.generation
             ):  # otherwise it was retired meanwhile
-                self._found(key, "the log has this version as published, but it has no manifest")
+                self._found("manifest", key, "the log has this version as published, but it has no manifest")
             return
         except TooLarge as error:
-            self._found(key, str(error))
+            self._found("manifest", key, str(error))
             return
-        self._count(len(data))
+        self.report.bytes += len(data)
         yield len(data)
         if hashlib.sha256(data).hexdigest() != folder.version:
-            self._found(key, "the manifest has another digest than the version")
+            self._found("manifest", key, "the manifest has another digest than the version")
             return
+        self._count("manifest", 0)
         files: dict[str, Any] = json.loads(data)["files"]
         for name, entry in files.items():
             item = items.get(f"{folder.key}/{name}")
             if item is not None:
-                yield from self._file(item, entry["sha256"], checked)
+                yield from self._file("version_file", item, entry["sha256"], checked)
             elif not self._store.exists(f"{folder.key}/{name}"):
-                self._found(f"{folder.key}/{name}", "a file of the version is missing", entry["sha256"])
+                self._found(
+                    "version_file",
+                    f"{folder.key}/{name}",
+                    "a file of the version is missing",
+                    entry["sha256"],
+                )
 
-    def _file(self, item: StoredObject, sha256: str, checked: CheckedObjects | None) -> Iterator[int]:
+    def _body(self, kind: str, body: Body) -> Iterator[int]:
+        problem = body.problem
+        if body.sha256 and not problem:
+            digest = hashlib.sha256()
+            with suppress(NotFound):  # removed meanwhile
+                for key in body.keys:
+                    for piece in self._store.pieces(key):
+                        digest.update(piece)
+                        self.report.bytes += len(piece)
+                        yield len(piece)
+            if digest.hexdigest() != body.sha256:
+                problem = "the body has another sha256 than its record says"
+        for _ in body.keys:
+            self._count(kind, 0)
+        if problem and self._store.exists(body.record):
+            self.report.findings.append(Finding(body.named, problem))
+        yield 0
+
+    def _file(
+        self, kind: str, item: StoredObject, sha256: str, checked: CheckedObjects | None
+    ) -> Iterator[int]:
         if checked is not None and self._max_age is not None and checked.is_fresh(item, self._max_age):
             self.report.fresh += 1
             return
@@ -166,13 +201,13 @@ class Verification:
         except NotFound:  # collected meanwhile
             return
         if found == sha256:
-            self._count(0)
+            self._count(kind, 0)
             if checked is not None:
                 checked.note(item)
             return
         if checked is not None:
             checked.drop(item.key)
-        self._found(item.key, "it has another sha256 than its name or manifest says", sha256)
+        self._found(kind, item.key, "it has another sha256 than its name or manifest says", sha256)
 
     def _sha256(self, key: str) -> Generator[int, None, str]:
         digest = hashlib.sha256()
@@ -191,7 +226,7 @@ class Verification:
             if problem:
                 how = "" if self._repair is None else self._repair.record(item.key, form.kind)
                 self.report.findings.append(Finding(item.key, f"the {form.kind.value}: {problem}", how))
-            self._count(item.size_bytes)
+            self._count(form.kind.value, item.size_bytes)
             yield item.size_bytes
 
     def _why_unreadable(self, key: str, form: RecordForm) -> str:
@@ -204,11 +239,12 @@ class Verification:
             return str(error)
         return ""
 
-    def _found(self, key: str, problem: str, sha256: str | None = None) -> None:
-        self.report.objects += 1
+    def _found(self, kind: str, key: str, problem: str, sha256: str | None = None) -> None:
+        self._count(kind, 0)
         how = "" if self._repair is None or sha256 is None else self._repair.file(key, sha256)
         self.report.findings.append(Finding(key, problem, how))
 
-    def _count(self, size: int) -> None:
+    def _count(self, kind: str, size: int) -> None:
+        self.report.kinds[kind] = self.report.kinds.get(kind, 0) + 1
         self.report.objects += 1
         self.report.bytes += size

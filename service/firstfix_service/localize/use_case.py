@@ -7,8 +7,10 @@ from concurrent.futures import Future
 from dataclasses import replace
 
 from firstfix.answer.options import LocalizeOptions
+from firstfix.errors import FirstfixError, WorkerLost
 
 from ..auth.principal import Principal
+from ..lanes import COPIES
 from ..maps.leases import Leases
 from ..maps.map_cache import MapCache
 from ..query_workers.answer import AnswerForm, EncodedAnswer
@@ -59,6 +61,7 @@ class LocalizeUseCase:
             NotFound: no such map or version.
             VersionError, StoreError: the version cannot be served.
             Overloaded, DeadlineExceeded: as ``QueryPool.run``.
+            CorruptVersion: also if a file of the version was damaged after it was loaded.
             WorkerLost: as ``QueryWorkers.answer``.
         """
         options, queued = admission.options, time.monotonic()
@@ -69,17 +72,22 @@ class LocalizeUseCase:
         async def work(leases: Leases, waited_s: float) -> EncodedAnswer:
             map_s = time.monotonic() - queued - waited_s
             waits_ms = {"queue": waited_s * 1e3, "map": map_s * 1e3}
-            return await self._workers.answer(
-                Query(
-                    body,
-                    admission.body_format,
-                    _with_time_left(options, admission.deadline),
-                    leases.served,
-                    self._max_decoded_bytes,
-                    form,
-                    waits_ms,
-                )
+            query = Query(
+                body,
+                admission.body_format,
+                _with_time_left(options, admission.deadline),
+                leases.served,
+                self._max_decoded_bytes,
+                form,
+                waits_ms,
             )
+            try:
+                return await self._workers.answer(query)
+            except Exception as error:
+                # A file that was damaged under the running service fails in many ways, up to SIGBUS.
+                if isinstance(error, WorkerLost) or not isinstance(error, FirstfixError):
+                    await COPIES.run(self._maps.check_files, leases.served)
+                raise
 
         answer = await self._pool.run(
             admission.asker, prepare, work, size_bytes=len(body), deadline=admission.deadline

@@ -165,6 +165,13 @@ class LoadedVersions:
             self._evict_for(key)
             self._update_metrics()
 
+    def evict(self, key: Key) -> None:
+        """Evicts a version if it is in memory: it is damaged."""
+        with self._changed:
+            if key in self._loaded:
+                self._evict(key)
+                self._update_metrics()
+
     def begin_overcommit(self) -> None:
         """Allows loads above the limits while a query gathers several versions.
 
@@ -234,13 +241,17 @@ class LoadedVersions:
             candidate = next(candidates, None)
             if candidate is None:
                 return
-            version = self._loaded.pop(candidate)
-            self._on_evict(candidate)
-            version.is_leaving = True
-            self._leaving.add(version)
-            self._leaving_bytes += version.bytes
-            if not version.leases:
-                self._unloader.submit(self._unload, version)
+            self._evict(candidate)
+
+    def _evict(self, key: Key) -> None:
+        """Evicts a version. Under the lock."""
+        version = self._loaded.pop(key)
+        self._on_evict(key)
+        version.is_leaving = True
+        self._leaving.add(version)
+        self._leaving_bytes += version.bytes
+        if not version.leases:
+            self._unloader.submit(self._unload, version)
 
     def _unload(self, version: _Loaded) -> None:
         served = version.files.served

@@ -31,10 +31,19 @@ from .shared_loads import SharedLoads
 from .version_loader import VersionLoader
 
 _log = structlog.get_logger(__name__)
+_NAMED_ENTRIES = 10  # damaged ones of a log, in a message
 
 
 def _never() -> bool:
     return False
+
+
+def _of_damage(state: MapState) -> str:
+    """The damaged entries of a map's log as the end of a message; empty without any."""
+    if not state.doubtful:
+        return ""
+    numbers = ", ".join(map(str, state.doubtful[-_NAMED_ENTRIES:]))
+    return f": in its log these entries are damaged or missing: {numbers} (`firstfix maps verify --repair`)"
 
 
 class MapCache:
@@ -118,6 +127,15 @@ class MapCache:
         gathered = gather_leases([self._lease(map_id, version) for map_id in map_ids])
         gathered.add_done_callback(lambda _: self._loaded.end_overcommit())
         return gathered
+
+    def check_files(self, versions: Iterable[ServedVersion]) -> None:
+        """Reads the files of versions again, on which a query failed. Blocks.
+
+        Raises:
+            CorruptVersion: a file is damaged. The map's next query gets another version, or the reason.
+        """
+        for served in versions:
+            self._loader.check_files(served)
 
     def refresh(self, map_id: str) -> ServedVersion:
         """Reads the map's log and serves its active version, or the one before if that is refused.
@@ -210,7 +228,7 @@ class MapCache:
         if not state.activated:
             self._forget(map_id)
             message = f"map {map_id} has no active version" if state.published else f"no map {map_id}"
-            raise NotFound(message)
+            raise NotFound(f"{message}{_of_damage(state)}")
         first_error: VersionError | None = None
         for version in state.activated:
             try:
@@ -219,6 +237,13 @@ class MapCache:
                 first_error = first_error or error
                 continue
             self._serve(map_id, version, is_active=version == state.active)
+            if state.doubtful:
+                _log.warning(
+                    "entries of the map's log are damaged or missing: another version may be the active one",
+                    map_id=map_id,
+                    version=version,
+                    entries=state.doubtful[-_NAMED_ENTRIES:],
+                )
             return lease
         assert first_error is not None
         raise first_error

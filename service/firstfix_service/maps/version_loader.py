@@ -5,15 +5,17 @@ from __future__ import annotations
 import threading
 import time
 from concurrent.futures import Future
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import structlog
 
 from firstfix.catalog.catalog import Catalog
+from firstfix.catalog.versions.cache import check_again
 from firstfix.catalog.versions.folder_lock import FolderLock
 from firstfix.catalog.versions.prune import prune
-from firstfix.errors import VersionError
+from firstfix.errors import CorruptVersion, NotFound, StoreError, VersionError
 
 from ..query_workers.query import ServedVersion
 from ..telemetry.metrics import Metrics
@@ -25,6 +27,7 @@ _log = structlog.get_logger(__name__)
 REFUSED_FOR_S = 60.0  # a refused version is read again after this time: it may have been repaired
 # Pruning the disk looks at every version there. So it is done only after so many bytes were fetched.
 PRUNE_SHARE = 100  # part of the limit
+CHECK_EVERY_S = 600.0
 PRUNE_EVERY_S = 600.0  # for versions that other processes left
 
 
@@ -59,6 +62,7 @@ class VersionLoader:
         self._lock = threading.Lock()
         self._under_way: dict[Key, Future[None]] = {}
         self._refused: dict[Key, _Refusal] = {}
+        self._checked: dict[Key, float] = {}  # time.monotonic of the last check after a failed query
         self._fetched_bytes = 0  # since the last prune
         self._pruned_at = -PRUNE_EVERY_S
 
@@ -96,6 +100,33 @@ class VersionLoader:
             finally:
                 with self._lock:
                     del self._under_way[key]
+
+    def check_files(self, served: ServedVersion) -> None:
+        """Reads the files of a loaded version again, because a query failed on them.
+
+        They may be large, so this is done once in ``CHECK_EVERY_S``. A damaged version is evicted. One in a
+        file store is then refused, another one is fetched again.
+
+        Raises:
+            CorruptVersion: a file is missing or damaged.
+        """
+        key = (served.map_id, served.version)
+        with self._lock:
+            now = time.monotonic()
+            if now - self._checked.get(key, -CHECK_EVERY_S) < CHECK_EVERY_S:
+                return
+            self._checked[key] = now
+        try:
+            with suppress(NotFound, StoreError):  # retired meanwhile, or nobody can tell now
+                manifest = self._catalog.manifest(served.map_id, served.version)
+                check_again(manifest, served.directory, self._directory)
+        except CorruptVersion as error:
+            with self._lock:
+                self._checked.pop(key, None)
+            if served.directory.parent != self._directory:
+                self._refuse(served.map_id, served.version, error)
+            self._loaded.evict(key)
+            raise
 
     def _fetch_and_load(self, map_id: str, version: str) -> Lease:
         start = time.perf_counter()

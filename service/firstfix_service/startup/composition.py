@@ -56,6 +56,7 @@ from ..telemetry.request_scope import Requests
 from ..telemetry.stall_watch import StallWatch
 from ..telemetry.tracing import start_tracing
 from ..upkeep.cleanup import abandoned_objects_removal
+from ..upkeep.clock import clock_comparison
 from ..upkeep.sightings import SightingsKeeper, sightings_upkeep
 from ..upkeep.verification import store_verification
 from .settings_summary import settings_summary
@@ -132,6 +133,7 @@ async def compose(
     builds = start_builds(settings, catalog, metrics, stack)
     if not settings.read_only:
         abandoned_objects_removal(catalog).start(stack)
+        clock_comparison(store, metrics).start(stack)
         if settings.verify_bytes_per_s:
             store_verification(settings, store, metrics).start(stack)
     if settings.sightings_counted_share:

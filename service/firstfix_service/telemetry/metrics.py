@@ -184,6 +184,11 @@ class Metrics:
             "Damaged objects found by the last complete verification of the store",
             registry=registry,
         )
+        self.clock_offset = Gauge(
+            "firstfix_clock_offset_seconds",
+            "This machine's clock minus the store's, measured every five minutes; 0 on a read-only service",
+            registry=registry,
+        )
         self.zenoh_connections = Gauge(
             "firstfix_zenoh_connections", "Connected zenoh routers, peers and clients", registry=registry
         )

@@ -58,11 +58,13 @@ class SightingsKeeper:
         What a failing store does not take is kept for the next time. Counts of retired versions are dropped.
         """
         self._collect()
-        now = datetime.now(timezone.utc)
+        now: datetime | None = None
         with self._lock:
             waiting = list(self._pending.items())
         for key, _ in waiting:
             try:
+                # The store's clock: a replica whose own is wrong would remove the days of all others.
+                now = now or self._catalog.store.now()
                 self._flush(*key, now)
             except NotFound:  # retired
                 with self._lock:

@@ -15,7 +15,6 @@ from firstfix.catalog.geopose import Georeference
 from firstfix.catalog.georeferences import Georeferences
 from firstfix.catalog.manifest import Manifest
 from firstfix.catalog.sources import put_source
-from firstfix.errors import Conflict
 from firstfix.store.store import Store
 from firstfix.upkeep.backup import copy_store
 from firstfix.upkeep.checked_objects import CheckedObjects
@@ -139,13 +138,54 @@ def test_damage_is_named_and_not_copied(source: Catalog, tmp_path: Path) -> None
     assert damaged in copy_store(source.store, target.store).damaged
 
 
-def test_two_histories_are_not_mixed(source: Catalog, tmp_path: Path) -> None:
+def test_two_histories_are_not_mixed_and_the_other_maps_are_copied(source: Catalog, tmp_path: Path) -> None:
     target = Catalog(Store.open(str(tmp_path / "target")))
     publish(target, "hall", b"9", tmp_path)
-    before = target.store.list()
-    with pytest.raises(Conflict, match=r"hall/log/00000[12]\.json"):
-        copy_store(source.store, target.store)
-    assert target.store.list() == before
+    source.put_build("b2", {"map_id": "attic"})
+    before = target.store.list("maps/hall")
+    report = copy_store(source.store, target.store)
+    assert report.conflicts == ["maps/hall/log/000001.json", "maps/hall/log/000002.json"]
+    assert report.damaged == []
+    assert target.store.list("maps/hall") == before
+    assert target.log("attic") == source.log("attic")
+    assert target.build_ids() == ["b2"], "a build of the map that is left out has no sources there"
+    assert target.store.list("keys") == source.store.list("keys")
+
+
+def flipped(data: bytes, word: bytes) -> bytes:
+    """The data with one wrong bit in the last character of a word."""
+    at = data.index(word) + len(word) - 1
+    return data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :]
+
+
+FLIPPED = {
+    "maps/hall/log/000002.json": b"activated",
+    "builds/b1/request.json": b"hall",
+    "maps/hall/georeference/000001.json": b"48.0",
+    "maps/attic/log/000001.json": b"checksum",  # harmless, but not what the other side has
+}
+
+
+@pytest.mark.parametrize("side", ["source", "target"])
+def test_of_two_copies_the_one_with_the_right_checksum_wins(
+    source: Catalog, tmp_path: Path, side: str
+) -> None:
+    target = Catalog(Store.open(str(tmp_path / "target")))
+    copy_store(source.store, target.store)
+    store = (source if side == "source" else target).store
+    right = {key: store.get(key) for key in FLIPPED}
+    for key, word in FLIPPED.items():
+        store.put(key, flipped(right[key], word))
+    report = copy_store(source.store, target.store)
+    assert report.conflicts == []
+    assert {key: target.store.get(key) for key in FLIPPED} == right
+    harmless = "maps/attic/log/000001.json"
+    if side == "source":
+        assert sorted(report.damaged) == sorted(FLIPPED.keys() - {harmless})
+        assert copy_store(target.store, source.store).conflicts == []
+        assert {key: source.store.get(key) for key in FLIPPED} == right, "brought back"
+    else:
+        assert sorted(report.mended) == sorted(FLIPPED)
 
 
 def test_a_version_of_another_format_is_copied(tmp_path: Path) -> None:

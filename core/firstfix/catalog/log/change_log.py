@@ -11,13 +11,12 @@ old notices can be collected (``firstfix.catalog.log.log_garbage``).
 
 from __future__ import annotations
 
-import json
 import threading
 from typing import Any
 
 from ...errors import NotFound, UnreadableRecord
 from ...ids import check_map_id
-from ...store.json_record import READERS, RecordKind, read_each, read_record, text_of
+from ...store.json_record import READERS, RecordKind, read_each, read_record, record_json, text_of
 from ...store.numbered import scan_after
 from ...store.store import Store
 
@@ -42,7 +41,7 @@ class ChangeLog:
         Raises:
             StoreUnavailable, StoreError: the store failed.
         """
-        content = json.dumps({"map_id": check_map_id(map_id)}).encode("ascii")
+        content = notice_json(check_map_id(map_id))
         number = self.end() + 1
         while not self._store.put_new(_key(number), content):
             number += 1  # another writer has this number
@@ -102,6 +101,11 @@ class ChangeLog:
             return ""
         except NotFound:
             return None
+
+
+def notice_json(map_id: str | None) -> bytes:
+    """Content of a notice; without a map it is void."""
+    return record_json({"map_id": map_id})
 
 
 def parse_notice(record: dict[str, Any]) -> str:

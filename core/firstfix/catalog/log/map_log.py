@@ -35,9 +35,10 @@ from datetime import datetime, timezone
 from itertools import islice
 from typing import Any
 
-from ...errors import NotFound, StoreError, StoreUnavailable, UnreadableRecord
+from ...errors import NotFound, StoreError, StoreUnavailable, TooLarge, UnreadableRecord
 from ...ids import check_version
-from ...store.json_record import RecordKind, read_each, read_record
+from ...store.flipped_bit import with_bit_restored
+from ...store.json_record import RecordKind, max_bytes, parse_record, read_each, read_record
 from ...store.numbered import scan_after
 from ...store.store import Store
 from .map_state import MAX_SKIPPED, Event, LogEntry, MapState
@@ -89,8 +90,8 @@ class MapLog:
     def state(self) -> MapState:
         """Current state of the map.
 
-        A damaged entry, or one of a later release, is skipped with a warning: the others still tell what to
-        serve.
+        An entry in which one bit has flipped counts as it was. Another damaged entry, or one of a later
+        release, is skipped with a warning: the others still tell what to serve.
         """
         return self._look().state
 
@@ -233,10 +234,23 @@ class MapLog:
         try:
             entry = read_record(self._store, self._key(seq), RecordKind.LOG_ENTRY, parse)
         except UnreadableRecord:
-            return None, False
+            return self._restored(seq, parse), False
         if entry is None:
             _log.warning("skipping %s: an event of a later release", self._key(seq))
         return entry, entry is None
+
+    def _restored(self, seq: int, parse: Callable[[dict[str, Any]], LogEntry | None]) -> LogEntry | None:
+        """A damaged entry, if just one bit of it has flipped.
+
+        Raises:
+            NotFound: it was removed meanwhile.
+        """
+        with suppress(TooLarge, ValueError):
+            data = self._store.get(self._key(seq), max_bytes=max_bytes(RecordKind.LOG_ENTRY))
+            restored = with_bit_restored(data, RecordKind.LOG_ENTRY)
+            if restored is not None:
+                return parse_record(restored, RecordKind.LOG_ENTRY, parse)
+        return None
 
     def _newest_snapshot(self, after: int = 0) -> MapState:
         """Newest readable snapshot, or the state of an empty log."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import json
 import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ import numpy as np
 
 from ...engine.changes.cells import CELL_M, SLOTS, SPOT_M
 from ...engine.changes.tally import Tally
-from ...store.json_record import text_of, texts_of, whole_number_of
+from ...store.json_record import record_json, text_of, texts_of, whole_number_of
 
 FORMAT = 1
 MAX_ROWS = 2_000_000  # of all days of a record together
@@ -88,7 +87,7 @@ class SightingsRecord:
             for name, day in self.days.items()
         }
         values = {"format": FORMAT, "grid": _GRID, "days": days, "parts": list(self.parts)}
-        return json.dumps(values, sort_keys=True).encode("ascii")
+        return record_json(values)
 
     @classmethod
     def parse(cls, record: dict[str, Any]) -> SightingsRecord:

@@ -43,7 +43,7 @@ class Sightings:
         """Store counts as a part.
 
         Args:
-            now: UTC.
+            now: by the store's clock.
         """
         name = f"{now.astimezone(timezone.utc).strftime(_TIME_FORM)}-{secrets.token_hex(4)}.json"
         self._store.put_new(f"{_folder(folder)}/{name}", SightingsRecord.of(tally, now).to_json())
@@ -56,7 +56,7 @@ class Sightings:
         """Sum up the parts of a version, if there are many. Returns whether this was done.
 
         Args:
-            today: UTC. Sightings of more than KEPT_DAYS before are dropped.
+            today: by the store's clock. Sightings of more than KEPT_DAYS before are dropped.
         """
 
         def merge(merged: tuple[int, SightingsRecord], parts: list[str]) -> bool:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from ...ids import check_version
-from ...store.json_record import text_of, whole_number_of
+from ...store.json_record import record_json, text_of, whole_number_of
 
 
 @dataclass(frozen=True)
@@ -28,7 +27,7 @@ class UploadRecord:
 
     def to_json(self) -> bytes:
         """Content of ``upload.json``."""
-        return json.dumps(asdict(self)).encode()
+        return record_json(asdict(self))
 
     @classmethod
     def parse(cls, record: dict[str, Any]) -> UploadRecord:

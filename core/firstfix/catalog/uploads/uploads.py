@@ -12,7 +12,6 @@ began.
 from __future__ import annotations
 
 import hashlib
-import json
 import logging
 import threading
 from collections import OrderedDict
@@ -23,7 +22,7 @@ from datetime import datetime
 
 from ...errors import ChecksumMismatch, Conflict, NotFound, StoreError, TooLarge, UnreadableRecord
 from ...ids import check_version, is_name
-from ...store.json_record import RecordKind, read_record
+from ...store.json_record import RecordKind, read_record, record_json
 from ...store.store import Store
 from ..sources import source_key
 from .parts import can_be_part, check_part_limits, part_key, parts_in_order, upload_folder
@@ -186,7 +185,7 @@ class Uploads:
             raise ChecksumMismatch(
                 f"the file of upload {upload.upload_id} has the sha256 {sha256}, not {upload.sha256}"
             )
-        self._store.put(key, json.dumps({"sha256": sha256}).encode())  # every writer puts the same content
+        self._store.put(key, record_json({"sha256": sha256}))  # every writer puts the same content
         return sha256
 
     def keep_as_source(self, upload: Upload, map_id: str, *, build_id: str = "") -> str:

@@ -105,6 +105,23 @@ def cached_version(manifest: Manifest, directory: Path) -> Path | None:
         return target if _is_right(directory / f".{version}.verified", manifest, target) else None
 
 
+def check_again(manifest: Manifest, folder: Path, directory: Path) -> None:
+    """Read a version's files again although they were verified since boot, because a query failed on them.
+
+    Args:
+        folder: the files, in the cache or in a file store.
+        directory: directory of the cache.
+
+    Raises:
+        CorruptVersion: a file is missing or differs from the manifest. The next fetch then reads all of them.
+    """
+    marker = directory / f".{manifest.digest}.verified"
+    with _full_disk_reported(), exclusive_lock(directory / f".{manifest.digest}.lock"):
+        marker.unlink(missing_ok=True)
+        _verify(manifest, folder)
+        _mark_verified(marker, manifest, folder)
+
+
 @contextmanager
 def _full_disk_reported() -> Iterator[None]:
     try:

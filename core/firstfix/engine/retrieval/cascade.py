@@ -111,7 +111,10 @@ class Cascade:
                 the others.
         """
         descriptor = config.descriptor.make()
-        templates, clusters = Templates.load(directory, descriptor), Clusters.load(directory)
+        templates = Templates.load(directory, descriptor)
+        clusters = Clusters.load(directory)
+        if len(clusters.member) != len(templates):
+            raise ValueError(f"{len(clusters.member)} members of clusters for {len(templates)} templates")
         keys = load_key_search(directory, config.search)
         if len(keys) != len(clusters):
             raise ValueError(f"{len(keys)} keys for {len(clusters)} clusters")

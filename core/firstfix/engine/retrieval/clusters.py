@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..array_file import check_numbers
+
 
 @dataclass(frozen=True)
 class Clusters:
@@ -75,4 +77,7 @@ class Clusters:
         start, count = clusters.start, len(clusters)
         if start.shape != (count + 1,) or start[0] != 0 or start[-1] != len(clusters.member):
             raise ValueError("cluster_start.npy does not fit the clusters and their members")
+        check_numbers("cluster_start.npy", start, len(clusters.member) + 1, ascending=True)
+        check_numbers("cluster_member.npy", clusters.member, len(clusters.member))
+        check_numbers("cluster_representative.npy", clusters.representative, len(clusters.member))
         return clusters

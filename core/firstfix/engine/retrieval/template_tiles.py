@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..array_file import map_arrays, save_arrays
+from ..array_file import check_numbers, map_arrays, save_arrays
 from .tile_table import runs_around, tile_table
 
 FILE = "template_tiles.safetensors"
@@ -68,4 +68,6 @@ class TemplateTiles:
         tiles = cls(**map_arrays(directory / FILE))
         if len(tiles.row) != len(position_m):
             raise ValueError(f"{FILE} has {len(tiles.row)} templates, not {len(position_m)}")
+        check_numbers(f"{FILE}: row", tiles.row, len(tiles.row))
+        check_numbers(f"{FILE}: begin", tiles.begin, len(tiles.row) + 1, ascending=True)
         return tiles

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import datetime, timedelta, timezone
+from datetime import timedelta
 from typing import Any
 
 from fastapi import APIRouter, Depends, Request
@@ -61,8 +61,8 @@ def delete_key(key_id: KeyId, parts: PartsDep) -> None:
 
 
 def _create(parts: Parts, body: NewKeyBody) -> NewKey:
-    expires = None
+    store, expires = parts.catalog.store, None
     if body.expires_in_days is not None:
-        expires = datetime.now(timezone.utc) + timedelta(days=body.expires_in_days)
-    key, token = ApiKeys(parts.catalog.store).create(body.name, Grant.parse(body.scopes, body.maps), expires)
+        expires = store.now() + timedelta(days=body.expires_in_days)
+    key, token = ApiKeys(store).create(body.name, Grant.parse(body.scopes, body.maps), expires)
     return NewKey.model_validate({**key.to_mapping(), "token": token})

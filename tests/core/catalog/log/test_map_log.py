@@ -16,6 +16,7 @@ from firstfix.catalog.log.log_garbage import log_garbage
 from firstfix.catalog.log.map_log import MapLog
 from firstfix.catalog.log.map_state import HISTORY, MARKS, MAX_SKIPPED, Event, LogEntry, MapState
 from firstfix.errors import Conflict
+from firstfix.store.json_record import record_json
 from firstfix.store.numbered import scan_after
 from firstfix.store.store import Store, StoredObject
 from frequent_snapshots import EVERY
@@ -361,7 +362,7 @@ def test_an_entry_of_a_later_release_is_in_no_snapshot_of_this_one() -> None:
     log = MapLog(store, "log")
     log.append(PUB, A, needed=_always)
     labelled = {"event": "labelled", "version": A, "time": TIME}
-    store.put_new("log/000002.json", json.dumps(labelled).encode())
+    store.put_new("log/000002.json", record_json(labelled))
     for _ in range(3 * EVERY):
         log.append(ACT, A, needed=_always)
     assert MapLog(store, "log").state().skipped == (2,)

@@ -104,3 +104,20 @@ def test_a_table_that_does_not_fit_is_refused(tmp_path, start):
     np.save(tmp_path / "cluster_start.npy", np.array(start, np.int32))
     with pytest.raises(ValueError, match="cluster_start"):
         Clusters.load(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "numbers"),
+    [
+        ("start", [0, 2, 1, 3]),
+        ("start", [0, -1, 2, 3]),
+        ("member", [0, 1, 3]),
+        ("member", [0, -1, 2]),
+        ("representative", [0, 1, 1 << 30]),
+    ],
+)
+def test_numbers_that_are_no_rows_are_refused(tmp_path, name, numbers):
+    Clusters.alone(3).save(tmp_path)
+    np.save(tmp_path / f"cluster_{name}.npy", np.array(numbers, np.int32))
+    with pytest.raises(ValueError, match=f"cluster_{name}"):
+        Clusters.load(tmp_path)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...array_file import map_arrays, save_arrays
+from ...array_file import check_numbers, map_arrays, save_arrays
 
 TILE_M = 64.0
 MOST_SHARDS = 64  # each takes a search call of its own
@@ -71,6 +71,9 @@ class TileShards:
         shards = cls(**map_arrays(path))
         if not len(shards.row) == len(shards.place) == shards.begin[-1]:
             raise ValueError(f"{path.name}: the shards do not hold every row once")
+        check_numbers(f"{path.name}: begin", shards.begin, len(shards.row) + 1, ascending=True)
+        for name in ("row", "place"):
+            check_numbers(f"{path.name}: {name}", getattr(shards, name), len(shards.row))
         return shards
 
 
