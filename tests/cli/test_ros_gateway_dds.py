@@ -215,7 +215,7 @@ def test_each_robot_gets_its_own_and_may_go(robots: Any, domain: int, points: An
     with Gateway(domain) as gateway:
         second.tell(points=points(LOCALIZED))
         second.wait_for("initialpose")
-        assert sorted(gateway.fleet.robots) == ["/robot1", "/robot2"]
+        wait_until(lambda: sorted(gateway.fleet.robots) == ["/robot1", "/robot2"])
         assert not first.of("initialpose")
         first.stop()
         wait_until(lambda: ("/robot1", "gone") in gateway.told)
