@@ -24,6 +24,7 @@ pytest_plugins = [
     "harness.running_tests",
     "harness.dead_workers",
     "harness.left_behind",
+    "harness.skips",
     "frequent_snapshots",
     "once_a_run",
     "small_world",

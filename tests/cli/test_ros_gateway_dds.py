@@ -27,7 +27,7 @@ from firstfix_ros.robot.topics import Topics
 from ros_samples import ROS2, cdr
 from waiting import LIMIT_S, wait_until
 
-pytest.importorskip("cyclonedds", reason="no cyclonedds: pip install firstfix[dds]")
+pytest.importorskip("cyclonedds", reason="needs cyclonedds: pip install firstfix[dds]")
 
 from dds_network import RobotProgram, any_domain
 from dds_robot import T_BASE_LIDAR, T_ODOM_BASE

@@ -18,7 +18,7 @@ from firstfix.transform import from_quaternion, inverse, pose_error
 from firstfix_cli.local_service import LocalService, local_service
 from firstfix_client import Client
 
-pytest.importorskip("cyclonedds", reason="no cyclonedds: pip install firstfix[dds]")
+pytest.importorskip("cyclonedds", reason="needs cyclonedds: pip install firstfix[dds]")
 
 from dds_network import RobotProgram, any_domain
 from dds_robot import T_BASE_LIDAR

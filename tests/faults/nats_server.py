@@ -10,6 +10,9 @@ import subprocess
 import time
 from pathlib import Path
 
+from tests.needs import needs
+
+NEEDS_NATS = needs("nats-server", "make test-servers builds it, with Go")
 START_S = 200.0
 
 

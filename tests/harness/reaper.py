@@ -80,7 +80,7 @@ def run(command: list[str], limit_s: int | None = None) -> int:
 
 
 def _let_go_of_the_pipes() -> None:
-    """Whoever reads what the command writes sees its end, not the reaper's."""
+    """Leaves them to the command: who reads from it waits for its end, not for the reaper's."""
     nothing = os.open(os.devnull, os.O_RDWR)
     for descriptor in (0, 1):
         os.dup2(nothing, descriptor)

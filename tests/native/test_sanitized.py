@@ -24,7 +24,7 @@ def run(*command: str | Path) -> None:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for program in ("cmake", "c++", "make"):
         if shutil.which(program) is None:
-            pytest.skip(f"{program} is not here")
+            pytest.skip(f"needs {program}: apt-get install cmake g++ make")
     folder = tmp_path_factory.mktemp("sanitized")
     run("cmake", "-S", SOURCES, "-B", folder)
     return folder

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("cyclonedds", reason="the package cyclonedds is not here")
+pytest.importorskip("cyclonedds", reason="needs cyclonedds: pip install firstfix[dds]")
 
 import httpx
 from dds_network import any_domain

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("cyclonedds", reason="the package cyclonedds is not here")
+pytest.importorskip("cyclonedds", reason="needs cyclonedds: pip install firstfix[dds]")
 
 from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsParticipant
 from cyclonedds.core import Policy

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("cyclonedds", reason="the package cyclonedds is not here")
+pytest.importorskip("cyclonedds", reason="needs cyclonedds: pip install firstfix[dds]")
 
 from dds_network import any_domain
 
