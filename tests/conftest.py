@@ -26,6 +26,7 @@ pytest_plugins = [
     "harness.left_behind",
     "harness.skips",
     "frequent_snapshots",
+    "patient_clients",
     "once_a_run",
     "small_world",
     "real_hall",

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from claimed import free_port as free_port
 from needs import needs
 from waiting import wait_until
 
@@ -23,12 +24,6 @@ def program(name: str, how_to_get_it: str) -> str:
     if found is None:
         pytest.skip(needs(name, how_to_get_it))
     return found
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def _listens(port: int) -> bool:

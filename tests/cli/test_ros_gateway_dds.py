@@ -29,13 +29,14 @@ from waiting import LIMIT_S, wait_until
 
 pytest.importorskip("cyclonedds", reason="needs cyclonedds: pip install firstfix[dds]")
 
-from dds_network import RobotProgram, any_domain
+from dds_network import RobotProgram
 from dds_robot import T_BASE_LIDAR, T_ODOM_BASE
 
 from firstfix_cli.ros_gateway.dds.fleet import DdsFleet
 from firstfix_cli.ros_gateway.dds.messages import FIELDS, TYPES
 from firstfix_cli.ros_gateway.dds.participant import Participant
 from firstfix_cli.ros_gateway.dds.trigger_service import request_header, trigger_reply
+from tests.claimed import any_domain
 from tests.dds_loopback import LOOPBACK
 
 pytestmark = pytest.mark.slow

@@ -17,6 +17,7 @@ from blocked_async_client import BlockedAsyncClient
 from firstfix.answer.localization import Verdict
 from firstfix.errors import DeadlineExceeded, NotFound, Overloaded, RateLimited
 from firstfix_client import Client, HedgePolicy, RetryPolicy, ServiceUnreachable
+from servers import free_port
 from waiting import LIMIT_S, let_pass, wait_until, wait_until_async
 
 pytestmark = pytest.mark.slow
@@ -53,8 +54,7 @@ def servers() -> Iterator[tuple[AnswerServer, AnswerServer]]:
 
 @pytest.fixture
 def nobody() -> str:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        return f"http://127.0.0.1:{free.getsockname()[1]}"
+    return f"http://127.0.0.1:{free_port()}"
 
 
 class Silent:

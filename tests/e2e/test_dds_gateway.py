@@ -20,9 +20,10 @@ from firstfix_client import Client
 
 pytest.importorskip("cyclonedds", reason="needs cyclonedds: pip install firstfix[dds]")
 
-from dds_network import RobotProgram, any_domain
+from dds_network import RobotProgram
 from dds_robot import T_BASE_LIDAR
 
+from tests.claimed import any_domain
 from tests.dds_loopback import LOOPBACK
 from waiting import LIMIT_S
 

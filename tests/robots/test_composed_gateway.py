@@ -13,10 +13,10 @@ import pytest
 pytest.importorskip("cyclonedds", reason="needs cyclonedds: pip install firstfix[dds]")
 
 import httpx
-from dds_network import any_domain
 
 from benchmarks.common.datasets import HALL
 from servers import free_port
+from tests.claimed import any_domain
 from tests.dds_loopback import LOOPBACK
 from tests.deploy.engine import ROOT, build_images, compose, docker, running_engine
 from tests.robots import rust_robot
