@@ -129,12 +129,12 @@ def test_all_are_asked_before_it_gives_up(client: Make, servers, nobody: str):
 
 
 def test_a_slow_one_is_raced_and_told_to_stop(client: Make, servers, silent: Silent):
-    asking = client([silent.url, servers[0].url], hedge=SOON)
+    asking = client([silent.url, servers[0].url], hedge=SOON, timeout_s=50.0)
     assert asking.localize(SCAN, map_id="hall").verdict is Verdict.LOCALIZED
     assert silent.asked.is_set()
     assert silent.left.wait(LIMIT_S), "the query that lost is cancelled"
     (request,) = servers[0].requests
-    assert int(request[2]["deadline_ms"]) <= 9_900, "the second is told what is left"
+    assert int(request[2]["deadline_ms"]) <= 49_900, "the second is told what is left"
 
 
 def test_the_connection_of_the_winner_is_kept(client: Make, servers):

@@ -9,7 +9,7 @@ import pytest
 from tests.faults.kill_builds import kill_builds
 from tests.faults.nats_server import NEEDS_NATS, nats_server_program
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # builds are killed and begin again
 
 
 @pytest.mark.parametrize("queue", ["embedded", "nats"])

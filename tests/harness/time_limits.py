@@ -18,7 +18,14 @@ import pytest
 BACKSTOP_S = 60.0
 
 # Fixtures that one test pays for, or waits for while another worker makes them: limit in seconds, and why.
-LONGER: dict[str, tuple[int, str]] = {}
+LONGER: dict[str, tuple[int, str]] = {
+    "small_version": (600, "builds a version of a map"),
+    "coarse_version": (600, "the same"),
+    "hall_directory": (900, "builds a version of a real hall"),
+    "optimised": (1500, "compiles the C++ client"),
+    "sanitised": (1500, "compiles it once more, with sanitizers"),
+    "program": (1500, "cargo gets and compiles a robot of another DDS"),
+}
 
 
 def pytest_configure(config: pytest.Config) -> None:
