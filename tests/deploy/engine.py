@@ -18,7 +18,7 @@ from waiting import wait_until
 ROOT = Path(__file__).parents[2]
 LOCK = Path("/tmp/firstfix-images.lock")  # of whoever uses the engine
 BASE = "debian:bookworm-slim"
-BUILD_S = 1200
+BUILD_S = 2400
 NEEDS_DOCKER = needs("Docker with compose", "apt-get install docker.io docker-compose")
 # The older builder takes a network for its steps without more rights, and is in every engine.
 ENVIRONMENT = {**os.environ, "DOCKER_BUILDKIT": "0"}

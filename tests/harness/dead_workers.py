@@ -22,9 +22,20 @@ if TYPE_CHECKING:
 
 REAPER = Path(__file__).with_name("reaper.py")
 
+# They need the Docker engine, which one process has at a time: in one worker, no other waits for it.
+OF_THE_ENGINE = {
+    "tests/deploy/test_images.py",
+    "tests/deploy/test_smoke.py",
+    "tests/robots/test_composed_gateway.py",
+}
+
 
 class FilesOfTheDead(LoadFileScheduling):
     """Files go to one worker each. What a dead one had not begun goes to another."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        file = super()._split_scope(nodeid)
+        return "the engine's" if file in OF_THE_ENGINE else file
 
     def remove_node(self, node: WorkerController) -> str | None:
         """Takes the worker out; returns the test in which it died, which is not run again."""

@@ -11,6 +11,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+from harness.dead_workers import OF_THE_ENGINE
 from waiting import LIMIT_S, wait_until
 
 TESTS = Path(__file__).parents[1]
@@ -107,6 +108,15 @@ def test_a_hang_of_every_kind_fails_and_the_rest_is_run(folder: Path):
     assert "crashed while running 'test_hangs.py::test_in_c[PyDLL]'" in said
     assert "no test has ended for" in said
     assert "test_hangs.py::test_in_c[CDLL], for" in said
+
+
+def test_the_engine_is_asked_for_by_one_worker():
+    asking = [
+        path.relative_to(TESTS.parent).as_posix()
+        for path in TESTS.rglob("test_*.py")
+        if "build_images(" in path.read_text() and path != Path(__file__)
+    ]
+    assert set(asking) == OF_THE_ENGINE
 
 
 def test_a_worker_that_is_killed_holds_up_nobody_and_leaves_nothing(folder: Path):

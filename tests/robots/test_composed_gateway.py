@@ -23,7 +23,7 @@ from tests.robots import rust_robot
 from tests.robots.dds_world import check_pose, scenes
 from waiting import wait_until
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(2400)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(3600)]  # images are built
 
 COMPOSE = ROOT / "deploy" / "compose"
 GATEWAY = "ros-gateway-dds"
