@@ -61,6 +61,8 @@ def test_a_robot_is_found_where_it_stands(
             np.save(path, scan.points)
             robot.tell(points=str(path))
             if number > 1:
+                # The gateway has taken clouds of before, and only then is asked.
+                robot.wait_for("first_fix/status", len(robot.of("first_fix/status")) + 2)
                 robot.tell(call=True)
                 robot.wait_for("reply", number - 1)
             pose = robot.wait_for("initialpose", number)[-1]
