@@ -93,7 +93,7 @@ def _end_what_is_left(patience_s: float) -> None:
         for one in left if time.monotonic() >= kill_at else ():
             with suppress(psutil.NoSuchProcess):
                 if one.pid not in told and one.status() != psutil.STATUS_ZOMBIE:
-                    _say(f"kills {one.pid}, left behind: {' '.join(one.cmdline())[:200]}")
+                    _say(f"kills {one.pid}, left behind: {' '.join(one.cmdline())[:200] or one.name()}")
                 told.add(one.pid)
                 one.kill()
         with suppress(ChildProcessError):
