@@ -67,7 +67,7 @@ class RunningTests:
             time.sleep(_STACKS_S)
         else:
             faulthandler.dump_traceback(self._out, all_threads=True)
-        pytest.exit("asked to end", returncode=128 + signal.SIGTERM)
+        pytest.exit("asked to end", returncode=pytest.ExitCode.INTERRUPTED)  # others have no summary
 
 
 def pytest_configure(config: pytest.Config) -> None:

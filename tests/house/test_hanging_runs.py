@@ -158,7 +158,8 @@ def test_a_run_ends_at_its_limit_with_names_and_stacks(folder: Path, options: li
     said = ended(run)
     assert "asked to end; running:\n    test_a.py::test_hangs, for" in said
     assert "in test_hangs\n" in said
-    assert run.returncode == 128 + signal.SIGTERM
+    assert "Exit: asked to end" in said, "the summary"
+    assert run.returncode == pytest.ExitCode.INTERRUPTED
     assert running(mark) == []
 
 
