@@ -4,6 +4,9 @@
 bin := .venv/bin
 # Three files' tests at a time, as tests often wait; PYTEST_ARGS="-k name" or a path narrows a run.
 PYTEST_ARGS ?= -n 3 --dist loadfile --no-loadscope-reorder
+# A run that takes longer (seconds) is ended, with the stacks of what hangs. On 2 cores it takes some 20 minutes.
+TEST_LIMIT_S ?= 10800
+run_tests := PATH="$(CURDIR)/$(bin):$$PATH" $(bin)/python tests/harness/reaper.py --limit-s $(TEST_LIMIT_S) $(bin)/python -m pytest
 FAST := $(addprefix tests/, core builder service client cli ros2 house)
 
 help:  ## show this list
@@ -31,10 +34,10 @@ lint: setup  ## style, types, and who may import whom
 	@$(bin)/mypy
 
 test: setup test-servers lint  ## lint, then every test
-	@PATH="$(CURDIR)/$(bin):$$PATH" $(bin)/python -m pytest $(PYTEST_ARGS)
+	@$(run_tests) $(PYTEST_ARGS)
 
 test-fast: setup  ## the quick tests, for the edit loop
-	@PATH="$(CURDIR)/$(bin):$$PATH" $(bin)/python -m pytest -n 4 --dist loadfile -m "not slow" $(FAST)
+	@$(run_tests) -n 4 --dist loadfile -m "not slow" $(FAST)
 
 test-servers: setup  ## an S3 server for the storage tests, where Go is there to build it
 	@scripts/test-servers.sh

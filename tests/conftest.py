@@ -20,7 +20,13 @@ if TYPE_CHECKING:  # a plugin below: pytest wants to be the first to import it
     from toxiproxy import Link, Toxiproxy
 
 pytest_plugins = [
+    "harness.time_limits",
+    "harness.running_tests",
+    "harness.dead_workers",
+    "harness.left_behind",
+    "harness.skips",
     "frequent_snapshots",
+    "patient_clients",
     "once_a_run",
     "small_world",
     "real_hall",

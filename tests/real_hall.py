@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.common.datasets import HALL
+from needs import of_recordings
 from once_a_run import OnceARun
 
 
@@ -14,7 +15,7 @@ from once_a_run import OnceARun
 def hall_directory(once_a_run: OnceARun) -> Path:
     """The folder of a version, with fewer templates, scans and queries than usual: others test the engine."""
     if not HALL.available:
-        pytest.skip("the real hall is not beside this checkout")
+        pytest.skip(of_recordings("hilti_hall_indoor"))
     config = {
         **HALL.config,
         "viewpoints": {"spacing_m": 2.0, "max_distance_to_trajectory_m": 3.0},

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from claimed import free_port as free_port
+from needs import needs
 from waiting import wait_until
 
 
@@ -20,14 +22,8 @@ def program(name: str, how_to_get_it: str) -> str:
     go_bin = os.environ.get("GOBIN") or str(Path(os.environ.get("GOPATH") or Path.home() / "go") / "bin")
     found = shutil.which(name) or shutil.which(name, path=go_bin)
     if found is None:
-        pytest.skip(f"no {name}: {how_to_get_it}")
+        pytest.skip(needs(name, how_to_get_it))
     return found
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def _listens(port: int) -> bool:
@@ -62,7 +58,7 @@ def running_versitygw(
     folder: Path, port: int, access: str, secret: str, *options: str
 ) -> Iterator[subprocess.Popen[bytes]]:
     """An S3 server over ``folder/data``, whose subfolders are buckets."""
-    name = program("versitygw", "go install github.com/versity/versitygw/cmd/versitygw@latest")
+    name = program("versitygw", "make test-servers builds it, with Go")
     command = [name, "--port", f"127.0.0.1:{port}", "--quiet", *options, "posix", str(folder / "data")]
     environment = {"ROOT_ACCESS_KEY": access, "ROOT_SECRET_KEY": secret}
     with running(command, port, folder / "log", environment) as server:

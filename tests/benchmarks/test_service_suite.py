@@ -13,7 +13,7 @@ from benchmarks.service.replicas import Course, replicas_suite
 from benchmarks.service.suite import measure
 from benchmarks.service.throughput import body_of
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # the suite starts and stops replicas under load
 
 
 @pytest.fixture(scope="module")

@@ -2,39 +2,18 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
-import random
 import subprocess
 import sys
-import tempfile
 import threading
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from tests.dds_loopback import LOOPBACK
 from waiting import LIMIT_S, wait_until
 
 HERE = Path(__file__).resolve().parent
-
-_DOMAINS = list(range(1, 100))  # above 100 their ports are those of short connections
-random.SystemRandom().shuffle(_DOMAINS)
-_TAKEN: list[IO[bytes]] = []  # locks of this process's domains
-
-
-def any_domain() -> int:
-    """A domain that no test of this machine has: a participant may outlive its test."""
-    while True:
-        domain = _DOMAINS.pop()
-        lock = (Path(tempfile.gettempdir()) / f"firstfix-dds-domain-{domain}.lock").open("wb")
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            lock.close()
-            continue
-        _TAKEN.append(lock)
-        return domain
 
 
 class RobotProgram:

@@ -106,6 +106,7 @@ def as_sent(answer: Localization) -> Localization:
     return Localization.from_mapping(json.loads(json.dumps(answer.to_mapping())))
 
 
+@pytest.mark.timeout(900)  # each scan is answered twice
 def test_the_answers_are_those_of_the_service(
     small_version, small_scans, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

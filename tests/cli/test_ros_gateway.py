@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import json
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -40,6 +39,7 @@ from firstfix_ros.robot.config import GatewayConfig
 from firstfix_ros.robot.topics import Topics
 from ros_samples import ROS2, cdr, cloud_of_points, transforms
 from ros_samples import imu as imu_message
+from servers import free_port
 from waiting import LIMIT_S, wait_until
 
 pytestmark = pytest.mark.slow
@@ -52,8 +52,7 @@ GID = bytes(range(16))
 
 @pytest.fixture
 def router() -> Iterator[str]:
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        address = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    address = f"tcp/127.0.0.1:{free_port()}"
     config = zenoh.Config()
     config.insert_json5("mode", '"router"')
     config.insert_json5("listen/endpoints", json.dumps([address]))

@@ -25,6 +25,7 @@ from firstfix.errors import (
 )
 from firstfix.wire import scan as wire
 from firstfix_client import Client, RetryPolicy, ServiceUnreachable
+from servers import free_port
 from waiting import LIMIT_S, let_pass
 
 QUICK = RetryPolicy(attempts=4, first_wait_s=0.01, max_wait_s=0.05)
@@ -151,8 +152,7 @@ def test_a_proxy_without_upstream_is_asked_again_only_for_what_repeats(server):
 
 
 def test_nobody_there_is_said_so():
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
+    port = free_port()
     with pytest.raises(ServiceUnreachable, match=str(port)):
         Client(f"http://127.0.0.1:{port}", retry=QUICK).maps()
 

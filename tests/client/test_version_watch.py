@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import socket
 import threading
 from collections.abc import Iterator
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import pytest
 
 from firstfix_client import VersionChange, ZenohClient
+from servers import free_port
 from waiting import LIMIT_S
 
 zenoh = pytest.importorskip("zenoh")
@@ -20,8 +20,7 @@ class Teller:
     """A router that also answers questions about versions, as a replica does."""
 
     def __init__(self) -> None:
-        with socket.create_server(("127.0.0.1", 0)) as free:
-            self.endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+        self.endpoint = f"tcp/127.0.0.1:{free_port()}"
         config = zenoh.Config()
         config.insert_json5("mode", '"router"')
         config.insert_json5("listen/endpoints", json.dumps([self.endpoint]))

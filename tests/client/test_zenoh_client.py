@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import socket
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -22,6 +21,7 @@ from firstfix.scan.descriptor_parameters import DescriptorParameters
 from firstfix.wire import query as wire_query
 from firstfix.wire import scan as wire
 from firstfix_client import HedgePolicy, RetryPolicy, ServiceUnreachable, ZenohClient
+from servers import free_port
 from waiting import let_pass, wait_until
 
 pytestmark = pytest.mark.slow
@@ -83,8 +83,7 @@ def complains(code: str) -> Callable[[Any], None]:
 
 @pytest.fixture
 def router() -> Iterator[str]:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
     session = _open("router", "listen", endpoint)
     yield endpoint
     session.close()
@@ -257,8 +256,7 @@ def test_a_map_id_with_wildcards_is_refused(client):
 
 
 def test_no_router_is_said_so():
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
     with pytest.raises(ServiceUnreachable, match=endpoint):
         ZenohClient(endpoint, timeout_s=0.5)
 

@@ -12,12 +12,14 @@ from pathlib import Path
 
 import pytest
 
+from needs import needs
 from waiting import wait_until
 
 ROOT = Path(__file__).parents[2]
 LOCK = Path("/tmp/firstfix-images.lock")  # of whoever uses the engine
 BASE = "debian:bookworm-slim"
-BUILD_S = 1200
+BUILD_S = 2400
+NEEDS_DOCKER = needs("Docker with compose", "apt-get install docker.io docker-compose")
 # The older builder takes a network for its steps without more rights, and is in every engine.
 ENVIRONMENT = {**os.environ, "DOCKER_BUILDKIT": "0"}
 REGISTRIES = [name for name in ("PIP_INDEX_URL", "NPM_CONFIG_REGISTRY") if name in os.environ]
@@ -36,7 +38,7 @@ def compose() -> list[str]:
     if _succeeds("docker", "compose", "version"):
         return ["docker", "compose"]
     if shutil.which("docker-compose") is None:
-        pytest.skip("no docker compose here: apt-get install docker-compose")
+        pytest.skip(NEEDS_DOCKER)
     return ["docker-compose"]
 
 
@@ -44,13 +46,13 @@ def compose() -> list[str]:
 def running_engine(log: Path) -> Iterator[None]:
     """One test process has it at a time. Skips the test, and says why, where none can be had."""
     if shutil.which("docker") is None:
-        pytest.skip("no docker here")
+        pytest.skip(NEEDS_DOCKER)
     with LOCK.open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if _answers():
             yield
         elif os.geteuid() != 0 or shutil.which("dockerd") is None:
-            pytest.skip("no Docker engine runs here, and this is nobody who could start one")
+            pytest.skip(needs("a Docker engine", "start one, or run the tests as root, who can"))
         else:
             with _own_engine(log):
                 yield
@@ -78,7 +80,7 @@ def build_images(*targets: str) -> None:
         "timeout", "60", "docker", "pull", BASE
     ):
         if os.geteuid() != 0 or shutil.which("debootstrap") is None:
-            pytest.skip(f"no registry with {BASE} is reached, and no debootstrap is here")
+            pytest.skip(needs(BASE, "docker pull, or, as root, apt-get install debootstrap"))
         subprocess.run([ROOT / "deploy/stand-ins/debian.sh"], check=True, timeout=BUILD_S)
     done = subprocess.run(
         [ROOT / "deploy/image/build.sh", *BUILD_ARGS],

@@ -19,7 +19,7 @@ from waiting import wait_until
 
 IMAGE = "firstfix-service:latest"
 MAX_BYTES = 375_000_000  # with the published base image, of 75 MB, less than 450 MB
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(1500)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(3600)]  # the image is built
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from servers import free_port
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(2400)
+@pytest.mark.timeout(3600)  # images are built, and a version of a map
 def test_the_minimal_profile(engine: None, tmp_path: Path):
     compose()
     build_images("service", "builder")
@@ -28,7 +28,7 @@ def test_the_minimal_profile(engine: None, tmp_path: Path):
         env={**os.environ, **settings},
         capture_output=True,
         text=True,
-        timeout=900,
+        timeout=1800,
         check=False,
     )
     assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]

@@ -20,7 +20,10 @@ from firstfix_cli.local_service import LocalService, local_service
 from small_world import CONFIG, SENSOR
 from waiting import LIMIT_S
 
-pytestmark = pytest.mark.slow
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.timeout(1200),
+]  # a map is built by commands, each a process of its own
 
 PLACE = "yard"
 

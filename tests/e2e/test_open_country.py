@@ -18,7 +18,7 @@ from firstfix_builder.simulation.worlds.farm import farm
 from firstfix_builder.simulation.worlds.write_world import ply_of_mesh
 from small_world import SENSOR
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # a version of a farm is built
 
 CORNER_M, SIDE_M = np.array([2.0, -62.0]), 64.0  # of the part of the farm that is mapped
 CONFIG = {

@@ -1,7 +1,5 @@
 """A real Mid-360 that turns on the spot: as recorded, upside down, and on its side."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -15,8 +13,9 @@ from firstfix.scan.voxel_filter import voxel_means
 from firstfix.transform import make_transform, pose_error, quaternion_of, transform_points
 from firstfix_builder.pipeline import build_version
 from firstfix_builder.read_map import read_trajectory
+from needs import RECORDED, with_recorded
 
-FOLDER = Path(__file__).resolve().parents[3] / "shared" / "data" / "rotation_in_place_11"
+FOLDER = RECORDED / "rotation_in_place_11"
 MAPPED, ASKED = range(0, 11, 2), (1, 5, 9)
 MAP_M = 25.0  # further off single returns lie apart
 TURNED = {
@@ -26,7 +25,7 @@ TURNED = {
     "anyhow": Rotation.random(random_state=3).as_matrix(),
 }
 
-pytestmark = pytest.mark.skipif(not FOLDER.exists(), reason=f"{FOLDER} is not beside the checkout")
+pytestmark = with_recorded(FOLDER.name)
 
 
 @pytest.fixture(scope="module")

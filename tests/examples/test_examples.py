@@ -26,7 +26,7 @@ from firstfix_client import Client, ScanSequence
 from storey_world import CONFIG, ROOMS_X, pose, scan_at, storey
 from waiting import LIMIT_S
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # an example may build a map
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 POSE = re.compile(r"x (\S+) y (\S+) z ([-\d.]+)")

@@ -10,6 +10,8 @@ import subprocess
 import tempfile
 from pathlib import Path
 
+from tests.needs import needs
+
 _EXT4_IOC_SHUTDOWN = 0x8004587D  # linux: _IOR('X', 125, __u32)
 _NO_LOG_FLUSH = 2  # nothing more is written, also nothing of the journal
 _MIN_BYTES = 8 << 20
@@ -74,7 +76,7 @@ def why_no_images() -> str | None:
     """The reason why this process cannot make and mount images; None if it can."""
     for program in ("mkfs.ext4", "e2fsck", "mount", "umount"):
         if shutil.which(program) is None:
-            return f"no {program} on this machine"
+            return needs(program, "apt-get install e2fsprogs mount")
     with tempfile.TemporaryDirectory() as folder:
         try:
             with DiskImage.make(Path(folder) / "image", Path(folder) / "at", size_bytes=_MIN_BYTES):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import socket
 import subprocess
 import sys
 from contextlib import suppress
@@ -13,16 +12,12 @@ from pathlib import Path
 
 import httpx
 
+from tests.claimed import free_port
+
 from .tiny_worker import config_telling
 
 LEASE_S = 2.0
 STAGE_S = 0.1
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @dataclass
@@ -64,7 +59,7 @@ class Deployment:
     folder: Path
     nats_url: str | None
     members: list[Member] = field(default_factory=list)
-    port: int = field(default_factory=_free_port)
+    port: int = field(default_factory=free_port)
 
     @property
     def store_url(self) -> str:

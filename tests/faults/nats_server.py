@@ -10,6 +10,10 @@ import subprocess
 import time
 from pathlib import Path
 
+from tests.claimed import free_port
+from tests.needs import needs
+
+NEEDS_NATS = needs("nats-server", "make test-servers builds it, with Go")
 START_S = 200.0
 
 
@@ -33,9 +37,7 @@ class NatsServer:
         if program is None:
             raise FileNotFoundError("no nats-server: go install github.com/nats-io/nats-server/v2@latest")
         folder.mkdir(parents=True, exist_ok=True)
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self.port = int(probe.getsockname()[1])
+        self.port = free_port()
         self.url = f"nats://127.0.0.1:{self.port}"
         (folder / "server.conf").write_text(config)
         self._log = folder / "server.log"

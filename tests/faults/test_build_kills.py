@@ -7,15 +7,15 @@ from pathlib import Path
 import pytest
 
 from tests.faults.kill_builds import kill_builds
-from tests.faults.nats_server import nats_server_program
+from tests.faults.nats_server import NEEDS_NATS, nats_server_program
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # builds are killed and begin again
 
 
 @pytest.mark.parametrize("queue", ["embedded", "nats"])
 def test_kills_lose_no_build_and_leave_nothing_half_done(tmp_path: Path, queue: str):
     if queue == "nats" and nats_server_program() is None:
-        pytest.skip("no nats-server on this machine")
+        pytest.skip(NEEDS_NATS)
     figures = kill_builds(tmp_path, kills=6, queue=queue, seed=1)
     assert sum(figures["kills"].values()) == 6
     assert figures["builds_taken"] > 0

@@ -16,7 +16,7 @@ from firstfix.scan.scan import Scan
 from firstfix.store.store import Store
 from tests.faults.restart_clients import CLIENTS, replica_of, restart_under_queries
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # replicas are started again and again
 
 SCAN = Scan.from_points(np.random.default_rng(1).uniform(-9, 9, (300, 3)))
 

@@ -18,9 +18,10 @@ from firstfix.descriptor import LayeredOccupancy
 from firstfix.native import choice
 from firstfix.portable.accelerated import REFERENCES
 from firstfix.scan.levelling import levelling_rotation
+from needs import recorded
 from reference.spread_out import spread_out
 
-STREET = Path(__file__).resolve().parents[3] / "shared/data/kitti_drive0027_street/queries"
+STREET = "kitti_drive0027_street/queries"
 EDGES_M = LayeredOccupancy.edges_m
 SECTORS = st.sampled_from([1, 7, 60, 63, 64, 65, 360, 720])
 KERNELS: list[ModuleType] = [import_module(f"firstfix.native._{name}") for name in choice.runnable()]
@@ -81,9 +82,8 @@ def test_the_same_cells_are_filled(grid: tuple[int, int, float, np.ndarray], see
     np.testing.assert_array_equal(alike("turned_occupied_cells", points, turned, 1.5, *grid), expected)
 
 
-@pytest.mark.skipif(not STREET.is_dir(), reason="without the recorded street")
 def test_recorded_scans_fill_the_same_cells():
-    for path in sorted(STREET.glob("*.pcd"))[:3]:
+    for path in sorted(recorded(STREET).glob("*.pcd"))[:3]:
         points = read_scan_file(path).points
         grid = (20, 60, 60.0, np.float32(EDGES_M))
         R = levelling_rotation(np.array([0.02, -0.03, 1.0]))

@@ -12,11 +12,12 @@ from waiting import LIMIT_S
 
 SOURCES = Path(__file__).resolve().parents[2] / "native/tests"
 PROGRAMS = sorted(source.stem for source in SOURCES.glob("fuzz_*.cpp"))
-pytestmark = pytest.mark.slow
+# Each compiles a room of the core with sanitizers.
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
 
 def run(*command: str | Path) -> None:
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=LIMIT_S)
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=3 * LIMIT_S)
     assert done.returncode == 0, f"{done.stdout[-3000:]}\n{done.stderr[-6000:]}"
 
 
@@ -24,7 +25,7 @@ def run(*command: str | Path) -> None:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for program in ("cmake", "c++", "make"):
         if shutil.which(program) is None:
-            pytest.skip(f"{program} is not here")
+            pytest.skip(f"needs {program}: apt-get install cmake g++ make")
     folder = tmp_path_factory.mktemp("sanitized")
     run("cmake", "-S", SOURCES, "-B", folder)
     return folder

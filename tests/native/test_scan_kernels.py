@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,8 +19,8 @@ from firstfix.portable.accelerated import REFERENCES
 from firstfix.scan.condense import flat_patches
 from firstfix.scan.levelling import directions_about_z, levelling_rotation
 from firstfix.scan.range_view import least_of_neighbours, nearest_by_direction
+from needs import recorded
 
-DATA = Path(__file__).resolve().parents[3] / "shared/data"
 SCANS = {
     "street": "kitti_drive0027_street/queries/key_frame_427.laz",
     "hall": "hilti_hall_indoor/queries/scan_044.pcd",
@@ -44,10 +43,7 @@ FINITE = {"first_in_voxel", "voxel_means", "voxel_mean_times", "rows_by_voxel_ha
 
 @cache
 def scan(name: str) -> NDArray[np.float32]:
-    path = DATA / SCANS[name]
-    if not path.is_file():
-        pytest.skip(f"needs {path}")
-    return read_scan_file(path).points
+    return read_scan_file(recorded(SCANS[name])).points
 
 
 def times_of(points: NDArray[np.floating]) -> NDArray[np.float32]:

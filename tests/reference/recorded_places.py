@@ -8,7 +8,6 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-import pytest
 from scipy.spatial import cKDTree
 
 from firstfix.decode import read_scan_file
@@ -20,8 +19,8 @@ from firstfix.engine.verification.free_space import MapView
 from firstfix.scan.scan import Scan
 from firstfix.scan.sequence import ScanSequence
 from firstfix.transform import Matrix, from_quaternion
+from needs import recorded
 
-DATA = Path(__file__).resolve().parents[3] / "shared/data"
 MAPS = {
     "hall": ("hilti_hall_indoor", "map_0.1m.binary.pcd", ("scan_044.pcd", "scan_124.pcd")),
     "street": ("kitti_drive0027_street", "map_0.2m.laz", ("key_frame_007.pcd", "key_frame_037.pcd")),
@@ -48,12 +47,11 @@ class RecordedPlace:
 def recorded_place(name: str) -> RecordedPlace:
     """A place of ``MAPS``; the test is skipped where the recordings are not there."""
     folder, map_file, scan_files = MAPS[name]
-    if not (DATA / folder).is_dir():
-        pytest.skip(f"needs {DATA / folder}")
-    poses = _poses(DATA / folder / "poses.csv")
-    read = [(read_scan_file(DATA / folder / "queries" / file), poses[_number(file)]) for file in scan_files]
+    here = recorded(folder)
+    poses = _poses(here / "poses.csv")
+    read = [(read_scan_file(here / "queries" / file), poses[_number(file)]) for file in scan_files]
     centre = read[0][1][:3, 3]
-    points = _map_points(DATA / folder / map_file)
+    points = _map_points(here / map_file)
     points = points[np.abs(points - centre)[:, :2].max(axis=1) < PART_M]
     viewers = np.array([T[:3, 3] for T in poses.values()])
     to_viewer = viewers[cKDTree(viewers).query(points)[1]] - points

@@ -33,7 +33,7 @@ T_SENSOR_IMU = from_quaternion([0.0, 0.0, 0.05], [0.0, 0.7071067811865476, 0.0, 
 def missing() -> str | None:
     """Returns the reason why the robot cannot be built here, or None. It loads the crates."""
     if shutil.which("cargo") is None:
-        return "no cargo here, which builds the robot"
+        return "needs cargo, which builds the robot: apt-get install cargo-web (Debian 12) or cargo"
     told = subprocess.run(["cargo", "--version"], capture_output=True, text=True, check=False).stdout
     found = re.match(r"cargo (\d+)\.(\d+)", told)
     if found is None or tuple(map(int, found.groups())) < OLDEST_CARGO:

@@ -10,20 +10,20 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("cyclonedds", reason="the package cyclonedds is not here")
+pytest.importorskip("cyclonedds", reason="needs cyclonedds: pip install firstfix[dds]")
 
 import httpx
-from dds_network import any_domain
 
 from benchmarks.common.datasets import HALL
 from servers import free_port
+from tests.claimed import any_domain
 from tests.dds_loopback import LOOPBACK
 from tests.deploy.engine import ROOT, build_images, compose, docker, running_engine
 from tests.robots import rust_robot
 from tests.robots.dds_world import check_pose, scenes
 from waiting import wait_until
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(2400)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(3600)]  # images are built
 
 COMPOSE = ROOT / "deploy" / "compose"
 GATEWAY = "ros-gateway-dds"

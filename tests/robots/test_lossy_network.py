@@ -6,15 +6,15 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("cyclonedds", reason="the package cyclonedds is not here")
+pytest.importorskip("cyclonedds", reason="needs cyclonedds: pip install firstfix[dds]")
 
 from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsParticipant
 from cyclonedds.core import Policy
-from dds_network import any_domain
 
 from benchmarks.common.datasets import HALL
 from benchmarks.weak_link.link import missing
 from firstfix_cli.ros_gateway.dds.participant import Participant
+from tests.claimed import any_domain
 from tests.dds_loopback import LOOPBACK
 from tests.robots.dds_world import scenes
 from tests.robots.lossy_network import Told, ask, lossy_link, robot_over

@@ -14,7 +14,7 @@ import pytest
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-pytest.importorskip("cyclonedds", reason="the package cyclonedds is not here")
+pytest.importorskip("cyclonedds", reason="needs cyclonedds: pip install firstfix[dds]")
 
 from cyclonedds.idl import make_idl_struct
 

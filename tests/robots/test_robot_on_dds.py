@@ -8,12 +8,11 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("cyclonedds", reason="the package cyclonedds is not here")
-
-from dds_network import any_domain
+pytest.importorskip("cyclonedds", reason="needs cyclonedds: pip install firstfix[dds]")
 
 from benchmarks.common.datasets import HALL
 from firstfix.answer.localization import Verdict
+from tests.claimed import any_domain
 from tests.robots import rust_robot
 from tests.robots.dds_world import Scene, check_pose, gateway, pose_after, scenes
 from waiting import wait_until

@@ -7,17 +7,17 @@ from typing import Any
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-pytest.importorskip("cyclonedds", reason="the package cyclonedds is not here")
+pytest.importorskip("cyclonedds", reason="needs cyclonedds: pip install firstfix[dds]")
 
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.idl import make_idl_struct
 from cyclonedds.idl.types import array, bounded_str, sequence, uint8
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
-from dds_network import any_domain
 
 from firstfix_cli.ros_gateway.dds import qos
 from firstfix_cli.ros_gateway.dds.participant import Participant
+from tests.claimed import any_domain
 from tests.dds_loopback import LOOPBACK
 from waiting import wait_until
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import socket
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -27,6 +26,7 @@ from firstfix.store.store import Store
 from firstfix_service.app import create_app
 from firstfix_service.server import Server
 from firstfix_service.settings import Settings
+from servers import free_port
 from waiting import LIMIT_S, wait_until
 
 FAKE_WORKER = (sys.executable, str(Path(__file__).with_name("fake_worker.py")))  # of builds
@@ -75,12 +75,6 @@ def publish(catalog: Catalog, map_id: str, label: str, scratch: Path, *, provisi
     directory.mkdir(parents=True, exist_ok=True)
     (directory / "label.txt").write_text(label)
     return catalog.publish(map_id, directory, Manifest.for_directory(directory, provisional=provisional))
-
-
-def free_port() -> int:
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        return int(s.getsockname()[1])
 
 
 @dataclass
@@ -208,5 +202,7 @@ def client_session(endpoint: str) -> Any:
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+    config.insert_json5("connect/timeout_ms", str(int(LIMIT_S * 1000)))  # a service may listen for HTTP first
+    config.insert_json5("connect/retry", '{"period_init_ms": 50, "period_max_ms": 1000}')
     config.insert_json5("scouting/multicast/enabled", "false")
     return zenoh.open(config)

@@ -16,10 +16,10 @@ from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.mesh.places.tiled_points import TiledPoints
 from firstfix_builder.mesh.reconstruct import block_meshes, mesh_chunks
 from firstfix_builder.simulation.simulate import Simulator
+from needs import recorded
 
 pytestmark = pytest.mark.slow
 
-HALL = Path(__file__).resolve().parents[4] / "shared" / "data" / "hilti_hall_indoor"
 SURFACES = ("signed-distance", "poisson")
 
 
@@ -163,9 +163,7 @@ def test_points_that_are_no_surface_do_not_crash_the_solver(shape: str, config: 
 
 def test_part_of_the_real_hall(config: ReconstructConfig):
     laspy = pytest.importorskip("laspy")
-    if not HALL.exists():
-        pytest.skip("needs ../shared/data/hilti_hall_indoor")
-    las = laspy.read(HALL / "map_0.05m.laz")
+    las = laspy.read(recorded("hilti_hall_indoor") / "map_0.05m.laz")
     points = np.column_stack([las.x, las.y, las.z])
     points = clean_cloud(points[(np.abs(points[:, :2]) < 5).all(axis=1)], CleanConfig(voxel_m=0.12))
     mesh = reconstruct_mesh(points, None, config)

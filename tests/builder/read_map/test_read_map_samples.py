@@ -9,9 +9,9 @@ import pytest
 
 from firstfix.errors import InputError, MalformedData, UnsupportedFormat
 from firstfix_builder.read_map import read_map, read_trajectory
+from needs import RECORDED, with_recorded
 
-SAMPLES = Path(__file__).resolve().parents[3].parent / "shared" / "data"
-pytestmark = pytest.mark.skipif(not (SAMPLES / "formats").is_dir(), reason="the sample files are not here")
+pytestmark = with_recorded("formats")
 
 POINTS = {
     "formats/converted/hall_scan60.ascii.pcd": 20_000,
@@ -93,7 +93,7 @@ POSES = {
 
 @pytest.mark.parametrize("name", POINTS)
 def test_the_right_point_count(name):
-    data = read_map(SAMPLES / name)
+    data = read_map(RECORDED / name)
     assert data.points is not None
     assert data.points.shape == (POINTS[name], 3)
     assert data.points.dtype == np.float64
@@ -105,7 +105,7 @@ def test_the_right_point_count(name):
 def test_the_clear_error(name):
     error, reason = ERRORS[name]
     with pytest.raises(error, match=reason) as caught:
-        read_map(SAMPLES / name)
+        read_map(RECORDED / name)
     assert type(caught.value) is error
     assert str(caught.value).startswith(Path(name).name + ": ")
 
@@ -115,7 +115,7 @@ def test_no_sample_is_left_out():
     there = {
         f"{folder}/{entry.name}"
         for folder in ("formats/converted", "formats/original", "user_maps")
-        for entry in (SAMPLES / folder).iterdir()
+        for entry in (RECORDED / folder).iterdir()
         if entry.name != "README.md"
     }
     assert there == listed
@@ -123,7 +123,7 @@ def test_no_sample_is_left_out():
 
 @pytest.mark.parametrize("name", POSES)
 def test_the_right_number_of_poses(name):
-    poses = read_trajectory(SAMPLES / name)
+    poses = read_trajectory(RECORDED / name)
     assert poses.shape == (POSES[name], 4, 4)
     np.testing.assert_allclose(
         poses[:, :3, :3] @ poses[:, :3, :3].transpose(0, 2, 1),
@@ -134,17 +134,17 @@ def test_the_right_number_of_poses(name):
 
 def test_the_same_hall_whatever_the_format():
     """Formats that keep the order of the points agree with the binary PCD to what their digits allow."""
-    truth = read_map(SAMPLES / "formats/converted/hall_scan60.binary.pcd").points
+    truth = read_map(RECORDED / "formats/converted/hall_scan60.binary.pcd").points
     for name, count in POINTS.items():
         if "hall_scan60" in name and count == 20_000:
-            data = read_map(SAMPLES / name)
+            data = read_map(RECORDED / name)
             shift = np.array([512_345.6, 5_403_210.1, 295.5]) if "utm" in name else np.zeros(3)
             np.testing.assert_allclose(data.points + data.origin - shift, truth, atol=0.001, err_msg=name)
 
 
 def test_the_livox_hall_lies_around_its_trajectory():
     """A wrong order of the quaternion's or the vector's numbers leaves the map's box."""
-    data = read_map(SAMPLES / "user_maps/livox_mid40_loam_hall")
+    data = read_map(RECORDED / "user_maps/livox_mid40_loam_hall")
     positions = data.trajectory[:, :3, 3]
     low, high = data.points.min(axis=0), data.points.max(axis=0)
     assert ((positions > low) & (positions < high)).all()
@@ -152,7 +152,7 @@ def test_the_livox_hall_lies_around_its_trajectory():
 
 
 def test_the_y_up_map_lies_flat_once_turned():
-    folder = SAMPLES / "user_maps/dddmr_lego_loam_outdoor_yup"
+    folder = RECORDED / "user_maps/dddmr_lego_loam_outdoor_yup"
     turned = np.ptp(read_map(folder, axis="y-up").points, axis=0)
     as_it_is = np.ptp(read_map(folder).points, axis=0)
     assert as_it_is[1] < 30 < min(as_it_is[0], as_it_is[2])
@@ -162,7 +162,7 @@ def test_the_y_up_map_lies_flat_once_turned():
 
 
 def test_the_rotation_in_place_turns_the_scans_onto_each_other():
-    folder = SAMPLES / "rotation_in_place_11"
+    folder = RECORDED / "rotation_in_place_11"
     poses = read_trajectory(folder / "pose.json")
     yaw_deg = np.degrees(np.arctan2(poses[:, 1, 0], poses[:, 0, 0]))
     assert yaw_deg[0] == pytest.approx(0, abs=1)
@@ -171,7 +171,7 @@ def test_the_rotation_in_place_turns_the_scans_onto_each_other():
 
 def test_sample_meshes():
     for name, triangles in (("office_willow_garage", 12_734), ("warehouse_aws_small", 14_997)):
-        data = read_map(SAMPLES / "worlds" / f"{name}.ply")
+        data = read_map(RECORDED / "worlds" / f"{name}.ply")
         assert data.points is None
         assert data.triangles.shape == (triangles, 3)
         assert data.triangles.max() < len(data.vertices)

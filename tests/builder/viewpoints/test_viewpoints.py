@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from box_scenes import box, floor, quad, walls
@@ -14,9 +12,9 @@ from firstfix_builder.mesh.mesh import Mesh
 from firstfix_builder.simulation.simulate import Simulator
 from firstfix_builder.viewpoints import tiles
 from firstfix_builder.viewpoints.sample import Viewpoints, sample_viewpoints
+from needs import recorded
 
 MOUNT_M = 0.6
-WORLDS = Path(__file__).resolve().parents[4] / "shared" / "data" / "worlds"
 
 
 def sample(
@@ -232,10 +230,7 @@ def test_small_tiles_give_what_one_tile_gives(monkeypatch: pytest.MonkeyPatch, w
 
 def test_real_floor_plan_without_a_trajectory():
     trimesh = pytest.importorskip("trimesh")
-    plan = WORLDS / "hospital_aws_1floor.ply"
-    if not plan.exists():
-        pytest.skip("needs ../shared/data/worlds")
-    mesh = trimesh.load(plan)
+    mesh = trimesh.load(recorded("worlds/hospital_aws_1floor.ply"))
     simulator = Simulator(np.asarray(mesh.vertices), np.asarray(mesh.faces))
     found = sample_viewpoints(simulator, ViewpointConfig(), MOUNT_M)
     assert 1000 < len(found) < 1400

@@ -37,9 +37,10 @@ def s3_url(port: int) -> str:
     return f"s3://{BUCKET}?endpoint=http://127.0.0.1:{port}&region=us-east-1&allow_http=true"
 
 
+@pytest.mark.parametrize(
+    "any_store_url", ["file", "s3", "azure"], indirect=True
+)  # what is in memory is not shared
 def test_a_read_only_store_reads_and_never_writes(any_store_url: str, tmp_path: Path) -> None:
-    if any_store_url == "memory://":
-        pytest.skip("two memory stores share nothing")
     Store.open(any_store_url).put("a/b", b"content")
     store = Store.open(any_store_url, read_only=True)
     store.probe()

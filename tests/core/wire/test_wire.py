@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import struct
 import tracemalloc
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,8 +23,8 @@ from firstfix.errors import (
 )
 from firstfix.scan.scan import MAX_POINTS, Scan
 from firstfix.wire.scan import decode_scan, encode_scan
+from needs import recorded
 
-KITTI = Path(__file__).resolve().parents[4] / "shared/data/kitti_drive0027_street/queries"
 HEADER_BYTES = 64
 
 coordinates = st.floats(-1000, 1000, width=32)
@@ -250,9 +249,8 @@ def test_a_bomb_is_refused_before_its_memory_is_taken(declared):
     assert peak < 1_000_000
 
 
-@pytest.mark.skipif(not KITTI.is_dir(), reason="the shared KITTI scans are not here")
 def test_a_real_scan_takes_about_200_kib():
-    for path in sorted(KITTI.glob("*.pcd")):
+    for path in sorted(recorded("kitti_drive0027_street/queries").glob("*.pcd")):
         head, _, rest = path.read_bytes().partition(b"DATA binary\n")
         n = int(head.split(b"POINTS ")[1].split()[0])
         scan = Scan.from_points(np.frombuffer(rest, np.float32, count=3 * n).reshape(n, 3))

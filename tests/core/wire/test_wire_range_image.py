@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -17,8 +15,7 @@ from firstfix.errors import InvalidOption, InvalidScan
 from firstfix.scan.scan import Scan
 from firstfix.wire.range_image import COLUMNS, ROWS
 from firstfix.wire.scan import decode_scan, encode_scan
-
-DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
+from needs import recorded
 
 coordinates = st.floats(-900, 900, width=32)
 clouds = hnp.arrays(np.float32, st.tuples(st.integers(0, 80), st.just(3)), elements=coordinates)
@@ -144,10 +141,7 @@ def test_the_largest_grid_is_read():
 
 @every_case(("folder", "returns"), [("kitti_drive0027_street", 0.98), ("hilti_hall_indoor", 0.99)])
 def test_a_real_scan_takes_under_90_kb(folder, returns):
-    paths = sorted((DATA / folder / "queries").glob("*.pcd"))
-    if not paths:
-        pytest.skip("the shared scans are not here")
-    for path in paths:
+    for path in sorted(recorded(f"{folder}/queries").glob("*.pcd")):
         scan = read_scan_file(path)
         body = image_of(scan)
         assert len(body) < 90_000

@@ -14,7 +14,7 @@ from service_world import FAKE_WORKER
 from firstfix.errors import BuildError, BuildStalled, BuildTimedOut
 from firstfix_service.builds import runner
 from firstfix_service.builds.watch import BuildLimits, BuildWatch
-from tests.faults.nats_server import nats_server_program
+from tests.faults.nats_server import NEEDS_NATS, nats_server_program
 from waiting import wait_until
 
 LIMITS = BuildLimits(timeout_s=1000.0, stall_s=100.0)
@@ -109,7 +109,7 @@ def test_a_build_that_hangs_is_ended_with_all_it_started_and_the_next_one_runs(t
         assert wait_until_ended(service, after)["state"] == "succeeded"
 
 
-@pytest.mark.skipif(nats_server_program() is None, reason="no nats-server on this machine")
+@pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS)
 def test_a_worker_ends_a_build_that_never_does_and_takes_the_next(tmp_path: Path, clock: Clock):
     with nats_world(tmp_path) as world:
         world.start_worker_thread(build_command=FAKE_WORKER, build_timeout_s=100, build_niceness=0)

@@ -16,7 +16,7 @@ from firstfix.builds.records import FINAL_STATES
 from firstfix_service.builds.fair_order import FairOrder
 from firstfix_service.builds.nats.builds import MAX_AHEAD
 from firstfix_service.builds.unfinished import UnfinishedBuild
-from tests.faults.nats_server import nats_server_program
+from tests.faults.nats_server import NEEDS_NATS, nats_server_program
 from waiting import wait_until
 
 
@@ -72,7 +72,7 @@ def test_a_flood_of_builds_does_not_hold_up_another_caller(tmp_path: Path):
     assert [line.split()[0] for line in lines][:4] == ["a0", "b0", "a1", "b1"]
 
 
-@pytest.mark.skipif(nats_server_program() is None, reason="no nats-server on this machine")
+@pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS)
 def test_a_flood_of_builds_leaves_room_in_the_stream(tmp_path: Path):
     def post(caller: Caller, name: str) -> str:
         return str(caller.post_map(name).json()["build_id"])

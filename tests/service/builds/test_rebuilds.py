@@ -20,7 +20,7 @@ from firstfix.engine.localizer import Localizer
 from firstfix_builder.pipeline import build_version
 from waiting import wait_until
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # a map is built three times
 
 
 def load(directory: Path) -> Localizer:

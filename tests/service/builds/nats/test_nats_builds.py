@@ -22,13 +22,13 @@ from firstfix_service.builds.nats.address import NatsAddress
 from firstfix_service.builds.nats.builds import NatsBuilds
 from firstfix_service.settings import Settings
 from small_world import CONFIG
-from tests.faults.nats_server import nats_server_program
+from tests.faults.nats_server import NEEDS_NATS, nats_server_program
 from tests.faults.tiny_worker import STAGES
 from waiting import wait_until
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(nats_server_program() is None, reason="no nats-server on this machine"),
+    pytest.mark.skipif(nats_server_program() is None, reason=NEEDS_NATS),
 ]
 
 

@@ -1,0 +1,190 @@
+"""A run of the tests ends, whatever hangs or dies in it, and leaves no process."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import psutil
+import pytest
+
+from harness.dead_workers import OF_THE_ENGINE
+from waiting import LIMIT_S, wait_until
+
+TESTS = Path(__file__).parents[1]
+REAPER = [sys.executable, str(TESTS / "harness/reaper.py")]
+CONFTEST = """
+import harness.left_behind
+import harness.running_tests
+import harness.time_limits
+
+harness.left_behind.LIMIT_S = 1
+harness.running_tests.SILENT_S = 1
+harness.time_limits.BACKSTOP_S = 1
+pytest_plugins = [
+    "harness.time_limits", "harness.running_tests", "harness.dead_workers", "harness.left_behind",
+]
+"""
+WORKERS = ["-n", "2", "--dist", "loadfile", "--no-loadscope-reorder", "--max-worker-restart", "3"]
+HANGS = """
+import ctypes, pytest, threading, time
+
+@pytest.mark.timeout(1)
+def test_in_python():
+    threading.Thread(target=lambda: time.sleep(5), name="the-other-thread").start()
+    time.sleep(600)
+
+@pytest.mark.timeout(1)
+@pytest.mark.parametrize("library", [ctypes.CDLL, ctypes.PyDLL])  # without and with the GIL
+def test_in_c(library):
+    mutex = ctypes.create_string_buffer(64)
+    library(None).pthread_mutex_lock(mutex)
+    library(None).pthread_mutex_lock(mutex)
+
+@pytest.fixture
+def endless():
+    time.sleep(600)
+
+@pytest.mark.timeout(1)
+def test_in_a_fixture(endless):
+    pass
+
+def test_after_them():
+    pass
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "conftest.py").write_text(CONFTEST)
+    (tmp_path / "pytest.ini").write_text("[pytest]\ntimeout = 300\ntimeout_method = signal\n")
+    return tmp_path
+
+
+def start(folder: Path, *options: str, limit_s: float = 2 * LIMIT_S) -> subprocess.Popen[str]:
+    pytest_command = [sys.executable, "-m", "pytest", "-p", "no:schemathesis", "-p", "no:dash", "-q"]
+    return subprocess.Popen(
+        [*REAPER, "--limit-s", str(int(limit_s)), *pytest_command, *options],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(TESTS)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def ended(run: subprocess.Popen[str]) -> str:
+    return run.communicate(timeout=LIMIT_S)[0]
+
+
+def running(mark: str) -> list[int]:
+    """Processes whose last argument is ``mark``."""
+    return [one.pid for one in psutil.process_iter(["cmdline"]) if (one.info["cmdline"] or [""])[-1] == mark]
+
+
+def orphan(mark: str) -> str:
+    """A test's first line: it starts a process whose parent ends, in a session of its own."""
+    command = ["setsid", "--fork", sys.executable, "-c", "import time; time.sleep(600)", mark]
+    return f"    __import__('subprocess').run({command!r}, check=True)\n"
+
+
+def hanging(mark: str) -> str:
+    return (
+        f"import pathlib, time\ndef test_hangs():\n{orphan(mark)}    pathlib.Path('begun').touch()\n"
+        "    time.sleep(600)\n"
+    )
+
+
+def test_a_hang_of_every_kind_fails_and_the_rest_is_run(folder: Path):
+    (folder / "test_hangs.py").write_text(HANGS)
+    said = ended(start(folder, *WORKERS))
+    assert "3 failed, 1 passed" in said
+    assert "1 error" in said
+    assert "Stack of the-other-thread" in said
+    assert said.count("in test_in_c") >= 2, "stacks from without Python"
+    assert "crashed while running 'test_hangs.py::test_in_c[PyDLL]'" in said
+    assert "no test has ended for" in said
+    assert "test_hangs.py::test_in_c[CDLL], for" in said
+
+
+def test_the_engine_is_asked_for_by_one_worker():
+    asking = [
+        path.relative_to(TESTS.parent).as_posix()
+        for path in TESTS.rglob("test_*.py")
+        if "build_images(" in path.read_text() and path != Path(__file__)
+    ]
+    assert set(asking) == OF_THE_ENGINE
+
+
+def test_a_worker_that_is_killed_holds_up_nobody_and_leaves_nothing(folder: Path):
+    mark = f"left-by-{folder}"
+    (folder / "test_a.py").write_text(
+        f"import os\ndef test_before(): pass\ndef test_killed():\n{orphan(mark)}    os.kill(os.getpid(), 9)\n"
+    )
+    for name in "bcd":  # with a file of one test to give to the new worker, xdist alone waits for ever
+        (folder / f"test_{name}.py").write_text("import time\ndef test_only(): time.sleep(0.1)\n")
+    run = start(folder, *WORKERS)
+    said = ended(run)
+    assert "1 failed, 4 passed" in said
+    assert said.count("crashed while running 'test_a.py::test_killed'") == 1
+    assert run.returncode == 1
+    assert mark in said
+    assert running(mark) == []
+
+
+@pytest.mark.parametrize("options", [[], WORKERS])
+def test_what_tests_leave_behind_is_named_and_ended(folder: Path, options: list[str]):
+    mark = f"left-by-{folder}"
+    (folder / "test_a.py").write_text(f"def test_one():\n{orphan(mark)}")
+    run = start(folder, *options)
+    said = ended(run)
+    assert "1 passed" in said
+    assert f"left behind by the tests: {sys.executable} -c import time; time.sleep(600) {mark}" in said
+    assert "first seen in test_a.py" in said
+    assert run.returncode == 1
+    assert running(mark) == []
+
+
+@pytest.mark.parametrize("options", [[], WORKERS])
+def test_a_run_ends_at_its_limit_with_names_and_stacks(folder: Path, options: list[str]):
+    mark = f"left-by-{folder}"
+    (folder / "test_a.py").write_text(hanging(mark))
+    run = start(folder, *options)
+    wait_until(lambda: (folder / "begun").exists())
+    run.send_signal(signal.SIGTERM)  # as at the limit
+    said = ended(run)
+    assert "asked to end; running:\n    test_a.py::test_hangs, for" in said
+    assert "in test_hangs\n" in said
+    assert "Exit: asked to end" in said, "the summary"
+    assert run.returncode == pytest.ExitCode.INTERRUPTED
+    assert running(mark) == []
+
+
+def test_a_command_that_does_not_listen_is_killed():
+    deaf = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); time.sleep(600)"
+    code = f"""
+import sys
+from harness import reaper
+
+reaper.GRACE_S = 1
+sys.exit(reaper.run([sys.executable, "-c", {deaf!r}], 1))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=TESTS, capture_output=True, text=True, timeout=LIMIT_S
+    )
+    assert done.returncode == 128 + signal.SIGKILL
+    assert "the limit of 1 s is reached" in done.stderr
+
+
+def test_all_ends_with_whoever_started_it(folder: Path):
+    mark = f"left-by-{folder}"
+    (folder / "test_a.py").write_text(hanging(mark))
+    run = start(folder, *WORKERS)
+    wait_until(lambda: (folder / "begun").exists())
+    (controller,) = psutil.Process(run.pid).children()
+    controller.kill()
+    ended(run)
+    assert running(mark) == []
