@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import errno
+import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 from typing import Protocol
 
+from ..errors import OutOfSpace
 from .backend import BucketWriter, translated
 from .durable_files import DurableFiles
 
@@ -41,21 +44,22 @@ class DirectoryWriter:
 
     def __init__(self, bucket: BucketWriter, root: Path) -> None:
         self._bucket = bucket
+        self._root = root
         self._files = DurableFiles(root)
 
     def create(self, key: str, data: bytes | Path) -> bool:
         """Link a new file to the name. Returns False if the key exists."""
-        with translated(key, writing=True), _pieces(data) as pieces:
+        with self._translated(key, data), _pieces(data) as pieces:
             return self._files.create(key, pieces)
 
     def replace(self, key: str, data: bytes | Path) -> None:
         """Rename a new file to the name."""
-        with translated(key, writing=True), _pieces(data) as pieces:
+        with self._translated(key, data), _pieces(data) as pieces:
             self._files.replace(key, pieces)
 
     def replace_from_pieces(self, key: str, pieces: Iterable[bytes]) -> None:
         """Rename a new file, written piece by piece, to the name."""
-        with translated(key, writing=True):
+        with self._translated(key, None):
             self._files.replace(key, pieces)
 
     def make_durable(self, key: str) -> None:
@@ -71,6 +75,20 @@ class DirectoryWriter:
     def remove_parts(self, before: datetime, *, dry_run: bool) -> list[str]:
         """Remove parts that killed puts left before a time. Returns their names."""
         return self._files.remove_parts(before, dry_run=dry_run)
+
+    @contextmanager
+    def _translated(self, key: str, data: bytes | Path | None) -> Iterator[None]:
+        """Translate errors of a put. A full disk is named with the bytes needed, if known, and those free."""
+        with translated(key, writing=True):
+            try:
+                yield
+            except OSError as error:
+                if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+                    raise
+                free = shutil.disk_usage(self._root).free
+                size = data.stat().st_size if isinstance(data, Path) else None if data is None else len(data)
+                needed = "has no room for" if size is None else f"needs {size} bytes for"
+                raise OutOfSpace(f"the store's disk {needed} {key}: {free} bytes are free") from None
 
 
 @contextmanager
