@@ -15,6 +15,7 @@ from .backend import BucketWriter, translated
 from .durable_files import DurableFiles
 
 _READ_BYTES = 1 << 20
+RECORDS_BYTES = 16 << 20  # stay free beside large objects: who finds the disk full must be able to say so
 
 
 class Writer(Protocol):
@@ -31,6 +32,9 @@ class Writer(Protocol):
 
     def make_durable(self, key: str) -> None:
         """Make sure that an object that another writer just wrote survives a power cut."""
+
+    def check_room(self, size_bytes: int, what: str) -> None:
+        """Check that there is room for so many bytes, as far as that can be known."""
 
     def delete(self, key: str) -> None:
         """Remove an object. A missing object is no error."""
@@ -66,6 +70,11 @@ class DirectoryWriter:
         """Sync the folder that holds the name."""
         self._files.sync_name(key)
 
+    def check_room(self, size_bytes: int, what: str) -> None:
+        """Check that the disk has room for so many bytes, and some for records after them."""
+        if size_bytes + RECORDS_BYTES > shutil.disk_usage(self._root).free:
+            raise self._full(what, size_bytes)
+
     def delete(self, key: str) -> None:
         """Remove an object, and the folders that it leaves empty except the uppermost."""
         self._bucket.delete(key)
@@ -85,10 +94,13 @@ class DirectoryWriter:
             except OSError as error:
                 if error.errno not in (errno.ENOSPC, errno.EDQUOT):
                     raise
-                free = shutil.disk_usage(self._root).free
                 size = data.stat().st_size if isinstance(data, Path) else None if data is None else len(data)
-                needed = "has no room for" if size is None else f"needs {size} bytes for"
-                raise OutOfSpace(f"the store's disk {needed} {key}: {free} bytes are free") from None
+                raise self._full(key, size) from None
+
+    def _full(self, what: str, size_bytes: int | None) -> OutOfSpace:
+        needed = "has no room for" if size_bytes is None else f"needs {size_bytes} bytes for"
+        free = shutil.disk_usage(self._root).free
+        return OutOfSpace(f"the store's disk {needed} {what}: {free} bytes are free")
 
 
 @contextmanager
