@@ -3,9 +3,8 @@
     python -m firstfix_builder.worker --store URL --build ID --work DIR
 
 The process may be killed at any moment, also by kill -9. Only the running stage is lost: the next run with
-the same folder resumes the build, and everything that was published or recorded stays valid. Exit codes:
-0 succeeded, 1 failed (the status has the reason), 2 wrong usage, 3 cancelled, 75 stopped or store unreachable
-(run it again).
+the same folder resumes the build, and everything that was published or recorded stays valid. It ends with
+an ``ExitCode``.
 """
 
 from __future__ import annotations
@@ -17,8 +16,16 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+from firstfix.builds.exit_codes import ExitCode
 from firstfix.builds.shared_stages import SharedStages
-from firstfix.errors import ClusterUnavailable, InvalidOption, NotFound, StoreError, StoreUnavailable
+from firstfix.errors import (
+    ClusterUnavailable,
+    InvalidOption,
+    NotFound,
+    OutOfSpace,
+    StoreError,
+    StoreUnavailable,
+)
 from firstfix.store.store import Store
 
 from .execution.executor_url import THREADS, dask_address
@@ -26,12 +33,10 @@ from .execution.stage_names import STAGES
 from .job.build_job import BuildJob, BuildVersion, Built
 from .job.fetch_source import DEFAULT_MAX_BYTES, SourcePolicy
 from .job.log import set_up_build_log
-from .job.reporter import EXIT_TRY_AGAIN
 from .job.run_build import run_build
 from .sandbox.process import SandboxOptions
 from .sandbox.sandboxed_build import SandboxedBuild
 
-EXIT_USAGE = 2
 # The service that runs a worker sets these variables. They have the names of its own settings.
 LOG_LEVEL_VARIABLE, LOG_JSON_VARIABLE = "FIRSTFIX_LOG_LEVEL", "FIRSTFIX_LOG_JSON"
 SANDBOX_VARIABLE, MAX_MEMORY_VARIABLE = "FIRSTFIX_BUILD_SANDBOX", "FIRSTFIX_BUILD_MAX_MEMORY_BYTES"
@@ -156,10 +161,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
     except (StoreUnavailable, ClusterUnavailable) as error:
         _log.error("build %s: %s", chosen.build, error)
-        return EXIT_TRY_AGAIN
+        return ExitCode.TRY_AGAIN
+    except OutOfSpace as error:
+        _log.error("build %s: %s", chosen.build, error)
+        return ExitCode.NO_SPACE
     except (InvalidOption, NotFound, StoreError) as error:
         _log.error("build %s: %s", chosen.build, error)
-        return EXIT_USAGE
+        return ExitCode.USAGE
 
 
 if __name__ == "__main__":

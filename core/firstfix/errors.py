@@ -19,7 +19,7 @@
     |  |- StoreUnavailable        it does not answer
     |  |- StoreUnsafe             it lets a create-only put overwrite
     |  |- UnreadableRecord        one record is damaged; the others are not affected
-    |  `- OutOfSpace              the store is full
+    |  `- OutOfSpace              the store, or the disk for work, is full
     |- VersionError               a published version cannot be served
     |  |- CorruptVersion          a file is missing or its sha256 differs
     |  `- IncompatibleVersion     made by a format this reader does not know

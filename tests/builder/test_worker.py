@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import itertools
+import re
 import select
 import subprocess
 import sys
@@ -24,6 +26,7 @@ from firstfix.errors import (
     BuildFailed,
     ClusterUnavailable,
     NotFound,
+    OutOfSpace,
     StoreUnavailable,
     TooLarge,
     UnreadableRecord,
@@ -232,7 +235,7 @@ def test_a_provisional_version_serves_until_the_full_one_is_there(place: Place) 
 
 
 @pytest.mark.parametrize("ends", ["failed", "cancelled"])
-def test_a_build_that_ends_badly_leaves_its_provisional_version(place: Place, ends: str) -> None:
+def test_a_build_that_ends_badly_leaves_nothing_but_its_record(place: Place, ends: str) -> None:
     def end(progress: Callable[[str, float], None], cancelled: Callable[[], bool]) -> None:
         raise BuildFailed("no floor") if ends == "failed" else BuildCancelled("enough")
 
@@ -240,12 +243,10 @@ def test_a_build_that_ends_badly_leaves_its_provisional_version(place: Place, en
     status = place.catalog.build_status("b1")
     assert status["state"] == ends
     assert status["version"] is None
-    assert place.catalog.active_version("hall") == status["provisional_version"] is not None
-    assert place.catalog.state("hall").provisional == {status["provisional_version"]}
-    place.request("b2")
-    assert place.run(EarlyPipeline(), "b2") == 0, "the next build makes the full one"
-    assert not place.catalog.state("hall").provisional
-    assert place.catalog.active_version("hall") == place.catalog.build_status("b2")["version"]
+    assert status["provisional_version"] is not None, "it says what it had published"
+    assert place.catalog.active_version("hall") is None
+    assert place.catalog.state("hall").published == ()
+    assert place.catalog.store.list("maps/hall/sources") == []
 
 
 def test_a_provisional_version_can_be_forbidden(place: Place) -> None:
@@ -290,7 +291,6 @@ def _fail(error: BaseException) -> TinyPipeline:
         (BuildFailed("the cloud has no floor"), "build_failed", "the cloud has no floor"),
         (TooLarge("too many points"), "too_large", "too many points"),
         (MemoryError(), "build_failed", "the worker ran out of memory"),
-        (OSError(28, "No space left on device"), "build_failed", "the worker's disk is full"),
         (KeyError("/home/secret"), "internal", "KeyError: see the worker's log"),
     ],
 )
@@ -315,14 +315,26 @@ def test_a_build_that_has_ended_is_left_alone(place: Place) -> None:
     assert pipeline.calls == []
 
 
-@pytest.mark.parametrize("error", [StoreUnavailable("gone"), ClusterUnavailable("gone")])
-def test_a_store_or_cluster_out_of_reach_leaves_the_build_to_be_run_again(
-    error: Exception, place: Place
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (StoreUnavailable("gone"), "store_unavailable"),
+        (ClusterUnavailable("gone"), "cluster_unavailable"),
+        (OutOfSpace("the store is full"), "out_of_space"),
+        (OSError(errno.ENOSPC, "No space left on device"), "out_of_space"),
+    ],
+)
+def test_what_is_no_fault_of_the_build_leaves_it_to_be_run_again(
+    error: Exception, code: str, place: Place
 ) -> None:
-    with pytest.raises(type(error)):
+    with pytest.raises(OutOfSpace if code == "out_of_space" else type(error)):
         place.run(_fail(error))
-    assert place.catalog.build_status("b1")["state"] == "queued"
+    status = place.catalog.build_status("b1")
+    assert (status["state"], status["error"]["code"]) == ("queued", code)
+    if isinstance(error, OSError):
+        assert re.search("work folder is full: [0-9]+ bytes are free", status["error"]["detail"])
     assert place.run(TinyPipeline()) == 0
+    assert place.catalog.build_status("b1")["error"] is None
 
 
 def test_builds_that_share_a_folder_run_one_after_the_other(place: Place) -> None:

@@ -11,6 +11,7 @@ import sys
 from importlib import import_module
 
 DRILLS = (
+    "ends",
     "frozen",
     "fuzz_bodies",
     "kill_builds",

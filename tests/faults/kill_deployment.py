@@ -9,6 +9,7 @@ import sys
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import httpx
 
@@ -42,22 +43,32 @@ class Member:
             self.process.wait()
 
     def build_pids(self) -> list[int]:
-        """The builds that it runs."""
+        """The builds that it runs; its query workers are none."""
         assert self.process is not None
         found = []
         for folder in Path("/proc").glob("[0-9]*"):
             with suppress(OSError, IndexError):  # ended meanwhile
                 # After the name, which may hold anything: state, parent.
                 fields = (folder / "stat").read_text().rpartition(")")[2].split()
-                if int(fields[1]) == self.process.pid and fields[0] != "Z":
+                is_build = b"tests.faults.tiny_worker" in (folder / "cmdline").read_bytes()
+                if int(fields[1]) == self.process.pid and fields[0] != "Z" and is_build:
                     found.append(int(folder.name))
         return found
 
 
 @dataclass
 class Deployment:
+    """The members in one folder.
+
+    Attributes:
+        python: interpreter of the checkout that is tried.
+        variables: further variables of the members' environment.
+    """
+
     folder: Path
     nats_url: str | None
+    python: str = sys.executable
+    variables: dict[str, str] = field(default_factory=dict)
     members: list[Member] = field(default_factory=list)
     port: int = field(default_factory=free_port)
 
@@ -72,15 +83,16 @@ class Deployment:
             "FIRSTFIX_PORT": str(self.port),
             "FIRSTFIX_BUILD_QUEUE": self.nats_url or "embedded",
             "FIRSTFIX_RUN_BUILDS": "true",
-            "FIRSTFIX_BUILD_COMMAND": json.dumps([sys.executable, "-m", "tests.faults.tiny_worker"]),
+            "FIRSTFIX_BUILD_COMMAND": json.dumps([self.python, "-m", "tests.faults.tiny_worker"]),
             "FIRSTFIX_BUILD_LEASE_S": str(LEASE_S),
             "FIRSTFIX_BUILD_ATTEMPTS": "1000",  # the kills are ours, not the builds'
             "FIRSTFIX_CACHE_DIR": str(self.folder / "cache"),
+            **self.variables,
         }
         roles = ["serve", *(["worker", "worker"] if self.nats_url else [])]
         for i, role in enumerate(roles):
             work = self.folder / f"work{i}"
-            command = [sys.executable, "-m", "firstfix_cli.main", role, "--work", str(work)]
+            command = [self.python, "-m", "firstfix_cli.main", role, "--work", str(work)]
             self.members.append(Member(role, command, environment, self.folder / f"{role}{i}.log"))
         for member in self.members:
             member.start()
@@ -89,12 +101,19 @@ class Deployment:
         for member in self.members:
             member.kill()
 
-    def post(self, map_id: str, seed: int) -> str | None:
-        """The id of a build that the service took; None when it was not there to take it."""
+    def post(self, map_id: str, seed: int, **told: Any) -> str | None:
+        """The id of a build that the service took; None when it was not there to take it.
+
+        Args:
+            told: what the build does, as ``config_telling`` says.
+        """
         try:
             response = httpx.post(
                 f"http://127.0.0.1:{self.port}/maps",
-                data={"map_id": map_id, "config": json.dumps(config_telling(seed=seed, stage_s=STAGE_S))},
+                data={
+                    "map_id": map_id,
+                    "config": json.dumps(config_telling(**{"seed": seed, "stage_s": STAGE_S, **told})),
+                },
                 files={"source": ("a.xyz", b"0 0 0\n" * 1000 + str(seed).encode())},
                 timeout=30,
             )

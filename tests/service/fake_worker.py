@@ -66,9 +66,12 @@ def main() -> int:
             status = new_status("running", map_id=map_id, stage="describe", progress=progress)
             catalog.set_build_status(chosen.build, status)
             time.sleep(0.05)
-    if do == "hang_until_orphaned":
+    if do == "hang_thrice" and len((work / "order.txt").read_text().splitlines()) <= 3:
         sys.stdin.read()
         return 75
+    if do == "no_space":
+        print("the store's disk needs 9 bytes for x: 3 bytes are free", file=sys.stderr)
+        return 73
     if do == "allocate_600_mib":
         data = bytearray(600 << 20)
         data[::4096] = b"x" * len(data[::4096])

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import errno
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
-from firstfix.errors import BuildFailed, FirstfixError
+from firstfix.errors import BuildFailed, FirstfixError, OutOfSpace
+
+_FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
 def error_record(error: Exception, work: Path) -> dict[str, str]:
@@ -14,8 +19,27 @@ def error_record(error: Exception, work: Path) -> dict[str, str]:
         return {"code": error.code, "detail": str(error).replace(str(work), "work")[:1000]}
     if isinstance(error, MemoryError):
         return {"code": BuildFailed.code, "detail": "the worker ran out of memory"}
-    if isinstance(error, OSError) and error.errno == errno.ENOSPC:
-        return {"code": BuildFailed.code, "detail": "the worker's disk is full"}
+    if isinstance(error, OSError) and error.errno in _FULL:
+        return {"code": OutOfSpace.code, "detail": _full_disk(work)}
     if isinstance(error, OSError) and error.errno == errno.EFBIG:
         return {"code": BuildFailed.code, "detail": "a file of the build became larger than it may"}
     return {"code": FirstfixError.code, "detail": f"{type(error).__name__}: see the worker's log"}
+
+
+@contextmanager
+def full_disk_named(work: Path) -> Iterator[None]:
+    """Turns the error of a full disk into one that names the work folder's disk, and its free bytes.
+
+    Raises:
+        OutOfSpace: the block met a full disk.
+    """
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in _FULL:
+            raise
+        raise OutOfSpace(_full_disk(work)) from error
+
+
+def _full_disk(work: Path) -> str:
+    return f"the disk of the build's work folder is full: {shutil.disk_usage(work).free} bytes are free"

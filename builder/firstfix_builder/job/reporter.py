@@ -15,21 +15,21 @@ import select
 import signal
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from types import FrameType
 from typing import Any
 
-from firstfix.builds.records import new_status
+from firstfix.builds.exit_codes import ExitCode
+from firstfix.builds.records import FINAL_STATES, new_status
 from firstfix.catalog.catalog import Catalog
 from firstfix.errors import StoreError
+from firstfix.upkeep.build_end import end_build
 
 _log = logging.getLogger(__name__)
 STATUS_PERIOD_S = 0.5
 CANCEL_PERIOD_S = 1.0
 CANCEL_GRACE_S = 10.0  # for the stages to notice; then the process ends
 LAST_WORD_S = 3.0  # to write the last status when the process has to end
-EXIT_CANCELLED = 3
-EXIT_TRY_AGAIN = 75  # EX_TEMPFAIL of sysexits.h
 
 
 class BuildReporter:
@@ -44,8 +44,8 @@ class BuildReporter:
     Args:
         stages: all stages of the build in order, for the overall progress.
         own_process: SIGTERM and SIGINT set the status to queued and end the process with
-            ``EXIT_TRY_AGAIN``; a cancellation that the stages ignore ends it, too. Only for the main thread
-            of a process that runs nothing else.
+            ``ExitCode.TRY_AGAIN``; a cancellation that the stages ignore ends it, too. Only for the main
+            thread of a process that runs nothing else.
         tied_to_stdin: the end of standard input has the effect of SIGTERM: the parent was killed, and another
             process will run the build.
     """
@@ -107,6 +107,10 @@ class BuildReporter:
         """Name of the current stage."""
         return self._stage
 
+    def waiting_status(self, error: Mapping[str, str]) -> dict[str, Any]:
+        """Returns the status of the build while it waits to be run again, and why it has to."""
+        return {**self._status("queued"), "error": dict(error)}
+
     def is_cancelled(self) -> bool:
         """Returns whether the build is cancelled."""
         return self._cancelled.is_set()
@@ -119,7 +123,7 @@ class BuildReporter:
             stopped = self._wake_read in readable and any(os.read(self._wake_read, 64))
             if stopped or (0 in readable and not os.read(0, 64)):
                 # Every stage and the publish bear a kill at any moment: nothing is wound up.
-                self._end_process("queued", EXIT_TRY_AGAIN)
+                self._end_process("queued", ExitCode.TRY_AGAIN)
             if self._ended:
                 return
             now = time.monotonic()
@@ -133,7 +137,7 @@ class BuildReporter:
             except StoreError as error:
                 _log.warning("build %s: the store did not take or give the status: %s", self._build_id, error)
             if self._own_process and now >= forced_at:
-                self._end_process("cancelled", EXIT_CANCELLED)
+                self._end_process("cancelled", ExitCode.CANCELLED)
 
     def _write_status(self) -> None:
         current = (self._stage, self._progress, self.provisional_version)
@@ -152,10 +156,12 @@ class BuildReporter:
             provisional_version=self.provisional_version,
         )
 
-    def _end_process(self, state: str, code: int) -> None:
+    def _end_process(self, state: str, code: ExitCode) -> None:
         status = self._status(state)
         last_word = threading.Thread(
-            target=self._catalog.set_build_status, args=(self._build_id, status), daemon=True
+            target=end_build if state in FINAL_STATES else Catalog.set_build_status,
+            args=(self._catalog, self._build_id, status),
+            daemon=True,
         )
         last_word.start()
         last_word.join(LAST_WORD_S)

@@ -12,20 +12,31 @@ from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
+from firstfix.builds.exit_codes import ExitCode
 from firstfix.builds.records import new_status
 from firstfix.catalog.catalog import Catalog
-from firstfix.errors import BuildCancelled, ClusterUnavailable, StoreError, StoreUnavailable
+from firstfix.errors import (
+    BuildCancelled,
+    ClusterUnavailable,
+    OutOfSpace,
+    StoreError,
+    StoreUnavailable,
+)
 from firstfix.store.store import Store
+from firstfix.upkeep.build_end import end_build
 
 from ..execution.build_trace import BuildTrace
 from ..execution.stage_names import PROVISIONAL
 from .build_job import BuildJob, BuildVersion, Built
-from .error_record import error_record
+from .error_record import error_record, full_disk_named
 from .fetch_source import SourceFetch, SourcePolicy, json_object
-from .reporter import EXIT_CANCELLED, BuildReporter
+from .reporter import BuildReporter
 
-EXIT_SUCCEEDED, EXIT_FAILED = 0, 1
-_EXIT_OF_STATE = {"succeeded": EXIT_SUCCEEDED, "failed": EXIT_FAILED, "cancelled": EXIT_CANCELLED}
+_EXIT_OF_STATE = {
+    "succeeded": ExitCode.SUCCEEDED,
+    "failed": ExitCode.FAILED,
+    "cancelled": ExitCode.CANCELLED,
+}
 _log = logging.getLogger(__name__)
 
 
@@ -56,6 +67,7 @@ def run_build(
         NotFound: no such build.
         StoreUnavailable: the recorded status may be out of date.
         ClusterUnavailable: the machines that run the build's chunks are gone.
+        OutOfSpace: the store or the disk of the work folder is full.
     """
     catalog = Catalog(Store.open(store_url))
     request = catalog.build_request(build_id)
@@ -87,39 +99,37 @@ def run_build(
 
             tick(all_stages[0], 0.0)
             try:
-                catalog.store.probe()
-                fetched = partial(tick, all_stages[0])
-                fetch = SourceFetch(store_url, catalog.store, map_id, build_id, work / "sources", policy)
-                sources = fetch.of_request(request, fetched)
-                job = BuildJob(
-                    sources["source"],
-                    sources.get("trajectory"),
-                    config,
-                    work,
-                    tick,
-                    reporter.is_cancelled,
-                    publish_provisional if is_early else None,
-                )
-                built = build_version(job)
-                if reporter.is_cancelled():
-                    raise BuildCancelled("cancelled before it was published")
-                tick("publish", 0.0)
-                version = catalog.publish(
-                    map_id,
-                    built.directory,
-                    built.manifest,
-                    build_id=build_id,
-                    on_progress=partial(tick, "publish"),
-                )
+                with full_disk_named(work):
+                    catalog.store.probe()
+                    fetched = partial(tick, all_stages[0])
+                    fetch = SourceFetch(store_url, catalog.store, map_id, build_id, work / "sources", policy)
+                    sources = fetch.of_request(request, fetched)
+                    job = BuildJob(
+                        sources["source"],
+                        sources.get("trajectory"),
+                        config,
+                        work,
+                        tick,
+                        reporter.is_cancelled,
+                        publish_provisional if is_early else None,
+                    )
+                    built = build_version(job)
+                    if reporter.is_cancelled():
+                        raise BuildCancelled("cancelled before it was published")
+                    tick("publish", 0.0)
+                    version = catalog.publish(
+                        map_id,
+                        built.directory,
+                        built.manifest,
+                        build_id=build_id,
+                        on_progress=partial(tick, "publish"),
+                    )
                 status = new_status(
                     "succeeded", map_id=map_id, stage="publish", progress=1.0, version=version
                 )
-            except (StoreUnavailable, ClusterUnavailable):
+            except (StoreUnavailable, ClusterUnavailable, OutOfSpace) as error:
                 with suppress(StoreError):  # not the build's fault: it is to be run again
-                    catalog.set_build_status(
-                        build_id,
-                        new_status("queued", map_id=map_id, provisional_version=reporter.provisional_version),
-                    )
+                    catalog.set_build_status(build_id, reporter.waiting_status(error_record(error, work)))
                 raise
             except BuildCancelled:
                 status = new_status("cancelled", map_id=map_id, stage=reporter.stage)
@@ -131,7 +141,10 @@ def run_build(
         status["provisional_version"] = reporter.provisional_version
         trace.end(status["state"], (status["error"] or {}).get("code"))
         catalog.set_build_stages(build_id, [asdict(stage) for stage in trace.stages])
-        catalog.set_build_status(build_id, status)
+        if status["state"] == "succeeded":
+            catalog.set_build_status(build_id, status)
+        else:
+            end_build(catalog, build_id, status)
         shutil.rmtree(work / "sources", ignore_errors=True)
         return _EXIT_OF_STATE[status["state"]]
 

@@ -5,17 +5,26 @@ from __future__ import annotations
 import signal
 from typing import Any
 
-from firstfix.errors import BuildCancelled, BuildFailed, FirstfixError, InputError, NotFound
+from firstfix.errors import BuildCancelled, BuildFailed, FirstfixError, InputError, NotFound, OutOfSpace
 
 
 def as_error(said: Any) -> FirstfixError:
-    """Returns the error that a sandboxed build reported. A build cannot ask to be run again."""
+    """Returns the error that a sandboxed build reported.
+
+    A build cannot ask to be run again, but for a few times because its disk is full.
+    """
     if not isinstance(said, dict):
         return BuildFailed("the build failed and gave no reason")
     code, detail = str(said.get("code")), str(said.get("detail"))[:1000]
     if code == FirstfixError.code:
         return FirstfixError(detail)  # a fault of the program itself: the log has it
-    kinds: list[type[FirstfixError]] = [InputError, *InputError.__subclasses__(), NotFound, BuildCancelled]
+    kinds: list[type[FirstfixError]] = [
+        InputError,
+        *InputError.__subclasses__(),
+        NotFound,
+        BuildCancelled,
+        OutOfSpace,
+    ]
     return next((kind for kind in kinds if kind.code == code), BuildFailed)(detail)
 
 

@@ -19,6 +19,8 @@ import math
 import re
 import uuid
 from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from enum import Enum
@@ -31,15 +33,23 @@ from ..store.store import Store
 
 _NAME = re.compile(r"(\d{6,})\.(json|beat|look|end\.json)")
 _MAX_REASON_CHARS = 300  # of the last failure, in the error
+# Lost attempts for each failure that a build may have: its machine or its service was restarted, killed or
+# drained, most likely for another reason. But a build that takes its machine down each time must end.
+LOST_PER_FAILURE = 10
 
 
 class AttemptEnd(str, Enum):
-    """End of an attempt. ``died`` and ``lost`` count as failures of the build, the others do not."""
+    """End of an attempt.
+
+    ``died`` counts as a failure of the build. ``lost`` does too, but ``LOST_PER_FAILURE`` of them are allowed
+    for each failure. The others do not count.
+    """
 
     ENDED = "ended"  # the build reached a final state
-    STOPPED = "stopped"  # on purpose: a deployment, or the store is out of reach
+    STOPPED = "stopped"  # a deployment, the store is out of reach, or its process saw that its parent ended
+    NO_SPACE = "no_space"  # the store or the work folder was full
     DIED = "died"  # its process was killed
-    LOST = "lost"  # its heartbeat stopped
+    LOST = "lost"  # its heartbeat stopped, and its process said nothing
 
 
 @dataclass(frozen=True)
@@ -63,8 +73,8 @@ class BuildAttempts:
         claimant: unique name of a process that runs one build at a time. An open attempt of the same name is
             left from a claimant that was killed.
         lease_s: an attempt without a heartbeat for this long is lost.
-        max_attempts: number of failures in one stage after which a build fails. Failures in different stages
-            are counted apart: if the build got further, its inputs are not the likely cause.
+        max_attempts: number of failures without progress after which a build fails. The count begins again
+            when an attempt gets further than all before it: its inputs are not the likely cause then.
     """
 
     def __init__(self, store: Store, claimant: str, *, lease_s: float, max_attempts: int) -> None:
@@ -73,11 +83,12 @@ class BuildAttempts:
         self._lease_s = lease_s
         self._max_attempts = max_attempts
 
-    def claim(self, build_id: str, stage: str) -> Attempt | None:
+    def claim(self, build_id: str, status: Mapping[str, Any]) -> Attempt | None:
         """Begin a new attempt. Returns None while another claimant runs the build.
 
         Args:
-            stage: current stage in the build's status, where a lost attempt failed.
+            status: of the build: where a lost attempt was. A process that sees its parent end sets the state
+                to queued. If the state is still running, the process was killed first or together with it.
 
         Raises:
             BuildAttemptsExceeded: too many attempts have failed.
@@ -88,8 +99,9 @@ class BuildAttempts:
             why = self._why_lost(build_id, last)
             if why is None:
                 return None
-            self.end(Attempt(build_id, last), AttemptEnd.LOST, stage=stage, why=why)
-        self._check_failures(build_id, last)
+            how = AttemptEnd.LOST if status["state"] == "running" else AttemptEnd.STOPPED
+            self.end(Attempt(build_id, last), how, status=status, why=why)
+        self._check_failures(build_id)
         content = {"holder": self._claimant, "time": _now(), "writer": uuid.uuid4().hex}
         if not self._create(f"{_folder(build_id)}/{last + 1:06d}.json", content):
             return None
@@ -106,17 +118,26 @@ class BuildAttempts:
         return True
 
     def end(
-        self, attempt: Attempt, how: AttemptEnd, *, stage: str = "", why: str = "", ran_s: float = 0.0
+        self,
+        attempt: Attempt,
+        how: AttemptEnd,
+        *,
+        status: Mapping[str, Any] | None = None,
+        why: str = "",
+        ran_s: float = 0.0,
     ) -> None:
         """Record the end of an attempt. If several processes do, the first counts.
 
         Args:
+            status: of the build at the end, for a failure.
             ran_s: run time of its process; unknown for a lost attempt.
         """
         key = _key(attempt)
+        at = status or {"stage": "", "progress": 0.0}
         record = {
             "end": how.value,
-            "stage": stage,
+            "stage": at["stage"],
+            "progress": at["progress"],
             "why": why[:1000],
             "time": _now(),
             "ran_s": round(ran_s, 3),
@@ -127,13 +148,14 @@ class BuildAttempts:
 
     def ran_s(self, build_id: str) -> float:
         """Total run time of the ended attempts at a build."""
-        total_s = 0.0
-        for number, kinds in _scan(self._store, build_id).items():
-            if "end.json" in kinds:
-                ran_s = _read(self._store, f"{_folder(build_id)}/{number:06d}.end.json").get("ran_s")
-                if isinstance(ran_s, int | float) and math.isfinite(ran_s):
-                    total_s += max(ran_s, 0.0)
-        return total_s
+        return sum(max(_number(ended, "ran_s"), 0.0) for ended in self._ends(build_id))
+
+    def times_without_space(self, build_id: str) -> int:
+        """Number of the last attempts that ended, one after the other, because there was no space."""
+        count = 0
+        for ended in self._ends(build_id):
+            count = count + 1 if ended.get("end") == AttemptEnd.NO_SPACE else 0
+        return count
 
     def _why_lost(self, build_id: str, number: int) -> str | None:
         """Reason to take an open attempt for lost, or None."""
@@ -161,21 +183,32 @@ class BuildAttempts:
         except UnreadableRecord:
             return False
 
-    def _check_failures(self, build_id: str, last: int) -> None:
-        died: Counter[str] = Counter()
-        for number in range(1, last + 1):
-            try:
-                ended = _read(self._store, f"{_folder(build_id)}/{number:06d}.end.json")
-            except (NotFound, UnreadableRecord):  # ended, but nobody can tell how
+    def _check_failures(self, build_id: str) -> None:
+        failures: Counter[Any] = Counter()
+        furthest = 0.0
+        for ended in self._ends(build_id):
+            how = ended.get("end")
+            if how not in (AttemptEnd.DIED, AttemptEnd.LOST):
                 continue
-            if ended.get("end") in (AttemptEnd.DIED, AttemptEnd.LOST):
+            if (progress := _number(ended, "progress")) > furthest:
+                furthest = progress
+                failures.clear()
+            failures[how] += 1
+            allowed = self._max_attempts * (LOST_PER_FAILURE if how == AttemptEnd.LOST else 1)
+            if failures[how] >= allowed:
                 stage, why = str(ended.get("stage", "")), str(ended.get("why", ""))
-                died[stage] += 1
-                if died[stage] >= self._max_attempts:
-                    where = f"in the stage {stage}" if stage else "before the first stage"
-                    raise BuildAttemptsExceeded(
-                        f"{died[stage]} attempts failed {where}; the last one: {why[:_MAX_REASON_CHARS]}"
-                    )
+                where = f"in the stage {stage}" if stage else "before the first stage"
+                raise BuildAttemptsExceeded(
+                    f"{failures[how]} attempts failed without progress; the last one {where}: "
+                    f"{why[:_MAX_REASON_CHARS]}"
+                )
+
+    def _ends(self, build_id: str) -> Iterator[dict[str, Any]]:
+        """Records of the ends of a build's attempts, in order. Damaged ones are left out."""
+        for number, kinds in sorted(_scan(self._store, build_id).items()):
+            if "end.json" in kinds:
+                with suppress(NotFound, UnreadableRecord):  # ended, but nobody can tell how
+                    yield _read(self._store, f"{_folder(build_id)}/{number:06d}.end.json")
 
     def _create(self, key: str, record: dict[str, Any]) -> bool:
         data = record_json(record)
@@ -214,6 +247,12 @@ def parse_attempt(record: dict[str, Any]) -> dict[str, Any]:
 
 def _read(store: Store, key: str) -> dict[str, Any]:
     return read_record(store, key, RecordKind.BUILD_ATTEMPT, parse_attempt)
+
+
+def _number(record: Mapping[str, Any], name: str) -> float:
+    """A number of a record; 0 if it is missing or not finite."""
+    value = record.get(name)
+    return float(value) if isinstance(value, int | float) and math.isfinite(value) else 0.0
 
 
 def _folder(build_id: str) -> str:

@@ -144,11 +144,16 @@ class QuerySamples:
         """
         sample = replace(self.get(sample_id), truth=truth)
         self._put_record(sample)
+        if not self._store.exists(_key(sample_id, "body")):  # removed meanwhile: it must not come back
+            self._store.delete(_key(sample_id, "json"))
+            raise NotFound(f"no sample {sample_id}")
         return sample
 
     def delete(self, sample_id: str) -> None:
         """Remove a sample. A missing sample is no error."""
-        for ending in ("json", "body"):  # the record first: without it there is no sample
+        # The record first: without it there is no sample. And last: ``set_truth`` may have put it again
+        # before the body was gone.
+        for ending in ("json", "body", "json"):
             self._store.delete(_key(sample_id, ending))
 
     def _put_record(self, sample: QuerySample) -> None:

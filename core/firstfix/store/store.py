@@ -108,6 +108,17 @@ class Store:
         self._writer.replace(key, path)
         return True
 
+    def check_room(self, size_bytes: int, what: str) -> None:
+        """Check that the store has room for large objects. A cloud is taken to have it.
+
+        Args:
+            what: is to be put, for the message.
+
+        Raises:
+            OutOfSpace: the disk has less than these bytes, and some for records.
+        """
+        self._writer.check_room(size_bytes, what)
+
     def put_pieces(self, key: str, pieces: Iterable[bytes]) -> None:
         """Put one object from its pieces, with a few of them in memory at a time.
 

@@ -2,7 +2,7 @@
 
     versions      files and sightings of retired versions, and of publications that never ended
     builds        records of builds that ended long ago and whose version is not served
-    sources       sources that no recorded build refers to
+    sources       sources that no recorded build refers to, apart from those that ended without a version
     uploads       uploads that were abandoned
     idempotency   keys of requests that nobody repeats any more
     logs          entries of maps' logs that are summed up in snapshots
@@ -10,9 +10,10 @@
     callers       usage of callers on past days, and builds that were never recorded
     leftovers     probes, part files and announcements of killed processes
 
-A source is kept as long as the record of a build refers to it, and the record as long as the build's version
-can be served: so what is served can always be built again. A damaged record of a build stays, and so do all
-sources that are older than it, because nobody can tell which of them it refers to.
+A source is kept as long as the record of a build refers to it that waits, runs or made a version, and the
+record as long as the build's version can be served: so what is served can always be built again. A damaged
+record of a build stays, and so do all sources that are older than it, because nobody can tell which of them
+it refers to.
 """
 
 from __future__ import annotations
@@ -27,8 +28,10 @@ from ..builds.records import FINAL_STATES
 from ..catalog.catalog import Catalog, log_folder
 from ..catalog.log.log_garbage import change_garbage, log_garbage
 from ..catalog.log.map_log import MapLog
-from ..errors import NotFound, UnreadableRecord
+from ..catalog.log.map_state import Event, MapState
+from ..errors import InvalidOption, NotFound, UnreadableRecord
 from ..ids import check_map_id, is_name
+from ..store.json_record import read_each
 from ..store.store import StoredObject
 from .pending_deletions import FOLDER as PENDING_DELETIONS
 from .pending_deletions import announce_deletion
@@ -106,14 +109,7 @@ def collect_garbage(
         )
     old = [item for name in map_ids for item in _older(catalog, f"maps/{name}/sources", cutoff)]
     gone = {key.split("/")[1] for key in found.keys.get("builds", ())}
-    unused = _unused_sources(catalog, old, gone)
-    if unused and not dry_run:
-        # Announced, then checked again: if a build refers to one meanwhile, either we see its record, or it
-        # sees the announcement.
-        with announce_deletion(catalog.store, [item.key for item in unused]):
-            unused = _unused_sources(catalog, unused, gone)
-            _remove(catalog, [item.key for item in unused])
-    found.keys["sources"] = [item.key for item in unused]
+    found.keys["sources"] = _remove_unused_sources(catalog, old, gone, dry_run=dry_run)
     return found
 
 
@@ -132,6 +128,36 @@ def remove_abandoned(catalog: Catalog, *, older_than_s: float = DAY_S) -> Garbag
     for keys in found.keys.values():
         _remove(catalog, keys)
     return found
+
+
+def remove_sources_of(catalog: Catalog, build_id: str) -> None:
+    """Remove the sources of a build that ended without a version, unless another build refers to them.
+
+    Raises:
+        StoreError: the store failed.
+    """
+    try:
+        folder = f"maps/{check_map_id(catalog.build_request(build_id)['map_id'])}/sources"
+        keys = {key for key in _sources_of(catalog, build_id) if key.startswith(f"{folder}/")}
+    except (UnreadableRecord, KeyError, InvalidOption):  # nobody can tell which
+        return
+    if keys:
+        sources = [item for item in catalog.store.scan(folder) if item.key in keys]
+        _remove_unused_sources(catalog, sources, set())
+
+
+def _remove_unused_sources(
+    catalog: Catalog, found: list[StoredObject], gone: set[str], *, dry_run: bool = False
+) -> list[str]:
+    """Remove those of the sources that no build needs. Returns their keys."""
+    unused = _unused_sources(catalog, found, gone)
+    if unused and not dry_run:
+        # Announced, then checked again: if a build refers to one meanwhile, either we see its record, or it
+        # sees the announcement.
+        with announce_deletion(catalog.store, [item.key for item in unused]):
+            unused = _unused_sources(catalog, unused, gone)
+            _remove(catalog, [item.key for item in unused])
+    return [item.key for item in unused]
 
 
 def _logs(catalog: Catalog, map_ids: list[str], cutoff: datetime, *, dry_run: bool) -> list[str]:
@@ -198,18 +224,38 @@ def _builds(catalog: Catalog, cutoff: datetime) -> list[str]:
 
 
 def _unused_sources(catalog: Catalog, found: list[StoredObject], gone: set[str]) -> list[StoredObject]:
-    """Sources that no build refers to, apart from builds that are gone."""
+    """Sources that no build needs, apart from builds that are gone."""
     if not found:
         return []
-    used: set[str] = set()
+    keys = {item.key for item in found}
+
+    def needed(build_id: str) -> set[str] | None:
+        """Sources that a build needs; None if its record is damaged."""
+        try:
+            named = keys.intersection(_sources_of(catalog, build_id))
+            return set() if named and _ended_without_version(catalog, build_id) else named
+        except UnreadableRecord:
+            return None
+
+    needs = read_each([build_id for build_id in catalog.build_ids() if build_id not in gone], needed)
+    used = set().union(*(named for named in needs.values() if named is not None))
     unread: list[StoredObject] = []
-    for build_id in catalog.build_ids():
-        if build_id not in gone:
-            try:
-                used.update(_sources_of(catalog, build_id))
-            except UnreadableRecord:
-                unread += catalog.store.scan(f"builds/{build_id}")
+    for build_id, named in needs.items():
+        if named is None:
+            unread += catalog.store.scan(f"builds/{build_id}")
     return [item for item in found if item.key not in used and not _may_be_used(item, unread)]
+
+
+def _ended_without_version(catalog: Catalog, build_id: str) -> bool:
+    """Returns whether a build failed or was cancelled, and no version in service is its own."""
+    status = catalog.build_status(build_id)
+    if status["state"] not in FINAL_STATES - {"succeeded"}:
+        return False
+    state = catalog.state(str(status["map_id"])) if is_name(str(status["map_id"])) else MapState()
+    return not any(
+        (entry.event, entry.build_id) == (Event.PUBLISHED, build_id) and entry.version in state.published
+        for entry in state.entries
+    )
 
 
 def _sources_of(catalog: Catalog, build_id: str) -> list[str]:

@@ -8,6 +8,7 @@ with this queue can share one store: each build is run by one of them at a time.
 from __future__ import annotations
 
 import asyncio
+import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -53,6 +54,7 @@ class EmbeddedBuildQueue:
         self._poll_interval_s = poll_interval_s
         self._unfinished = UnfinishedBuilds(catalog, metrics)
         self._order = FairOrder()
+        self._not_before: dict[str, float] = {}  # of builds that were put back: ``time.monotonic``
         self._wake = asyncio.Event()
         self._runner: BuildRunner | None = None
 
@@ -97,11 +99,16 @@ class EmbeddedBuildQueue:
     async def _run_one(self, runner: BuildRunner) -> bool:
         """Runs the next build that nobody else runs. Returns False if there is none, or if it has to wait."""
         for build in self._order.sort(await UPKEEP.run(self._unfinished.find)):
+            if time.monotonic() < self._not_before.get(build.build_id, 0.0):
+                continue
             try:
                 turn = await runner.run(build.build_id)
             except UnreadableRecord:  # skip a build whose record was damaged just now
                 continue
+            self._not_before.pop(build.build_id, None)
+            if turn is Turn.PUT_BACK:
+                self._not_before[build.build_id] = time.monotonic() + runner.pause_s(build.build_id)
             if turn is not Turn.TAKEN:
                 self._order.had_turn(build.owner)
-                return turn is not Turn.PUT_BACK
+                return True
         return False

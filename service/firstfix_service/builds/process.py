@@ -22,7 +22,6 @@ from ..lanes import BUILDS
 from .metrics import last_message
 from .session_processes import kill_session, session_memory_bytes
 
-EXIT_TRY_AGAIN = 75  # EX_TEMPFAIL: the build was stopped, or the store does not answer
 STOP_GRACE_S = 10.0  # between SIGTERM and SIGKILL
 OLD_LOG_S = 30 * 86400.0
 _LOOK_S = 1.0

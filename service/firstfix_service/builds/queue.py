@@ -7,6 +7,7 @@ from typing import Any, Protocol
 from firstfix.builds.attempts import has_open_attempt
 from firstfix.builds.records import FINAL_STATES, new_status
 from firstfix.catalog.catalog import Catalog
+from firstfix.upkeep.build_end import end_build
 
 
 class BuildQueue(Protocol):
@@ -41,6 +42,12 @@ def cancel_build(catalog: Catalog, build_id: str) -> dict[str, Any]:
     catalog.request_cancel(build_id)
     status = catalog.build_status(build_id)
     if status["state"] not in FINAL_STATES and not has_open_attempt(catalog.store, build_id):
-        status = new_status("cancelled", map_id=status["map_id"], stage=status["stage"])
-        catalog.set_build_status(build_id, status)
+        status = new_status(
+            "cancelled",
+            map_id=status["map_id"],
+            stage=status["stage"],
+            progress=status["progress"],
+            provisional_version=status["provisional_version"],
+        )
+        end_build(catalog, build_id, status)
     return status

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 import time
+from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from enum import Enum
@@ -14,27 +15,31 @@ import structlog
 
 from firstfix.builds.attempts import Attempt, AttemptEnd, BuildAttempts
 from firstfix.builds.caller_usage import CallerUsage
+from firstfix.builds.exit_codes import ExitCode
 from firstfix.builds.records import FINAL_STATES, new_status
 from firstfix.catalog.catalog import Catalog
 from firstfix.errors import (
     BuildAttemptsExceeded,
-    BuildError,
     BuildFailed,
     FirstfixError,
     NotFound,
+    OutOfSpace,
     StoreError,
 )
+from firstfix.upkeep.build_end import end_build
 
 from ..lanes import BUILDS
 from ..telemetry.metrics import Metrics
 from .metrics import count_build
-from .process import EXIT_TRY_AGAIN, STOP_GRACE_S, BuildCommand, BuildProcess
+from .process import STOP_GRACE_S, BuildCommand, BuildProcess
 from .watch import BuildLimits, BuildWatch
 from .work_folder import WorkFolder
 
 _log = structlog.get_logger(__name__)
 FINAL_RECORD_S = 5.0  # limit for the last write to the store when this process has to end
 STORE_PAUSE_S = 2.0
+# Before a build that was put back is run again. One without space is put back as often as there are pauses.
+PAUSES_S = (5.0, 20.0, 60.0, 300.0, 600.0)
 
 
 class Turn(Enum):
@@ -42,7 +47,7 @@ class Turn(Enum):
 
     ENDED = "ended"  # the build is in a final state
     DIED = "died"  # its process was killed: run it again
-    PUT_BACK = "put back"  # by its process: run it again later
+    PUT_BACK = "put back"  # by its process: run it again after ``BuildRunner.pause_s``
     TAKEN = "taken"  # another runner has it
 
 
@@ -71,6 +76,7 @@ class BuildRunner:
         self._attempts = BuildAttempts(
             catalog.store, folder.claimant, lease_s=lease_s, max_attempts=max_attempts
         )
+        self._put_backs: Counter[str] = Counter()  # of each build, one after the other
         self.running: str | None = None
         self._watch = BuildWatch(limits, 0.0)  # of the build that was claimed last
         self._owner: str | None = None  # of the same build
@@ -94,6 +100,10 @@ class BuildRunner:
             raise
         finally:
             self.running = None
+
+    def pause_s(self, build_id: str) -> float:
+        """Seconds from now until a build that was just put back is to be run again."""
+        return PAUSES_S[min(self._put_backs[build_id], len(PAUSES_S)) - 1]
 
     async def _run_attempt(self, attempt: Attempt) -> Turn:
         try:
@@ -134,9 +144,9 @@ class BuildRunner:
         self._owner = self._catalog.build_request(build_id).get("owner")
         self._watch = BuildWatch(self._limits, self._attempts.ran_s(build_id))
         try:
-            attempt = self._attempts.claim(build_id, status["stage"])
+            attempt = self._attempts.claim(build_id, status)
         except BuildAttemptsExceeded as error:
-            self._end(build_id, status, "failed", {"code": error.code, "detail": str(error)})
+            self._end(build_id, status, "failed", error)
             return Turn.ENDED
         if attempt is None:
             return Turn.TAKEN
@@ -193,13 +203,16 @@ class BuildRunner:
     def _record_end(self, attempt: Attempt, process: BuildProcess, code: int) -> Turn:
         """Records the end of a build whose process ended, unless the process recorded it."""
         status = self._catalog.status_or_queued(attempt.build_id)
-        if code == EXIT_TRY_AGAIN:
+        if code == ExitCode.TRY_AGAIN:
             self._put_back(attempt)
-            return Turn.PUT_BACK
+            return self._pause(attempt, status["error"])
+        if code == ExitCode.NO_SPACE:
+            return self._wait_for_space(attempt, status, process.why(code))
+        self._put_backs.pop(attempt.build_id, None)
         cancelled = self._catalog.is_cancel_requested(attempt.build_id)
         is_killed_here = process.exceeded_memory or process.overdue is not None or cancelled
         if status["state"] not in FINAL_STATES and code < 0 and not is_killed_here:
-            self._end_attempt(attempt, AttemptEnd.DIED, stage=status["stage"], why=process.why(code))
+            self._end_attempt(attempt, AttemptEnd.DIED, status=status, why=process.why(code))
             self._catalog.set_build_status(attempt.build_id, {**status, "state": "queued"})
             return Turn.DIED
         turn = self._close(attempt, process.overdue or BuildFailed(process.why(code)))
@@ -207,23 +220,47 @@ class BuildRunner:
             process.remove_log()
         return turn
 
-    def _close(self, attempt: Attempt, error: BuildError) -> Turn:
+    def _wait_for_space(self, attempt: Attempt, status: dict[str, Any], why: str) -> Turn:
+        """Queues a build again that met a full store or work folder; after several times it fails."""
+        error = status["error"] or {"code": OutOfSpace.code, "detail": why}
+        if self._attempts.times_without_space(attempt.build_id) >= len(PAUSES_S):
+            return self._close(attempt, OutOfSpace(error["detail"]))
+        if status["state"] not in FINAL_STATES:
+            self._catalog.set_build_status(attempt.build_id, {**status, "state": "queued", "error": error})
+        self._end_attempt(attempt, AttemptEnd.NO_SPACE, status=status, why=error["detail"])
+        return self._pause(attempt, error)
+
+    def _pause(self, attempt: Attempt, error: dict[str, str] | None) -> Turn:
+        self._put_backs[attempt.build_id] += 1
+        _log.warning(
+            "a build was put back",
+            build_id=attempt.build_id,
+            again_in_s=self.pause_s(attempt.build_id),
+            **({} if error is None else error),
+        )
+        return Turn.PUT_BACK
+
+    def _close(self, attempt: Attempt, error: FirstfixError) -> Turn:
         """Records the end of the build, if it is not on record yet."""
         build_id = attempt.build_id
         status = self._catalog.status_or_queued(build_id)
         if status["state"] in FINAL_STATES:
+            if status["state"] != "succeeded":  # its process may have published until it ended
+                end_build(self._catalog, build_id, status)
             self._count(build_id, status["state"])
         elif self._catalog.is_cancel_requested(build_id):
             self._end(build_id, status, "cancelled")
         else:
-            self._end(build_id, status, "failed", {"code": error.code, "detail": str(error)})
+            self._end(build_id, status, "failed", error)
         self._end_attempt(attempt, AttemptEnd.ENDED)
         return Turn.ENDED
 
-    def _end_attempt(self, attempt: Attempt, how: AttemptEnd, *, stage: str = "", why: str = "") -> None:
+    def _end_attempt(
+        self, attempt: Attempt, how: AttemptEnd, *, status: dict[str, Any] | None = None, why: str = ""
+    ) -> None:
         """Records the end of the attempt, and charges its time to the owner of the build."""
         ran_s = self._watch.ran_s
-        self._attempts.end(attempt, how, stage=stage, why=why, ran_s=ran_s)
+        self._attempts.end(attempt, how, status=status, why=why, ran_s=ran_s)
         if self._owner is None:
             return
         try:
@@ -234,16 +271,18 @@ class BuildRunner:
             )
 
     def _end(
-        self, build_id: str, status: dict[str, Any], state: str, error: dict[str, str] | None = None
+        self, build_id: str, status: dict[str, Any], state: str, error: FirstfixError | None = None
     ) -> None:
         ended = new_status(
             state,
             map_id=status["map_id"],
             stage=status["stage"],
             progress=status["progress"],
-            error=error,
+            error=None if error is None else {"code": error.code, "detail": str(error)},
+            provisional_version=status["provisional_version"],
         )
-        self._catalog.set_build_status(build_id, ended)
+        end_build(self._catalog, build_id, ended)
+        self._put_backs.pop(build_id, None)
         self._count(build_id, state)
 
     def _count(self, build_id: str, state: str) -> None:

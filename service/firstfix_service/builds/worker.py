@@ -112,7 +112,7 @@ class BuildWorker:
             if turn is Turn.ENDED:
                 await self._settle(build_id, message)
             else:
-                await message.nak(self._delay_s(turn))
+                await message.nak(self._delay_s(runner, build_id, turn))
         except asyncio.CancelledError:
             await message.nak()  # it is sent when the connection is closed
             raise
@@ -135,10 +135,11 @@ class BuildWorker:
             await self._builds.bury(build_id, error["detail"])
         await message.ack_sync()
 
-    def _delay_s(self, turn: Turn) -> float:
+    def _delay_s(self, runner: BuildRunner, build_id: str, turn: Turn) -> float:
         """Delay until a build that has not ended is delivered again."""
-        delays = {Turn.DIED: 0.1, Turn.PUT_BACK: PUT_BACK_S, Turn.TAKEN: self._settings.build_lease_s / 6}
-        return delays[turn]
+        if turn is Turn.PUT_BACK:
+            return runner.pause_s(build_id)
+        return 0.1 if turn is Turn.DIED else self._settings.build_lease_s / 6
 
     @asynccontextmanager
     async def _renewed(self, message: Any) -> AsyncIterator[None]:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import threading
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import pytest
 
-from firstfix.builds.attempts import Attempt, AttemptEnd, BuildAttempts, has_open_attempt
+from firstfix.builds.attempts import LOST_PER_FAILURE, Attempt, AttemptEnd, BuildAttempts, has_open_attempt
+from firstfix.builds.records import new_status
 from firstfix.errors import BuildAttemptsExceeded
 from firstfix.store.store import Store
 from waiting import let_pass, wait_until
@@ -26,18 +30,22 @@ def attempts(store: Store, holder: str, lease_s: float = LONG_S, max_attempts: i
     return BuildAttempts(store, holder, lease_s=lease_s, max_attempts=max_attempts)
 
 
+def at(stage: str = "", progress: float = 0.0, state: str = "running") -> Mapping[str, Any]:
+    return new_status(state, map_id="hall", stage=stage, progress=progress)
+
+
 def test_a_build_is_one_holders_until_it_ends(store: Store) -> None:
     one, two = attempts(store, "one"), attempts(store, "two")
     assert not has_open_attempt(store, "b1")
-    first = one.claim("b1", "")
+    first = one.claim("b1", at())
     assert first is not None
     assert first.number == 1
     assert has_open_attempt(store, "b1")
-    assert two.claim("b1", "") is None
+    assert two.claim("b1", at()) is None
     assert one.beat(first)
     one.end(first, AttemptEnd.STOPPED)
     assert not has_open_attempt(store, "b1")
-    second = two.claim("b1", "")
+    second = two.claim("b1", at())
     assert second is not None
     assert second.number == 2
     assert not one.beat(first), "its turn is over"
@@ -49,31 +57,31 @@ def test_of_many_who_want_a_build_one_gets_it(store: Store) -> None:
 
     def claim(i: int) -> object:
         ready.wait()
-        return attempts(store, f"holder{i}").claim("b1", "")
+        return attempts(store, f"holder{i}").claim("b1", at())
 
     with ThreadPoolExecutor(8) as pool:
         assert sum(got is not None for got in pool.map(claim, range(8))) == 1
 
 
 def test_what_a_holder_did_not_live_to_end_is_its_successors_at_once(store: Store) -> None:
-    assert attempts(store, "one").claim("b1", "") is not None
-    again = attempts(store, "one").claim("b1", "cluster")
+    assert attempts(store, "one").claim("b1", at()) is not None
+    again = attempts(store, "one").claim("b1", at("cluster"))
     assert again is not None
     assert again.number == 2
 
 
 def test_a_silent_holder_loses_the_build(store: Store) -> None:
     one, two = attempts(store, "one", SHORT_S), attempts(store, "two", SHORT_S)
-    first = one.claim("b1", "")
+    first = one.claim("b1", at())
     assert first is not None
     for _ in range(15):
         assert one.beat(first)
-        assert two.claim("b1", "cluster") is None, "it is heard of"
+        assert two.claim("b1", at("cluster")) is None, "it is heard of"
         let_pass(SHORT_S / 10)
     taken: list[Attempt | None] = [None]
 
     def take() -> Attempt | None:
-        taken.append(two.claim("b1", "cluster"))
+        taken.append(two.claim("b1", at("cluster")))
         return taken[-1]
 
     wait_until(take)
@@ -81,41 +89,73 @@ def test_a_silent_holder_loses_the_build(store: Store) -> None:
     assert taken[-1].number == 2
     assert not one.beat(first), "it hears of it"
     one.end(first, AttemptEnd.ENDED)  # too late
-    with pytest.raises(BuildAttemptsExceeded, match=r"1 attempts failed in the stage cluster.*no heartbeat"):
-        attempts(store, "two", max_attempts=1).claim("b1", "cluster")
+    ended = json.loads(store.get("builds/b1/attempts/000001.end.json"))
+    assert (ended["end"], ended["stage"]) == ("lost", "cluster")
+    assert "no heartbeat" in ended["why"]
 
 
-def died(store: Store, stage: str, how: AttemptEnd = AttemptEnd.DIED) -> None:
+def ended(store: Store, stage: str, progress: float, how: AttemptEnd = AttemptEnd.DIED) -> None:
     one = attempts(store, "one")
-    attempt = one.claim("b1", stage)
+    attempt = one.claim("b1", at(stage, progress, "queued"))
     assert attempt is not None
-    one.end(attempt, how, stage=stage, why="SIGKILL")
+    one.end(attempt, how, status=at(stage, progress), why="SIGKILL")
 
 
-def test_three_deaths_in_one_stage_are_enough(store: Store) -> None:
-    for stage in ("read_map", "cluster", "cluster", "read_map", "self_test"):
-        died(store, stage)
-    for how in (AttemptEnd.STOPPED, AttemptEnd.ENDED):
-        died(store, "cluster", how)  # not held against it
-    died(store, "cluster")
-    with pytest.raises(BuildAttemptsExceeded, match="3 attempts failed in the stage cluster; the last"):
-        attempts(store, "two").claim("b1", "cluster")
-    assert attempts(store, "two").claim("b2", "") is not None, "another build is another build"
+def test_three_deaths_without_progress_are_enough(store: Store) -> None:
+    ended(store, "read_map", 0.1)
+    ended(store, "read_map", 0.1)
+    ended(store, "cluster", 0.5)  # further than before: the count begins again
+    ended(store, "cluster", 0.5)
+    for how in (AttemptEnd.STOPPED, AttemptEnd.NO_SPACE, AttemptEnd.ENDED):
+        ended(store, "cluster", 0.5, how)  # not held against it
+    ended(store, "read_map", 0.1)
+    with pytest.raises(
+        BuildAttemptsExceeded, match="3 attempts failed without progress; the last one in the stage read_map"
+    ):
+        attempts(store, "two").claim("b1", at("cluster"))
+    assert attempts(store, "two").claim("b2", at()) is not None, "another build is another build"
 
 
-def test_a_kill_of_the_holder_counts(store: Store) -> None:
-    for _ in range(3):
-        assert attempts(store, "one").claim("b1", "cluster") is not None
+def test_records_of_a_release_without_progress_are_counted(store: Store) -> None:
+    for number in range(1, 4):
+        folder = "builds/b1/attempts"
+        store.put_new(f"{folder}/{number:06d}.json", b'{"holder": "one", "time": "x", "writer": "y"}')
+        store.put_new(f"{folder}/{number:06d}.end.json", b'{"end": "died", "stage": "cluster", "why": "x"}')
+    with pytest.raises(BuildAttemptsExceeded, match="3 attempts failed"):
+        attempts(store, "one").claim("b1", at("cluster"))
+
+
+def test_a_kill_of_the_holder_counts_only_if_it_happens_very_often() -> None:
+    """The build's process was killed with it, or first: nobody can tell."""
+    store = Store.open("memory://")
+    for _ in range(3 * LOST_PER_FAILURE):
+        assert attempts(store, "one").claim("b1", at("cluster", 0.5)) is not None
     with pytest.raises(BuildAttemptsExceeded, match="the process that ran the build worker ended"):
-        attempts(store, "one").claim("b1", "cluster")
+        attempts(store, "one").claim("b1", at("cluster", 0.5))
     assert not has_open_attempt(store, "b1")
+
+
+def test_a_kill_that_the_builds_process_outlived_never_counts() -> None:
+    store = Store.open("memory://")
+    for _ in range(3 * LOST_PER_FAILURE + 1):
+        assert attempts(store, "one").claim("b1", at("cluster", 0.5, "queued")) is not None
+
+
+def test_only_the_last_ends_without_space_are_counted(store: Store) -> None:
+    one = attempts(store, "one")
+    ended(store, "publish", 0.9, AttemptEnd.NO_SPACE)
+    ended(store, "publish", 0.9, AttemptEnd.STOPPED)
+    assert one.times_without_space("b1") == 0
+    for times in (1, 2):
+        ended(store, "publish", 0.9, AttemptEnd.NO_SPACE)
+        assert one.times_without_space("b1") == times
 
 
 def test_nothing_but_the_record_is_left_of_an_attempt_that_ended(store: Store) -> None:
     one = attempts(store, "one")
-    attempt = one.claim("b1", "")
+    attempt = one.claim("b1", at())
     assert attempt is not None
-    assert attempts(store, "two").claim("b1", "") is None
+    assert attempts(store, "two").claim("b1", at()) is None
     one.end(attempt, AttemptEnd.ENDED)
     assert store.list("builds") == [
         "builds/b1/attempts/000001.end.json",

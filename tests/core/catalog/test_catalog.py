@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -28,6 +29,7 @@ from firstfix.errors import (
     TooLarge,
 )
 from firstfix.store.store import Store
+from firstfix.store.writer import RECORDS_BYTES
 
 
 class Killed(BaseException):
@@ -500,3 +502,19 @@ def test_a_file_of_a_version_is_checked(catalog: Catalog, tmp_path: Path) -> Non
     catalog.store.delete(f"maps/hall/versions/{version}/{name}")
     with pytest.raises(CorruptVersion, match="lost"):
         catalog.read_file("hall", version, name, max_bytes=entry.bytes)
+
+
+def test_a_version_that_does_not_fit_is_not_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The last bytes of a full disk are for records: else nobody could say that it is full."""
+    catalog = Catalog(Store.open(f"file://{tmp_path / 'store'}"))
+    manifest = make_version(tmp_path / "made")
+    left = RECORDS_BYTES + sum(entry.bytes for entry in manifest.files.values())
+    free = SimpleNamespace(free=left - 1)
+    monkeypatch.setattr("firstfix.store.writer.shutil.disk_usage", lambda path: free)
+    with pytest.raises(OutOfSpace, match=rf"needs {left - RECORDS_BYTES} bytes .* {left - 1} bytes are free"):
+        catalog.publish("hall", tmp_path / "made", manifest)
+    assert catalog.store.list() == []
+    free.free = left
+    version = catalog.publish("hall", tmp_path / "made", manifest)
+    free.free = 0
+    assert catalog.publish("hall", tmp_path / "made", manifest) == version, "nothing is missing"

@@ -57,7 +57,11 @@ def test_the_worker_runs_at_low_priority_and_says_how_it_ended(tmp_path: Path):
     ("do", "code", "detail"),
     [
         ("die", "build_failed", "the reason it died"),
-        ("killed", "build_attempts_exceeded", "3 attempts failed in the stage describe; the last one: the"),
+        (
+            "killed",
+            "build_attempts_exceeded",
+            "3 attempts failed without progress; the last one in the stage describe",
+        ),
         ("killed", "build_attempts_exceeded", "SIGKILL (out of memory?)"),
     ],
 )
@@ -90,6 +94,25 @@ def test_a_worker_that_asks_for_it_is_run_again(tmp_path: Path, monkeypatch: pyt
         response = upload(service, do="again")
         assert wait_until_ended(service, response)["state"] == "succeeded"
         assert len((tmp_path / "work/order.txt").read_text().splitlines()) == 2
+
+
+def test_a_build_without_space_is_run_a_few_times_and_then_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr("firstfix_service.builds.runner.PAUSES_S", (0.1, 0.2, 0.4))
+    with building_service(tmp_path) as service:
+        full = upload(service, "full", do="no_space")
+        wait_until(lambda: (status_of(service, full)["error"] or {}).get("code") == "out_of_space")
+        other = wait_until_ended(service, upload(service, "other"))
+        assert other["state"] == "succeeded", "the queue does not wait for space"
+        ended = wait_until_ended(service, full)
+        assert (ended["state"], ended["error"]["code"]) == ("failed", "out_of_space")
+        assert "needs 9 bytes" in ended["error"]["detail"]
+        assert "3 bytes are free" in ended["error"]["detail"]
+        assert service.catalog.store.list("maps/full/sources") == []
+    lines = (tmp_path / "work/order.txt").read_text().splitlines()
+    assert [line.split()[0] for line in lines].count("full") == 4
+    assert capfd.readouterr().out.count("a build was put back") == 3
 
 
 def test_builds_run_one_by_one_in_order(tmp_path: Path):

@@ -15,6 +15,7 @@ from builds_world import building_service, status_of, upload, wait_until_ended
 from service_world import FAKE_WORKER, running_service
 
 from firstfix.builds.attempts import BuildAttempts
+from firstfix.builds.records import new_status
 from firstfix.catalog.catalog import Catalog
 from firstfix.store.store import Store
 from firstfix_service.builds.session_processes import session_memory_bytes
@@ -51,15 +52,15 @@ def test_a_build_of_a_dead_service_is_taken_over_when_its_lease_is_out(tmp_path:
         response = upload(recorder)
         build_id = response.json()["build_id"]
         dead = BuildAttempts(recorder.catalog.store, "dead", lease_s=1.0, max_attempts=3)
-        assert dead.claim(build_id, "") is not None
+        assert dead.claim(build_id, new_status("running", map_id="hall")) is not None
         with building_service(tmp_path, build_lease_s=1.0, work_dir=tmp_path / "other"):
             assert wait_until_ended(recorder, response)["state"] == "succeeded"
         first = recorder.catalog.store.get(f"builds/{build_id}/attempts/000001.end.json")
-        assert json.loads(first)["end"] == "lost"
+        assert json.loads(first)["end"] == "stopped", "no process of it had begun"
 
 
-def test_a_service_that_is_killed_with_its_build_fails_it_in_the_end(tmp_path: Path):
-    """Kills the service with its build again and again, as the kernel does in a container without memory."""
+def test_kills_of_the_service_do_not_fail_its_build(tmp_path: Path):
+    """Three failures would be one too many: "FIRSTFIX_BUILD_ATTEMPTS" is 2."""
     environment = {
         **os.environ,
         "FIRSTFIX_STORE": str(tmp_path / "store"),
@@ -71,8 +72,8 @@ def test_a_service_that_is_killed_with_its_build_fails_it_in_the_end(tmp_path: P
         "FIRSTFIX_BUILD_ATTEMPTS": "2",
     }
     with running_service(tmp_path, zenoh=False) as recorder:
-        response = upload(recorder, do="hang_until_orphaned")
-        for times in (1, 2):
+        response = upload(recorder, do="hang_thrice")
+        for times in (1, 2, 3):
             with (tmp_path / "log").open("ab") as log:
                 command = [sys.executable, "-m", "firstfix_cli.main", "serve"]
                 service = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
@@ -82,8 +83,7 @@ def test_a_service_that_is_killed_with_its_build_fails_it_in_the_end(tmp_path: P
             service.wait()
         with building_service(tmp_path, build_attempts=2):
             ended = wait_until_ended(recorder, response)
-    assert (ended["state"], ended["error"]["code"]) == ("failed", "build_attempts_exceeded")
-    assert "the process that ran the build worker ended" in ended["error"]["detail"]
+    assert ended["state"] == "succeeded"
 
 
 def test_restarts_in_good_order_are_not_held_against_a_build(tmp_path: Path):

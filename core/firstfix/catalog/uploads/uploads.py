@@ -7,6 +7,10 @@
 Parts are only ever created. Two writers that continue from one offset race in one create-only put, and the
 loser sees that it lost. So any process that reaches the store can continue an upload that another replica
 began.
+
+A removal deletes the announcement first. Whoever puts another object looks for the announcement afterwards,
+and takes the object back where it is gone. So nothing is left that no quota counts. A folder without an
+announcement is left from a process that was killed, and whoever sees it removes it.
 """
 
 from __future__ import annotations
@@ -31,6 +35,7 @@ from .running_digests import RunningDigests
 
 _log = logging.getLogger(__name__)
 _RECORDS_KEPT = 10_000
+SWEPT_AT_ONCE = 100  # leftovers of removed uploads: a caller who begins one does not wait for more of them
 
 
 @dataclass(frozen=True)
@@ -127,15 +132,20 @@ class Uploads:
     def announced(self) -> dict[str, UploadRecord]:
         """Announcements of all uploads that can be continued, by id. One listing; a record is read once.
 
-        An upload with a damaged record is left out: it has no owner, and expires.
+        An upload with a damaged record is left out: it has no owner, and expires. Some objects without an
+        announcement are removed.
         """
         found = {}
+        to_sweep = SWEPT_AT_ONCE
         for upload_id in self.ids():
             record = self._records.get(upload_id)
             if record is None:
                 try:
                     record = self._read(upload_id)
-                except (NotFound, UnreadableRecord):  # being removed, or without an owner
+                except NotFound:
+                    to_sweep -= self._sweep(upload_id, to_sweep)
+                    continue
+                except UnreadableRecord:
                     continue
             found[upload_id] = record
         with self._lock:
@@ -148,6 +158,7 @@ class Uploads:
         Raises:
             TooLarge: more bytes than announced, or too many parts.
             Conflict: another writer continued from this offset.
+            NotFound: the upload was removed meanwhile.
         """
         offset = upload.offset
         if not data:
@@ -161,6 +172,7 @@ class Uploads:
             self._repair_part(key, upload.size_bytes - offset, data)
             if self._store.get(key) != data:
                 raise Conflict(f"another writer continued upload {upload.upload_id} from {offset}")
+        self._take_back_if_removed(upload.upload_id, key)
         self._digests.update(upload.upload_id, offset, data)
         return replace(upload, parts=(*upload.parts, len(data)))
 
@@ -171,6 +183,7 @@ class Uploads:
             Conflict: the upload is not complete.
             ChecksumMismatch: the sender announced another sha256. The upload is removed, because nobody can
                 tell which of its bytes are wrong.
+            NotFound: the upload was removed meanwhile.
         """
         if not upload.complete:
             raise Conflict(f"upload {upload.upload_id} has {upload.offset} of its {upload.size_bytes} bytes")
@@ -186,6 +199,7 @@ class Uploads:
                 f"the file of upload {upload.upload_id} has the sha256 {sha256}, not {upload.sha256}"
             )
         self._store.put(key, record_json({"sha256": sha256}))  # every writer puts the same content
+        self._take_back_if_removed(upload.upload_id, key)
         return sha256
 
     def keep_as_source(self, upload: Upload, map_id: str, *, build_id: str = "") -> str:
@@ -217,15 +231,29 @@ class Uploads:
 
     def remove(self, upload_id: str) -> None:
         """Remove an upload, complete or not. A missing upload is no error."""
-        folder = upload_folder(upload_id)
-        self._store.delete(f"{folder}/upload.json")  # first: without it there is no upload
-        for key in self._store.list(folder):
-            self._store.delete(key)
+        self._store.delete(f"{upload_folder(upload_id)}/upload.json")  # first: without it there is no upload
+        self._sweep(upload_id)
         self._digests.drop(upload_id)
 
     def ids(self) -> list[str]:
         """Ids of all uploads with anything in the store, sorted."""
         return [name for name in self._store.folders("uploads") if is_name(name)]
+
+    def _sweep(self, upload_id: str, most: int | None = None) -> int:
+        """Remove objects of an upload that has no announcement. Returns their number."""
+        left = self._store.list(upload_folder(upload_id))[:most]
+        for key in left:
+            self._store.delete(key)
+        return len(left)
+
+    def _take_back_if_removed(self, upload_id: str, key: str) -> None:
+        """Remove an object that was just put, if the upload was removed before the put.
+
+        A later removal lists the object.
+        """
+        if not self._store.exists(f"{upload_folder(upload_id)}/upload.json"):
+            self._store.delete(key)
+            raise NotFound(f"no upload {upload_id}: it was removed meanwhile")
 
     def _repair_part(self, key: str, left_bytes: int, data: bytes) -> None:
         """Replace a part that no ``append`` can have written: it would block the upload for ever.

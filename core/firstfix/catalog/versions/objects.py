@@ -143,9 +143,18 @@ class VersionObjects:
 
         Raises:
             CorruptVersion: a file in the directory differs from the manifest.
+            OutOfSpace: the store has no room for the files that are not there yet. Nothing was put.
             StoreUnavailable: another process removes the files again and again.
         """
         manifest.verify_directory(directory)
+        there = {item.key: item.size_bytes for item in self._store.scan(folder.key)}
+        missing_bytes = sum(
+            entry.bytes
+            for name, entry in manifest.files.items()
+            if there.get(f"{folder.key}/{name}") != entry.bytes
+        )
+        if missing_bytes:
+            self._store.check_room(missing_bytes, f"version {folder.version} of map {folder.map_id}")
         all_bytes = sum(entry.bytes for entry in manifest.files.values())
         for _ in range(_MAX_ROUNDS):
             put_bytes = 0
