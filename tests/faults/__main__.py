@@ -10,7 +10,7 @@ import argparse
 import sys
 from importlib import import_module
 
-DRILLS = ("fuzz_bodies", "kill_builds", "lossy_dds", "power_cuts", "restart_clients", "smoke")
+DRILLS = ("fuzz_bodies", "fuzz_files", "kill_builds", "lossy_dds", "power_cuts", "restart_clients", "smoke")
 
 
 def main() -> int:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import FirstfixError, MalformedData, UnsupportedFormat
+from .las_header import read_las_header
 from .point_cloud import Limits, PointCloud
 
 _POINTS_AT_ONCE = 2_000_000
@@ -28,9 +29,11 @@ def read_las(path: Path, limits: Limits, *, with_times: bool = False) -> PointCl
     except ImportError as error:
         raise UnsupportedFormat("LAS: the package laspy[lazrs] is not installed") from error
     try:
-        with laspy.open(path) as reader:
-            points = int(reader.header.point_count)
-            limits.check("LAS", points, 8 * (5 if with_times else 4))
+        header = read_las_header(path, limits, 8 * (5 if with_times else 4))
+        points = header.points
+        # The parallel backend takes memory for a whole chunk beyond the points that are asked for.
+        backend = laspy.LazBackend.LazrsParallel if header.chunks > 1 else laspy.LazBackend.Lazrs
+        with laspy.open(path, laz_backend=backend, read_evlrs=False) as reader:
             has_times = with_times and "gps_time" in reader.header.point_format.dimension_names
             names = (*"xyz", "gps_time") if has_times else tuple("xyz")
             columns = {name: np.empty(points, np.float64) for name in names}
