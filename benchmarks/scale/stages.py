@@ -45,6 +45,7 @@ class ScaleStages(BuildStages):
             lambda: False,
             config,
             threads,
+            workload=Workload(None),  # worlds are as large as one asks for
             work=work,
         )
 

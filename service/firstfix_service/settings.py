@@ -11,6 +11,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from firstfix.builds.limits import DEFAULT_MAX_TEMPLATES, default_build_memory_bytes
+
 MIB = 1 << 20
 GIB = 1 << 30
 NAME = "^[a-z0-9][a-z0-9_-]{0,62}$"  # of a replica
@@ -142,10 +144,16 @@ class Settings(BaseSettings):
     build_stall_s: float = Field(
         7200.0, gt=0, description="maximum time of a build without progress; then it fails"
     )
-    build_max_memory_bytes: int | None = Field(
-        None,
-        ge=1,
-        description="maximum memory of one build; it fails if it needs more; default: no limit",
+    build_max_memory_bytes: int = Field(
+        default_factory=default_build_memory_bytes,
+        ge=0,
+        description="maximum memory of one build; it fails if it needs more; default: half of the memory of "
+        "the machine or the container; 0: no limit",
+    )
+    build_max_templates: int = Field(
+        DEFAULT_MAX_TEMPLATES,
+        ge=0,
+        description="maximum number of templates of a map, by estimate before they are made; 0: no limit",
     )
     build_sandbox: Literal["auto", "required", "off"] = Field(
         "auto",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 import select
 import subprocess
 import sys
@@ -31,6 +32,7 @@ from firstfix.errors import (
 from firstfix.store.store import Store
 from firstfix_builder.job import reporter as build_reporter
 from firstfix_builder.job.build_job import BuildJob
+from firstfix_builder.job.error_record import MEMORY_REACHED
 from firstfix_builder.job.fetch_source import SourcePolicy
 from firstfix_builder.job.reporter import BuildReporter
 from firstfix_builder.job.run_build import run_build
@@ -289,8 +291,8 @@ def _fail(error: BaseException) -> TinyPipeline:
     [
         (BuildFailed("the cloud has no floor"), "build_failed", "the cloud has no floor"),
         (TooLarge("too many points"), "too_large", "too many points"),
-        (MemoryError(), "build_failed", "the worker ran out of memory"),
-        (OSError(28, "No space left on device"), "build_failed", "the worker's disk is full"),
+        (MemoryError(), "build_failed", MEMORY_REACHED),
+        (OSError(28, "No space left on device"), "out_of_space", "the work disk is full: "),
         (KeyError("/home/secret"), "internal", "KeyError: see the worker's log"),
     ],
 )
@@ -298,7 +300,8 @@ def test_a_failure_is_recorded_with_its_code(error: Exception, code: str, detail
     assert place.run(_fail(error)) == 1
     status = place.catalog.build_status("b1")
     assert (status["state"], status["stage"]) == ("failed", "two")
-    assert status["error"] == {"code": code, "detail": detail}
+    assert status["error"]["code"] == code
+    assert re.fullmatch(re.escape(detail) + "([0-9]+ bytes are left)?", status["error"]["detail"])
     assert place.catalog.log("hall") == []
 
 

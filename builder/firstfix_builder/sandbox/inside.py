@@ -178,6 +178,7 @@ def run_job(flows: Flows, job: dict[str, Any], work: Path, speaker: Speaker, lin
                 progress=progress,
                 cancelled=outside.is_cancelled,
                 shared=outside if job["share"] else None,
+                max_templates=job["max_templates"],
                 **more,
             )
         except Exception as error:

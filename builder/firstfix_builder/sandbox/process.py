@@ -30,12 +30,14 @@ class SandboxOptions:
         required: refuse to build when the kernel cannot confine it completely.
         max_memory_bytes: memory of all processes of the build together, which the service enforces. One
             process may reserve twice as much, used or not. None: all memory of the machine.
+        max_templates: of a map, by estimate; None: no limit.
         log_level, log_json: of the build's own log.
         program: the inner side, as arguments of the Python interpreter.
     """
 
     required: bool
     max_memory_bytes: int | None = None
+    max_templates: int | None = None
     log_level: str = "info"
     log_json: bool = False
     program: tuple[str, ...] = PROGRAM

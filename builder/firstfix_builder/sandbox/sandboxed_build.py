@@ -135,6 +135,7 @@ class SandboxedBuild:
             "config": job.config,
             "share": self._shared is not None,
             "read_only": read_only,
+            "max_templates": self._options.max_templates,
             "provisional": not read_only and job.publish_provisional is not None,
         }
 
