@@ -123,7 +123,7 @@ def _e57(folder: Path) -> None:
     file.close()
 
 
-def _e57_checksums(data: bytes) -> bytes:
+def e57_checksums(data: bytes) -> bytes:
     """Right checksums for all whole pages: CRC-32C, at the end of each."""
     pages = [data[start : start + _E57_PAGE] for start in range(0, len(data), _E57_PAGE)]
     return b"".join(
@@ -268,7 +268,7 @@ FORMATS: dict[str, Format] = {
     "las scan": Format(_las, read_scan_file),
     "laz": Format(_laz, read_map),
     "copc": Format(_copc, read_map),
-    "e57": Format(_e57, read_map, repair=_e57_checksums),
+    "e57": Format(_e57, read_map, repair=e57_checksums),
     "pcd": Format(_pcd, read_map),
     "ply": Format(_ply, read_map),
     "obj": Format(_mesh("obj"), read_map),

@@ -79,6 +79,7 @@ def _read_ply(path: Path) -> MapData:
     if not header.count_of("face"):
         return _points(decode_ply(body, MAP_LIMITS))
     MAP_LIMITS.check("PLY", header.count_of("vertex") + header.count_of("face"), 24)
+    header.check_size(len(body))
     return read_mesh(path)
 
 

@@ -113,7 +113,7 @@ def test_a_spacing_that_is_advised_is_enough():
 
 def test_templates_that_no_estimate_saw_are_counted():
     Workload(100).check_found(100, 0.5)
-    with pytest.raises(BuildFailed, match="101 templates, one every 0.5 m"):
+    with pytest.raises(BuildFailed, match=r"101 templates, one every 0\.5 m"):
         Workload(100).check_found(101, 0.5)
 
 

@@ -1,0 +1,1 @@
+"""What files declare about themselves, compared with their size before a library believes it."""
