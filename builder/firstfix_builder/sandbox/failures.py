@@ -14,7 +14,7 @@ from firstfix.errors import (
     OutOfSpace,
 )
 
-_OTHER_KINDS = (NotFound, BuildCancelled, OutOfSpace)
+_OTHER_KINDS: tuple[type[FirstfixError], ...] = (NotFound, BuildCancelled, OutOfSpace)
 
 
 def as_error(said: Any) -> FirstfixError:
@@ -24,7 +24,7 @@ def as_error(said: Any) -> FirstfixError:
     code, detail = str(said.get("code")), str(said.get("detail"))[:1000]
     if code == FirstfixError.code:
         return FirstfixError(detail)  # a fault of the program itself: the log has it
-    kinds: list[type[FirstfixError]] = [*(InputError, *InputError.__subclasses__()), *_OTHER_KINDS]
+    kinds: list[type[FirstfixError]] = [InputError, *InputError.__subclasses__(), *_OTHER_KINDS]
     return next((kind for kind in kinds if kind.code == code), BuildFailed)(detail)
 
 

@@ -94,7 +94,8 @@ class PlyHeader:
             body_bytes = file_bytes - self.body_start
             if element.count * row > body_bytes + 1:  # no separator after the last number
                 raise MalformedData(
-                    f"PLY: the file is cut off: {body_bytes} bytes for {element.count} rows of {element.name[:40]!r}"
+                    f"PLY: the file is cut off: {body_bytes} bytes for {element.count} rows of "
+                    f"{element.name[:40]!r}"
                 )
 
     def count_of(self, element_name: str) -> int:
