@@ -5,20 +5,24 @@ from __future__ import annotations
 import resource
 import signal
 import time
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
 
 from firstfix.builds.limits import default_build_memory_bytes
 from firstfix.decode import read_scan_file
-from firstfix.errors import MalformedData, TooLarge
+from firstfix.errors import InputError, MalformedData, TooLarge
+from firstfix.formats.laz_chunks import check_las
+from firstfix.formats.point_cloud import SCAN_LIMITS
 from firstfix.scan.scan import Scan
 
 MAX_MEMORY_BYTES = 4 << 30  # a file may have 1 GB
 MAX_PROCESSOR_S = 60
-IN_PROCESS = (".ffscan", ".pcd", ".ply", ".bin", ".npy", ".xyz", ".txt", ".pts", ".csv")
+BY_LIBRARY = (".las", ".laz")
 
 
 def read_scan(path: Path) -> Scan:
@@ -31,7 +35,7 @@ def read_scan(path: Path) -> Scan:
         InputError: a subclass; the message names the file.
         MalformedData: the library crashed, or did not end.
     """
-    if path.suffix.lower() in IN_PROCESS or not path.is_file():
+    if path.suffix.lower() not in BY_LIBRARY or not path.is_file():
         return read_scan_file(path)
     try:
         return _reader().submit(_read, path).result()
@@ -42,6 +46,20 @@ def read_scan(path: Path) -> Scan:
         ) from None
     except MemoryError:
         raise TooLarge(f"{path}: its reader needs more than {_memory_bytes()} bytes of memory") from None
+
+
+@contextmanager
+def limited_memory() -> Iterator[None]:
+    """Limits the memory of this process to that of a build: for bags, whose messages come one by one."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    within = [
+        limit for limit in (default_build_memory_bytes(), soft, hard) if limit != resource.RLIM_INFINITY
+    ]
+    resource.setrlimit(resource.RLIMIT_DATA, (min(within), hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
 
 
 @cache
@@ -63,4 +81,8 @@ def _limit() -> None:
 def _read(path: Path) -> Scan:
     used_s = int(time.process_time())
     resource.setrlimit(resource.RLIMIT_CPU, (used_s + MAX_PROCESSOR_S, resource.RLIM_INFINITY))
+    try:
+        check_las(path, SCAN_LIMITS, 8 * 5)
+    except InputError as error:
+        raise type(error)(f"{path}: {error}") from None
     return read_scan_file(path)

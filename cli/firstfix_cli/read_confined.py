@@ -30,7 +30,7 @@ def read_confined(job: BuildJob, max_templates: int) -> None:
         required=False,
         max_memory_bytes=(default_build_memory_bytes() if given is None else int(given)) or None,
         max_templates=max_templates or None,
-        log_level="error",
+        log_level="critical",  # what went wrong is in the error
     )
     sources = [path for path in (job.source, job.trajectory) if path is not None]
     readable = [one for path in sources for one in _with_targets(path)]

@@ -141,19 +141,14 @@ class Settings(BaseSettings):
     build_timeout_s: float = Field(
         86400.0, gt=0, description="maximum time of a build, all attempts together; then it fails"
     )
-    build_stall_s: float = Field(
-        7200.0, gt=0, description="maximum time of a build without progress; then it fails"
-    )
+    build_stall_s: float = Field(7200.0, gt=0, description="maximum time of a build without progress")
     build_max_memory_bytes: int = Field(
         default_factory=default_build_memory_bytes,
         ge=0,
-        description="maximum memory of one build; it fails if it needs more; default: half of the memory of "
-        "the machine or the container; 0: no limit",
+        description="maximum memory of one build; default: half of the machine's or container's; 0: no limit",
     )
     build_max_templates: int = Field(
-        DEFAULT_MAX_TEMPLATES,
-        ge=0,
-        description="maximum number of templates of a map, by estimate before they are made; 0: no limit",
+        DEFAULT_MAX_TEMPLATES, ge=0, description="maximum estimated number of templates of a map; 0: no limit"
     )
     build_sandbox: Literal["auto", "required", "off"] = Field(
         "auto",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from firstfix.builds.limits import default_build_memory_bytes
 from firstfix.errors import FirstfixError, MalformedData, NotFound, TooLarge
 from firstfix_cli import limited_reader
 from firstfix_cli.limited_reader import read_scan
@@ -67,6 +69,15 @@ def test_a_reader_that_crashes_is_an_error_in_words_and_the_next_file_is_read(
         read_scan(path)
     monkeypatch.setattr(limited_reader, "_read", real)
     assert len(read_scan(path).points) == 300
+
+
+def test_a_bag_may_take_as_much_as_a_build():
+    before = resource.getrlimit(resource.RLIMIT_DATA)
+    with limited_reader.limited_memory():
+        assert resource.getrlimit(resource.RLIMIT_DATA)[0] <= default_build_memory_bytes()
+        with pytest.raises(MemoryError):
+            np.empty(default_build_memory_bytes(), np.uint8)
+    assert resource.getrlimit(resource.RLIMIT_DATA) == before
 
 
 def test_damage_is_named_as_ever(tmp_path: Path, reader):

@@ -47,7 +47,7 @@ _PRELOADED = (  # so that a process for one file starts in milliseconds
 
 @dataclass
 class Counts:
-    """How damaged files of one format ended.
+    """Ends of damaged files of one format.
 
     Attributes:
         ends: ``read``, the code of the error, the name of the signal, ``timeout``, or of another exception.
@@ -117,7 +117,7 @@ def _read_damaged(chosen: Format, good: Path, place: Path, seed: list[int]) -> N
 
 @dataclass(frozen=True)
 class _Found:
-    """How one file ended."""
+    """The end of one file."""
 
     end: str
     peak_bytes: int

@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.decode import decode_query, read_scan_file
+from firstfix.formats.laz_chunks import check_las
+from firstfix.formats.point_cloud import SCAN_LIMITS
 from firstfix.ros.bag import open_bag
 from firstfix.transform import from_quaternion
 from firstfix_builder.read_map import read_map
@@ -61,6 +63,12 @@ def _las(folder: Path) -> None:
             las.header.evlrs = laspy.vlrs.vlrlist.VLRList()
             las.evlrs.append(laspy.VLR("firstfix", 7, "a note", bytes(40)))
         las.write(folder / f"{point_format}.las")
+
+
+def _read_las_scan(path: Path) -> None:
+    """As the command line does, in a process that has limits anyway."""
+    check_las(path, SCAN_LIMITS, 8 * 5)
+    read_scan_file(path)
 
 
 def _laz(folder: Path) -> None:
@@ -265,7 +273,7 @@ def _read_body(path: Path) -> None:
 
 FORMATS: dict[str, Format] = {
     "las": Format(_las, read_map),
-    "las scan": Format(_las, read_scan_file),
+    "las scan": Format(_las, _read_las_scan),
     "laz": Format(_laz, read_map),
     "copc": Format(_copc, read_map),
     "e57": Format(_e57, read_map, repair=e57_checksums),

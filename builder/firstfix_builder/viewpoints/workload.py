@@ -23,7 +23,7 @@ from .tiles import Tiling
 PLACES_A_TEMPLATE = 10
 FOOTPRINT_CELL_M = 8.0
 LINE_M = 0.01
-_TRIANGLES_AT_ONCE = 1_000_000
+_TRIANGLES_AT_ONCE = _POINTS_AT_ONCE = 1_000_000
 _SETTING = "FIRSTFIX_BUILD_MAX_TEMPLATES"
 
 
@@ -119,8 +119,11 @@ class Workload:
 
 def _widths_m(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """(3,) standard deviations along the main axes, largest first."""
-    some = points[:: max(1, len(points) // 100_000)]
-    return np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(some.T))[::-1], 0.0))
+    middle, moments = points.mean(axis=0), np.zeros((3, 3))
+    for first in range(0, len(points), _POINTS_AT_ONCE):
+        part = points[first : first + _POINTS_AT_ONCE] - middle
+        moments += part.T @ part
+    return np.sqrt(np.maximum(np.linalg.eigvalsh(moments / len(points))[::-1], 0.0))
 
 
 def _cells(points: NDArray[np.float64], cell_m: float) -> int:

@@ -132,7 +132,7 @@ def localize(
 
     from ..answerer import answerer
     from ..bags.replay import Replay, replay
-    from ..limited_reader import read_scan
+    from ..limited_reader import limited_memory, read_scan
 
     if sum(one is not None for one in (scan, odometry, bag)) != 1:
         raise InvalidOption("give one of SCAN, --odometry and --bag")
@@ -158,7 +158,8 @@ def localize(
     with answerer(map_id, url=url, zenoh=zenoh, store=store, timeout_s=timeout_s, encoding=encoding) as ask:
         if bag is not None:
             answers = replay(of_a_bag, ask, options, lambda line: typer.echo(line, err=True))
-            verdicts = _print_replay(answers, tum, as_json)
+            with limited_memory():
+                verdicts = _print_replay(answers, tum, as_json)
             raise typer.Exit(min(EXIT_CODES[verdict] for verdict in verdicts))
         answer = ask(_sequence(odometry) if scan is None else read_scan(scan), options)
     if as_json:

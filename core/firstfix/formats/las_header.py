@@ -1,6 +1,6 @@
 """The counts in a LAS or LAZ file, compared with the file's size before a library believes them.
 
-laspy makes as many records as a header says, and lazrs takes as much memory as chunk tables and layers say.
+laspy makes as many records as a header says.
 """
 
 from __future__ import annotations
@@ -19,40 +19,24 @@ _VLR_HEADER = struct.Struct("<2x16sHH32x")
 _MOST_VLRS = 10_000
 _COMPRESSED = 0x80  # bit of the point format
 _LASZIP = b"laszip encoded", 22204
-_LASZIP_HEADER = struct.Struct("<HH8xI16xH")  # compressor, coder, points a chunk, items
-_ITEM = struct.Struct("<HHH")  # type, bytes, version
-_POINTWISE, _CHUNKED, _LAYERED = 1, 2, 3  # compressors
-_VARIABLE = 0xFFFFFFFF  # points a chunk
-# Numbers of layers by the type of an item; an item of extra bytes has one for each.
-_LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
-_EXTRA_BYTES = 14
-_MOST_CHUNKS = 1_000_000
-_MOST_POINTS_PER_BYTE = 1000  # a million copies of one point take more
 
 
 @dataclass(frozen=True)
 class LasHeader:
-    """What a file's header declares, all of it within the file.
+    """Declarations of a file's header, all of them within the file.
 
     Attributes:
-        points: number of points.
-        point_bytes: of one point, unpacked.
-        is_packed: LAZ.
-        chunks: of a LAZ file; 1 where it has no table of them.
+        size: of the file, in bytes.
+        start: place of the first point.
+        points, point_bytes: their number, and the size of one, unpacked.
+        packing: record of the compression; None: there is none.
     """
 
+    size: int
+    start: int
     points: int
     point_bytes: int
-    is_packed: bool = False
-    chunks: int = 0
-
-
-@dataclass(frozen=True)
-class _Packing:
-    compressor: int
-    chunk_points: int
-    layers: int  # of a chunk; 0: a chunk has none
-    record: bytes
+    packing: bytes | None = None
 
 
 def read_las_header(path: Path, limits: Limits, column_bytes: int) -> LasHeader:
@@ -89,14 +73,10 @@ def read_las_header(path: Path, limits: Limits, column_bytes: int) -> LasHeader:
                     f"LAS: the file is cut off: {size - start} of {points * point_bytes} bytes for {points} "
                     f"points of {point_bytes} bytes"
                 )
-            return LasHeader(points, point_bytes)
+            return LasHeader(size, start, points, point_bytes)
         if record is None:
             raise MalformedData("LAS: the points are compressed, and no record says how")
-        if points > _MOST_POINTS_PER_BYTE * (size - start):
-            raise MalformedData(f"LAS: {size - start} compressed bytes cannot hold {points} points")
-        packing = _packing(record, point_bytes)
-        chunks = _check_chunks(file, start, size, points, point_bytes, packing) if points else 0
-        return LasHeader(points, point_bytes, is_packed=True, chunks=chunks)
+        return LasHeader(size, start, points, point_bytes, record)
 
 
 def _laszip_record(file: BinaryIO, first: int, start: int, count: int) -> bytes | None:
@@ -118,76 +98,3 @@ def _laszip_record(file: BinaryIO, first: int, start: int, count: int) -> bytes 
             found = file.read(length)
         at += length
     return found
-
-
-def _packing(record: bytes, point_bytes: int) -> _Packing:
-    try:
-        compressor, coder, chunk_points, count = _LASZIP_HEADER.unpack_from(record)
-        items = [_ITEM.unpack_from(record, _LASZIP_HEADER.size + _ITEM.size * n) for n in range(count)]
-    except struct.error:
-        raise MalformedData("LAS: the record of the compression is cut off") from None
-    if compressor not in (_POINTWISE, _CHUNKED, _LAYERED) or coder != 0:
-        raise MalformedData(f"LAS: an unknown compression {compressor}, {coder}")
-    if chunk_points == 0 and compressor != _POINTWISE:
-        raise MalformedData("LAS: a chunk has no points")
-    if not items or sum(length for _, length, _ in items) != point_bytes:
-        raise MalformedData(f"LAS: the compression has other points than those of {point_bytes} bytes")
-    layered = [version in (3, 4) for _, _, version in items]
-    if any(layered) and not (all(layered) and compressor == _LAYERED):
-        raise MalformedData("LAS: the compression has items of several kinds")
-    layers = sum(length if kind == _EXTRA_BYTES else _LAYERS.get(kind, 0) for kind, length, _ in items)
-    return _Packing(compressor, chunk_points, layers if any(layered) else 0, record)
-
-
-def _check_chunks(
-    file: BinaryIO, start: int, size: int, points: int, point_bytes: int, packing: _Packing
-) -> int:
-    """Compares the table of chunks, and the layers in each, with the file. Returns the number of chunks."""
-    if packing.compressor == _POINTWISE:
-        return 1
-    table = _table_start(file, start, size)
-    file.seek(table + 4)
-    (chunks,) = struct.unpack("<I", file.read(4))
-    data = table - start - 8
-    if not 0 < chunks <= min(_MOST_CHUNKS, data // point_bytes):
-        raise MalformedData(f"LAS: {data} compressed bytes cannot hold {chunks} chunks")
-    if packing.chunk_points != _VARIABLE and chunks != -(-points // packing.chunk_points):
-        raise MalformedData(
-            f"LAS: {chunks} chunks of {packing.chunk_points} points are not its {points} points"
-        )
-    import lazrs
-
-    file.seek(start)
-    entries = lazrs.read_chunk_table(file, lazrs.LazVlr(packing.record))
-    if packing.chunk_points == _VARIABLE and (
-        sum(count for count, _ in entries) != points or not all(0 <= count <= points for count, _ in entries)
-    ):
-        raise MalformedData(f"LAS: the chunks do not have its {points} points")
-    at = start + 8
-    for number, (_, length) in enumerate(entries):
-        if length > table - at:
-            raise MalformedData(f"LAS: chunk {number} has {length} bytes, and {table - at} are left")
-        if packing.layers and length:  # writers may leave an empty chunk at the end
-            _check_layers(file, at, length, point_bytes, packing.layers, number)
-        at += length
-    return chunks
-
-
-def _check_layers(file: BinaryIO, at: int, length: int, point_bytes: int, layers: int, number: int) -> None:
-    """Checks the head of a chunk: its first point, the number of points, and the bytes of each layer."""
-    head = point_bytes + 4 + 4 * layers
-    file.seek(at + point_bytes + 4)
-    if head > length or head + sum(struct.unpack(f"<{layers}I", file.read(4 * layers))) > length:
-        raise MalformedData(f"LAS: the layers of chunk {number} do not fit into its {length} bytes")
-
-
-def _table_start(file: BinaryIO, start: int, size: int) -> int:
-    """Place of the table of chunks: before the points, or, where a writer could not go back, at the end."""
-    for place in (start, size - 8):
-        file.seek(place)
-        (at,) = struct.unpack("<q", file.read(8).ljust(8, b"\0"))
-        if at > start:
-            break
-    if not start + 8 < at <= size - 8:
-        raise MalformedData("LAS: the file is cut off: it has no table of chunks")
-    return int(at)

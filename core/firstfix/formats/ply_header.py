@@ -52,11 +52,6 @@ class PlyElement:
         return any(prop.is_list for prop in self.properties)
 
     @property
-    def least_bytes(self) -> int:
-        """Bytes of a row in a binary file whose lists are empty; a list has its length at least."""
-        return sum(1 if prop.is_list else prop.dtype.itemsize for prop in self.properties)
-
-    @property
     def record(self) -> np.dtype[np.void]:
         """Layout of a row without lists. Of two properties with one name, the first one counts."""
         names, formats, offsets, offset = [], [], [], 0
@@ -82,21 +77,6 @@ class PlyHeader:
     is_ascii: bool
     elements: tuple[PlyElement, ...]
     body_start: int
-
-    def check_size(self, file_bytes: int) -> None:
-        """Compares the counts with the bytes of the whole file.
-
-        Raises:
-            MalformedData: the file is too small, however short its lists and numbers are.
-        """
-        for element in self.elements:
-            row = 2 * len(element.properties) if self.is_ascii else element.least_bytes
-            body_bytes = file_bytes - self.body_start
-            if element.count * row > body_bytes + 1:  # no separator after the last number
-                raise MalformedData(
-                    f"PLY: the file is cut off: {body_bytes} bytes for {element.count} rows of "
-                    f"{element.name[:40]!r}"
-                )
 
     def count_of(self, element_name: str) -> int:
         """Returns the number of rows of an element; 0 if there is no such element."""

@@ -54,7 +54,7 @@ def test_a_disk_that_cannot_take_room(tmp_path, monkeypatch):
 
 @pytest.mark.skipif(not os.access("/", os.W_OK), reason="only root can mount a small disk")
 def test_a_disk_that_is_really_full(tmp_path):
-    """Where mounting is allowed: before, the process ended with SIGBUS."""
+    """Ended the process with SIGBUS where the room was not taken. Needs the right to mount."""
     small = tmp_path / "small"
     small.mkdir()
     if os.system(f"mount -t tmpfs -o size=1m none {small} 2>/dev/null"):

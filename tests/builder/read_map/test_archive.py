@@ -97,7 +97,7 @@ def damaged(path, rng):
 
 
 def test_whatever_zipfile_raises_about_damage_is_malformed(tmp_path):
-    """It raises OSError for a negative place, IndexError for an empty name and others."""
+    """OSError for a negative place, IndexError for an empty name, and others."""
     rng = np.random.default_rng(0)
     ends = Counter()
     for number in range(400):

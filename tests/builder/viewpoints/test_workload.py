@@ -48,7 +48,7 @@ def plain_cloud(path: Path) -> Path:
     ],
 )
 def test_small_files_of_large_maps_end_before_the_work(tmp_path, monkeypatch, make, name, config, why):
-    """Nothing but the reading of the map is run, neither for the provisional nor for the full version."""
+    """No chunk is run, neither for the provisional nor for the full version."""
     monkeypatch.setattr("firstfix_builder.build_stages.clean_cloud", lambda cloud, config: cloud)
     chunks = []
     monkeypatch.setattr(

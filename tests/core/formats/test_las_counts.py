@@ -11,6 +11,7 @@ import pytest
 
 from firstfix.errors import MalformedData, TooLarge
 from firstfix.formats.las import read_las
+from firstfix.formats.laz_chunks import check_las
 from firstfix.formats.point_cloud import MAP_LIMITS, Limits
 
 POINTS = 300
@@ -43,6 +44,7 @@ def record_of(path: Path, user: bytes) -> int:
 
 
 def read(path: Path) -> int:
+    check_las(path, MAP_LIMITS, 32)
     return len(read_las(path, MAP_LIMITS))
 
 

@@ -1,1 +1,1 @@
-"""What files declare about themselves, compared with their size before a library believes it."""
+"""Declarations in the headers of files, compared with their size before a library believes them."""
