@@ -66,7 +66,7 @@ def _las(folder: Path) -> None:
 
 
 def _read_las_scan(path: Path) -> None:
-    """As the command line does, in a process that has limits anyway."""
+    """Read a scan as the command line does, in a process that has limits anyway."""
     check_las(path, SCAN_LIMITS, 8 * 5)
     read_scan_file(path)
 

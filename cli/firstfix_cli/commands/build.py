@@ -149,7 +149,7 @@ def _build_here(
     from firstfix.catalog.catalog import Catalog
     from firstfix.store.store import Store
     from firstfix_builder.execution.build_trace import BuildTrace
-    from firstfix_builder.execution.executor_url import dask_address
+    from firstfix_builder.execution.executor_url import check_reachable, dask_address
     from firstfix_builder.job.build_job import BuildJob
     from firstfix_builder.pipeline import Cluster, build_version
 
@@ -157,7 +157,10 @@ def _build_here(
 
     settings = BuildConfig.parse(given)
     scheduler = dask_address(executor)
-    cluster = None if scheduler is None else Cluster(scheduler, store)
+    cluster = None
+    if scheduler is not None:
+        check_reachable(store)
+        cluster = Cluster(scheduler, store)
     opened = Store.open(store)
     opened.probe()  # before the work, not after it
     with _progress() as show, BuildTrace("", map_id, None) as trace:
