@@ -93,7 +93,12 @@ def _check_chunks(
     import lazrs
 
     file.seek(start)
-    entries = lazrs.read_chunk_table(file, lazrs.LazVlr(packing.record))
+    try:
+        entries = lazrs.read_chunk_table(file, lazrs.LazVlr(packing.record))
+    except (KeyboardInterrupt, SystemExit, MemoryError):
+        raise
+    except BaseException as error:  # a panic of the Rust backend is not an Exception
+        raise MalformedData(f"LAS: {str(error) or type(error).__name__}") from error
     if packing.chunk_points == _VARIABLE and (
         sum(count for count, _ in entries) != points or not all(0 <= count <= points for count, _ in entries)
     ):

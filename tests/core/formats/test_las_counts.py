@@ -116,6 +116,14 @@ def test_a_table_of_other_chunks(tmp_path: Path, count: int):
         read(patched(path, table + 4, struct.pack("<I", count)))
 
 
+def test_a_table_that_is_cut_off(tmp_path: Path):
+    path = written(tmp_path / "a.laz")
+    (table,) = struct.unpack_from("<q", path.read_bytes(), points_start(path))
+    path.write_bytes(path.read_bytes()[: table + 9])
+    with pytest.raises(MalformedData, match="LAS"):
+        read(path)
+
+
 @pytest.mark.parametrize("place", [-1, 0, 2**40, 2**63 - 1])
 def test_a_table_that_is_elsewhere(tmp_path: Path, place: int):
     path = written(tmp_path / "a.laz")
