@@ -12,11 +12,15 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from firstfix.builds.config import BuildConfig
 from firstfix.builds.limits import default_build_memory_bytes
 from firstfix.errors import FirstfixError, MalformedData, NotFound, TooLarge
+from firstfix_builder.job.build_job import BuildJob
+from firstfix_builder.pipeline import read_source
 from firstfix_cli import limited_reader
 from firstfix_cli.limited_reader import read_scan
 from firstfix_cli.main import app
+from firstfix_cli.read_confined import read_confined
 
 
 def las(path: Path) -> Path:
@@ -91,12 +95,21 @@ def test_damage_is_named_as_ever(tmp_path: Path, reader):
         read_scan(tmp_path / "none.las")
 
 
+def refuse(*given: object, **named: object) -> None:
+    raise AssertionError("read in this process")
+
+
+def test_what_the_sandbox_read_is_not_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    path = las(tmp_path / "a.las")
+    config: dict[str, object] = {"level": False}
+    job = BuildJob(path, None, config, tmp_path / "work", lambda stage, fraction: None, lambda: False)
+    read_confined(job, 0)
+    monkeypatch.setattr("firstfix_builder.build_stages.read_parts", refuse)
+    read_source(path, BuildConfig.parse(config), tmp_path / "work" / "build")
+
+
 def test_a_build_reads_its_map_in_the_sandbox(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """This process parses nothing of it."""
-
-    def refuse(*given: object, **named: object) -> None:
-        raise AssertionError("read in this process")
-
     monkeypatch.setattr("firstfix_builder.build_stages.read_parts", refuse)
     path = las(tmp_path / "a.las")
     raw = bytearray(path.read_bytes())
