@@ -14,6 +14,7 @@ from firstfix_builder.build_stages import BuildStages
 from firstfix_builder.execution.chunk_cache import ChunkCache
 from firstfix_builder.execution.local_executor import LocalExecutor
 from firstfix_builder.execution.stage_cache import StageCache, StageResult
+from firstfix_builder.viewpoints.workload import Workload
 
 from .spent import Cost, read_cost, spent
 
@@ -45,6 +46,7 @@ class ScaleStages(BuildStages):
             lambda: False,
             config,
             threads,
+            workload=Workload(None),  # worlds are as large as one asks for
             work=work,
         )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -38,7 +38,7 @@ from .mesh.level import level_frame
 from .mesh.mesh import Mesh
 from .mesh.places.tiled_points import TiledPoints
 from .mesh.reconstruct import block_meshes, mesh_chunks
-from .mesh.tiled_mesh import write_tiled_mesh
+from .mesh.tiled_mesh import TiledMesh, write_tiled_mesh
 from .read_map import read_parts, read_trajectory
 from .read_map.content_hash import content_hash
 from .self_test.localizability import draw_localizability
@@ -50,6 +50,7 @@ from .templates.fit_engine import fit_engine
 from .templates.fit_spacing import fitting_viewpoints, write_places
 from .templates.linkage import Pairs
 from .templates.make import template_chunks, write_templates
+from .viewpoints.workload import Workload
 
 
 @dataclass(frozen=True)
@@ -59,11 +60,13 @@ class BuildStages(StageRunner):
     Attributes:
         threads: run the work of ``self_test``.
         provisional: make a provisional version, whose index takes less work.
+        workload: refuses maps of too many templates before the work is begun.
     """
 
     config: BuildConfig
     threads: Executor
     provisional: bool = False
+    workload: Workload = field(default_factory=Workload)
 
     def read_map(self, source: Path, trajectory: Path | None) -> StageResult:
         """The map in its levelled local frame: points or a mesh, trajectory, T_map_level."""
@@ -132,6 +135,7 @@ class BuildStages(StageRunner):
                     link(path, out / path.name)
             else:
                 points = np.load(read.directory / "points.npy")
+                self.workload.check_cloud(points, trajectory_of(read), self.config.viewpoints)
                 chunks = mesh_chunks(points, trajectory_of(read), self.config.surface)
                 write_tiled_mesh(block_meshes(run(chunks)), out)
 
@@ -152,6 +156,8 @@ class BuildStages(StageRunner):
         def places_at(spacing_m: float) -> StageResult:
             def produce(out: Path) -> None:
                 config, sensor = self.config.viewpoints, self.config.sensor_model
+                tiled = TiledMesh.load(mesh.directory)
+                self.workload.check_mesh(tiled, trajectory_of(read), config, spacing_m)
                 write_places(run, read.directory, mesh.directory, config, spacing_m, sensor, out)
 
             with within_a_stage():
@@ -165,6 +171,8 @@ class BuildStages(StageRunner):
                 self.config.sensor_model,
                 out,
             )
+            found = np.load(out / "positions.npy", mmap_mode="r")
+            self.workload.check_found(len(found), float(np.load(out / "spacing_m.npy")))
 
         return self._stage(name, inputs, chosen, produce)
 

@@ -18,6 +18,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from firstfix.builds.config import BuildConfig
+from firstfix.builds.limits import DEFAULT_MAX_TEMPLATES
 from firstfix.catalog.manifest import Manifest
 from firstfix.engine.index import ENGINE_FILE, MAP_FILE
 from firstfix.engine.retrieval.clusters import Clusters
@@ -35,6 +36,7 @@ from .execution.stage_runner import Progress
 from .job.provisional import provisional_config
 from .sessions.stages import SESSIONS_FILE, SessionStages
 from .stage_files import link
+from .viewpoints.workload import Workload
 
 _log = logging.getLogger(__name__)
 
@@ -71,6 +73,7 @@ def build_version(
     shared: StagesElsewhere | None = None,
     cluster: Cluster | None = None,
     publish_provisional: Callable[[BuiltVersion], None] | None = None,
+    max_templates: int | None = DEFAULT_MAX_TEMPLATES,
 ) -> BuiltVersion:
     """Runs every stage that the cache under ``work`` does not hold yet.
 
@@ -81,6 +84,7 @@ def build_version(
         shared: finished stages of other machines.
         cluster: its workers run the chunks; None: threads and processes of this machine do.
         publish_provisional: called with the provisional version when it is ready; None: none is made.
+        max_templates: a map of more, by estimate, is refused before the work is begun; None: no limit.
 
     Raises:
         InputError: the source or the trajectory cannot be read.
@@ -95,7 +99,8 @@ def build_version(
     ):
         cache = StageCache(work, shared=shared)
         chunks = ChunkCache(cache, executor, shared)
-        build = SessionStages(cache, chunks, progress, cancelled, config, threads)
+        workload = Workload(max_templates)
+        build = SessionStages(cache, chunks, progress, cancelled, config, threads, workload=workload)
         read = build.read_map(source, trajectory)
         if publish_provisional is not None:
             early = _provisional(build, read, work)
@@ -136,6 +141,7 @@ def read_source(
     progress: Progress = lambda stage, fraction: None,
     cancelled: Callable[[], bool] = lambda: False,
     shared: StagesElsewhere | None = None,
+    max_templates: int | None = DEFAULT_MAX_TEMPLATES,
 ) -> None:
     """Runs the first stage alone, and raises as ``build_version`` does.
 
@@ -145,7 +151,8 @@ def read_source(
         executor = LocalExecutor(work, threads, threads)
         cache = StageCache(work, shared=shared)
         chunks = ChunkCache(cache, executor)
-        build = SessionStages(cache, chunks, progress, cancelled, config, threads)
+        workload = Workload(max_templates)
+        build = SessionStages(cache, chunks, progress, cancelled, config, threads, workload=workload)
         build.read_map(source, trajectory)
 
 

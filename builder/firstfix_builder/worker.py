@@ -17,6 +17,7 @@ from functools import partial
 from pathlib import Path
 
 from firstfix.builds.exit_codes import ExitCode
+from firstfix.builds.limits import DEFAULT_MAX_TEMPLATES
 from firstfix.builds.shared_stages import SharedStages
 from firstfix.errors import (
     ClusterUnavailable,
@@ -40,6 +41,7 @@ from .sandbox.sandboxed_build import SandboxedBuild
 # The service that runs a worker sets these variables. They have the names of its own settings.
 LOG_LEVEL_VARIABLE, LOG_JSON_VARIABLE = "FIRSTFIX_LOG_LEVEL", "FIRSTFIX_LOG_JSON"
 SANDBOX_VARIABLE, MAX_MEMORY_VARIABLE = "FIRSTFIX_BUILD_SANDBOX", "FIRSTFIX_BUILD_MAX_MEMORY_BYTES"
+MAX_TEMPLATES_VARIABLE = "FIRSTFIX_BUILD_MAX_TEMPLATES"
 _log = logging.getLogger(__name__)
 
 
@@ -50,6 +52,7 @@ def build_here(
     store_url: str,
     sandbox: SandboxedBuild | None,
     shared: SharedStages | None,
+    max_templates: int | None = DEFAULT_MAX_TEMPLATES,
 ) -> Built:
     """Builds in this process, which can reach the store and the cluster.
 
@@ -72,6 +75,7 @@ def build_here(
         shared=shared,
         cluster=None if scheduler is None else Cluster(scheduler, store_url),
         publish_provisional=job.publish_provisional,
+        max_templates=max_templates,
     )
 
 
@@ -129,7 +133,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     log_level = os.environ.get(LOG_LEVEL_VARIABLE, "info")
     log_json = os.environ.get(LOG_JSON_VARIABLE) == "true"
     set_up_build_log(chosen.build, level=log_level, as_json=log_json)
-    max_memory = os.environ.get(MAX_MEMORY_VARIABLE)
+    max_memory = int(os.environ.get(MAX_MEMORY_VARIABLE, 0)) or None
+    max_templates = int(os.environ.get(MAX_TEMPLATES_VARIABLE, DEFAULT_MAX_TEMPLATES)) or None
     try:
         shared = SharedStages(Store.open(chosen.store)) if chosen.share_stages else None
         scheduler = dask_address(chosen.executor)
@@ -137,7 +142,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if chosen.sandbox != "off":
             options = SandboxOptions(
                 required=chosen.sandbox == "required",
-                max_memory_bytes=None if max_memory is None else int(max_memory),
+                max_memory_bytes=max_memory,
+                max_templates=max_templates,
                 log_level=log_level,
                 log_json=log_json,
             )
@@ -146,7 +152,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             build_version: BuildVersion = sandbox.build_version
         else:
             build_version = partial(
-                build_here, scheduler=scheduler, store_url=chosen.store, sandbox=sandbox, shared=shared
+                build_here,
+                scheduler=scheduler,
+                store_url=chosen.store,
+                sandbox=sandbox,
+                shared=shared,
+                max_templates=max_templates,
             )
         return run_build(
             chosen.store,

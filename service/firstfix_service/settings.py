@@ -11,6 +11,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from firstfix.builds.limits import DEFAULT_MAX_TEMPLATES, default_build_memory_bytes
+
 MIB = 1 << 20
 GIB = 1 << 30
 NAME = "^[a-z0-9][a-z0-9_-]{0,62}$"  # of a replica
@@ -140,11 +142,14 @@ class Settings(BaseSettings):
     build_timeout_s: float = Field(
         86400.0, gt=0, description="maximum time of a build, all attempts together; then it fails"
     )
-    build_stall_s: float = Field(
-        7200.0, gt=0, description="maximum time of a build without progress; then it fails"
+    build_stall_s: float = Field(7200.0, gt=0, description="maximum time of a build without progress")
+    build_max_memory_bytes: int = Field(
+        default_factory=default_build_memory_bytes,
+        ge=0,
+        description="maximum memory of one build; default: half of the machine's or container's; 0: no limit",
     )
-    build_max_memory_bytes: int | None = Field(
-        None, ge=1, description="maximum memory of one build; it fails if it needs more; default: no limit"
+    build_max_templates: int = Field(
+        DEFAULT_MAX_TEMPLATES, ge=0, description="maximum estimated number of templates of a map; 0: no limit"
     )
     build_sandbox: Literal["auto", "required", "off"] = Field(
         "auto", description="confine builds: auto (as far as the kernel can), required, off"

@@ -34,6 +34,7 @@ from firstfix.errors import (
 from firstfix.store.store import Store
 from firstfix_builder.job import reporter as build_reporter
 from firstfix_builder.job.build_job import BuildJob
+from firstfix_builder.job.error_record import MEMORY_REACHED
 from firstfix_builder.job.fetch_source import SourcePolicy
 from firstfix_builder.job.reporter import BuildReporter
 from firstfix_builder.job.run_build import run_build
@@ -290,7 +291,7 @@ def _fail(error: BaseException) -> TinyPipeline:
     [
         (BuildFailed("the cloud has no floor"), "build_failed", "the cloud has no floor"),
         (TooLarge("too many points"), "too_large", "too many points"),
-        (MemoryError(), "build_failed", "the worker ran out of memory"),
+        (MemoryError(), "build_failed", MEMORY_REACHED),
         (KeyError("/home/secret"), "internal", "KeyError: see the worker's log"),
     ],
 )
@@ -298,7 +299,8 @@ def test_a_failure_is_recorded_with_its_code(error: Exception, code: str, detail
     assert place.run(_fail(error)) == 1
     status = place.catalog.build_status("b1")
     assert (status["state"], status["stage"]) == ("failed", "two")
-    assert status["error"] == {"code": code, "detail": detail}
+    assert status["error"]["code"] == code
+    assert re.fullmatch(re.escape(detail) + "([0-9]+ bytes are left)?", status["error"]["detail"])
     assert place.catalog.log("hall") == []
 
 
@@ -332,7 +334,7 @@ def test_what_is_no_fault_of_the_build_leaves_it_to_be_run_again(
     status = place.catalog.build_status("b1")
     assert (status["state"], status["error"]["code"]) == ("queued", code)
     if isinstance(error, OSError):
-        assert re.search("work folder is full: [0-9]+ bytes are free", status["error"]["detail"])
+        assert re.search("work disk is full: [0-9]+ bytes are left", status["error"]["detail"])
     assert place.run(TinyPipeline()) == 0
     assert place.catalog.build_status("b1")["error"] is None
 

@@ -14,6 +14,7 @@ DRILLS = (
     "ends",
     "frozen",
     "fuzz_bodies",
+    "fuzz_files",
     "kill_builds",
     "lossy_dds",
     "neighbours",

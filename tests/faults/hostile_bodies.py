@@ -5,8 +5,8 @@ from __future__ import annotations
 import gzip
 import struct
 import zlib
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 import zstandard
@@ -22,22 +22,7 @@ from firstfix.wire import scan as wire
 from firstfix.wire import sequence as wire_sequence
 
 from .ros_bodies import point_cloud2
-
-_NUMBERS = [
-    b"-1",
-    b"0",
-    b"99999999999999999999",
-    b"1e308",
-    b"-1e-400",
-    b"nan",
-    b"inf",
-    b"0x10",
-    b"\x00",
-    b"\xff",
-]
-_WORDS = [b"list", b"double", b"DATA", b"end_header", b"\n", b"\r\n", b" ", b"binary_compressed", b"ascii"]
-_EXTREMES = [0, 1, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 2**63, 2**64 - 1]
-_FLOATS = [np.nan, np.inf, -np.inf, 1e30, -1e30, 1e-45, 3.4e38, 0.0]
+from .wounds import FLOATS, wounded
 
 
 @dataclass(frozen=True)
@@ -73,11 +58,11 @@ def good_bodies(points: int = 60, seed: int = 0) -> list[Body]:
         Body("query", wire_query.encode_query(compact), wire_query.MEDIA_TYPE, statuses=ok),
         Body("xyz", xyz.tobytes(), raw, statuses=ok),
         Body("xyzi", xyzi.tobytes(), "application/vnd.firstfix.xyzi", statuses=ok),
-        Body("pcd ascii", _pcd(xyz, "ascii"), "application/x-pcd", statuses=ok),
-        Body("pcd binary", _pcd(xyz, "binary"), "application/x-pcd", statuses=ok),
-        Body("pcd compressed", _pcd(xyz, "binary_compressed"), "model/vnd.pcd", statuses=ok),
-        Body("ply ascii", _ply(xyz, "ascii"), "application/ply", statuses=ok),
-        Body("ply binary", _ply(xyz, "binary_little_endian"), "model/ply", statuses=ok),
+        Body("pcd ascii", pcd(xyz, "ascii"), "application/x-pcd", statuses=ok),
+        Body("pcd binary", pcd(xyz, "binary"), "application/x-pcd", statuses=ok),
+        Body("pcd compressed", pcd(xyz, "binary_compressed"), "model/vnd.pcd", statuses=ok),
+        Body("ply ascii", ply(xyz, "ascii"), "application/ply", statuses=ok),
+        Body("ply binary", ply(xyz, "binary_little_endian"), "model/ply", statuses=ok),
         *(Body(name, point_cloud2(xyz), name, statuses=ok) for name in POINT_CLOUDS),
         Body("gzip", gzip.compress(xyz.tobytes()), raw, "gzip", ok),
         Body("zstd", zstandard.ZstdCompressor().compress(xyz.tobytes()), raw, "zstd", ok),
@@ -86,11 +71,7 @@ def good_bodies(points: int = 60, seed: int = 0) -> list[Body]:
 
 def damaged(body: Body, rng: np.random.Generator) -> Body:
     """The body with one to six random wounds."""
-    data = bytearray(body.data)
-    for _ in range(rng.integers(1, 7)):
-        wound = _WOUNDS[rng.integers(len(_WOUNDS))]
-        data = wound(data, rng) or bytearray(b"x")
-    return Body(f"damaged {body.name}", bytes(data), body.media_type, body.content_encoding)
+    return replace(body, name=f"damaged {body.name}", data=wounded(body.data, rng), statuses=frozenset())
 
 
 def crafted_bodies() -> Iterator[Body]:
@@ -98,7 +79,7 @@ def crafted_bodies() -> Iterator[Body]:
     raw = "application/vnd.firstfix.xyz"
     bad, large, fine = frozenset({400, 422}), frozenset({413}), frozenset({200, 422})
     rng = np.random.default_rng(7)
-    for value in _FLOATS:
+    for value in FLOATS:
         mixed = rng.uniform(-20, 20, (1000, 3)).astype("<f4")
         mixed[::7, rng.integers(3)] = value
         yield Body(f"some {value}", mixed.tobytes(), raw, statuses=fine)
@@ -114,7 +95,7 @@ def crafted_bodies() -> Iterator[Body]:
         yield Body(f"{count} points encoded", scan, wire.MEDIA_TYPE, statuses=fine | bad)
         image = wire.encode_scan(Scan(cloud), form="range_image")
         yield Body(f"{count} points as a range image", image, wire.MEDIA_TYPE, statuses=fine | bad)
-        yield Body(f"{count} points in PCD", _pcd(cloud, "binary"), "application/x-pcd", statuses=fine | bad)
+        yield Body(f"{count} points in PCD", pcd(cloud, "binary"), "application/x-pcd", statuses=fine | bad)
     yield Body("one point many times", np.full((200_000, 3), 3.0, "<f4").tobytes(), raw, statuses=fine)
     yield Body("too many points", bytes(2_000_001 * 12), raw, statuses=large)
     promise = _pcd_header(4_000_000_000, "binary") + bytes(100)
@@ -182,7 +163,7 @@ def _pcd_header(points: int, encoding: str) -> bytes:
     ).encode()
 
 
-def _pcd(xyz: NDArray[np.float32], encoding: str) -> bytes:
+def pcd(xyz: NDArray[np.float32], encoding: str) -> bytes:
     header = _pcd_header(len(xyz), encoding)
     if encoding == "ascii":
         return header + _rows(xyz)
@@ -201,79 +182,9 @@ def _ply_header(points: int, encoding: str) -> bytes:
     return "\n".join([*lines, "end_header", ""]).encode()
 
 
-def _ply(xyz: NDArray[np.float32], encoding: str) -> bytes:
+def ply(xyz: NDArray[np.float32], encoding: str) -> bytes:
     return _ply_header(len(xyz), encoding) + (_rows(xyz) if encoding == "ascii" else xyz.tobytes())
 
 
 def _rows(xyz: NDArray[np.float32]) -> bytes:
     return "".join(f"{x!r} {y!r} {z!r}\n" for x, y, z in xyz.tolist()).encode()
-
-
-def _flip(data: bytearray, rng: np.random.Generator) -> bytearray:
-    data[rng.integers(len(data))] ^= int(rng.integers(1, 256))
-    return data
-
-
-def _flip_early(data: bytearray, rng: np.random.Generator) -> bytearray:
-    data[rng.integers(min(len(data), 80))] ^= int(rng.integers(1, 256))
-    return data
-
-
-def _insert(data: bytearray, rng: np.random.Generator) -> bytearray:
-    place = int(rng.integers(len(data) + 1))
-    data[place:place] = rng.bytes(int(rng.integers(1, 40)))
-    return data
-
-
-def _remove(data: bytearray, rng: np.random.Generator) -> bytearray:
-    place = int(rng.integers(len(data)))
-    del data[place : place + int(rng.integers(1, 40))]
-    return data
-
-
-def _cut(data: bytearray, rng: np.random.Generator) -> bytearray:
-    return data[: int(rng.integers(len(data) + 1))]
-
-
-def _repeat(data: bytearray, rng: np.random.Generator) -> bytearray:
-    start, end = sorted(int(place) for place in rng.integers(len(data) + 1, size=2))
-    return data[:end] + data[start:end] * int(rng.integers(1, 20)) + data[end:]
-
-
-def _word(data: bytearray, rng: np.random.Generator) -> bytearray:
-    words = _NUMBERS + _WORDS
-    place = int(rng.integers(len(data)))
-    data[place : place + int(rng.integers(0, 4))] = words[rng.integers(len(words))]
-    return data
-
-
-def _number(data: bytearray, rng: np.random.Generator) -> bytearray:
-    """One of the numbers of a text, replaced."""
-    digits = [place for place, byte in enumerate(data) if 48 <= byte <= 57]
-    if not digits:
-        return data
-    start = digits[rng.integers(len(digits))]
-    end = start
-    while end < len(data) and 48 <= data[end] <= 57:
-        end += 1
-    return data[:start] + _NUMBERS[rng.integers(len(_NUMBERS))] + data[end:]
-
-
-def _extreme(data: bytearray, rng: np.random.Generator) -> bytearray:
-    """A binary number of 1, 2, 4 or 8 bytes, replaced by one at the end of a range."""
-    size = int(2 ** rng.integers(0, 4))
-    place = int(rng.integers(len(data)))
-    value = _EXTREMES[rng.integers(len(_EXTREMES))] % 2 ** (8 * size)
-    data[place : place + size] = value.to_bytes(size, "little")
-    return data
-
-
-def _float(data: bytearray, rng: np.random.Generator) -> bytearray:
-    place = int(rng.integers(len(data))) // 4 * 4
-    data[place : place + 4] = struct.pack("<f", _FLOATS[rng.integers(len(_FLOATS))])
-    return data
-
-
-_WOUNDS: list[Callable[[bytearray, np.random.Generator], bytearray]] = [
-    _flip, _flip_early, _insert, _remove, _cut, _repeat, _word, _number, _extreme, _float,
-]  # fmt: skip

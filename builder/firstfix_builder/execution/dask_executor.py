@@ -20,6 +20,7 @@ from firstfix.store.url import StoreUrl
 from .chunk_executor import ChunkBatch, ChunkExecutor
 from .chunk_job import ChunkJob, check_runtime, run_job
 from .chunks import ChunkResults
+from .executor_url import check_reachable
 from .runtime import Runtime, this_runtime
 
 _log = logging.getLogger(__name__)
@@ -55,9 +56,8 @@ class DaskExecutor(ChunkExecutor):
     is_shared = True
 
     def __init__(self, address: str, store_url: str, *, away_s: float = AWAY_S) -> None:
+        check_reachable(store_url)
         where = StoreUrl.parse(store_url)
-        if where.scheme == "memory":
-            raise InvalidOption("workers of a cluster cannot share a store in memory")
         self._store_url = str(where.prefix) if where.scheme == "file" else store_url
         self.store = Store.open_at(where)
         self._shared = SharedStages(self.store)

@@ -10,9 +10,20 @@ from __future__ import annotations
 from urllib.parse import urlsplit
 
 from firstfix.errors import InvalidOption
+from firstfix.store.url import StoreUrl
 
 THREADS = "threads"
 _SCHEMES = {"dask": "tcp", "dask+tls": "tls"}
+
+
+def check_reachable(store_url: str) -> None:
+    """Checks that other machines can reach a store.
+
+    Raises:
+        InvalidOption: it is in the memory of this process.
+    """
+    if StoreUrl.parse(store_url).scheme == "memory":
+        raise InvalidOption("workers of a cluster cannot share a store in memory")
 
 
 def dask_address(executor: str) -> str | None:

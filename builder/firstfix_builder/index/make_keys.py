@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from firstfix.descriptor import Descriptor
 from firstfix.engine.retrieval.templates import Templates
 
+from ..mesh.mapped_array import mapped_scratch
+
 AT_ONCE = 4096  # an eighth of a gigabyte of spectra
 
 
@@ -33,7 +35,7 @@ def make_keys(
         keys = keys if projection is None else keys @ projection
         if whole is None:
             with TemporaryFile(dir=scratch) as file:
-                whole = np.memmap(file, np.float32, "w+", shape=(len(rows), keys.shape[1]))
+                whole = mapped_scratch(file, np.float32, (len(rows), keys.shape[1]))
         whole[start : start + AT_ONCE] = keys
     assert whole is not None
     return whole

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from firstfix.errors import BuildFailed, FirstfixError, OutOfSpace
 
+MEMORY_REACHED = "the build needs more memory than it may take (FIRSTFIX_BUILD_MAX_MEMORY_BYTES)"
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
@@ -18,7 +19,7 @@ def error_record(error: Exception, work: Path) -> dict[str, str]:
     if isinstance(error, FirstfixError):
         return {"code": error.code, "detail": str(error).replace(str(work), "work")[:1000]}
     if isinstance(error, MemoryError):
-        return {"code": BuildFailed.code, "detail": "the worker ran out of memory"}
+        return {"code": BuildFailed.code, "detail": MEMORY_REACHED}
     if isinstance(error, OSError) and error.errno in _FULL:
         return {"code": OutOfSpace.code, "detail": _full_disk(work)}
     if isinstance(error, OSError) and error.errno == errno.EFBIG:
@@ -28,7 +29,7 @@ def error_record(error: Exception, work: Path) -> dict[str, str]:
 
 @contextmanager
 def full_disk_named(work: Path) -> Iterator[None]:
-    """Turns the error of a full disk into one that names the work folder's disk, and its free bytes.
+    """Turns the error of a full disk into one that names the work disk, and its free bytes.
 
     Raises:
         OutOfSpace: the block met a full disk.
@@ -42,4 +43,5 @@ def full_disk_named(work: Path) -> Iterator[None]:
 
 
 def _full_disk(work: Path) -> str:
-    return f"the disk of the build's work folder is full: {shutil.disk_usage(work).free} bytes are free"
+    folder = next(one for one in (work, *work.absolute().parents) if one.exists())
+    return f"the work disk is full: {shutil.disk_usage(folder).free} bytes are left"

@@ -14,6 +14,7 @@ from firstfix.errors import BuildFailed
 
 from ..execution.in_turn import in_turn
 from .map_tiles import by_tiles
+from .mapped_array import mapped_array
 from .mesh import Mesh, highest, longest_edge, lowest, middle
 from .places.surface_cells import SurfaceCells
 
@@ -137,8 +138,7 @@ def _merge(tiled: Sequence[TiledMesh], directory: Path) -> None:
         "triangles": (sum(len(one.mesh.triangles) for one in tiled), np.int64),
     }
     vertices, triangles = (
-        np.lib.format.open_memmap(directory / f"{name}.npy", "w+", kind, (count, 3))
-        for name, (count, kind) in shape.items()
+        mapped_array(directory / f"{name}.npy", kind, (count, 3)) for name, (count, kind) in shape.items()
     )
     start, vertex_start, tiles = [0], [0], []
     in_order = [held for _, held in sorted(holders.items(), key=lambda entry: entry[0])]

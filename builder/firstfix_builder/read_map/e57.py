@@ -12,6 +12,7 @@ from firstfix.formats.point_cloud import MAP_LIMITS
 from firstfix.transform import from_quaternion
 
 from .file_errors import foreign
+from .headers.e57 import check_e57, check_points
 from .local_frame import finite_points
 from .map_data import MapData
 
@@ -25,13 +26,16 @@ def read_e57(path: Path) -> MapData:
     """
     import pye57
 
+    check_e57(path)
     with foreign("E57", path):
         # pye57 keeps the file open for as long as an object of it lives: it has no context manager.
         file = pye57.E57(str(path))
         try:
             headers = [file.get_header(index) for index in range(file.scan_count)]
             # Capacity for all of a scan's points is taken before the first is read.
-            MAP_LIMITS.check("E57", sum(int(header.point_count) for header in headers), 8 * 4)
+            points = sum(int(header.point_count) for header in headers)
+            MAP_LIMITS.check("E57", points, 8 * 4)
+            check_points(path, points)
             clouds = [_scan_points(file, index) for index, header in enumerate(headers) if header.point_count]
             poses = [
                 from_quaternion(header.translation, np.roll(np.asarray(header.rotation, np.float64), -1))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from firstfix.errors import MalformedData, UnsupportedFormat
 from firstfix.formats.las import read_las
+from firstfix.formats.laz_chunks import check_las
 from firstfix.formats.npy import read_npy
 from firstfix.formats.pcd import decode_pcd
 from firstfix.formats.ply import decode_ply
@@ -19,6 +20,7 @@ from firstfix.formats.scanner_bin import decode_scanner_bin
 from firstfix.formats.text import decode_text
 
 from .e57 import read_e57
+from .headers.ply import check_ply
 from .local_frame import finite_points
 from .map_data import MapData
 from .mesh_file import read_mesh
@@ -79,6 +81,7 @@ def _read_ply(path: Path) -> MapData:
     if not header.count_of("face"):
         return _points(decode_ply(body, MAP_LIMITS))
     MAP_LIMITS.check("PLY", header.count_of("vertex") + header.count_of("face"), 24)
+    check_ply(header, len(body))
     return read_mesh(path)
 
 
@@ -87,6 +90,11 @@ def _read_text(path: Path) -> MapData:
     if len(cloud) in (3, 4) and cloud.intensity is not None and _is_pose(np.c_[cloud.xyz, cloud.intensity]):
         raise MalformedData("a pose, not points: rows of 4 numbers that are a rigid transform")
     return _points(cloud)
+
+
+def _read_las(path: Path) -> MapData:
+    check_las(path, MAP_LIMITS, 8 * 4)
+    return _points(read_las(path, MAP_LIMITS))
 
 
 def _is_pose(matrix: NDArray[np.float64]) -> bool:
@@ -100,8 +108,8 @@ def _is_pose(matrix: NDArray[np.float64]) -> bool:
 READERS: dict[str, Callable[[Path], MapData]] = {
     ".pcd": _decoded(decode_pcd),
     ".ply": _read_ply,
-    ".las": lambda path: _points(read_las(path, MAP_LIMITS)),
-    ".laz": lambda path: _points(read_las(path, MAP_LIMITS)),
+    ".las": _read_las,
+    ".laz": _read_las,
     ".e57": read_e57,
     ".xyz": _read_text,
     ".pts": _read_text,

@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firstfix.errors import MalformedData
+from firstfix.formats.point_cloud import MAP_LIMITS
 
 from .file_errors import foreign
+from .headers.glb import check_glb
 from .local_frame import MAX_ABS_COORDINATE_M
 from .map_data import MapData
 
@@ -19,11 +21,19 @@ def read_mesh(path: Path) -> MapData:
 
     Raises:
         MalformedData: damaged, cut off, or without a triangle.
+        TooLarge: over the limits.
     """
     import trimesh
 
-    with foreign(path.suffix[1:].upper(), path):
-        mesh = trimesh.load_scene(path, process=False, skip_materials=True).to_mesh()
+    ending = path.suffix[1:].upper()
+    if ending == "GLB":
+        check_glb(path)
+    with foreign(ending, path):
+        scene = trimesh.load_scene(path, process=False, skip_materials=True)
+        placed = (scene.geometry[scene.graph[node][1]] for node in scene.graph.nodes_geometry)
+        # A few bytes place a part of a scene once more.
+        MAP_LIMITS.check(ending, sum(len(getattr(part, "faces", ())) for part in placed), 8 * 3)
+        mesh = scene.to_mesh()
         vertices = np.asarray(mesh.vertices, np.float64)
         triangles = np.asarray(mesh.faces, np.int64)
     return _merged(*_checked(vertices, triangles))

@@ -5,7 +5,16 @@ from __future__ import annotations
 import signal
 from typing import Any
 
-from firstfix.errors import BuildCancelled, BuildFailed, FirstfixError, InputError, NotFound, OutOfSpace
+from firstfix.errors import (
+    BuildCancelled,
+    BuildFailed,
+    FirstfixError,
+    InputError,
+    NotFound,
+    OutOfSpace,
+)
+
+_OTHER_KINDS: tuple[type[FirstfixError], ...] = (NotFound, BuildCancelled, OutOfSpace)
 
 
 def as_error(said: Any) -> FirstfixError:
@@ -18,13 +27,7 @@ def as_error(said: Any) -> FirstfixError:
     code, detail = str(said.get("code")), str(said.get("detail"))[:1000]
     if code == FirstfixError.code:
         return FirstfixError(detail)  # a fault of the program itself: the log has it
-    kinds: list[type[FirstfixError]] = [
-        InputError,
-        *InputError.__subclasses__(),
-        NotFound,
-        BuildCancelled,
-        OutOfSpace,
-    ]
+    kinds: list[type[FirstfixError]] = [InputError, *InputError.__subclasses__(), *_OTHER_KINDS]
     return next((kind for kind in kinds if kind.code == code), BuildFailed)(detail)
 
 

@@ -46,15 +46,15 @@ def pipeline_flows() -> Flows:
 def main(flows: Callable[[], Flows] = pipeline_flows) -> int:
     """Confines this process, then waits for the job and runs it."""
     parser = argparse.ArgumentParser()
-    for name in ("--work", "--sources"):
-        parser.add_argument(name, required=True, type=Path)
+    parser.add_argument("--work", required=True, type=Path)
+    parser.add_argument("--sources", required=True, type=Path, action="append")
     for name in ("--say-to", "--memory-bytes", "--file-bytes"):
         parser.add_argument(name, required=True, type=int)
     parser.add_argument("--required", action="store_true")
     chosen = parser.parse_args()
     os.set_inheritable(chosen.say_to, False)
     missing = confine(
-        read=(chosen.sources,),
+        read=tuple(chosen.sources),
         write=(chosen.work,),
         limits=Limits(chosen.memory_bytes, chosen.file_bytes),
     )
@@ -178,6 +178,7 @@ def run_job(flows: Flows, job: dict[str, Any], work: Path, speaker: Speaker, lin
                 progress=progress,
                 cancelled=outside.is_cancelled,
                 shared=outside if job["share"] else None,
+                max_templates=job["max_templates"],
                 **more,
             )
         except Exception as error:

@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,45 +31,57 @@ class SandboxOptions:
         required: refuse to build when the kernel cannot confine it completely.
         max_memory_bytes: memory of all processes of the build together, which the service enforces. One
             process may reserve twice as much, used or not. None: all memory of the machine.
+        max_templates: of a map, by estimate; None: no limit.
         log_level, log_json: of the build's own log.
         program: the inner side, as arguments of the Python interpreter.
     """
 
     required: bool
     max_memory_bytes: int | None = None
+    max_templates: int | None = None
     log_level: str = "info"
     log_json: bool = False
     program: tuple[str, ...] = PROGRAM
 
-    @property
-    def reserved_bytes(self) -> int:
-        """Memory that one process may reserve."""
+    def reserved_bytes(self, *, reading: bool) -> int:
+        """Memory that one process may reserve.
+
+        Args:
+            reading: it reads the source and nothing else: one process, which uses what it reserves.
+        """
         all_bytes = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-        return max(2 * (self.max_memory_bytes or all_bytes), MIN_MEMORY_BYTES)
+        return max((1 if reading else 2) * (self.max_memory_bytes or all_bytes), MIN_MEMORY_BYTES)
 
 
 def start_process(
-    options: SandboxOptions, folder: Path, sources: Path, scratch: Path, said: int
+    options: SandboxOptions,
+    folder: Path,
+    sources: Sequence[Path],
+    scratch: Path,
+    said: int,
+    *,
+    reading: bool = False,
 ) -> subprocess.Popen[bytes]:
     """Starts the inner side. It reads messages from its standard input.
 
     Args:
         folder: the build's own; it may write there.
-        sources: may be read.
+        sources: files and folders that may be read.
         scratch: for temporary files.
         said: handle that it writes messages to.
+        reading: it reads the source and nothing else.
     """
     arguments = {
         "--work": folder,
-        "--sources": sources,
         "--say-to": said,
-        "--memory-bytes": options.reserved_bytes,
+        "--memory-bytes": options.reserved_bytes(reading=reading),
         "--file-bytes": max(shutil.disk_usage(folder).free, MIN_FILE_BYTES),
     }
     return subprocess.Popen(
         [
             *(sys.executable, "-P", *options.program),
             *(str(part) for argument in arguments.items() for part in argument),
+            *(part for source in sources for part in ("--sources", str(source))),
             *(["--required"] if options.required else []),
         ],
         stdin=subprocess.PIPE,

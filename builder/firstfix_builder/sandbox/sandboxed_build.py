@@ -14,6 +14,7 @@ import shutil
 import subprocess
 import time
 import uuid
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -49,14 +50,21 @@ class SandboxedBuild:
     Args:
         work: the worker's folder.
         shared: finished stages of other machines, or None.
+        sources: files and folders that the build reads; None: ``<work>/sources``.
     """
 
     def __init__(
-        self, work: Path, build_id: str, options: SandboxOptions, shared: SharedStages | None = None
+        self,
+        work: Path,
+        build_id: str,
+        options: SandboxOptions,
+        shared: SharedStages | None = None,
+        *,
+        sources: Sequence[Path] | None = None,
     ) -> None:
         self._work = work.absolute()
         self._folder = self._work / "build"
-        self._sources = self._work / "sources"
+        self._sources = [self._work / "sources"] if sources is None else [one.resolve() for one in sources]
         self._taken = self._work / "taken"
         self._build_id = build_id
         self._options = options
@@ -105,11 +113,13 @@ class SandboxedBuild:
         shutil.rmtree(scratch, ignore_errors=True)
         for left in self._folder.glob("fetched-*"):
             shutil.rmtree(left, ignore_errors=True)
-        for folder in (scratch, self._folder / "home", self._sources, self._taken):
+        for folder in (scratch, self._folder / "home", self._work / "sources", self._taken):
             folder.mkdir(parents=True, exist_ok=True)
         heard, said = os.pipe()
         try:
-            process = start_process(self._options, self._folder, self._sources, scratch, said)
+            process = start_process(
+                self._options, self._folder, self._sources, scratch, said, reading=read_only
+            )
         except BaseException:
             os.close(heard)
             raise
@@ -135,6 +145,7 @@ class SandboxedBuild:
             "config": job.config,
             "share": self._shared is not None,
             "read_only": read_only,
+            "max_templates": self._options.max_templates,
             "provisional": not read_only and job.publish_provisional is not None,
         }
 

@@ -19,6 +19,7 @@ from firstfix.sensor import SensorModel
 
 from ..execution.chunks import Arrays, Chunk
 from ..execution.stage_cache import StageResult
+from ..mesh.mapped_array import mapped_array
 from ..mesh.places.surface_cells import surface_cells_of
 from ..simulation.local_simulator import local_simulator
 from ..simulation.rays import Rays
@@ -167,9 +168,7 @@ def write_templates(parts: Iterable[Arrays], count: int, directory: Path) -> Non
         for name, array in part.items():
             if name not in files:
                 path = directory / f"{PREFIX}{name}.npy"
-                files[name] = np.lib.format.open_memmap(
-                    path, mode="w+", dtype=array.dtype, shape=(count, *array.shape[1:])
-                )
+                files[name] = mapped_array(path, array.dtype, (count, *array.shape[1:]))
             files[name][row:last] = array
         row = last
     assert row == count

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from firstfix.builds.limits import DEFAULT_MAX_TEMPLATES
+
 from ..arguments import AsJson, Url, cache_directory, examples
 from ..build_report import reused_lines, self_test_lines
 
@@ -76,6 +78,14 @@ def build(
             help="With --store: run on this machine, or on a Dask cluster.",
         ),
     ] = "threads",
+    max_templates: Annotated[
+        int,
+        typer.Option(
+            envvar="FIRSTFIX_BUILD_MAX_TEMPLATES",
+            help="With --store: a map of more templates, by an estimate, is refused; 0: none is.",
+            min=0,
+        ),
+    ] = DEFAULT_MAX_TEMPLATES,
     no_wait: Annotated[
         bool, typer.Option("--no-wait", help="Do not wait for the service's build; print its id.")
     ] = False,
@@ -106,7 +116,7 @@ def build(
         raise InvalidOption("--url and --no-wait cannot be used with --store")
     given = _given(config, sensor, axis)
     with _source(source, trajectory, merge) as (whole, poses):
-        _build_here(whole, map_id, store, given, poses, work, executor, as_json)
+        _build_here(whole, map_id, store, given, poses, work, executor, max_templates, as_json)
 
 
 @contextmanager
@@ -131,6 +141,7 @@ def _build_here(
     trajectory: Path | None,
     work: Path | None,
     executor: str,
+    max_templates: int,
     as_json: bool,
 ) -> None:
     from firstfix.builds.config import BuildConfig
@@ -138,12 +149,18 @@ def _build_here(
     from firstfix.catalog.catalog import Catalog
     from firstfix.store.store import Store
     from firstfix_builder.execution.build_trace import BuildTrace
-    from firstfix_builder.execution.executor_url import dask_address
+    from firstfix_builder.execution.executor_url import check_reachable, dask_address
+    from firstfix_builder.job.build_job import BuildJob
     from firstfix_builder.pipeline import Cluster, build_version
+
+    from ..read_confined import read_confined
 
     settings = BuildConfig.parse(given)
     scheduler = dask_address(executor)
-    cluster = None if scheduler is None else Cluster(scheduler, store)
+    cluster = None
+    if scheduler is not None:
+        check_reachable(store)
+        cluster = Cluster(scheduler, store)
     opened = Store.open(store)
     opened.probe()  # before the work, not after it
     with _progress() as show, BuildTrace("", map_id, None) as trace:
@@ -152,13 +169,16 @@ def _build_here(
             trace.tick(stage)
             show(stage, fraction)
 
+        folder = (work or cache_directory("build")) / map_id
+        read_confined(BuildJob(source, trajectory, given, folder, progress, lambda: False), max_templates)
         built = build_version(
             source,
             settings,
-            (work or cache_directory("build")) / map_id,
+            folder / "build",
             trajectory=trajectory,
             progress=progress,
             cluster=cluster,
+            max_templates=max_templates or None,
         )
         progress("publish", 0.0)
         version = Catalog(opened).publish(map_id, built.directory, built.manifest)

@@ -154,9 +154,9 @@ def _outcomes(
     from rich.progress import track
 
     from firstfix.answer.options import LocalizeOptions
-    from firstfix.decode import read_scan_file
 
     from ..evaluate import outcome_of, random_yaws, turned
+    from ..limited_reader import read_scan
     from ..pose_gravity import gravity_at, imu_errors
 
     outcomes: list[Outcome] = []
@@ -167,7 +167,7 @@ def _outcomes(
         list(zip(rows, yaws, errors, strict=True)), "localize", console=Console(stderr=True), transient=True
     )
     for row, yaw, error in steps:
-        scan, T_map_sensor = turned(read_scan_file(row.path), row.T_map_sensor, float(yaw))
+        scan, T_map_sensor = turned(read_scan(row.path), row.T_map_sensor, float(yaw))
         gravity = None if error is None else gravity_at(T_map_sensor, error)
         started = time.perf_counter()
         answer = ask(scan, LocalizeOptions(gravity=gravity, version=version))

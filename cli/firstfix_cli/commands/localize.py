@@ -128,11 +128,11 @@ def localize(
     Exit codes: 0 localized, 1 no answer, 2 error, 3 ambiguous, 4 rejected; for a bag, by the best verdict.
     """
     from firstfix.answer.options import LocalizeOptions
-    from firstfix.decode import read_scan_file
     from firstfix.errors import InvalidOption
 
     from ..answerer import answerer
     from ..bags.replay import Replay, replay
+    from ..limited_reader import limited_memory, read_scan
 
     if sum(one is not None for one in (scan, odometry, bag)) != 1:
         raise InvalidOption("give one of SCAN, --odometry and --bag")
@@ -158,9 +158,10 @@ def localize(
     with answerer(map_id, url=url, zenoh=zenoh, store=store, timeout_s=timeout_s, encoding=encoding) as ask:
         if bag is not None:
             answers = replay(of_a_bag, ask, options, lambda line: typer.echo(line, err=True))
-            verdicts = _print_replay(answers, tum, as_json)
+            with limited_memory():
+                verdicts = _print_replay(answers, tum, as_json)
             raise typer.Exit(min(EXIT_CODES[verdict] for verdict in verdicts))
-        answer = ask(_sequence(odometry) if scan is None else read_scan_file(scan), options)
+        answer = ask(_sequence(odometry) if scan is None else read_scan(scan), options)
     if as_json:
         typer.echo(json.dumps(answer.to_mapping()))
     else:
@@ -169,10 +170,10 @@ def localize(
 
 
 def _sequence(path: Path | None) -> ScanSequence:
-    from firstfix.decode import read_scan_file
     from firstfix.errors import MalformedData
     from firstfix.scan.sequence import MAX_SCANS, ScanSequence
 
+    from ..limited_reader import read_scan
     from ..poses_csv import read_poses_csv
 
     assert path is not None
@@ -182,7 +183,7 @@ def _sequence(path: Path | None) -> ScanSequence:
         raise MalformedData(f"{path}: every scan needs its odometry pose")
     if len(rows) > MAX_SCANS:  # before they are read
         raise MalformedData(f"{path}: a query can hold up to {MAX_SCANS} scans, not {len(rows)}")
-    return ScanSequence.along([read_scan_file(row.path) for row in rows], poses)
+    return ScanSequence.along([read_scan(row.path) for row in rows], poses)
 
 
 def _print_replay(answers: Iterable[Replayed], tum: Path | None, as_json: bool) -> set[str]:

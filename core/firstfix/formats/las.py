@@ -1,4 +1,7 @@
-"""Reader of LAS, LAZ and COPC files. The LAZ backend is not safe for untrusted input: local files only."""
+"""Reader of LAS, LAZ and COPC files, for local files only: laspy believes the counts in them.
+
+``laz_chunks.check_las`` makes files of others fit. The robot's distribution has no room for it.
+"""
 
 from __future__ import annotations
 
@@ -28,9 +31,11 @@ def read_las(path: Path, limits: Limits, *, with_times: bool = False) -> PointCl
     except ImportError as error:
         raise UnsupportedFormat("LAS: the package laspy[lazrs] is not installed") from error
     try:
-        with laspy.open(path) as reader:
+        with laspy.open(path, laz_backend=laspy.LazBackend.Lazrs, read_evlrs=False) as reader:
             points = int(reader.header.point_count)
             limits.check("LAS", points, 8 * (5 if with_times else 4))
+            if points > _POINTS_AT_ONCE:  # this backend takes memory for whole chunks
+                reader.laz_backend = laspy.LazBackend.LazrsParallel
             has_times = with_times and "gps_time" in reader.header.point_format.dimension_names
             names = (*"xyz", "gps_time") if has_times else tuple("xyz")
             columns = {name: np.empty(points, np.float64) for name in names}

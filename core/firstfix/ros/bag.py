@@ -159,7 +159,7 @@ def _leave_messages_packed(reader: Any) -> None:
 def _check_cdr(path: Path, reader: Any) -> None:
     others = {c.ext.serialization_format for c in reader.connections} - {"cdr"}
     if others:
-        raise UnsupportedFormat(f"{path}: its messages are {', '.join(sorted(others))}, not cdr")
+        raise UnsupportedFormat(f"{path}: its messages are {', '.join(sorted(map(str, others)))}, not cdr")
 
 
 @contextmanager

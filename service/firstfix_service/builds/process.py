@@ -124,7 +124,10 @@ class BuildProcess:
     def why(self, code: int) -> str:
         """Returns a message about the end of a process that recorded no reason itself."""
         if self.exceeded_memory:
-            return f"the build took more memory than the limit of {self._max_memory_bytes} bytes"
+            return (
+                f"the build took more memory than the limit of {self._max_memory_bytes} bytes "
+                "(FIRSTFIX_BUILD_MAX_MEMORY_BYTES)"
+            )
         if code < 0:
             hint = " (out of memory?)" if code == -signal.SIGKILL else ""
             return f"the build process was killed by {signal.Signals(-code).name}{hint}"

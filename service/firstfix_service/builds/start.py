@@ -66,21 +66,20 @@ def build_command(settings: Settings) -> BuildCommand:
         settings.store,
         settings.build_niceness,
         settings.stages_are_shared,
-        settings.build_max_memory_bytes,
+        settings.build_max_memory_bytes or None,
         _environment(settings),
     )
 
 
 def _environment(settings: Settings) -> dict[str, str]:
     """Variables of the build process, named like the settings."""
-    variables = {
+    return {
         "FIRSTFIX_LOG_LEVEL": settings.log_level,
         "FIRSTFIX_LOG_JSON": str(settings.log_json).lower(),
         "FIRSTFIX_BUILD_SANDBOX": settings.build_sandbox,
+        "FIRSTFIX_BUILD_MAX_MEMORY_BYTES": str(settings.build_max_memory_bytes),
+        "FIRSTFIX_BUILD_MAX_TEMPLATES": str(settings.build_max_templates),
     }
-    if settings.build_max_memory_bytes is not None:
-        variables["FIRSTFIX_BUILD_MAX_MEMORY_BYTES"] = str(settings.build_max_memory_bytes)
-    return variables
 
 
 def build_limits(settings: Settings) -> BuildLimits:

@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+import errno
 import stat
 import zipfile
+from collections import Counter
 
+import numpy as np
 import pytest
 
-from firstfix.errors import MalformedData, TooLarge
+from firstfix.errors import FirstfixError, MalformedData, OutOfSpace, TooLarge, UnsupportedFormat
 from firstfix_builder.read_map import archive
 from firstfix_builder.read_map.archive import unpack
 
@@ -83,3 +86,67 @@ def test_too_many_files(tmp_path, monkeypatch):
     monkeypatch.setattr(archive, "MAX_FILES", 3)
     with pytest.raises(TooLarge, match="4 files"):
         unpack(zipped(tmp_path / "a.zip", {f"{n}": b"" for n in range(4)}), tmp_path / "out")
+
+
+def damaged(path, rng):
+    raw = bytearray(path.read_bytes())
+    for _ in range(int(rng.integers(1, 4))):
+        place, size = int(rng.integers(len(raw))), int(rng.integers(1, 9))
+        raw[place : place + size] = rng.choice([b"\0", b"\xff", rng.bytes(1)]) * size
+    path.write_bytes(raw)
+
+
+def test_whatever_zipfile_raises_about_damage_is_malformed(tmp_path):
+    """OSError for a negative place, IndexError for an empty name, and others."""
+    rng = np.random.default_rng(0)
+    ends = Counter()
+    for number in range(400):
+        path = zipped(tmp_path / f"{number}.zip", {"hall/map.pcd": b"1" * 30, "hall/poses.txt": b"2"})
+        damaged(path, rng)
+        try:
+            unpack(path, tmp_path / f"out{number}")
+            ends["unpacked"] += 1
+        except FirstfixError as error:
+            ends[type(error)] += 1
+    assert ends[MalformedData] > 100
+
+
+def test_an_entry_without_a_name(tmp_path):
+    raw = zipped(tmp_path / "a.zip", {"m": b"1"}).read_bytes()
+    at = raw.index(b"PK\1\2")
+    raw = raw[: at + 28] + b"\0\0" + raw[at + 30 : at + 46] + raw[at + 47 :]
+    end = raw.index(b"PK\5\6")
+    size = int.from_bytes(raw[end + 12 : end + 16], "little") - 1
+    (tmp_path / "a.zip").write_bytes(raw[: end + 12] + size.to_bytes(4, "little") + raw[end + 16 :])
+    with pytest.raises(MalformedData, match=r"a\.zip"):
+        unpack(tmp_path / "a.zip", tmp_path / "out")
+
+
+def test_a_list_of_too_many_files_is_not_read(tmp_path, monkeypatch):
+    monkeypatch.setattr(archive, "MAX_DIRECTORY_BYTES", 100)
+    with pytest.raises(TooLarge, match="a list of files"):
+        unpack(zipped(tmp_path / "a.zip", dict.fromkeys("abc", b"1")), tmp_path / "out")
+
+
+def test_what_does_not_fit_on_the_disk_is_not_begun(tmp_path, monkeypatch):
+    usage = type("Usage", (), {"free": 10})
+    monkeypatch.setattr(archive.shutil, "disk_usage", lambda folder: usage)
+    with pytest.raises(OutOfSpace, match="11 bytes unpacked, and the disk has 10"):
+        unpack(zipped(tmp_path / "a.zip", {"map.pcd": bytes(11)}), tmp_path / "out")
+    assert not list((tmp_path / "out").iterdir())
+
+
+def test_a_disk_that_fills_up_is_no_damage(tmp_path, monkeypatch):
+    def full(opened, entry, target, left):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(archive, "_write", full)
+    with pytest.raises(OutOfSpace, match=r"a\.zip: the work disk is full"):
+        unpack(zipped(tmp_path / "a.zip", {"map.pcd": b"1"}), tmp_path / "out")
+
+
+def test_a_packing_that_reserves_memory_as_it_likes(tmp_path):
+    with zipfile.ZipFile(tmp_path / "a.zip", "w", zipfile.ZIP_LZMA) as made:
+        made.writestr("map.pcd", b"1")
+    with pytest.raises(UnsupportedFormat, match="packed by method 14"):
+        unpack(tmp_path / "a.zip", tmp_path / "out")

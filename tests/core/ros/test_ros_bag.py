@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import sqlite3
 import tracemalloc
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import ros_samples
-from firstfix.errors import InvalidOption, MalformedData, NotFound, TooLarge, UnsupportedFormat
+from firstfix.errors import InputError, InvalidOption, MalformedData, NotFound, TooLarge, UnsupportedFormat
 from firstfix.formats.point_cloud import SCAN_LIMITS
 from firstfix.ros.bag import open_bag
 from firstfix.ros.point_cloud2 import decode_point_cloud2
@@ -119,3 +121,14 @@ def test_one_message_is_in_memory_at_a_time(tmp_path: Path, kind: str):
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 8_000_000, "20 of them are 12 MB; a chunk of a bag holds a few"
+
+
+def test_a_serialization_that_is_no_text_is_named(tmp_path: Path):
+    """Damaged bags have such, beside others; they were a TypeError."""
+    path = write_bag(tmp_path, "sqlite3", [*clouds("sqlite3"), *clouds("sqlite3", "/b")])
+    (file,) = path.glob("*.db3")
+    with closing(sqlite3.connect(file)) as opened, opened:
+        opened.execute("UPDATE topics SET serialization_format = x'ff' WHERE name = '/b'")
+        opened.execute("UPDATE topics SET serialization_format = 'cbor' WHERE name = '/points'")
+    with pytest.raises(InputError), open_bag(file):
+        pass

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 from pydantic import ValidationError
 
-from firstfix_builder.worker import MAX_MEMORY_VARIABLE, SANDBOX_VARIABLE
+from firstfix.builds.limits import memory_bytes
+from firstfix_builder.worker import MAX_MEMORY_VARIABLE, MAX_TEMPLATES_VARIABLE, SANDBOX_VARIABLE
 from firstfix_service.builds.start import build_command
 from firstfix_service.settings import Settings
 
@@ -42,9 +43,13 @@ def test_an_executor_that_is_none_is_refused_at_the_start(executor: str):
 def test_a_build_is_told_of_its_sandbox_and_its_memory():
     plain = build_command(Settings(store="memory://")).environment
     assert plain["FIRSTFIX_BUILD_SANDBOX"] == "auto"
-    assert "FIRSTFIX_BUILD_MAX_MEMORY_BYTES" not in plain
+    assert plain["FIRSTFIX_BUILD_MAX_MEMORY_BYTES"] == str(memory_bytes() // 2)
+    assert plain["FIRSTFIX_BUILD_MAX_TEMPLATES"] == "4000000"
     limited = Settings(store="memory://", build_sandbox="required", build_max_memory_bytes=1 << 30)
     told = build_command(limited).environment
     assert told["FIRSTFIX_BUILD_SANDBOX"] == "required"
     assert told["FIRSTFIX_BUILD_MAX_MEMORY_BYTES"] == str(1 << 30)
-    assert {SANDBOX_VARIABLE, MAX_MEMORY_VARIABLE} <= set(told)
+    assert {SANDBOX_VARIABLE, MAX_MEMORY_VARIABLE, MAX_TEMPLATES_VARIABLE} <= set(told)
+    unlimited = build_command(Settings(store="memory://", build_max_memory_bytes=0))
+    assert unlimited.max_memory_bytes is None
+    assert unlimited.environment["FIRSTFIX_BUILD_MAX_MEMORY_BYTES"] == "0"

@@ -1,0 +1,150 @@
+"""Every count in a LAS or LAZ file is compared with the file's size before a library believes it."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import laspy
+import numpy as np
+import pytest
+
+from firstfix.errors import MalformedData, TooLarge
+from firstfix.formats.las import read_las
+from firstfix.formats.laz_chunks import check_las
+from firstfix.formats.point_cloud import MAP_LIMITS, Limits
+
+POINTS = 300
+
+
+@pytest.fixture(params=["a.las", "a.laz"])
+def cloud(tmp_path: Path, request: pytest.FixtureRequest) -> Path:
+    return written(tmp_path / request.param)
+
+
+def written(path: Path, point_format: int = 6, points: int = POINTS) -> Path:
+    las = laspy.create(point_format=point_format, file_version="1.4")
+    las.header.scales = [0.001] * 3
+    las.x, las.y, las.z = np.random.default_rng(0).uniform(-20, 20, (3, points))
+    las.header.vlrs.append(laspy.VLR("firstfix", 7, "a note", bytes(40)))
+    las.write(path)
+    return path
+
+
+def patched(path: Path, at: int, value: bytes) -> Path:
+    raw = bytearray(path.read_bytes())
+    raw[at : at + len(value)] = value
+    path.write_bytes(raw)
+    return path
+
+
+def record_of(path: Path, user: bytes) -> int:
+    """Place of the content of a record before the points."""
+    return path.read_bytes().index(user) - 2 + 54
+
+
+def read(path: Path) -> int:
+    check_las(path, MAP_LIMITS, 32)
+    return len(read_las(path, MAP_LIMITS))
+
+
+def test_records_without_end(cloud: Path):
+    with pytest.raises(MalformedData, match="cannot hold 4294967295 variable length records"):
+        read(patched(cloud, 100, b"\xff" * 4))
+
+
+def test_a_record_that_reaches_into_the_points(cloud: Path):
+    place = record_of(cloud, b"firstfix") - 54 + 20
+    with pytest.raises(MalformedData, match="reaches into the points"):
+        read(patched(cloud, place, b"\xff\xff"))
+
+
+def test_extended_records_are_not_read(cloud: Path):
+    assert read(patched(cloud, 235, struct.pack("<QI", 2**62, 0xFFFFFFFF))) == POINTS
+
+
+def test_points_that_start_behind_the_end(cloud: Path):
+    with pytest.raises(MalformedData, match="cut off"):
+        read(patched(cloud, 96, struct.pack("<I", 2**31)))
+
+
+@pytest.mark.parametrize("points", [POINTS + 1, 299_000_000])
+def test_more_points_than_bytes(tmp_path: Path, points: int):
+    with pytest.raises(MalformedData, match="cut off"):
+        read(patched(written(tmp_path / "a.las"), 247, struct.pack("<Q", points)))
+
+
+def test_more_points_than_compressed_bytes_can_hold(tmp_path: Path):
+    with pytest.raises(MalformedData, match="compressed bytes cannot hold 299000000 points"):
+        read(patched(written(tmp_path / "a.laz"), 247, struct.pack("<Q", 299_000_000)))
+
+
+def test_more_points_than_the_limits(cloud: Path):
+    with pytest.raises(TooLarge):
+        read(patched(cloud, 247, struct.pack("<Q", 2**40)))
+    with pytest.raises(TooLarge):
+        read_las(cloud, Limits(max_points=10, max_decoded_bytes=10**9))
+
+
+@pytest.mark.parametrize(
+    ("at", "value"),
+    [
+        (0, struct.pack("<H", 9)),  # compressor
+        (12, struct.pack("<I", 0)),  # points a chunk
+        (12, struct.pack("<I", 100)),  # three chunks, and there is one
+        (12, struct.pack("<I", 0xFFFFFFFF)),  # the table has no numbers of points
+        (32, struct.pack("<H", 0xFFFF)),  # items
+        (36, struct.pack("<H", 0xFFFF)),  # bytes of the first item
+        (38, struct.pack("<H", 2)),  # version of the first item
+    ],
+)
+def test_a_compression_that_contradicts_the_file(tmp_path: Path, at: int, value: bytes):
+    path = written(tmp_path / "a.laz")
+    with pytest.raises(MalformedData):
+        read(patched(path, record_of(path, b"laszip encoded") + at, value))
+
+
+def points_start(path: Path) -> int:
+    return int(struct.unpack_from("<I", path.read_bytes(), 96)[0])
+
+
+@pytest.mark.parametrize("count", [0, 2, 0xFFFFFFFF])
+def test_a_table_of_other_chunks(tmp_path: Path, count: int):
+    path = written(tmp_path / "a.laz")
+    (table,) = struct.unpack_from("<q", path.read_bytes(), points_start(path))
+    with pytest.raises(MalformedData, match="chunks"):
+        read(patched(path, table + 4, struct.pack("<I", count)))
+
+
+def test_a_table_that_is_cut_off(tmp_path: Path):
+    path = written(tmp_path / "a.laz")
+    (table,) = struct.unpack_from("<q", path.read_bytes(), points_start(path))
+    path.write_bytes(path.read_bytes()[: table + 9])
+    with pytest.raises(MalformedData, match="LAS"):
+        read(path)
+
+
+@pytest.mark.parametrize("place", [-1, 0, 2**40, 2**63 - 1])
+def test_a_table_that_is_elsewhere(tmp_path: Path, place: int):
+    path = written(tmp_path / "a.laz")
+    with pytest.raises(MalformedData, match="table"):
+        read(patched(path, points_start(path), struct.pack("<q", place)))
+
+
+@pytest.mark.parametrize("layer", range(9))
+def test_a_layer_that_takes_gigabytes(tmp_path: Path, layer: int):
+    path = written(tmp_path / "a.laz")
+    sizes = points_start(path) + 8 + 30 + 4
+    with pytest.raises(MalformedData, match="layers of chunk 0"):
+        read(patched(path, sizes + 4 * layer, b"\xf0\xff\xff\xff"))
+
+
+@pytest.mark.parametrize("point_format", [0, 1, 3, 6, 7, 8])
+def test_every_point_format_is_read(tmp_path: Path, point_format: int):
+    for points in (1, 49_999, 50_000, 50_001, 150_000):
+        assert read(written(tmp_path / "a.laz", point_format, points)) == points
+    assert read(written(tmp_path / "a.las", point_format, 1000)) == 1000
+
+
+def test_a_file_without_points(cloud: Path):
+    assert read(written(cloud, points=0)) == 0
