@@ -18,6 +18,7 @@ __all__ = [
     "LISTS",
     "LOOKS",
     "READS",
+    "SIGNATURES",
     "START",
     "UPKEEP",
     "Lane",
@@ -29,6 +30,7 @@ AUTH = Lane("auth", 4)  # reads whether a caller may see the build that a reques
 BUILDS = Lane("builds", 8)  # leases of builds, and how builds ended
 READS = Lane("reads", 16)  # reads one small record of the catalog
 LISTS = Lane("lists", 4)  # reads much of the catalog: pages of lists, pictures
+SIGNATURES = Lane("signatures", 2)  # hashes the bodies of signed queries
 LOOKS = Lane("looks", 2)  # lays scans over maps, for people who look at answers
 CHANGES = Lane("changes", 4)  # activates versions, sets georeferences
 COPIES = Lane("copies", 4)  # copies map files to the disk and to the store, and hashes them

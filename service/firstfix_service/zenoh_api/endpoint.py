@@ -8,8 +8,8 @@
 
 No map can have the id ``@any``, and no wildcard matches it. The options are selector parameters. The payload
 has the same bytes as the HTTP body; its encoding is the media type. The parameters ``content_encoding``,
-``accept``, ``request_id`` and ``traceparent`` replace the HTTP headers. The attachment carries the credential
-of the header Authorization, without the word Bearer. Errors are the same problem documents.
+``accept``, ``request_id`` and ``traceparent`` replace the HTTP headers. The attachment is a signature with
+the caller's API key (``callers``). Errors are the same problem documents.
 """
 
 from __future__ import annotations
@@ -26,22 +26,20 @@ from typing import Any
 import structlog
 import zenoh
 
-from firstfix.access.permissions import Scope
 from firstfix.errors import FirstfixError, InvalidOption, Overloaded, TooLarge
 
 from ..auth.authenticate import Authenticator
-from ..auth.principal import Principal
 from ..localize.response_format import content_of
 from ..localize.use_case import LocalizeUseCase
 from ..query_workers.answer import AnswerForm
 from ..settings import Settings
 from ..telemetry.request_scope import Requests, note
+from .callers import ZenohCallers
 from .config import session_config
 from .log import TRANSPORT, logged_query
-from .query import ANY_MAP, credential_of, key_of, read_query, reply_error
+from .query import ANY_MAP, key_of, read_query, reply_error, reply_ok
 
 _log = structlog.get_logger(__name__)
-TRUSTED = "zenoh"  # name of a caller whom zenoh's own access rules let through
 DRAIN_S = 10.0  # for queries under way when the service stops
 REPLY_THREADS = 4
 
@@ -65,8 +63,7 @@ class ZenohEndpoint:
         """
         self.replica = replica
         self._use_case = use_case
-        self._authenticator = authenticator
-        self._trusted = settings.zenoh_trusted
+        self._callers = ZenohCallers(settings, authenticator)
         self._loop = loop
         self._requests = requests
         self._max_body_bytes = settings.max_body_bytes
@@ -142,7 +139,7 @@ class ZenohEndpoint:
         except FirstfixError as error:  # before the payload is copied
             with query, logged_query(self._requests, query, arrived):
                 self._use_case.count(TRANSPORT, error)
-                reply_error(query, error)
+                reply_error(query, error, self._callers.look(query))
             return
         try:
             future = asyncio.run_coroutine_threadsafe(self._answer(query, arrived), self._loop)
@@ -178,20 +175,22 @@ class ZenohEndpoint:
 
     async def _answer(self, query: Any, arrived: float) -> None:
         with logged_query(self._requests, query, arrived):
+            caller = self._callers.look(query)
             try:
-                caller = await self._caller(query)
-                note(caller=caller.name)
+                principal = await self._callers.admit(caller, query)
+                note(caller=principal.name)
                 asked = read_query(query, arrived)
-                admission = self._use_case.admit(asked.head, caller)
+                admission = self._use_case.admit(asked.head, principal)
                 payload = query.payload  # None: an empty body, as over HTTP
                 body = b"" if payload is None else payload.to_bytes()
+                await caller.check_body(body)
                 answer = await self._use_case.localize(admission, body, AnswerForm(asked.pose))
                 content, media_type = content_of(answer)
             except Exception as error:
                 if not isinstance(error, FirstfixError):
                     _log.exception("unexpected error", key=str(query.key_expr))
                 self._use_case.count(TRANSPORT, error)
-                await self._reply(query, partial(reply_error, query, error))
+                await self._reply(query, partial(reply_error, query, error, caller))
                 # Its frames hold the body in a reference cycle, which only the garbage collector would free.
                 error.__traceback__ = None
                 return
@@ -199,7 +198,7 @@ class ZenohEndpoint:
             # The reply's key must match the query's, which may ask for every replica.
             own = f"{asked.key}/{self.replica}"
             key = own if query.key_expr.intersects(zenoh.KeyExpr(own)) else asked.key
-            await self._reply(query, partial(query.reply, key, content, encoding=media_type))
+            await self._reply(query, partial(reply_ok, query, caller, key, content, media_type))
 
     async def _reply(self, query: Any, send: Callable[[], None]) -> None:
         def reply() -> None:
@@ -207,15 +206,3 @@ class ZenohEndpoint:
                 send()
 
         await self._loop.run_in_executor(self._replies, reply)
-
-    async def _caller(self, query: Any) -> Principal:
-        """The caller, with the scope ``localize`` and within its rate limit.
-
-        Raises:
-            Unauthorized, Forbidden, RateLimited: as ``Authenticator`` says.
-        """
-        if self._trusted:
-            return Principal(TRUSTED)
-        caller = await self._authenticator.check(credential_of(query), Scope.LOCALIZE, None)
-        self._authenticator.take("localize", caller)
-        return caller
