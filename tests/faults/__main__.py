@@ -10,7 +10,15 @@ import argparse
 import sys
 from importlib import import_module
 
-DRILLS = ("fuzz_bodies", "kill_builds", "lossy_dds", "power_cuts", "restart_clients", "smoke")
+DRILLS = (
+    "fuzz_bodies",
+    "kill_builds",
+    "lossy_dds",
+    "power_cuts",
+    "restart_clients",
+    "smoke",
+    "zenoh_stranger",
+)
 
 
 def main() -> int:

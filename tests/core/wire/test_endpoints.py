@@ -46,7 +46,9 @@ def test_a_configuration_without_endpoints_is_open():
 
 def test_those_of_its_mode_count():
     quiet = {"scouting__multicast__enabled": False}
-    found = links(mode="peer", listen__endpoints={"peer": ["tcp/127.0.0.1:1"], "router": ["tcp/0:1"]}, **quiet)
+    found = links(
+        mode="peer", listen__endpoints={"peer": ["tcp/127.0.0.1:1"], "router": ["tcp/0:1"]}, **quiet
+    )
     assert found.beyond == []
     assert found.are_encrypted
     mixed = links(listen__endpoints=[], connect__endpoints=["tls/a:1", "tcp/b:1"], **quiet)

@@ -37,9 +37,7 @@ class World:
         self._nonce += 1
         time_ms = round((self.now_s - late_s) * 1000)
         return (
-            (key or self.key)
-            .sign(ASKED, b"", time_ms, nonce or self._nonce.to_bytes(16, "big"))
-            .to_bytes()
+            (key or self.key).sign(ASKED, b"", time_ms, nonce or self._nonce.to_bytes(16, "big")).to_bytes()
         )
 
     def ask(self, attachment: bytes) -> None:
