@@ -1,11 +1,11 @@
-"""A stranger on the zenoh network of a service that asks for API keys: what he learns, and whom he deceives.
+"""A stranger on the zenoh network of a service with API keys: what he learns, and whom he deceives.
 
-    python -m tests.faults zenoh_stranger [--queries 40] [--tokens 20] [--late] [--root CHECKOUT] [--json FILE]
+    python -m tests.faults zenoh_stranger [--queries 40] [--tokens 20] [--late] [--root CHECKOUT]
 
-Two replicas and a robot with an API key, each a process. The stranger has no key. He declares the robot's keys as
-complete queryables and shows tokens of replicas that do not exist; he keeps the queries that he gets silent or
-open, or answers with a false pose or a false error. Then he sends what he has recorded over HTTP and zenoh, to
-the same and to other maps and replicas, and lastly he tells a robot of false versions. With ``--root``, service
+Two replicas and a robot with an API key. The stranger has no key. He declares the robot's keys as complete
+queryables and shows tokens of replicas that do not exist; he keeps the queries that he gets silent or open,
+or answers with a false pose or a false error. Then he sends what he has recorded over HTTP and zenoh, to the
+same and to other maps and replicas, and lastly he tells a robot of false versions. With ``--root``, service
 and robot are those of another checkout, such as an older release.
 """
 
@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import socket
 import subprocess
 import sys
 import tempfile
@@ -28,7 +29,7 @@ REPO = Path(__file__).resolve().parents[2]
 MAP, OTHER_MAP, TRUE_X, FALSE_X = "hall", "yard", 1.0, 666.0
 WAYS = ("alone", "silent", "false pose", "false error", "open")
 LATE_S = 65.0
-TIMEOUT_S = 20.0
+TIMEOUT_S = 10.0
 SAID = "@said "
 
 
@@ -199,9 +200,7 @@ def false_answer() -> bytes:
 
 def run(root: Path, folder: Path, *, queries: int, false_tokens: int, late: bool) -> dict[str, Any]:
     """Returns a row for each of the stranger's ways, for what he sends again, and for his notices."""
-    from benchmarks.common.programs import free_port
-
-    ports = [free_port(), free_port()]
+    ports = two_ports()
     table: dict[str, Any] = {}
     with contextlib.ExitStack() as stack:
         service = Process(root, folder / "service.log", "serve", str(folder / "a"), *map(str, ports), "on")
@@ -228,13 +227,13 @@ def run(root: Path, folder: Path, *, queries: int, false_tokens: int, late: bool
         stranger.take_part("alone", 0)
         if late:
             time.sleep(LATE_S)
-        table["sent again"] = send_again(stranger, found, ports, queries)
+        table["sent again"] = send_again(stranger, found, queries)
     table["false versions"] = tell_lies(root, folder)
     return table
 
 
-def send_again(stranger: Stranger, found: dict[str, Any], ports: list[int], most: int) -> dict[str, Any]:
-    """Sends recorded queries, and what they carried, elsewhere. Returns for each way how many were answered."""
+def send_again(stranger: Stranger, found: dict[str, Any], most: int) -> dict[str, Any]:
+    """Sends recorded queries, and what they carried, elsewhere. Returns how many were answered."""
     import httpx
 
     of_map = [one for one in stranger.recorded if f"/{MAP}/" in one[0]]
@@ -275,11 +274,14 @@ def selector(key: str, parameters: dict[str, str]) -> Any:
     return zenoh.Selector(key, parameters)
 
 
+def two_ports() -> list[int]:
+    with socket.create_server(("127.0.0.1", 0)) as one, socket.create_server(("127.0.0.1", 0)) as two:
+        return [one.getsockname()[1], two.getsockname()[1]]
+
+
 def tell_lies(root: Path, folder: Path, lies: int = 3) -> dict[str, Any]:
     """Tells a watching robot of false versions; returns how many true changes it still reports."""
-    from benchmarks.common.programs import free_port
-
-    ports = [free_port(), free_port()]
+    ports = two_ports()
     endpoint = f"tcp/127.0.0.1:{ports[0]}"
     service = Process(root, folder / "service.log", "serve", str(folder / "b"), *map(str, ports), "off")
     watching = Process(root, folder / "watch.log", "watch", endpoint)

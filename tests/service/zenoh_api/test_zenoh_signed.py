@@ -1,4 +1,4 @@
-"""Signed queries to a real service whose zenoh strangers can reach, with a robot's client and with bare sessions."""
+"""Signed queries to a real service whose zenoh strangers can reach."""
 
 from __future__ import annotations
 
@@ -179,7 +179,7 @@ def test_a_client_with_a_key_that_is_not_known_is_told(service: Service, robot: 
     unknown = f"ffx_{'0' * 12}_{'0' * 64}"
     with (
         client(service, unknown, retry=RetryPolicy(attempts=2)) as connected,
-        pytest.raises(Unauthorized, match="no such API key.*no signature"),
+        pytest.raises(Unauthorized, match=r"no such API key.*no signature"),
     ):
         connected.localize(SCAN, map_id="hall")
     ApiKeys(service.catalog.store).revoke(robot.key.key_id)
