@@ -84,7 +84,7 @@ def _operators_config(path: Path) -> Any:
 
 
 def _has_rules(config: Any, links: Links) -> bool:
-    """Whether there are access rules, or a login at routers, whose own rules cannot be seen from here."""
+    """Returns whether there are access rules, or a login at routers, whose own rules are not seen here."""
     rules, users, tls = (
         json.loads(config.get_json(name)) or {}
         for name in ("access_control", "transport/auth/usrpwd", "transport/link/tls")

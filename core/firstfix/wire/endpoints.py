@@ -37,12 +37,12 @@ class Links:
 
     @property
     def beyond(self) -> list[str]:
-        """Those that reach beyond this machine."""
+        """The endpoints that reach beyond this machine."""
         return [one for one in self.listens + self.connects if not is_local_endpoint(one)]
 
     @property
     def are_encrypted(self) -> bool:
-        """True if nobody can read along on those beyond this machine."""
+        """True if nobody can read along on the endpoints beyond this machine."""
         return all(map(is_encrypted_endpoint, self.beyond))
 
 

@@ -252,7 +252,7 @@ def false_error(query: Any) -> None:
 
 
 def no_answer(query: Any) -> None:
-    """Nothing: the query ends."""
+    """End the query without a reply."""
 
 
 @pytest.mark.parametrize("reply", [false_answer, false_error, no_answer])
