@@ -20,7 +20,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -198,6 +198,19 @@ def false_answer() -> bytes:
     return json.dumps(answer.to_mapping()).encode()
 
 
+def wait_until(condition: Callable[[], bool], limit_s: float = 300.0) -> None:
+    end = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def wait_until_shown(looker: Any, is_shown: bool) -> None:
+    """Waits for his first false token, which comes after all his keys."""
+    token = f"firstfix/{MAP}/localize/{0:012x}"
+    wait_until(lambda: bool(list(looker.liveliness().get(token, timeout=5))) == is_shown)
+
+
 def run(root: Path, folder: Path, *, queries: int, false_tokens: int, late: bool) -> dict[str, Any]:
     """Returns a row for each of the stranger's ways, for what he sends again, and for his notices."""
     ports = two_ports()
@@ -208,8 +221,10 @@ def run(root: Path, folder: Path, *, queries: int, false_tokens: int, late: bool
         found = service.next()
         endpoint = f"tcp/127.0.0.1:{ports[0]}"
         stranger = Stranger(stack.enter_context(session_at(endpoint)))
+        looker = stack.enter_context(session_at(endpoint))
         for way in WAYS:
             stranger.take_part(way, false_tokens)
+            wait_until_shown(looker, way != "alone")
             had, answered = len(stranger.recorded), stranger.answered
             robot = Process(root, folder / "robot.log", "drive", endpoint, found["key"])
             stack.callback(robot.end)
